@@ -1,0 +1,125 @@
+//! The scalar that all physics is written in.
+//!
+//! One source serves three arithmetics: `f32` on the ATmega2560, `f64` on a
+//! desktop, and numbers that carry exact derivatives for the fits. [`Real`] is
+//! what the physics needs of a number, and no more.
+
+use core::fmt::Debug;
+use core::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
+
+use crate::power::Power;
+
+/// A scalar in which the model can be evaluated.
+///
+/// Comparisons look at the value alone; a scalar with derivatives keeps the
+/// derivatives of the branch that was taken.
+pub trait Real:
+    Copy
+    + Debug
+    + PartialOrd
+    + Add<Output = Self>
+    + Sub<Output = Self>
+    + Mul<Output = Self>
+    + Div<Output = Self>
+    + Neg<Output = Self>
+    + AddAssign
+    + SubAssign
+{
+    /// The power function that the model uses when none is asked for.
+    type DefaultPower: Power<Self>;
+
+    /// 0.
+    const ZERO: Self;
+    /// 1.
+    const ONE: Self;
+    /// ½.
+    const HALF: Self;
+
+    /// Converts a small whole number, exactly.
+    fn from_i16(n: i16) -> Self;
+    /// Converts a constant that is written in the source; exact for values
+    /// that `f32` holds exactly.
+    fn from_f32(x: f32) -> Self;
+
+    /// The absolute value.
+    fn abs(self) -> Self {
+        if self < Self::ZERO { -self } else { self }
+    }
+    /// The larger of two numbers; `self` if they do not compare.
+    fn max(self, other: Self) -> Self {
+        if other > self { other } else { self }
+    }
+    /// The exponential function.
+    fn exp(self) -> Self;
+    /// The hyperbolic tangent.
+    fn tanh(self) -> Self;
+    /// The sine of an angle in radians.
+    fn sin(self) -> Self;
+    /// The cosine of an angle in radians.
+    fn cos(self) -> Self;
+    /// Whether the value is neither infinite nor NaN.
+    fn is_finite(self) -> bool;
+}
+
+impl Real for f32 {
+    type DefaultPower = crate::power::Minimax;
+
+    const ZERO: Self = 0.0;
+    const ONE: Self = 1.0;
+    const HALF: Self = 0.5;
+
+    fn from_i16(n: i16) -> Self {
+        Self::from(n)
+    }
+    fn from_f32(x: f32) -> Self {
+        x
+    }
+    // Never the platform's functions: the board and the desktop must agree bit
+    // for bit.
+    fn exp(self) -> Self {
+        crate::elementary::exp(self)
+    }
+    fn tanh(self) -> Self {
+        crate::elementary::tanh(self)
+    }
+    fn sin(self) -> Self {
+        crate::elementary::sin(self)
+    }
+    fn cos(self) -> Self {
+        crate::elementary::cos(self)
+    }
+    fn is_finite(self) -> bool {
+        f32::is_finite(self)
+    }
+}
+
+#[cfg(feature = "std")]
+impl Real for f64 {
+    type DefaultPower = crate::power::Exact;
+
+    const ZERO: Self = 0.0;
+    const ONE: Self = 1.0;
+    const HALF: Self = 0.5;
+
+    fn from_i16(n: i16) -> Self {
+        Self::from(n)
+    }
+    fn from_f32(x: f32) -> Self {
+        Self::from(x)
+    }
+    fn exp(self) -> Self {
+        f64::exp(self)
+    }
+    fn tanh(self) -> Self {
+        f64::tanh(self)
+    }
+    fn sin(self) -> Self {
+        f64::sin(self)
+    }
+    fn cos(self) -> Self {
+        f64::cos(self)
+    }
+    fn is_finite(self) -> bool {
+        f64::is_finite(self)
+    }
+}

@@ -1,0 +1,2 @@
+//! The virtual rig.
+fn main() {}

@@ -1,0 +1,2 @@
+//! Set-up, demo, test, flash, bench and ci.
+fn main() {}
