@@ -1,1 +1,477 @@
-//! To be written.
+//! The equation of motion: parameters, state, and the rate of change.
+//!
+//! ```text
+//! M θ̈ + C θ̇ + K sign(θ)|θ|ⁿ + Q = F,   F = g·p        (paper, Eq. 13)
+//! ```
+//!
+//! | symbol | quantity | unit |
+//! |---|---|---|
+//! | θ | bending angle | rad |
+//! | M | effective inertia | kg·m |
+//! | C | damping | N·s/rad |
+//! | K | stiffness | N/radⁿ |
+//! | n | exponent of Ludwick's law | – |
+//! | g | input gain | N/Pa |
+//! | p | gauge pressure | Pa |
+//! | Q | sum of the forces of the effects | N |
+//!
+//! The paper writes M in kg, which does not close dimensionally beside a force
+//! and an angle: M is an *effective* inertia in kg·m. From angle and pressure
+//! alone only the ratios to M can be identified, so M is held unless told
+//! otherwise. θⁿ is read as sign(θ)|θ|ⁿ, since θⁿ is undefined for θ < 0.
+//!
+//! [`Model`] is the configuration, validated once; [`State`] is what changes.
+
+use core::fmt;
+use core::marker::PhantomData;
+
+use crate::catalogue::Effect;
+use crate::effects::{Hidden, Instant, Mechanism, Rest};
+use crate::input::Input;
+use crate::power::{Power, signed_power};
+use crate::real::Real;
+
+/// The largest number of effects in one model.
+///
+/// Three is as many as recordings of angle and pressure have ever supported;
+/// every slot costs RAM on the board.
+pub const MAX_EFFECTS: usize = 3;
+
+/// Parameters of the base equation, in SI units and radians.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Dynamics<R> {
+    /// Effective inertia M [kg·m], positive.
+    pub inertia: R,
+    /// Viscous damping C [N·s/rad], not negative.
+    pub damping: R,
+    /// Stiffness K [N/radⁿ], not negative.
+    pub stiffness: R,
+    /// Exponent n of Ludwick's law, positive; 1 is Hooke's law.
+    pub exponent: R,
+    /// Input gain g [N/Pa].
+    pub input_gain: R,
+}
+
+impl<R: Real> Dynamics<R> {
+    /// Converts every parameter with `f`.
+    pub fn map<S>(&self, mut f: impl FnMut(R) -> S) -> Dynamics<S> {
+        Dynamics {
+            inertia: f(self.inertia),
+            damping: f(self.damping),
+            stiffness: f(self.stiffness),
+            exponent: f(self.exponent),
+            input_gain: f(self.input_gain),
+        }
+    }
+}
+
+/// Names one parameter of a model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum ParameterId {
+    /// Effective inertia M.
+    Inertia,
+    /// Viscous damping C.
+    Damping,
+    /// Stiffness K.
+    Stiffness,
+    /// Exponent n.
+    Exponent,
+    /// Input gain g.
+    InputGain,
+    /// A parameter of an effect.
+    Effect {
+        /// Position of the effect in the model.
+        slot: usize,
+        /// Position of the parameter in the effect's table.
+        parameter: usize,
+    },
+}
+
+/// Why a set of parameters is not a model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum InvalidModel {
+    /// A parameter is infinite or NaN.
+    NotFinite(ParameterId),
+    /// A parameter must be above zero.
+    NotPositive(ParameterId),
+    /// A parameter must not be below zero.
+    Negative(ParameterId),
+    /// An effect's parameter is outside the bounds of its table.
+    OutOfBounds(ParameterId),
+    /// More effects than [`MAX_EFFECTS`].
+    TooManyEffects,
+}
+
+impl fmt::Display for InvalidModel {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::NotFinite(_) => "must be a finite number",
+            Self::NotPositive(_) => "must be above zero",
+            Self::Negative(_) => "must not be negative",
+            Self::OutOfBounds(_) => "is outside the bounds of its effect",
+            Self::TooManyEffects => "has more effects than a model can hold",
+        })
+    }
+}
+
+impl core::error::Error for InvalidModel {}
+
+/// A validated model: the base equation and its effects.
+///
+/// `P` is the power function; see [`crate::power`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Model<R: Real, P = <R as Real>::DefaultPower> {
+    dynamics: Dynamics<R>,
+    effects: [Option<Effect<R>>; MAX_EFFECTS],
+    power: PhantomData<P>,
+}
+
+/// Where the actuator is, and what its effects remember.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct State<R> {
+    /// Time since the start of the run [s].
+    pub time: R,
+    /// Bending angle θ [rad].
+    pub angle: R,
+    /// Angular rate θ̇ [rad/s].
+    pub rate: R,
+    /// Hidden states of the effects, a slot each.
+    pub hidden: [Hidden<R>; MAX_EFFECTS],
+}
+
+/// The rate of change of a [`State`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Derivative<R> {
+    /// θ̇ [rad/s].
+    pub rate: R,
+    /// θ̈ [rad/s²].
+    pub acceleration: R,
+    /// Rates of the hidden states.
+    pub hidden: [Hidden<R>; MAX_EFFECTS],
+}
+
+impl<R: Real, P: Power<R>> Model<R, P> {
+    /// Creates a model after checking every parameter.
+    ///
+    /// # Errors
+    ///
+    /// Names the first parameter that is not finite, not positive where it
+    /// must be, or outside the bounds of its effect; or reports that there are
+    /// too many effects.
+    pub fn new(dynamics: Dynamics<R>, effects: &[Effect<R>]) -> Result<Self, InvalidModel> {
+        use ParameterId::{Damping, Exponent, Inertia, InputGain, Stiffness};
+        let d = &dynamics;
+        for (value, id) in [
+            (d.inertia, Inertia),
+            (d.damping, Damping),
+            (d.stiffness, Stiffness),
+            (d.exponent, Exponent),
+            (d.input_gain, InputGain),
+        ] {
+            if !value.is_finite() {
+                return Err(InvalidModel::NotFinite(id));
+            }
+        }
+        for (value, id) in [(d.inertia, Inertia), (d.exponent, Exponent)] {
+            if value <= R::ZERO {
+                return Err(InvalidModel::NotPositive(id));
+            }
+        }
+        for (value, id) in [(d.damping, Damping), (d.stiffness, Stiffness)] {
+            if value < R::ZERO {
+                return Err(InvalidModel::Negative(id));
+            }
+        }
+        let mut slots = [None; MAX_EFFECTS];
+        for (slot, effect) in effects.iter().enumerate() {
+            for (parameter, (value, row)) in effect.values().zip(effect.parameters()).enumerate() {
+                let id = ParameterId::Effect { slot, parameter };
+                if !value.is_finite() {
+                    return Err(InvalidModel::NotFinite(id));
+                }
+                if value < R::from_f32(row.lower) || value > R::from_f32(row.upper) {
+                    return Err(InvalidModel::OutOfBounds(id));
+                }
+            }
+            match slots.get_mut(slot) {
+                Some(place) => *place = Some(*effect),
+                None => return Err(InvalidModel::TooManyEffects),
+            }
+        }
+        Ok(Self {
+            dynamics,
+            effects: slots,
+            power: PhantomData,
+        })
+    }
+
+    /// The base equation's parameters.
+    pub fn dynamics(&self) -> &Dynamics<R> {
+        &self.dynamics
+    }
+
+    /// The effects, in the order in which they act.
+    pub fn effects(&self) -> impl Iterator<Item = &Effect<R>> {
+        self.effects.iter().flatten()
+    }
+
+    /// The value of a parameter, in SI units; none if the model has no such
+    /// effect or parameter.
+    pub fn value(&self, id: ParameterId) -> Option<R> {
+        let d = &self.dynamics;
+        Some(match id {
+            ParameterId::Inertia => d.inertia,
+            ParameterId::Damping => d.damping,
+            ParameterId::Stiffness => d.stiffness,
+            ParameterId::Exponent => d.exponent,
+            ParameterId::InputGain => d.input_gain,
+            ParameterId::Effect { slot, parameter } => {
+                return self.effects.get(slot)?.as_ref()?.value(parameter);
+            }
+        })
+    }
+
+    /// Replaces one parameter without checking it again: a fit that keeps its
+    /// parameters within bounds does this thousands of times. A parameter that
+    /// the model does not have is left alone.
+    pub fn with_value(mut self, id: ParameterId, value: R) -> Self {
+        let d = &mut self.dynamics;
+        match id {
+            ParameterId::Inertia => d.inertia = value,
+            ParameterId::Damping => d.damping = value,
+            ParameterId::Stiffness => d.stiffness = value,
+            ParameterId::Exponent => d.exponent = value,
+            ParameterId::InputGain => d.input_gain = value,
+            ParameterId::Effect { slot, parameter } => {
+                if let Some(Some(effect)) = self.effects.get_mut(slot) {
+                    effect.set_value(parameter, value);
+                }
+            }
+        }
+        self
+    }
+
+    /// Converts the model to another scalar and power function.
+    pub fn map<S: Real, Q: Power<S>>(&self, mut f: impl FnMut(R) -> S) -> Model<S, Q> {
+        let mut effects = [None; MAX_EFFECTS];
+        for (to, from) in effects.iter_mut().zip(&self.effects) {
+            *to = from.as_ref().map(|effect| effect.map(&mut f));
+        }
+        Model {
+            dynamics: self.dynamics.map(&mut f),
+            effects,
+            power: PhantomData,
+        }
+    }
+
+    /// The state of an actuator that has been resting at `angle` [rad] under
+    /// `pressure` [Pa]: hidden states have settled, time is zero.
+    pub fn at_rest(&self, angle: R, pressure: R) -> State<R> {
+        self.moving(angle, R::ZERO, pressure)
+    }
+
+    /// The state of an actuator that passes `angle` [rad] with `rate` [rad/s]
+    /// and whose hidden states have settled there: the start of a recording
+    /// that was cut out of a longer one.
+    pub fn moving(&self, angle: R, rate: R, pressure: R) -> State<R> {
+        let rest = Rest { angle, pressure };
+        let mut hidden = [[R::ZERO; 2]; MAX_EFFECTS];
+        for (slot, effect) in hidden.iter_mut().zip(self.effects.iter().flatten()) {
+            *slot = effect.at_rest(&rest);
+        }
+        State {
+            time: R::ZERO,
+            angle,
+            rate,
+            hidden,
+        }
+    }
+
+    /// The rate of change of `state`, `offset` seconds into the current step.
+    pub fn derivative(&self, state: &State<R>, input: &impl Input<R>, offset: R) -> Derivative<R> {
+        let mut rates = [[R::ZERO; 2]; MAX_EFFECTS];
+
+        let mut delay = R::ZERO;
+        for effect in self.effects.iter().flatten() {
+            delay += effect.delay();
+        }
+        let mut pressure = input.pressure(offset - delay);
+        for ((effect, hidden), rates) in self.slots(&state.hidden, &mut rates) {
+            pressure = effect.input(pressure, hidden, rates);
+        }
+
+        let at = Instant {
+            time: state.time,
+            angle: state.angle,
+            rate: state.rate,
+            pressure,
+        };
+        let mut d = self.dynamics;
+        for effect in self.effects.iter().flatten() {
+            effect.modulate(&at, &mut d);
+        }
+        let mut force = d.input_gain * pressure
+            - d.damping * state.rate
+            - d.stiffness * signed_power::<R, P>(state.angle, d.exponent);
+        for ((effect, hidden), rates) in self.slots(&state.hidden, &mut rates) {
+            force -= effect.force(&at, hidden, rates);
+        }
+        let acceleration = force / d.inertia;
+
+        let mut reading = state.angle;
+        for ((effect, hidden), rates) in self.slots(&state.hidden, &mut rates) {
+            effect.respond(acceleration, hidden, rates);
+            reading = effect.sensor(reading, state.time, hidden, rates);
+        }
+        Derivative {
+            rate: state.rate,
+            acceleration,
+            hidden: rates,
+        }
+    }
+
+    /// What the angle sensor shows [rad]: the angle through the sensor effects.
+    pub fn reading(&self, state: &State<R>) -> R {
+        let mut unused = [[R::ZERO; 2]; MAX_EFFECTS];
+        let mut reading = state.angle;
+        for ((effect, hidden), rates) in self.slots(&state.hidden, &mut unused) {
+            reading = effect.sensor(reading, state.time, hidden, rates);
+        }
+        reading
+    }
+
+    /// Lets the effects with a memory of events (a largest angle, a play)
+    /// take note of the state that a step arrived at.
+    pub fn note(&self, state: &mut State<R>) {
+        let at = Instant {
+            time: state.time,
+            angle: state.angle,
+            rate: state.rate,
+            pressure: R::ZERO,
+        };
+        for (effect, hidden) in self.effects.iter().flatten().zip(&mut state.hidden) {
+            effect.note(&at, hidden);
+        }
+    }
+
+    /// The pressure [Pa] that holds the actuator at `angle` [rad] once
+    /// everything has settled: `p = (K sign(θ)|θ|ⁿ + Q)/g`.
+    ///
+    /// Effects on the input path are taken as transparent at rest. Not finite
+    /// if the input gain is zero.
+    pub fn holding_pressure(&self, angle: R) -> R {
+        let state = self.at_rest(angle, R::ZERO);
+        let unforced = self.derivative(&state, &crate::input::Held(R::ZERO), R::ZERO);
+        -(unforced.acceleration * self.dynamics.inertia) / self.dynamics.input_gain
+    }
+
+    /// An upper estimate of the fastest rate of the equations [1/s] for
+    /// angles up to `angle` [rad]: what a step length has to resolve.
+    pub fn fastest_rate(&self, angle: R) -> Rates<R> {
+        let d = &self.dynamics;
+        let one = R::ONE;
+        // Secant stiffness of the power law at its steepest within the range.
+        let slope = d.stiffness * d.exponent * P::pow(angle.abs(), (d.exponent - one).max(R::ZERO));
+        let mut rates = Rates {
+            stiffness: slope / d.inertia,
+            relaxation: d.damping / d.inertia,
+        };
+        for effect in self.effects() {
+            let more = effect.fastest_rate(&self.dynamics, angle);
+            rates.stiffness += more.stiffness;
+            rates.relaxation = rates.relaxation + more.relaxation;
+        }
+        rates
+    }
+
+    fn slots<'a>(
+        &'a self,
+        hidden: &'a [Hidden<R>; MAX_EFFECTS],
+        rates: &'a mut [Hidden<R>; MAX_EFFECTS],
+    ) -> impl Iterator<Item = ((&'a Effect<R>, &'a Hidden<R>), &'a mut Hidden<R>)> {
+        self.effects.iter().flatten().zip(hidden).zip(rates)
+    }
+}
+
+/// How fast the equations move: what a step length has to resolve.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rates<R> {
+    /// Stiffness over inertia, the square of an angular frequency [1/s²].
+    pub stiffness: R,
+    /// Damping over inertia or 1/τ [1/s].
+    pub relaxation: R,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::catalogue::Kind;
+
+    fn paper() -> Dynamics<f64> {
+        Dynamics {
+            inertia: 0.36,
+            damping: 0.913,
+            stiffness: 0.127,
+            exponent: 2.365,
+            input_gain: 2.17e-5,
+        }
+    }
+
+    #[test]
+    fn holding_pressure_balances_the_forces() {
+        let model: Model<f64> =
+            Model::new(paper(), &[Kind::Gravity.build(&[0.05, 0.4]).unwrap()]).unwrap();
+        let pressure = model.holding_pressure(1.2);
+        let state = model.at_rest(1.2, pressure);
+        let rates = model.derivative(&state, &crate::input::Held(pressure), 0.0);
+        assert!(rates.acceleration.abs() < 1e-12);
+    }
+
+    #[test]
+    fn bad_parameters_are_named() {
+        let reject = |change: fn(&mut Dynamics<f64>)| {
+            let mut dynamics = paper();
+            change(&mut dynamics);
+            Model::<f64>::new(dynamics, &[]).unwrap_err()
+        };
+        assert_eq!(
+            reject(|d| d.stiffness = -1.0),
+            InvalidModel::Negative(ParameterId::Stiffness)
+        );
+        assert_eq!(
+            reject(|d| d.exponent = 0.0),
+            InvalidModel::NotPositive(ParameterId::Exponent)
+        );
+        assert_eq!(
+            reject(|d| d.damping = f64::NAN),
+            InvalidModel::NotFinite(ParameterId::Damping)
+        );
+        let friction = Kind::CoulombFriction.build(&[-0.1, 0.02]).unwrap();
+        assert_eq!(
+            Model::<f64>::new(paper(), &[friction]).unwrap_err(),
+            InvalidModel::OutOfBounds(ParameterId::Effect {
+                slot: 0,
+                parameter: 0
+            })
+        );
+    }
+
+    #[test]
+    fn values_can_be_read_back_by_name() {
+        let drag = Kind::QuadraticDamping.build(&[0.3]).unwrap();
+        let model: Model<f64> = Model::new(paper(), &[drag]).unwrap();
+        let id = ParameterId::Effect {
+            slot: 0,
+            parameter: 0,
+        };
+        assert_eq!(model.value(id), Some(0.3));
+        assert_eq!(model.with_value(id, 0.7).value(id), Some(0.7));
+        let absent = ParameterId::Effect {
+            slot: 1,
+            parameter: 0,
+        };
+        assert_eq!(model.value(absent), None);
+        assert_eq!(model.with_value(absent, 1.0), model);
+    }
+}

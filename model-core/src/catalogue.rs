@@ -1,1 +1,194 @@
-//! To be written.
+//! The registry of effects: one line each.
+//!
+//! Files, fits and reports reach effects through [`Kind`]; the integrator runs
+//! them through [`Effect`]. To add one, write its file in `effects/` and name
+//! it in the list at the end of this file.
+
+use crate::actuator::{Dynamics, Rates};
+use crate::effects::{Hidden, Info, Instant, Mechanism, Parameter, Rest};
+use crate::real::Real;
+
+macro_rules! catalogue {
+    ($( $module:ident::$name:ident ),+ $(,)?) => {
+        /// The effects that are known.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+        #[non_exhaustive]
+        pub enum Kind {
+            $(
+                #[doc = concat!("See [`crate::effects::", stringify!($module), "`].")]
+                $name,
+            )+
+        }
+
+        /// An effect with its parameters.
+        #[derive(Clone, Copy, Debug, PartialEq)]
+        #[non_exhaustive]
+        pub enum Effect<R> {
+            $(
+                #[doc = concat!("See [`crate::effects::", stringify!($module), "`].")]
+                $name(crate::effects::$module::$name<R>),
+            )+
+        }
+
+        impl Kind {
+            /// Every effect, in the order of the catalogue.
+            pub const ALL: &'static [Self] = &[$( Self::$name ),+];
+
+            /// Name, equation and texts.
+            pub const fn info(self) -> &'static Info {
+                match self {
+                    $( Self::$name => &crate::effects::$module::INFO, )+
+                }
+            }
+
+            /// The parameter table.
+            pub const fn parameters(self) -> &'static [Parameter] {
+                match self {
+                    $( Self::$name => crate::effects::$module::$name::<()>::PARAMETERS, )+
+                }
+            }
+
+            /// Creates the effect from values in SI units, in the order of the
+            /// table; none if their number differs. Bounds are checked when a
+            /// model is made of it.
+            pub fn build<R: Copy>(self, values: &[R]) -> Option<Effect<R>> {
+                Some(match self {
+                    $( Self::$name => Effect::$name(crate::effects::$module::$name::from_values(values)?), )+
+                })
+            }
+        }
+
+        impl<R: Copy> Effect<R> {
+            /// Which effect it is.
+            pub const fn kind(&self) -> Kind {
+                match self {
+                    $( Self::$name(_) => Kind::$name, )+
+                }
+            }
+
+            /// The value at `index` of the parameter table, in SI units.
+            pub fn value(&self, index: usize) -> Option<R> {
+                match self {
+                    $( Self::$name(effect) => effect.value(index), )+
+                }
+            }
+
+            /// Replaces the value at `index`, in SI units; ignores an index
+            /// beyond the table.
+            pub fn set_value(&mut self, index: usize, value: R) {
+                match self {
+                    $( Self::$name(effect) => effect.set_value(index, value), )+
+                }
+            }
+
+            /// Converts every parameter with `f`.
+            pub fn map<S>(&self, f: impl FnMut(R) -> S) -> Effect<S> {
+                match self {
+                    $( Self::$name(effect) => Effect::$name(effect.map(f)), )+
+                }
+            }
+        }
+
+        impl<R: Real> Mechanism<R> for Effect<R> {
+            fn integrated_states(&self) -> usize {
+                match self { $( Self::$name(effect) => effect.integrated_states(), )+ }
+            }
+            fn at_rest(&self, rest: &Rest<R>) -> Hidden<R> {
+                match self { $( Self::$name(effect) => effect.at_rest(rest), )+ }
+            }
+            fn delay(&self) -> R {
+                match self { $( Self::$name(effect) => effect.delay(), )+ }
+            }
+            fn input(&self, pressure: R, hidden: &Hidden<R>, rates: &mut Hidden<R>) -> R {
+                match self { $( Self::$name(effect) => effect.input(pressure, hidden, rates), )+ }
+            }
+            fn modulate(&self, at: &Instant<R>, dynamics: &mut Dynamics<R>) {
+                match self { $( Self::$name(effect) => effect.modulate(at, dynamics), )+ }
+            }
+            fn force(&self, at: &Instant<R>, hidden: &Hidden<R>, rates: &mut Hidden<R>) -> R {
+                match self { $( Self::$name(effect) => effect.force(at, hidden, rates), )+ }
+            }
+            fn respond(&self, acceleration: R, hidden: &Hidden<R>, rates: &mut Hidden<R>) {
+                match self { $( Self::$name(effect) => effect.respond(acceleration, hidden, rates), )+ }
+            }
+            fn sensor(&self, angle: R, time: R, hidden: &Hidden<R>, rates: &mut Hidden<R>) -> R {
+                match self { $( Self::$name(effect) => effect.sensor(angle, time, hidden, rates), )+ }
+            }
+            fn note(&self, at: &Instant<R>, hidden: &mut Hidden<R>) {
+                match self { $( Self::$name(effect) => effect.note(at, hidden), )+ }
+            }
+            fn fastest_rate(&self, dynamics: &Dynamics<R>, angle: R) -> Rates<R> {
+                match self { $( Self::$name(effect) => effect.fastest_rate(dynamics, angle), )+ }
+            }
+        }
+    };
+}
+
+impl Kind {
+    /// The name in model files and verdicts.
+    pub const fn name(self) -> &'static str {
+        self.info().name
+    }
+
+    /// Looks an effect up by the name that it has in files.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.iter().copied().find(|kind| kind.name() == name)
+    }
+}
+
+impl<R: Copy> Effect<R> {
+    /// The parameter table of its kind.
+    pub const fn parameters(&self) -> &'static [Parameter] {
+        self.kind().parameters()
+    }
+
+    /// The values in the order of the table, in SI units.
+    pub fn values(&self) -> impl Iterator<Item = R> {
+        (0..self.parameters().len()).filter_map(|index| self.value(index))
+    }
+}
+
+catalogue![
+    coulomb_friction::CoulombFriction,
+    quadratic_damping::QuadraticDamping,
+    gravity::Gravity,
+    cubic_stiffness::CubicStiffness,
+    exponent_shift::ExponentShift,
+    maxwell_branch::MaxwellBranch,
+    pneumatic_lag::PneumaticLag,
+    dead_time::DeadTime,
+];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_unique_and_found_again() {
+        for &kind in Kind::ALL {
+            assert_eq!(Kind::from_name(kind.name()), Some(kind));
+        }
+        assert_eq!(Kind::from_name("warp_drive"), None);
+    }
+
+    #[test]
+    fn tables_are_consistent() {
+        for &kind in Kind::ALL {
+            let rows = kind.parameters();
+            assert!(rows.iter().any(|row| row.held.is_none()), "{kind:?}");
+            for row in rows {
+                assert!(row.lower < row.upper, "{kind:?} {}", row.key);
+                assert!(
+                    row.held.is_some() || !row.starts.is_empty(),
+                    "{kind:?} {} has nowhere to start",
+                    row.key
+                );
+            }
+            assert!(!kind.info().look_alikes.contains(&kind.name()));
+            let ones = [1.0; 8];
+            let effect = kind.build(&ones[..rows.len()]).unwrap();
+            assert_eq!(effect.values().count(), rows.len());
+            assert_eq!(kind.build(&ones[..rows.len() - 1]), None);
+        }
+    }
+}

@@ -1,1 +1,260 @@
-//! To be written.
+//! What an effect is, and one file for each.
+//!
+//! An effect is a piece of physics that a real rig adds to the base equation.
+//! It can act in four places, and every effect is written as what it does in
+//! each of them:
+//!
+//! | place | method | example |
+//! |---|---|---|
+//! | input path | [`Mechanism::delay`], [`Mechanism::input`] | lag of the tube |
+//! | parameters | [`Mechanism::modulate`] | exponent, drift of the stiffness |
+//! | force | [`Mechanism::force`] | friction, gravity |
+//! | sensor path | [`Mechanism::sensor`] | lag of the sensor |
+//!
+//! An effect may keep up to two hidden states of its own. To add one, write a
+//! file here and name it in [`crate::catalogue`].
+
+use crate::actuator::{Dynamics, Rates};
+use crate::real::Real;
+
+pub mod coulomb_friction;
+pub mod cubic_stiffness;
+pub mod dead_time;
+pub mod exponent_shift;
+pub mod gravity;
+pub mod maxwell_branch;
+pub mod pneumatic_lag;
+pub mod quadratic_damping;
+
+/// Hidden states of one effect; unused ones stay zero.
+pub type Hidden<R> = [R; 2];
+
+/// What an effect can see at an instant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Instant<R> {
+    /// Time since the start of the run [s].
+    pub time: R,
+    /// Bending angle θ [rad].
+    pub angle: R,
+    /// Angular rate θ̇ [rad/s].
+    pub rate: R,
+    /// Gauge pressure in the chamber [Pa], behind the input path.
+    pub pressure: R,
+}
+
+/// Where a run starts: what hidden states settle to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rest<R> {
+    /// Bending angle θ [rad].
+    pub angle: R,
+    /// Gauge pressure [Pa].
+    pub pressure: R,
+}
+
+/// What an effect does. Every method defaults to doing nothing.
+pub trait Mechanism<R: Real> {
+    /// How many hidden states are integrated with the motion.
+    fn integrated_states(&self) -> usize {
+        0
+    }
+    /// Hidden states after a long rest.
+    fn at_rest(&self, _rest: &Rest<R>) -> Hidden<R> {
+        [R::ZERO; 2]
+    }
+    /// Time [s] by which the pressure reaches the chamber late.
+    fn delay(&self) -> R {
+        R::ZERO
+    }
+    /// Maps the pressure [Pa] that enters to the pressure that leaves, and
+    /// sets the rates of the hidden states.
+    fn input(&self, pressure: R, _hidden: &Hidden<R>, _rates: &mut Hidden<R>) -> R {
+        pressure
+    }
+    /// Changes the parameters of the base equation at an instant.
+    fn modulate(&self, _at: &Instant<R>, _dynamics: &mut Dynamics<R>) {}
+    /// The force Q [N] against the motion, and the rates of the hidden states.
+    fn force(&self, _at: &Instant<R>, _hidden: &Hidden<R>, _rates: &mut Hidden<R>) -> R {
+        R::ZERO
+    }
+    /// Sets the rates of hidden states that answer to the acceleration
+    /// [rad/s²].
+    fn respond(&self, _acceleration: R, _hidden: &Hidden<R>, _rates: &mut Hidden<R>) {}
+    /// Maps the angle [rad] that the sensor sees to the one that it shows, and
+    /// sets the rates of the hidden states.
+    fn sensor(&self, angle: R, _time: R, _hidden: &Hidden<R>, _rates: &mut Hidden<R>) -> R {
+        angle
+    }
+    /// Updates a memory of events after a step.
+    fn note(&self, _at: &Instant<R>, _hidden: &mut Hidden<R>) {}
+    /// How much the effect adds to the fastest rate of the equations, for
+    /// angles up to `angle` [rad].
+    fn fastest_rate(&self, _dynamics: &Dynamics<R>, _angle: R) -> Rates<R> {
+        Rates {
+            stiffness: R::ZERO,
+            relaxation: R::ZERO,
+        }
+    }
+}
+
+/// The unit in which a parameter stands in files. Inside, everything is SI and
+/// radians; the unit also tells a fit the natural size of a parameter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Unit {
+    /// Dimensionless.
+    One,
+    /// N, a generalised force.
+    Newton,
+    /// N/rad.
+    NewtonPerRad,
+    /// N/rad³.
+    NewtonPerRad3,
+    /// N·s²/rad².
+    NewtonSecond2PerRad2,
+    /// rad.
+    Radian,
+    /// rad/s.
+    RadianPerSecond,
+    /// s.
+    Second,
+    /// kPa in files, Pa inside.
+    KiloPascal,
+}
+
+impl Unit {
+    /// The unit's symbol as it is printed.
+    pub const fn symbol(self) -> &'static str {
+        match self {
+            Self::One => "",
+            Self::Newton => "N",
+            Self::NewtonPerRad => "N/rad",
+            Self::NewtonPerRad3 => "N/rad³",
+            Self::NewtonSecond2PerRad2 => "N·s²/rad²",
+            Self::Radian => "rad",
+            Self::RadianPerSecond => "rad/s",
+            Self::Second => "s",
+            Self::KiloPascal => "kPa",
+        }
+    }
+
+    /// Converts a value from a file to SI units.
+    pub fn to_si<R: Real>(self, value: R) -> R {
+        match self {
+            Self::KiloPascal => value * R::from_i16(1000),
+            _ => value,
+        }
+    }
+
+    /// Converts a value in SI units to the unit of files.
+    pub fn from_si<R: Real>(self, value: R) -> R {
+        match self {
+            Self::KiloPascal => value / R::from_i16(1000),
+            _ => value,
+        }
+    }
+}
+
+/// One row of an effect's parameter table.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Parameter {
+    /// Key in model files and verdicts, with its unit.
+    pub key: &'static str,
+    /// Symbol in the equation.
+    pub symbol: &'static str,
+    /// Unit in files.
+    pub unit: Unit,
+    /// Smallest value allowed, in SI units.
+    pub lower: f32,
+    /// Largest value allowed, in SI units.
+    pub upper: f32,
+    /// Value that a file may leave out and that a first fit holds; none for a
+    /// parameter that has to be found.
+    pub held: Option<f32>,
+    /// Where fits start: seconds, radians and dimensionless numbers as they
+    /// are, other units relative to the size that the recordings suggest. A
+    /// held parameter without starts is never fitted.
+    pub starts: &'static [f32],
+}
+
+/// What the catalogue knows about an effect besides its equation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Info {
+    /// Name in model files and verdicts.
+    pub name: &'static str,
+    /// Name in sentences.
+    pub title: &'static str,
+    /// Where it acts.
+    pub place: Place,
+    /// Its equation.
+    pub equation: &'static str,
+    /// What it is and how it shows, in two or three sentences for a report.
+    pub text: &'static str,
+    /// Where in the data the gap lives that it leaves.
+    pub signature: &'static str,
+    /// Names of effects that leave a similar gap.
+    pub look_alikes: &'static [&'static str],
+}
+
+/// The place where an effect acts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Place {
+    /// Between the pressure sensor and the chamber.
+    Input,
+    /// On the forces or the parameters of the equation of motion.
+    Force,
+    /// Between the angle and what the sensor shows.
+    Sensor,
+}
+
+/// Declares the parameters of an effect once: as the fields of a struct and as
+/// the table that files, fits and reports read.
+macro_rules! parameters {
+    (
+        $(#[$outer:meta])*
+        $name:ident {
+            $( $(#[$inner:meta])* $field:ident: $row:expr ),+ $(,)?
+        }
+    ) => {
+        $(#[$outer])*
+        #[derive(Clone, Copy, Debug, PartialEq)]
+        pub struct $name<R> {
+            $( $(#[$inner])* pub $field: R, )+
+        }
+
+        impl $name<()> {
+            /// The parameter table, in the order of the fields.
+            pub const PARAMETERS: &'static [$crate::effects::Parameter] = &[$( $row ),+];
+        }
+
+        impl<R: Copy> $name<R> {
+            /// Creates the effect from values in the order of the table; none
+            /// if their number differs.
+            pub fn from_values(values: &[R]) -> Option<Self> {
+                let [$( $field ),+] = *values else { return None };
+                Some(Self { $( $field ),+ })
+            }
+
+            /// Converts every parameter with `f`.
+            pub fn map<S>(&self, mut f: impl FnMut(R) -> S) -> $name<S> {
+                $name { $( $field: f(self.$field) ),+ }
+            }
+
+            /// The parameter at `index` of the table.
+            pub fn value(&self, index: usize) -> Option<R> {
+                [$( self.$field ),+].get(index).copied()
+            }
+
+            /// Replaces the parameter at `index`; ignores an index beyond the
+            /// table.
+            pub fn set_value(&mut self, index: usize, value: R) {
+                if let Some(place) = [$( &mut self.$field ),+].into_iter().nth(index) {
+                    *place = value;
+                }
+            }
+        }
+    };
+}
+pub(crate) use parameters;
+
+#[cfg(test)]
+pub(crate) mod testing;

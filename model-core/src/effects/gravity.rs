@@ -1,0 +1,104 @@
+//! Gravity: Q = G [sin(θ + θ₀) − sin θ₀].
+//!
+//! G [N] is the generalised weight (mass × g × lever over the length that
+//! makes the force generalised), θ₀ [rad] the tilt of the base: 0 hangs down,
+//! π upside down (the same as a negative G). The constant sin θ₀ is taken off
+//! because the angle is zeroed at rest with the weight already on.
+
+use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
+use crate::actuator::{Dynamics, Rates};
+use crate::real::Real;
+
+/// What the catalogue says about it.
+pub const INFO: Info = Info {
+    name: "gravity",
+    title: "gravity",
+    place: Place::Force,
+    equation: "Q = G [sin(θ + θ₀) − sin θ₀]",
+    text: "The weight of the actuator, or of what it carries, pulls with the sine of the angle. \
+           It is static: it bends the curve of angle against pressure, and it changes its sign \
+           when the base is turned over.",
+    signature: "sine of the angle",
+    look_alikes: &["exponent_shift", "sensor_nonlinearity"],
+};
+
+parameters! {
+    /// Gravity.
+    Gravity {
+        /// Generalised weight G [N]; negative for a base turned over.
+        weight: Parameter {
+            key: "force_n",
+            symbol: "G",
+            unit: Unit::Newton,
+            lower: f32::NEG_INFINITY,
+            upper: f32::INFINITY,
+            held: None,
+            starts: &[-0.3, 0.3, 1.0],
+        },
+        /// Tilt θ₀ of the base [rad].
+        tilt: Parameter {
+            key: "tilt_rad",
+            symbol: "θ₀",
+            unit: Unit::Radian,
+            lower: -3.2,
+            upper: 3.2,
+            held: Some(0.0),
+            starts: &[-1.5, 1.5],
+        },
+    }
+}
+
+impl<R: Real> Mechanism<R> for Gravity<R> {
+    fn force(&self, at: &Instant<R>, _hidden: &Hidden<R>, _rates: &mut Hidden<R>) -> R {
+        self.weight * ((at.angle + self.tilt).sin() - self.tilt.sin())
+    }
+
+    fn fastest_rate(&self, dynamics: &Dynamics<R>, _angle: R) -> Rates<R> {
+        Rates {
+            stiffness: self.weight.abs() / dynamics.inertia,
+            relaxation: R::ZERO,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::catalogue::Kind;
+    use crate::effects::testing::{run, spring};
+    use crate::input::Held;
+
+    /// The period of a free pendulum is 4 √(M/G) K(sin(θ₀/2)), with the
+    /// complete elliptic integral from the arithmetic–geometric mean.
+    #[test]
+    fn free_pendulum_has_the_elliptic_period() {
+        let (inertia, weight, amplitude) = (0.5, 2.0, 2.0f64);
+        let gravity = Kind::Gravity.build(&[weight, 0.0]).unwrap();
+        let model = spring(inertia, 0.0, 0.0, &[gravity]);
+        let (mut a, mut b) = (1.0, (amplitude / 2.0).cos());
+        for _ in 0..8 {
+            (a, b) = (f64::midpoint(a, b), f64::sqrt(a * b));
+        }
+        let period = core::f64::consts::TAU / a * f64::sqrt(inertia / weight);
+        let end = run(
+            &model,
+            model.at_rest(amplitude, 0.0),
+            &Held(0.0),
+            period,
+            4_000,
+        );
+        assert!((end.angle - amplitude).abs() < 1e-9);
+        assert!(end.rate.abs() < 1e-7);
+    }
+
+    #[test]
+    fn base_turned_over_flips_the_sign_and_rest_is_free_of_force() {
+        let force = |weight, tilt, angle| {
+            let gravity = Kind::Gravity.build(&[weight, tilt]).unwrap();
+            crate::effects::testing::force(&gravity, angle, 0.0)
+        };
+        let pi = core::f64::consts::PI;
+        assert!((force(0.4, 0.0, 0.7) + force(0.4, pi, 0.7)).abs() < 1e-12);
+        assert!(force(0.4, 1.1, 0.0).abs() < 1e-15);
+        assert!((force(0.4, pi / 2.0, pi / 2.0) + 0.4).abs() < 1e-12);
+    }
+}

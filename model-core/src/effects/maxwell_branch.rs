@@ -1,0 +1,108 @@
+//! Maxwell branch: Q = k₁ (θ − z), ż = (θ − z)/τ.
+//!
+//! A spring k₁ [N/rad] in series with a dashpot k₁τ, in parallel with the base
+//! spring: the standard linear solid, the simplest model of viscoelastic
+//! creep. z [rad] is the dashpot's extension, τ [s] its time constant.
+
+use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Rest, Unit, parameters};
+use crate::actuator::{Dynamics, Rates};
+use crate::real::Real;
+
+/// What the catalogue says about it.
+pub const INFO: Info = Info {
+    name: "maxwell_branch",
+    title: "viscoelastic creep (Maxwell branch)",
+    place: Place::Force,
+    equation: "Q = k₁ (θ − z), ż = (θ − z)/τ",
+    text: "The elastomer creeps: a part of its stiffness relaxes with a time constant of seconds. \
+           After a pressure step the angle does not settle but goes on growing \
+           slowly at constant pressure, and after the release it returns slowly.",
+    signature: "time since the last command edge",
+    look_alikes: &["stiffness_drift", "mullins_softening", "sensor_drift"],
+};
+
+parameters! {
+    /// Maxwell branch.
+    MaxwellBranch {
+        /// Stiffness k₁ of the branch [N/rad].
+        stiffness: Parameter {
+            key: "stiffness_n_per_rad",
+            symbol: "k₁",
+            unit: Unit::NewtonPerRad,
+            lower: 0.0,
+            upper: f32::INFINITY,
+            held: None,
+            starts: &[0.2],
+        },
+        /// Time constant τ [s].
+        time_constant: Parameter {
+            key: "time_constant_s",
+            symbol: "τ",
+            unit: Unit::Second,
+            lower: 0.01,
+            upper: 1000.0,
+            held: None,
+            starts: &[0.5, 3.0, 15.0],
+        },
+    }
+}
+
+impl<R: Real> Mechanism<R> for MaxwellBranch<R> {
+    fn integrated_states(&self) -> usize {
+        1
+    }
+
+    fn at_rest(&self, rest: &Rest<R>) -> Hidden<R> {
+        [rest.angle, R::ZERO]
+    }
+
+    fn force(&self, at: &Instant<R>, hidden: &Hidden<R>, rates: &mut Hidden<R>) -> R {
+        let extension = at.angle - hidden[0];
+        rates[0] = extension / self.time_constant;
+        self.stiffness * extension
+    }
+
+    fn fastest_rate(&self, dynamics: &Dynamics<R>, _angle: R) -> Rates<R> {
+        Rates {
+            stiffness: self.stiffness / dynamics.inertia,
+            relaxation: R::ONE / self.time_constant,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::catalogue::Kind;
+    use crate::effects::testing::{run, spring};
+    use crate::input::Held;
+
+    /// With a damping that outweighs the inertia the standard linear solid
+    /// creeps from F/(K + k₁) to F/K with the retardation time
+    /// τ (K + k₁)/K.
+    #[test]
+    fn creep_under_constant_force_follows_the_standard_linear_solid() {
+        let (stiffness, branch, tau) = (2.0, 1.0, 4.0);
+        let maxwell = Kind::MaxwellBranch.build(&[branch, tau]).unwrap();
+        let model = spring(1e-4, 0.01, stiffness, &[maxwell]);
+        let retardation = tau * (stiffness + branch) / stiffness;
+        for time in [1.0, 3.0, 10.0] {
+            let end = run(&model, model.at_rest(0.0, 0.0), &Held(1.0), time, 200_000);
+            let glassy = 1.0 / (stiffness + branch);
+            let relaxed = 1.0 / stiffness;
+            let expected = relaxed + (glassy - relaxed) * f64::exp(-time / retardation);
+            // The damper of the base adds a lag of about C/K.
+            assert!(
+                (end.angle - expected).abs() < 3e-4,
+                "{time}: {}",
+                end.angle - expected
+            );
+        }
+    }
+
+    #[test]
+    fn long_rest_leaves_no_force() {
+        let maxwell = Kind::MaxwellBranch.build(&[5.0, 4.0]).unwrap();
+        let model = spring(1.0, 0.1, 2.0, &[maxwell]);
+        assert!((model.holding_pressure(0.8) - 1.6).abs() < 1e-12);
+    }
+}

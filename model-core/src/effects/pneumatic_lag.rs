@@ -1,0 +1,93 @@
+//! Pneumatic lag: τ ṗ_c = p − p_c.
+//!
+//! Tube and fittings fill the chamber through a resistance: the chamber
+//! pressure p_c [Pa] follows the measured line pressure p with the time
+//! constant τ [s] of that resistance and the chamber's capacity.
+
+use super::{Hidden, Info, Mechanism, Parameter, Place, Rest, Unit, parameters};
+use crate::actuator::{Dynamics, Rates};
+use crate::real::Real;
+
+/// What the catalogue says about it.
+pub const INFO: Info = Info {
+    name: "pneumatic_lag",
+    title: "pneumatic lag",
+    place: Place::Input,
+    equation: "τ ṗ_c = p − p_c",
+    text: "The pressure sensor sits in the line, the actuator feels the chamber, and the tube \
+           between them takes time to fill. The measured angle follows every edge of the pressure \
+           late and rounded; slow parts and rest angles are not touched.",
+    signature: "time since the last command edge",
+    look_alikes: &["dead_time", "sensor_lag"],
+};
+
+parameters! {
+    /// Pneumatic lag.
+    PneumaticLag {
+        /// Time constant τ [s].
+        time_constant: Parameter {
+            key: "time_constant_s",
+            symbol: "τ",
+            unit: Unit::Second,
+            lower: 0.002,
+            upper: 100.0,
+            held: None,
+            starts: &[0.05, 0.3],
+        },
+    }
+}
+
+impl<R: Real> Mechanism<R> for PneumaticLag<R> {
+    fn integrated_states(&self) -> usize {
+        1
+    }
+
+    fn at_rest(&self, rest: &Rest<R>) -> Hidden<R> {
+        [rest.pressure, R::ZERO]
+    }
+
+    fn input(&self, pressure: R, hidden: &Hidden<R>, rates: &mut Hidden<R>) -> R {
+        rates[0] = (pressure - hidden[0]) / self.time_constant;
+        hidden[0]
+    }
+
+    fn fastest_rate(&self, _dynamics: &Dynamics<R>, _angle: R) -> Rates<R> {
+        Rates {
+            stiffness: R::ZERO,
+            relaxation: R::ONE / self.time_constant,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::catalogue::Kind;
+    use crate::effects::testing::{run, spring};
+    use crate::input::{FromFn, Held};
+
+    /// A free mass under a lagged step: M θ̈ = 1 − e^(−t/τ).
+    #[test]
+    fn free_mass_integrates_the_lagged_step_twice() {
+        let tau = 0.3;
+        let lag = Kind::PneumaticLag.build(&[tau]).unwrap();
+        let model = spring(1.0, 0.0, 0.0, &[lag]);
+        let end = run(&model, model.at_rest(0.0, 0.0), &Held(1.0), 2.0, 4_000);
+        let decay = f64::exp(-2.0 / tau);
+        assert!((end.rate - (2.0 - tau * (1.0 - decay))).abs() < 1e-9);
+        assert!((end.angle - (2.0 - 2.0 * tau + tau * tau * (1.0 - decay))).abs() < 1e-9);
+    }
+
+    /// A ramp arrives late by exactly τ once the start has died away.
+    #[test]
+    fn ramp_is_late_by_the_time_constant() {
+        let lag = Kind::PneumaticLag.build(&[0.2]).unwrap();
+        let model = spring(1.0, 0.0, 0.0, &[lag]);
+        let mut state = model.at_rest(0.0, 0.0);
+        for step in 0..4_000 {
+            let start = f64::from(step) * 1e-3;
+            let ramp = FromFn(|offset: f64| start + offset);
+            crate::integrate::step(Default::default(), &model, &mut state, &ramp, 1e-3);
+        }
+        assert!((state.hidden[0][0] - (4.0 - 0.2)).abs() < 1e-6);
+    }
+}
