@@ -1,0 +1,622 @@
+//! Output-error fits: the parameters whose simulation is nearest to what was
+//! measured.
+//!
+//! The model is *simulated* over each recording and compared with the measured
+//! angle; nothing is differentiated in time, so noise is not amplified. The
+//! derivatives of every simulated sample come exactly from dual numbers that
+//! run through the shared core ([`crate::dual`]), and a library solves the
+//! least-squares problem (Levenberg–Marquardt, the MINPACK algorithm).
+//!
+//! A recording that does not start at rest brings two unknowns of its own: the
+//! angle and the rate with which it starts.
+
+use std::num::NonZeroUsize;
+
+use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
+use model_core::actuator::{Model, ParameterId};
+use nalgebra::storage::Owned;
+use nalgebra::{DMatrix, DVector, Dyn};
+use rayon::prelude::*;
+
+use crate::dual::Dual;
+use crate::recording::Recording;
+use crate::simulate::{Signal, Start, run, substeps};
+use crate::statistics::{correlation_time, mean, noise_by_differences, rms};
+
+/// A recording prepared for fitting.
+#[derive(Clone, Debug)]
+pub struct Run<'a> {
+    /// The recording.
+    pub recording: &'a Recording,
+    signal: Signal,
+    /// Best knowledge of the start before any fit.
+    start: Start<f64>,
+    /// Whether the start has to be estimated.
+    moving: bool,
+    interval: f64,
+    /// Largest angle measured [rad], which bounds the step length.
+    reach: f64,
+}
+
+impl<'a> Run<'a> {
+    /// Prepares a recording: interpolates its pressure and decides from its
+    /// first samples whether it starts at rest.
+    pub fn new(recording: &'a Recording) -> Self {
+        let (start, moving) = find_start(recording);
+        Self {
+            recording,
+            signal: Signal::pressure(recording),
+            start,
+            moving,
+            interval: recording.interval(),
+            reach: recording
+                .angle
+                .iter()
+                .fold(0.0, |reach, angle| angle.abs().max(reach)),
+        }
+    }
+
+    /// Prepares several recordings.
+    pub fn all(recordings: &'a [Recording]) -> Vec<Self> {
+        recordings.iter().map(Self::new).collect()
+    }
+
+    /// Whether the recording starts in motion, so that its start is estimated.
+    pub fn starts_in_motion(&self) -> bool {
+        self.moving
+    }
+
+    /// Largest angle measured [rad].
+    pub fn reach(&self) -> f64 {
+        self.reach
+    }
+
+    /// Simulated minus measured angle [rad].
+    fn residual(&self, model: &Model<f64>, start: Start<f64>) -> Vec<f64> {
+        let steps = substeps(model, self.interval, self.reach);
+        let simulated = run(model, &self.signal, start, steps);
+        simulated
+            .reading
+            .iter()
+            .zip(&self.recording.angle)
+            .map(|(simulated, measured)| simulated - measured)
+            .collect()
+    }
+
+    /// Simulates the recording with another scalar or power function, from the
+    /// given start: the firmware's own arithmetic, for one.
+    pub fn simulate<R, P>(&self, model: &Model<R, P>, start: Start<f64>) -> Vec<f64>
+    where
+        R: crate::simulate::FromF64,
+        P: model_core::power::Power<R>,
+    {
+        let steps = substeps(model, self.interval, self.reach);
+        let start = Start {
+            angle: R::from_f64(start.angle),
+            rate: R::from_f64(start.rate),
+        };
+        run(model, &self.signal, start, steps)
+            .reading
+            .into_iter()
+            .map(crate::simulate::FromF64::to_f64)
+            .collect()
+    }
+}
+
+/// Decides how a recording starts: at rest, from the samples before anything
+/// moves, or in motion, from a parabola through its first samples.
+fn find_start(recording: &Recording) -> (Start<f64>, bool) {
+    /// Fewer samples than this do not show a rest.
+    const FEWEST: usize = 5;
+    /// A rest longer than this [s] adds nothing.
+    const LONGEST: f64 = 1.0;
+    let noise = noise_by_differences(&recording.angle).max(1e-9);
+    let pressure_noise = noise_by_differences(&recording.pressure);
+    let swing = |values: &[f64]| {
+        let low = values.iter().copied().fold(f64::INFINITY, f64::min);
+        let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        high - low
+    };
+    let still = 0.01 * swing(&recording.pressure) + 5.0 * pressure_noise;
+    let first_pressure = mean(&recording.pressure[..FEWEST.min(recording.len())]);
+    let first_angle = mean(&recording.angle[..FEWEST.min(recording.len())]);
+    let rest = (0..recording.len())
+        .take_while(|&k| {
+            recording.time[k] - recording.time[0] <= LONGEST
+                && (recording.pressure[k] - first_pressure).abs() <= still
+                && (recording.angle[k] - first_angle).abs() <= 5.0 * noise
+        })
+        .count();
+    if rest >= FEWEST {
+        let angle = mean(&recording.angle[..rest]);
+        let uncertainty = noise / (rest as f64).sqrt();
+        // The zero is a tare at rest; a mean that does not contradict it is it.
+        let angle = if angle.abs() < 4.0 * uncertainty {
+            0.0
+        } else {
+            angle
+        };
+        return (Start { angle, rate: 0.0 }, false);
+    }
+    (initial_motion(recording), true)
+}
+
+/// Angle and rate at the first sample, from a parabola through the first ten.
+fn initial_motion(recording: &Recording) -> Start<f64> {
+    let count = recording.len().min(10);
+    let time: Vec<f64> = (0..count)
+        .map(|k| recording.time[k] - recording.time[0])
+        .collect();
+    let degree = 2.min(count.saturating_sub(1));
+    let powers = DMatrix::from_fn(count, degree + 1, |row, column| {
+        // The degree is at most 2.
+        time[row].powi(i32::try_from(column).unwrap_or(0))
+    });
+    let measured = DVector::from_column_slice(&recording.angle[..count]);
+    let solved = powers.svd(true, true).solve(&measured, 1e-12).ok();
+    let coefficient = |k: usize| {
+        solved
+            .as_ref()
+            .and_then(|solution| solution.get(k).copied())
+    };
+    Start {
+        angle: coefficient(0).unwrap_or(recording.angle[0]),
+        rate: coefficient(1).unwrap_or(0.0),
+    }
+}
+
+/// How a parameter maps to the unbounded coordinate that the solver moves.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Coordinate {
+    /// No bounds: p = s·u.
+    Linear { scale: f64 },
+    /// A lower bound: p = l + s(√(u² + 1) − 1).
+    Above { lower: f64, scale: f64 },
+    /// Two bounds: p = l + (h − l)(1 + sin u)/2.
+    Between { lower: f64, upper: f64 },
+    /// Two positive bounds, orders of magnitude apart: the same in ln p.
+    Logarithmic { lower: f64, upper: f64 },
+}
+
+impl Coordinate {
+    fn of(model: &Model<f64>, id: ParameterId) -> Self {
+        let value = model.value(id).unwrap_or(1.0);
+        let scale = if value.abs() > 1e-12 {
+            value.abs()
+        } else {
+            1.0
+        };
+        let (lower, upper) = bounds(model, id);
+        match (lower.is_finite(), upper.is_finite()) {
+            (true, true) if lower > 0.0 && upper / lower > 50.0 => {
+                Self::Logarithmic { lower, upper }
+            }
+            (true, true) => Self::Between { lower, upper },
+            (true, false) => Self::Above { lower, scale },
+            _ => Self::Linear { scale },
+        }
+    }
+
+    fn to_value(self, u: f64) -> f64 {
+        match self {
+            Self::Linear { scale } => scale * u,
+            Self::Above { lower, scale } => lower + scale * ((u * u + 1.0).sqrt() - 1.0),
+            Self::Between { lower, upper } => lower + (upper - lower) * 0.5 * (1.0 + u.sin()),
+            Self::Logarithmic { lower, upper } => {
+                lower * ((upper / lower).ln() * 0.5 * (1.0 + u.sin())).exp()
+            }
+        }
+    }
+
+    /// dp/du at `u`.
+    fn slope(self, u: f64) -> f64 {
+        match self {
+            Self::Linear { scale } => scale,
+            Self::Above { scale, .. } => scale * u / (u * u + 1.0).sqrt(),
+            Self::Between { lower, upper } => (upper - lower) * 0.5 * u.cos(),
+            Self::Logarithmic { lower, upper } => {
+                self.to_value(u) * (upper / lower).ln() * 0.5 * u.cos()
+            }
+        }
+    }
+
+    /// The coordinate of a value. On a bound the slope is zero and the solver
+    /// could never leave, so starts keep a small distance.
+    fn from_value(self, value: f64) -> f64 {
+        const MARGIN: f64 = 1e-4;
+        match self {
+            Self::Linear { scale } => value / scale,
+            Self::Above { lower, scale } => {
+                let ratio = ((value - lower) / scale).max(MARGIN) + 1.0;
+                (ratio * ratio - 1.0).sqrt()
+            }
+            Self::Between { lower, upper } => {
+                let share = ((value - lower) / (upper - lower)).clamp(MARGIN, 1.0 - MARGIN);
+                (2.0 * share - 1.0).asin()
+            }
+            Self::Logarithmic { lower, upper } => {
+                let share =
+                    ((value / lower).ln() / (upper / lower).ln()).clamp(MARGIN, 1.0 - MARGIN);
+                (2.0 * share - 1.0).asin()
+            }
+        }
+    }
+}
+
+/// The bounds of a parameter in SI units.
+fn bounds(model: &Model<f64>, id: ParameterId) -> (f64, f64) {
+    match id {
+        ParameterId::Inertia => (1e-9, f64::INFINITY),
+        ParameterId::Damping | ParameterId::Stiffness => (0.0, f64::INFINITY),
+        ParameterId::Exponent => (0.25, 8.0),
+        ParameterId::InputGain => (f64::NEG_INFINITY, f64::INFINITY),
+        ParameterId::Effect { slot, parameter } => model
+            .effects()
+            .nth(slot)
+            .and_then(|effect| effect.parameters().get(parameter))
+            .map_or((f64::NEG_INFINITY, f64::INFINITY), |row| {
+                (f64::from(row.lower), f64::from(row.upper))
+            }),
+    }
+}
+
+/// What a fit found.
+#[derive(Clone, Debug)]
+pub struct Fit {
+    /// The model with the fitted parameters.
+    pub model: Model<f64>,
+    /// Which parameters were free.
+    pub free: Vec<ParameterId>,
+    /// Start of each recording, estimated where it was unknown.
+    pub starts: Vec<Start<f64>>,
+    /// Simulated minus measured angle [rad], a series a recording.
+    pub residuals: Vec<Vec<f64>>,
+    /// Standard error of each free parameter, in SI units; infinite for a
+    /// parameter that the recordings do not determine.
+    pub standard_errors: Vec<f64>,
+    /// Whether the solver met its tolerance.
+    pub converged: bool,
+    /// Number of starts that were estimated.
+    moving: usize,
+}
+
+impl Fit {
+    /// Sum of squared residuals [rad²].
+    pub fn sse(&self) -> f64 {
+        self.residuals
+            .iter()
+            .flatten()
+            .map(|residual| residual * residual)
+            .sum()
+    }
+
+    /// Number of samples.
+    pub fn samples(&self) -> usize {
+        self.residuals.iter().map(Vec::len).sum()
+    }
+
+    /// Number of numbers that were estimated.
+    pub fn estimated(&self) -> usize {
+        self.free.len() + 2 * self.moving
+    }
+
+    /// RMS residual [rad].
+    pub fn rmse(&self) -> f64 {
+        (self.sse() / self.samples().max(1) as f64).sqrt()
+    }
+
+    /// How many correlated samples count as one.
+    pub fn correlation_time(&self) -> f64 {
+        correlation_time(self.residuals.iter().map(Vec::as_slice))
+    }
+
+    /// 95 % interval of the free parameter at `index` in SI units, cut at the
+    /// parameter's bounds.
+    pub fn interval95(&self, index: usize) -> Option<(f64, f64)> {
+        let id = *self.free.get(index)?;
+        let value = self.model.value(id)?;
+        let half = 1.96 * self.standard_errors.get(index)?;
+        let (lower, upper) = bounds(&self.model, id);
+        Some(((value - half).max(lower), (value + half).min(upper)))
+    }
+}
+
+/// How hard a fit tries.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Effort {
+    /// A few steps, to rank starts.
+    Glance,
+    /// To convergence.
+    Full,
+}
+
+impl Effort {
+    fn solver(self) -> LevenbergMarquardt<f64> {
+        let solver = LevenbergMarquardt::new().with_gtol(0.0);
+        match self {
+            Self::Glance => solver.with_patience(2).with_ftol(1e-3).with_xtol(1e-3),
+            Self::Full => solver.with_patience(25).with_ftol(1e-8).with_xtol(1e-7),
+        }
+    }
+}
+
+/// Fits the parameters in `free`, starting from their values in `model`.
+///
+/// With nothing free it estimates only the starts of recordings that begin in
+/// motion: a plain comparison.
+pub fn fit(model: &Model<f64>, free: &[ParameterId], runs: &[Run<'_>], effort: Effort) -> Fit {
+    let mut problem = Problem::new(model, free, runs);
+    let mut converged = true;
+    if problem.unknowns() > 0 {
+        let (solved, report) = effort.solver().minimize(problem);
+        converged = report.termination.was_successful();
+        problem = solved;
+    }
+    problem.finish(converged)
+}
+
+/// Fits from several starts: a glance at each, then the best two to the end.
+///
+/// Each start is a full model; the first is preferred on a tie.
+pub fn fit_from(starts: &[Model<f64>], free: &[ParameterId], runs: &[Run<'_>]) -> Option<Fit> {
+    /// Starts that are worth finishing.
+    const FINISHED: usize = 2;
+    if let [only] = starts {
+        return Some(fit(only, free, runs, Effort::Full));
+    }
+    let mut glances: Vec<Fit> = starts
+        .par_iter()
+        .map(|start| fit(start, free, runs, Effort::Glance))
+        .collect();
+    glances.retain(|fit| fit.sse().is_finite());
+    glances.sort_by(|a, b| a.sse().total_cmp(&b.sse()));
+    glances.truncate(FINISHED);
+    glances
+        .par_iter()
+        .map(|glance| fit(&glance.model, free, runs, Effort::Full))
+        .collect::<Vec<_>>()
+        .into_iter()
+        .min_by(|a, b| a.sse().total_cmp(&b.sse()))
+}
+
+/// The least-squares problem in the solver's coordinates: the free parameters,
+/// then angle and rate of every recording that starts in motion.
+struct Problem<'a, 'r> {
+    model: Model<f64>,
+    free: &'a [ParameterId],
+    coordinates: Vec<Coordinate>,
+    runs: &'a [Run<'r>],
+    /// First column of each recording's own unknowns.
+    own: Vec<Option<NonZeroUsize>>,
+    position: DVector<f64>,
+}
+
+impl<'a, 'r> Problem<'a, 'r> {
+    fn new(model: &Model<f64>, free: &'a [ParameterId], runs: &'a [Run<'r>]) -> Self {
+        let coordinates: Vec<Coordinate> =
+            free.iter().map(|&id| Coordinate::of(model, id)).collect();
+        let mut position: Vec<f64> = free
+            .iter()
+            .zip(&coordinates)
+            .map(|(&id, coordinate)| coordinate.from_value(model.value(id).unwrap_or(0.0)))
+            .collect();
+        let own = runs
+            .iter()
+            .map(|run| {
+                run.moving.then(|| {
+                    position.extend([run.start.angle, run.start.rate]);
+                    // Counted from 1, so that a column can be absent.
+                    NonZeroUsize::new(position.len() - 1).unwrap_or(NonZeroUsize::MIN)
+                })
+            })
+            .collect();
+        Self {
+            model: *model,
+            free,
+            coordinates,
+            runs,
+            own,
+            position: DVector::from_vec(position),
+        }
+    }
+
+    fn unknowns(&self) -> usize {
+        self.position.len()
+    }
+
+    fn model(&self) -> Model<f64> {
+        let mut model = self.model;
+        for ((&id, coordinate), &u) in self.free.iter().zip(&self.coordinates).zip(&self.position) {
+            model = model.with_value(id, coordinate.to_value(u));
+        }
+        model
+    }
+
+    fn start(&self, index: usize) -> Start<f64> {
+        match self.own[index] {
+            Some(column) => Start {
+                angle: self.position[column.get() - 1],
+                rate: self.position[column.get()],
+            },
+            None => self.runs[index].start,
+        }
+    }
+
+    fn residual_series(&self) -> Vec<Vec<f64>> {
+        let model = self.model();
+        self.runs
+            .par_iter()
+            .enumerate()
+            .map(|(index, run)| run.residual(&model, self.start(index)))
+            .collect()
+    }
+
+    /// Derivatives of one recording's samples: by the free parameters, then by
+    /// its own start. `N` is at least the number of columns.
+    fn sensitivities<const N: usize>(&self, model: &Model<f64>, index: usize) -> Vec<[f64; N]> {
+        let recording = &self.runs[index];
+        let steps = substeps(model, recording.interval, recording.reach);
+        let mut dual: Model<Dual<N>> = model.map(Dual::constant);
+        for (column, ((&id, coordinate), &u)) in self
+            .free
+            .iter()
+            .zip(&self.coordinates)
+            .zip(&self.position)
+            .enumerate()
+        {
+            let value = coordinate.to_value(u);
+            dual = dual.with_value(id, Dual::variable(value, column, coordinate.slope(u)));
+        }
+        let start = self.start(index);
+        let columns = self.free.len();
+        let start = if self.own[index].is_some() {
+            Start {
+                angle: Dual::variable(start.angle, columns, 1.0),
+                rate: Dual::variable(start.rate, columns + 1, 1.0),
+            }
+        } else {
+            Start {
+                angle: Dual::constant(start.angle),
+                rate: Dual::constant(start.rate),
+            }
+        };
+        run(&dual, &recording.signal, start, steps)
+            .reading
+            .into_iter()
+            .map(|reading| reading.partials)
+            .collect()
+    }
+
+    /// The Jacobian, with the derivatives carried in arrays of size `N`.
+    fn jacobian_in<const N: usize>(&self) -> DMatrix<f64> {
+        let model = self.model();
+        let blocks: Vec<Vec<[f64; N]>> = (0..self.runs.len())
+            .into_par_iter()
+            .map(|index| self.sensitivities::<N>(&model, index))
+            .collect();
+        let rows = blocks.iter().map(Vec::len).sum();
+        let mut jacobian = DMatrix::zeros(rows, self.unknowns());
+        let mut first = 0;
+        for (block, own) in blocks.iter().zip(&self.own) {
+            for (offset, partials) in block.iter().enumerate() {
+                for column in 0..self.free.len() {
+                    jacobian[(first + offset, column)] = partials[column];
+                }
+                if let Some(column) = own {
+                    jacobian[(first + offset, column.get() - 1)] = partials[self.free.len()];
+                    jacobian[(first + offset, column.get())] = partials[self.free.len() + 1];
+                }
+            }
+            first += block.len();
+        }
+        jacobian
+    }
+
+    fn exact_jacobian(&self) -> DMatrix<f64> {
+        match self.free.len() + 2 * usize::from(self.own.iter().any(Option::is_some)) {
+            0..=4 => self.jacobian_in::<4>(),
+            5..=6 => self.jacobian_in::<6>(),
+            7..=8 => self.jacobian_in::<8>(),
+            9..=12 => self.jacobian_in::<12>(),
+            // Five base parameters, three effects of four each and a start.
+            _ => self.jacobian_in::<20>(),
+        }
+    }
+
+    fn finish(self, converged: bool) -> Fit {
+        let residuals = self.residual_series();
+        let standard_errors = self.standard_errors(&residuals);
+        let model = self.model();
+        let starts = (0..self.runs.len())
+            .map(|index| self.start(index))
+            .collect();
+        Fit {
+            model,
+            free: self.free.to_vec(),
+            starts,
+            residuals,
+            standard_errors,
+            converged,
+            moving: self.own.iter().flatten().count(),
+        }
+    }
+
+    /// Standard errors from the curvature of the sum of squares, widened by
+    /// the correlation of the residuals.
+    fn standard_errors(&self, residuals: &[Vec<f64>]) -> Vec<f64> {
+        let unknowns = self.unknowns();
+        if self.free.is_empty() {
+            return Vec::new();
+        }
+        let jacobian = self.exact_jacobian();
+        let samples = jacobian.nrows();
+        let sse: f64 = residuals.iter().flatten().map(|r| r * r).sum();
+        let inflation = correlation_time(residuals.iter().map(Vec::as_slice));
+        let variance = inflation * sse / samples.saturating_sub(unknowns).max(1) as f64;
+        // Columns are scaled to length 1 so that the test for singularity does
+        // not depend on units.
+        let mut lengths = vec![0.0; unknowns];
+        let mut scaled = jacobian;
+        for (column, length) in lengths.iter_mut().enumerate() {
+            *length = scaled.column(column).norm();
+            if *length > 0.0 {
+                scaled.column_mut(column).scale_mut(1.0 / *length);
+            }
+        }
+        let normal = scaled.tr_mul(&scaled);
+        let inverse = normal
+            .clone()
+            .cholesky()
+            .map(|factor| factor.inverse())
+            .filter(|inverse| inverse.iter().all(|entry| entry.is_finite()));
+        self.coordinates
+            .iter()
+            .enumerate()
+            .map(|(column, coordinate)| {
+                let slope = coordinate.slope(self.position[column]).abs();
+                match &inverse {
+                    Some(inverse) if lengths[column] > 0.0 => {
+                        slope * (variance * inverse[(column, column)]).max(0.0).sqrt()
+                            / lengths[column]
+                    }
+                    _ => f64::INFINITY,
+                }
+            })
+            .collect()
+    }
+}
+
+impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_, '_> {
+    type ResidualStorage = Owned<f64, Dyn>;
+    type JacobianStorage = Owned<f64, Dyn, Dyn>;
+    type ParameterStorage = Owned<f64, Dyn>;
+
+    fn set_params(&mut self, position: &DVector<f64>) {
+        self.position.copy_from(position);
+    }
+
+    fn params(&self) -> DVector<f64> {
+        self.position.clone()
+    }
+
+    fn residuals(&self) -> Option<DVector<f64>> {
+        let residuals: Vec<f64> = self.residual_series().into_iter().flatten().collect();
+        residuals
+            .iter()
+            .all(|residual| residual.is_finite())
+            .then(|| DVector::from_vec(residuals))
+    }
+
+    fn jacobian(&self) -> Option<DMatrix<f64>> {
+        let jacobian = self.exact_jacobian();
+        jacobian
+            .iter()
+            .all(|entry| entry.is_finite())
+            .then_some(jacobian)
+    }
+}
+
+/// RMS of each recording's residual [rad], in order.
+pub fn rms_each(fit: &Fit) -> Vec<f64> {
+    fit.residuals.iter().map(|residual| rms(residual)).collect()
+}

@@ -1,0 +1,683 @@
+//! Model files: reading, checking, and writing back without losing a comment.
+//!
+//! A model is a TOML file that people edit by hand, so every fault is reported
+//! with its line and column, and a repaired model is the user's own file with
+//! the numbers changed and the effect added at the end.
+
+use std::path::{Path, PathBuf};
+
+use model_core::actuator::{Dynamics, InvalidModel, MAX_EFFECTS, Model, ParameterId};
+use model_core::catalogue::{Effect, Kind};
+use toml_edit::{ArrayOfTables, Document, DocumentMut, Item, Table, Value};
+
+use crate::error::InputError;
+use crate::recording::PASCAL_PER_KPA;
+
+/// The schema number that this version reads and writes.
+const SCHEMA: i64 = 1;
+
+/// What a refit may move where the file does not say.
+const FREE_BY_DEFAULT: [ParameterId; 3] = [
+    ParameterId::Damping,
+    ParameterId::Stiffness,
+    ParameterId::InputGain,
+];
+
+/// The base parameters: name in `[fit]`, key in `[dynamics]`.
+const BASE: [(ParameterId, &str, &str); 5] = [
+    (ParameterId::Inertia, "inertia", "inertia_kg_m"),
+    (ParameterId::Damping, "damping", "damping_n_s_per_rad"),
+    (ParameterId::Stiffness, "stiffness", "stiffness_n_per_rad_n"),
+    (ParameterId::Exponent, "exponent", "exponent"),
+    (ParameterId::InputGain, "input_gain", "input_gain_n_per_kpa"),
+];
+
+/// A model with what its file says around it.
+#[derive(Clone, Debug)]
+pub struct ModelFile {
+    /// Name for reports.
+    pub name: String,
+    /// Where it was read from.
+    pub path: PathBuf,
+    /// The validated model, in SI units.
+    pub model: Model<f64>,
+    /// What a refit may move.
+    pub free: Vec<ParameterId>,
+    /// The material section, if there is one.
+    pub actuator: Option<ActuatorSection>,
+    text: String,
+}
+
+/// Material and dimensions of the actuator.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ActuatorSection {
+    /// Name of the material as in `rig materials list`.
+    pub material: String,
+    /// Length of the bending part [m].
+    pub length_m: f64,
+    /// Width of the section [m].
+    pub width_m: f64,
+    /// Height of the section [m].
+    pub height_m: f64,
+}
+
+impl ModelFile {
+    /// Reads and validates a model.
+    ///
+    /// # Errors
+    ///
+    /// Names file, line, column and remedy.
+    pub fn read(path: &Path) -> Result<Self, InputError> {
+        let text =
+            std::fs::read_to_string(path).map_err(|error| InputError::from_io(path, &error))?;
+        Self::parse(&text, path)
+    }
+
+    /// Parses the text of a model file; `path` is only named in messages.
+    ///
+    /// # Errors
+    ///
+    /// As [`ModelFile::read`].
+    pub fn parse(text: &str, path: &Path) -> Result<Self, InputError> {
+        Reader { text, path }.read()
+    }
+
+    /// The name of a parameter as `[fit] free` and reports spell it.
+    pub fn parameter_name(&self, id: ParameterId) -> String {
+        parameter_name(&self.model, id)
+    }
+
+    /// The text of the file with `model` in place of its own: numbers are
+    /// replaced, effects that the file lacks are appended, everything else
+    /// stays as it was written.
+    pub fn text_with(&self, model: &Model<f64>, comment: &str) -> String {
+        // The text parsed once already.
+        let mut document: DocumentMut = self.text.parse().unwrap_or_default();
+        let dynamics = document["dynamics"].or_insert(Item::Table(Table::new()));
+        for (id, _, key) in BASE {
+            if let Some(value) = model.value(id) {
+                replace_number(&mut dynamics[key], tidy(to_file(id, value)));
+            }
+        }
+        let list = document["effect"].or_insert(Item::ArrayOfTables(ArrayOfTables::new()));
+        if let Some(tables) = list.as_array_of_tables_mut() {
+            for (slot, effect) in model.effects().enumerate() {
+                if slot >= tables.len() {
+                    let mut table = Table::new();
+                    table.decor_mut().set_prefix(format!("\n{comment}"));
+                    table["kind"] = toml_edit::value(effect.kind().name());
+                    tables.push(table);
+                }
+                if let Some(table) = tables.get_mut(slot) {
+                    for (row, value) in effect.parameters().iter().zip(effect.values()) {
+                        replace_number(&mut table[row.key], tidy(row.unit.from_si(value)));
+                    }
+                }
+            }
+        }
+        if model.effects().next().is_none() {
+            document.remove("effect");
+        }
+        document.to_string()
+    }
+}
+
+/// The name of a parameter as `[fit] free` and reports spell it.
+pub fn parameter_name(model: &Model<f64>, id: ParameterId) -> String {
+    if let ParameterId::Effect { slot, parameter } = id {
+        return model
+            .effects()
+            .nth(slot)
+            .and_then(|effect| {
+                let row = effect.parameters().get(parameter)?;
+                Some(format!("{}.{}", effect.kind().name(), row.key))
+            })
+            .unwrap_or_default();
+    }
+    BASE.iter()
+        .find(|(base, ..)| *base == id)
+        .map_or_else(String::new, |(_, name, _)| (*name).to_owned())
+}
+
+/// The unit in which a parameter is shown.
+pub fn parameter_unit(model: &Model<f64>, id: ParameterId) -> &'static str {
+    match id {
+        ParameterId::Inertia => "kg·m",
+        ParameterId::Damping => "N·s/rad",
+        ParameterId::Stiffness => "N/radⁿ",
+        ParameterId::Exponent => "",
+        ParameterId::InputGain => "N/kPa",
+        ParameterId::Effect { slot, parameter } => model
+            .effects()
+            .nth(slot)
+            .and_then(|effect| effect.parameters().get(parameter))
+            .map_or("", |row| row.unit.symbol()),
+    }
+}
+
+/// Converts a parameter from SI units to the unit of files.
+pub fn to_file_units(model: &Model<f64>, id: ParameterId, value: f64) -> f64 {
+    match id {
+        ParameterId::Effect { slot, parameter } => model
+            .effects()
+            .nth(slot)
+            .and_then(|effect| effect.parameters().get(parameter))
+            .map_or(value, |row| row.unit.from_si(value)),
+        base => to_file(base, value),
+    }
+}
+
+fn to_file(id: ParameterId, value: f64) -> f64 {
+    if id == ParameterId::InputGain {
+        value * PASCAL_PER_KPA
+    } else {
+        value
+    }
+}
+
+/// Seven significant digits: more than any fit supports, as many as the board
+/// can hold.
+pub fn tidy(value: f64) -> f64 {
+    format!("{value:.6e}").parse().unwrap_or(value)
+}
+
+/// Replaces a number and keeps the comment beside it.
+fn replace_number(item: &mut Item, number: f64) {
+    let decor = item.as_value().map(|value| value.decor().clone());
+    let mut value = Value::from(number);
+    if let Some(decor) = decor {
+        *value.decor_mut() = decor;
+    }
+    *item = Item::Value(value);
+}
+
+struct Reader<'a> {
+    text: &'a str,
+    path: &'a Path,
+}
+
+impl Reader<'_> {
+    fn fail(&self, found: impl Into<String>, advice: impl Into<String>) -> InputError {
+        InputError::new(found, advice).in_file(self.path)
+    }
+
+    fn fail_at(
+        &self,
+        span: Option<std::ops::Range<usize>>,
+        found: impl Into<String>,
+        advice: impl Into<String>,
+    ) -> InputError {
+        let error = self.fail(found, advice);
+        match span {
+            Some(span) => error.at_offset(self.text, span.start),
+            None => error,
+        }
+    }
+
+    fn read(&self) -> Result<ModelFile, InputError> {
+        if self.text.trim().is_empty() {
+            return Err(self.fail("is empty", "start from a model of `rig example`"));
+        }
+        let document = Document::parse(self.text.to_owned()).map_err(|error| {
+            self.fail_at(
+                error.span(),
+                error.message().trim().replace('\n', ", "),
+                "correct the TOML there",
+            )
+        })?;
+        let root = document.as_table();
+        self.known_keys(
+            root,
+            "the model",
+            &["schema", "name", "actuator", "dynamics", "fit", "effect"],
+        )?;
+        self.schema(root)?;
+        let name = root
+            .get("name")
+            .and_then(Item::as_str)
+            .map_or_else(|| self.path.display().to_string(), str::to_owned);
+        let actuator = self.actuator(root)?;
+        let dynamics_table = self.table(root, "dynamics")?.ok_or_else(|| {
+            self.fail(
+                "has no [dynamics] section",
+                "add one with inertia_kg_m, damping_n_s_per_rad, stiffness_n_per_rad_n, exponent and input_gain_n_per_kpa",
+            )
+        })?;
+        let dynamics = self.dynamics(dynamics_table, actuator.as_ref())?;
+        let effect_tables = self.effect_tables(root)?;
+        let effects = effect_tables
+            .iter()
+            .map(|table| self.effect(table))
+            .collect::<Result<Vec<_>, _>>()?;
+        let model = Model::new(dynamics, &effects)
+            .map_err(|error| self.invalid(error, dynamics_table, &effect_tables))?;
+        let free = self.free(root, &model)?;
+        Ok(ModelFile {
+            name,
+            path: self.path.to_owned(),
+            model,
+            free,
+            actuator,
+            text: self.text.to_owned(),
+        })
+    }
+
+    fn schema(&self, root: &Table) -> Result<(), InputError> {
+        let item = root.get("schema").ok_or_else(|| {
+            self.fail(
+                "has no schema number",
+                format!("start it with `schema = {SCHEMA}`"),
+            )
+        })?;
+        if item.as_integer() == Some(SCHEMA) {
+            return Ok(());
+        }
+        Err(self.fail_at(
+            item.span(),
+            format!("schema is {}", item.to_string().trim()),
+            format!("this version of rig reads schema {SCHEMA}: use the version that wrote the file, or correct the number"),
+        ))
+    }
+
+    fn table<'t>(&self, root: &'t Table, key: &str) -> Result<Option<&'t Table>, InputError> {
+        match root.get(key) {
+            None => Ok(None),
+            Some(Item::Table(table)) => Ok(Some(table)),
+            Some(other) => Err(self.fail_at(
+                other.span(),
+                format!("{key} is not a section"),
+                format!("write it as [{key}] with a key on each line below"),
+            )),
+        }
+    }
+
+    fn known_keys(&self, table: &Table, place: &str, known: &[&str]) -> Result<(), InputError> {
+        for (key, item) in table {
+            if !known.contains(&key) {
+                let span = table
+                    .key(key)
+                    .and_then(toml_edit::Key::span)
+                    .or(item.span());
+                return Err(self.fail_at(
+                    span,
+                    format!("{place} has no key {key}"),
+                    format!("remove it, or use one of: {}", known.join(", ")),
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    fn number(&self, table: &Table, key: &str) -> Result<Option<f64>, InputError> {
+        let Some(item) = table.get(key) else {
+            return Ok(None);
+        };
+        let number = item
+            .as_float()
+            .or_else(|| item.as_integer().map(|whole| whole as f64));
+        number.map(Some).ok_or_else(|| {
+            self.fail_at(
+                item.span(),
+                format!("{key} is not a number"),
+                "write a number without quotes and without a unit",
+            )
+        })
+    }
+
+    fn required(&self, table: &Table, section: &str, key: &str) -> Result<f64, InputError> {
+        self.number(table, key)?.ok_or_else(|| {
+            self.fail_at(
+                table.span(),
+                format!("[{section}] has no {key}"),
+                format!("add `{key} = …` to that section"),
+            )
+        })
+    }
+
+    fn actuator(&self, root: &Table) -> Result<Option<ActuatorSection>, InputError> {
+        let Some(table) = self.table(root, "actuator")? else {
+            return Ok(None);
+        };
+        self.known_keys(
+            table,
+            "[actuator]",
+            &["material", "length_m", "width_m", "height_m"],
+        )?;
+        let material = table.get("material").and_then(Item::as_str).unwrap_or("");
+        let dimension = |key: &str| {
+            let value = self.required(table, "actuator", key)?;
+            if value > 0.0 && value.is_finite() {
+                return Ok(value);
+            }
+            Err(self.fail_at(
+                table.get(key).and_then(Item::span),
+                format!("{key} is {value}"),
+                "give the dimension in metres, above zero",
+            ))
+        };
+        Ok(Some(ActuatorSection {
+            material: material.to_owned(),
+            length_m: dimension("length_m")?,
+            width_m: dimension("width_m")?,
+            height_m: dimension("height_m")?,
+        }))
+    }
+
+    fn dynamics(
+        &self,
+        table: &Table,
+        actuator: Option<&ActuatorSection>,
+    ) -> Result<Dynamics<f64>, InputError> {
+        let keys: Vec<&str> = BASE.iter().map(|(_, _, key)| *key).collect();
+        self.known_keys(table, "[dynamics]", &keys)?;
+        let required = |key: &str| self.required(table, "dynamics", key);
+        let derived = |key: &str, derive: fn(&ActuatorSection) -> Option<f64>| {
+            if let Some(value) = self.number(table, key)? {
+                return Ok(value);
+            }
+            if let Some(actuator) = actuator {
+                return derive(actuator).ok_or_else(|| {
+                    self.fail_at(
+                        table.span(),
+                        format!(
+                            "[dynamics] has no {key} and the material \"{}\" is not in the table",
+                            actuator.material
+                        ),
+                        format!("add `{key} = …`, or name a material of `rig materials list`"),
+                    )
+                });
+            }
+            required(key)
+        };
+        Ok(Dynamics {
+            inertia: required("inertia_kg_m")?,
+            damping: required("damping_n_s_per_rad")?,
+            stiffness: derived("stiffness_n_per_rad_n", derived_stiffness)?,
+            exponent: derived("exponent", derived_exponent)?,
+            input_gain: required("input_gain_n_per_kpa")? / PASCAL_PER_KPA,
+        })
+    }
+
+    fn effect_tables<'t>(&self, root: &'t Table) -> Result<Vec<&'t Table>, InputError> {
+        match root.get("effect") {
+            None => Ok(Vec::new()),
+            Some(Item::ArrayOfTables(tables)) => Ok(tables.iter().collect()),
+            Some(other) => Err(self.fail_at(
+                other.span(),
+                "effect is not a list of sections",
+                "write each effect as a section [[effect]] with a kind",
+            )),
+        }
+    }
+
+    fn effect(&self, table: &Table) -> Result<Effect<f64>, InputError> {
+        let known: Vec<&str> = Kind::ALL.iter().map(|kind| kind.name()).collect();
+        let item = table.get("kind").ok_or_else(|| {
+            self.fail_at(
+                table.span(),
+                "[[effect]] has no kind",
+                format!("add kind = \"…\", one of: {}", known.join(", ")),
+            )
+        })?;
+        let kind = item.as_str().and_then(Kind::from_name).ok_or_else(|| {
+            self.fail_at(
+                item.span(),
+                format!("{} is not a known kind of effect", item.to_string().trim()),
+                format!("use one of: {}", known.join(", ")),
+            )
+        })?;
+        let mut keys = vec!["kind"];
+        keys.extend(kind.parameters().iter().map(|row| row.key));
+        self.known_keys(table, &format!("the effect {}", kind.name()), &keys)?;
+        let values = kind
+            .parameters()
+            .iter()
+            .map(|row| match (self.number(table, row.key)?, row.held) {
+                (Some(value), _) => Ok(row.unit.to_si(value)),
+                (None, Some(held)) => Ok(f64::from(held)),
+                (None, None) => self.required(table, "[effect]", row.key),
+            })
+            .collect::<Result<Vec<f64>, InputError>>()?;
+        kind.build(&values)
+            .ok_or_else(|| self.fail("has an incomplete effect", "add its parameters"))
+    }
+
+    fn invalid(&self, error: InvalidModel, dynamics: &Table, effects: &[&Table]) -> InputError {
+        let (InvalidModel::NotFinite(id)
+        | InvalidModel::NotPositive(id)
+        | InvalidModel::Negative(id)
+        | InvalidModel::OutOfBounds(id)) = error
+        else {
+            return self.fail_at(
+                effects.get(MAX_EFFECTS).and_then(|table| table.span()),
+                format!("has {} effects", effects.len()),
+                format!("keep at most {MAX_EFFECTS}"),
+            );
+        };
+        let (table, key, bounds) = match id {
+            ParameterId::Effect { slot, parameter } => {
+                let table = effects.get(slot).copied().unwrap_or(dynamics);
+                let row = table
+                    .get("kind")
+                    .and_then(Item::as_str)
+                    .and_then(Kind::from_name)
+                    .and_then(|kind| kind.parameters().get(parameter));
+                let bounds = row.map_or_else(String::new, |row| {
+                    format!(
+                        "give a value from {} to {} {}",
+                        row.unit.from_si(row.lower),
+                        row.unit.from_si(row.upper),
+                        row.unit.symbol()
+                    )
+                });
+                (table, row.map_or("", |row| row.key), bounds)
+            }
+            base => {
+                let key = BASE
+                    .iter()
+                    .find(|(id, ..)| *id == base)
+                    .map_or("", |(_, _, key)| *key);
+                let bounds = match error {
+                    InvalidModel::NotPositive(_) => "give a value above 0",
+                    InvalidModel::Negative(_) => "give 0 or a value above it",
+                    _ => "give a finite number",
+                };
+                (dynamics, key, bounds.to_owned())
+            }
+        };
+        let item = table.get(key);
+        let shown = item.map_or_else(String::new, |item| item.to_string().trim().to_owned());
+        self.fail_at(
+            item.and_then(Item::span),
+            format!("{key} = {shown} {error}"),
+            bounds.trim_end().to_owned(),
+        )
+    }
+
+    fn free(&self, root: &Table, model: &Model<f64>) -> Result<Vec<ParameterId>, InputError> {
+        let Some(table) = self.table(root, "fit")? else {
+            return Ok(FREE_BY_DEFAULT.to_vec());
+        };
+        self.known_keys(table, "[fit]", &["free"])?;
+        let Some(item) = table.get("free") else {
+            return Ok(FREE_BY_DEFAULT.to_vec());
+        };
+        let list = item.as_array().ok_or_else(|| {
+            self.fail_at(
+                item.span(),
+                "free is not a list",
+                "write it as free = [\"damping\", \"stiffness\"]",
+            )
+        })?;
+        let mut known: Vec<(String, ParameterId)> = BASE
+            .iter()
+            .map(|(id, name, _)| ((*name).to_owned(), *id))
+            .collect();
+        for (slot, effect) in model.effects().enumerate() {
+            for parameter in 0..effect.parameters().len() {
+                let id = ParameterId::Effect { slot, parameter };
+                known.push((parameter_name(model, id), id));
+            }
+        }
+        let mut free = Vec::new();
+        for value in list {
+            let name = value.as_str().unwrap_or("");
+            let (_, id) = known
+                .iter()
+                .find(|(known, _)| known == name)
+                .ok_or_else(|| {
+                    let names: Vec<&str> = known.iter().map(|(name, _)| name.as_str()).collect();
+                    self.fail_at(
+                        value.span(),
+                        format!(
+                            "free names {}, which the model does not have",
+                            value.to_string().trim()
+                        ),
+                        format!("use any of: {}", names.join(", ")),
+                    )
+                })?;
+            if !free.contains(id) {
+                free.push(*id);
+            }
+        }
+        Ok(free)
+    }
+}
+
+fn derived_stiffness(_actuator: &ActuatorSection) -> Option<f64> {
+    None
+}
+
+fn derived_exponent(_actuator: &ActuatorSection) -> Option<f64> {
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GOOD: &str = r#"schema = 1
+name = "bench actuator"   # the one with the blue tube
+
+[dynamics]
+inertia_kg_m = 0.36
+damping_n_s_per_rad = 0.913   # from ring-down
+stiffness_n_per_rad_n = 0.127
+exponent = 2.365
+input_gain_n_per_kpa = 0.0217
+
+[fit]
+free = ["damping", "stiffness"]
+
+[[effect]]
+kind = "coulomb_friction"
+force_n = 0.02
+"#;
+
+    fn parse(text: &str) -> Result<ModelFile, InputError> {
+        ModelFile::parse(text, Path::new("m.toml"))
+    }
+
+    #[test]
+    fn a_model_is_read_into_si_units() {
+        let file = parse(GOOD).unwrap();
+        assert!((file.model.dynamics().input_gain - 2.17e-5).abs() < 1e-15);
+        assert_eq!(file.free, [ParameterId::Damping, ParameterId::Stiffness]);
+        let friction = file.model.effects().next().unwrap();
+        assert_eq!(friction.kind(), Kind::CoulombFriction);
+        // Smoothing was left out and takes its default.
+        assert!((friction.value(1).unwrap() - 0.02).abs() < 1e-8);
+    }
+
+    #[test]
+    fn every_fault_names_line_column_and_remedy() {
+        for (from, to, parts) in [
+            (
+                "schema = 1",
+                "schema = 7",
+                vec!["line 1, column 10", "schema is 7"],
+            ),
+            ("schema = 1", "schema = ", vec!["line 1"]),
+            (
+                "= 0.127",
+                "= -0.127",
+                vec![
+                    "line 7, column 25",
+                    "stiffness_n_per_rad_n = -0.127 must not be negative",
+                ],
+            ),
+            (
+                "= 2.365",
+                "= 0",
+                vec!["line 8, column 12", "exponent = 0 must be above zero"],
+            ),
+            ("= 2.365", "= nan", vec!["line 8", "finite"]),
+            (
+                "= 2.365",
+                "= \"two\"",
+                vec!["line 8", "exponent is not a number"],
+            ),
+            (
+                "exponent",
+                "exponnent",
+                vec!["line 8, column 1", "no key exponnent"],
+            ),
+            ("exponent = 2.365\n", "", vec!["line 4", "has no exponent"]),
+            (
+                "\"stiffness\"]",
+                "\"stifness\"]",
+                vec!["line 12", "\"stifness\"", "use any of: inertia"],
+            ),
+            (
+                "coulomb_friction",
+                "colomb_friction",
+                vec!["line 15, column 8", "colomb_friction", "quadratic_damping"],
+            ),
+            (
+                "force_n = 0.02",
+                "force_n = -0.02",
+                vec!["line 16", "outside the bounds"],
+            ),
+            ("force_n = 0.02", "", vec!["line 14", "has no force_n"]),
+            (
+                "force_n = 0.02",
+                "force = 0.02",
+                vec!["line 16, column 1", "no key force"],
+            ),
+        ] {
+            let text = GOOD.replace(from, to);
+            let message = parse(&text).unwrap_err().to_string();
+            for part in parts {
+                assert!(message.contains(part), "{part:?} not in {message:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn writing_back_keeps_comments_and_appends_effects() {
+        let file = parse(GOOD).unwrap();
+        let drag = Kind::QuadraticDamping.build(&[0.5]).unwrap();
+        let effects: Vec<_> = file.model.effects().copied().chain([drag]).collect();
+        let model = Model::new(*file.model.dynamics(), &effects)
+            .unwrap()
+            .with_value(ParameterId::Damping, 0.5);
+        let text = file.text_with(&model, "# added\n");
+        for part in [
+            "# the one with the blue tube",
+            "damping_n_s_per_rad = 0.5   # from ring-down",
+            "# added\n[[effect]]\nkind = \"quadratic_damping\"\ndamping_n_s2_per_rad2 = 0.5",
+        ] {
+            assert!(text.contains(part), "{part:?} not in {text}");
+        }
+        let back = parse(&text).unwrap();
+        assert_eq!(back.model.effects().count(), 2);
+        let id = ParameterId::Effect {
+            slot: 1,
+            parameter: 0,
+        };
+        assert_eq!(
+            back.parameter_name(id),
+            "quadratic_damping.damping_n_s2_per_rad2"
+        );
+    }
+}

@@ -1,0 +1,491 @@
+//! Recordings: reading, checking and writing them.
+//!
+//! A recording is a CSV file (plain or gzip-compressed) with a header row and
+//! the columns `time_s`, `pressure_kpa` and `angle_deg`; others are optional
+//! and kept. Inside, everything is SI and radians. Whatever is wrong with a
+//! file is reported with its line and column, because a fit on a damaged
+//! recording gives a wrong cause with great confidence.
+
+use std::fs::File;
+use std::io::{BufReader, Read};
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+
+use crate::error::InputError;
+
+/// Pascals in a kilopascal.
+pub const PASCAL_PER_KPA: f64 = 1000.0;
+
+/// An angle beyond this is taken for a slip of units [°].
+const SUSPICIOUS_ANGLE_DEG: f64 = 720.0;
+/// A pressure beyond this is taken for a slip of units [kPa]: more than the
+/// sensors and the silicone of such rigs stand.
+const SUSPICIOUS_PRESSURE_KPA: f64 = 600.0;
+/// A sampling interval this many times the median one is a gap.
+const GAP_FACTOR: f64 = 3.0;
+
+/// Columns that every recording has.
+const REQUIRED: [&str; 3] = ["time_s", "pressure_kpa", "angle_deg"];
+
+/// A recorded run.
+#[derive(Clone, Debug, Default)]
+pub struct Recording {
+    /// File name without folder and extension.
+    pub name: String,
+    /// Where it was read from.
+    pub path: PathBuf,
+    /// Time of each sample [s], strictly increasing.
+    pub time: Vec<f64>,
+    /// Gauge pressure [Pa].
+    pub pressure: Vec<f64>,
+    /// Bending angle [rad] as the sensor shows it.
+    pub angle: Vec<f64>,
+    /// Other columns, as they stand in the file.
+    pub extra: Vec<Column>,
+    /// What the file beside it says.
+    pub meta: Meta,
+}
+
+/// An optional column, kept as text.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Column {
+    /// Header.
+    pub name: String,
+    /// One field a sample.
+    pub fields: Vec<String>,
+}
+
+/// Metadata from `NAME.meta.toml`; every field is optional.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+pub struct Meta {
+    /// Name of the protocol that was run.
+    pub protocol: Option<String>,
+    /// Number of the repeat of that protocol, from 1.
+    pub repeat: Option<u32>,
+    /// Set-point of a step test [°].
+    pub setpoint_deg: Option<f64>,
+    /// Whether the recording was simulated.
+    pub simulated: Option<bool>,
+}
+
+impl Recording {
+    /// Reads and checks a recording. Warnings ask about what may be meant but
+    /// is unusual: units, gaps, a last line without an end.
+    ///
+    /// # Errors
+    ///
+    /// Names file, line, column and remedy for anything that is not a
+    /// recording.
+    pub fn read(path: &Path) -> Result<(Self, Vec<String>), InputError> {
+        let text = read_text(path)?;
+        let (mut recording, warnings) = Self::parse(&text, path)?;
+        recording.meta = read_meta(path)?;
+        Ok((recording, warnings))
+    }
+
+    /// Parses the text of a recording; `path` is only named in messages.
+    ///
+    /// # Errors
+    ///
+    /// As [`Recording::read`].
+    pub fn parse(text: &str, path: &Path) -> Result<(Self, Vec<String>), InputError> {
+        let fail = |found: String, advice: &str| InputError::new(found, advice).in_file(path);
+        if text.trim().is_empty() {
+            return Err(fail(
+                "is empty".into(),
+                "record it again, or leave it out of the command",
+            ));
+        }
+        let mut reader = csv::ReaderBuilder::new()
+            .trim(csv::Trim::All)
+            .flexible(true)
+            .from_reader(text.as_bytes());
+        let header = reader
+            .headers()
+            .map_err(|error| {
+                fail(
+                    format!("has no header: {error}"),
+                    "start it with a header row",
+                )
+            })?
+            .clone();
+        let index = required_columns(&header).map_err(|error| error.in_file(path))?;
+
+        let mut recording = Self {
+            name: stem(path),
+            path: path.to_owned(),
+            ..Self::default()
+        };
+        let mut extra: Vec<(usize, Column)> = header
+            .iter()
+            .enumerate()
+            .filter(|(column, _)| !index.contains(column))
+            .map(|(column, name)| {
+                (
+                    column,
+                    Column {
+                        name: name.to_owned(),
+                        fields: Vec::new(),
+                    },
+                )
+            })
+            .collect();
+        let mut warnings = Vec::new();
+        let mut suspicious_angle = false;
+        let mut suspicious_pressure = false;
+        for record in reader.records() {
+            let record = record
+                .map_err(|error| fail(format!("is not a CSV table: {error}"), "export it again"))?;
+            let line = record.position().map_or(0, csv::Position::line);
+            if record.len() != header.len() {
+                let last = text.lines().count() as u64 == line;
+                let advice = if last && record.len() < header.len() {
+                    "the recording was cut off while it was written: delete this line to use the rest"
+                } else {
+                    "give every row as many fields as the header has"
+                };
+                return Err(fail(
+                    format!("has {} of {} fields", record.len(), header.len()),
+                    advice,
+                )
+                .at_line(line)
+                .in_column((record.len().min(header.len()) + 1).to_string()));
+            }
+            let number = |which: usize| -> Result<f64, InputError> {
+                let field = record.get(index[which]).unwrap_or("");
+                parse_number(field)
+                    .map_err(|error| error.in_file(path).at_line(line).in_column(REQUIRED[which]))
+            };
+            let (time, pressure, angle) = (number(0)?, number(1)?, number(2)?);
+            if let Some(&before) = recording.time.last()
+                && time <= before
+            {
+                return Err(fail(
+                    format!("time {time} s does not follow {before} s"),
+                    "times must increase: sort the rows or split the file where the clock restarts",
+                )
+                .at_line(line)
+                .in_column("time_s"));
+            }
+            if angle.abs() > SUSPICIOUS_ANGLE_DEG && !suspicious_angle {
+                suspicious_angle = true;
+                warnings.push(format!(
+                    "{}, line {line}, column angle_deg: {angle} is more than two turns; is the column in degrees?",
+                    path.display()
+                ));
+            }
+            if pressure.abs() > SUSPICIOUS_PRESSURE_KPA && !suspicious_pressure {
+                suspicious_pressure = true;
+                warnings.push(format!(
+                    "{}, line {line}, column pressure_kpa: {pressure} kPa would burst a soft actuator; is the column in kPa, or are columns swapped?",
+                    path.display()
+                ));
+            }
+            recording.time.push(time);
+            recording.pressure.push(pressure * PASCAL_PER_KPA);
+            recording.angle.push(angle.to_radians());
+            for (column, kept) in &mut extra {
+                kept.fields
+                    .push(record.get(*column).unwrap_or("").to_owned());
+            }
+        }
+        if recording.time.len() < 2 {
+            return Err(fail(
+                format!("has {} samples", recording.time.len()),
+                "a recording needs at least two; record it again",
+            ));
+        }
+        if !text.ends_with('\n') {
+            warnings.push(format!(
+                "{}: the last line has no line end; if the recording was cut off there, its last value may be wrong",
+                path.display()
+            ));
+        }
+        recording.extra = extra.into_iter().map(|(_, column)| column).collect();
+        if let Some(gap) = recording.describe_gaps() {
+            warnings.push(format!("{}: {gap}", path.display()));
+        }
+        Ok((recording, warnings))
+    }
+
+    /// Number of samples.
+    pub fn len(&self) -> usize {
+        self.time.len()
+    }
+
+    /// Whether there are no samples.
+    pub fn is_empty(&self) -> bool {
+        self.time.is_empty()
+    }
+
+    /// Duration from the first sample to the last [s].
+    pub fn duration(&self) -> f64 {
+        match (self.time.first(), self.time.last()) {
+            (Some(first), Some(last)) => last - first,
+            _ => 0.0,
+        }
+    }
+
+    /// The usual time between samples [s]: the median.
+    pub fn interval(&self) -> f64 {
+        let mut steps: Vec<f64> = self.time.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        crate::statistics::median(&mut steps)
+    }
+
+    /// An optional numeric column; samples without a number are NaN.
+    pub fn column(&self, name: &str) -> Option<Vec<f64>> {
+        let column = self.extra.iter().find(|column| column.name == name)?;
+        Some(
+            column
+                .fields
+                .iter()
+                .map(|field| field.parse().unwrap_or(f64::NAN))
+                .collect(),
+        )
+    }
+
+    fn describe_gaps(&self) -> Option<String> {
+        let usual = self.interval();
+        let mut gaps = self
+            .time
+            .windows(2)
+            .filter(|pair| pair[1] - pair[0] > GAP_FACTOR * usual);
+        let first = gaps.next()?;
+        Some(format!(
+            "{} gap(s) in time, the first of {:.3} s after {:.3} s; the pressure is interpolated across",
+            gaps.count() + 1,
+            first[1] - first[0],
+            first[0]
+        ))
+    }
+}
+
+/// Reads several recordings and passes their warnings on.
+///
+/// # Errors
+///
+/// The first file that is not a recording.
+pub fn read_all(
+    paths: &[PathBuf],
+    mut warn: impl FnMut(&str),
+) -> Result<Vec<Recording>, InputError> {
+    let mut recordings = Vec::with_capacity(paths.len());
+    for path in paths {
+        let (recording, warnings) = Recording::read(path)?;
+        for warning in &warnings {
+            warn(warning);
+        }
+        recordings.push(recording);
+    }
+    Ok(recordings)
+}
+
+/// Formats a recording with the three required columns and any others in
+/// `columns`, given as header and numbers.
+pub fn to_csv(recording: &Recording, columns: &[(&str, &[f64])]) -> String {
+    use std::fmt::Write;
+    let mut text = REQUIRED.join(",");
+    for (name, _) in columns {
+        let _ = write!(text, ",{name}");
+    }
+    text.push('\n');
+    for row in 0..recording.len() {
+        let _ = write!(
+            text,
+            "{},{:.4},{:.4}",
+            rounded(recording.time[row]),
+            recording.pressure[row] / PASCAL_PER_KPA,
+            recording.angle[row].to_degrees()
+        );
+        for (_, values) in columns {
+            let _ = write!(text, ",{:.4}", values.get(row).copied().unwrap_or(f64::NAN));
+        }
+        text.push('\n');
+    }
+    text
+}
+
+/// Time to the microsecond, without trailing zeros.
+fn rounded(time: f64) -> f64 {
+    (time * 1e6).round() / 1e6
+}
+
+fn read_text(path: &Path) -> Result<String, InputError> {
+    let io = |error: std::io::Error| InputError::from_io(path, &error);
+    let mut reader = BufReader::new(File::open(path).map_err(io)?);
+    let mut text = String::new();
+    if path.extension().is_some_and(|extension| extension == "gz") {
+        flate2::bufread::GzDecoder::new(reader)
+            .read_to_string(&mut text)
+            .map_err(io)?;
+    } else {
+        reader.read_to_string(&mut text).map_err(io)?;
+    }
+    Ok(text)
+}
+
+fn stem(path: &Path) -> String {
+    let name = path
+        .file_name()
+        .map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+    let name = name.strip_suffix(".gz").unwrap_or(&name);
+    name.strip_suffix(".csv").unwrap_or(name).to_owned()
+}
+
+fn read_meta(path: &Path) -> Result<Meta, InputError> {
+    let beside = path.with_file_name(format!("{}.meta.toml", stem(path)));
+    if !beside.exists() {
+        return Ok(Meta::default());
+    }
+    let text = read_text(&beside)?;
+    toml::from_str(&text).map_err(|error| {
+        let fault = InputError::new(
+            error.message().to_owned(),
+            "correct the metadata, or delete the file: it is optional",
+        )
+        .in_file(&beside);
+        match error.span() {
+            Some(span) => fault.at_offset(&text, span.start),
+            None => fault,
+        }
+    })
+}
+
+/// The positions of the required columns.
+fn required_columns(header: &csv::StringRecord) -> Result<[usize; 3], InputError> {
+    let mut index = [0; 3];
+    for (place, name) in index.iter_mut().zip(REQUIRED) {
+        *place = header
+            .iter()
+            .position(|column| column == name)
+            .ok_or_else(|| {
+                let found: Vec<&str> = header.iter().collect();
+                InputError::new(
+                    format!("has no column {name} (it has {})", found.join(", ")),
+                    format!(
+                        "add it, or rename the column that holds it: a recording needs {}",
+                        REQUIRED.join(", ")
+                    ),
+                )
+                .at_line(1)
+                .in_column(name)
+            })?;
+    }
+    Ok(index)
+}
+
+fn parse_number(field: &str) -> Result<f64, InputError> {
+    match field.parse::<f64>() {
+        Ok(value) if value.is_finite() => Ok(value),
+        Ok(_) => Err(InputError::new(
+            format!("{field} is not a number that can be used"),
+            "delete the rows in which the sensor gave nothing; gaps in time are allowed",
+        )),
+        Err(_) => Err(InputError::new(
+            if field.is_empty() {
+                "is empty".to_owned()
+            } else {
+                format!("\"{field}\" is not a number")
+            },
+            "write numbers with a decimal point and no unit, or delete the row",
+        )),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn parse(text: &str) -> Result<(Recording, Vec<String>), InputError> {
+        Recording::parse(text, Path::new("run.csv"))
+    }
+
+    fn message(text: &str) -> String {
+        parse(text).unwrap_err().to_string()
+    }
+
+    const GOOD: &str = "time_s,pressure_kpa,angle_deg,note\n0,0,0,a\n0.01,10,90,b\n";
+
+    #[test]
+    fn units_become_si_and_extra_columns_are_kept() {
+        let (recording, warnings) = parse(GOOD).unwrap();
+        assert!(warnings.is_empty());
+        assert!((recording.pressure[1] - 10_000.0).abs() < 1e-9);
+        assert!((recording.angle[1] - std::f64::consts::FRAC_PI_2).abs() < 1e-12);
+        assert_eq!(recording.extra[0].fields, ["a", "b"]);
+    }
+
+    #[test]
+    fn every_fault_names_its_place() {
+        let head = "time_s,pressure_kpa,angle_deg\n";
+        for (text, parts) in [
+            (String::new(), vec!["run.csv", "empty"]),
+            (
+                "time_s,angle_deg\n0,0\n".into(),
+                vec!["line 1", "pressure_kpa"],
+            ),
+            (
+                format!("{head}0,0,0\n0.01,0,nan\n"),
+                vec!["line 3", "angle_deg", "delete"],
+            ),
+            (
+                format!("{head}0,0,0\n0.01,x,0\n"),
+                vec!["line 3", "pressure_kpa", "\"x\""],
+            ),
+            (
+                format!("{head}0,0,0\n0.01,0,0\n0.01,0,0\n"),
+                vec!["line 4", "time_s", "increase"],
+            ),
+            (
+                format!("{head}0,0,0\n0.01,0,0\n0.02,0"),
+                vec!["line 4", "cut off"],
+            ),
+            (
+                format!("{head}0,0,0\n0.01,0\n0.02,0,0\n"),
+                vec!["line 3", "as many fields"],
+            ),
+            (format!("{head}0,0,0\n"), vec!["1 samples"]),
+        ] {
+            let message = message(&text);
+            for part in parts {
+                assert!(message.contains(part), "{part:?} not in {message:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn unusual_units_and_gaps_are_asked_about() {
+        let (_, warnings) =
+            parse("time_s,pressure_kpa,angle_deg\n0,0,800\n0.01,20000,0\n").unwrap();
+        assert!(warnings.iter().any(|w| w.contains("in degrees?")));
+        assert!(warnings.iter().any(|w| w.contains("in kPa")));
+        let (_, warnings) =
+            parse("time_s,pressure_kpa,angle_deg\n0,0,0\n0.1,0,0\n0.2,0,0\n0.9,0,0\n").unwrap();
+        assert!(warnings[0].contains("gap"), "{warnings:?}");
+    }
+
+    proptest! {
+        #[test]
+        fn any_text_is_an_error_or_a_recording(text in "[0-9a-z,.\\-\n ]{0,200}") {
+            let _ = parse(&text);
+            let _ = parse(&format!("time_s,pressure_kpa,angle_deg\n{text}"));
+        }
+
+        #[test]
+        fn written_recordings_read_back(values in prop::collection::vec((-100.0..100.0f64, -90.0..90.0f64), 2..20)) {
+            let recording = Recording {
+                time: (0..values.len()).map(|k| k as f64 * 0.01).collect(),
+                pressure: values.iter().map(|v| v.0 * PASCAL_PER_KPA).collect(),
+                angle: values.iter().map(|v| v.1.to_radians()).collect(),
+                ..Recording::default()
+            };
+            let (back, _) = parse(&to_csv(&recording, &[])).unwrap();
+            for k in 0..values.len() {
+                prop_assert!((back.pressure[k] - recording.pressure[k]).abs() < 0.1);
+                prop_assert!((back.angle[k] - recording.angle[k]).abs() < 1e-5);
+            }
+        }
+    }
+}

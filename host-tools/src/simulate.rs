@@ -1,0 +1,326 @@
+//! Runs a model over the pressure of a recording.
+//!
+//! Between its samples the pressure is interpolated, never held: a recorder
+//! samples a continuous signal, and holding each sample until the next delays
+//! the input by half an interval. On the Silverbox oscillator (a public
+//! benchmark with a band-limited input) even the right model misses by 13 mV
+//! with held samples and by a small part of that with interpolated ones.
+
+use model_core::actuator::{Model, Rates, State};
+use model_core::input::Input;
+use model_core::integrate::{Scheme, step};
+use model_core::power::Power;
+use model_core::real::Real;
+
+use crate::recording::Recording;
+
+/// An angle [rad] at which a run counts as diverged: no actuator bends this
+/// far, and going on would only produce infinities.
+const DIVERGED: f64 = 200.0;
+
+/// The most integration steps in one sampling interval.
+const MOST_SUBSTEPS: usize = 64;
+
+/// Pressure of a recording as a continuous signal: a cubic Hermite spline
+/// through the samples with slopes from their neighbours (Catmull–Rom on an
+/// even grid), constant beyond both ends.
+#[derive(Clone, Debug)]
+pub struct Signal {
+    time: Vec<f64>,
+    value: Vec<f64>,
+    /// Slope at each sample [Pa/s].
+    slope: Vec<f64>,
+}
+
+impl Signal {
+    /// Creates the signal of a recording's pressure.
+    pub fn pressure(recording: &Recording) -> Self {
+        Self::new(recording.time.clone(), recording.pressure.clone())
+    }
+
+    /// Creates a signal through samples at increasing times.
+    pub fn new(time: Vec<f64>, value: Vec<f64>) -> Self {
+        let slope = slopes(&time, &value);
+        Self { time, value, slope }
+    }
+
+    /// The interval that holds `time`, searched from `hint`: neighbouring
+    /// calls ask for neighbouring times.
+    fn interval(&self, time: f64, hint: usize) -> usize {
+        let last = self.time.len().saturating_sub(2);
+        let mut k = hint.min(last);
+        while k > 0 && self.time[k] > time {
+            k -= 1;
+        }
+        while k < last && self.time[k + 1] <= time {
+            k += 1;
+        }
+        k
+    }
+
+    /// The value `offset` seconds after sample `start`.
+    fn at<R: Real + FromF64>(&self, start: usize, offset: R) -> R {
+        let first = self.time[0] - self.time[start];
+        let last = self.time[self.time.len() - 1] - self.time[start];
+        let position = offset.to_f64();
+        if position <= first {
+            return R::from_f64(self.value[0]);
+        }
+        if position >= last {
+            return R::from_f64(self.value[self.value.len() - 1]);
+        }
+        let k = self.interval(self.time[start] + position, start);
+        let width = self.time[k + 1] - self.time[k];
+        let begin = self.time[k] - self.time[start];
+        let u = (offset - R::from_f64(begin)) * R::from_f64(1.0 / width);
+        let rise = self.value[k + 1] - self.value[k];
+        let (m0, m1) = (self.slope[k] * width, self.slope[k + 1] * width);
+        let c2 = R::from_f64(3.0 * rise - 2.0 * m0 - m1);
+        let c3 = R::from_f64(m0 + m1 - 2.0 * rise);
+        R::from_f64(self.value[k]) + u * (R::from_f64(m0) + u * (c2 + u * c3))
+    }
+}
+
+/// Slopes of a cubic Hermite spline: the derivative of the parabola through
+/// each sample and its two neighbours.
+fn slopes(time: &[f64], value: &[f64]) -> Vec<f64> {
+    let count = time.len();
+    let secant = |k: usize| (value[k + 1] - value[k]) / (time[k + 1] - time[k]);
+    (0..count)
+        .map(|k| {
+            if count < 2 {
+                0.0
+            } else if k == 0 {
+                secant(0)
+            } else if k == count - 1 {
+                secant(count - 2)
+            } else {
+                let (before, after) = (time[k] - time[k - 1], time[k + 1] - time[k]);
+                (after * secant(k - 1) + before * secant(k)) / (before + after)
+            }
+        })
+        .collect()
+}
+
+/// Scalars that recorded numbers can become.
+pub trait FromF64: Real {
+    /// Converts a recorded number.
+    fn from_f64(value: f64) -> Self;
+    /// The value, without derivatives.
+    fn to_f64(self) -> f64;
+}
+
+impl FromF64 for f64 {
+    fn from_f64(value: f64) -> Self {
+        value
+    }
+    fn to_f64(self) -> f64 {
+        self
+    }
+}
+
+impl FromF64 for f32 {
+    #[allow(clippy::cast_possible_truncation)]
+    fn from_f64(value: f64) -> Self {
+        value as f32
+    }
+    fn to_f64(self) -> f64 {
+        f64::from(self)
+    }
+}
+
+impl<const N: usize> FromF64 for crate::dual::Dual<N> {
+    fn from_f64(value: f64) -> Self {
+        Self::constant(value)
+    }
+    fn to_f64(self) -> f64 {
+        self.value
+    }
+}
+
+/// The pressure around one integration step.
+struct Around<'a, R> {
+    signal: &'a Signal,
+    start: usize,
+    /// Time from the sample to the start of the step [s].
+    begin: R,
+}
+
+impl<R: Real + FromF64> Input<R> for Around<'_, R> {
+    fn pressure(&self, offset: R) -> R {
+        self.signal.at(self.start, self.begin + offset)
+    }
+}
+
+/// Where a run starts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Start<R> {
+    /// Bending angle [rad].
+    pub angle: R,
+    /// Angular rate [rad/s].
+    pub rate: R,
+}
+
+/// A simulated run, one entry a sample of the recording.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Trajectory<R> {
+    /// What the sensor shows [rad].
+    pub reading: Vec<R>,
+    /// Whether the run left all bounds; the rest is then held.
+    pub diverged: bool,
+}
+
+/// Integration steps for each sampling interval of `interval` seconds that
+/// resolve the model's own rates over angles up to `angle` [rad].
+///
+/// RK4 loses phase as (ωh)⁴/120 and is stable to λh = 2.78: a fifth of a
+/// radian keeps the phase within 2·10⁻⁵, λh ≤ 1 keeps fast decays faithful.
+pub fn substeps<R: FromF64, P: Power<R>>(model: &Model<R, P>, interval: f64, angle: f64) -> usize {
+    let Rates {
+        stiffness,
+        relaxation,
+    } = model.fastest_rate(R::from_f64(angle));
+    let oscillation = stiffness.to_f64().max(0.0).sqrt() * interval / 0.2;
+    let decay = relaxation.to_f64().max(0.0) * interval;
+    let needed = oscillation.max(decay).ceil();
+    if needed.is_finite() {
+        // Both ends of the clamp fit in a usize.
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let steps = needed.clamp(1.0, MOST_SUBSTEPS as f64) as usize;
+        steps
+    } else {
+        MOST_SUBSTEPS
+    }
+}
+
+/// Simulates `model` over the pressure in `signal`, from `start`, with
+/// `substeps` RK4 steps between samples.
+pub fn run<R: FromF64, P: Power<R>>(
+    model: &Model<R, P>,
+    signal: &Signal,
+    start: Start<R>,
+    substeps: usize,
+) -> Trajectory<R> {
+    let mut state: State<R> = model.moving(start.angle, start.rate, R::from_f64(signal.value[0]));
+    let mut reading = Vec::with_capacity(signal.time.len());
+    reading.push(model.reading(&state));
+    let mut diverged = false;
+    for sample in 1..signal.time.len() {
+        if !diverged {
+            let interval = signal.time[sample] - signal.time[sample - 1];
+            let dt = R::from_f64(interval / substeps as f64);
+            for part in 0..substeps {
+                let around = Around {
+                    signal,
+                    start: sample - 1,
+                    begin: R::from_f64(interval * part as f64 / substeps as f64),
+                };
+                step(Scheme::Rk4, model, &mut state, &around, dt);
+            }
+            diverged = !state.angle.is_finite() || state.angle.to_f64().abs() > DIVERGED;
+        }
+        reading.push(if diverged {
+            R::from_f64(DIVERGED)
+        } else {
+            model.reading(&state)
+        });
+    }
+    Trajectory { reading, diverged }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use model_core::actuator::Dynamics;
+
+    fn oscillator() -> Model<f64> {
+        Model::new(
+            Dynamics {
+                inertia: 1.0,
+                damping: 0.4,
+                stiffness: 9.0,
+                exponent: 1.0,
+                input_gain: 1.0,
+            },
+            &[],
+        )
+        .unwrap()
+    }
+
+    /// The exact response of a damped oscillator to sin(ωt), sampled coarsely:
+    /// interpolation has to beat a hold by an order of magnitude.
+    #[test]
+    fn coarse_samples_of_a_sine_give_the_exact_forced_response() {
+        let omega = 4.0;
+        let interval = 0.08;
+        let time: Vec<f64> = (0..400).map(|k| f64::from(k) * interval).collect();
+        let pressure: Vec<f64> = time.iter().map(|t| (omega * t).sin()).collect();
+        let signal = Signal::new(time.clone(), pressure);
+        let model = oscillator();
+        let end = run(
+            &model,
+            &signal,
+            Start {
+                angle: 0.0,
+                rate: 0.0,
+            },
+            4,
+        );
+        let (real, imaginary) = (9.0 - omega * omega, 0.4 * omega);
+        let power = real * real + imaginary * imaginary;
+        let worst = (350..400)
+            .map(|k| {
+                let phase = omega * time[k];
+                let exact = (real * phase.sin() - imaginary * phase.cos()) / power;
+                (end.reading[k] - exact).abs()
+            })
+            .fold(0.0, f64::max);
+        // A hold would be late by half an interval: ω·0.04 s of the amplitude.
+        let hold = omega * interval / 2.0 / power.sqrt();
+        assert!(worst < 0.1 * hold, "{worst} against {hold}");
+    }
+
+    #[test]
+    fn uneven_samples_and_gaps_are_integrated_in_time() {
+        let model = oscillator();
+        let even = Signal::new(
+            (0..=100).map(|k| f64::from(k) * 0.02).collect(),
+            vec![2.0; 101],
+        );
+        let uneven = Signal::new(vec![0.0, 0.01, 0.02, 1.0, 1.98, 2.0], vec![2.0; 6]);
+        let start = Start {
+            angle: 0.1,
+            rate: 0.0,
+        };
+        let a = run(&model, &even, start, 4);
+        let b = run(&model, &uneven, start, 64);
+        assert!((a.reading[100] - b.reading[5]).abs() < 1e-6);
+    }
+
+    #[test]
+    fn divergence_is_reported_and_finite() {
+        let model: Model<f64> = Model::new(
+            Dynamics {
+                inertia: 1e-6,
+                damping: 1.0,
+                stiffness: 1e6,
+                exponent: 3.0,
+                input_gain: 1.0,
+            },
+            &[],
+        )
+        .unwrap();
+        let signal = Signal::new((0..50).map(|k| f64::from(k) * 0.1).collect(), vec![1e9; 50]);
+        let end = run(
+            &model,
+            &signal,
+            Start {
+                angle: 0.0,
+                rate: 0.0,
+            },
+            1,
+        );
+        assert!(end.diverged);
+        assert!(end.reading.iter().all(|angle| angle.is_finite()));
+    }
+}

@@ -1,0 +1,197 @@
+//! Small statistics of sampled signals: medians, autocorrelation, and the
+//! noise that a recording carries.
+
+/// The median; NaN for an empty slice. Reorders `values`.
+pub fn median(values: &mut [f64]) -> f64 {
+    if values.is_empty() {
+        return f64::NAN;
+    }
+    let middle = values.len() / 2;
+    let odd = values.len() % 2 == 1;
+    let (below, upper, _) = values.select_nth_unstable_by(middle, f64::total_cmp);
+    let upper = *upper;
+    if odd {
+        return upper;
+    }
+    let lower = below.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    f64::midpoint(lower, upper)
+}
+
+/// Root of the mean square; zero for an empty slice.
+pub fn rms(values: &[f64]) -> f64 {
+    if values.is_empty() {
+        return 0.0;
+    }
+    (values.iter().map(|value| value * value).sum::<f64>() / values.len() as f64).sqrt()
+}
+
+/// The mean; zero for an empty slice.
+pub fn mean(values: &[f64]) -> f64 {
+    if values.is_empty() {
+        return 0.0;
+    }
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+/// Sum of products of samples `lag` apart.
+fn lagged(values: &[f64], lag: usize) -> f64 {
+    values
+        .iter()
+        .zip(values.iter().skip(lag))
+        .map(|(a, b)| a * b)
+        .sum()
+}
+
+/// How many samples of correlated series count as one: the integrated
+/// autocorrelation time 1 + 2 Σ ρ(k) over all `runs` together, summed to the
+/// first lag at which the correlation has died away. At least 1.
+///
+/// A residual of 10 000 samples that wanders with a correlation time of one
+/// second says as much as a few hundred independent ones; every test that
+/// counts samples has to count those.
+pub fn correlation_time<'a>(runs: impl Iterator<Item = &'a [f64]> + Clone) -> f64 {
+    let power: f64 = runs.clone().map(|run| lagged(run, 0)).sum();
+    let longest = runs.clone().map(<[f64]>::len).max().unwrap_or(0);
+    if power <= 0.0 {
+        return 1.0;
+    }
+    let mut time = 1.0;
+    for lag in 1..longest / 2 {
+        let correlation = runs.clone().map(|run| lagged(run, lag)).sum::<f64>() / power;
+        // Below this the sum collects the noise of the estimate itself.
+        if correlation < 0.02 {
+            break;
+        }
+        time += 2.0 * correlation;
+    }
+    time
+}
+
+/// The standard deviation of the part of a residual that is *not* white: the
+/// root of the mean autocovariance at lags 1 to 5, where white noise has none.
+pub fn correlated_rms<'a>(runs: impl Iterator<Item = &'a [f64]> + Clone) -> f64 {
+    const LAGS: usize = 5;
+    let mut sum = 0.0;
+    let mut count = 0usize;
+    for run in runs {
+        for lag in 1..=LAGS.min(run.len().saturating_sub(1)) {
+            sum += lagged(run, lag);
+            count += run.len() - lag;
+        }
+    }
+    if count == 0 {
+        return 0.0;
+    }
+    (sum / count as f64).max(0.0).sqrt()
+}
+
+/// The standard deviation of white noise on a smooth signal, from differences
+/// of high order.
+///
+/// Differencing `m` times multiplies white noise by the root of the binomial
+/// (2m over m) and a smooth signal by a small power of its frequency. Each
+/// order gives an estimate that the signal can only raise, so the smallest one
+/// is taken: what is returned is an upper bound of the noise that becomes
+/// tight when the sampling is fast against the motion.
+pub fn noise_by_differences(values: &[f64]) -> f64 {
+    const ORDERS: usize = 8;
+    let mut difference = values.to_vec();
+    let mut gain = 1.0;
+    let mut best = f64::INFINITY;
+    for order in 1..=ORDERS {
+        for k in 0..difference.len().saturating_sub(1) {
+            difference[k] = difference[k + 1] - difference[k];
+        }
+        difference.pop();
+        if difference.len() < 8 {
+            break;
+        }
+        let m = order as f64;
+        gain *= (2.0 * m) * (2.0 * m - 1.0) / (m * m);
+        if order >= 2 {
+            best = best.min(rms(&difference) / f64::sqrt(gain));
+        }
+    }
+    if best.is_finite() { best } else { 0.0 }
+}
+
+/// The smallest step between different values of a signal, if the signal moves
+/// on a grid: the resolution of its converter. Zero if there is no grid.
+pub fn quantum(values: &[f64]) -> f64 {
+    let mut sorted: Vec<f64> = values.to_vec();
+    sorted.sort_unstable_by(f64::total_cmp);
+    let span = sorted.last().unwrap_or(&0.0) - sorted.first().unwrap_or(&0.0);
+    let mut steps: Vec<f64> = sorted
+        .windows(2)
+        .map(|pair| pair[1] - pair[0])
+        .filter(|step| *step > 1e-6 * span)
+        .collect();
+    // A grid shows as many samples on few levels.
+    if steps.is_empty() || steps.len() * 2 > values.len() {
+        return 0.0;
+    }
+    median(&mut steps)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    fn white(count: usize, seed: u64) -> Vec<f64> {
+        let mut random = rand_pcg::Pcg64Mcg::seed_from_u64(seed);
+        (0..count)
+            .map(|_| StandardNormal.sample(&mut random))
+            .collect()
+    }
+
+    #[test]
+    fn median_of_odd_even_and_nothing() {
+        assert!((median(&mut [3.0, 1.0, 2.0]) - 2.0).abs() < 1e-15);
+        assert!((median(&mut [4.0, 1.0, 2.0, 3.0]) - 2.5).abs() < 1e-15);
+        assert!(median(&mut []).is_nan());
+    }
+
+    #[test]
+    fn noise_on_a_smooth_signal_is_found_and_the_signal_ignored() {
+        let noise = white(3_000, 1);
+        let signal: Vec<f64> = noise
+            .iter()
+            .enumerate()
+            .map(|(k, n)| 50.0 * (k as f64 * 0.03).sin() + 0.4 * n)
+            .collect();
+        let estimate = noise_by_differences(&signal);
+        assert!((estimate - 0.4).abs() < 0.02, "{estimate}");
+        let clean: Vec<f64> = (0..3_000)
+            .map(|k| 50.0 * (f64::from(k) * 0.03).sin())
+            .collect();
+        assert!(noise_by_differences(&clean) < 1e-6);
+    }
+
+    #[test]
+    fn correlation_time_of_white_and_of_filtered_noise() {
+        let noise = white(50_000, 2);
+        let time = correlation_time(std::iter::once(noise.as_slice()));
+        assert!((time - 1.0).abs() < 0.1, "{time}");
+        assert!(correlated_rms(std::iter::once(noise.as_slice())) < 0.06);
+        // A first-order filter with pole a has the correlation time (1+a)/(1−a).
+        let mut filtered = vec![0.0; noise.len()];
+        for k in 1..noise.len() {
+            filtered[k] = 0.8 * filtered[k - 1] + noise[k];
+        }
+        let time = correlation_time(std::iter::once(filtered.as_slice()));
+        assert!((time - 9.0).abs() < 0.9, "{time}");
+    }
+
+    #[test]
+    fn quantum_of_a_ten_bit_signal() {
+        let step = 90.0 / 341.0;
+        let signal: Vec<f64> = white(4_000, 3)
+            .iter()
+            .map(|n| (n * 3.0 / step).round() * step)
+            .collect();
+        assert!((quantum(&signal) - step).abs() < 1e-9);
+        assert!(quantum(&white(4_000, 4)) == 0.0);
+    }
+}
