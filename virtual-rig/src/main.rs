@@ -1,2 +1,116 @@
-//! The virtual rig.
-fn main() {}
+// SPDX-License-Identifier: GPL-3.0-or-later
+//! The virtual rig's command line.
+#![forbid(unsafe_code)]
+
+use std::{
+    io::{self, Write},
+    path::PathBuf,
+    process::ExitCode,
+};
+
+use anyhow::Context;
+use clap::{Parser, Subcommand};
+use virtual_rig::{Board, Image, State};
+use wire::stretch;
+
+/// The firmware image in a simulated ATmega2560
+#[derive(Parser)]
+#[command(version, about)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Runs an image: serial output to stdout, measured cycles to stderr
+    ///
+    /// Exit codes: 0 as asked, 1 bad image or crashed processor, 2 wrong
+    /// arguments, 3 the text of --until did not come.
+    Run {
+        /// The image that `cargo xtask firmware` builds
+        image: PathBuf,
+        /// Processor cycles to run at most; 16 million are a second
+        #[arg(long, value_name = "N", default_value_t = 320_000_000)]
+        cycles: u64,
+        /// Stop once the board has sent this text
+        #[arg(long, value_name = "TEXT")]
+        until: Option<String>,
+    },
+}
+
+/// Cycles between looks at the output: a millisecond.
+const LOOK_EVERY: u64 = 16_000;
+
+const TEXT_DID_NOT_COME: u8 = 3;
+
+fn main() -> ExitCode {
+    let Command::Run {
+        image,
+        cycles,
+        until,
+    } = Arguments::parse().command;
+    match run(&image, cycles, until.as_deref()) {
+        Ok(code) => code,
+        Err(error) => {
+            eprintln!("virtual-rig: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(path: &std::path::Path, cycles: u64, until: Option<&str>) -> anyhow::Result<ExitCode> {
+    let image = Image::read(path).with_context(|| format!("cannot load {}", path.display()))?;
+    let mut board = Board::new(&image)?;
+    let mut stdout = io::stdout().lock();
+    let mut seen = Vec::new();
+    loop {
+        let outcome = board.run(LOOK_EVERY.min(cycles.saturating_sub(board.cycle())));
+        let output = board.take_output();
+        match stdout.write_all(&output).and_then(|()| stdout.flush()) {
+            // Whoever read the output has seen enough.
+            Err(error) if error.kind() == io::ErrorKind::BrokenPipe => {
+                return Ok(ExitCode::SUCCESS);
+            }
+            result => result.context("cannot write the board's output")?,
+        }
+        for mark in board.take_marks() {
+            match stretch::name(mark.id) {
+                Some(name) => eprintln!("cycles {name} {}", mark.cycles),
+                None => eprintln!("cycles mark_{} {}", mark.id, mark.cycles),
+            }
+        }
+        let state = outcome?;
+        if let Some(text) = until {
+            seen.extend(output);
+            if contains(&seen, text.as_bytes()) {
+                return Ok(ExitCode::SUCCESS);
+            }
+            let keep = seen.len().saturating_sub(text.len());
+            seen.drain(..keep);
+        }
+        if state == State::Halted || board.cycle() >= cycles {
+            let why = match state {
+                State::Halted => "the processor halted",
+                State::Running => "the last cycle was reached",
+            };
+            return Ok(match until {
+                None => ExitCode::SUCCESS,
+                Some(text) => {
+                    eprintln!(
+                        "virtual-rig: {why} at cycle {} before the board sent {text:?}",
+                        board.cycle()
+                    );
+                    ExitCode::from(TEXT_DID_NOT_COME)
+                }
+            });
+        }
+    }
+}
+
+fn contains(haystack: &[u8], needle: &[u8]) -> bool {
+    needle.is_empty()
+        || haystack
+            .windows(needle.len())
+            .any(|window| window == needle)
+}

@@ -1,0 +1,107 @@
+//! Decimal numbers in text without floating-point formatting.
+//!
+//! `core::fmt` of one `f32` costs the board 32 KiB of flash; an integer with a
+//! fixed point costs a few hundred bytes.
+
+use ufmt::{Formatter, uDisplay, uWrite, uwrite};
+
+/// A number in thousandths, written with three decimals.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Thousandths(pub i32);
+
+impl Thousandths {
+    /// Rounds to the nearest thousandth, halves away from zero.
+    ///
+    /// Saturates at ±2 147 483.647; not-a-number becomes zero.
+    pub fn round(number: f32) -> Self {
+        let scaled = number * 1000.0;
+        // A cast saturates and maps not-a-number to zero, as documented.
+        #[allow(clippy::cast_possible_truncation)]
+        Self(
+            (if scaled < 0.0 {
+                scaled - 0.5
+            } else {
+                scaled + 0.5
+            }) as i32,
+        )
+    }
+}
+
+impl uDisplay for Thousandths {
+    fn fmt<W: uWrite + ?Sized>(&self, f: &mut Formatter<'_, W>) -> Result<(), W::Error> {
+        let size = self.0.unsigned_abs();
+        if self.0 < 0 {
+            f.write_char('-')?;
+        }
+        uwrite!(f, "{}.", size / 1000)?;
+        let fraction = size % 1000;
+        if fraction < 100 {
+            f.write_char('0')?;
+        }
+        if fraction < 10 {
+            f.write_char('0')?;
+        }
+        uwrite!(f, "{}", fraction)
+    }
+}
+
+/// A 32-bit word as eight hexadecimal digits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Word(pub u32);
+
+impl uDisplay for Word {
+    fn fmt<W: uWrite + ?Sized>(&self, f: &mut Formatter<'_, W>) -> Result<(), W::Error> {
+        for byte in self.0.to_be_bytes() {
+            f.write_char(digit(byte >> 4))?;
+            f.write_char(digit(byte & 0xf))?;
+        }
+        Ok(())
+    }
+}
+
+/// A hexadecimal digit, computed: a table of digits would live in the board's RAM.
+pub(crate) const fn digit(nibble: u8) -> char {
+    (if nibble < 10 {
+        b'0' + nibble
+    } else {
+        b'a' + nibble - 10
+    }) as char
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::{Thousandths, Word};
+    use crate::line::tests::Text;
+    use std::{format, string::String};
+    use ufmt::uwrite;
+
+    fn text(number: f32) -> String {
+        let mut out = Text::default();
+        uwrite!(out, "{}", Thousandths::round(number)).unwrap();
+        out.0
+    }
+
+    #[test]
+    fn writes_what_the_standard_library_would() {
+        for number in [
+            0.0, 0.5, 17.188_734, -0.012_4, 999.999_5, -1234.5, 0.1, 0.01,
+        ] {
+            assert_eq!(text(number), format!("{number:.3}"), "{number}");
+        }
+    }
+
+    #[test]
+    fn saturates_and_has_no_not_a_number() {
+        assert_eq!(text(1e12), "2147483.647");
+        assert_eq!(text(-1e12), "-2147483.648");
+        assert_eq!(text(f32::NAN), "0.000");
+    }
+
+    #[test]
+    fn words_keep_their_leading_zeros() {
+        let mut out = Text::default();
+        uwrite!(out, "{}", Word(0x0e9a_b0cd)).unwrap();
+        assert_eq!(out.0, "0e9ab0cd");
+    }
+}

@@ -1,0 +1,184 @@
+//! A line of text that a person can read and a program can trust.
+//!
+//! `text *hhhh` and a line end: `hhhh` is the checksum of everything before the
+//! space, in hexadecimal.
+
+use core::fmt;
+
+use ufmt::uWrite;
+
+use crate::{checksum::Crc16, decimal::digit};
+
+/// Writes one line and its checksum.
+///
+/// # Examples
+///
+/// ```
+/// use ufmt::uwrite;
+/// use wire::line::{self, Sealed};
+/// # struct Out(String);
+/// # impl ufmt::uWrite for Out {
+/// #     type Error = core::convert::Infallible;
+/// #     fn write_str(&mut self, s: &str) -> Result<(), Self::Error> { self.0.push_str(s); Ok(()) }
+/// # }
+/// # let mut out = Out(String::new());
+///
+/// let mut line = Sealed::new(&mut out);
+/// uwrite!(line, "angle {}", 12)?;
+/// line.finish()?;
+/// assert_eq!(line::open(&out.0), Ok("angle 12"));
+/// # Ok::<(), core::convert::Infallible>(())
+/// ```
+#[derive(Debug)]
+pub struct Sealed<'w, W: ?Sized> {
+    out: &'w mut W,
+    crc: Crc16,
+}
+
+impl<'w, W: uWrite + ?Sized> Sealed<'w, W> {
+    /// Creates a line that goes to `out`.
+    pub fn new(out: &'w mut W) -> Self {
+        Self {
+            out,
+            crc: Crc16::new(),
+        }
+    }
+
+    /// Writes the checksum and the line end.
+    ///
+    /// # Errors
+    ///
+    /// Those of the output.
+    pub fn finish(self) -> Result<(), W::Error> {
+        self.out.write_str(" *")?;
+        for byte in self.crc.value().to_be_bytes() {
+            self.out.write_char(digit(byte >> 4))?;
+            self.out.write_char(digit(byte & 0xf))?;
+        }
+        self.out.write_str("\r\n")
+    }
+}
+
+impl<W: uWrite + ?Sized> uWrite for Sealed<'_, W> {
+    type Error = W::Error;
+
+    fn write_str(&mut self, text: &str) -> Result<(), W::Error> {
+        for byte in text.bytes() {
+            self.crc.update(byte);
+        }
+        self.out.write_str(text)
+    }
+}
+
+/// Why a line cannot be trusted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum LineError {
+    /// It does not end in ` *` and four hexadecimal digits.
+    NoChecksum,
+    /// The text was damaged on the way.
+    WrongChecksum {
+        /// The checksum at the end of the line.
+        stated: u16,
+        /// The checksum of the text that arrived.
+        computed: u16,
+    },
+}
+
+impl fmt::Display for LineError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NoChecksum => {
+                f.write_str("expected a line that ends in ` *` and four hex digits")
+            }
+            Self::WrongChecksum { stated, computed } => write!(
+                f,
+                "checksum {stated:04x} stated but {computed:04x} computed: the line was damaged"
+            ),
+        }
+    }
+}
+
+impl core::error::Error for LineError {}
+
+/// Returns the text of a sealed line, once its checksum is right.
+///
+/// # Errors
+///
+/// [`LineError`] when the checksum is missing or wrong.
+pub fn open(line: &str) -> Result<&str, LineError> {
+    let (text, checksum) = line
+        .trim_end_matches(['\r', '\n'])
+        .rsplit_once(" *")
+        .filter(|(_, digits)| {
+            digits.len() == 4 && digits.bytes().all(|byte| byte.is_ascii_hexdigit())
+        })
+        .ok_or(LineError::NoChecksum)?;
+    let stated = u16::from_str_radix(checksum, 16).map_err(|_| LineError::NoChecksum)?;
+    let computed = Crc16::of(text.as_bytes()).value();
+    if stated == computed {
+        Ok(text)
+    } else {
+        Err(LineError::WrongChecksum { stated, computed })
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    extern crate std;
+    use super::{LineError, Sealed, open};
+    use proptest::prelude::*;
+    use std::{string::String, vec::Vec};
+    use ufmt::uWrite;
+
+    /// Text in memory.
+    #[derive(Default)]
+    pub(crate) struct Text(pub String);
+
+    impl uWrite for Text {
+        type Error = core::convert::Infallible;
+
+        fn write_str(&mut self, text: &str) -> Result<(), Self::Error> {
+            self.0.push_str(text);
+            Ok(())
+        }
+    }
+
+    pub(crate) fn sealed(text: &str) -> String {
+        let mut out = Text::default();
+        let mut line = Sealed::new(&mut out);
+        line.write_str(text).unwrap();
+        line.finish().unwrap();
+        out.0
+    }
+
+    proptest! {
+        #[test]
+        fn opens_what_was_sealed(text in "[ -~]{0,80}") {
+            let line = sealed(&text);
+            prop_assert_eq!(open(&line), Ok(text.as_str()));
+        }
+
+        #[test]
+        fn notices_any_flipped_bit(text in "[ -~]{1,60}", place: prop::sample::Index, bit in 0..7u8) {
+            let mut bytes: Vec<u8> = sealed(&text).trim_end().into();
+            let place = place.index(text.len());
+            bytes[place] ^= 1 << bit;
+            let damaged = String::from_utf8(bytes).unwrap();
+            prop_assert!(open(&damaged).is_err());
+        }
+    }
+
+    #[test]
+    fn says_what_is_missing() {
+        for line in [
+            "",
+            "angle 12",
+            "angle 12 *12",
+            "angle 12 *12g4",
+            "angle 12 *+123",
+        ] {
+            assert_eq!(open(line), Err(LineError::NoChecksum), "{line}");
+        }
+    }
+}
