@@ -1,4 +1,4 @@
-//! Links avr-libc's float routines and the memory limits into the board's image.
+//! Gives the linker the memory limits of the board.
 
 use std::{env, path::PathBuf};
 
@@ -7,9 +7,6 @@ fn main() {
     if env::var("CARGO_CFG_TARGET_ARCH").as_deref() != Ok("avr") {
         return;
     }
-    // avr-libc's assembly replaces the weak, four to seven times slower float
-    // helpers of compiler_builtins, with the same bits.
-    println!("cargo::rustc-link-lib=m");
     let limits = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../memory.x");
     println!("cargo::rustc-link-arg-bins={}", limits.display());
     println!("cargo::rerun-if-changed={}", limits.display());

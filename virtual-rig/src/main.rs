@@ -33,7 +33,7 @@ enum Command {
         /// Processor cycles to run at most; 16 million are a second
         #[arg(long, value_name = "N", default_value_t = 320_000_000)]
         cycles: u64,
-        /// Stop once the board has sent this text
+        /// Stop after the first line that contains this text
         #[arg(long, value_name = "TEXT")]
         until: Option<String>,
     },
@@ -83,11 +83,12 @@ fn run(path: &std::path::Path, cycles: u64, until: Option<&str>) -> anyhow::Resu
         let state = outcome?;
         if let Some(text) = until {
             seen.extend(output);
-            if contains(&seen, text.as_bytes()) {
-                return Ok(ExitCode::SUCCESS);
+            while let Some(end) = seen.iter().position(|&byte| byte == b'\n') {
+                let line: Vec<u8> = seen.drain(..=end).collect();
+                if contains(&line, text.as_bytes()) {
+                    return Ok(ExitCode::SUCCESS);
+                }
             }
-            let keep = seen.len().saturating_sub(text.len());
-            seen.drain(..keep);
         }
         if state == State::Halted || board.cycle() >= cycles {
             let why = match state {

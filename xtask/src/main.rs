@@ -1,2 +1,111 @@
 //! Set-up, demo, test, flash, bench and ci.
-fn main() {}
+//!
+//! Everything that takes more than one plain cargo command is a task here, in
+//! Rust on the standard library alone: it compiles in a second on a machine that
+//! has nothing yet, and runs the same everywhere.
+#![forbid(unsafe_code)]
+
+mod avr;
+mod bench;
+mod demo;
+mod setup;
+mod shell;
+mod test;
+
+use std::{env, process::ExitCode};
+
+use setup::Mode;
+use shell::{Outcome, root, run};
+use test::Scope;
+
+const HELP: &str = "\
+Tasks of the softrig workspace
+
+Usage: cargo xtask <TASK> [OPTIONS]
+
+Tasks:
+  setup [--dry-run]      install what the board and the simulator need
+  demo                   simulate, diagnose, repair; says where the picture is
+  test [--host-only]     everything that must hold before a change goes in
+  ci                     the same, as continuous integration runs it
+  firmware               build the image, check it, print its size
+  size                   print the size of the image
+  bench [host | board]   our solver beside SciPy's; cycles on the board
+  flash --port PORT      put the image on a board and show what it says
+
+Examples:
+  cargo xtask setup --dry-run
+  cargo xtask test --host-only
+  cargo xtask bench board
+  cargo xtask flash --port /dev/ttyACM0
+";
+
+/// Exit code for a command line that makes no sense.
+const USAGE: u8 = 2;
+
+fn main() -> ExitCode {
+    let words: Vec<String> = env::args().skip(1).collect();
+    let words: Vec<&str> = words.iter().map(String::as_str).collect();
+    let result = match words.as_slice() {
+        [] => return usage("no task was given"),
+        ["help" | "-h" | "--help"] | [_, "-h" | "--help"] => {
+            print!("{HELP}");
+            return ExitCode::SUCCESS;
+        }
+        ["setup"] => setup::setup(Mode::Install),
+        ["setup", "--dry-run"] => setup::setup(Mode::DryRun),
+        ["demo"] => demo::demo(),
+        ["test" | "ci"] => test::test(Scope::Everything),
+        ["test", "--host-only"] => test::test(Scope::Host),
+        ["firmware"] => firmware(),
+        ["size"] => avr::build().and_then(|image| avr::print_size(&image)),
+        ["bench"] => bench::host().and_then(|()| bench::board()),
+        ["bench", "host"] => bench::host(),
+        ["bench", "board"] => bench::board(),
+        ["flash", "--port", port] => flash(port),
+        ["flash", ..] => return usage("flash needs --port PORT, for example /dev/ttyACM0"),
+        [task, ..]
+            if ["setup", "demo", "test", "ci", "firmware", "size", "bench"].contains(task) =>
+        {
+            return usage(&format!("{task} does not take these options"));
+        }
+        [task, ..] => return usage(&format!("there is no task {task:?}")),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("xtask: {failure}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn usage(problem: &str) -> ExitCode {
+    eprintln!("xtask: {problem}\n\n{HELP}");
+    ExitCode::from(USAGE)
+}
+
+fn firmware() -> Outcome {
+    let image = avr::build()?;
+    avr::gates(&image)?;
+    avr::print_size(&image)?;
+    println!("  {}", image.display());
+    Ok(())
+}
+
+fn flash(port: &str) -> Outcome {
+    if !shell::has_program("ravedude") {
+        return Err(
+            "flashing needs ravedude and avrdude: `sudo apt-get install avrdude libudev-dev \
+             pkg-config`, then `cargo install ravedude`"
+                .into(),
+        );
+    }
+    let image = avr::build()?;
+    avr::gates(&image)?;
+    avr::print_size(&image)?;
+    run(std::process::Command::new("ravedude")
+        .args(["-P", port])
+        .arg(&image)
+        .current_dir(root().join("firmware")))
+}

@@ -1,0 +1,355 @@
+//! Finding what is missing and installing it.
+//!
+//! Three things are needed beyond stable Rust: a compiler with the library source
+//! that avr-none is built from, avr-gcc as its linker, and simavr. Each is looked
+//! for first, so that a second run does nothing.
+
+use std::{
+    env, fs,
+    io::IsTerminal,
+    path::{Path, PathBuf},
+    process::Command,
+    time::{Duration, Instant},
+};
+
+use crate::{
+    avr::{self, Version},
+    shell::{self, Outcome, has_program, read, run_quietly, seconds},
+};
+
+/// How long a download may take before the next source is tried.
+const DOWNLOAD_LIMIT: Duration = Duration::from_secs(90);
+const INSTALL_LIMIT: Duration = Duration::from_secs(600);
+
+/// What `setup` may do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mode {
+    /// Install what is missing.
+    Install,
+    /// Only say what would be installed.
+    DryRun,
+}
+
+/// Something that a task needs.
+struct Need {
+    what: &'static str,
+    present: fn() -> bool,
+    /// Debian packages that bring it.
+    debian: &'static [&'static str],
+}
+
+const NEEDS: &[Need] = &[
+    Need {
+        what: "a C compiler",
+        present: || has_program("cc"),
+        debian: &["gcc", "libc6-dev"],
+    },
+    Need {
+        what: "pkg-config",
+        present: || has_program("pkg-config"),
+        debian: &["pkg-config"],
+    },
+    Need {
+        what: "avr-gcc with binutils",
+        present: || has_program("avr-gcc") && has_program("avr-nm") && has_program("avr-size"),
+        debian: &["gcc-avr", "binutils-avr"],
+    },
+    Need {
+        what: "avr-libc",
+        // Without the library avr-gcc answers with the bare name.
+        present: || {
+            read(Command::new("avr-gcc").args(["-mmcu=atmega2560", "-print-file-name=libm.a"]))
+                .is_ok_and(|path| Path::new(&path).is_absolute())
+        },
+        debian: &["avr-libc"],
+    },
+    Need {
+        what: "simavr with headers",
+        present: || read(Command::new("pkg-config").args(["--exists", "simavr >= 1.6"])).is_ok(),
+        debian: &["libsimavr-dev", "libelf-dev"],
+    },
+];
+
+/// Debian packages with a compiler, its cargo and the library source. The first
+/// set is what Debian 12 keeps current for browsers.
+const DEBIAN_RUST: [[&str; 3]; 2] = [
+    ["rustc-web", "cargo-web", "rust-web-src"],
+    ["rustc", "cargo", "rust-src"],
+];
+
+/// Installs what is missing, or says what would be.
+pub fn setup(mode: Mode) -> Outcome {
+    let started = Instant::now();
+    let missing: Vec<&Need> = NEEDS.iter().filter(|need| !(need.present)()).collect();
+    let linked = avr::is_linked();
+    if missing.is_empty() && linked {
+        println!("setup: nothing to do ({})", seconds(started.elapsed()));
+        return Ok(());
+    }
+
+    let mut apt = Apt::new(mode);
+    if !missing.is_empty() {
+        let what: Vec<&str> = missing.iter().map(|need| need.what).collect();
+        let packages: Vec<&str> = missing
+            .iter()
+            .flat_map(|need| need.debian)
+            .copied()
+            .collect();
+        println!("setup: missing {}", what.join(", "));
+        if !has_program("apt-get") {
+            return Err(format!(
+                "no apt-get here: install {} with this system's package manager, then run \
+                 `cargo xtask setup` again. On Debian and Ubuntu the packages are: {}",
+                what.join(", "),
+                packages.join(" ")
+            )
+            .into());
+        }
+        apt.install(&packages)?;
+    }
+    if !linked {
+        match compiler(&mut apt)? {
+            Some(bin) => {
+                let began = Instant::now();
+                if mode == Mode::Install {
+                    avr::link(&bin)?;
+                }
+                report(
+                    mode,
+                    &format!("link toolchain {} to {}", avr::TOOLCHAIN, bin.display()),
+                    began,
+                );
+            }
+            None => report(
+                mode,
+                &format!("link toolchain {} to what was installed", avr::TOOLCHAIN),
+                Instant::now(),
+            ),
+        }
+    }
+    if mode == Mode::DryRun {
+        println!("setup: dry run, nothing was changed");
+        return Ok(());
+    }
+    if let Some(need) = NEEDS.iter().find(|need| !(need.present)()) {
+        return Err(format!(
+            "{} is still missing after its packages ({}) were installed",
+            need.what,
+            need.debian.join(" ")
+        )
+        .into());
+    }
+    if !avr::is_linked() {
+        return Err(format!("toolchain {} was linked but does not work", avr::TOOLCHAIN).into());
+    }
+    println!("setup: done in {}", seconds(started.elapsed()));
+    Ok(())
+}
+
+fn report(mode: Mode, what: &str, began: Instant) {
+    match mode {
+        Mode::Install => println!("setup: {what}: {}", seconds(began.elapsed())),
+        Mode::DryRun => println!("setup: would {what}"),
+    }
+}
+
+/// Finds or installs a compiler for the board and returns its folder; nothing in
+/// a dry run that would install one.
+fn compiler(apt: &mut Apt) -> Outcome<Option<PathBuf>> {
+    if let Some(bin) = installed_compiler() {
+        return Ok(Some(bin));
+    }
+    // Someone who switched rustup's downloads off is asked last.
+    let reluctant = env::var("RUSTUP_AUTO_INSTALL").is_ok_and(|value| value == "0");
+    let mut failures = Vec::new();
+    let sources: [fn(&mut Apt) -> Outcome; 2] = if reluctant {
+        [rust_from_debian, rust_from_rustup]
+    } else {
+        [rust_from_rustup, rust_from_debian]
+    };
+    for source in sources {
+        match source(apt) {
+            Ok(()) if apt.mode == Mode::DryRun => return Ok(None),
+            Ok(()) => match installed_compiler() {
+                Some(bin) => return Ok(Some(bin)),
+                None => failures.push("it was installed but cannot be found".to_owned()),
+            },
+            Err(failure) => {
+                println!("setup: {failure}");
+                failures.push(failure.0);
+            }
+        }
+    }
+    Err(format!(
+        "no compiler for the board: it takes Rust {}.{} or newer with its library source.\n\
+         Try one of\n  rustup toolchain install {} --profile minimal --component rust-src\n  \
+         apt-get install --no-install-recommends {}\nthen `cargo xtask setup` again",
+        avr::OLDEST.0,
+        avr::OLDEST.1,
+        avr::TESTED,
+        DEBIAN_RUST[0].join(" "),
+    )
+    .into())
+}
+
+/// The folder of the best compiler that is already here: the tested version if
+/// there is one, else the oldest that will do.
+fn installed_compiler() -> Option<PathBuf> {
+    let tested = Version::parse(avr::TESTED);
+    let mut found: Vec<(bool, Version, PathBuf)> = rustup_toolchains()
+        .into_iter()
+        .map(|folder| folder.join("bin"))
+        .chain([PathBuf::from("/usr/bin")])
+        .filter(|bin| bin.join("cargo").is_file() && bin.join("rustdoc").is_file())
+        .filter_map(|bin| {
+            let version = avr::is_usable(&bin.join("rustc"))?;
+            Some((Some(version) != tested, version, bin))
+        })
+        .collect();
+    found.sort();
+    found.into_iter().next().map(|(_, _, bin)| bin)
+}
+
+fn rustup_toolchains() -> Vec<PathBuf> {
+    let home = env::var_os("RUSTUP_HOME")
+        .map(PathBuf::from)
+        .or_else(|| Some(PathBuf::from(env::var_os("HOME")?).join(".rustup")));
+    home.and_then(|home| fs::read_dir(home.join("toolchains")).ok())
+        .into_iter()
+        .flatten()
+        .flatten()
+        .filter(|entry| entry.file_name() != avr::TOOLCHAIN)
+        .map(|entry| entry.path())
+        .collect()
+}
+
+fn rust_from_rustup(apt: &mut Apt) -> Outcome {
+    if !has_program("rustup") {
+        return Err("no rustup here".into());
+    }
+    let began = Instant::now();
+    let mut command = Command::new("rustup");
+    command
+        .args(["toolchain", "install", avr::TESTED, "--profile", "minimal"])
+        .args(["--component", "rust-src", "--no-self-update"])
+        .env("RUSTUP_MAX_RETRIES", "1");
+    if apt.mode == Mode::Install {
+        run_quietly(&mut command, DOWNLOAD_LIMIT)
+            .map_err(|failure| format!("rustup cannot download Rust {}: {failure}", avr::TESTED))?;
+    }
+    report(apt.mode, &shell::text(&command), began);
+    Ok(())
+}
+
+fn rust_from_debian(apt: &mut Apt) -> Outcome {
+    if !has_program("apt-get") {
+        return Err("no apt-get here".into());
+    }
+    apt.update()?;
+    for packages in DEBIAN_RUST {
+        let candidates = packages.map(candidate);
+        let good = candidates
+            .iter()
+            .all(|version| version.is_some_and(|version| version >= avr::OLDEST));
+        if good {
+            return apt.install(&packages);
+        }
+    }
+    Err(format!(
+        "this system's packages have no Rust {}.{} with library source",
+        avr::OLDEST.0,
+        avr::OLDEST.1
+    )
+    .into())
+}
+
+fn candidate(package: &str) -> Option<Version> {
+    let policy = read(
+        Command::new("apt-cache")
+            .args(["policy", package])
+            .env("LC_ALL", "C"),
+    )
+    .ok()?;
+    let line = policy
+        .lines()
+        .find_map(|line| line.trim().strip_prefix("Candidate: "))?;
+    Version::parse(line)
+}
+
+/// Debian's installer, as root.
+struct Apt {
+    mode: Mode,
+    updated: bool,
+}
+
+impl Apt {
+    fn new(mode: Mode) -> Self {
+        Self {
+            mode,
+            updated: false,
+        }
+    }
+
+    /// Refreshes the package lists, once: an old list names versions that are
+    /// gone.
+    fn update(&mut self) -> Outcome {
+        if self.updated {
+            return Ok(());
+        }
+        self.apt(&["update"])?;
+        self.updated = true;
+        Ok(())
+    }
+
+    fn install(&mut self, packages: &[&str]) -> Outcome {
+        self.update()?;
+        let mut words = vec!["install", "-y", "--no-install-recommends"];
+        words.extend(packages);
+        self.apt(&words)
+    }
+
+    fn apt(&self, words: &[&str]) -> Outcome {
+        let began = Instant::now();
+        let line = format!("apt-get {}", words.join(" "));
+        if self.mode == Mode::Install {
+            let Some(mut command) = as_root() else {
+                return Err(format!(
+                    "this needs root and there is no sudo without a password here. Run\n  \
+                     sudo apt-get update\n  sudo {line}\nthen `cargo xtask setup` again"
+                )
+                .into());
+            };
+            // Another installer may be at work for a while.
+            command
+                .args(["apt-get", "-q", "-o", "DPkg::Lock::Timeout=120"])
+                .args(words);
+            run_quietly(&mut command, INSTALL_LIMIT)?;
+        }
+        report(self.mode, &line, began);
+        Ok(())
+    }
+}
+
+/// A command that runs its arguments as root, if that is possible here.
+fn as_root() -> Option<Command> {
+    let user = read(Command::new("id").arg("-u")).ok()?;
+    let mut command = if user == "0" {
+        Command::new("env")
+    } else if has_program("sudo") {
+        let asks = read(Command::new("sudo").args(["-n", "true"])).is_err();
+        if asks
+            && !(std::io::stdin().is_terminal()
+                // Ask now: the installer's own output is kept back.
+                && shell::run(Command::new("sudo").arg("-v")).is_ok())
+        {
+            return None;
+        }
+        let mut sudo = Command::new("sudo");
+        sudo.arg("env");
+        sudo
+    } else {
+        return None;
+    };
+    command.arg("DEBIAN_FRONTEND=noninteractive");
+    Some(command)
+}
