@@ -49,7 +49,6 @@ macro_rules! polynomial {
 /// additions cost less on the AVR than a conversion to an integer and back.
 const ROUND: f32 = 12_582_912.0; // 1.5·2²³
 
-const MANTISSA_BITS: u32 = 23;
 const MANTISSA_MASK: u32 = 0x007f_ffff;
 const SIGN_MASK: u32 = 0x8000_0000;
 const INFINITY_BITS: u32 = 0x7f80_0000;
@@ -63,19 +62,32 @@ const SQRT_HALF_BITS: u32 = 0x3f35_04f3;
 /// upwards the result is infinite, and below −126 it is 0: results that would
 /// be subnormal are flushed.
 pub fn exp2(x: f32) -> f32 {
+    // One comparison of integers instead of two of floats.
+    if x.to_bits() & !SIGN_MASK < 126.0_f32.to_bits() {
+        exp2_in_range(x)
+    } else {
+        exp2_of_special(x)
+    }
+}
+
+fn exp2_in_range(x: f32) -> f32 {
+    let shifted = x + ROUND;
+    let mut whole = shifted.to_bits();
+    let mut fraction = x - (shifted - ROUND);
+    // −0 counts as negative here, and then gives 2¹·2⁻¹.
+    if fraction.is_sign_negative() {
+        fraction += 1.0;
+        whole -= 1;
+    }
+    let power = polynomial!(fraction;
+        1.0, 0.693_151_7, 0.240_159_48, 0.055_818_12, 0.008_991_599, 0.001_879_088_6);
+    f32::from_bits(power.to_bits().wrapping_add(exponent_field(whole)))
+}
+
+#[cold]
+fn exp2_of_special(x: f32) -> f32 {
     if (-126.0..128.0).contains(&x) {
-        let shifted = x + ROUND;
-        let mut whole = shifted.to_bits();
-        let mut fraction = x - (shifted - ROUND);
-        if fraction < 0.0 {
-            fraction += 1.0;
-            whole -= 1;
-        }
-        let power = polynomial!(fraction;
-            1.0, 0.693_151_7, 0.240_159_48, 0.055_818_12, 0.008_991_599, 0.001_879_088_6);
-        // The shift drops all of `whole` but its low nine bits, which are what
-        // the exponent field has to move by.
-        f32::from_bits(power.to_bits().wrapping_add(whole << MANTISSA_BITS))
+        exp2_in_range(x)
     } else if x >= 128.0 {
         f32::INFINITY
     } else if x < -126.0 {
@@ -83,6 +95,16 @@ pub fn exp2(x: f32) -> f32 {
     } else {
         f32::NAN
     }
+}
+
+/// Moves the low nine bits of a whole number to where the exponent and the
+/// sign of an `f32` are.
+///
+/// The same as `whole << 23`. The AVR shifts one place at a time; whole bytes
+/// cost it nothing.
+fn exponent_field(whole: u32) -> u32 {
+    let [low, next, ..] = whole.to_le_bytes();
+    u32::from(u16::from_le_bytes([low, next]) << 7) << 16
 }
 
 /// Computes eˣ.
@@ -108,13 +130,16 @@ pub fn log2(x: f32) -> f32 {
 
 fn log2_of_normal(bits: u32) -> f32 {
     let offset = bits.wrapping_sub(SQRT_HALF_BITS);
-    let octave = offset.cast_signed() >> MANTISSA_BITS;
+    // `offset >> 23` in two steps: the AVR shifts one place at a time, but whole
+    // bytes for nothing.
+    let [.., next, high] = offset.to_le_bytes();
+    let octave = i16::from_le_bytes([next, high]) >> 7;
     // In [√½, √2), so that nothing cancels when the octave is added.
     let mantissa = f32::from_bits((offset & MANTISSA_MASK) + SQRT_HALF_BITS);
     let s = (mantissa - 1.0) / (mantissa + 1.0);
     let z = s * s;
     let fraction = s * polynomial!(z; 2.885_390_5, 0.961_552_9, 0.597_154_44);
-    fraction + octave as f32
+    fraction + f32::from(octave)
 }
 
 #[cold]
@@ -184,15 +209,15 @@ pub fn cos(x: f32) -> f32 {
 /// π/2 is subtracted in three parts. The first two have nine bits each, so
 /// that up to 2¹⁵ times them is exact, and so are the two differences.
 fn reduce(x: f32) -> (f32, u32) {
-    // Written so that NaN takes this way out too.
-    if !(-LARGEST_ANGLE..=LARGEST_ANGLE).contains(&x) {
-        return (f32::NAN, 0);
+    if x.abs() <= LARGEST_ANGLE {
+        let shifted = x * FRAC_2_PI + ROUND;
+        let turns = shifted - ROUND;
+        let rest =
+            ((x - turns * 1.570_312_5) - turns * 0.000_483_512_88) - turns * 0.000_000_313_916_47;
+        (rest, shifted.to_bits())
+    } else {
+        (f32::NAN, 0)
     }
-    let shifted = x * FRAC_2_PI + ROUND;
-    let turns = shifted - ROUND;
-    let rest =
-        ((x - turns * 1.570_312_5) - turns * 0.000_483_512_88) - turns * 0.000_000_313_916_47;
-    (rest, shifted.to_bits())
 }
 
 /// The sine of `rest` plus a number of quarter turns, of which the low two bits
