@@ -19,6 +19,9 @@ from scipy.optimize import linprog
 
 SOURCE = pathlib.Path(__file__).parent.parent / "model-core" / "src" / "elementary.rs"
 
+# One degree less costs more than 10^-6 in each of the three.
+TANH_DEGREE, SIN_DEGREE, COS_DEGREE = 3, 2, 2
+
 
 def chebyshev_grid(low, high, count=3001):
     unit = (1 - np.cos(np.pi * np.arange(count) / (count - 1))) / 2
@@ -144,6 +147,5 @@ def main():
             sys.exit(f"{SOURCE.name} does not hold {missing}")
 
 
-TANH_DEGREE, SIN_DEGREE, COS_DEGREE = 3, 2, 2
 if __name__ == "__main__":
     main()
