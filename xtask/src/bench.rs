@@ -1,10 +1,186 @@
-//! Benchmarks.
-use crate::shell::Outcome;
-/// Host.
+//! Measured side by side: our solver with SciPy's, our firmware with plain C.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    process::{Command, Stdio},
+};
+
+use crate::{
+    avr,
+    shell::{Outcome, cargo, has_program, read, root, run, run_quietly, target_dir, text},
+    test::virtual_rig,
+};
+
+/// The rival's versions, so that figures can be had again.
+const PYTHON_PACKAGES: [&str; 2] = ["numpy", "scipy"];
+const PYTHON_LIMIT: std::time::Duration = std::time::Duration::from_secs(600);
+
+/// Runs the host's simulation beside SciPy's on the same problems.
 pub fn host() -> Outcome {
-    Err("soon".into())
+    let folder = target_dir().join("bench");
+    fs::create_dir_all(&folder)
+        .map_err(|error| format!("cannot make {}: {error}", folder.display()))?;
+    let python = python(&folder)?;
+
+    println!("bench: our solver");
+    run(cargo()
+        .args(["build", "-q", "--release", "-p", "host-tools"])
+        .args(["--example", "bench_simulate"]))?;
+    let problems = folder.join("problems.json");
+    let file = fs::File::create(&problems)
+        .map_err(|error| format!("cannot write {}: {error}", problems.display()))?;
+    run(pinned(&target_dir().join("release/examples/bench_simulate")).stdout(file))?;
+
+    println!("bench: SciPy\n");
+    run(pinned(&python)
+        .arg(root().join("xtask/bench/scipy_simulate.py"))
+        .arg(&problems))
 }
-/// Board.
+
+/// A command on one core: both sides compute on a single thread.
+fn pinned(program: &Path) -> Command {
+    let mut command = if has_program("taskset") {
+        let mut command = Command::new("taskset");
+        command.args(["-c", "0"]).arg(program);
+        command
+    } else {
+        Command::new(program)
+    };
+    for variable in [
+        "OMP_NUM_THREADS",
+        "OPENBLAS_NUM_THREADS",
+        "RAYON_NUM_THREADS",
+    ] {
+        command.env(variable, "1");
+    }
+    command
+}
+
+/// A Python with SciPy, in a folder of its own.
+fn python(folder: &Path) -> Outcome<PathBuf> {
+    let environment = folder.join("python");
+    let python = environment.join("bin/python");
+    let imports = |python: &Path| {
+        read(Command::new(python).args(["-c", "import numpy, scipy.integrate"])).is_ok()
+    };
+    if imports(&python) {
+        return Ok(python);
+    }
+    println!("bench: installing SciPy");
+    let made = run_quietly(
+        Command::new("python3")
+            .args(["-m", "venv"])
+            .arg(&environment),
+        PYTHON_LIMIT,
+    );
+    if let Err(failure) = made {
+        return Err(format!(
+            "no Python environment for the comparison: {failure}\n\
+             On Debian: sudo apt-get install --no-install-recommends python3-venv"
+        )
+        .into());
+    }
+    run_quietly(
+        Command::new(&python)
+            .args(["-m", "pip", "install", "--quiet", "--only-binary", ":all:"])
+            .args(PYTHON_PACKAGES),
+        PYTHON_LIMIT,
+    )?;
+    if imports(&python) {
+        Ok(python)
+    } else {
+        Err("SciPy was installed but cannot be imported".into())
+    }
+}
+
+/// Counts the cycles of the firmware's inner loops, beside plain C.
 pub fn board() -> Outcome {
-    Err("soon".into())
+    let image = avr::build()?;
+    let rig = virtual_rig()?;
+    let sketch = sketch()?;
+
+    let ours = simulate(&rig, &image)?;
+    let plain = simulate(&rig, &sketch)?;
+    let of = |run: &Run, name: &str| run.cycles.iter().find(|(n, _)| n == name).map(|&(_, c)| c);
+    let (Some(pow), Some(step)) = (of(&plain, "power_minimax"), of(&plain, "step_minimax")) else {
+        return Err("the C sketch left no cycle marks".into());
+    };
+
+    println!("\ncycles on the ATmega2560 (16 000 are a millisecond)\n");
+    println!("  {:<24}{:>10}{:>14}", "", "cycles", "of plain C");
+    let row = |name: &str, cycles: u64, rival: u64| {
+        println!(
+            "  {name:<24}{cycles:>10}{:>13.0}%",
+            100.0 * cycles as f64 / rival as f64
+        );
+    };
+    for (label, name, rival) in [
+        ("one power, minimax", "power_minimax", pow),
+        ("one power, micromath", "power_micromath", pow),
+        ("one RK4 step, minimax", "step_minimax", step),
+        ("one RK4 step, micromath", "step_micromath", step),
+    ] {
+        let cycles =
+            of(&ours, name).ok_or_else(|| format!("the firmware left no cycle mark for {name}"))?;
+        row(label, cycles, rival);
+    }
+    row("plain C: one power", pow, pow);
+    row("plain C: one RK4 step", step, step);
+    println!("\nwhat they computed");
+    for line in ours.said.lines().filter(|line| line.starts_with("step ")) {
+        println!("  {line}");
+    }
+    println!("  plain C: bits {}", plain.said.trim());
+    avr::print_size(&image)?;
+    let avr::Size { flash, static_ram } = avr::size(&sketch)?;
+    println!("  plain C: {flash} bytes of flash, {static_ram} bytes of RAM");
+    Ok(())
+}
+
+/// What one run of an image left behind.
+struct Run {
+    said: String,
+    cycles: Vec<(String, u64)>,
+}
+
+fn simulate(rig: &Path, image: &Path) -> Outcome<Run> {
+    let mut command = Command::new(rig);
+    command
+        .arg("run")
+        .arg(image)
+        .args(["--cycles", "8000000"])
+        .stdin(Stdio::null());
+    let output = command
+        .output()
+        .map_err(|error| format!("cannot start {}: {error}", text(&command)))?;
+    let marks = String::from_utf8_lossy(&output.stderr);
+    if !output.status.success() {
+        return Err(format!("{} failed: {marks}", text(&command)).into());
+    }
+    let cycles = marks
+        .lines()
+        .filter_map(|line| {
+            let mut words = line.strip_prefix("cycles ")?.split(' ');
+            Some((words.next()?.to_owned(), words.next()?.parse().ok()?))
+        })
+        .collect();
+    Ok(Run {
+        said: String::from_utf8_lossy(&output.stdout).into_owned(),
+        cycles,
+    })
+}
+
+/// Compiles the C sketch.
+fn sketch() -> Outcome<PathBuf> {
+    let folder = target_dir().join("bench");
+    fs::create_dir_all(&folder)
+        .map_err(|error| format!("cannot make {}: {error}", folder.display()))?;
+    let out = folder.join("rk4_sketch.elf");
+    run(Command::new("avr-gcc")
+        .args(["-O2", "-mmcu=atmega2560", "-o"])
+        .arg(&out)
+        .arg(root().join("xtask/bench/rk4_sketch.c"))
+        .arg("-lm"))?;
+    Ok(out)
 }

@@ -1,0 +1,113 @@
+"""SciPy on the problems of bench_simulate.rs, beside its times and solutions.
+
+Usage: scipy_simulate.py PROBLEMS.json
+
+The median of several runs counts. The reference that errors are measured
+against is DOP853 with tolerances of 1e-11 that never steps over a sample.
+"""
+
+import json
+import statistics
+import sys
+import time
+
+import numpy as np
+import scipy
+from scipy.integrate import solve_ivp
+
+RTOL = 1e-6
+ATOL = 1e-9
+ENOUGH_S = 2.0
+
+
+def spline(t, p):
+    """The same signal as ours: cubic Hermite with three-point slopes, as scalar code."""
+    secant = np.diff(p) / np.diff(t)
+    before, after = np.diff(t)[:-1], np.diff(t)[1:]
+    m = np.empty_like(p)
+    m[0], m[-1] = secant[0], secant[-1]
+    m[1:-1] = (after * secant[:-1] + before * secant[1:]) / (before + after)
+    h, last = t[1] - t[0], len(t) - 2
+    p, m = p.tolist(), (m * h).tolist()
+
+    def pressure(at):
+        k = min(max(int(at / h), 0), last)
+        u = at / h - k
+        rise = p[k + 1] - p[k]
+        c2, c3 = 3 * rise - 2 * m[k] - m[k + 1], m[k] + m[k + 1] - 2 * rise
+        return p[k] + u * (m[k] + u * (c2 + u * c3))
+
+    return pressure
+
+
+def rate(problem, pressure):
+    """The equation of motion as one writes it in Python, without overhead."""
+    inertia, damping = problem["inertia"], problem["damping"]
+    stiffness, exponent = problem["stiffness"], problem["exponent"]
+    gain = problem["input_gain"]
+
+    def f(t, y):
+        angle, velocity = y
+        restoring = stiffness * abs(angle) ** exponent
+        if angle < 0:
+            restoring = -restoring
+        return [velocity, (gain * pressure(t) - damping * velocity - restoring) / inertia]
+
+    return f
+
+
+def timed(f, t, method):
+    seconds, began = [], time.perf_counter()
+    while len(seconds) < 3 or time.perf_counter() - began < ENOUGH_S:
+        one = time.perf_counter()
+        solution = solve_ivp(f, (t[0], t[-1]), [0.0, 0.0], method, t_eval=t, rtol=RTOL, atol=ATOL)
+        seconds.append(time.perf_counter() - one)
+    if not solution.success:
+        sys.exit(f"{method}: {solution.message}")
+    return statistics.median(seconds), solution
+
+
+def reference(f, t):
+    step = t[1] - t[0]
+    solution = solve_ivp(
+        f, (t[0], t[-1]), [0.0, 0.0], "DOP853", t_eval=t, rtol=1e-11, atol=1e-13, max_step=step
+    )
+    return solution.y[0]
+
+
+def main():
+    with open(sys.argv[1], encoding="utf-8") as file:
+        problems = json.load(file)
+    print(f"SciPy {scipy.__version__}, NumPy {np.__version__}, rtol {RTOL:g}, atol {ATOL:g}")
+    for problem in problems:
+        t, p = np.array(problem["time_s"]), np.array(problem["pressure_pa"])
+        constant = float(p[0])
+        rivals = []
+        if problem["pressure_is_constant"]:
+            exact = rate(problem, lambda _: constant)
+            for method in ("RK45", "LSODA"):
+                rivals.append((f"SciPy {method}", exact, method))
+        else:
+            exact = rate(problem, spline(t, p))
+            linear = rate(problem, lambda at: np.interp(at, t, p))
+            rivals.append(("SciPy RK45, same spline", exact, "RK45"))
+            rivals.append(("SciPy RK45, numpy.interp", linear, "RK45"))
+            rivals.append(("SciPy LSODA, same spline", exact, "LSODA"))
+        truth = reference(exact, t)
+        ours, ours_s = np.array(problem["angle_rad"]), problem["seconds_per_simulation"]
+        steps = (len(t) - 1) * problem["steps_between_samples"]
+
+        print(f"\n{problem['name']}: {t[-1]:g} s, {len(t)} samples, to {np.degrees(truth.max()):.1f} deg")
+        print(f"  {'solver':<26}{'ms a run':>10}{'times ours':>12}{'max error, deg':>16}{'evaluations':>13}")
+
+        def row(name, seconds, angle, evaluations):
+            error = np.degrees(np.abs(angle - truth).max())
+            print(f"  {name:<26}{1e3 * seconds:>10.3f}{seconds / ours_s:>12.1f}{error:>16.1e}{evaluations:>13}")
+
+        row("ours, RK4", ours_s, ours, 4 * steps)
+        for name, f, method in rivals:
+            seconds, solution = timed(f, t, method)
+            row(name, seconds, solution.y[0], solution.nfev)
+
+
+main()
