@@ -516,10 +516,10 @@ impl Axis {
             .map(|tick| if tick.abs() < 1e-6 * step { 0.0 } else { tick })
             .collect();
         let largest = low.abs().max(high.abs());
-        let power = if !(1e-2..1e5).contains(&largest) {
-            order_of(largest).div_euclid(3) * 3
-        } else {
+        let power = if (1e-2..1e5).contains(&largest) {
             0
+        } else {
+            order_of(largest).div_euclid(3) * 3
         };
         let unit = 10f64.powi(power);
         let decimals = decimals_of(step / unit);

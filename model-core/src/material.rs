@@ -208,9 +208,9 @@ impl Predictor {
     /// out, rounded to `f32`: a relative error of 6e-8 beside a standard error
     /// of the prediction near 0.3.
     pub const EIGHT_ROWS: Self = Self {
-        per_mpa: -0.748_293,
-        per_root_viscosity: 0.430_245,
-        per_root_tensile_strength: 3.825_142,
+        per_mpa: -0.748_293_34,
+        per_root_viscosity: 0.430_245_4,
+        per_root_tensile_strength: 3.825_142_4,
     };
 
     /// Predicts the exponent n of Ludwick's law (Eq. 8).
