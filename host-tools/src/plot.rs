@@ -23,25 +23,21 @@
 //! # Ok::<(), host_tools::plot::PlotError>(())
 //! ```
 
-use std::io::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use plotters::backend::{DrawingBackend, SVGBackend};
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 use plotters::style::{FontFamily, FontStyle, FontTransform, RGBColor, ShapeStyle, TextStyle};
+
+use crate::error::{InputError, write_atomically};
 
 /// Why a picture could not be drawn or written.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum PlotError {
     /// The file could not be written.
-    #[error("cannot write the picture {}: {source}; check that the folder exists and is writable", path.display())]
-    Write {
-        /// The picture that was asked for.
-        path: PathBuf,
-        /// What the operating system said.
-        source: std::io::Error,
-    },
+    #[error(transparent)]
+    Write(#[from] InputError),
     /// The drawing backend refused an element.
     #[error("cannot draw the picture: {0}")]
     Draw(String),
@@ -330,33 +326,7 @@ impl Figure {
 /// [`PlotError::Write`] if the folder is missing or not writable.
 pub fn write_svg(path: &Path, figure: &Figure) -> Result<(), PlotError> {
     let svg = to_svg_string(figure)?;
-    write_atomically(path, svg.as_bytes()).map_err(|source| PlotError::Write {
-        path: path.to_owned(),
-        source,
-    })
-}
-
-/// Writes a file under a temporary name beside its destination, then renames
-/// it, so that an interrupted run leaves the old file or the new one.
-///
-/// # Errors
-///
-/// What the operating system says of creating, writing or renaming the file.
-pub fn write_atomically(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
-    let folder = match path.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
-    };
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".rig-");
-    // A temporary file is private by default; the finished one must be as
-    // readable as any other file that the user creates.
-    #[cfg(unix)]
-    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-    let mut file = builder.tempfile_in(folder)?;
-    file.write_all(bytes)?;
-    file.persist(path).map_err(|error| error.error)?;
-    Ok(())
+    Ok(write_atomically(path, svg.as_bytes())?)
 }
 
 /// Draws a figure.
@@ -1587,23 +1557,15 @@ mod tests {
     }
 
     #[test]
-    fn a_file_is_replaced_whole_and_readable() {
+    fn a_file_is_replaced_whole() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.svg");
         std::fs::write(&path, "old").unwrap();
         write_svg(&path, &Figure::new("new")).unwrap();
         assert!(std::fs::read_to_string(&path).unwrap().contains("new"));
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
-        #[cfg(unix)]
-        {
-            use std::os::unix::fs::PermissionsExt as _;
-            let fresh = folder.path().join("fresh");
-            std::fs::write(&fresh, "").unwrap();
-            let mode = |p: &Path| std::fs::metadata(p).unwrap().permissions().mode();
-            assert_eq!(mode(&path), mode(&fresh));
-        }
         let missing = folder.path().join("none").join("a.svg");
         let error = write_svg(&missing, &Figure::new("")).unwrap_err();
-        assert!(error.to_string().contains("check that the folder exists"));
+        assert!(error.to_string().contains("folder exists"));
     }
 }

@@ -507,5 +507,18 @@ mod tests {
             let from_moment = ((exponent + 1.0) / exponent).powf(exponent) * moment / length;
             prop_assert!(relative(direct, from_moment) < 1e-12);
         }
+
+        #[test]
+        fn the_board_computes_the_same_stiffness(exponent in 1.0..3.0_f64) {
+            let exact = law(exponent).stiffness::<Exact>(&beam(), SecondMoment::Corrected);
+            #[allow(clippy::cast_possible_truncation)]
+            let board = Ludwick::new(0.34e6_f32, exponent as f32)
+                .unwrap()
+                .stiffness::<<f32 as Real>::DefaultPower>(
+                    &Beam::new(0.094_f32, 0.030, 0.024).unwrap(),
+                    SecondMoment::Corrected,
+                );
+            prop_assert!(relative(f64::from(board), exact) < 1e-5, "{board} for {exact}");
+        }
     }
 }

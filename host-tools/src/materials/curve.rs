@@ -20,6 +20,8 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::error::InputError;
+
 /// A stress or strain measure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -79,88 +81,8 @@ pub struct TensileCurve {
     pub notes: Vec<String>,
 }
 
-/// Why a tensile curve could not be read. Each says where, and what to do.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum CurveError {
-    /// The file could not be opened or read.
-    #[error("{}: cannot be read ({source}); check the path and its permissions", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// What the operating system said.
-        source: std::io::Error,
-    },
-    /// The file holds no text, or UTF-16.
-    #[error("{}: is not a text file in UTF-8; export the test again as CSV in UTF-8", path.display())]
-    NotText {
-        /// The file.
-        path: PathBuf,
-    },
-    /// The file has no line of columns, or none of samples.
-    #[error("{}: {what}", path.display())]
-    Empty {
-        /// The file.
-        path: PathBuf,
-        /// What is missing and what to do.
-        what: &'static str,
-    },
-    /// A column that is needed is not there.
-    #[error(
-        "{}, line {line}: no {wanted} column among {}; name one `{example}`",
-        path.display(),
-        quoted(found)
-    )]
-    MissingColumn {
-        /// The file.
-        path: PathBuf,
-        /// The line that names the columns.
-        line: u64,
-        /// `strain` or `stress`.
-        wanted: &'static str,
-        /// A name that would be understood.
-        example: &'static str,
-        /// The names that are there.
-        found: Vec<String>,
-    },
-    /// A column was named in a way that cannot be used.
-    #[error("{}, line {line}, column `{column}`: {problem}", path.display())]
-    BadColumn {
-        /// The file.
-        path: PathBuf,
-        /// The line that names the columns.
-        line: u64,
-        /// The name of the column.
-        column: String,
-        /// What is wrong and what to do.
-        problem: &'static str,
-    },
-    /// A field does not hold a usable number.
-    #[error("{}, line {line}, column `{column}`: {problem}", path.display())]
-    BadField {
-        /// The file.
-        path: PathBuf,
-        /// The line of the field.
-        line: u64,
-        /// The name of the column.
-        column: String,
-        /// What is wrong and what to do.
-        problem: String,
-    },
-    /// A line has fewer or more fields than there are columns.
-    #[error("{}, line {line}: {found} fields where the header names {expected}; {advice}", path.display())]
-    BadLine {
-        /// The file.
-        path: PathBuf,
-        /// The line.
-        line: u64,
-        /// Fields on the line.
-        found: usize,
-        /// Columns of the header.
-        expected: usize,
-        /// What to do.
-        advice: &'static str,
-    },
+fn plural(count: usize, noun: &str) -> String {
+    format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
 }
 
 fn quoted(names: &[String]) -> String {
@@ -185,9 +107,12 @@ enum Meaning {
     Time,
 }
 
+/// What is wrong, and what to do.
+type Fault = (&'static str, &'static str);
+
 /// Understands the name of a column; `None` for a column that is not needed,
 /// an error for one that looks needed but cannot be used.
-fn meaning(name: &str) -> Result<Option<Meaning>, &'static str> {
+fn meaning(name: &str) -> Result<Option<Meaning>, Fault> {
     let plain: String = name
         .to_lowercase()
         .replace('%', "percent")
@@ -213,7 +138,12 @@ fn meaning(name: &str) -> Result<Option<Meaning>, &'static str> {
             "" | "1" | "mmmm" => 1.0,
             "percent" | "pct" => 0.01,
             "rate" | "rate1s" => return Ok(None),
-            _ => return Err("this unit of strain is not known; use a fraction or `strain (%)`"),
+            _ => {
+                return Err((
+                    "has an unknown unit of strain",
+                    "use a fraction, or `strain (%)`",
+                ));
+            }
         };
         return Ok(Some(Meaning::Strain { measure, scale }));
     }
@@ -223,11 +153,12 @@ fn meaning(name: &str) -> Result<Option<Meaning>, &'static str> {
             "kpa" => 1e-3,
             "pa" => 1e-6,
             "" => {
-                return Err(
-                    "the unit is missing; name it `stress_mpa`, `stress_kpa` or `stress_pa`",
-                );
+                return Err((
+                    "has no unit",
+                    "name it `stress_mpa`, `stress_kpa` or `stress_pa`",
+                ));
             }
-            _ => return Err("this unit of stress is not known; use MPa, kPa or Pa"),
+            _ => return Err(("has an unknown unit of stress", "use MPa, kPa or Pa")),
         };
         return Ok(Some(Meaning::Stress { measure, scale }));
     }
@@ -253,19 +184,19 @@ struct Columns {
 }
 
 impl Columns {
-    fn of(path: &Path, line: u64, header: &csv::StringRecord) -> Result<Self, CurveError> {
-        let bad = |column: &str, problem: &'static str| CurveError::BadColumn {
-            path: path.to_owned(),
-            line,
-            column: column.to_owned(),
-            problem,
+    fn of(path: &Path, line: u64, header: &csv::StringRecord) -> Result<Self, InputError> {
+        let bad = |column: &str, (found, advice): Fault| {
+            InputError::new(found, advice)
+                .in_file(path)
+                .at_line(line)
+                .in_column(column)
         };
         let mut columns = Self {
             names: header.iter().map(str::to_owned).collect(),
             ..Self::default()
         };
         for (index, name) in header.iter().enumerate() {
-            let Some(meaning) = meaning(name).map_err(|problem| bad(name, problem))? else {
+            let Some(meaning) = meaning(name).map_err(|fault| bad(name, fault))? else {
                 continue;
             };
             let (slot, scale) = match meaning {
@@ -282,7 +213,7 @@ impl Columns {
             if slot.is_some() {
                 return Err(bad(
                     name,
-                    "an earlier column means the same; keep one of the two",
+                    ("means the same as an earlier column", "keep one of the two"),
                 ));
             }
             *slot = Some(Column {
@@ -291,12 +222,13 @@ impl Columns {
                 scale,
             });
         }
-        let missing = |wanted, example| CurveError::MissingColumn {
-            path: path.to_owned(),
-            line,
-            wanted,
-            example,
-            found: columns.names.clone(),
+        let missing = |wanted, example| {
+            InputError::new(
+                format!("no {wanted} column among {}", quoted(&columns.names)),
+                format!("name one `{example}`"),
+            )
+            .in_file(path)
+            .at_line(line)
         };
         if columns.engineering_strain.is_none() && columns.true_strain.is_none() {
             return Err(missing("strain", "strain"));
@@ -313,12 +245,9 @@ impl TensileCurve {
     ///
     /// # Errors
     ///
-    /// [`CurveError`], with the line and the column where there is one.
-    pub fn read(path: &Path) -> Result<Self, CurveError> {
-        let bytes = std::fs::read(path).map_err(|source| CurveError::Read {
-            path: path.to_owned(),
-            source,
-        })?;
+    /// [`InputError`], with the line and the column where there is one.
+    pub fn read(path: &Path) -> Result<Self, InputError> {
+        let bytes = std::fs::read(path).map_err(|error| InputError::from_io(path, &error))?;
         Self::parse(path, &bytes)
     }
 
@@ -328,14 +257,16 @@ impl TensileCurve {
     /// # Errors
     ///
     /// As for [`read`](Self::read).
-    pub fn parse(path: &Path, bytes: &[u8]) -> Result<Self, CurveError> {
+    pub fn parse(path: &Path, bytes: &[u8]) -> Result<Self, InputError> {
         if bytes.contains(&0)
             || bytes.starts_with(&[0xFF, 0xFE])
             || bytes.starts_with(&[0xFE, 0xFF])
         {
-            return Err(CurveError::NotText {
-                path: path.to_owned(),
-            });
+            return Err(InputError::new(
+                "is not a text file in UTF-8",
+                "export the test again as CSV in UTF-8",
+            )
+            .in_file(path));
         }
         // A stray byte in a comment about the test does no harm, and in a number
         // it is refused where it stands.
@@ -354,19 +285,13 @@ impl TensileCurve {
         for record in reader.records() {
             // Reading from memory, valid UTF-8 and any number of fields leave
             // the reader nothing to refuse.
-            let record = record.map_err(|error| CurveError::Read {
-                path: path.to_owned(),
-                source: error.into(),
-            })?;
+            let record = record.map_err(|error| InputError::from_io(path, &error.into()))?;
             let line = lines.of(record.position().map_or(0, csv::Position::byte));
             records.push((line, record));
         }
         let mut records = records.into_iter();
         let Some((line, header)) = records.next() else {
-            return Err(CurveError::Empty {
-                path: path.to_owned(),
-                what: "is empty; export the test again",
-            });
+            return Err(InputError::new("is empty", "export the test again").in_file(path));
         };
         let columns = Columns::of(path, line, &header)?;
         let rows: Vec<(u64, csv::StringRecord)> = records
@@ -395,22 +320,21 @@ impl TensileCurve {
             curve.samples.push(sample);
         }
         if curve.samples.is_empty() {
-            return Err(CurveError::Empty {
-                path: path.to_owned(),
-                what: "names columns but holds no sample; export the test again",
-            });
+            return Err(InputError::new(
+                "names columns but holds no sample",
+                "export the test again",
+            )
+            .in_file(path));
         }
         if peak < SMALLEST_PEAK_MPA {
             let column = columns.engineering_stress.or(columns.true_stress);
-            return Err(CurveError::BadField {
-                path: path.to_owned(),
-                line: rows[last].0,
-                column: column.map(|column| column.name).unwrap_or_default(),
-                problem: format!(
-                    "the stress never exceeds {peak:.1e} MPa, so the unit is probably wrong; \
-                     correct the column's name"
-                ),
-            });
+            return Err(InputError::new(
+                format!("the stress never exceeds {peak:.1e} MPa, so the unit is probably wrong"),
+                "correct the column's name",
+            )
+            .in_file(path)
+            .at_line(rows[last].0)
+            .in_column(column.map(|column| column.name).unwrap_or_default()));
         }
         reader.note_time(&rows, &mut curve.notes);
         note_measures(&rows, &curve.samples, &mut curve.notes);
@@ -468,7 +392,7 @@ struct Head<'a> {
 }
 
 impl<'a> Head<'a> {
-    fn find(path: &Path, text: &'a str) -> Result<Self, CurveError> {
+    fn find(path: &Path, text: &'a str) -> Result<Self, InputError> {
         let mut before = 0;
         let mut material = None;
         let mut rest = text;
@@ -490,11 +414,11 @@ impl<'a> Head<'a> {
             rest = rest.split_once('\n').map_or("", |(_, after)| after);
         }
         if text.starts_with("PARAMETER;") {
-            return Err(CurveError::Empty {
-                path: path.to_owned(),
-                what: "describes a test but no line starts with `Time (s)`; \
-                       the samples were cut off, fetch the file again",
-            });
+            return Err(InputError::new(
+                "describes a test but no line starts with `Time (s)`",
+                "the samples were cut off, fetch the file again",
+            )
+            .in_file(path));
         }
         // A plain table: the first line that is neither empty nor a comment.
         let mut before = 0;
@@ -516,10 +440,7 @@ impl<'a> Head<'a> {
             before += 1;
             rest = rest.split_once('\n').map_or("", |(_, after)| after);
         }
-        Err(CurveError::Empty {
-            path: path.to_owned(),
-            what: "is empty; export the test again",
-        })
+        Err(InputError::new("is empty", "export the test again").in_file(path))
     }
 }
 
@@ -529,13 +450,17 @@ struct Rows<'a> {
 }
 
 impl Rows<'_> {
-    fn bad(&self, line: u64, column: &Column, problem: impl Into<String>) -> CurveError {
-        CurveError::BadField {
-            path: self.path.to_owned(),
-            line,
-            column: column.name.clone(),
-            problem: problem.into(),
-        }
+    fn bad(
+        &self,
+        line: u64,
+        column: &Column,
+        found: impl Into<String>,
+        advice: &str,
+    ) -> InputError {
+        InputError::new(found, advice)
+            .in_file(self.path)
+            .at_line(line)
+            .in_column(column.name.as_str())
     }
 
     fn number(
@@ -543,32 +468,35 @@ impl Rows<'_> {
         line: u64,
         record: &csv::StringRecord,
         column: Option<&Column>,
-    ) -> Result<Option<f64>, CurveError> {
+    ) -> Result<Option<f64>, InputError> {
         let Some(column) = column else {
             return Ok(None);
         };
         let field = record.get(column.index).unwrap_or_default();
         if field.is_empty() {
-            return Err(self.bad(line, column, "is empty; fill it in or delete the line"));
+            return Err(self.bad(line, column, "is empty", "fill it in or delete the line"));
         }
         match field.parse::<f64>() {
             Ok(value) if value.is_finite() => Ok(Some(value * column.scale)),
             Ok(_) => Err(self.bad(
                 line,
                 column,
-                format!("`{field}` is not a finite number; correct it or delete the line"),
+                format!("`{field}` is not a finite number"),
+                "correct it or delete the line",
             )),
             Err(_) if field.contains(',') && field.replacen(',', ".", 1).parse::<f64>().is_ok() => {
                 Err(self.bad(
                     line,
                     column,
-                    format!("`{field}` has a decimal comma; export with decimal points"),
+                    format!("`{field}` has a decimal comma"),
+                    "export with decimal points",
                 ))
             }
             Err(_) => Err(self.bad(
                 line,
                 column,
-                format!("`{field}` is not a number; correct it or delete the line"),
+                format!("`{field}` is not a number"),
+                "correct it or delete the line",
             )),
         }
     }
@@ -578,7 +506,7 @@ impl Rows<'_> {
         line: u64,
         record: &csv::StringRecord,
         is_last: bool,
-    ) -> Result<Sample, CurveError> {
+    ) -> Result<Sample, InputError> {
         let columns = self.columns;
         if record.len() != columns.names.len() {
             let advice = if is_last && record.len() < columns.names.len() {
@@ -586,13 +514,16 @@ impl Rows<'_> {
             } else {
                 "correct the line or delete it"
             };
-            return Err(CurveError::BadLine {
-                path: self.path.to_owned(),
-                line,
-                found: record.len(),
-                expected: columns.names.len(),
+            return Err(InputError::new(
+                format!(
+                    "{} where the header names {}",
+                    plural(record.len(), "field"),
+                    columns.names.len()
+                ),
                 advice,
-            });
+            )
+            .in_file(self.path)
+            .at_line(line));
         }
         let given = |column: &Option<Column>| self.number(line, record, column.as_ref());
         let engineering_strain = given(&columns.engineering_strain)?;
@@ -605,19 +536,16 @@ impl Rows<'_> {
                 return Err(self.bad(
                     line,
                     column,
-                    format!(
-                        "a strain of {strain} leaves no material; correct it or delete the line"
-                    ),
+                    format!("a strain of {strain} leaves no material"),
+                    "correct it or delete the line",
                 ));
             }
             if strain > LARGEST_STRAIN {
                 return Err(self.bad(
                     line,
                     column,
-                    format!(
-                        "a strain of {strain} looks like percent; name the column `strain (%)` \
-                         or divide by 100"
-                    ),
+                    format!("a strain of {strain} looks like percent"),
+                    "name the column `strain (%)` or divide by 100",
                 ));
             }
         }
@@ -627,10 +555,8 @@ impl Rows<'_> {
             return Err(self.bad(
                 line,
                 column,
-                format!(
-                    "a true strain of {strain} is beyond any elastomer; it may be percent or an \
-                     engineering strain, so correct the column's name"
-                ),
+                format!("a true strain of {strain} is beyond any elastomer"),
+                "it may be percent or an engineering strain, so correct the column's name",
             ));
         }
         let engineering = engineering_strain
@@ -657,11 +583,7 @@ impl Rows<'_> {
             return Err(self.bad(
                 line,
                 column,
-                format!(
-                    "a true stress of {:.0} MPa is beyond any elastomer, so the unit is probably \
-                     wrong; correct the column's name",
-                    sample.true_stress_mpa
-                ),
+                format!("a true stress of {:.0} MPa is beyond any elastomer, so the unit is probably wrong", sample.true_stress_mpa), "correct the column's name",
             ));
         }
         Ok(sample)
@@ -730,7 +652,7 @@ fn note_measures(rows: &[(u64, csv::StringRecord)], samples: &[Sample], notes: &
 mod tests {
     use super::*;
 
-    fn parse(text: &str) -> Result<TensileCurve, CurveError> {
+    fn parse(text: &str) -> Result<TensileCurve, InputError> {
         TensileCurve::parse(Path::new("silicone.csv"), text.as_bytes())
     }
 
@@ -815,71 +737,71 @@ mod tests {
             ),
             (
                 "strain,stress\n1,2\n",
-                "silicone.csv, line 1, column `stress`: the unit is missing; \
+                "silicone.csv, line 1, column stress: has no unit; \
                  name it `stress_mpa`, `stress_kpa` or `stress_pa`",
             ),
             (
                 "strain,stress_psi\n1,2\n",
-                "silicone.csv, line 1, column `stress_psi`: this unit of stress is not known; \
+                "silicone.csv, line 1, column stress_psi: has an unknown unit of stress; \
                  use MPa, kPa or Pa",
             ),
             (
                 "strain,engineering_strain,stress_pa\n1,2,3\n",
-                "silicone.csv, line 1, column `engineering_strain`: \
-                 an earlier column means the same; keep one of the two",
+                "silicone.csv, line 1, column engineering_strain: \
+                 means the same as an earlier column; keep one of the two",
             ),
             (
                 "strain,stress_mpa\n0.1,0.2\n0.2,NaN\n",
-                "silicone.csv, line 3, column `stress_mpa`: \
+                "silicone.csv, line 3, column stress_mpa: \
                  `NaN` is not a finite number; correct it or delete the line",
             ),
             (
                 "strain,stress_mpa\n0.1,0.2\n\n,0.3\n",
-                "silicone.csv, line 4, column `strain`: is empty; fill it in or delete the line",
+                "silicone.csv, line 4, column strain: is empty; fill it in or delete the line",
             ),
             (
                 "strain;stress_mpa\n0.1;0,2\n",
-                "silicone.csv, line 2, column `stress_mpa`: \
+                "silicone.csv, line 2, column stress_mpa: \
                  `0,2` has a decimal comma; export with decimal points",
             ),
             (
                 "strain,stress_mpa\n0.1,0.2\nx,0.3\n",
-                "silicone.csv, line 3, column `strain`: \
+                "silicone.csv, line 3, column strain: \
                  `x` is not a number; correct it or delete the line",
             ),
             (
                 "strain,stress_mpa\n0.1,0.2\n0.3\n0.2,0.3\n",
-                "silicone.csv, line 3: 1 fields where the header names 2; \
+                "silicone.csv, line 3: 1 field where the header names 2; \
                  correct the line or delete it",
             ),
             (
                 "strain,stress_mpa\n0.1,0.2\n0.2",
-                "silicone.csv, line 3: 1 fields where the header names 2; \
+                "silicone.csv, line 3: 1 field where the header names 2; \
                  the file ends in the middle of a line, so delete that line or export again",
             ),
             (
                 "strain,stress_mpa\n100,0.2\n",
-                "silicone.csv, line 2, column `strain`: a strain of 100 looks like percent; \
+                "silicone.csv, line 2, column strain: a strain of 100 looks like percent; \
                  name the column `strain (%)` or divide by 100",
             ),
             (
                 "strain,stress_mpa\n0.1,20000\n",
-                "silicone.csv, line 2, column `stress_mpa`: a true stress of 22000 MPa is beyond \
+                "silicone.csv, line 2, column stress_mpa: a true stress of 22000 MPa is beyond \
                  any elastomer, so the unit is probably wrong; correct the column's name",
             ),
             (
                 "strain,stress_pa\n0.1,0.2\n",
-                "silicone.csv, line 2, column `stress_pa`: the stress never exceeds 2.2e-7 MPa, \
+                "silicone.csv, line 2, column stress_pa: the stress never exceeds 2.2e-7 MPa, \
                  so the unit is probably wrong; correct the column's name",
             ),
             (
                 "true strain,stress_mpa\n5,0.2\n",
-                "silicone.csv, line 2, column `true strain`: a true strain of 5 is beyond any \
+                "silicone.csv, line 2, column true strain: a true strain of 5 is beyond any \
                  elastomer; it may be percent or an engineering strain, so correct the column's name",
             ),
             (
                 "strain,stress_mpa\n-1,0.2\n",
-                "silicone.csv, line 2, column `strain`: a strain of -1 leaves no material; \
+                "silicone.csv, line 2, column strain: a strain of -1 leaves no material; \
                  correct it or delete the line",
             ),
         ] {

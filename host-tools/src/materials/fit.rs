@@ -11,12 +11,11 @@
 //! beam of [`model_core::ludwick`] integrates the stress over the undeformed
 //! section with ε = κy, which are exactly those two measures.
 
-use std::path::PathBuf;
-
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt, TerminationReason};
 use nalgebra::{DMatrix, DVector, Dyn, Owned};
 
 use super::curve::{Measure, TensileCurve};
+use crate::error::InputError;
 
 /// How the modulus enters a fit.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -158,60 +157,6 @@ pub struct CurveFit {
     pub hooke: LawFit,
 }
 
-/// Why a law could not be fitted.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum FitError {
-    /// The range leaves too few samples.
-    #[error(
-        "{}: only {found} samples at different strains in the range {low} to {high}, {needed} are \
-         needed; widen --range (the file spans {file_low:.4} to {file_high:.4})",
-        path.display()
-    )]
-    TooFewPoints {
-        /// The file.
-        path: PathBuf,
-        /// Different strains in the range.
-        found: usize,
-        /// Different strains that a fit needs.
-        needed: usize,
-        /// Lower end of the range.
-        low: f64,
-        /// Upper end of the range.
-        high: f64,
-        /// Smallest strain of the file.
-        file_low: f64,
-        /// Largest strain of the file.
-        file_high: f64,
-    },
-    /// The range is empty or not finite.
-    #[error("the range {low},{high} is empty; give the smaller strain first")]
-    BadRange {
-        /// Lower end of the range.
-        low: f64,
-        /// Upper end of the range.
-        high: f64,
-    },
-    /// A held modulus cannot be one.
-    #[error("a modulus of {mpa} MPa is impossible; give a number above zero or `free`")]
-    BadModulus {
-        /// The value.
-        mpa: f64,
-    },
-    /// The search ended nowhere, or at an exponent that no material has.
-    #[error(
-        "{}: no Ludwick curve fits ({reason}); look at the curve, then narrow --range or fix \
-         --modulus-mpa",
-        path.display()
-    )]
-    NoFit {
-        /// The file.
-        path: PathBuf,
-        /// Where the search ended.
-        reason: String,
-    },
-}
-
 /// Different strains that a fit needs: two parameters and two to judge them by.
 const NEEDED_STRAINS: usize = 4;
 /// Exponents outside are an artefact of data that do not grow with strain.
@@ -240,18 +185,24 @@ pub fn selected(curve: &TensileCurve, choice: &Choice) -> (Vec<f64>, Vec<f64>) {
 ///
 /// # Errors
 ///
-/// [`FitError`] if the choice is impossible, leaves too few samples, or no
+/// [`InputError`] if the choice is impossible, leaves too few samples, or no
 /// plausible curve fits.
-pub fn fit(curve: &TensileCurve, choice: &Choice) -> Result<CurveFit, FitError> {
+pub fn fit(curve: &TensileCurve, choice: &Choice) -> Result<CurveFit, InputError> {
     if let Some((low, high)) = choice.range
         && !(low.is_finite() && high.is_finite() && low < high)
     {
-        return Err(FitError::BadRange { low, high });
+        return Err(InputError::new(
+            format!("the range {low},{high} is empty"),
+            "give the smaller strain first",
+        ));
     }
     if let Modulus::Fixed(mpa) = choice.modulus
         && !(mpa.is_finite() && mpa > 0.0)
     {
-        return Err(FitError::BadModulus { mpa });
+        return Err(InputError::new(
+            format!("a modulus of {mpa} MPa is impossible"),
+            "give a number above zero, or `free`",
+        ));
     }
     let (strains, stresses) = selected(curve, choice);
     let mut sorted = strains.clone();
@@ -268,19 +219,21 @@ pub fn fit(curve: &TensileCurve, choice: &Choice) -> Result<CurveFit, FitError> 
         let file_low = all().fold(f64::INFINITY, f64::min);
         let file_high = all().fold(f64::NEG_INFINITY, f64::max);
         let (low, high) = choice.range.unwrap_or((file_low, file_high));
-        return Err(FitError::TooFewPoints {
-            path: curve.path.clone(),
-            found: distinct,
-            needed: NEEDED_STRAINS,
-            low,
-            high,
-            file_low,
-            file_high,
-        });
+        return Err(InputError::new(
+            format!(
+                "strains from {low:.4} to {high:.4} hold {distinct} different values and a fit \
+                 needs {NEEDED_STRAINS}"
+            ),
+            format!("widen --range (the file spans {file_low:.4} to {file_high:.4})"),
+        )
+        .in_file(&curve.path));
     };
-    let no_fit = |reason: String| FitError::NoFit {
-        path: curve.path.clone(),
-        reason,
+    let no_fit = |reason: String| {
+        InputError::new(
+            format!("no Ludwick curve fits ({reason})"),
+            "look at the curve, then narrow --range or fix --modulus-mpa",
+        )
+        .in_file(&curve.path)
     };
     let problem = |exponent| Problem::new(&strains, &stresses, choice, exponent);
     let ludwick = problem(None).solve().map_err(no_fit)?;
@@ -668,7 +621,7 @@ mod tests {
         assert!(refused(&|c| c.range = Some((3.0, 1.0))).contains("give the smaller strain first"));
         assert!(refused(&|c| c.range = Some((9.0, 10.0))).contains("widen --range"));
         assert!(refused(&|c| c.range = Some((0.0, f64::NAN))).contains("empty"));
-        assert!(refused(&|c| c.modulus = Modulus::Fixed(0.0)).contains("above zero or `free`"));
+        assert!(refused(&|c| c.modulus = Modulus::Fixed(0.0)).contains("above zero, or `free`"));
         let flat = TensileCurve::parse(
             Path::new("flat.csv"),
             b"strain,stress_mpa\n0.1,1\n0.2,1\n0.3,1\n0.4,1\n0.5,1\n",
@@ -685,9 +638,6 @@ mod tests {
         )
         .unwrap();
         let message = fit(&same, &Choice::default()).unwrap_err().to_string();
-        assert!(
-            message.contains("only 1 samples at different strains"),
-            "{message}"
-        );
+        assert!(message.contains("hold 1 different values"), "{message}");
     }
 }
