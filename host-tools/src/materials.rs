@@ -10,3 +10,54 @@
 pub mod curve;
 pub mod fit;
 pub mod predictor;
+
+use model_core::material::{Material, TABLE_I};
+
+use curve::TensileCurve;
+
+/// Returns the row of Table I that a tensile curve belongs to, judged by the
+/// material that the file names, else by the file's own name. Case, spaces and
+/// hyphens do not matter: the database and the table write them differently.
+pub fn table_row(curve: &TensileCurve) -> Option<&'static Material> {
+    let plain = |name: &str| -> String {
+        name.chars()
+            .filter(|c| c.is_alphanumeric())
+            .flat_map(char::to_lowercase)
+            .collect()
+    };
+    let stem = curve.path.file_stem().unwrap_or_default().to_string_lossy();
+    [curve.material.as_str(), &stem]
+        .into_iter()
+        .find_map(|name| {
+            TABLE_I
+                .iter()
+                .find(|material| plain(material.name) == plain(name))
+        })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+
+    #[test]
+    fn curves_find_their_row_by_either_name() {
+        let row = |file: &str, material: &str| {
+            let text = format!(
+                "PARAMETER;INFO;URL;;\nMaterial;{material};;;\nTime (s);strain;stress_mpa\n0;0.1;0.2\n"
+            );
+            let curve = TensileCurve::parse(Path::new(file), text.as_bytes()).unwrap();
+            table_row(&curve).map(|material| material.name)
+        };
+        assert_eq!(
+            row("data/Dragon Skin FX Pro.csv", "DSFX"),
+            Some("Dragon Skin FX-Pro")
+        );
+        assert_eq!(
+            row("a.csv", "dragon skin 10 MEDIUM"),
+            Some("Dragon Skin 10 Medium")
+        );
+        assert_eq!(row("Dragon Skin FX Pro Slacker.csv", "slacker"), None);
+    }
+}
