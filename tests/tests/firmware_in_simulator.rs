@@ -90,6 +90,21 @@ fn the_board_computes_the_same_bits_as_the_desktop() {
 }
 
 #[test]
+fn the_stack_stays_within_what_the_linker_keeps_free() {
+    let Some(output) = run_image(None, DONE) else {
+        return;
+    };
+    let said = String::from_utf8_lossy(&output.stderr);
+    let stack: u32 = said
+        .lines()
+        .find_map(|text| text.strip_prefix("stack ")?.strip_suffix(" bytes"))
+        .and_then(|bytes| bytes.parse().ok())
+        .unwrap_or_else(|| panic!("no stack in:\n{said}"));
+    // Nothing runs without a stack; memory.x reserves 2048 bytes.
+    assert!((64..=2048).contains(&stack), "{stack} bytes");
+}
+
+#[test]
 fn the_simulator_says_what_is_wrong_with_a_file() {
     let not_an_image = env::current_exe().expect("this test has a path");
     let Some(output) = run_image(Some(&not_an_image), DONE) else {

@@ -12,6 +12,9 @@ pub const CLOCK_HZ: u32 = 16_000_000;
 /// The board's supply and converter reference in millivolts.
 pub const SUPPLY_MILLIVOLTS: u32 = 5_000;
 
+/// The address behind the last byte of RAM, where the stack starts.
+const RAM_END: u16 = 0x2200;
+
 /// Whether the processor can go on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum State {
@@ -51,6 +54,7 @@ pub enum BoardError {
 /// A simulated board.
 pub struct Board {
     simavr: Simavr,
+    static_data_end: u16,
 }
 
 impl Board {
@@ -61,7 +65,10 @@ impl Board {
     /// [`BoardError::NoProcessor`] when the simulator lacks the processor.
     pub fn new(image: &Image) -> Result<Self, BoardError> {
         Simavr::new(c"atmega2560", CLOCK_HZ, SUPPLY_MILLIVOLTS, image.flash())
-            .map(|simavr| Self { simavr })
+            .map(|simavr| Self {
+                simavr,
+                static_data_end: image.static_data_end(),
+            })
             .ok_or(BoardError::NoProcessor)
     }
 
@@ -85,6 +92,12 @@ impl Board {
             }),
             Outcome::OutOfMemory => Err(BoardError::OutOfMemory),
         }
+    }
+
+    /// The deepest that the stack has been, in bytes: the memory above the static
+    /// data that was ever written.
+    pub fn stack_bytes(&self) -> u16 {
+        RAM_END.saturating_sub(self.simavr.first_written(self.static_data_end))
     }
 
     /// Takes the bytes that the board sent over UART0 since the last call.

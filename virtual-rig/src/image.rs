@@ -18,6 +18,9 @@ pub const FLASH_BYTES: usize = 256 * 1024;
 /// Load addresses from here on are data space, EEPROM or fuses, not flash.
 const FLASH_ADDRESS_END: u32 = 0x0080_0000;
 
+/// Load addresses of the data space carry this; EEPROM starts at the next.
+const DATA_ADDRESSES: std::ops::Range<u32> = FLASH_ADDRESS_END..0x0081_0000;
+
 /// Why a file is not an image for the board.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -55,6 +58,7 @@ pub enum ImageError {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Image {
     flash: Vec<u8>,
+    static_data_end: u16,
 }
 
 impl Image {
@@ -84,12 +88,21 @@ impl Image {
             return Err(ImageError::OtherProcessor(machine));
         }
         let mut flash = Vec::new();
+        let mut static_data_end = 0;
         for segment in header
             .program_headers(endian, bytes)
             .map_err(ImageError::NotElf)?
         {
             let address = segment.p_paddr(endian);
-            if segment.p_type(endian) != PT_LOAD || address >= FLASH_ADDRESS_END {
+            if segment.p_type(endian) != PT_LOAD {
+                continue;
+            }
+            let runs_at = segment.p_vaddr(endian);
+            if DATA_ADDRESSES.contains(&runs_at) {
+                let end = (runs_at - DATA_ADDRESSES.start).saturating_add(segment.p_memsz(endian));
+                static_data_end = static_data_end.max(u16::try_from(end).unwrap_or(u16::MAX));
+            }
+            if address >= FLASH_ADDRESS_END {
                 continue;
             }
             let data = segment
@@ -118,7 +131,15 @@ impl Image {
         if flash.is_empty() {
             return Err(ImageError::Empty);
         }
-        Ok(Self { flash })
+        Ok(Self {
+            flash,
+            static_data_end,
+        })
+    }
+
+    /// The address in RAM behind the last variable, where the stack may grow to.
+    pub fn static_data_end(&self) -> u16 {
+        self.static_data_end
     }
 
     /// The flash from address 0 to the last used byte.
@@ -133,6 +154,10 @@ mod tests {
 
     /// A minimal ELF file with one segment.
     fn elf(machine: u16, address: u32, data: &[u8]) -> Vec<u8> {
+        elf_at(machine, address, address, data)
+    }
+
+    fn elf_at(machine: u16, runs_at: u32, address: u32, data: &[u8]) -> Vec<u8> {
         let mut file = vec![0x7f, b'E', b'L', b'F', 1, 1, 1, 0];
         file.resize(16, 0);
         for half in [2u16, machine] {
@@ -145,7 +170,7 @@ mod tests {
             file.extend(half.to_le_bytes());
         }
         let length = u32::try_from(data.len()).unwrap();
-        for word in [1u32, 84, address, address, length, length, 5, 1] {
+        for word in [1u32, 84, runs_at, address, length, length, 5, 1] {
             file.extend(word.to_le_bytes());
         }
         file.extend(data);
@@ -156,6 +181,18 @@ mod tests {
     fn gathers_the_flash_and_fills_gaps_with_ones() {
         let image = Image::parse(&elf(83, 4, &[1, 2, 3])).unwrap();
         assert_eq!(image.flash(), [0xff, 0xff, 0xff, 0xff, 1, 2, 3]);
+    }
+
+    #[test]
+    fn knows_where_variables_end() {
+        let initial_values = elf_at(83, 0x0080_0200, 100, &[1, 2, 3]);
+        let image = Image::parse(&initial_values).unwrap();
+        assert_eq!(image.static_data_end(), 0x203);
+        assert_eq!(image.flash().len(), 103);
+        assert_eq!(
+            Image::parse(&elf(83, 0, &[1])).unwrap().static_data_end(),
+            0
+        );
     }
 
     #[test]

@@ -4,7 +4,7 @@
 
 use std::{
     io::{self, Write},
-    path::PathBuf,
+    path::{Path, PathBuf},
     process::ExitCode,
 };
 
@@ -23,7 +23,7 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Runs an image: serial output to stdout, measured cycles to stderr
+    /// Runs an image: serial output to stdout, measured cycles and stack to stderr
     ///
     /// Exit codes: 0 as asked, 1 bad image or crashed processor, 2 wrong
     /// arguments, 3 the text of --until did not come.
@@ -59,9 +59,16 @@ fn main() -> ExitCode {
     }
 }
 
-fn run(path: &std::path::Path, cycles: u64, until: Option<&str>) -> anyhow::Result<ExitCode> {
+fn run(path: &Path, cycles: u64, until: Option<&str>) -> anyhow::Result<ExitCode> {
     let image = Image::read(path).with_context(|| format!("cannot load {}", path.display()))?;
     let mut board = Board::new(&image)?;
+    let code = watch(&mut board, cycles, until)?;
+    eprintln!("stack {} bytes", board.stack_bytes());
+    Ok(code)
+}
+
+/// Passes on what the board says until it is time to stop.
+fn watch(board: &mut Board, cycles: u64, until: Option<&str>) -> anyhow::Result<ExitCode> {
     let mut stdout = io::stdout().lock();
     let mut seen = Vec::new();
     loop {

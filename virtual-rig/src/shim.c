@@ -17,6 +17,8 @@
 #include <sim_irq.h>
 
 #define MARK_REGISTER 0x3e // GPIOR0, data-space address
+#define RAM_START 0x200     // the registers are below
+#define RAM_PAINT 0xc5      // what memory that was never written reads as
 
 struct mark {
     uint64_t cycles;
@@ -139,6 +141,8 @@ struct softrig_board *softrig_board_new(const char *processor, uint32_t hertz,
     // avr_loadcode only reads, whatever its signature says.
     avr_loadcode(avr, (uint8_t *)flash, flash_len, 0);
     avr->codeend = flash_len;
+    // Memory is undefined at power-on; painted, it shows later what was used.
+    memset(avr->data + RAM_START, RAM_PAINT, avr->ramend + 1 - RAM_START);
 
     avr_register_io_write(avr, MARK_REGISTER, on_mark, board);
     avr_irq_register_notify(
@@ -198,4 +202,14 @@ void softrig_board_take_marks(struct softrig_board *board, uint8_t *ids, uint64_
         cycles[i] = board->marks[i].cycles;
     }
     board->marks_len = 0;
+}
+
+// The first address at or above `from` that was ever written, or the end of RAM.
+uint16_t softrig_board_first_written(const struct softrig_board *board, uint16_t from)
+{
+    const avr_t *avr = board->avr;
+    uint32_t at = from < RAM_START ? RAM_START : from;
+    while (at <= avr->ramend && avr->data[at] == RAM_PAINT)
+        at++;
+    return (uint16_t)at;
 }

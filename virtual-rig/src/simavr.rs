@@ -29,6 +29,7 @@ unsafe extern "C" {
     fn softrig_board_take_output(board: *mut Opaque, into: *mut u8);
     fn softrig_board_marks_len(board: *const Opaque) -> usize;
     fn softrig_board_take_marks(board: *mut Opaque, ids: *mut u8, cycles: *mut u64);
+    fn softrig_board_first_written(board: *const Opaque, from: u16) -> u16;
 }
 
 /// How a stretch of simulation ended, in the shim's numbers.
@@ -88,6 +89,11 @@ impl Simavr {
             softrig_board_take_output(self.0.as_ptr(), bytes.as_mut_ptr());
             bytes
         }
+    }
+
+    pub(crate) fn first_written(&self, from: u16) -> u16 {
+        // SAFETY: the handle is live, and the shim stays within the RAM.
+        unsafe { softrig_board_first_written(self.0.as_ptr(), from) }
     }
 
     pub(crate) fn take_marks(&mut self) -> Vec<(u8, u64)> {

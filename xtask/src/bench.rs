@@ -133,8 +133,12 @@ pub fn board() -> Outcome {
     }
     println!("  plain C: bits {}", plain.said.trim());
     avr::print_size(&image)?;
+    println!("  image: stack {} bytes deep", ours.stack);
     let avr::Size { flash, static_ram } = avr::size(&sketch)?;
-    println!("  plain C: {flash} bytes of flash, {static_ram} bytes of RAM");
+    println!(
+        "  plain C: {flash} bytes of flash, {static_ram} bytes of RAM, stack {} bytes deep",
+        plain.stack
+    );
     Ok(())
 }
 
@@ -142,6 +146,7 @@ pub fn board() -> Outcome {
 struct Run {
     said: String,
     cycles: Vec<(String, u64)>,
+    stack: String,
 }
 
 fn simulate(rig: &Path, image: &Path) -> Outcome<Run> {
@@ -165,7 +170,13 @@ fn simulate(rig: &Path, image: &Path) -> Outcome<Run> {
             Some((words.next()?.to_owned(), words.next()?.parse().ok()?))
         })
         .collect();
+    let stack = marks
+        .lines()
+        .find_map(|line| line.strip_prefix("stack ")?.strip_suffix(" bytes"))
+        .unwrap_or("an unknown number of")
+        .into();
     Ok(Run {
+        stack,
         said: String::from_utf8_lossy(&output.stdout).into_owned(),
         cycles,
     })

@@ -14,10 +14,12 @@ use firmware::probe::Probe;
 use ufmt::uWrite;
 
 // avr-libc's assembly replaces the weak, four to seven times slower float
-// routines of compiler_builtins, with the same bits. It must be asked for here in
-// the binary: a library's request comes after compiler_builtins on the linker's
-// command line, and changes nothing. `cargo xtask test` checks which one won.
+// routines of compiler_builtins, with the same bits, and its larger and slower
+// memcpy. It must be asked for here in the binary: a library's request comes
+// after compiler_builtins on the linker's command line, and changes nothing.
+// `cargo xtask test` checks which one won.
 #[link(name = "m")]
+#[link(name = "c")]
 unsafe extern "C" {}
 
 /// The processor clock in hertz.
