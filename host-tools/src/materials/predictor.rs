@@ -284,6 +284,29 @@ mod tests {
     }
 
     #[test]
+    fn the_standard_error_of_a_prediction_agrees_with_leaving_one_out() {
+        let rows = TABLE_I.to_vec();
+        let fit = PredictorFit::new(&rows).unwrap();
+        for left_out in 0..rows.len() {
+            let mut others = rows.clone();
+            let material = others.remove(left_out);
+            let sheet = material.data_sheet();
+            let truth: f64 = material.exponent();
+            let prediction = fit.predict(&sheet);
+            // The leverage h is in the standard error, s √(1 + h), and also turns
+            // a residual e into the error of an unseen row, e/(1 − h).
+            let leverage = (prediction.standard_error / fit.residual_deviation).powi(2) - 1.0;
+            let unseen = PredictorFit::new(&others).unwrap().predict(&sheet);
+            let expected = (truth - prediction.exponent) / (1.0 - leverage);
+            assert!(
+                ((truth - unseen.exponent) - expected).abs() < 1e-10,
+                "{}",
+                material.name
+            );
+        }
+    }
+
+    #[test]
     fn the_residuals_are_orthogonal_to_the_regressors() {
         let rows = eight_rows();
         let fit = PredictorFit::new(&rows).unwrap();
