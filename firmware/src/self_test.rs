@@ -1,13 +1,15 @@
-//! One model step at start-up, shown to the bit.
+//! Model steps at start-up, shown to the bit.
 //!
 //! The claim that the board and the desktop compute the same is checked where it
-//! matters: on the image that is flashed. The board steps a fixed model from a
-//! fixed state and prints the bits; the desktop does the same and compares.
+//! matters: on the image that is flashed. The board steps fixed models from a
+//! fixed state, one with each power function and one with each effect of the
+//! catalogue, and prints the bits; the desktop does the same and compares.
 
 use core::hint::black_box;
 
 use model_core::{
     actuator::{Dynamics, InvalidModel, Model, State},
+    catalogue::Kind,
     input::Held,
     integrate::{Scheme, step},
     power::{GuardedMicromath, Minimax, Power},
@@ -57,7 +59,28 @@ impl Tested for GuardedMicromath {
     const POWER: u8 = stretch::POWER_MICROMATH;
 }
 
-/// Prints what the firmware is and one step with each power function.
+/// The most parameters that an effect has.
+const MOST_PARAMETERS: usize = 8;
+
+/// The model with one effect, its parameters small but within their bounds.
+///
+/// # Errors
+///
+/// [`InvalidModel`] if the effect has no such parameters, which the tests rule out.
+pub fn with_effect(kind: Kind) -> Result<Model<f32, Minimax>, InvalidModel> {
+    let mut values = [0.0; MOST_PARAMETERS];
+    let rows = kind.parameters();
+    for (value, row) in values.iter_mut().zip(rows) {
+        *value = 0.05_f32.clamp(row.lower, row.upper);
+    }
+    let effect = values
+        .get(..rows.len())
+        .and_then(|values| kind.build(values))
+        .ok_or(InvalidModel::TooManyEffects)?;
+    Model::new(DYNAMICS, &[effect])
+}
+
+/// Prints what the firmware is and one step with each power function and effect.
 ///
 /// # Errors
 ///
@@ -73,51 +96,71 @@ pub fn run<W: uWrite + ?Sized>(out: &mut W, probe: &mut impl Probe) -> Result<()
 
     probe.open(stretch::NOTHING);
     probe.close();
-    report::<Minimax, W>(out, probe)?;
-    report::<GuardedMicromath, W>(out, probe)?;
+    for_power::<Minimax, W>(out, probe)?;
+    for_power::<GuardedMicromath, W>(out, probe)?;
+    for (index, &kind) in (0..).zip(Kind::ALL) {
+        let state = with_effect(kind)
+            .map(|model| one_step(&model, stretch::effect(usize::from(index)), probe));
+        report(out, Minimax::NAME, Some(index), state)?;
+    }
 
     let mut line = Sealed::new(out);
     line.write_str(DONE)?;
     line.finish()
 }
 
-fn report<P: Tested, W: uWrite + ?Sized>(
+fn for_power<P: Tested, W: uWrite + ?Sized>(
     out: &mut W,
     probe: &mut impl Probe,
 ) -> Result<(), W::Error> {
-    let Ok(state) = one_step::<P>(probe) else {
-        // Only a change of the constants above can bring this about.
-        let mut line = Sealed::new(out);
-        uwrite!(line, "step {}: the model is not valid", P::NAME)?;
-        return line.finish();
-    };
-    StepReport {
-        power: P::NAME,
-        angle_rad: state.angle,
-        rate_rad_per_s: state.rate,
-    }
-    .write(out)
+    let (base, exponent) = black_box((ANGLE_RAD, DYNAMICS.exponent));
+    probe.open(P::POWER);
+    black_box(P::pow(base, exponent));
+    probe.close();
+
+    let state = Model::<f32, P>::new(DYNAMICS, &[]).map(|model| one_step(&model, P::STEP, probe));
+    report(out, P::NAME, None, state)
 }
 
-fn one_step<P: Tested>(probe: &mut impl Probe) -> Result<State<f32>, InvalidModel> {
+/// Steps the model once from the fixed state.
+fn one_step<P: Power<f32>>(
+    model: &Model<f32, P>,
+    stretch: u8,
+    probe: &mut impl Probe,
+) -> State<f32> {
     // What the compiler knows it would compute itself, and nothing would be
     // tested or measured.
-    let model = black_box(Model::<f32, P>::new(DYNAMICS, &[])?);
+    let model = black_box(model);
     let mut state = black_box(model.moving(ANGLE_RAD, RATE_RAD_PER_S, PRESSURE_PA));
     let input = black_box(Held(PRESSURE_PA));
     let dt = black_box(STEP_S);
 
-    let (base, exponent) = black_box((ANGLE_RAD, DYNAMICS.exponent));
-    probe.open(P::POWER);
-    let power = P::pow(base, exponent);
-    black_box(power);
-    probe.close();
-
-    probe.open(P::STEP);
-    step(Scheme::Rk4, &model, &mut state, &input, dt);
+    probe.open(stretch);
+    step(Scheme::Rk4, model, &mut state, &input, dt);
     black_box(&state);
     probe.close();
-    Ok(state)
+    state
+}
+
+fn report<W: uWrite + ?Sized>(
+    out: &mut W,
+    power: &str,
+    effect: Option<u8>,
+    state: Result<State<f32>, InvalidModel>,
+) -> Result<(), W::Error> {
+    let Ok(state) = state else {
+        // Only a change of the constants above can bring this about.
+        let mut line = Sealed::new(out);
+        uwrite!(line, "step {}: the model is not valid", power)?;
+        return line.finish();
+    };
+    StepReport {
+        power,
+        effect,
+        angle_rad: state.angle,
+        rate_rad_per_s: state.rate,
+    }
+    .write(out)
 }
 
 #[cfg(test)]
@@ -159,7 +202,8 @@ mod tests {
             .lines()
             .map(|line| wire::line::open(line).unwrap())
             .collect();
-        assert_eq!(texts.len(), 4);
+        assert_eq!(texts.len(), 4 + Kind::ALL.len());
+        assert!(texts.iter().all(|text| !text.contains("not valid")));
         assert_eq!(texts.last(), Some(&DONE));
     }
 
@@ -175,9 +219,11 @@ mod tests {
             &Held(f64::from(PRESSURE_PA)),
             f64::from(STEP_S),
         );
+        let minimax = Model::<f32, Minimax>::new(DYNAMICS, &[]).unwrap();
+        let micromath = Model::<f32, GuardedMicromath>::new(DYNAMICS, &[]).unwrap();
         for state in [
-            one_step::<Minimax>(&mut NoProbe).unwrap(),
-            one_step::<GuardedMicromath>(&mut NoProbe).unwrap(),
+            one_step(&minimax, 0, &mut NoProbe),
+            one_step(&micromath, 0, &mut NoProbe),
         ] {
             assert!((f64::from(state.angle) - exact.angle).abs() < 1e-6);
             assert!((f64::from(state.rate) - exact.rate).abs() < 1e-5);

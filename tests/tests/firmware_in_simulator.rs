@@ -10,9 +10,12 @@ use std::{
     process::{Command, Output},
 };
 
-use firmware::self_test::{ANGLE_RAD, DONE, DYNAMICS, PRESSURE_PA, RATE_RAD_PER_S, STEP_S};
+use firmware::self_test::{
+    ANGLE_RAD, DONE, DYNAMICS, PRESSURE_PA, RATE_RAD_PER_S, STEP_S, with_effect,
+};
 use model_core::{
     actuator::{Model, State},
+    catalogue::Kind,
     input::Held,
     integrate::{Scheme, step},
     power::{GuardedMicromath, Minimax, Power},
@@ -43,10 +46,13 @@ fn run_image(image: Option<&Path>, until: &str) -> Option<Output> {
     Some(output)
 }
 
-fn on_the_desktop<P: Power<f32>>() -> State<f32> {
-    let model = Model::<f32, P>::new(DYNAMICS, &[]).expect("the self-test's model is valid");
+fn base<P: Power<f32>>() -> Model<f32, P> {
+    Model::new(DYNAMICS, &[]).expect("the self-test's model is valid")
+}
+
+fn on_the_desktop<P: Power<f32>>(model: &Model<f32, P>) -> State<f32> {
     let mut state = model.moving(ANGLE_RAD, RATE_RAD_PER_S, PRESSURE_PA);
-    step(Scheme::Rk4, &model, &mut state, &Held(PRESSURE_PA), STEP_S);
+    step(Scheme::Rk4, model, &mut state, &Held(PRESSURE_PA), STEP_S);
     state
 }
 
@@ -64,20 +70,26 @@ fn the_board_computes_the_same_bits_as_the_desktop() {
         .filter(|text| text.starts_with("step "))
         .map(|text| StepReport::parse(text).expect("a step report"))
         .collect();
-    let [minimax, micromath] = reports.as_slice() else {
-        panic!("expected two steps in:\n{said}");
-    };
-    assert_eq!((minimax.power, micromath.power), ("minimax", "micromath"));
+    let mut desktop = vec![
+        ("minimax", None, on_the_desktop(&base::<Minimax>())),
+        (
+            "micromath",
+            None,
+            on_the_desktop(&base::<GuardedMicromath>()),
+        ),
+    ];
+    for (index, &kind) in (0..).zip(Kind::ALL) {
+        let model = with_effect(kind).expect("the self-test's effects are valid");
+        desktop.push(("minimax", Some(index), on_the_desktop(&model)));
+    }
+    assert_eq!(reports.len(), desktop.len(), "{said}");
 
-    for (board, desktop) in [
-        (minimax, on_the_desktop::<Minimax>()),
-        (micromath, on_the_desktop::<GuardedMicromath>()),
-    ] {
+    for (board, (power, effect, desktop)) in reports.iter().zip(desktop) {
+        assert_eq!((board.power, board.effect), (power, effect));
         assert_eq!(
             (board.angle_rad.to_bits(), board.rate_rad_per_s.to_bits()),
             (desktop.angle.to_bits(), desktop.rate.to_bits()),
-            "{}: board {board:?}, desktop {desktop:?}",
-            board.power,
+            "board {board:?}, desktop {desktop:?}",
         );
         // A step that does nothing would agree too.
         assert!(board.angle_rad > ANGLE_RAD && (board.angle_rad - ANGLE_RAD) < 1e-2);

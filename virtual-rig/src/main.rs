@@ -10,6 +10,7 @@ use std::{
 
 use anyhow::Context;
 use clap::{Parser, Subcommand};
+use model_core::catalogue::Kind;
 use virtual_rig::{Board, Image, State};
 use wire::stretch;
 
@@ -82,10 +83,7 @@ fn watch(board: &mut Board, cycles: u64, until: Option<&str>) -> anyhow::Result<
             result => result.context("cannot write the board's output")?,
         }
         for mark in board.take_marks() {
-            match stretch::name(mark.id) {
-                Some(name) => eprintln!("cycles {name} {}", mark.cycles),
-                None => eprintln!("cycles mark_{} {}", mark.id, mark.cycles),
-            }
+            eprintln!("cycles {} {}", name(mark.id), mark.cycles);
         }
         let state = outcome?;
         if let Some(text) = until {
@@ -113,6 +111,18 @@ fn watch(board: &mut Board, cycles: u64, until: Option<&str>) -> anyhow::Result<
                 }
             });
         }
+    }
+}
+
+/// The name of a measured stretch, without spaces.
+fn name(stretch: u8) -> String {
+    if let Some(name) = stretch::name(stretch) {
+        return name.into();
+    }
+    let effect = stretch::effect_index(stretch).and_then(|index| Kind::ALL.get(index));
+    match effect {
+        Some(kind) => format!("step_minimax+{}", kind.name()),
+        None => format!("stretch_{stretch}"),
     }
 }
 

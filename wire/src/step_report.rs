@@ -18,6 +18,8 @@ const DEGREES_PER_RADIAN: f32 = 57.295_78;
 pub struct StepReport<'t> {
     /// The power function that was used.
     pub power: &'t str,
+    /// The one effect in the model, as its place in the catalogue.
+    pub effect: Option<u8>,
     /// Bending angle in radians.
     pub angle_rad: f32,
     /// Angular velocity in rad/s.
@@ -32,10 +34,13 @@ impl<'t> StepReport<'t> {
     /// Those of the output.
     pub fn write<W: uWrite + ?Sized>(&self, out: &mut W) -> Result<(), W::Error> {
         let mut line = Sealed::new(out);
+        uwrite!(line, "step {}", self.power)?;
+        if let Some(effect) = self.effect {
+            uwrite!(line, " with effect {}", effect)?;
+        }
         uwrite!(
             line,
-            "step {}: angle {} deg, rate {} deg/s, bits {} {}",
-            self.power,
+            ": angle {} deg, rate {} deg/s, bits {} {}",
             Thousandths::round(self.angle_rad * DEGREES_PER_RADIAN),
             Thousandths::round(self.rate_rad_per_s * DEGREES_PER_RADIAN),
             Word(self.angle_rad.to_bits()),
@@ -51,10 +56,17 @@ impl<'t> StepReport<'t> {
     /// [`StepReportError`] when the line is damaged or says something else.
     pub fn parse(line: &'t str) -> Result<Self, StepReportError> {
         let text = line::open(line).map_err(StepReportError::Line)?;
-        let (power, rest) = text
+        let (what, rest) = text
             .strip_prefix("step ")
             .and_then(|rest| rest.split_once(": "))
             .ok_or(StepReportError::OtherLine)?;
+        let (power, effect) = match what.split_once(" with effect ") {
+            None => (what, None),
+            Some((power, index)) => (
+                power,
+                Some(index.parse().map_err(|_| StepReportError::OtherLine)?),
+            ),
+        };
         let (_, bits) = rest.split_once(", bits ").ok_or(StepReportError::NoBits)?;
         let (angle, rate) = bits.split_once(' ').ok_or(StepReportError::NoBits)?;
         let number = |digits: &str| {
@@ -64,6 +76,7 @@ impl<'t> StepReport<'t> {
         };
         Ok(Self {
             power,
+            effect,
             angle_rad: number(angle)?,
             rate_rad_per_s: number(rate)?,
         })
@@ -121,6 +134,7 @@ mod tests {
     fn reads_like_a_sentence() {
         let report = StepReport {
             power: "minimax",
+            effect: None,
             angle_rad: 0.3,
             rate_rad_per_s: -0.1,
         };
@@ -131,15 +145,17 @@ mod tests {
 
     proptest! {
         #[test]
-        fn keeps_every_bit(angle: u32, rate: u32) {
+        fn keeps_every_bit(angle: u32, rate: u32, effect: Option<u8>) {
             let report = StepReport {
                 power: "micromath",
+                effect,
                 angle_rad: f32::from_bits(angle),
                 rate_rad_per_s: f32::from_bits(rate),
             };
             let line = written(&report);
             let read = StepReport::parse(&line).unwrap();
             prop_assert_eq!(read.power, "micromath");
+            prop_assert_eq!(read.effect, effect);
             prop_assert_eq!(read.angle_rad.to_bits(), angle);
             prop_assert_eq!(read.rate_rad_per_s.to_bits(), rate);
         }

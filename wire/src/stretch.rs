@@ -15,7 +15,25 @@ pub const POWER_MICROMATH: u8 = 4;
 /// Nothing: what the marks themselves cost.
 pub const NOTHING: u8 = 5;
 
-/// The name of a stretch, for tables.
+/// The first of the stretches that are one step with one effect, in the order of
+/// the catalogue.
+pub const FIRST_EFFECT: u8 = 16;
+
+/// The stretch that is one step with the effect at `index` of the catalogue.
+#[allow(clippy::cast_possible_truncation)] // 16 + 127 fit.
+pub const fn effect(index: usize) -> u8 {
+    FIRST_EFFECT + if index < 127 { index as u8 } else { 127 }
+}
+
+/// The effect's place in the catalogue, for a stretch that is a step with one.
+pub const fn effect_index(stretch: u8) -> Option<usize> {
+    if stretch < FIRST_EFFECT {
+        return None;
+    }
+    Some((stretch - FIRST_EFFECT) as usize)
+}
+
+/// The name of a stretch without an effect, for tables.
 pub const fn name(stretch: u8) -> Option<&'static str> {
     Some(match stretch {
         STEP_MINIMAX => "step_minimax",
@@ -25,4 +43,19 @@ pub const fn name(stretch: u8) -> Option<&'static str> {
         NOTHING => "nothing",
         _ => return None,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn effects_and_the_rest_do_not_collide() {
+        for stretch in 0..=u8::MAX {
+            assert!(name(stretch).is_none() || effect_index(stretch).is_none());
+        }
+        for index in 0..127 {
+            assert_eq!(effect_index(effect(index)), Some(index));
+        }
+    }
 }

@@ -108,10 +108,10 @@ pub fn board() -> Outcome {
     };
 
     println!("\ncycles on the ATmega2560 (16 000 are a millisecond)\n");
-    println!("  {:<24}{:>10}{:>14}", "", "cycles", "of plain C");
+    println!("  {:<34}{:>10}{:>14}", "", "cycles", "of plain C");
     let row = |name: &str, cycles: u64, rival: u64| {
         println!(
-            "  {name:<24}{cycles:>10}{:>13.0}%",
+            "  {name:<34}{cycles:>10}{:>13.0}%",
             100.0 * cycles as f64 / rival as f64
         );
     };
@@ -125,10 +125,19 @@ pub fn board() -> Outcome {
             of(&ours, name).ok_or_else(|| format!("the firmware left no cycle mark for {name}"))?;
         row(label, cycles, rival);
     }
+    for (name, cycles) in &ours.cycles {
+        if let Some(effect) = name.strip_prefix("step_minimax+") {
+            row(&format!("  with {effect}"), *cycles, step);
+        }
+    }
     row("plain C: one power", pow, pow);
     row("plain C: one RK4 step", step, step);
     println!("\nwhat they computed");
-    for line in ours.said.lines().filter(|line| line.starts_with("step ")) {
+    for line in ours
+        .said
+        .lines()
+        .filter(|line| line.starts_with("step ") && !line.contains(" with "))
+    {
         println!("  {line}");
     }
     println!("  plain C: bits {}", plain.said.trim());
@@ -154,7 +163,7 @@ fn simulate(rig: &Path, image: &Path) -> Outcome<Run> {
     command
         .arg("run")
         .arg(image)
-        .args(["--cycles", "8000000"])
+        .args(["--cycles", "32000000"])
         .stdin(Stdio::null());
     let output = command
         .output()
