@@ -34,7 +34,7 @@ pub struct Run<'a> {
     /// Whether the start has to be estimated.
     moving: bool,
     interval: f64,
-    /// Largest angle measured [rad], which bounds the step length.
+    /// Largest angle measured (rad), which bounds the step length.
     reach: f64,
 }
 
@@ -66,12 +66,12 @@ impl<'a> Run<'a> {
         self.moving
     }
 
-    /// Largest angle measured [rad].
+    /// Largest angle measured (rad).
     pub fn reach(&self) -> f64 {
         self.reach
     }
 
-    /// Simulated minus measured angle [rad].
+    /// Simulated minus measured angle (rad).
     fn residual(&self, model: &Model<f64>, start: Start<f64>) -> Vec<f64> {
         let steps = substeps(model, self.interval, self.reach);
         let simulated = run(model, &self.signal, start, steps);
@@ -108,7 +108,7 @@ impl<'a> Run<'a> {
 fn find_start(recording: &Recording) -> (Start<f64>, bool) {
     /// Fewer samples than this do not show a rest.
     const FEWEST: usize = 5;
-    /// A rest longer than this [s] adds nothing.
+    /// A rest longer than this (s) adds nothing.
     const LONGEST: f64 = 1.0;
     let noise = noise_by_differences(&recording.angle).max(1e-9);
     let pressure_noise = noise_by_differences(&recording.pressure);
@@ -179,14 +179,14 @@ enum Coordinate {
 }
 
 impl Coordinate {
-    fn of(model: &Model<f64>, id: ParameterId) -> Self {
+    fn of(nominal: &Model<f64>, model: &Model<f64>, id: ParameterId) -> Self {
         let value = model.value(id).unwrap_or(1.0);
         let scale = if value.abs() > 1e-12 {
             value.abs()
         } else {
             1.0
         };
-        let (lower, upper) = bounds(model, id);
+        let (lower, upper) = search_range(nominal, model, id);
         match (lower.is_finite(), upper.is_finite()) {
             (true, true) if lower > 0.0 && upper / lower > 50.0 => {
                 Self::Logarithmic { lower, upper }
@@ -243,6 +243,29 @@ impl Coordinate {
     }
 }
 
+/// How far a fit may move a base parameter from its nominal value, as a factor.
+///
+/// Data sheets are right to a third; a factor of ten allows for a slip of
+/// units and keeps a fit whose structure is wrong from running to infinity
+/// along a flat valley (inertia without influence, all else scaled up).
+const SEARCH_FACTOR: f64 = 10.0;
+
+/// Where a fit looks for a parameter, in SI units, given the model as it was
+/// before any fit.
+fn search_range(nominal: &Model<f64>, model: &Model<f64>, id: ParameterId) -> (f64, f64) {
+    let (lower, upper) = bounds(model, id);
+    let value = nominal.value(id).unwrap_or(0.0);
+    match id {
+        ParameterId::Effect { .. } => (lower, upper),
+        _ if value == 0.0 => (lower, upper),
+        ParameterId::Damping | ParameterId::Stiffness => (0.0, SEARCH_FACTOR * value),
+        ParameterId::Exponent => (lower, upper),
+        ParameterId::InputGain if value < 0.0 => (SEARCH_FACTOR * value, 0.0),
+        ParameterId::InputGain => (0.0, SEARCH_FACTOR * value),
+        ParameterId::Inertia => (value / SEARCH_FACTOR, value * SEARCH_FACTOR),
+    }
+}
+
 /// The bounds of a parameter in SI units.
 fn bounds(model: &Model<f64>, id: ParameterId) -> (f64, f64) {
     match id {
@@ -269,7 +292,7 @@ pub struct Fit {
     pub free: Vec<ParameterId>,
     /// Start of each recording, estimated where it was unknown.
     pub starts: Vec<Start<f64>>,
-    /// Simulated minus measured angle [rad], a series a recording.
+    /// Simulated minus measured angle (rad), a series a recording.
     pub residuals: Vec<Vec<f64>>,
     /// Standard error of each free parameter, in SI units; infinite for a
     /// parameter that the recordings do not determine.
@@ -281,7 +304,7 @@ pub struct Fit {
 }
 
 impl Fit {
-    /// Sum of squared residuals [rad²].
+    /// Sum of squared residuals (rad²).
     pub fn sse(&self) -> f64 {
         self.residuals
             .iter()
@@ -300,7 +323,7 @@ impl Fit {
         self.free.len() + 2 * self.moving
     }
 
-    /// RMS residual [rad].
+    /// RMS residual (rad).
     pub fn rmse(&self) -> f64 {
         (self.sse() / self.samples().max(1) as f64).sqrt()
     }
@@ -326,7 +349,8 @@ impl Fit {
 pub enum Effort {
     /// A few steps, to rank starts.
     Glance,
-    /// To convergence.
+    /// Until another step would change the sum of squares by a millionth: far
+    /// below what any test of significance can see.
     Full,
 }
 
@@ -335,55 +359,71 @@ impl Effort {
         let solver = LevenbergMarquardt::new().with_gtol(0.0);
         match self {
             Self::Glance => solver.with_patience(2).with_ftol(1e-3).with_xtol(1e-3),
-            Self::Full => solver.with_patience(25).with_ftol(1e-8).with_xtol(1e-7),
+            Self::Full => solver.with_patience(12).with_ftol(1e-6).with_xtol(1e-5),
         }
     }
 }
 
-/// Fits the parameters in `free`, starting from their values in `model`.
-///
-/// With nothing free it estimates only the starts of recordings that begin in
-/// motion: a plain comparison.
-pub fn fit(model: &Model<f64>, free: &[ParameterId], runs: &[Run<'_>], effort: Effort) -> Fit {
-    let mut problem = Problem::new(model, free, runs);
-    let mut converged = true;
-    if problem.unknowns() > 0 {
-        let (solved, report) = effort.solver().minimize(problem);
-        converged = report.termination.was_successful();
-        problem = solved;
-    }
-    problem.finish(converged)
+/// Fits models to a set of recordings.
+#[derive(Clone, Copy, Debug)]
+pub struct Fitter<'a, 'r> {
+    /// The model before any fit, around which base parameters are searched.
+    pub nominal: &'a Model<f64>,
+    /// The recordings.
+    pub runs: &'a [Run<'r>],
 }
 
-/// Fits from several starts: a glance at each, then the best two to the end.
-///
-/// Each start is a full model; the first is preferred on a tie.
-pub fn fit_from(starts: &[Model<f64>], free: &[ParameterId], runs: &[Run<'_>]) -> Option<Fit> {
-    /// Starts that are worth finishing.
-    const FINISHED: usize = 2;
-    if let [only] = starts {
-        return Some(fit(only, free, runs, Effort::Full));
+impl Fitter<'_, '_> {
+    /// Fits the parameters in `free`, starting from their values in `start`.
+    ///
+    /// With nothing free it estimates only the starts of recordings that begin
+    /// in motion: a plain comparison.
+    pub fn fit(&self, start: &Model<f64>, free: &[ParameterId], effort: Effort) -> Fit {
+        let mut problem = Problem::new(self, start, free);
+        let mut converged = true;
+        if problem.unknowns() > 0 {
+            let (solved, report) = effort.solver().minimize(problem);
+            converged = report.termination.was_successful();
+            problem = solved;
+        }
+        problem.finish(converged)
     }
-    let mut glances: Vec<Fit> = starts
-        .par_iter()
-        .map(|start| fit(start, free, runs, Effort::Glance))
-        .collect();
-    glances.retain(|fit| fit.sse().is_finite());
-    glances.sort_by(|a, b| a.sse().total_cmp(&b.sse()));
-    glances.truncate(FINISHED);
-    glances
-        .par_iter()
-        .map(|glance| fit(&glance.model, free, runs, Effort::Full))
-        .collect::<Vec<_>>()
-        .into_iter()
-        .min_by(|a, b| a.sse().total_cmp(&b.sse()))
+
+    /// Simulates `model` as it is and compares.
+    pub fn compare(&self, model: &Model<f64>) -> Fit {
+        self.fit(model, &[], Effort::Full)
+    }
+
+    /// Fits from several starts: a glance at each, then the best two to the
+    /// end. None if there is no start, or none from which the model can be
+    /// simulated.
+    pub fn fit_from(&self, starts: &[Model<f64>], free: &[ParameterId]) -> Option<Fit> {
+        /// Starts that are worth finishing.
+        const FINISHED: usize = 2;
+        if let [only] = starts {
+            return Some(self.fit(only, free, Effort::Full));
+        }
+        let mut glances: Vec<Fit> = starts
+            .par_iter()
+            .map(|start| self.fit(start, free, Effort::Glance))
+            .collect();
+        glances.retain(|fit| fit.sse().is_finite());
+        glances.sort_by(|a, b| a.sse().total_cmp(&b.sse()));
+        glances.truncate(FINISHED);
+        glances
+            .par_iter()
+            .map(|glance| self.fit(&glance.model, free, Effort::Full))
+            .collect::<Vec<_>>()
+            .into_iter()
+            .min_by(|a, b| a.sse().total_cmp(&b.sse()))
+    }
 }
 
 /// The least-squares problem in the solver's coordinates: the free parameters,
 /// then angle and rate of every recording that starts in motion.
 struct Problem<'a, 'r> {
     model: Model<f64>,
-    free: &'a [ParameterId],
+    free: Vec<ParameterId>,
     coordinates: Vec<Coordinate>,
     runs: &'a [Run<'r>],
     /// First column of each recording's own unknowns.
@@ -392,9 +432,12 @@ struct Problem<'a, 'r> {
 }
 
 impl<'a, 'r> Problem<'a, 'r> {
-    fn new(model: &Model<f64>, free: &'a [ParameterId], runs: &'a [Run<'r>]) -> Self {
-        let coordinates: Vec<Coordinate> =
-            free.iter().map(|&id| Coordinate::of(model, id)).collect();
+    fn new(fitter: &Fitter<'a, 'r>, model: &Model<f64>, free: &[ParameterId]) -> Self {
+        let runs = fitter.runs;
+        let coordinates: Vec<Coordinate> = free
+            .iter()
+            .map(|&id| Coordinate::of(fitter.nominal, model, id))
+            .collect();
         let mut position: Vec<f64> = free
             .iter()
             .zip(&coordinates)
@@ -412,7 +455,7 @@ impl<'a, 'r> Problem<'a, 'r> {
             .collect();
         Self {
             model: *model,
-            free,
+            free: free.to_vec(),
             coordinates,
             runs,
             own,
@@ -532,7 +575,7 @@ impl<'a, 'r> Problem<'a, 'r> {
             .collect();
         Fit {
             model,
-            free: self.free.to_vec(),
+            free: self.free,
             starts,
             residuals,
             standard_errors,
@@ -616,7 +659,7 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_, '_> {
     }
 }
 
-/// RMS of each recording's residual [rad], in order.
+/// RMS of each recording's residual (rad), in order.
 pub fn rms_each(fit: &Fit) -> Vec<f64> {
     fit.residuals.iter().map(|residual| rms(residual)).collect()
 }

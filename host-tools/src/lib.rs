@@ -2,12 +2,18 @@
 //! pictures and verdicts out.
 #![forbid(unsafe_code)]
 
+pub mod cmd;
+pub mod diagnose;
 pub mod dual;
 pub mod error;
+pub mod example;
 pub mod fit;
+pub mod linear;
 pub mod materials;
 pub mod model_file;
 pub mod plot;
+pub mod protocol;
 pub mod recording;
+pub mod report;
 pub mod simulate;
 pub mod statistics;

@@ -53,11 +53,11 @@ pub struct ModelFile {
 pub struct ActuatorSection {
     /// Name of the material as in `rig materials list`.
     pub material: String,
-    /// Length of the bending part [m].
+    /// Length of the bending part (m).
     pub length_m: f64,
-    /// Width of the section [m].
+    /// Width of the section (m).
     pub width_m: f64,
-    /// Height of the section [m].
+    /// Height of the section (m).
     pub height_m: f64,
 }
 

@@ -17,9 +17,9 @@ use crate::error::InputError;
 /// Pascals in a kilopascal.
 pub const PASCAL_PER_KPA: f64 = 1000.0;
 
-/// An angle beyond this is taken for a slip of units [°].
+/// An angle beyond this is taken for a slip of units (°).
 const SUSPICIOUS_ANGLE_DEG: f64 = 720.0;
-/// A pressure beyond this is taken for a slip of units [kPa]: more than the
+/// A pressure beyond this is taken for a slip of units (kPa): more than the
 /// sensors and the silicone of such rigs stand.
 const SUSPICIOUS_PRESSURE_KPA: f64 = 600.0;
 /// A sampling interval this many times the median one is a gap.
@@ -35,11 +35,11 @@ pub struct Recording {
     pub name: String,
     /// Where it was read from.
     pub path: PathBuf,
-    /// Time of each sample [s], strictly increasing.
+    /// Time of each sample (s), strictly increasing.
     pub time: Vec<f64>,
-    /// Gauge pressure [Pa].
+    /// Gauge pressure (Pa).
     pub pressure: Vec<f64>,
-    /// Bending angle [rad] as the sensor shows it.
+    /// Bending angle (rad) as the sensor shows it.
     pub angle: Vec<f64>,
     /// Other columns, as they stand in the file.
     pub extra: Vec<Column>,
@@ -63,7 +63,7 @@ pub struct Meta {
     pub protocol: Option<String>,
     /// Number of the repeat of that protocol, from 1.
     pub repeat: Option<u32>,
-    /// Set-point of a step test [°].
+    /// Set-point of a step test (°).
     pub setpoint_deg: Option<f64>,
     /// Whether the recording was simulated.
     pub simulated: Option<bool>,
@@ -219,7 +219,7 @@ impl Recording {
         self.time.is_empty()
     }
 
-    /// Duration from the first sample to the last [s].
+    /// Duration from the first sample to the last (s).
     pub fn duration(&self) -> f64 {
         match (self.time.first(), self.time.last()) {
             (Some(first), Some(last)) => last - first,
@@ -227,7 +227,7 @@ impl Recording {
         }
     }
 
-    /// The usual time between samples [s]: the median.
+    /// The usual time between samples (s): the median.
     pub fn interval(&self) -> f64 {
         let mut steps: Vec<f64> = self.time.windows(2).map(|pair| pair[1] - pair[0]).collect();
         crate::statistics::median(&mut steps)

@@ -14,7 +14,7 @@ use model_core::real::Real;
 
 use crate::recording::Recording;
 
-/// An angle [rad] at which a run counts as diverged: no actuator bends this
+/// An angle (rad) at which a run counts as diverged: no actuator bends this
 /// far, and going on would only produce infinities.
 const DIVERGED: f64 = 200.0;
 
@@ -28,7 +28,7 @@ const MOST_SUBSTEPS: usize = 64;
 pub struct Signal {
     time: Vec<f64>,
     value: Vec<f64>,
-    /// Slope at each sample [Pa/s].
+    /// Slope at each sample (Pa/s).
     slope: Vec<f64>,
 }
 
@@ -142,7 +142,7 @@ impl<const N: usize> FromF64 for crate::dual::Dual<N> {
 struct Around<'a, R> {
     signal: &'a Signal,
     start: usize,
-    /// Time from the sample to the start of the step [s].
+    /// Time from the sample to the start of the step (s).
     begin: R,
 }
 
@@ -155,23 +155,23 @@ impl<R: Real + FromF64> Input<R> for Around<'_, R> {
 /// Where a run starts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Start<R> {
-    /// Bending angle [rad].
+    /// What the sensor shows (rad).
     pub angle: R,
-    /// Angular rate [rad/s].
+    /// Angular rate (rad/s).
     pub rate: R,
 }
 
 /// A simulated run, one entry a sample of the recording.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trajectory<R> {
-    /// What the sensor shows [rad].
+    /// What the sensor shows (rad).
     pub reading: Vec<R>,
     /// Whether the run left all bounds; the rest is then held.
     pub diverged: bool,
 }
 
 /// Integration steps for each sampling interval of `interval` seconds that
-/// resolve the model's own rates over angles up to `angle` [rad].
+/// resolve the model's own rates over angles up to `angle` (rad).
 ///
 /// RK4 loses phase as (ωh)⁴/120 and is stable to λh = 2.78: a fifth of a
 /// radian keeps the phase within 2·10⁻⁵, λh ≤ 1 keeps fast decays faithful.
@@ -201,7 +201,11 @@ pub fn run<R: FromF64, P: Power<R>>(
     start: Start<R>,
     substeps: usize,
 ) -> Trajectory<R> {
-    let mut state: State<R> = model.moving(start.angle, start.rate, R::from_f64(signal.value[0]));
+    let mut state: State<R> = model.moving(
+        model.angle_behind(start.angle),
+        start.rate,
+        R::from_f64(signal.value[0]),
+    );
     let mut reading = Vec::with_capacity(signal.time.len());
     reading.push(model.reading(&state));
     let mut diverged = false;

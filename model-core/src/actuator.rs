@@ -40,15 +40,15 @@ pub const MAX_EFFECTS: usize = 3;
 /// Parameters of the base equation, in SI units and radians.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Dynamics<R> {
-    /// Effective inertia M [kg·m], positive.
+    /// Effective inertia M (kg·m), positive.
     pub inertia: R,
-    /// Viscous damping C [N·s/rad], not negative.
+    /// Viscous damping C (N·s/rad), not negative.
     pub damping: R,
-    /// Stiffness K [N/radⁿ], not negative.
+    /// Stiffness K (N/radⁿ), not negative.
     pub stiffness: R,
     /// Exponent n of Ludwick's law, positive; 1 is Hooke's law.
     pub exponent: R,
-    /// Input gain g [N/Pa].
+    /// Input gain g (N/Pa).
     pub input_gain: R,
 }
 
@@ -130,11 +130,11 @@ pub struct Model<R: Real, P = <R as Real>::DefaultPower> {
 /// Where the actuator is, and what its effects remember.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State<R> {
-    /// Time since the start of the run [s].
+    /// Time since the start of the run (s).
     pub time: R,
-    /// Bending angle θ [rad].
+    /// Bending angle θ (rad).
     pub angle: R,
-    /// Angular rate θ̇ [rad/s].
+    /// Angular rate θ̇ (rad/s).
     pub rate: R,
     /// Hidden states of the effects, a slot each.
     pub hidden: [Hidden<R>; MAX_EFFECTS],
@@ -143,9 +143,9 @@ pub struct State<R> {
 /// The rate of change of a [`State`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Derivative<R> {
-    /// θ̇ [rad/s].
+    /// θ̇ (rad/s).
     pub rate: R,
-    /// θ̈ [rad/s²].
+    /// θ̈ (rad/s²).
     pub acceleration: R,
     /// Rates of the hidden states.
     pub hidden: [Hidden<R>; MAX_EFFECTS],
@@ -265,13 +265,13 @@ impl<R: Real, P: Power<R>> Model<R, P> {
         }
     }
 
-    /// The state of an actuator that has been resting at `angle` [rad] under
-    /// `pressure` [Pa]: hidden states have settled, time is zero.
+    /// The state of an actuator that has been resting at `angle` (rad) under
+    /// `pressure` (Pa): hidden states have settled, time is zero.
     pub fn at_rest(&self, angle: R, pressure: R) -> State<R> {
         self.moving(angle, R::ZERO, pressure)
     }
 
-    /// The state of an actuator that passes `angle` [rad] with `rate` [rad/s]
+    /// The state of an actuator that passes `angle` (rad) with `rate` (rad/s)
     /// and whose hidden states have settled there: the start of a recording
     /// that was cut out of a longer one.
     pub fn moving(&self, angle: R, rate: R, pressure: R) -> State<R> {
@@ -331,7 +331,7 @@ impl<R: Real, P: Power<R>> Model<R, P> {
         }
     }
 
-    /// What the angle sensor shows [rad]: the angle through the sensor effects.
+    /// What the angle sensor shows (rad): the angle through the sensor effects.
     pub fn reading(&self, state: &State<R>) -> R {
         let mut unused = [[R::ZERO; 2]; MAX_EFFECTS];
         let mut reading = state.angle;
@@ -339,6 +339,20 @@ impl<R: Real, P: Power<R>> Model<R, P> {
             reading = effect.sensor(reading, state.time, hidden, rates);
         }
         reading
+    }
+
+    /// The angle (rad) at rest behind what the sensor shows (rad): the inverse
+    /// of [`Model::reading`] once the sensor has settled.
+    ///
+    /// Sensors are nearly straight, so a fixed-point iteration contracts; it is
+    /// exact after one pass for an offset.
+    pub fn angle_behind(&self, reading: R) -> R {
+        let mut angle = reading;
+        for _ in 0..4 {
+            let shown = self.reading(&self.at_rest(angle, R::ZERO));
+            angle += reading - shown;
+        }
+        angle
     }
 
     /// Lets the effects with a memory of events (a largest angle, a play)
@@ -355,7 +369,7 @@ impl<R: Real, P: Power<R>> Model<R, P> {
         }
     }
 
-    /// The pressure [Pa] that holds the actuator at `angle` [rad] once
+    /// The pressure (Pa) that holds the actuator at `angle` (rad) once
     /// everything has settled: `p = (K sign(θ)|θ|ⁿ + Q)/g`.
     ///
     /// Effects on the input path are taken as transparent at rest. Not finite
@@ -366,8 +380,8 @@ impl<R: Real, P: Power<R>> Model<R, P> {
         -(unforced.acceleration * self.dynamics.inertia) / self.dynamics.input_gain
     }
 
-    /// An upper estimate of the fastest rate of the equations [1/s] for
-    /// angles up to `angle` [rad]: what a step length has to resolve.
+    /// An upper estimate of the fastest rate of the equations (1/s) for
+    /// angles up to `angle` (rad): what a step length has to resolve.
     pub fn fastest_rate(&self, angle: R) -> Rates<R> {
         let d = &self.dynamics;
         let one = R::ONE;
@@ -397,9 +411,9 @@ impl<R: Real, P: Power<R>> Model<R, P> {
 /// How fast the equations move: what a step length has to resolve.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rates<R> {
-    /// Stiffness over inertia, the square of an angular frequency [1/s²].
+    /// Stiffness over inertia, the square of an angular frequency (1/s²).
     pub stiffness: R,
-    /// Damping over inertia or 1/τ [1/s].
+    /// Damping over inertia or 1/τ (1/s).
     pub relaxation: R,
 }
 

@@ -157,6 +157,7 @@ catalogue![
     maxwell_branch::MaxwellBranch,
     pneumatic_lag::PneumaticLag,
     dead_time::DeadTime,
+    sensor_offset::SensorOffset,
 ];
 
 #[cfg(test)]

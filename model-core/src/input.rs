@@ -9,15 +9,15 @@ use crate::real::Real;
 
 /// Gauge pressure around the current integration step.
 pub trait Input<R> {
-    /// Returns the gauge pressure [Pa] `offset` seconds after the start of the
+    /// Returns the gauge pressure (Pa) `offset` seconds after the start of the
     /// step. A negative offset asks for the past.
     fn pressure(&self, offset: R) -> R;
 }
 
-/// The same pressure [Pa] at all times: a step test.
+/// The same pressure (Pa) at all times: a step test.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Held<R>(
-    /// Gauge pressure [Pa].
+    /// Gauge pressure (Pa).
     pub R,
 );
 
@@ -30,7 +30,7 @@ impl<R: Real> Input<R> for Held<R> {
 /// Pressure from a function of the offset: closed-form inputs in tests.
 #[derive(Clone, Copy, Debug)]
 pub struct FromFn<F>(
-    /// Maps the offset [s] to gauge pressure [Pa].
+    /// Maps the offset (s) to gauge pressure (Pa).
     pub F,
 );
 
@@ -54,7 +54,7 @@ pub struct History<R, const N: usize> {
 }
 
 impl<R: Real, const N: usize> History<R, N> {
-    /// Creates a history that has seen nothing but `pressure` [Pa], sampled
+    /// Creates a history that has seen nothing but `pressure` (Pa), sampled
     /// every `interval` seconds.
     pub fn at_rest(pressure: R, interval: R) -> Self {
         Self {
@@ -64,7 +64,7 @@ impl<R: Real, const N: usize> History<R, N> {
         }
     }
 
-    /// Appends the pressure [Pa] at the start of the step that comes next.
+    /// Appends the pressure (Pa) at the start of the step that comes next.
     pub fn push(&mut self, pressure: R) {
         self.newest = if self.newest + 1 < N {
             self.newest + 1

@@ -1,7 +1,7 @@
 //! Coulomb friction: Q = T tanh(ω/ω_s).
 //!
-//! T is the friction force [N], ω the angular rate [rad/s], ω_s the rate at
-//! which the sign function is smoothed [rad/s]. Smoothing by a hyperbolic
+//! T is the friction force (N), ω the angular rate (rad/s), ω_s the rate at
+//! which the sign function is smoothed (rad/s). Smoothing by a hyperbolic
 //! tangent is the usual regularisation (e.g. Armstrong-Hélouvry, Dupont and
 //! Canudas de Wit, Automatica 30, 1994); below ω_s the friction is a strong
 //! viscous damping T/ω_s, so the actuator creeps instead of sticking.
@@ -27,7 +27,7 @@ pub const INFO: Info = Info {
 parameters! {
     /// Coulomb friction.
     CoulombFriction {
-        /// Friction force T [N].
+        /// Friction force T (N).
         force: Parameter {
             key: "force_n",
             symbol: "T",
@@ -37,7 +37,7 @@ parameters! {
             held: None,
             starts: &[0.01, 0.1],
         },
-        /// Rate ω_s at which the sign is smoothed [rad/s].
+        /// Rate ω_s at which the sign is smoothed (rad/s).
         smoothing: Parameter {
             key: "smoothing_rad_per_s",
             symbol: "ω_s",

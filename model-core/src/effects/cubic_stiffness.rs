@@ -1,6 +1,6 @@
 //! Cubic stiffness: Q = k₃ θ³.
 //!
-//! k₃ [N/rad³]; the first odd term by which a spring that hardens (k₃ > 0) or
+//! k₃ (N/rad³); the first odd term by which a spring that hardens (k₃ > 0) or
 //! softens (k₃ < 0) departs from the base model: Duffing's oscillator.
 
 use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
@@ -23,7 +23,7 @@ pub const INFO: Info = Info {
 parameters! {
     /// Cubic stiffness.
     CubicStiffness {
-        /// Coefficient k₃ [N/rad³].
+        /// Coefficient k₃ (N/rad³).
         stiffness: Parameter {
             key: "stiffness_n_per_rad3",
             symbol: "k₃",

@@ -1,6 +1,6 @@
 //! Dead time: p_c(t) = p(t − t_d).
 //!
-//! A pure transport delay t_d [s] between the measured pressure and the one
+//! A pure transport delay t_d (s) between the measured pressure and the one
 //! that the chamber feels: sound in a long tube, a valve that opens late, or a
 //! recorder whose two channels are not sampled at the same time.
 
@@ -23,7 +23,7 @@ pub const INFO: Info = Info {
 parameters! {
     /// Dead time.
     DeadTime {
-        /// Delay t_d [s].
+        /// Delay t_d (s).
         delay: Parameter {
             key: "delay_s",
             symbol: "t_d",

@@ -1,7 +1,7 @@
 //! Gravity: Q = G [sin(θ + θ₀) − sin θ₀].
 //!
-//! G [N] is the generalised weight (mass × g × lever over the length that
-//! makes the force generalised), θ₀ [rad] the tilt of the base: 0 hangs down,
+//! G (N) is the generalised weight (mass × g × lever over the length that
+//! makes the force generalised), θ₀ (rad) the tilt of the base: 0 hangs down,
 //! π upside down (the same as a negative G). The constant sin θ₀ is taken off
 //! because the angle is zeroed at rest with the weight already on.
 
@@ -25,7 +25,7 @@ pub const INFO: Info = Info {
 parameters! {
     /// Gravity.
     Gravity {
-        /// Generalised weight G [N]; negative for a base turned over.
+        /// Generalised weight G (N); negative for a base turned over.
         weight: Parameter {
             key: "force_n",
             symbol: "G",
@@ -35,7 +35,7 @@ parameters! {
             held: None,
             starts: &[-0.3, 0.3, 1.0],
         },
-        /// Tilt θ₀ of the base [rad].
+        /// Tilt θ₀ of the base (rad).
         tilt: Parameter {
             key: "tilt_rad",
             symbol: "θ₀",

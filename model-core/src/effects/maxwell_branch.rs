@@ -1,8 +1,8 @@
 //! Maxwell branch: Q = k₁ (θ − z), ż = (θ − z)/τ.
 //!
-//! A spring k₁ [N/rad] in series with a dashpot k₁τ, in parallel with the base
+//! A spring k₁ (N/rad) in series with a dashpot k₁τ, in parallel with the base
 //! spring: the standard linear solid, the simplest model of viscoelastic
-//! creep. z [rad] is the dashpot's extension, τ [s] its time constant.
+//! creep. z (rad) is the dashpot's extension, τ (s) its time constant.
 
 use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Rest, Unit, parameters};
 use crate::actuator::{Dynamics, Rates};
@@ -24,7 +24,7 @@ pub const INFO: Info = Info {
 parameters! {
     /// Maxwell branch.
     MaxwellBranch {
-        /// Stiffness k₁ of the branch [N/rad].
+        /// Stiffness k₁ of the branch (N/rad).
         stiffness: Parameter {
             key: "stiffness_n_per_rad",
             symbol: "k₁",
@@ -34,7 +34,7 @@ parameters! {
             held: None,
             starts: &[0.2],
         },
-        /// Time constant τ [s].
+        /// Time constant τ (s).
         time_constant: Parameter {
             key: "time_constant_s",
             symbol: "τ",

@@ -25,6 +25,7 @@ pub mod gravity;
 pub mod maxwell_branch;
 pub mod pneumatic_lag;
 pub mod quadratic_damping;
+pub mod sensor_offset;
 
 /// Hidden states of one effect; unused ones stay zero.
 pub type Hidden<R> = [R; 2];
@@ -32,22 +33,22 @@ pub type Hidden<R> = [R; 2];
 /// What an effect can see at an instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Instant<R> {
-    /// Time since the start of the run [s].
+    /// Time since the start of the run (s).
     pub time: R,
-    /// Bending angle θ [rad].
+    /// Bending angle θ (rad).
     pub angle: R,
-    /// Angular rate θ̇ [rad/s].
+    /// Angular rate θ̇ (rad/s).
     pub rate: R,
-    /// Gauge pressure in the chamber [Pa], behind the input path.
+    /// Gauge pressure in the chamber (Pa), behind the input path.
     pub pressure: R,
 }
 
 /// Where a run starts: what hidden states settle to.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rest<R> {
-    /// Bending angle θ [rad].
+    /// Bending angle θ (rad).
     pub angle: R,
-    /// Gauge pressure [Pa].
+    /// Gauge pressure (Pa).
     pub pressure: R,
 }
 
@@ -61,25 +62,25 @@ pub trait Mechanism<R: Real> {
     fn at_rest(&self, _rest: &Rest<R>) -> Hidden<R> {
         [R::ZERO; 2]
     }
-    /// Time [s] by which the pressure reaches the chamber late.
+    /// Time (s) by which the pressure reaches the chamber late.
     fn delay(&self) -> R {
         R::ZERO
     }
-    /// Maps the pressure [Pa] that enters to the pressure that leaves, and
+    /// Maps the pressure (Pa) that enters to the pressure that leaves, and
     /// sets the rates of the hidden states.
     fn input(&self, pressure: R, _hidden: &Hidden<R>, _rates: &mut Hidden<R>) -> R {
         pressure
     }
     /// Changes the parameters of the base equation at an instant.
     fn modulate(&self, _at: &Instant<R>, _dynamics: &mut Dynamics<R>) {}
-    /// The force Q [N] against the motion, and the rates of the hidden states.
+    /// The force Q (N) against the motion, and the rates of the hidden states.
     fn force(&self, _at: &Instant<R>, _hidden: &Hidden<R>, _rates: &mut Hidden<R>) -> R {
         R::ZERO
     }
     /// Sets the rates of hidden states that answer to the acceleration
-    /// [rad/s²].
+    /// (rad/s²).
     fn respond(&self, _acceleration: R, _hidden: &Hidden<R>, _rates: &mut Hidden<R>) {}
-    /// Maps the angle [rad] that the sensor sees to the one that it shows, and
+    /// Maps the angle (rad) that the sensor sees to the one that it shows, and
     /// sets the rates of the hidden states.
     fn sensor(&self, angle: R, _time: R, _hidden: &Hidden<R>, _rates: &mut Hidden<R>) -> R {
         angle
@@ -87,7 +88,7 @@ pub trait Mechanism<R: Real> {
     /// Updates a memory of events after a step.
     fn note(&self, _at: &Instant<R>, _hidden: &mut Hidden<R>) {}
     /// How much the effect adds to the fastest rate of the equations, for
-    /// angles up to `angle` [rad].
+    /// angles up to `angle` (rad).
     fn fastest_rate(&self, _dynamics: &Dynamics<R>, _angle: R) -> Rates<R> {
         Rates {
             stiffness: R::ZERO,

@@ -1,8 +1,8 @@
 //! Pneumatic lag: τ ṗ_c = p − p_c.
 //!
 //! Tube and fittings fill the chamber through a resistance: the chamber
-//! pressure p_c [Pa] follows the measured line pressure p with the time
-//! constant τ [s] of that resistance and the chamber's capacity.
+//! pressure p_c (Pa) follows the measured line pressure p with the time
+//! constant τ (s) of that resistance and the chamber's capacity.
 
 use super::{Hidden, Info, Mechanism, Parameter, Place, Rest, Unit, parameters};
 use crate::actuator::{Dynamics, Rates};
@@ -24,7 +24,7 @@ pub const INFO: Info = Info {
 parameters! {
     /// Pneumatic lag.
     PneumaticLag {
-        /// Time constant τ [s].
+        /// Time constant τ (s).
         time_constant: Parameter {
             key: "time_constant_s",
             symbol: "τ",

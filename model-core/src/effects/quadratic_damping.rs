@@ -1,8 +1,8 @@
 //! Quadratic damping: Q = d ω|ω|.
 //!
-//! d [N·s²/rad²] collects drag in air or water and the pressure drop of a
+//! d (N·s²/rad²) collects drag in air or water and the pressure drop of a
 //! turbulent flow that the motion drives through an orifice; ω is the angular
-//! rate [rad/s].
+//! rate (rad/s).
 
 use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
 use crate::actuator::{Dynamics, Rates};
@@ -24,7 +24,7 @@ pub const INFO: Info = Info {
 parameters! {
     /// Quadratic damping.
     QuadraticDamping {
-        /// Drag coefficient d [N·s²/rad²].
+        /// Drag coefficient d (N·s²/rad²).
         drag: Parameter {
             key: "damping_n_s2_per_rad2",
             symbol: "d",

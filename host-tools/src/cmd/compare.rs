@@ -1,0 +1,257 @@
+//! `rig compare`: the paper's table.
+//!
+//! For each set-point the recorded repeats are averaged and every model is
+//! judged by its RMS error against that mean, in degrees and in percent of the
+//! set-point: the layout of the paper's Table III.
+
+use std::path::PathBuf;
+
+use clap::Parser;
+
+use crate::diagnose::noise::NoiseFloor;
+use crate::error::{InputError, write_atomically};
+use crate::fit::{Effort, Fitter, Run};
+use crate::linear::linear_rival;
+use crate::model_file::ModelFile;
+use crate::recording::{Recording, read_all};
+use crate::statistics::{mean, rms};
+
+/// Compares models with recordings: RMS error for each set-point, against the
+/// mean of the repeats.
+///
+/// Repeats are recognised by their pressure; the set-point comes from the
+/// column setpoint_deg, from the metadata, or from the largest angle that the
+/// mean run holds.
+#[derive(Debug, Parser)]
+#[command(after_help = "\
+Examples:
+  rig compare --model nominal.toml --model repaired.toml step60_*.csv step90_*.csv
+  rig compare --model nominal.toml --linear step60_*.csv      the paper's table")]
+pub struct Args {
+    /// Model file; repeat the flag for several
+    #[arg(long = "model", required = true, value_name = "MODEL.toml")]
+    models: Vec<PathBuf>,
+    /// Recordings
+    #[arg(required = true, value_name = "REC.csv")]
+    recordings: Vec<PathBuf>,
+    /// Add the paper's linear rival of the first model, refitted to these
+    /// recordings so that it is at its best
+    #[arg(long)]
+    linear: bool,
+    /// Write the table as CSV
+    #[arg(short, long, value_name = "TABLE.csv")]
+    output: Option<PathBuf>,
+}
+
+/// Errors of one model at one set-point.
+struct Cell {
+    rms_deg: f64,
+    percent: f64,
+}
+
+/// Runs the command.
+///
+/// # Errors
+///
+/// Faults of the input, with place and remedy.
+pub fn run(args: &Args) -> anyhow::Result<()> {
+    super::check_outputs([&args.output])?;
+    let files = args
+        .models
+        .iter()
+        .map(|path| ModelFile::read(path))
+        .collect::<Result<Vec<_>, InputError>>()?;
+    let recordings = read_all(&args.recordings, super::warn)?;
+    let groups = groups(&recordings);
+    let mut columns: Vec<(String, Vec<Cell>)> = Vec::new();
+    for file in &files {
+        columns.push((file.name.clone(), errors(&file.model, &groups)));
+    }
+    if args.linear
+        && let Some(first) = files.first()
+    {
+        let averages: Vec<Recording> = groups.iter().map(|group| group.average.clone()).collect();
+        let runs = Run::all(&averages);
+        let reach = runs.iter().map(Run::reach).fold(0.0, f64::max);
+        let rival = linear_rival(&first.model, reach);
+        let fitter = Fitter {
+            nominal: &rival,
+            runs: &runs,
+        };
+        let free: Vec<_> = first
+            .free
+            .iter()
+            .copied()
+            .filter(|id| {
+                *id != model_core::actuator::ParameterId::Exponent && rival.value(*id).is_some()
+            })
+            .collect();
+        let fitted = fitter.fit(&rival, &free, Effort::Full);
+        columns.push((
+            "linear rival, refitted".into(),
+            errors(&fitted.model, &groups),
+        ));
+    }
+    print!("{}", table(&groups, &columns));
+    if let Some(path) = &args.output {
+        write_atomically(path, csv_table(&groups, &columns).as_bytes())?;
+        println!("\nwritten: {}", path.display());
+    }
+    Ok(())
+}
+
+/// Recordings of one set-point.
+struct Group {
+    label: String,
+    setpoint_deg: f64,
+    repeats: usize,
+    average: Recording,
+}
+
+fn groups(recordings: &[Recording]) -> Vec<Group> {
+    let mut sets = NoiseFloor::of(recordings).groups;
+    for index in 0..recordings.len() {
+        if !sets.iter().any(|set| set.contains(&index)) {
+            sets.push(vec![index]);
+        }
+    }
+    sets.sort();
+    sets.iter()
+        .map(|set| {
+            let members: Vec<&Recording> = set.iter().map(|&index| &recordings[index]).collect();
+            let average = average(&members);
+            let setpoint_deg = setpoint_deg(members[0], &average);
+            Group {
+                label: members[0].name.clone(),
+                setpoint_deg,
+                repeats: members.len(),
+                average,
+            }
+        })
+        .collect()
+}
+
+/// Mean of repeats, sample by sample.
+fn average(members: &[&Recording]) -> Recording {
+    let count = members.iter().map(|member| member.len()).min().unwrap_or(0);
+    let column = |of: fn(&Recording) -> &[f64]| -> Vec<f64> {
+        (0..count)
+            .map(|k| {
+                let values: Vec<f64> = members.iter().map(|member| of(member)[k]).collect();
+                mean(&values)
+            })
+            .collect()
+    };
+    Recording {
+        name: members[0].name.clone(),
+        path: members[0].path.clone(),
+        time: members[0].time[..count].to_vec(),
+        pressure: column(|recording| &recording.pressure),
+        angle: column(|recording| &recording.angle),
+        ..Recording::default()
+    }
+}
+
+/// The set-point of a run (°): as recorded, as in the metadata, or the largest
+/// angle that the run holds.
+fn setpoint_deg(recording: &Recording, average: &Recording) -> f64 {
+    let recorded = recording.column("setpoint_deg").map(|column| {
+        column
+            .iter()
+            .copied()
+            .filter(|value| value.is_finite())
+            .fold(0.0, |largest: f64, value| {
+                if value.abs() > largest.abs() {
+                    value
+                } else {
+                    largest
+                }
+            })
+    });
+    recorded
+        .filter(|setpoint| *setpoint != 0.0)
+        .or(recording.meta.setpoint_deg)
+        .unwrap_or_else(|| {
+            let mut angles: Vec<f64> = average.angle.iter().map(|angle| angle.abs()).collect();
+            angles.sort_unstable_by(f64::total_cmp);
+            // A tenth of the run above it: overshoot does not count.
+            angles[angles.len() - 1 - angles.len() / 10].to_degrees()
+        })
+}
+
+fn errors(model: &model_core::actuator::Model<f64>, groups: &[Group]) -> Vec<Cell> {
+    groups
+        .iter()
+        .map(|group| {
+            let runs = [Run::new(&group.average)];
+            let fitter = Fitter {
+                nominal: model,
+                runs: &runs,
+            };
+            let rms_deg = rms(&fitter.compare(model).residuals[0]).to_degrees();
+            Cell {
+                rms_deg,
+                percent: 100.0 * rms_deg / group.setpoint_deg.abs(),
+            }
+        })
+        .collect()
+}
+
+fn table(groups: &[Group], columns: &[(String, Vec<Cell>)]) -> String {
+    const WIDTH: usize = 24;
+    let cut = |name: &str| -> String { name.chars().take(WIDTH - 2).collect() };
+    let mut text = format!("{:<20} {:>9} {:>8}", "RMS error", "set-point", "repeats");
+    for (name, _) in columns {
+        text += &format!(" {:>WIDTH$}", cut(name));
+    }
+    text.push('\n');
+    for (row, group) in groups.iter().enumerate() {
+        text += &format!(
+            "{:<20} {:>8.1}° {:>8}",
+            group.label.chars().take(20).collect::<String>(),
+            group.setpoint_deg,
+            group.repeats
+        );
+        for (_, cells) in columns {
+            let cell = format!("{:.2}° ({:.1} %)", cells[row].rms_deg, cells[row].percent);
+            text += &format!(" {cell:>WIDTH$}");
+        }
+        text.push('\n');
+    }
+    text
+}
+
+fn csv_table(groups: &[Group], columns: &[(String, Vec<Cell>)]) -> String {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    let mut rows = vec![
+        [
+            "run",
+            "setpoint_deg",
+            "repeats",
+            "model",
+            "rms_deg",
+            "rms_percent",
+        ]
+        .map(str::to_owned),
+    ];
+    for (name, cells) in columns {
+        for (group, cell) in groups.iter().zip(cells) {
+            rows.push([
+                group.label.clone(),
+                format!("{:.3}", group.setpoint_deg),
+                group.repeats.to_string(),
+                name.clone(),
+                format!("{:.4}", cell.rms_deg),
+                format!("{:.3}", cell.percent),
+            ]);
+        }
+    }
+    for row in rows {
+        // Writing to memory does not fail.
+        let _ = writer.write_record(row);
+    }
+    writer
+        .into_inner()
+        .map(|bytes| String::from_utf8_lossy(&bytes).into_owned())
+        .unwrap_or_default()
+}

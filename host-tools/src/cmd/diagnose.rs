@@ -1,0 +1,91 @@
+//! `rig diagnose`: which effect does the model lack?
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use clap::Parser;
+
+use crate::diagnose::{Request, diagnose};
+use crate::error::write_atomically;
+use crate::report::{Outputs, figure, summary};
+
+/// Finds where model and recordings disagree, names the missing effect, and
+/// writes the model with the effect added.
+///
+/// Without --holdout the recordings are left out in turn to judge by. Give
+/// runs that differ: steps of several sizes, slow and fast ones.
+#[derive(Debug, Parser)]
+#[command(after_help = "\
+Examples:
+  rig diagnose --model m.toml run_*.csv
+  rig diagnose --model m.toml id_*.csv --holdout vad_*.csv -o repaired.toml --plot gap.svg
+  rig diagnose --model m.toml run_*.csv --json verdict.json
+
+The verdict is one of: effect_found, parameters_only, no_discrepancy,
+cannot_tell, unexplained. `rig schema` prints the schema of the JSON.")]
+pub struct Args {
+    /// Model file
+    #[arg(long, value_name = "MODEL.toml")]
+    model: PathBuf,
+    /// Recordings to fit
+    #[arg(required = true, value_name = "REC.csv")]
+    recordings: Vec<PathBuf>,
+    /// Recordings to judge by, which are not fitted
+    #[arg(long, num_args = 1.., value_name = "REC.csv")]
+    holdout: Vec<PathBuf>,
+    /// Write the verdict as JSON
+    #[arg(long, value_name = "VERDICT.json")]
+    json: Option<PathBuf>,
+    /// Draw measured, before and after, and what is left
+    #[arg(long, value_name = "GAP.svg")]
+    plot: Option<PathBuf>,
+    /// Write the model with the effect added
+    #[arg(short, long, value_name = "REPAIRED.toml")]
+    output: Option<PathBuf>,
+    /// Seed of everything random
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+}
+
+/// Runs the command.
+///
+/// # Errors
+///
+/// Faults of the input, with place and remedy.
+pub fn run(args: &Args) -> anyhow::Result<()> {
+    super::check_outputs([&args.json, &args.plot, &args.output])?;
+    let (file, recordings) = super::read(&args.model, &args.recordings)?;
+    let holdout = crate::recording::read_all(&args.holdout, super::warn)?;
+    let request = Request {
+        file: &file,
+        recordings: &recordings,
+        holdout: &holdout,
+        seed: args.seed,
+    };
+    let clock = Instant::now();
+    let spinner = super::spinner();
+    let diagnosis = diagnose(&request, &|stage| spinner.set_message(stage.to_owned()));
+    spinner.finish_and_clear();
+    let diagnosis = diagnosis?;
+    let seconds = clock.elapsed().as_secs_f64();
+
+    let mut outputs = Outputs::default();
+    if let Some(path) = &args.json {
+        let mut text = serde_json::to_string_pretty(&diagnosis.verdict(&request, seconds))?;
+        text.push('\n');
+        write_atomically(path, text.as_bytes())?;
+        outputs.verdict = Some(path);
+    }
+    if let Some(path) = &args.plot {
+        crate::plot::write_svg(path, &figure(&request, &diagnosis))?;
+        outputs.picture = Some(path);
+    }
+    if let Some(path) = &args.output {
+        let comment = "# Added by rig diagnose.\n";
+        let text = file.text_with(&diagnosis.repaired.fit.model, comment);
+        write_atomically(path, text.as_bytes())?;
+        outputs.model = Some(path);
+    }
+    print!("{}", summary(&request, &diagnosis, &outputs, seconds));
+    Ok(())
+}

@@ -1,0 +1,281 @@
+//! `rig simulate`: a model over a recording or a protocol.
+
+use std::path::PathBuf;
+
+use clap::{Parser, ValueEnum};
+use model_core::actuator::Model;
+use model_core::power::{GuardedMicromath, Minimax, Power};
+
+use crate::error::{InputError, write_atomically};
+use crate::fit::{Fitter, Run};
+use crate::linear::linear_rival;
+use crate::model_file::ModelFile;
+use crate::plot::{Figure, Panel, Series, Style, write_svg};
+use crate::protocol::Protocol;
+use crate::recording::{Recording, to_csv};
+use crate::simulate::Start;
+
+/// Simulates a model over the pressure of a recording, or over a protocol.
+#[derive(Debug, Parser)]
+#[command(after_help = "\
+Examples:
+  rig simulate --model m.toml --protocol step --angle-deg 60 -o step60.csv
+  rig simulate --model m.toml --recording run.csv --plot run.svg
+  rig simulate --model m.toml --recording run.csv --linear --arithmetic board")]
+pub struct Args {
+    /// Model file
+    #[arg(long, value_name = "MODEL.toml")]
+    model: PathBuf,
+    /// Take the pressure from this recording
+    #[arg(
+        long,
+        value_name = "REC.csv",
+        conflicts_with = "protocol",
+        required_unless_present = "protocol"
+    )]
+    recording: Option<PathBuf>,
+    /// Generate the pressure that should reach the set-points of a protocol
+    #[arg(long, value_enum)]
+    protocol: Option<Shape>,
+    /// Largest set-point of the protocol, in degrees
+    #[arg(long, default_value_t = 60.0, value_parser = angle)]
+    angle_deg: f64,
+    /// Time at each set-point, or of each ramp, in seconds
+    #[arg(long, default_value_t = 5.0, value_parser = seconds)]
+    hold_s: f64,
+    /// Simulate the paper's linear rival of the model instead
+    #[arg(long)]
+    linear: bool,
+    /// Arithmetic to simulate in
+    #[arg(long, value_enum, default_value_t = Arithmetic::F64)]
+    arithmetic: Arithmetic,
+    /// Write the run as a recording
+    #[arg(short, long, value_name = "OUT.csv")]
+    output: Option<PathBuf>,
+    /// Draw the run
+    #[arg(long, value_name = "OUT.svg")]
+    plot: Option<PathBuf>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Shape {
+    /// One step, held and released
+    Step,
+    /// Four steps up and down
+    Staircase,
+    /// Two ramps up and down
+    Triangle,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Arithmetic {
+    /// Double precision
+    F64,
+    /// The board's single precision with its default power function
+    Board,
+    /// The board's single precision with guarded micromath
+    BoardMicromath,
+}
+
+fn angle(text: &str) -> Result<f64, String> {
+    in_range(text, 0.1, 360.0, "degrees")
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    in_range(text, 0.1, 3600.0, "seconds")
+}
+
+fn in_range(text: &str, low: f64, high: f64, unit: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if (low..=high).contains(&value) => Ok(value),
+        _ => Err(format!("give a number from {low} to {high} {unit}")),
+    }
+}
+
+/// Runs the command.
+///
+/// # Errors
+///
+/// Faults of the input, with place and remedy.
+pub fn run(args: &Args) -> anyhow::Result<()> {
+    super::check_outputs([&args.output, &args.plot])?;
+    let file = ModelFile::read(&args.model)?;
+    let (recording, setpoint) = match (&args.recording, args.protocol) {
+        (Some(path), _) => {
+            let (recording, warnings) = Recording::read(path)?;
+            warnings.iter().for_each(|warning| super::warn(warning));
+            (recording, None)
+        }
+        (None, shape) => from_protocol(&file, shape.unwrap_or(Shape::Step), args)?,
+    };
+    let run = Run::new(&recording);
+    let largest = recording
+        .pressure
+        .iter()
+        .fold(0.0, |largest: f64, p| largest.max(p.abs()));
+    let model = if args.linear {
+        linear_rival(&file.model, steady_angle(&file.model, largest))
+    } else {
+        file.model
+    };
+    let start = match &args.recording {
+        Some(_) => {
+            let fitter = Fitter {
+                nominal: &model,
+                runs: std::slice::from_ref(&run),
+            };
+            fitter.compare(&model).starts[0]
+        }
+        None => Start {
+            angle: model.reading(&model.at_rest(0.0, 0.0)),
+            rate: 0.0,
+        },
+    };
+    let simulated = match args.arithmetic {
+        Arithmetic::F64 => run.simulate(&model, start),
+        Arithmetic::Board => on_board::<Minimax>(&run, &model, start),
+        Arithmetic::BoardMicromath => on_board::<GuardedMicromath>(&run, &model, start),
+    };
+    let degrees =
+        |radians: &[f64]| -> Vec<f64> { radians.iter().map(|a| a.to_degrees()).collect() };
+    let simulated_deg = degrees(&simulated);
+    let measured_deg = args.recording.as_ref().map(|_| degrees(&recording.angle));
+
+    let name = if args.linear {
+        format!("{}, linear rival", file.name)
+    } else {
+        file.name.clone()
+    };
+    println!(
+        "{name}: {} samples over {:.2} s, angle from {:.2}° to {:.2}°",
+        recording.len(),
+        recording.duration(),
+        simulated_deg.iter().copied().fold(f64::INFINITY, f64::min),
+        simulated_deg
+            .iter()
+            .copied()
+            .fold(f64::NEG_INFINITY, f64::max),
+    );
+    if let Some(measured) = &measured_deg {
+        let error: Vec<f64> = simulated_deg
+            .iter()
+            .zip(measured)
+            .map(|(a, b)| a - b)
+            .collect();
+        println!(
+            "RMS error against the recording: {:.3}°",
+            crate::statistics::rms(&error)
+        );
+    }
+    if let Some(path) = &args.output {
+        let mut columns: Vec<(&str, &[f64])> = Vec::new();
+        let mut out = recording.clone();
+        if measured_deg.is_some() {
+            columns.push(("predicted_deg", &simulated_deg));
+        } else {
+            out.angle.clone_from(&simulated);
+        }
+        if let Some(setpoint) = &setpoint {
+            columns.push(("setpoint_deg", setpoint));
+        }
+        write_atomically(path, to_csv(&out, &columns).as_bytes())?;
+        println!("written: {}", path.display());
+    }
+    if let Some(path) = &args.plot {
+        let mut panel = Panel::new("", "angle (°)").with_weight(2.0);
+        if let Some(measured) = &measured_deg {
+            panel = panel.with_series(Series::new(
+                "measured",
+                &recording.time,
+                measured,
+                Style::MEASURED,
+            ));
+        }
+        if let Some(setpoint) = &setpoint {
+            panel = panel.with_series(Series::new(
+                "set-point",
+                &recording.time,
+                setpoint,
+                Style::REFERENCE,
+            ));
+        }
+        panel = panel.with_series(Series::new(
+            "simulated",
+            &recording.time,
+            &simulated_deg,
+            Style::AFTER,
+        ));
+        let kpa: Vec<f64> = recording
+            .pressure
+            .iter()
+            .map(|p| p / crate::recording::PASCAL_PER_KPA)
+            .collect();
+        let figure = Figure::new(name).with_panel(panel).with_panel(
+            Panel::new("time (s)", "pressure (kPa)").with_series(Series::new(
+                "pressure",
+                &recording.time,
+                &kpa,
+                Style::MEASURED,
+            )),
+        );
+        write_svg(path, &figure)?;
+        println!("drawn: {}", path.display());
+    }
+    Ok(())
+}
+
+/// A recording of nothing but the commanded pressure, with the set-points (°).
+fn from_protocol(
+    file: &ModelFile,
+    shape: Shape,
+    args: &Args,
+) -> Result<(Recording, Option<Vec<f64>>), InputError> {
+    let angle = args.angle_deg.to_radians();
+    let hold = args.hold_s;
+    let protocol = match shape {
+        Shape::Step => Protocol::Step {
+            angle,
+            hold,
+            release: 0.6 * hold,
+        },
+        Shape::Staircase => Protocol::Staircase {
+            angle,
+            steps: 4,
+            hold,
+        },
+        Shape::Triangle => Protocol::Triangle {
+            angle,
+            ramp: hold,
+            cycles: 2,
+        },
+    };
+    let (time, setpoint, pressure) = protocol.pressure(&file.model);
+    if pressure.iter().any(|pressure| !pressure.is_finite()) {
+        return Err(InputError::new(
+            "the model needs an infinite pressure for this set-point",
+            "give an input_gain_n_per_kpa other than zero",
+        )
+        .in_file(&file.path));
+    }
+    let recording = Recording {
+        angle: vec![0.0; time.len()],
+        time,
+        pressure,
+        ..Recording::default()
+    };
+    let setpoint = setpoint.iter().map(|angle| angle.to_degrees()).collect();
+    Ok((recording, Some(setpoint)))
+}
+
+/// The angle (rad) at which the plain model rests under `pressure` (Pa).
+pub(crate) fn steady_angle(model: &Model<f64>, pressure: f64) -> f64 {
+    let d = model.dynamics();
+    let angle = (d.input_gain.abs() * pressure / d.stiffness).powf(1.0 / d.exponent);
+    if angle.is_finite() { angle } else { 0.0 }
+}
+
+#[allow(clippy::cast_possible_truncation)]
+fn on_board<P: Power<f32>>(run: &Run<'_>, model: &Model<f64>, start: Start<f64>) -> Vec<f64> {
+    let board: Model<f32, P> = model.map(|value| value as f32);
+    run.simulate(&board, start)
+}

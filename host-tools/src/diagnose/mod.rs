@@ -1,0 +1,526 @@
+//! From recordings to a verdict: which effect does the model lack?
+//!
+//! The steps, each a module whose output is data that reports can show:
+//!
+//! 1. [`noise`]: how small a residual can get.
+//! 2. Refit: a wrong parameter is not a missing effect.
+//! 3. Adequate? If what is left cannot be told from noise, stop and say so.
+//! 4. [`localise`]: where the gap lives.
+//! 5. [`candidates`]: simulate and fit every effect of the catalogue.
+//! 6. [`select`]: which structure the recordings ask for, alone and in
+//!    combination, with rivals that cannot be rejected kept.
+//! 7. [`holdout`]: does it also hold on runs that were not fitted?
+//! 8. Judge, in this module; the answer is written as a [`verdict`].
+//!
+//! A false name is worse than "cannot tell".
+
+pub mod candidates;
+pub mod holdout;
+pub mod localise;
+pub mod noise;
+pub mod select;
+pub mod verdict;
+
+use std::collections::BTreeSet;
+
+use model_core::actuator::{MAX_EFFECTS, ParameterId};
+use model_core::catalogue::Kind;
+use rayon::prelude::*;
+
+use crate::error::InputError;
+use crate::fit::{Effort, Fit, Fitter, Run};
+use crate::model_file::{ModelFile, tidy, to_file_units};
+use crate::recording::Recording;
+use crate::statistics::correlated_rms;
+use candidates::{Candidate, Scales, Untried, applicable, extend, finish, released};
+use holdout::{HeldOut, Judge};
+use localise::{Feature, localise};
+use noise::NoiseFloor;
+use select::{REJECTED, better_held_out, independent_samples, rank, required_evidence, score};
+use verdict::{
+    Adequacy, Alternative, Answer, FittedError, HeldOutError, NamedEffect, Place, SCHEMA, Verdict,
+};
+
+/// A residual counts as noise if its correlated part stays below this share of
+/// the noise floor: the noise of the measured pressure alone, driven through
+/// the model, leaves a tenth to a fifth.
+const CORRELATED_SHARE: f64 = 0.25;
+
+/// … and its RMS below this factor of the floor.
+const RMS_FACTOR: f64 = 1.08;
+
+/// A repair that removes less than this share of the held-out gap explains
+/// nothing: known effects remove three quarters and more, unknown ones a
+/// quarter at most.
+const GAP_CUT: f64 = 0.5;
+
+/// Structures that are expanded at the second and third effect.
+const BEAM: usize = 3;
+
+/// Structures that are fitted to the end at the second and third effect.
+const FINISHED: usize = 4;
+
+/// What to diagnose.
+#[derive(Clone, Copy, Debug)]
+pub struct Request<'a> {
+    /// The nominal model.
+    pub file: &'a ModelFile,
+    /// Recordings to fit.
+    pub recordings: &'a [Recording],
+    /// Recordings to judge by; if empty, each recording is left out in turn.
+    pub holdout: &'a [Recording],
+    /// Seed of everything random.
+    pub seed: u64,
+}
+
+/// Everything that a diagnosis found.
+#[derive(Clone, Debug)]
+pub struct Diagnosis {
+    /// The answer.
+    pub answer: Answer,
+    /// Noise floor of the fitted recordings.
+    pub floor: NoiseFloor,
+    /// The nominal model against the recordings.
+    pub nominal: Fit,
+    /// The nominal structure, refitted.
+    pub refit: Fit,
+    /// The repaired model; the refit where nothing is named.
+    pub repaired: Candidate,
+    /// Probability of each named effect, in the order of `repaired.added`.
+    pub probability: Vec<f64>,
+    /// Held-out errors.
+    pub held_out: HeldOut,
+    /// Rivals, best first.
+    pub alternatives: Vec<Alternative>,
+    /// The second axis.
+    pub adequacy: Adequacy,
+    /// Where the gap of the refit lives.
+    pub places: Vec<Feature>,
+    /// Effects that the recordings cannot speak about.
+    pub untried: Vec<Untried>,
+}
+
+/// Tells a person what is going on during long work.
+pub type Progress<'a> = &'a (dyn Fn(&str) + Sync);
+
+/// Diagnoses a model against recordings.
+///
+/// # Errors
+///
+/// Refuses a single recording without others to judge by, and a model that
+/// cannot be simulated.
+pub fn diagnose(request: &Request<'_>, progress: Progress<'_>) -> Result<Diagnosis, InputError> {
+    let Request {
+        file,
+        recordings,
+        holdout,
+        ..
+    } = *request;
+    if recordings.is_empty() || (recordings.len() < 2 && holdout.is_empty()) {
+        return Err(InputError::new(
+            format!(
+                "a diagnosis needs two recordings or more, and {} was given",
+                recordings.len()
+            ),
+            "give more recordings, or name some with --holdout: a cause that was fitted and tested on the same run proves nothing",
+        ));
+    }
+    let runs = Run::all(recordings);
+    let fitter = Fitter {
+        nominal: &file.model,
+        runs: &runs,
+    };
+    let held_out_runs = Run::all(holdout);
+    let judge = Judge::new(file, &fitter, &held_out_runs);
+
+    progress("noise floor");
+    let floor = NoiseFloor::of(recordings);
+    let nominal = fitter.compare(&file.model);
+    progress("refit of the nominal structure");
+    let refit = Candidate {
+        added: Vec::new(),
+        fit: fitter.fit(&file.model, &file.free, Effort::Full),
+    };
+    if !refit.fit.sse().is_finite() {
+        return Err(InputError::new(
+            "the model cannot be simulated over these recordings: it diverges",
+            "check units and signs of its parameters",
+        )
+        .in_file(&file.path));
+    }
+    let places = localise(&refit.fit.model, recordings);
+
+    let mut found = Findings {
+        answer: Answer::NoDiscrepancy,
+        repaired: refit.clone(),
+        probability: Vec::new(),
+        alternatives: Vec::new(),
+    };
+    let mut untried = Vec::new();
+    if !adequate(&nominal, &floor) {
+        if adequate(&refit.fit, &floor) {
+            found.answer = Answer::ParametersOnly;
+        } else {
+            let (kinds, skipped) = applicable(&file.model, &fitter);
+            untried = skipped;
+            let search = Search {
+                file,
+                fitter: &fitter,
+                judge: &judge,
+                scales: Scales::of(&fitter),
+                floor: &floor,
+                kinds,
+                progress,
+            };
+            found = search.run(&refit);
+        }
+    }
+
+    progress("held-out runs in the board's arithmetic");
+    let held_out = judge.errors(&refit, &found.repaired);
+    let closed = held_out.gap_closed();
+    if found.answer == Answer::EffectFound && closed < GAP_CUT {
+        found.answer = Answer::Unexplained;
+        found.demote();
+        found.repaired = refit.clone();
+    }
+    let is_adequate = adequate(&found.repaired.fit, &floor);
+    let adequacy = Adequacy {
+        adequate: is_adequate,
+        holdout_gap_closed: if found.repaired.added.is_empty() {
+            0.0
+        } else {
+            closed
+        },
+        exact_form: is_adequate && held_out.at_noise(),
+    };
+    Ok(Diagnosis {
+        answer: found.answer,
+        floor,
+        nominal,
+        refit: refit.fit,
+        repaired: found.repaired,
+        probability: found.probability,
+        held_out,
+        alternatives: found.alternatives,
+        adequacy,
+        places,
+        untried,
+    })
+}
+
+/// Whether a residual cannot be told from noise.
+fn adequate(fit: &Fit, floor: &NoiseFloor) -> bool {
+    let correlated = correlated_rms(fit.residuals.iter().map(Vec::as_slice));
+    correlated <= CORRELATED_SHARE * floor.rms && fit.rmse() <= RMS_FACTOR * floor.rms
+}
+
+/// What a search came to.
+struct Findings {
+    answer: Answer,
+    repaired: Candidate,
+    probability: Vec<f64>,
+    alternatives: Vec<Alternative>,
+}
+
+impl Findings {
+    /// Moves what was named to the head of the alternatives.
+    fn demote(&mut self) {
+        let kinds = names(&self.repaired.added);
+        if !kinds.is_empty() {
+            self.alternatives.insert(
+                0,
+                Alternative {
+                    kinds,
+                    probability: self.probability.iter().copied().fold(1.0, f64::min),
+                    delta_bic: 0.0,
+                },
+            );
+        }
+        self.probability.clear();
+    }
+}
+
+fn names(kinds: &[Kind]) -> Vec<String> {
+    kinds.iter().map(|kind| kind.name().to_owned()).collect()
+}
+
+/// The search over structures.
+struct Search<'a, 'r> {
+    file: &'a ModelFile,
+    fitter: &'a Fitter<'a, 'r>,
+    judge: &'a Judge<'a, 'r>,
+    scales: Scales,
+    floor: &'a NoiseFloor,
+    kinds: Vec<Kind>,
+    progress: Progress<'a>,
+}
+
+impl Search<'_, '_> {
+    fn run(&self, refit: &Candidate) -> Findings {
+        let pool = self.pool(refit);
+        let independent = independent_samples(&pool);
+        let chosen = self.choose(&pool, independent);
+        if std::env::var_os("TRACE").is_some() { for c in &pool { eprintln!("{:?} rmse {:.4} tau {:.1} score {:.1} hold {:.4} conv {} {:?}", c.set(), c.fit.rmse().to_degrees(), c.fit.correlation_time(), score(c,&self.scales,independent), self.judge.error_of(c).to_degrees(), c.fit.converged, c.fit.free.iter().map(|i| format!("{:.4}", c.fit.model.value(*i).unwrap())).collect::<Vec<_>>()); } eprintln!("independent {independent}"); }
+        let size = pool[chosen].added.len();
+        let ranked = rank(&pool, &self.scales, independent, size.max(1));
+        let best_score = ranked.first().map_or(0.0, |first| first.score);
+        let alternative = |entry: &select::Ranked| Alternative {
+            kinds: names(&pool[entry.index].added),
+            probability: entry.probability,
+            delta_bic: entry.score - best_score,
+        };
+        if size == 0 {
+            return Findings {
+                answer: Answer::Unexplained,
+                repaired: refit.clone(),
+                probability: Vec::new(),
+                alternatives: ranked.iter().take(3).map(alternative).collect(),
+            };
+        }
+        let surviving: Vec<_> = ranked
+            .iter()
+            .filter(|entry| entry.probability >= REJECTED)
+            .collect();
+        let probability_of = |kind: Kind| {
+            ranked
+                .iter()
+                .filter(|entry| pool[entry.index].added.contains(&kind))
+                .map(|entry| entry.probability)
+                .sum::<f64>()
+        };
+        let named = if surviving.len() == 1 {
+            Some(pool[chosen].clone())
+        } else {
+            self.common_core(&pool, &surviving, independent)
+        };
+        let Some(named) = named else {
+            return Findings {
+                answer: Answer::CannotTell,
+                repaired: refit.clone(),
+                probability: Vec::new(),
+                alternatives: surviving.iter().map(|entry| alternative(entry)).collect(),
+            };
+        };
+        let repaired = self.with_released(named, independent);
+        Findings {
+            answer: Answer::EffectFound,
+            probability: repaired
+                .added
+                .iter()
+                .map(|&kind| probability_of(kind))
+                .collect(),
+            alternatives: ranked
+                .iter()
+                .filter(|entry| pool[entry.index].set() != repaired.set())
+                .take(3)
+                .map(alternative)
+                .collect(),
+            repaired,
+        }
+    }
+
+    /// Fits the refit with each effect alone, then the best of them with each
+    /// other effect, up to three, until the residual is noise.
+    fn pool(&self, refit: &Candidate) -> Vec<Candidate> {
+        (self.progress)(&format!("{} effects, one at a time", self.kinds.len()));
+        let mut pool = vec![refit.clone()];
+        pool.extend(self.extensions(&[refit], Effort::Full));
+        let room = MAX_EFFECTS - self.file.model.effects().count();
+        for size in 2..=room {
+            let best = Self::smallest(&pool, size - 1, BEAM);
+            if best.is_empty() || best.iter().any(|&k| adequate(&pool[k].fit, self.floor)) {
+                break;
+            }
+            (self.progress)(&format!("combinations of {size} effects"));
+            let bases: Vec<&Candidate> = best.iter().map(|&k| &pool[k]).collect();
+            let mut glances = self.extensions(&bases, Effort::Glance);
+            glances.sort_by(|a, b| a.fit.sse().total_cmp(&b.fit.sse()));
+            let mut seen = BTreeSet::new();
+            glances.retain(|candidate| seen.insert(candidate.set()));
+            glances.truncate(FINISHED);
+            let finished: Vec<Candidate> = glances
+                .par_iter()
+                .map(|candidate| finish(self.file, self.fitter, candidate))
+                .collect();
+            pool.extend(finished);
+        }
+        pool
+    }
+
+    /// Every structure in `bases` with every effect that it lacks.
+    fn extensions(&self, bases: &[&Candidate], effort: Effort) -> Vec<Candidate> {
+        let pairs: Vec<(&Candidate, Kind)> = bases
+            .iter()
+            .flat_map(|&base| {
+                self.kinds
+                    .iter()
+                    .filter(move |kind| !base.added.contains(kind))
+                    .map(move |&kind| (base, kind))
+            })
+            .collect();
+        pairs
+            .par_iter()
+            .filter_map(|(base, kind)| {
+                extend(self.file, self.fitter, &self.scales, base, *kind, effort)
+            })
+            .collect()
+    }
+
+    /// The `count` structures of `size` effects with the smallest residual.
+    fn smallest(pool: &[Candidate], size: usize, count: usize) -> Vec<usize> {
+        let mut order: Vec<usize> = (0..pool.len())
+            .filter(|&k| pool[k].added.len() == size)
+            .collect();
+        order.sort_by(|&a, &b| pool[a].fit.sse().total_cmp(&pool[b].fit.sse()));
+        order.truncate(count);
+        order
+    }
+
+    /// The structure that the evidence asks for: from none upwards, a larger
+    /// one replaces a smaller one if it brings what its effects cost and is
+    /// better on runs that were not fitted.
+    fn choose(&self, pool: &[Candidate], independent: f64) -> usize {
+        let mut chosen = 0;
+        let mut chosen_error = None;
+        for size in 1..=MAX_EFFECTS {
+            let Some(best) = rank(pool, &self.scales, independent, size)
+                .first()
+                .map(|first| first.index)
+            else {
+                break;
+            };
+            let more = size - pool[chosen].added.len();
+            let evidence = score(&pool[chosen], &self.scales, independent)
+                - score(&pool[best], &self.scales, independent);
+            if evidence < required_evidence(more, self.kinds.len()) {
+                continue;
+            }
+            let before = *chosen_error.get_or_insert_with(|| self.judge.error_of(&pool[chosen]));
+            let after = self.judge.error_of(&pool[best]);
+            if better_held_out(before, after) {
+                chosen = best;
+                chosen_error = Some(after);
+            }
+        }
+        chosen
+    }
+
+    /// What all surviving structures have in common, if that alone explains
+    /// most of the gap.
+    fn common_core(
+        &self,
+        pool: &[Candidate],
+        surviving: &[&select::Ranked],
+        independent: f64,
+    ) -> Option<Candidate> {
+        let mut core: BTreeSet<Kind> = pool[surviving.first()?.index].set().into_iter().collect();
+        for entry in surviving {
+            let set = pool[entry.index].set();
+            core.retain(|kind| set.contains(kind));
+        }
+        let core: Vec<Kind> = core.into_iter().collect();
+        let candidate = pool
+            .iter()
+            .find(|candidate| !core.is_empty() && candidate.set() == core)?;
+        let evidence = score(pool.first()?, &self.scales, independent)
+            - score(candidate, &self.scales, independent);
+        (evidence >= required_evidence(core.len(), self.kinds.len())).then(|| candidate.clone())
+    }
+
+    /// Frees parameters that are held at first, where the evidence asks for it.
+    fn with_released(&self, candidate: Candidate, independent: f64) -> Candidate {
+        let Some(freed) = released(self.file, self.fitter, &candidate) else {
+            return candidate;
+        };
+        let evidence =
+            score(&candidate, &self.scales, independent) - score(&freed, &self.scales, independent);
+        let before = self.judge.error_of(&candidate);
+        if evidence >= required_evidence(1, 1)
+            && better_held_out(before, self.judge.error_of(&freed))
+        {
+            freed
+        } else {
+            candidate
+        }
+    }
+}
+
+impl Diagnosis {
+    /// The verdict as it is written to JSON.
+    pub fn verdict(&self, request: &Request<'_>, seconds: f64) -> Verdict {
+        let degrees = |radians: f64| tidy(radians.to_degrees());
+        let files = request.recordings.iter().chain(request.holdout);
+        Verdict {
+            schema: SCHEMA,
+            verdict: self.answer,
+            effects: self.named_effects(),
+            alternatives: self.alternatives.clone(),
+            adequacy: self.adequacy,
+            places: self
+                .places
+                .iter()
+                .map(|feature| Place {
+                    feature: feature.name.to_owned(),
+                    share_of_gap: tidy(feature.share),
+                    text: feature.text.clone(),
+                })
+                .collect(),
+            rmse_deg: FittedError {
+                nominal: degrees(self.nominal.rmse()),
+                refit: degrees(self.refit.rmse()),
+                repaired: degrees(self.repaired.fit.rmse()),
+                noise_floor: degrees(self.floor.rms),
+            },
+            holdout_rmse_deg: HeldOutError {
+                nominal: degrees(self.held_out.nominal),
+                refit: degrees(self.held_out.refit),
+                repaired: degrees(self.held_out.repaired_on_board),
+            },
+            next_experiment: Vec::new(),
+            recordings: files.map(|file| file.path.display().to_string()).collect(),
+            seed: request.seed,
+            tool_version: env!("CARGO_PKG_VERSION").to_owned(),
+            seconds,
+        }
+    }
+
+    fn named_effects(&self) -> Vec<NamedEffect> {
+        let fit = &self.repaired.fit;
+        let first = fit.model.effects().count() - self.repaired.added.len();
+        self.repaired
+            .added
+            .iter()
+            .enumerate()
+            .map(|(offset, kind)| {
+                let slot = first + offset;
+                let mut parameters = serde_json::Map::new();
+                let mut interval95 = serde_json::Map::new();
+                for (parameter, row) in kind.parameters().iter().enumerate() {
+                    let id = ParameterId::Effect { slot, parameter };
+                    let shown = |value: f64| tidy(to_file_units(&fit.model, id, value));
+                    if let Some(value) = fit.model.value(id) {
+                        parameters.insert(row.key.to_owned(), shown(value).into());
+                    }
+                    let interval = fit
+                        .free
+                        .iter()
+                        .position(|&free| free == id)
+                        .and_then(|index| fit.interval95(index));
+                    if let Some((low, high)) = interval {
+                        interval95.insert(
+                            row.key.to_owned(),
+                            serde_json::json!([shown(low), shown(high)]),
+                        );
+                    }
+                }
+                NamedEffect {
+                    kind: kind.name().to_owned(),
+                    parameters,
+                    interval95,
+                    probability: self.probability.get(offset).copied().unwrap_or(0.0),
+                }
+            })
+            .collect()
+    }
+}

@@ -1,0 +1,161 @@
+//! How small a residual can get: the noise floor of the recordings.
+//!
+//! A model is done when what is left cannot be told from noise. The floor has
+//! three sources, and the largest one counts: the scatter between repeats of
+//! the same run (which also holds what the rig itself does not repeat), the
+//! white noise of the sensor, and the steps of its converter.
+
+use crate::recording::{Meta, Recording};
+use crate::statistics::{noise_by_differences, quantum, rms};
+
+/// The noise floor and where it comes from.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NoiseFloor {
+    /// RMS over all recordings (rad).
+    pub rms: f64,
+    /// White noise of the angle (rad), from differences of high order.
+    pub white: f64,
+    /// Scatter between repeats (rad), where there are any.
+    pub repeats: Option<f64>,
+    /// Step of the converter (rad); zero if none shows.
+    pub quantum: f64,
+    /// Groups of recordings that repeat the same run, by index.
+    pub groups: Vec<Vec<usize>>,
+}
+
+impl NoiseFloor {
+    /// Estimates the floor of a set of recordings.
+    pub fn of(recordings: &[Recording]) -> Self {
+        let each: Vec<f64> = recordings
+            .iter()
+            .map(|recording| noise_by_differences(&recording.angle))
+            .collect();
+        let white = rms(&each);
+        let quantum = recordings
+            .iter()
+            .map(|recording| quantum(&recording.angle))
+            .fold(0.0, f64::max);
+        let groups = repeats(recordings);
+        let repeats = pure_error(recordings, &groups);
+        // A uniform error of one step has the RMS step/√12.
+        let steps = quantum / 12f64.sqrt();
+        Self {
+            rms: white.max(steps).max(repeats.unwrap_or(0.0)),
+            white,
+            repeats,
+            quantum,
+            groups,
+        }
+    }
+}
+
+/// Groups recordings whose pressure is the same within its noise.
+fn repeats(recordings: &[Recording]) -> Vec<Vec<usize>> {
+    let mut groups: Vec<Vec<usize>> = Vec::new();
+    for (index, recording) in recordings.iter().enumerate() {
+        let found = groups.iter_mut().find(|group| {
+            group
+                .first()
+                .and_then(|&first| recordings.get(first))
+                .is_some_and(|first| repeat_each_other(first, recording))
+        });
+        match found {
+            Some(group) => group.push(index),
+            None => groups.push(vec![index]),
+        }
+    }
+    groups.retain(|group| group.len() > 1);
+    groups
+}
+
+/// Whether two recordings are repeats of one run.
+fn repeat_each_other(a: &Recording, b: &Recording) -> bool {
+    let named = |meta: &Meta| meta.protocol.clone().zip(meta.setpoint_deg);
+    if let (Some(a), Some(b)) = (named(&a.meta), named(&b.meta))
+        && a != b
+    {
+        return false;
+    }
+    let count = a.len().min(b.len());
+    if (a.len().max(b.len()) - count) * 20 > count
+        || (a.interval() / b.interval() - 1.0).abs() > 0.01
+    {
+        return false;
+    }
+    let difference: Vec<f64> = (0..count).map(|k| a.pressure[k] - b.pressure[k]).collect();
+    let noise = noise_by_differences(&a.pressure).hypot(noise_by_differences(&b.pressure));
+    let level = rms(&a.pressure);
+    // Free motion has no pressure to compare, and its starts differ.
+    level > 0.0 && rms(&difference) <= 1.5 * noise + 0.01 * level
+}
+
+/// Scatter within groups of repeats about their mean (rad).
+fn pure_error(recordings: &[Recording], groups: &[Vec<usize>]) -> Option<f64> {
+    let mut sum = 0.0;
+    let mut freedom = 0usize;
+    for group in groups {
+        let runs: Vec<&[f64]> = group
+            .iter()
+            .map(|&index| recordings[index].angle.as_slice())
+            .collect();
+        let shortest = runs.iter().map(|run| run.len()).min().unwrap_or(0);
+        for sample in 0..shortest {
+            let mean = runs.iter().map(|run| run[sample]).sum::<f64>() / runs.len() as f64;
+            sum += runs
+                .iter()
+                .map(|run| (run[sample] - mean).powi(2))
+                .sum::<f64>();
+        }
+        freedom += shortest * (runs.len() - 1);
+    }
+    (freedom > 0).then(|| (sum / freedom as f64).sqrt())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    fn step(amplitude: f64, wander: f64, seed: u64) -> Recording {
+        let mut random = rand_pcg::Pcg64Mcg::seed_from_u64(seed);
+        let mut noise = || -> f64 { StandardNormal.sample(&mut random) };
+        let time: Vec<f64> = (0..700).map(|k| f64::from(k) * 0.01).collect();
+        let shift = wander * noise();
+        Recording {
+            pressure: time
+                .iter()
+                .map(|t| if *t > 0.5 { amplitude } else { 0.0 } + 300.0 * noise())
+                .collect(),
+            angle: time
+                .iter()
+                .map(|t| shift + 1.0 - (-t).exp() + 0.01 * noise())
+                .collect(),
+            time,
+            ..Recording::default()
+        }
+    }
+
+    #[test]
+    fn repeats_are_recognised_by_their_pressure_and_give_pure_error() {
+        let recordings = [
+            step(20e3, 0.0, 1),
+            step(40e3, 0.0, 2),
+            step(20e3, 0.0, 3),
+            step(40e3, 0.0, 4),
+        ];
+        let floor = NoiseFloor::of(&recordings);
+        assert_eq!(floor.groups, [vec![0, 2], vec![1, 3]]);
+        assert!((floor.repeats.unwrap() - 0.01).abs() < 5e-4);
+        assert!((floor.white - 0.01).abs() < 5e-4);
+        assert!(floor.quantum == 0.0);
+    }
+
+    #[test]
+    fn what_does_not_repeat_raises_the_floor() {
+        let recordings: Vec<_> = (0..6).map(|seed| step(20e3, 0.05, seed)).collect();
+        let floor = NoiseFloor::of(&recordings);
+        assert!(floor.white < 0.011);
+        assert!(floor.rms > 0.02, "{}", floor.rms);
+    }
+}

@@ -1,0 +1,326 @@
+//! Simulated recordings with an effect hidden in them.
+//!
+//! A stranger without a rig needs something to diagnose, and the demo needs
+//! data whose answer is known. An example is a nominal model whose parameters
+//! are off by as much as data sheets are, and recordings of a "truth" that has
+//! one effect more, through sensors with noise and a ten-bit converter. Every
+//! file says that it is simulated; the answer is in `truth.toml`.
+
+use std::path::Path;
+
+use model_core::actuator::{Dynamics, Model};
+use model_core::catalogue::Kind;
+use rand::{Rng, RngExt, SeedableRng};
+use rand_distr::{Distribution, StandardNormal};
+use rand_pcg::Pcg64Mcg;
+
+use crate::error::{InputError, write_atomically};
+use crate::model_file::tidy;
+use crate::protocol::Protocol;
+use crate::recording::{PASCAL_PER_KPA, Recording, to_csv};
+use crate::simulate::{Signal, Start, run, substeps};
+
+/// Angle of one count of a ten-bit converter behind a flex sensor (°).
+const ANGLE_COUNT_DEG: f64 = 90.0 / 341.0;
+/// Pressure of one count behind a 0–80 psi sensor, averaged four times (kPa).
+const PRESSURE_COUNT_KPA: f64 = 0.674 / 4.0;
+/// White noise of the pressure (kPa).
+const PRESSURE_NOISE_KPA: f64 = 0.25;
+/// Repeats of each step.
+const REPEATS: u32 = 3;
+
+/// What an example hides.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Hidden {
+    /// One effect, drawn from the seed.
+    Drawn,
+    /// This effect.
+    Effect(Kind),
+    /// Nothing but wrong parameters.
+    Nothing,
+}
+
+/// An example in memory.
+#[derive(Clone, Debug)]
+pub struct Example {
+    /// Text of the nominal model file.
+    pub model: String,
+    /// Text of the answer.
+    pub truth: String,
+    /// Recordings with the name of their file and their metadata.
+    pub recordings: Vec<(String, Recording, String)>,
+}
+
+/// Makes an example. The same seed gives the same bytes.
+///
+/// `noise_deg` is the RMS noise of the angle (°).
+///
+/// # Errors
+///
+/// Refuses noise that is negative or not a number.
+pub fn make(hidden: Hidden, noise_deg: f64, seed: u64) -> Result<Example, InputError> {
+    if !(0.0..=20.0).contains(&noise_deg) {
+        return Err(InputError::new(
+            format!("the noise is {noise_deg}°"),
+            "give an RMS between 0 and 20 degrees",
+        ));
+    }
+    let mut random = Pcg64Mcg::seed_from_u64(seed);
+    let dynamics = Dynamics {
+        inertia: random.random_range(0.15..0.4),
+        damping: random.random_range(0.8..3.0),
+        stiffness: random.random_range(3.0..9.0),
+        exponent: [1.5, 1.727, 2.0, 2.365][random.random_range(0..4)],
+        input_gain: random.random_range(0.08..0.2) / PASCAL_PER_KPA,
+    };
+    let kind = match hidden {
+        Hidden::Drawn => Some(Kind::ALL[random.random_range(0..Kind::ALL.len())]),
+        Hidden::Effect(kind) => Some(kind),
+        Hidden::Nothing => None,
+    };
+    let effect = kind.map(|kind| draw_effect(kind, &dynamics, &mut random));
+    let effects: Vec<_> = effect.into_iter().collect();
+    let invalid = |error: model_core::actuator::InvalidModel| {
+        InputError::new(format!("the drawn model {error}"), "choose another seed")
+    };
+    let truth: Model<f64> = Model::new(dynamics, &effects).map_err(invalid)?;
+    let off = |value: f64, random: &mut Pcg64Mcg| value * random.random_range(0.85..1.15);
+    let nominal = Dynamics {
+        damping: off(dynamics.damping, &mut random),
+        stiffness: off(dynamics.stiffness, &mut random),
+        input_gain: off(dynamics.input_gain, &mut random),
+        ..dynamics
+    };
+    // The rig is driven as its owner would: by the plain model's inverse.
+    let inverse: Model<f64> = Model::new(dynamics, &[]).map_err(invalid)?;
+    let recordings = protocols()
+        .into_iter()
+        .map(|(name, setpoint_deg, repeat, protocol)| {
+            let recording = record(&truth, &inverse, &protocol, noise_deg, &mut random);
+            let file = match repeat {
+                Some(repeat) => format!("{name}_{repeat}.csv"),
+                None => format!("{name}.csv"),
+            };
+            (file, recording, meta_text(name, setpoint_deg, repeat))
+        })
+        .collect();
+    Ok(Example {
+        model: model_text(&nominal, &[], "example actuator (simulated)"),
+        truth: model_text(&dynamics, &effects, "what the example hides (simulated)"),
+        recordings,
+    })
+}
+
+impl Example {
+    /// Writes `model.toml`, `truth.toml` and the recordings into a folder.
+    ///
+    /// # Errors
+    ///
+    /// Says what cannot be written.
+    pub fn write(&self, folder: &Path) -> Result<(), InputError> {
+        let recordings = folder.join("recordings");
+        std::fs::create_dir_all(&recordings).map_err(|error| {
+            InputError::new(
+                format!("cannot be created: {error}"),
+                "choose a folder that can be written",
+            )
+            .in_file(&recordings)
+        })?;
+        write_atomically(&folder.join("model.toml"), self.model.as_bytes())?;
+        write_atomically(&folder.join("truth.toml"), self.truth.as_bytes())?;
+        for (file, recording, meta) in &self.recordings {
+            let path = recordings.join(file);
+            write_atomically(&path.with_extension("meta.toml"), meta.as_bytes())?;
+            write_atomically(&path, to_csv(recording, &[]).as_bytes())?;
+        }
+        Ok(())
+    }
+}
+
+/// Name, set-point (°), repeat and protocol of each run: the paper's steps, a
+/// small one that separates static rivals, a staircase and a triangle.
+fn protocols() -> Vec<(&'static str, Option<f64>, Option<u32>, Protocol)> {
+    let mut list = Vec::new();
+    for (name, angle_deg) in [("step30", 30.0), ("step60", 60.0), ("step90", 90.0)] {
+        for repeat in 1..=REPEATS {
+            let step = Protocol::Step {
+                angle: f64::to_radians(angle_deg),
+                hold: 5.0,
+                release: 3.0,
+            };
+            list.push((name, Some(angle_deg), Some(repeat), step));
+        }
+    }
+    let angle = 90f64.to_radians();
+    list.push((
+        "staircase",
+        None,
+        None,
+        Protocol::Staircase {
+            angle,
+            steps: 4,
+            hold: 2.5,
+        },
+    ));
+    list.push((
+        "triangle",
+        None,
+        None,
+        Protocol::Triangle {
+            angle,
+            ramp: 3.0,
+            cycles: 2,
+        },
+    ));
+    list
+}
+
+/// An effect of a size that matters but does not dominate.
+fn draw_effect(
+    kind: Kind,
+    dynamics: &Dynamics<f64>,
+    random: &mut Pcg64Mcg,
+) -> model_core::catalogue::Effect<f64> {
+    use model_core::effects::Unit;
+    let values: Vec<f64> = kind
+        .parameters()
+        .iter()
+        .map(|row| {
+            if let Some(held) = row.held {
+                return f64::from(held);
+            }
+            let share: f64 = random.random_range(0.1..0.3);
+            let sign = if row.lower < 0.0 && random.random_bool(0.5) {
+                -1.0
+            } else {
+                1.0
+            };
+            match row.unit {
+                Unit::Second if kind == Kind::MaxwellBranch => random.random_range(2.0..8.0),
+                Unit::Second => random.random_range(0.1..0.3),
+                Unit::NewtonSecond2PerRad2 => share * 3.0 * dynamics.damping,
+                Unit::Newton | Unit::NewtonPerRad | Unit::NewtonPerRad3 => {
+                    sign * share * dynamics.stiffness
+                }
+                Unit::Radian => sign * 0.4 * share,
+                _ => sign * share,
+            }
+        })
+        .collect();
+    kind.build(&values)
+        .expect("one value was drawn for each row of the table")
+}
+
+/// Simulates a run and its sensors.
+fn record(
+    truth: &Model<f64>,
+    inverse: &Model<f64>,
+    protocol: &Protocol,
+    noise_deg: f64,
+    random: &mut Pcg64Mcg,
+) -> Recording {
+    let (time, _, pressure) = protocol.pressure(inverse);
+    let signal = Signal::new(time.clone(), pressure.clone());
+    let start = Start {
+        angle: truth.reading(&truth.at_rest(0.0, 0.0)),
+        rate: 0.0,
+    };
+    let steps = 2 * substeps(truth, 0.01, 2.0);
+    let reading = run(truth, &signal, start, steps).reading;
+    let angle = reading
+        .iter()
+        .map(|angle| {
+            let noisy = angle.to_degrees() + noise_deg * normal(random);
+            quantised(noisy, ANGLE_COUNT_DEG).to_radians()
+        })
+        .collect();
+    let pressure = pressure
+        .iter()
+        .map(|pressure| {
+            let noisy = pressure / PASCAL_PER_KPA + PRESSURE_NOISE_KPA * normal(random);
+            quantised(noisy, PRESSURE_COUNT_KPA) * PASCAL_PER_KPA
+        })
+        .collect();
+    Recording {
+        time,
+        pressure,
+        angle,
+        ..Recording::default()
+    }
+}
+
+fn normal(random: &mut impl Rng) -> f64 {
+    StandardNormal.sample(random)
+}
+
+fn quantised(value: f64, count: f64) -> f64 {
+    (value / count).round() * count
+}
+
+fn meta_text(protocol: &str, setpoint_deg: Option<f64>, repeat: Option<u32>) -> String {
+    let mut text = format!("simulated = true\nprotocol = \"{protocol}\"\n");
+    if let Some(setpoint) = setpoint_deg {
+        text += &format!("setpoint_deg = {setpoint:.1}\n");
+    }
+    if let Some(repeat) = repeat {
+        text += &format!("repeat = {repeat}\n");
+    }
+    text
+}
+
+fn model_text(
+    dynamics: &Dynamics<f64>,
+    effects: &[model_core::catalogue::Effect<f64>],
+    name: &str,
+) -> String {
+    let mut text = format!(
+        "schema = 1\nname = \"{name}\"\n\n[dynamics]\ninertia_kg_m = {}\ndamping_n_s_per_rad = {}\nstiffness_n_per_rad_n = {}\nexponent = {}\ninput_gain_n_per_kpa = {}\n\n[fit]\nfree = [\"damping\", \"stiffness\", \"input_gain\"]\n",
+        tidy(dynamics.inertia),
+        tidy(dynamics.damping),
+        tidy(dynamics.stiffness),
+        tidy(dynamics.exponent),
+        tidy(dynamics.input_gain * PASCAL_PER_KPA)
+    );
+    for effect in effects {
+        text += &format!("\n[[effect]]\nkind = \"{}\"\n", effect.kind().name());
+        for (row, value) in effect.parameters().iter().zip(effect.values()) {
+            text += &format!("{} = {}\n", row.key, tidy(row.unit.from_si(value)));
+        }
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model_file::ModelFile;
+
+    #[test]
+    fn same_seed_same_bytes_and_other_seeds_differ() {
+        let bytes = |seed| {
+            let example = make(Hidden::Drawn, 0.4, seed).unwrap();
+            example.truth.clone() + &to_csv(&example.recordings[0].1, &[])
+        };
+        assert_eq!(bytes(7), bytes(7));
+        assert_ne!(bytes(7), bytes(8));
+    }
+
+    #[test]
+    fn every_effect_can_be_hidden_and_read_back() {
+        for &kind in Kind::ALL {
+            let example = make(Hidden::Effect(kind), 0.0, 3).unwrap();
+            let truth = ModelFile::parse(&example.truth, Path::new("truth.toml")).unwrap();
+            assert_eq!(truth.model.effects().next().unwrap().kind(), kind);
+            ModelFile::parse(&example.model, Path::new("model.toml")).unwrap();
+            let (_, last, _) = example.recordings.last().unwrap();
+            let reach = last.angle.iter().fold(0.0, |a: f64, b| a.max(b.abs()));
+            assert!(reach > 0.3 && reach < 3.0, "{kind:?} reaches {reach} rad");
+        }
+    }
+
+    #[test]
+    fn impossible_noise_is_refused() {
+        assert!(make(Hidden::Nothing, f64::NAN, 1).is_err());
+        assert!(make(Hidden::Nothing, -1.0, 1).is_err());
+    }
+}
