@@ -105,6 +105,9 @@ pub fn setup(mode: Mode) -> Outcome {
             )
             .into());
         }
+        if mode == Mode::Install && as_root().is_none() {
+            return Err(ask_for_root(&packages, linked).into());
+        }
         apt.install(&packages)?;
     }
     if !linked {
@@ -144,6 +147,29 @@ pub fn setup(mode: Mode) -> Outcome {
     }
     println!("setup: done in {}", seconds(started.elapsed()));
     Ok(())
+}
+
+/// The commands that someone who may has to run, all in one message.
+fn ask_for_root(packages: &[&str], linked: bool) -> String {
+    let mut packages = packages.to_vec();
+    let mut last = String::new();
+    if !linked && installed_compiler().is_none() {
+        if has_program("rustup") {
+            last = format!(
+                "  rustup toolchain install {} --profile minimal --component rust-src\n",
+                avr::TESTED
+            );
+        } else if let Some(rust) = debian_rust() {
+            packages.extend(rust);
+        }
+    }
+    format!(
+        "installing needs root, and there is no sudo without a password here. Run\n  \
+         sudo apt-get update\n  \
+         sudo apt-get install --no-install-recommends {}\n{last}\
+         then `cargo xtask setup` again",
+        packages.join(" ")
+    )
 }
 
 fn report(mode: Mode, what: &str, began: Instant) {
@@ -245,22 +271,29 @@ fn rust_from_debian(apt: &mut Apt) -> Outcome {
     if !has_program("apt-get") {
         return Err("no apt-get here".into());
     }
-    apt.update()?;
-    for packages in DEBIAN_RUST {
-        let candidates = packages.map(candidate);
-        let good = candidates
-            .iter()
-            .all(|version| version.is_some_and(|version| version >= avr::OLDEST));
-        if good {
-            return apt.install(&packages);
-        }
+    if apt.mode == Mode::Install && as_root().is_none() {
+        return Err("installing packages needs root".into());
     }
-    Err(format!(
-        "this system's packages have no Rust {}.{} with library source",
-        avr::OLDEST.0,
-        avr::OLDEST.1
-    )
-    .into())
+    apt.update()?;
+    match debian_rust() {
+        Some(packages) => apt.install(&packages),
+        None => Err(format!(
+            "this system's packages have no Rust {}.{} with library source",
+            avr::OLDEST.0,
+            avr::OLDEST.1
+        )
+        .into()),
+    }
+}
+
+/// The packages of a compiler that is new enough, if this system has one.
+fn debian_rust() -> Option<[&'static str; 3]> {
+    DEBIAN_RUST.into_iter().find(|packages| {
+        packages
+            .map(candidate)
+            .iter()
+            .all(|version| version.is_some_and(|version| version >= avr::OLDEST))
+    })
 }
 
 fn candidate(package: &str) -> Option<Version> {
@@ -312,13 +345,7 @@ impl Apt {
         let began = Instant::now();
         let line = format!("apt-get {}", words.join(" "));
         if self.mode == Mode::Install {
-            let Some(mut command) = as_root() else {
-                return Err(format!(
-                    "this needs root and there is no sudo without a password here. Run\n  \
-                     sudo apt-get update\n  sudo {line}\nthen `cargo xtask setup` again"
-                )
-                .into());
-            };
+            let mut command = as_root().ok_or("installing packages needs root")?;
             // Another installer may be at work for a while.
             command
                 .args(["apt-get", "-q", "-o", "DPkg::Lock::Timeout=120"])
