@@ -73,7 +73,7 @@ pub fn test(scope: Scope) -> Outcome {
     steps.step("simulator", || {
         let rig = virtual_rig()?;
         run(cargo()
-            .args(["test", "-q", "--locked", "-p", "softrig-tests"])
+            .args(["test", "-q", "--locked", "--workspace"])
             .args(["--test", "firmware_in_simulator", "--", "--nocapture"])
             .env("SOFTRIG_FIRMWARE", &image)
             .env("SOFTRIG_VIRTUAL_RIG", rig))
@@ -95,6 +95,15 @@ fn clippy(everything: bool) -> Command {
 
 /// Builds the simulator's command and returns its path.
 pub fn virtual_rig() -> Outcome<PathBuf> {
-    run(cargo().args(["build", "-q", "--locked", "-p", "virtual-rig"]))?;
+    // With the package alone, its dependencies would be built again with other
+    // features than the rest of the workspace asks for.
+    run(cargo().args([
+        "build",
+        "-q",
+        "--locked",
+        "--workspace",
+        "--bin",
+        "virtual-rig",
+    ]))?;
     Ok(target_dir().join("debug/virtual-rig"))
 }
