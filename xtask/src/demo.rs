@@ -35,13 +35,28 @@ pub fn demo() -> Outcome {
     steps.finish("cargo xtask demo");
     println!(
         "\n\
-         The recordings in demo/recordings are simulated: no rig was involved.\n\
+         All of this is simulated, no rig was involved. What was hidden: {}\n\
          The picture of the gap, before and after:  demo/gap.svg  (any browser opens it)\n\
          The verdict, for programs:                 demo/verdict.json\n\
          The repaired model:                        demo/repaired.toml\n\
-         With your own recordings:  cargo rig diagnose --model MODEL.toml RECORDING.csv …"
+         With your own recordings:  cargo rig diagnose --model MODEL.toml RECORDING.csv …",
+        hidden()
     );
     Ok(())
+}
+
+/// What the simulated actuator hides, from the model that it was simulated with.
+fn hidden() -> String {
+    let truth = fs::read_to_string(root().join(FOLDER).join("truth.toml")).unwrap_or_default();
+    let kinds: Vec<&str> = truth
+        .lines()
+        .filter_map(|line| line.strip_prefix("kind = \"")?.strip_suffix('"'))
+        .collect();
+    if kinds.is_empty() {
+        "see demo/truth.toml".into()
+    } else {
+        format!("{} (demo/truth.toml)", kinds.join(" and "))
+    }
 }
 
 /// The command from the workspace's root, so that the paths it prints are short.

@@ -1,6 +1,9 @@
 //! Everything that must hold before a change goes in, in one command.
 
-use std::{path::PathBuf, process::Command};
+use std::{
+    path::{Path, PathBuf},
+    process::Command,
+};
 
 use crate::{
     avr,
@@ -34,57 +37,51 @@ pub fn test(scope: Scope) -> Outcome {
     })?;
     steps.step("clippy", || run(&mut clippy(everything)))?;
     steps.step("host tests", || {
-        run(cargo().args(["test", "-q", "--locked"]))
+        run(cargo().args(["test", "--locked", "--", "-q"]))
+    })?;
+    steps.step("firmware logic on the host", || {
+        run(cargo().args(["test", "--locked", "-p", "firmware", "--", "-q"]))
     })?;
     steps.step("documentation", || {
         run(cargo()
-            .args(["doc", "-q", "--no-deps", "--locked"])
+            .args(["doc", "--no-deps", "--locked"])
             .env("RUSTDOCFLAGS", "-D warnings"))
     })?;
 
-    if !everything {
-        for name in ["firmware", "gates", "firmware tests", "simulator"] {
+    if everything {
+        let mut image = PathBuf::new();
+        steps.step("firmware", || {
+            image = avr::build()?;
+            Ok(())
+        })?;
+        steps.step("gates", || {
+            avr::gates(&image)?;
+            avr::print_size(&image)
+        })?;
+        steps.step("simulator", || simulator(&image))?;
+    } else {
+        for name in ["firmware", "gates", "simulator"] {
             steps.skip(name, HOST_ONLY);
         }
-        steps.finish("cargo xtask test");
-        return Ok(());
     }
-
-    let mut image = PathBuf::new();
-    steps.step("firmware", || {
-        image = avr::build()?;
-        Ok(())
-    })?;
-    steps.step("gates", || {
-        avr::gates(&image)?;
-        avr::print_size(&image)
-    })?;
-    steps.step("firmware tests", || {
-        run(cargo().args([
-            "test",
-            "-q",
-            "--locked",
-            "-p",
-            "firmware",
-            "-p",
-            "virtual-rig",
-        ]))
-    })?;
-    steps.step("simulator", || {
-        let rig = virtual_rig()?;
-        run(cargo()
-            .args(["test", "-q", "--locked", "--workspace"])
-            .args(["--test", "firmware_in_simulator", "--", "--nocapture"])
-            .env("SOFTRIG_FIRMWARE", &image)
-            .env("SOFTRIG_VIRTUAL_RIG", rig))
-    })?;
     steps.finish("cargo xtask test");
     Ok(())
 }
 
+/// The simulator's own tests, then the image in it.
+fn simulator(image: &Path) -> Outcome {
+    let rig = virtual_rig()?;
+    run(cargo().args(["test", "--locked", "-p", "virtual-rig", "--", "-q"]))?;
+    run(cargo()
+        .args(["test", "--locked", "--workspace"])
+        .args(["--test", "firmware_in_simulator", "--", "--nocapture"])
+        .env("SOFTRIG_FIRMWARE", image)
+        .env("SOFTRIG_VIRTUAL_RIG", rig))
+}
+
 fn clippy(everything: bool) -> Command {
     let mut command = cargo();
-    command.args(["clippy", "-q", "--locked", "--workspace", "--all-targets"]);
+    command.args(["clippy", "--locked", "--workspace", "--all-targets"]);
     if !everything {
         // Its build needs the simulator's headers.
         command.args(["--exclude", "virtual-rig"]);
