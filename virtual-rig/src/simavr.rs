@@ -14,6 +14,7 @@ struct Opaque {
     _neither_send_nor_sync: PhantomData<(*mut u8, PhantomPinned)>,
 }
 
+// SAFETY: the signatures are those of `shim.c`, which this crate compiles.
 unsafe extern "C" {
     fn softrig_board_new(
         processor: *const c_char,

@@ -18,6 +18,7 @@ use ufmt::uWrite;
 // memcpy. It must be asked for here in the binary: a library's request comes
 // after compiler_builtins on the linker's command line, and changes nothing.
 // `cargo xtask test` checks which one won.
+// SAFETY: nothing is declared; the compiler's own calls keep its conventions.
 #[link(name = "m")]
 #[link(name = "c")]
 unsafe extern "C" {}
