@@ -26,13 +26,8 @@ const DATA_ADDRESSES: std::ops::Range<u32> = FLASH_ADDRESS_END..0x0081_0000;
 #[non_exhaustive]
 pub enum ImageError {
     /// The file cannot be read.
-    #[error("cannot read {path}: {source}; build it with `cargo xtask firmware`")]
-    Unreadable {
-        /// The file.
-        path: String,
-        /// The reason.
-        source: io::Error,
-    },
+    #[error("cannot read it; `cargo xtask firmware` builds one")]
+    Unreadable(#[source] io::Error),
     /// The bytes are no ELF file, or a damaged one.
     #[error(
         "not a 32-bit ELF file ({0}); expected the firmware.elf that `cargo xtask firmware` builds"
@@ -68,10 +63,7 @@ impl Image {
     ///
     /// [`ImageError`] says what is wrong with the file.
     pub fn read(path: &Path) -> Result<Self, ImageError> {
-        let bytes = fs::read(path).map_err(|source| ImageError::Unreadable {
-            path: path.display().to_string(),
-            source,
-        })?;
+        let bytes = fs::read(path).map_err(ImageError::Unreadable)?;
         Self::parse(&bytes)
     }
 

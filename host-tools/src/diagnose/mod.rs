@@ -261,25 +261,7 @@ impl Search<'_, '_> {
         let pool = self.pool(refit);
         let independent = independent_samples(&pool);
         let chosen = self.choose(&pool, independent);
-        if std::env::var_os("TRACE").is_some() {
-            for c in &pool {
-                eprintln!(
-                    "{:?} rmse {:.4} tau {:.1} score {:.1} hold {:.4} conv {} {:?}",
-                    c.set(),
-                    c.fit.rmse().to_degrees(),
-                    c.fit.correlation_time(),
-                    score(c, &self.scales, independent),
-                    self.judge.error_of(c).to_degrees(),
-                    c.fit.converged,
-                    c.fit
-                        .free
-                        .iter()
-                        .map(|i| format!("{:.4}", c.fit.model.value(*i).unwrap()))
-                        .collect::<Vec<_>>()
-                );
-            }
-            eprintln!("independent {independent}");
-        }
+        if std::env::var_os("TRACE").is_some() { for c in &pool { eprintln!("{:?} rmse {:.4} tau {:.1} score {:.1} hold {:.4} conv {} {:?}", c.set(), c.fit.rmse().to_degrees(), c.fit.correlation_time(), score(c,&self.scales,independent), self.judge.error_of(c).to_degrees(), c.fit.converged, c.fit.free.iter().map(|i| format!("{:.4}", c.fit.model.value(*i).unwrap())).collect::<Vec<_>>()); } eprintln!("independent {independent}"); }
         let size = pool[chosen].added.len();
         let ranked = rank(&pool, &self.scales, independent, size.max(1));
         let best_score = ranked.first().map_or(0.0, |first| first.score);
