@@ -21,6 +21,7 @@ use rayon::prelude::*;
 use crate::dual::Dual;
 use crate::recording::Recording;
 use crate::simulate::{Signal, Start, run, substeps};
+use crate::smooth::{half_window, motion};
 use crate::statistics::{correlation_time, mean, noise_by_differences, rms};
 
 /// A recording prepared for fitting.
@@ -143,25 +144,81 @@ fn find_start(recording: &Recording) -> (Start<f64>, bool) {
 
 /// Angle and rate at the first sample, from a parabola through the first ten.
 fn initial_motion(recording: &Recording) -> Start<f64> {
-    let count = recording.len().min(10);
-    let time: Vec<f64> = (0..count)
-        .map(|k| recording.time[k] - recording.time[0])
-        .collect();
-    let degree = 2.min(count.saturating_sub(1));
-    let powers = DMatrix::from_fn(count, degree + 1, |row, column| {
-        // The degree is at most 2.
-        time[row].powi(i32::try_from(column).unwrap_or(0))
-    });
-    let measured = DVector::from_column_slice(&recording.angle[..count]);
-    let solved = powers.svd(true, true).solve(&measured, 1e-12).ok();
-    let coefficient = |k: usize| {
-        solved
-            .as_ref()
-            .and_then(|solution| solution.get(k).copied())
-    };
+    let first = motion(recording, 0, 10, 0);
     Start {
-        angle: coefficient(0).unwrap_or(recording.angle[0]),
-        rate: coefficient(1).unwrap_or(0.0),
+        angle: first.map_or(recording.angle[0], |motion| motion.angle),
+        rate: first.map_or(0.0, |motion| motion.rate),
+    }
+}
+
+/// Recordings cut into short pieces that each start where the measured motion
+/// is: the ground on which fits find their way.
+///
+/// Over a whole recording a small error of frequency puts simulation and
+/// measurement out of phase, and the sum of squares is full of valleys that
+/// lead nowhere. Over half a swing it has one. Fitting the pieces is biased by
+/// the noise of their starts and by hidden states that had no time to build
+/// up, so it gives starts for fits and nothing else.
+#[derive(Clone, Debug)]
+pub struct Pieces {
+    pieces: Vec<(Recording, Start<f64>)>,
+}
+
+impl Pieces {
+    /// Cuts the recordings of `fitter` into pieces of about half a swing of
+    /// its nominal model, between 10 samples and 1 s, and takes enough of them
+    /// at even distances.
+    pub fn of(fitter: &Fitter<'_, '_>) -> Self {
+        const FEWEST: f64 = 10.0;
+        const LONGEST_S: f64 = 1.0;
+        /// Samples that are enough to find a start.
+        const ENOUGH: usize = 3_000;
+        let mut pieces = Vec::new();
+        for run in fitter.runs {
+            let stiffness = fitter.nominal.fastest_rate(run.reach).stiffness;
+            let half_swing = std::f64::consts::PI / stiffness.sqrt();
+            let samples = (half_swing.min(LONGEST_S) / run.interval).max(FEWEST);
+            // At most a second of samples.
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+            let length = samples as usize;
+            let recording = run.recording;
+            let half = half_window(recording);
+            let mut begin = half;
+            while begin + length < recording.len() {
+                let at = motion(recording, begin - half, begin + half + 1, begin);
+                if let Some(motion) = at {
+                    let range = begin..begin + length;
+                    let piece = Recording {
+                        time: recording.time[range.clone()].to_vec(),
+                        pressure: recording.pressure[range.clone()].to_vec(),
+                        angle: recording.angle[range].to_vec(),
+                        ..Recording::default()
+                    };
+                    let start = Start {
+                        angle: motion.angle,
+                        rate: motion.rate,
+                    };
+                    pieces.push((piece, start));
+                }
+                begin += length;
+            }
+        }
+        let samples: usize = pieces.iter().map(|(piece, _)| piece.len()).sum();
+        let stride = samples.div_ceil(ENOUGH).max(1);
+        let pieces = pieces.into_iter().step_by(stride).collect();
+        Self { pieces }
+    }
+
+    /// The pieces as runs whose starts are known.
+    pub fn runs(&self) -> Vec<Run<'_>> {
+        self.pieces
+            .iter()
+            .map(|(recording, start)| Run {
+                start: *start,
+                moving: false,
+                ..Run::new(recording)
+            })
+            .collect()
     }
 }
 
@@ -223,7 +280,7 @@ impl Coordinate {
     /// The coordinate of a value. On a bound the slope is zero and the solver
     /// could never leave, so starts keep a small distance.
     fn from_value(self, value: f64) -> f64 {
-        const MARGIN: f64 = 1e-4;
+        const MARGIN: f64 = 2e-3;
         match self {
             Self::Linear { scale } => value / scale,
             Self::Above { lower, scale } => {
@@ -356,7 +413,12 @@ pub enum Effort {
 
 impl Effort {
     fn solver(self) -> LevenbergMarquardt<f64> {
-        let solver = LevenbergMarquardt::new().with_gtol(0.0);
+        /// First step, relative to the size of the coordinates. The solver's
+        /// default of 100 leaps over the valley that the start was chosen for.
+        const STEP: f64 = 0.1;
+        let solver = LevenbergMarquardt::new()
+            .with_gtol(0.0)
+            .with_stepbound(STEP);
         match self {
             Self::Glance => solver.with_patience(2).with_ftol(1e-3).with_xtol(1e-3),
             Self::Full => solver.with_patience(12).with_ftol(1e-6).with_xtol(1e-5),
@@ -386,7 +448,7 @@ impl Fitter<'_, '_> {
             converged = report.termination.was_successful();
             problem = solved;
         }
-        problem.finish(converged)
+        problem.finish(converged, effort)
     }
 
     /// Simulates `model` as it is and compares.
@@ -394,27 +456,26 @@ impl Fitter<'_, '_> {
         self.fit(model, &[], Effort::Full)
     }
 
-    /// Fits from several starts: a glance at each, then the best two to the
-    /// end. None if there is no start, or none from which the model can be
-    /// simulated.
-    pub fn fit_from(&self, starts: &[Model<f64>], free: &[ParameterId]) -> Option<Fit> {
-        /// Starts that are worth finishing.
-        const FINISHED: usize = 2;
-        if let [only] = starts {
-            return Some(self.fit(only, free, Effort::Full));
-        }
-        let mut glances: Vec<Fit> = starts
+    /// A glance from each start; the best. None if there is no start from which
+    /// the model can be simulated.
+    pub fn best_glance(&self, starts: &[Model<f64>], free: &[ParameterId]) -> Option<Fit> {
+        starts
             .par_iter()
             .map(|start| self.fit(start, free, Effort::Glance))
-            .collect();
-        glances.retain(|fit| fit.sse().is_finite());
-        glances.sort_by(|a, b| a.sse().total_cmp(&b.sse()));
-        glances.truncate(FINISHED);
-        glances
-            .par_iter()
-            .map(|glance| self.fit(&glance.model, free, Effort::Full))
             .collect::<Vec<_>>()
             .into_iter()
+            .filter(|fit| fit.sse().is_finite())
+            .min_by(|a, b| a.sse().total_cmp(&b.sse()))
+    }
+
+    /// Fits to the end from each start; the best.
+    pub fn best_fit(&self, starts: &[Model<f64>], free: &[ParameterId]) -> Option<Fit> {
+        starts
+            .par_iter()
+            .map(|start| self.fit(start, free, Effort::Full))
+            .collect::<Vec<_>>()
+            .into_iter()
+            .filter(|fit| fit.sse().is_finite())
             .min_by(|a, b| a.sse().total_cmp(&b.sse()))
     }
 }
@@ -566,9 +627,12 @@ impl<'a, 'r> Problem<'a, 'r> {
         }
     }
 
-    fn finish(self, converged: bool) -> Fit {
+    fn finish(self, converged: bool, effort: Effort) -> Fit {
         let residuals = self.residual_series();
-        let standard_errors = self.standard_errors(&residuals);
+        let standard_errors = match effort {
+            Effort::Glance => vec![f64::INFINITY; self.free.len()],
+            Effort::Full => self.standard_errors(&residuals),
+        };
         let model = self.model();
         let starts = (0..self.runs.len())
             .map(|index| self.start(index))
@@ -662,4 +726,10 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_, '_> {
 /// RMS of each recording's residual (rad), in order.
 pub fn rms_each(fit: &Fit) -> Vec<f64> {
     fit.residuals.iter().map(|residual| rms(residual)).collect()
+}
+impl Fitter<'_, '_> {
+    #[doc(hidden)]
+    pub fn bench_jacobian(&self, m: &Model<f64>, free: &[ParameterId]) -> usize {
+        Problem::new(self, m, free).exact_jacobian().nrows()
+    }
 }

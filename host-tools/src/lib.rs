@@ -16,4 +16,5 @@ pub mod protocol;
 pub mod recording;
 pub mod report;
 pub mod simulate;
+pub mod smooth;
 pub mod statistics;

@@ -6,11 +6,11 @@
 
 use model_core::actuator::{MAX_EFFECTS, Model, ParameterId};
 use model_core::catalogue::Kind;
-use model_core::effects::{Parameter, Place, Unit};
-use rayon::prelude::*;
+use model_core::effects::{Mechanism, Parameter, Place, Unit};
 
 use crate::fit::{Effort, Fit, Fitter};
 use crate::model_file::ModelFile;
+use crate::smooth::{half_window, motion};
 
 /// A structure (which effects were added) with its fit.
 #[derive(Clone, Debug)]
@@ -39,7 +39,7 @@ pub struct Scales {
     angle: f64,
     /// Spring force at the largest angle (N).
     force: f64,
-    /// Rate of a swing to the largest angle (rad/s).
+    /// Fastest rate measured (rad/s), but for the fastest hundredth.
     rate: f64,
     /// Largest pressure (Pa).
     pressure: f64,
@@ -66,7 +66,7 @@ impl Scales {
         Self {
             angle,
             force,
-            rate: (force * angle / d.inertia).sqrt(),
+            rate: fastest_rate(fitter).max(1e-3),
             pressure,
         }
     }
@@ -83,6 +83,27 @@ impl Scales {
             _ => 1.0,
         }
     }
+}
+
+/// The 99th percentile of the measured rate (rad/s).
+fn fastest_rate(fitter: &Fitter<'_, '_>) -> f64 {
+    let mut rates: Vec<f64> = fitter
+        .runs
+        .iter()
+        .flat_map(|run| {
+            let recording = run.recording;
+            let half = half_window(recording);
+            (half..recording.len().saturating_sub(half))
+                .step_by(half)
+                .filter_map(move |k| motion(recording, k - half, k + half + 1, k))
+        })
+        .map(|motion| motion.rate.abs())
+        .collect();
+    rates.sort_unstable_by(f64::total_cmp);
+    rates
+        .get(rates.len() * 99 / 100)
+        .copied()
+        .unwrap_or_default()
 }
 
 /// Why an effect was not tried.
@@ -140,42 +161,72 @@ pub fn free_parameters(file: &ModelFile, added: &[Kind]) -> Vec<ParameterId> {
     free
 }
 
+/// What candidates are fitted to and from.
+#[derive(Clone, Copy, Debug)]
+pub struct Ground<'a, 'r> {
+    /// The nominal model.
+    pub file: &'a ModelFile,
+    /// The recordings.
+    pub fitter: &'a Fitter<'a, 'r>,
+    /// The same recordings in short pieces, to find starts.
+    pub pieces: &'a Fitter<'a, 'a>,
+    /// Sizes of forces, angles and rates.
+    pub scales: Scales,
+}
+
 /// Adds one effect to a fitted structure and fits again. None if the model is
 /// full, or cannot be simulated with it.
 pub fn extend(
-    file: &ModelFile,
-    fitter: &Fitter<'_, '_>,
-    scales: &Scales,
+    ground: &Ground<'_, '_>,
     base: &Candidate,
     kind: Kind,
     effort: Effort,
 ) -> Option<Candidate> {
+    let file = ground.file;
     if file.model.effects().count() + base.added.len() >= MAX_EFFECTS {
         return None;
     }
     let mut added = base.added.clone();
     added.push(kind);
     let free = free_parameters(file, &added);
-    let starts = starts(file, scales, base, kind);
+    let starts = starts(file, &ground.scales, base, kind);
+    let mut best = Vec::new();
+    best.extend(
+        ground
+            .pieces
+            .best_glance(&starts, &free)
+            .map(|fit| fit.model),
+    );
+    // Hidden states and delays have no past in a piece.
+    if added.iter().any(|kind| remembers(*kind)) {
+        best.extend(
+            ground
+                .fitter
+                .best_glance(&starts, &free)
+                .map(|fit| fit.model),
+        );
+    }
     let fit = match effort {
-        Effort::Full => fitter.fit_from(&starts, &free)?,
-        Effort::Glance => starts
-            .par_iter()
-            .map(|start| fitter.fit(start, &free, Effort::Glance))
-            .collect::<Vec<_>>()
-            .into_iter()
-            .filter(|fit| fit.sse().is_finite())
-            .min_by(|a, b| a.sse().total_cmp(&b.sse()))?,
+        Effort::Full => ground.fitter.best_fit(&best, &free)?,
+        Effort::Glance => ground.fitter.best_glance(&best, &free)?,
     };
     Some(Candidate { added, fit })
 }
 
+/// Whether an effect depends on what happened before.
+fn remembers(kind: Kind) -> bool {
+    kind.info().place == Place::Input
+        || kind
+            .build(&vec![1.0; kind.parameters().len()])
+            .is_some_and(|effect| Mechanism::<f64>::integrated_states(&effect) > 0)
+}
+
 /// Fits a candidate on to the end from where it stands.
-pub fn finish(file: &ModelFile, fitter: &Fitter<'_, '_>, candidate: &Candidate) -> Candidate {
-    let free = free_parameters(file, &candidate.added);
+pub fn finish(ground: &Ground<'_, '_>, candidate: &Candidate) -> Candidate {
+    let free = free_parameters(ground.file, &candidate.added);
     Candidate {
         added: candidate.added.clone(),
-        fit: fitter.fit(&candidate.fit.model, &free, Effort::Full),
+        fit: ground.fitter.fit(&candidate.fit.model, &free, Effort::Full),
     }
 }
 
@@ -186,7 +237,7 @@ fn starts(file: &ModelFile, scales: &Scales, base: &Candidate, kind: Kind) -> Ve
     let mut values: Vec<Vec<f64>> = vec![Vec::new()];
     for row in kind.parameters() {
         let choices: Vec<f64> = match row.held {
-            Some(held) => vec![f64::from(held)],
+            Some(held) => vec![held_value(row, held, scales)],
             None => row
                 .starts
                 .iter()
@@ -219,14 +270,22 @@ fn starts(file: &ModelFile, scales: &Scales, base: &Candidate, kind: Kind) -> Ve
     models
 }
 
+/// The value at which a parameter is held: the catalogue's, but a sign is never
+/// smoothed more finely than the motion shows. Below a two-hundredth of its
+/// fastest rate a finer one changes nothing but the cost of the integration.
+fn held_value(row: &Parameter, held: f32, scales: &Scales) -> f64 {
+    let held = f64::from(held);
+    if row.unit == Unit::RadianPerSecond {
+        held.max(0.005 * scales.rate)
+    } else {
+        held
+    }
+}
+
 /// Frees the held parameters of the added effects that have starts of their
 /// own (the tilt of gravity), one variant for each start.
-pub fn released(
-    file: &ModelFile,
-    fitter: &Fitter<'_, '_>,
-    candidate: &Candidate,
-) -> Option<Candidate> {
-    let first = file.model.effects().count();
+pub fn released(ground: &Ground<'_, '_>, candidate: &Candidate) -> Option<Candidate> {
+    let first = ground.file.model.effects().count();
     let mut free = candidate.fit.free.clone();
     let mut models = Vec::new();
     for (offset, kind) in candidate.added.iter().enumerate() {
@@ -246,7 +305,7 @@ pub fn released(
             }
         }
     }
-    let fit = fitter.fit_from(&models, &free)?;
+    let fit = ground.fitter.best_fit(&models, &free)?;
     Some(Candidate {
         added: candidate.added.clone(),
         fit,

@@ -8,12 +8,11 @@
 //! picture for people, not the basis of the verdict: that comes from
 //! simulating candidates.
 
+use crate::recording::Recording;
+use crate::smooth::{Motion, half_window, motion};
+use crate::statistics::{mean, noise_by_differences};
 use model_core::actuator::Model;
 use model_core::input::Held;
-use nalgebra::DMatrix;
-
-use crate::recording::Recording;
-use crate::statistics::{mean, noise_by_differences};
 
 /// Bins of a feature, each with as many samples.
 const BINS: usize = 16;
@@ -131,7 +130,11 @@ fn missing_force(model: &Model<f64>, recording: &Recording) -> Vec<Sample> {
     let inertia = model.dynamics().inertia;
     (half..recording.len() - half)
         .filter_map(|k| {
-            let (angle, rate, acceleration) = parabola(recording, k, half)?;
+            let Motion {
+                angle,
+                rate,
+                acceleration,
+            } = motion(recording, k - half, k + half + 1, k)?;
             let pressure = recording.pressure[k];
             let state = model.moving(angle, rate, pressure);
             let simulated = model.derivative(&state, &Held(pressure), 0.0).acceleration;
@@ -153,40 +156,6 @@ fn missing_force(model: &Model<f64>, recording: &Recording) -> Vec<Sample> {
             })
         })
         .collect()
-}
-
-/// Half the window, in samples: 60 ms for clean signals, up to 200 ms where the
-/// noise would drown the acceleration.
-fn half_window(recording: &Recording) -> usize {
-    let swing = recording
-        .angle
-        .iter()
-        .fold(0.0, |largest: f64, angle| largest.max(angle.abs()));
-    let noisy = noise_by_differences(&recording.angle) > 1e-3 * swing;
-    let seconds = if noisy { 0.2 } else { 0.06 };
-    let samples = (seconds / recording.interval()).round();
-    // A few dozen at most: an eighth of the record bounds it.
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-    let half = samples.clamp(2.0, (recording.len() as f64 / 8.0).max(2.0)) as usize;
-    half
-}
-
-/// Angle, rate and acceleration from a parabola around sample `k`.
-fn parabola(recording: &Recording, k: usize, half: usize) -> Option<(f64, f64, f64)> {
-    let mut normal = DMatrix::<f64>::zeros(3, 3);
-    let mut right = nalgebra::DVector::<f64>::zeros(3);
-    for j in k - half..=k + half {
-        let t = recording.time[j] - recording.time[k];
-        let powers = [1.0, t, t * t];
-        for row in 0..3 {
-            right[row] += powers[row] * recording.angle[j];
-            for column in 0..3 {
-                normal[(row, column)] += powers[row] * powers[column];
-            }
-        }
-    }
-    let solved = normal.cholesky()?.solve(&right);
-    Some((solved[0], solved[1], 2.0 * solved[2]))
 }
 
 /// Samples at which the pressure starts to change quickly.

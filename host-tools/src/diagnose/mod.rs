@@ -28,11 +28,11 @@ use model_core::catalogue::Kind;
 use rayon::prelude::*;
 
 use crate::error::InputError;
-use crate::fit::{Effort, Fit, Fitter, Run};
+use crate::fit::{Effort, Fit, Fitter, Pieces, Run};
 use crate::model_file::{ModelFile, tidy, to_file_units};
 use crate::recording::Recording;
 use crate::statistics::correlated_rms;
-use candidates::{Candidate, Scales, Untried, applicable, extend, finish, released};
+use candidates::{Candidate, Ground, Scales, Untried, applicable, extend, finish, released};
 use holdout::{HeldOut, Judge};
 use localise::{Feature, localise};
 use noise::NoiseFloor;
@@ -163,11 +163,19 @@ pub fn diagnose(request: &Request<'_>, progress: Progress<'_>) -> Result<Diagnos
         } else {
             let (kinds, skipped) = applicable(&file.model, &fitter);
             untried = skipped;
+            let pieces = Pieces::of(&fitter);
+            let short = pieces.runs();
             let search = Search {
-                file,
-                fitter: &fitter,
+                ground: Ground {
+                    file,
+                    fitter: &fitter,
+                    pieces: &Fitter {
+                        nominal: &file.model,
+                        runs: &short,
+                    },
+                    scales: Scales::of(&fitter),
+                },
                 judge: &judge,
-                scales: Scales::of(&fitter),
                 floor: &floor,
                 kinds,
                 progress,
@@ -247,10 +255,8 @@ fn names(kinds: &[Kind]) -> Vec<String> {
 
 /// The search over structures.
 struct Search<'a, 'r> {
-    file: &'a ModelFile,
-    fitter: &'a Fitter<'a, 'r>,
+    ground: Ground<'a, 'r>,
     judge: &'a Judge<'a, 'r>,
-    scales: Scales,
     floor: &'a NoiseFloor,
     kinds: Vec<Kind>,
     progress: Progress<'a>,
@@ -261,9 +267,27 @@ impl Search<'_, '_> {
         let pool = self.pool(refit);
         let independent = independent_samples(&pool);
         let chosen = self.choose(&pool, independent);
-        if std::env::var_os("TRACE").is_some() { for c in &pool { eprintln!("{:?} rmse {:.4} tau {:.1} score {:.1} hold {:.4} conv {} {:?}", c.set(), c.fit.rmse().to_degrees(), c.fit.correlation_time(), score(c,&self.scales,independent), self.judge.error_of(c).to_degrees(), c.fit.converged, c.fit.free.iter().map(|i| format!("{:.4}", c.fit.model.value(*i).unwrap())).collect::<Vec<_>>()); } eprintln!("independent {independent}"); }
+        if std::env::var_os("TRACE").is_some() {
+            for c in &pool {
+                eprintln!(
+                    "{:?} rmse {:.4} tau {:.1} score {:.1} hold {:.4} conv {} {:?}",
+                    c.set(),
+                    c.fit.rmse().to_degrees(),
+                    c.fit.correlation_time(),
+                    score(c, &self.ground.scales, independent),
+                    self.judge.error_of(c).to_degrees(),
+                    c.fit.converged,
+                    c.fit
+                        .free
+                        .iter()
+                        .map(|i| format!("{:.4}", c.fit.model.value(*i).unwrap()))
+                        .collect::<Vec<_>>()
+                );
+            }
+            eprintln!("independent {independent}");
+        }
         let size = pool[chosen].added.len();
-        let ranked = rank(&pool, &self.scales, independent, size.max(1));
+        let ranked = rank(&pool, &self.ground.scales, independent, size.max(1));
         let best_score = ranked.first().map_or(0.0, |first| first.score);
         let alternative = |entry: &select::Ranked| Alternative {
             kinds: names(&pool[entry.index].added),
@@ -326,7 +350,7 @@ impl Search<'_, '_> {
         (self.progress)(&format!("{} effects, one at a time", self.kinds.len()));
         let mut pool = vec![refit.clone()];
         pool.extend(self.extensions(&[refit], Effort::Full));
-        let room = MAX_EFFECTS - self.file.model.effects().count();
+        let room = MAX_EFFECTS - self.ground.file.model.effects().count();
         for size in 2..=room {
             let best = Self::smallest(&pool, size - 1, BEAM);
             if best.is_empty() || best.iter().any(|&k| adequate(&pool[k].fit, self.floor)) {
@@ -341,7 +365,7 @@ impl Search<'_, '_> {
             glances.truncate(FINISHED);
             let finished: Vec<Candidate> = glances
                 .par_iter()
-                .map(|candidate| finish(self.file, self.fitter, candidate))
+                .map(|candidate| finish(&self.ground, candidate))
                 .collect();
             pool.extend(finished);
         }
@@ -361,9 +385,7 @@ impl Search<'_, '_> {
             .collect();
         pairs
             .par_iter()
-            .filter_map(|(base, kind)| {
-                extend(self.file, self.fitter, &self.scales, base, *kind, effort)
-            })
+            .filter_map(|(base, kind)| extend(&self.ground, base, *kind, effort))
             .collect()
     }
 
@@ -384,15 +406,15 @@ impl Search<'_, '_> {
         let mut chosen = 0;
         let mut chosen_error = None;
         for size in 1..=MAX_EFFECTS {
-            let Some(best) = rank(pool, &self.scales, independent, size)
+            let Some(best) = rank(pool, &self.ground.scales, independent, size)
                 .first()
                 .map(|first| first.index)
             else {
                 break;
             };
             let more = size - pool[chosen].added.len();
-            let evidence = score(&pool[chosen], &self.scales, independent)
-                - score(&pool[best], &self.scales, independent);
+            let evidence = score(&pool[chosen], &self.ground.scales, independent)
+                - score(&pool[best], &self.ground.scales, independent);
             if evidence < required_evidence(more, self.kinds.len()) {
                 continue;
             }
@@ -423,18 +445,18 @@ impl Search<'_, '_> {
         let candidate = pool
             .iter()
             .find(|candidate| !core.is_empty() && candidate.set() == core)?;
-        let evidence = score(pool.first()?, &self.scales, independent)
-            - score(candidate, &self.scales, independent);
+        let evidence = score(pool.first()?, &self.ground.scales, independent)
+            - score(candidate, &self.ground.scales, independent);
         (evidence >= required_evidence(core.len(), self.kinds.len())).then(|| candidate.clone())
     }
 
     /// Frees parameters that are held at first, where the evidence asks for it.
     fn with_released(&self, candidate: Candidate, independent: f64) -> Candidate {
-        let Some(freed) = released(self.file, self.fitter, &candidate) else {
+        let Some(freed) = released(&self.ground, &candidate) else {
             return candidate;
         };
-        let evidence =
-            score(&candidate, &self.scales, independent) - score(&freed, &self.scales, independent);
+        let evidence = score(&candidate, &self.ground.scales, independent)
+            - score(&freed, &self.ground.scales, independent);
         let before = self.judge.error_of(&candidate);
         if evidence >= required_evidence(1, 1)
             && better_held_out(before, self.judge.error_of(&freed))
