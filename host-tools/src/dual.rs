@@ -175,15 +175,15 @@ impl<const N: usize> Real for Dual<N> {
 /// At a base of zero the slope is that of the limit, except that an infinite
 /// slope (exponent below 1) is given as zero: a fit cannot use infinity.
 impl<const N: usize> Power<Dual<N>> for Exact {
+    #[expect(clippy::float_cmp, reason = "the limit differs at exactly 1")]
     fn pow(base: Dual<N>, exponent: Dual<N>) -> Dual<N> {
-        let value = base.value.powf(exponent.value);
+        let value = <Self as Power<f64>>::pow(base.value, exponent.value);
         if base.value > 0.0 {
-            base.combine(
-                &exponent,
-                value,
-                exponent.value * value / base.value,
-                value * base.value.ln(),
-            )
+            let slope = exponent.value * value / base.value;
+            if exponent.partials.iter().all(|partial| *partial == 0.0) {
+                return base.chain(value, slope);
+            }
+            base.combine(&exponent, value, slope, value * base.value.ln())
         } else {
             let slope = if exponent.value == 1.0 { 1.0 } else { 0.0 };
             base.chain(value, slope)
@@ -192,6 +192,7 @@ impl<const N: usize> Power<Dual<N>> for Exact {
 }
 
 #[cfg(test)]
+#[expect(clippy::float_cmp, reason = "these derivatives are exact")]
 mod tests {
     use super::*;
     use proptest::prelude::*;

@@ -222,6 +222,50 @@ impl Pieces {
     }
 }
 
+/// A part of the recordings, whole runs where they are short: enough to rank
+/// starts and candidates before the best are fitted to everything.
+#[derive(Clone, Debug)]
+pub struct Excerpt {
+    recordings: Vec<Recording>,
+}
+
+impl Excerpt {
+    /// Takes runs at even distances in the list until there are enough
+    /// samples, and cuts the last one.
+    pub fn of(fitter: &Fitter<'_, '_>) -> Self {
+        /// Samples that are enough to rank.
+        const ENOUGH: usize = 5_000;
+        let all: usize = fitter.runs.iter().map(|run| run.recording.len()).sum();
+        let stride = all.div_ceil(ENOUGH).max(1);
+        let count = fitter.runs.len();
+        let mut order: Vec<usize> = (0..count).collect();
+        order.sort_by_key(|index| (index % stride, *index));
+        let mut recordings = Vec::new();
+        let mut room = ENOUGH;
+        for index in order {
+            let recording = fitter.runs[index].recording;
+            let length = recording.len().min(room);
+            // The rest of a run that is nearly over shows nothing new.
+            if length < recording.len().min(100) {
+                break;
+            }
+            recordings.push(Recording {
+                time: recording.time[..length].to_vec(),
+                pressure: recording.pressure[..length].to_vec(),
+                angle: recording.angle[..length].to_vec(),
+                ..Recording::default()
+            });
+            room -= length;
+        }
+        Self { recordings }
+    }
+
+    /// The runs of the excerpt.
+    pub fn runs(&self) -> Vec<Run<'_>> {
+        Run::all(&self.recordings)
+    }
+}
+
 /// How a parameter maps to the unbounded coordinate that the solver moves.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Coordinate {
@@ -279,7 +323,7 @@ impl Coordinate {
 
     /// The coordinate of a value. On a bound the slope is zero and the solver
     /// could never leave, so starts keep a small distance.
-    fn from_value(self, value: f64) -> f64 {
+    fn position(self, value: f64) -> f64 {
         const MARGIN: f64 = 2e-3;
         match self {
             Self::Linear { scale } => value / scale,
@@ -313,12 +357,12 @@ fn search_range(nominal: &Model<f64>, model: &Model<f64>, id: ParameterId) -> (f
     let (lower, upper) = bounds(model, id);
     let value = nominal.value(id).unwrap_or(0.0);
     match id {
-        ParameterId::Effect { .. } => (lower, upper),
+        ParameterId::Effect { .. } | ParameterId::Exponent => (lower, upper),
         _ if value == 0.0 => (lower, upper),
-        ParameterId::Damping | ParameterId::Stiffness => (0.0, SEARCH_FACTOR * value),
-        ParameterId::Exponent => (lower, upper),
         ParameterId::InputGain if value < 0.0 => (SEARCH_FACTOR * value, 0.0),
-        ParameterId::InputGain => (0.0, SEARCH_FACTOR * value),
+        ParameterId::Damping | ParameterId::Stiffness | ParameterId::InputGain => {
+            (0.0, SEARCH_FACTOR * value)
+        }
         ParameterId::Inertia => (value / SEARCH_FACTOR, value * SEARCH_FACTOR),
     }
 }
@@ -387,7 +431,7 @@ impl Fit {
 
     /// How many correlated samples count as one.
     pub fn correlation_time(&self) -> f64 {
-        correlation_time(self.residuals.iter().map(Vec::as_slice))
+        correlation_time(&self.residuals)
     }
 
     /// 95 % interval of the free parameter at `index` in SI units, cut at the
@@ -413,15 +457,21 @@ pub enum Effort {
 
 impl Effort {
     fn solver(self) -> LevenbergMarquardt<f64> {
-        /// First step, relative to the size of the coordinates. The solver's
-        /// default of 100 leaps over the valley that the start was chosen for.
-        const STEP: f64 = 0.1;
-        let solver = LevenbergMarquardt::new()
-            .with_gtol(0.0)
-            .with_stepbound(STEP);
+        let solver = LevenbergMarquardt::new().with_gtol(0.0);
+        // The step bound is the first step relative to the size of the
+        // coordinates. The solver's default of 100 leaps over the valley that
+        // a start was chosen for.
         match self {
-            Self::Glance => solver.with_patience(2).with_ftol(1e-3).with_xtol(1e-3),
-            Self::Full => solver.with_patience(12).with_ftol(1e-6).with_xtol(1e-5),
+            Self::Glance => solver
+                .with_stepbound(1.0)
+                .with_patience(3)
+                .with_ftol(1e-3)
+                .with_xtol(1e-3),
+            Self::Full => solver
+                .with_stepbound(0.1)
+                .with_patience(12)
+                .with_ftol(1e-6)
+                .with_xtol(1e-5),
         }
     }
 }
@@ -502,7 +552,7 @@ impl<'a, 'r> Problem<'a, 'r> {
         let mut position: Vec<f64> = free
             .iter()
             .zip(&coordinates)
-            .map(|(&id, coordinate)| coordinate.from_value(model.value(id).unwrap_or(0.0)))
+            .map(|(&id, coordinate)| coordinate.position(model.value(id).unwrap_or(0.0)))
             .collect();
         let own = runs
             .iter()
@@ -658,7 +708,7 @@ impl<'a, 'r> Problem<'a, 'r> {
         let jacobian = self.exact_jacobian();
         let samples = jacobian.nrows();
         let sse: f64 = residuals.iter().flatten().map(|r| r * r).sum();
-        let inflation = correlation_time(residuals.iter().map(Vec::as_slice));
+        let inflation = correlation_time(residuals);
         let variance = inflation * sse / samples.saturating_sub(unknowns).max(1) as f64;
         // Columns are scaled to length 1 so that the test for singularity does
         // not depend on units.
@@ -726,10 +776,4 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_, '_> {
 /// RMS of each recording's residual (rad), in order.
 pub fn rms_each(fit: &Fit) -> Vec<f64> {
     fit.residuals.iter().map(|residual| rms(residual)).collect()
-}
-impl Fitter<'_, '_> {
-    #[doc(hidden)]
-    pub fn bench_jacobian(&self, m: &Model<f64>, free: &[ParameterId]) -> usize {
-        Problem::new(self, m, free).exact_jacobian().nrows()
-    }
 }

@@ -83,7 +83,7 @@ fn run(command: Command) -> anyhow::Result<()> {
 /// Faults of the input exit with 2, everything else with 1.
 fn report(error: &anyhow::Error) -> ExitCode {
     eprintln!("error: {error:#}");
-    if error.chain().any(|cause| cause.is::<InputError>()) {
+    if error.chain().any(<dyn std::error::Error>::is::<InputError>) {
         ExitCode::from(2)
     } else {
         ExitCode::FAILURE

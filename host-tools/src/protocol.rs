@@ -138,7 +138,11 @@ mod tests {
             release: 1.0,
         };
         let at = |protocol: &Protocol, time: f64| protocol.setpoint(REST_S + time);
-        assert!(step.setpoint(0.2) == 0.0 && at(&step, 1.0) == 1.0 && at(&step, 2.5) == 0.0);
+        assert!(
+            step.setpoint(0.2) == 0.0
+                && (at(&step, 1.0) - 1.0).abs() < 1e-12
+                && at(&step, 2.5) == 0.0
+        );
         let stairs = Protocol::Staircase {
             angle: 1.2,
             steps: 3,

@@ -110,84 +110,48 @@ impl Recording {
                 )
             })?
             .clone();
-        let index = required_columns(&header).map_err(|error| error.in_file(path))?;
-
+        let required = required_columns(&header).map_err(|error| error.in_file(path))?;
+        let other: Vec<usize> = (0..header.len())
+            .filter(|column| !required.contains(column))
+            .collect();
         let mut recording = Self {
             name: stem(path),
             path: path.to_owned(),
+            extra: other
+                .iter()
+                .map(|&column| Column {
+                    name: header[column].to_owned(),
+                    fields: Vec::new(),
+                })
+                .collect(),
             ..Self::default()
         };
-        let mut extra: Vec<(usize, Column)> = header
-            .iter()
-            .enumerate()
-            .filter(|(column, _)| !index.contains(column))
-            .map(|(column, name)| {
-                (
-                    column,
-                    Column {
-                        name: name.to_owned(),
-                        fields: Vec::new(),
-                    },
-                )
-            })
-            .collect();
+        let mut units = UnitCheck::default();
         let mut warnings = Vec::new();
-        let mut suspicious_angle = false;
-        let mut suspicious_pressure = false;
         for record in reader.records() {
             let record = record
                 .map_err(|error| fail(format!("is not a CSV table: {error}"), "export it again"))?;
             let line = record.position().map_or(0, csv::Position::line);
             if record.len() != header.len() {
                 let last = text.lines().count() as u64 == line;
-                let advice = if last && record.len() < header.len() {
-                    "the recording was cut off while it was written: delete this line to use the rest"
-                } else {
-                    "give every row as many fields as the header has"
-                };
-                return Err(fail(
-                    format!("has {} of {} fields", record.len(), header.len()),
-                    advice,
-                )
-                .at_line(line)
-                .in_column((record.len().min(header.len()) + 1).to_string()));
+                return Err(wrong_length(&record, &header, last)
+                    .in_file(path)
+                    .at_line(line));
             }
-            let number = |which: usize| -> Result<f64, InputError> {
-                let field = record.get(index[which]).unwrap_or("");
-                parse_number(field)
-                    .map_err(|error| error.in_file(path).at_line(line).in_column(REQUIRED[which]))
-            };
-            let (time, pressure, angle) = (number(0)?, number(1)?, number(2)?);
-            if let Some(&before) = recording.time.last()
-                && time <= before
-            {
-                return Err(fail(
-                    format!("time {time} s does not follow {before} s"),
-                    "times must increase: sort the rows or split the file where the clock restarts",
-                )
-                .at_line(line)
-                .in_column("time_s"));
-            }
-            if angle.abs() > SUSPICIOUS_ANGLE_DEG && !suspicious_angle {
-                suspicious_angle = true;
-                warnings.push(format!(
-                    "{}, line {line}, column angle_deg: {angle} is more than two turns; is the column in degrees?",
+            let [time, pressure, angle] = row(&record, &required, line)
+                .and_then(|row| recording.follows(row, line))
+                .map_err(|error| error.in_file(path))?;
+            warnings.extend(units.question(pressure, angle).map(|(column, question)| {
+                format!(
+                    "{}, line {line}, column {column}: {question}",
                     path.display()
-                ));
-            }
-            if pressure.abs() > SUSPICIOUS_PRESSURE_KPA && !suspicious_pressure {
-                suspicious_pressure = true;
-                warnings.push(format!(
-                    "{}, line {line}, column pressure_kpa: {pressure} kPa would burst a soft actuator; is the column in kPa, or are columns swapped?",
-                    path.display()
-                ));
-            }
+                )
+            }));
             recording.time.push(time);
             recording.pressure.push(pressure * PASCAL_PER_KPA);
             recording.angle.push(angle.to_radians());
-            for (column, kept) in &mut extra {
-                kept.fields
-                    .push(record.get(*column).unwrap_or("").to_owned());
+            for (kept, &column) in recording.extra.iter_mut().zip(&other) {
+                kept.fields.push(record[column].to_owned());
             }
         }
         if recording.time.len() < 2 {
@@ -202,11 +166,23 @@ impl Recording {
                 path.display()
             ));
         }
-        recording.extra = extra.into_iter().map(|(_, column)| column).collect();
         if let Some(gap) = recording.describe_gaps() {
             warnings.push(format!("{}: {gap}", path.display()));
         }
         Ok((recording, warnings))
+    }
+
+    /// Checks that a row's time follows those before.
+    fn follows(&self, row: [f64; 3], line: u64) -> Result<[f64; 3], InputError> {
+        match self.time.last() {
+            Some(&before) if row[0] <= before => Err(InputError::new(
+                format!("time {} s does not follow {before} s", row[0]),
+                "times must increase: sort the rows or split the file where the clock restarts",
+            )
+            .at_line(line)
+            .in_column("time_s")),
+            _ => Ok(row),
+        }
     }
 
     /// Number of samples.
@@ -375,6 +351,66 @@ fn required_columns(header: &csv::StringRecord) -> Result<[usize; 3], InputError
     Ok(index)
 }
 
+/// The required numbers of a row.
+fn row(
+    record: &csv::StringRecord,
+    required: &[usize; 3],
+    line: u64,
+) -> Result<[f64; 3], InputError> {
+    let mut row = [0.0; 3];
+    for ((number, &column), name) in row.iter_mut().zip(required).zip(REQUIRED) {
+        *number = parse_number(record.get(column).unwrap_or(""))
+            .map_err(|error| error.at_line(line).in_column(name))?;
+    }
+    Ok(row)
+}
+
+/// A row with another number of fields than the header.
+fn wrong_length(record: &csv::StringRecord, header: &csv::StringRecord, last: bool) -> InputError {
+    let advice = if last && record.len() < header.len() {
+        "the recording was cut off while it was written: delete this line to use the rest"
+    } else {
+        "give every row as many fields as the header has"
+    };
+    InputError::new(
+        format!("has {} of {} fields", record.len(), header.len()),
+        advice,
+    )
+    .in_column((record.len().min(header.len()) + 1).to_string())
+}
+
+/// Asks about values that look like another unit, once for each column.
+#[derive(Debug, Default)]
+struct UnitCheck {
+    angle_asked: bool,
+    pressure_asked: bool,
+}
+
+impl UnitCheck {
+    /// A column and a question about its unit, if a value (kPa, °) raises one.
+    fn question(&mut self, pressure_kpa: f64, angle_deg: f64) -> Option<(&'static str, String)> {
+        if angle_deg.abs() > SUSPICIOUS_ANGLE_DEG && !self.angle_asked {
+            self.angle_asked = true;
+            return Some((
+                "angle_deg",
+                format!(
+                    "{angle_deg} is more than two turns; is the column in degrees, or are columns swapped?"
+                ),
+            ));
+        }
+        if pressure_kpa.abs() > SUSPICIOUS_PRESSURE_KPA && !self.pressure_asked {
+            self.pressure_asked = true;
+            return Some((
+                "pressure_kpa",
+                format!(
+                    "{pressure_kpa} kPa would burst a soft actuator; is the column in kPa, or are columns swapped?"
+                ),
+            ));
+        }
+        None
+    }
+}
+
 fn parse_number(field: &str) -> Result<f64, InputError> {
     match field.parse::<f64>() {
         Ok(value) if value.is_finite() => Ok(value),
@@ -459,7 +495,7 @@ mod tests {
     fn unusual_units_and_gaps_are_asked_about() {
         let (_, warnings) =
             parse("time_s,pressure_kpa,angle_deg\n0,0,800\n0.01,20000,0\n").unwrap();
-        assert!(warnings.iter().any(|w| w.contains("in degrees?")));
+        assert!(warnings.iter().any(|w| w.contains("in degrees")));
         assert!(warnings.iter().any(|w| w.contains("in kPa")));
         let (_, warnings) =
             parse("time_s,pressure_kpa,angle_deg\n0,0,0\n0.1,0,0\n0.2,0,0\n0.9,0,0\n").unwrap();

@@ -49,18 +49,18 @@ fn lagged(values: &[f64], lag: usize) -> f64 {
 /// A residual of 10 000 samples that wanders with a correlation time of one
 /// second says as much as a few hundred independent ones; every test that
 /// counts samples has to count those.
-pub fn correlation_time<'a>(runs: impl Iterator<Item = &'a [f64]> + Clone) -> f64 {
+pub fn correlation_time(runs: &[Vec<f64>]) -> f64 {
     /// A correlation that is still there after so many samples is an offset,
     /// and its exact length changes no verdict.
     const LONGEST_LAG: usize = 1_000;
-    let power: f64 = runs.clone().map(|run| lagged(run, 0)).sum();
-    let longest = runs.clone().map(<[f64]>::len).max().unwrap_or(0);
+    let power: f64 = runs.iter().map(|run| lagged(run, 0)).sum();
+    let longest = runs.iter().map(Vec::len).max().unwrap_or(0);
     if power <= 0.0 {
         return 1.0;
     }
     let mut time = 1.0;
     for lag in 1..LONGEST_LAG.min(longest / 2) {
-        let correlation = runs.clone().map(|run| lagged(run, lag)).sum::<f64>() / power;
+        let correlation = runs.iter().map(|run| lagged(run, lag)).sum::<f64>() / power;
         // Below this the sum collects the noise of the estimate itself.
         if correlation < 0.02 {
             break;
@@ -72,7 +72,7 @@ pub fn correlation_time<'a>(runs: impl Iterator<Item = &'a [f64]> + Clone) -> f6
 
 /// The standard deviation of the part of a residual that is *not* white: the
 /// root of the mean autocovariance at lags 1 to 5, where white noise has none.
-pub fn correlated_rms<'a>(runs: impl Iterator<Item = &'a [f64]> + Clone) -> f64 {
+pub fn correlated_rms(runs: &[Vec<f64>]) -> f64 {
     const LAGS: usize = 5;
     let mut sum = 0.0;
     let mut count = 0usize;
@@ -175,15 +175,15 @@ mod tests {
     #[test]
     fn correlation_time_of_white_and_of_filtered_noise() {
         let noise = white(50_000, 2);
-        let time = correlation_time(std::iter::once(noise.as_slice()));
+        let time = correlation_time(std::slice::from_ref(&noise));
         assert!((time - 1.0).abs() < 0.1, "{time}");
-        assert!(correlated_rms(std::iter::once(noise.as_slice())) < 0.06);
+        assert!(correlated_rms(std::slice::from_ref(&noise)) < 0.06);
         // A first-order filter with pole a has the correlation time (1+a)/(1−a).
         let mut filtered = vec![0.0; noise.len()];
         for k in 1..noise.len() {
             filtered[k] = 0.8 * filtered[k - 1] + noise[k];
         }
-        let time = correlation_time(std::iter::once(filtered.as_slice()));
+        let time = correlation_time(&[filtered]);
         assert!((time - 9.0).abs() < 0.9, "{time}");
     }
 

@@ -394,7 +394,7 @@ impl<R: Real, P: Power<R>> Model<R, P> {
         for effect in self.effects() {
             let more = effect.fastest_rate(&self.dynamics, angle);
             rates.stiffness += more.stiffness;
-            rates.relaxation = rates.relaxation + more.relaxation;
+            rates.relaxation += more.relaxation;
         }
         rates
     }

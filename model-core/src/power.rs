@@ -183,8 +183,14 @@ fn micromath_above_one(base: f32, exponent: f32) -> f32 {
 
 #[cfg(feature = "std")]
 impl Power<f64> for Exact {
+    #[expect(clippy::float_cmp, reason = "only exactly 1 is Hooke's law")]
     fn pow(base: f64, exponent: f64) -> f64 {
-        base.powf(exponent)
+        // The same result without the cost: linear models are common.
+        if exponent == 1.0 {
+            base
+        } else {
+            base.powf(exponent)
+        }
     }
 }
 

@@ -12,7 +12,7 @@ use crate::linear::linear_rival;
 use crate::model_file::ModelFile;
 use crate::plot::{Figure, Panel, Series, Style, write_svg};
 use crate::protocol::Protocol;
-use crate::recording::{Recording, to_csv};
+use crate::recording::{PASCAL_PER_KPA, Recording, to_csv};
 use crate::simulate::Start;
 
 /// Simulates a model over the pressure of a recording, or over a protocol.
@@ -103,7 +103,9 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let (recording, setpoint) = match (&args.recording, args.protocol) {
         (Some(path), _) => {
             let (recording, warnings) = Recording::read(path)?;
-            warnings.iter().for_each(|warning| super::warn(warning));
+            for warning in &warnings {
+                super::warn(warning);
+            }
             (recording, None)
         }
         (None, shape) => from_protocol(&file, shape.unwrap_or(Shape::Step), args)?,
@@ -167,61 +169,79 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
             crate::statistics::rms(&error)
         );
     }
+    let shown = Shown {
+        name,
+        recording: &recording,
+        measured_deg,
+        setpoint_deg: setpoint,
+        simulated_deg,
+    };
     if let Some(path) = &args.output {
-        let mut columns: Vec<(&str, &[f64])> = Vec::new();
-        let mut out = recording.clone();
-        if measured_deg.is_some() {
-            columns.push(("predicted_deg", &simulated_deg));
-        } else {
-            out.angle.clone_from(&simulated);
-        }
-        if let Some(setpoint) = &setpoint {
-            columns.push(("setpoint_deg", setpoint));
-        }
-        write_atomically(path, to_csv(&out, &columns).as_bytes())?;
+        write_atomically(path, shown.csv().as_bytes())?;
         println!("written: {}", path.display());
     }
     if let Some(path) = &args.plot {
-        let mut panel = Panel::new("", "angle (°)").with_weight(2.0);
-        if let Some(measured) = &measured_deg {
-            panel = panel.with_series(Series::new(
-                "measured",
-                &recording.time,
-                measured,
-                Style::MEASURED,
-            ));
-        }
-        if let Some(setpoint) = &setpoint {
-            panel = panel.with_series(Series::new(
-                "set-point",
-                &recording.time,
-                setpoint,
-                Style::REFERENCE,
-            ));
-        }
-        panel = panel.with_series(Series::new(
-            "simulated",
-            &recording.time,
-            &simulated_deg,
-            Style::AFTER,
-        ));
-        let kpa: Vec<f64> = recording
-            .pressure
-            .iter()
-            .map(|p| p / crate::recording::PASCAL_PER_KPA)
-            .collect();
-        let figure = Figure::new(name).with_panel(panel).with_panel(
-            Panel::new("time (s)", "pressure (kPa)").with_series(Series::new(
-                "pressure",
-                &recording.time,
-                &kpa,
-                Style::MEASURED,
-            )),
-        );
-        write_svg(path, &figure)?;
+        write_svg(path, &shown.figure())?;
         println!("drawn: {}", path.display());
     }
     Ok(())
+}
+
+/// A simulated run with what there is to compare it with.
+struct Shown<'a> {
+    name: String,
+    recording: &'a Recording,
+    measured_deg: Option<Vec<f64>>,
+    setpoint_deg: Option<Vec<f64>>,
+    simulated_deg: Vec<f64>,
+}
+
+impl Shown<'_> {
+    /// As a recording: beside a measured angle the simulated one is a
+    /// prediction, without one it is the angle.
+    fn csv(&self) -> String {
+        let mut columns: Vec<(&str, &[f64])> = Vec::new();
+        let mut recording = self.recording.clone();
+        if self.measured_deg.is_some() {
+            columns.push(("predicted_deg", &self.simulated_deg));
+        } else {
+            recording.angle = self.simulated_deg.iter().map(|a| a.to_radians()).collect();
+        }
+        if let Some(setpoint) = &self.setpoint_deg {
+            columns.push(("setpoint_deg", setpoint));
+        }
+        to_csv(&recording, &columns)
+    }
+
+    fn figure(&self) -> Figure {
+        let time = &self.recording.time;
+        let mut panel = Panel::new("", "angle (°)").with_weight(2.0);
+        for (label, curve, style) in [
+            ("measured", &self.measured_deg, Style::MEASURED),
+            ("set-point", &self.setpoint_deg, Style::REFERENCE),
+        ] {
+            if let Some(curve) = curve {
+                panel = panel.with_series(Series::new(label, time, curve, style));
+            }
+        }
+        let simulated = Series::new("simulated", time, &self.simulated_deg, Style::AFTER);
+        let kpa: Vec<f64> = self
+            .recording
+            .pressure
+            .iter()
+            .map(|pressure| pressure / PASCAL_PER_KPA)
+            .collect();
+        Figure::new(self.name.clone())
+            .with_panel(panel.with_series(simulated))
+            .with_panel(
+                Panel::new("time (s)", "pressure (kPa)").with_series(Series::new(
+                    "pressure",
+                    time,
+                    &kpa,
+                    Style::MEASURED,
+                )),
+            )
+    }
 }
 
 /// A recording of nothing but the commanded pressure, with the set-points (°).

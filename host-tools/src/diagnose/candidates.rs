@@ -43,6 +43,8 @@ pub struct Scales {
     rate: f64,
     /// Largest pressure (Pa).
     pressure: f64,
+    /// Time between samples (s).
+    interval: f64,
 }
 
 impl Scales {
@@ -68,6 +70,10 @@ impl Scales {
             force,
             rate: fastest_rate(fitter).max(1e-3),
             pressure,
+            interval: fitter
+                .runs
+                .first()
+                .map_or(0.01, |run| run.recording.interval()),
         }
     }
 
@@ -170,18 +176,15 @@ pub struct Ground<'a, 'r> {
     pub fitter: &'a Fitter<'a, 'r>,
     /// The same recordings in short pieces, to find starts.
     pub pieces: &'a Fitter<'a, 'a>,
+    /// A part of the recordings, to rank starts and candidates.
+    pub excerpt: &'a Fitter<'a, 'a>,
     /// Sizes of forces, angles and rates.
     pub scales: Scales,
 }
 
-/// Adds one effect to a fitted structure and fits again. None if the model is
-/// full, or cannot be simulated with it.
-pub fn extend(
-    ground: &Ground<'_, '_>,
-    base: &Candidate,
-    kind: Kind,
-    effort: Effort,
-) -> Option<Candidate> {
+/// Adds one effect to a fitted structure and fits at a glance to the excerpt.
+/// None if the model is full, or cannot be simulated with it.
+pub fn extend(ground: &Ground<'_, '_>, base: &Candidate, kind: Kind) -> Option<Candidate> {
     let file = ground.file;
     if file.model.effects().count() + base.added.len() >= MAX_EFFECTS {
         return None;
@@ -190,26 +193,27 @@ pub fn extend(
     added.push(kind);
     let free = free_parameters(file, &added);
     let starts = starts(file, &ground.scales, base, kind);
-    let mut best = Vec::new();
-    best.extend(
+    let mut near = Vec::new();
+    near.extend(
         ground
             .pieces
-            .best_glance(&starts, &free)
+            .best_glance(&starts.all(), &free)
             .map(|fit| fit.model),
     );
-    // Hidden states and delays have no past in a piece.
-    if added.iter().any(|kind| remembers(*kind)) {
-        best.extend(
-            ground
-                .fitter
-                .best_glance(&starts, &free)
-                .map(|fit| fit.model),
-        );
-    }
-    let fit = match effort {
-        Effort::Full => ground.fitter.best_fit(&best, &free)?,
-        Effort::Glance => ground.fitter.best_glance(&best, &free)?,
+    // Pieces see neither hidden states and delays, which have no past there,
+    // nor what moves slowly.
+    let whole = if added.iter().any(|kind| remembers(*kind)) {
+        starts.all()
+    } else {
+        starts.from_fitted
     };
+    near.extend(
+        ground
+            .excerpt
+            .best_glance(&whole, &free)
+            .map(|fit| fit.model),
+    );
+    let fit = ground.excerpt.best_glance(&near, &free)?;
     Some(Candidate { added, fit })
 }
 
@@ -233,7 +237,7 @@ pub fn finish(ground: &Ground<'_, '_>, candidate: &Candidate) -> Candidate {
 /// Where fits of `base` with `kind` added start: at every combination of the
 /// starts in the catalogue, with the base parameters as fitted without it and
 /// as nominal.
-fn starts(file: &ModelFile, scales: &Scales, base: &Candidate, kind: Kind) -> Vec<Model<f64>> {
+fn starts(file: &ModelFile, scales: &Scales, base: &Candidate, kind: Kind) -> Starts {
     let mut values: Vec<Vec<f64>> = vec![Vec::new()];
     for row in kind.parameters() {
         let choices: Vec<f64> = match row.held {
@@ -242,6 +246,8 @@ fn starts(file: &ModelFile, scales: &Scales, base: &Candidate, kind: Kind) -> Ve
                 .starts
                 .iter()
                 .map(|start| f64::from(*start) * scales.size(row))
+                // A delay that is hardly there is a start as well.
+                .chain((kind.info().place == Place::Input).then_some(scales.interval))
                 .collect(),
         };
         values = values
@@ -257,17 +263,35 @@ fn starts(file: &ModelFile, scales: &Scales, base: &Candidate, kind: Kind) -> Ve
     }
     let fitted = *base.fit.model.dynamics();
     let nominal = *file.model.dynamics();
-    let mut models = Vec::new();
+    let mut starts = Starts::default();
     for values in &values {
         let Some(effect) = kind.build(values) else {
             continue;
         };
         let effects: Vec<_> = base.fit.model.effects().copied().chain([effect]).collect();
-        for dynamics in [fitted, nominal] {
-            models.extend(Model::new(dynamics, &effects));
-        }
+        starts.from_fitted.extend(Model::new(fitted, &effects));
+        starts.from_nominal.extend(Model::new(nominal, &effects));
     }
-    models
+    starts
+}
+
+/// Models from which a fit starts.
+#[derive(Clone, Debug, Default)]
+struct Starts {
+    /// With the base parameters as fitted without the effect.
+    from_fitted: Vec<Model<f64>>,
+    /// With the base parameters as nominal.
+    from_nominal: Vec<Model<f64>>,
+}
+
+impl Starts {
+    fn all(&self) -> Vec<Model<f64>> {
+        self.from_fitted
+            .iter()
+            .chain(&self.from_nominal)
+            .copied()
+            .collect()
+    }
 }
 
 /// The value at which a parameter is held: the catalogue's, but a sign is never

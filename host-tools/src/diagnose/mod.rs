@@ -5,7 +5,7 @@
 //! 1. [`noise`]: how small a residual can get.
 //! 2. Refit: a wrong parameter is not a missing effect.
 //! 3. Adequate? If what is left cannot be told from noise, stop and say so.
-//! 4. [`localise`]: where the gap lives.
+//! 4. [`mod@localise`]: where the gap lives.
 //! 5. [`candidates`]: simulate and fit every effect of the catalogue.
 //! 6. [`select`]: which structure the recordings ask for, alone and in
 //!    combination, with rivals that cannot be rejected kept.
@@ -28,7 +28,7 @@ use model_core::catalogue::Kind;
 use rayon::prelude::*;
 
 use crate::error::InputError;
-use crate::fit::{Effort, Fit, Fitter, Pieces, Run};
+use crate::fit::{Effort, Excerpt, Fit, Fitter, Pieces, Run};
 use crate::model_file::{ModelFile, tidy, to_file_units};
 use crate::recording::Recording;
 use crate::statistics::correlated_rms;
@@ -57,8 +57,8 @@ const GAP_CUT: f64 = 0.5;
 /// Structures that are expanded at the second and third effect.
 const BEAM: usize = 3;
 
-/// Structures that are fitted to the end at the second and third effect.
-const FINISHED: usize = 4;
+/// Single effects that are fitted to the end, and combinations at each size.
+const FINISHED: [usize; MAX_EFFECTS] = [6, 4, 4];
 
 /// What to diagnose.
 #[derive(Clone, Copy, Debug)]
@@ -150,39 +150,16 @@ pub fn diagnose(request: &Request<'_>, progress: Progress<'_>) -> Result<Diagnos
     }
     let places = localise(&refit.fit.model, recordings);
 
-    let mut found = Findings {
-        answer: Answer::NoDiscrepancy,
-        repaired: refit.clone(),
-        probability: Vec::new(),
-        alternatives: Vec::new(),
-    };
     let mut untried = Vec::new();
-    if !adequate(&nominal, &floor) {
-        if adequate(&refit.fit, &floor) {
-            found.answer = Answer::ParametersOnly;
-        } else {
-            let (kinds, skipped) = applicable(&file.model, &fitter);
-            untried = skipped;
-            let pieces = Pieces::of(&fitter);
-            let short = pieces.runs();
-            let search = Search {
-                ground: Ground {
-                    file,
-                    fitter: &fitter,
-                    pieces: &Fitter {
-                        nominal: &file.model,
-                        runs: &short,
-                    },
-                    scales: Scales::of(&fitter),
-                },
-                judge: &judge,
-                floor: &floor,
-                kinds,
-                progress,
-            };
-            found = search.run(&refit);
-        }
-    }
+    let mut found = if adequate(&nominal, &floor) {
+        Findings::nothing(Answer::NoDiscrepancy, &refit)
+    } else if adequate(&refit.fit, &floor) {
+        Findings::nothing(Answer::ParametersOnly, &refit)
+    } else {
+        let (kinds, skipped) = applicable(&file.model, &fitter);
+        untried = skipped;
+        search(file, &fitter, &judge, &floor, kinds, &refit, progress)
+    };
 
     progress("held-out runs in the board's arithmetic");
     let held_out = judge.errors(&refit, &found.repaired);
@@ -217,9 +194,44 @@ pub fn diagnose(request: &Request<'_>, progress: Progress<'_>) -> Result<Diagnos
     })
 }
 
+/// Searches the structures that add effects to a fitted nominal model.
+fn search(
+    file: &ModelFile,
+    fitter: &Fitter<'_, '_>,
+    judge: &Judge<'_, '_>,
+    floor: &NoiseFloor,
+    kinds: Vec<Kind>,
+    refit: &Candidate,
+    progress: Progress<'_>,
+) -> Findings {
+    let pieces = Pieces::of(fitter);
+    let excerpt = Excerpt::of(fitter);
+    let nominal = &file.model;
+    let search = Search {
+        ground: Ground {
+            file,
+            fitter,
+            pieces: &Fitter {
+                nominal,
+                runs: &pieces.runs(),
+            },
+            excerpt: &Fitter {
+                nominal,
+                runs: &excerpt.runs(),
+            },
+            scales: Scales::of(fitter),
+        },
+        judge,
+        floor,
+        kinds,
+        progress,
+    };
+    search.run(refit)
+}
+
 /// Whether a residual cannot be told from noise.
 fn adequate(fit: &Fit, floor: &NoiseFloor) -> bool {
-    let correlated = correlated_rms(fit.residuals.iter().map(Vec::as_slice));
+    let correlated = correlated_rms(&fit.residuals);
     correlated <= CORRELATED_SHARE * floor.rms && fit.rmse() <= RMS_FACTOR * floor.rms
 }
 
@@ -232,6 +244,16 @@ struct Findings {
 }
 
 impl Findings {
+    /// An answer that names nothing.
+    fn nothing(answer: Answer, refit: &Candidate) -> Self {
+        Self {
+            answer,
+            repaired: refit.clone(),
+            probability: Vec::new(),
+            alternatives: Vec::new(),
+        }
+    }
+
     /// Moves what was named to the head of the alternatives.
     fn demote(&mut self) {
         let kinds = names(&self.repaired.added);
@@ -267,25 +289,6 @@ impl Search<'_, '_> {
         let pool = self.pool(refit);
         let independent = independent_samples(&pool);
         let chosen = self.choose(&pool, independent);
-        if std::env::var_os("TRACE").is_some() {
-            for c in &pool {
-                eprintln!(
-                    "{:?} rmse {:.4} tau {:.1} score {:.1} hold {:.4} conv {} {:?}",
-                    c.set(),
-                    c.fit.rmse().to_degrees(),
-                    c.fit.correlation_time(),
-                    score(c, &self.ground.scales, independent),
-                    self.judge.error_of(c).to_degrees(),
-                    c.fit.converged,
-                    c.fit
-                        .free
-                        .iter()
-                        .map(|i| format!("{:.4}", c.fit.model.value(*i).unwrap()))
-                        .collect::<Vec<_>>()
-                );
-            }
-            eprintln!("independent {independent}");
-        }
         let size = pool[chosen].added.len();
         let ranked = rank(&pool, &self.ground.scales, independent, size.max(1));
         let best_score = ranked.first().map_or(0.0, |first| first.score);
@@ -347,22 +350,25 @@ impl Search<'_, '_> {
     /// Fits the refit with each effect alone, then the best of them with each
     /// other effect, up to three, until the residual is noise.
     fn pool(&self, refit: &Candidate) -> Vec<Candidate> {
-        (self.progress)(&format!("{} effects, one at a time", self.kinds.len()));
         let mut pool = vec![refit.clone()];
-        pool.extend(self.extensions(&[refit], Effort::Full));
         let room = MAX_EFFECTS - self.ground.file.model.effects().count();
-        for size in 2..=room {
+        for size in 1..=room {
             let best = Self::smallest(&pool, size - 1, BEAM);
-            if best.is_empty() || best.iter().any(|&k| adequate(&pool[k].fit, self.floor)) {
+            if size > 1
+                && (best.is_empty() || best.iter().any(|&k| adequate(&pool[k].fit, self.floor)))
+            {
                 break;
             }
-            (self.progress)(&format!("combinations of {size} effects"));
+            (self.progress)(&match size {
+                1 => format!("{} effects, one at a time", self.kinds.len()),
+                _ => format!("combinations of {size} effects"),
+            });
             let bases: Vec<&Candidate> = best.iter().map(|&k| &pool[k]).collect();
-            let mut glances = self.extensions(&bases, Effort::Glance);
+            let mut glances = self.extensions(&bases);
             glances.sort_by(|a, b| a.fit.sse().total_cmp(&b.fit.sse()));
             let mut seen = BTreeSet::new();
             glances.retain(|candidate| seen.insert(candidate.set()));
-            glances.truncate(FINISHED);
+            glances.truncate(FINISHED[size - 1]);
             let finished: Vec<Candidate> = glances
                 .par_iter()
                 .map(|candidate| finish(&self.ground, candidate))
@@ -372,8 +378,8 @@ impl Search<'_, '_> {
         pool
     }
 
-    /// Every structure in `bases` with every effect that it lacks.
-    fn extensions(&self, bases: &[&Candidate], effort: Effort) -> Vec<Candidate> {
+    /// Every structure in `bases` with every effect that it lacks, at a glance.
+    fn extensions(&self, bases: &[&Candidate]) -> Vec<Candidate> {
         let pairs: Vec<(&Candidate, Kind)> = bases
             .iter()
             .flat_map(|&base| {
@@ -385,7 +391,7 @@ impl Search<'_, '_> {
             .collect();
         pairs
             .par_iter()
-            .filter_map(|(base, kind)| extend(&self.ground, base, *kind, effort))
+            .filter_map(|(base, kind)| extend(&self.ground, base, *kind))
             .collect()
     }
 
@@ -420,7 +426,7 @@ impl Search<'_, '_> {
             }
             let before = *chosen_error.get_or_insert_with(|| self.judge.error_of(&pool[chosen]));
             let after = self.judge.error_of(&pool[best]);
-            if better_held_out(before, after) {
+            if better_held_out(before, after, pool[chosen].added.len()) {
                 chosen = best;
                 chosen_error = Some(after);
             }
@@ -459,7 +465,7 @@ impl Search<'_, '_> {
             - score(&freed, &self.ground.scales, independent);
         let before = self.judge.error_of(&candidate);
         if evidence >= required_evidence(1, 1)
-            && better_held_out(before, self.judge.error_of(&freed))
+            && better_held_out(before, self.judge.error_of(&freed), candidate.added.len())
         {
             freed
         } else {

@@ -17,9 +17,12 @@ use super::candidates::{Candidate, Scales};
 /// Raftery (1995).
 const VERY_STRONG: f64 = 10.0;
 
-/// A larger structure also has to be better than this factor on runs that were
-/// not fitted.
-const HOLDOUT_FACTOR: f64 = 0.97;
+/// The first effect also has to be better than this factor on runs that were
+/// not fitted, …
+const FIRST_EFFECT: f64 = 0.97;
+
+/// … and each further structure better than this factor: no term without need.
+const FURTHER_EFFECTS: f64 = 0.9;
 
 /// Structures less probable than this, relative to all of their size, are
 /// rejected.
@@ -108,9 +111,15 @@ pub fn required_evidence(effects: usize, choices: usize) -> f64 {
     effects as f64 * (VERY_STRONG + 2.0 * (choices.max(1) as f64).ln())
 }
 
-/// Whether a held-out error is enough better to pay for more effects.
-pub fn better_held_out(smaller: f64, larger: f64) -> bool {
-    larger < HOLDOUT_FACTOR * smaller
+/// Whether a held-out error is enough better to pay for more effects than the
+/// `before` that are there.
+pub fn better_held_out(smaller: f64, larger: f64, before: usize) -> bool {
+    let factor = if before == 0 {
+        FIRST_EFFECT
+    } else {
+        FURTHER_EFFECTS
+    };
+    larger < factor * smaller
 }
 
 #[cfg(test)]
@@ -126,7 +135,9 @@ mod tests {
 
     #[test]
     fn equal_held_out_errors_do_not_pay() {
-        assert!(!better_held_out(1.0, 0.99));
-        assert!(better_held_out(1.0, 0.9));
+        assert!(!better_held_out(1.0, 0.99, 0));
+        assert!(better_held_out(1.0, 0.95, 0));
+        assert!(!better_held_out(1.0, 0.95, 1));
+        assert!(better_held_out(1.0, 0.8, 2));
     }
 }

@@ -48,18 +48,19 @@ mod tests {
     use crate::catalogue::{Effect, Kind};
     use crate::effects::testing::spring;
     use crate::input::FromFn;
+    use crate::integrate::{Scheme, step};
 
     fn swing(effects: &[Effect<f64>], steps: i32) -> Vec<f64> {
         let model: Model<f64> = spring(0.4, 0.6, 3.0, effects);
         let mut state = model.at_rest(0.0, 0.0);
         (0..steps)
-            .map(|step| {
-                let start = f64::from(step) * 1e-3;
+            .map(|count| {
+                let start = f64::from(count) * 1e-3;
                 let input = FromFn(|offset: f64| {
                     let time: f64 = start + offset;
                     if time > 0.0 { (2.0 * time).sin() } else { 0.0 }
                 });
-                crate::integrate::step(Default::default(), &model, &mut state, &input, 1e-3);
+                step(Scheme::default(), &model, &mut state, &input, 1e-3);
                 state.angle
             })
             .collect()

@@ -64,6 +64,7 @@ mod tests {
     use crate::catalogue::Kind;
     use crate::effects::testing::{run, spring};
     use crate::input::{FromFn, Held};
+    use crate::integrate::{Scheme, step};
 
     /// A free mass under a lagged step: M θ̈ = 1 − e^(−t/τ).
     #[test]
@@ -83,10 +84,10 @@ mod tests {
         let lag = Kind::PneumaticLag.build(&[0.2]).unwrap();
         let model = spring(1.0, 0.0, 0.0, &[lag]);
         let mut state = model.at_rest(0.0, 0.0);
-        for step in 0..4_000 {
-            let start = f64::from(step) * 1e-3;
+        for count in 0..4_000 {
+            let start = f64::from(count) * 1e-3;
             let ramp = FromFn(|offset: f64| start + offset);
-            crate::integrate::step(Default::default(), &model, &mut state, &ramp, 1e-3);
+            step(Scheme::default(), &model, &mut state, &ramp, 1e-3);
         }
         assert!((state.hidden[0][0] - (4.0 - 0.2)).abs() < 1e-6);
     }
