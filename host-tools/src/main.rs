@@ -29,17 +29,11 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Find the effect that a model lacks
     Diagnose(cmd::diagnose::Args),
-    /// Fit the parameters of a model
     Fit(cmd::fit::Args),
-    /// Simulate a model
     Simulate(cmd::simulate::Args),
-    /// Compare models with recordings: the paper's table
     Compare(cmd::compare::Args),
-    /// Materials: the paper's table, tensile curves, predicted exponents
     Materials(cmd::materials::Args),
-    /// Write simulated recordings with an effect hidden in them
     Example(cmd::example::Args),
     /// Print the JSON Schema of a verdict
     Schema,

@@ -8,6 +8,9 @@ use std::path::{Path, PathBuf};
 
 use model_core::actuator::{Dynamics, InvalidModel, MAX_EFFECTS, Model, ParameterId};
 use model_core::catalogue::{Effect, Kind};
+use model_core::ludwick::{Beam, Ludwick, SecondMoment};
+use model_core::material::find;
+use model_core::power::Exact;
 use toml_edit::{ArrayOfTables, Document, DocumentMut, Item, Table, Value};
 
 use crate::error::InputError;
@@ -544,12 +547,19 @@ impl Reader<'_> {
     }
 }
 
-fn derived_stiffness(_actuator: &ActuatorSection) -> Option<f64> {
-    None
+/// Kₙ (N/radⁿ) from the material's modulus and exponent and the actuator's
+/// dimensions, with the corrected second moment (paper, Eq. 11).
+fn derived_stiffness(actuator: &ActuatorSection) -> Option<f64> {
+    let material = find(&actuator.material)?;
+    let beam = Beam::new(actuator.length_m, actuator.width_m, actuator.height_m).ok()?;
+    let modulus_pa = 1e6 * material.data_sheet::<f64>().modulus_mpa();
+    let law = Ludwick::new(modulus_pa, material.exponent::<f64>()).ok()?;
+    Some(law.stiffness::<Exact>(&beam, SecondMoment::Corrected))
 }
 
-fn derived_exponent(_actuator: &ActuatorSection) -> Option<f64> {
-    None
+/// The material's exponent as printed in the paper's Table I.
+fn derived_exponent(actuator: &ActuatorSection) -> Option<f64> {
+    Some(find(&actuator.material)?.exponent())
 }
 
 #[cfg(test)]
@@ -651,6 +661,27 @@ force_n = 0.02
                 assert!(message.contains(part), "{part:?} not in {message:?}");
             }
         }
+    }
+
+    #[test]
+    fn stiffness_and_exponent_come_from_the_material_if_left_out() {
+        let derived = GOOD
+            .replace("stiffness_n_per_rad_n = 0.127\nexponent = 2.365\n", "")
+            .replace(
+                "[dynamics]",
+                "[actuator]\nmaterial = \"Dragon Skin 20\"\nlength_m = 0.094\nwidth_m = 0.030\nheight_m = 0.024\n\n[dynamics]",
+            );
+        let file = parse(&derived).unwrap();
+        assert!((file.model.dynamics().exponent - 2.5).abs() < 1e-12);
+        // The authors' dimensions with the corrected second moment.
+        assert!((file.model.dynamics().stiffness - 0.094).abs() < 5e-4);
+        let message = parse(&derived.replace("Dragon Skin 20", "Play-Doh"))
+            .unwrap_err()
+            .to_string();
+        assert!(
+            message.contains("Play-Doh") && message.contains("rig materials list"),
+            "{message}"
+        );
     }
 
     #[test]

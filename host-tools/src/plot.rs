@@ -68,7 +68,7 @@ pub enum Role {
 impl Role {
     fn colour(self) -> RGBColor {
         match self {
-            Self::Measured => RGBColor(0x80, 0x80, 0x80),
+            Self::Measured => RGBColor(0xA0, 0xA0, 0xA0),
             Self::Nominal => RGBColor(0x00, 0x72, 0xB2),
             Self::Before => RGBColor(0xD5, 0x5E, 0x00),
             Self::After => RGBColor(0x00, 0x9E, 0x73),
@@ -93,6 +93,8 @@ pub enum Mark {
     Dashed,
     /// A thin line, for a curve in the background.
     Thin,
+    /// A wide line, for a curve that others are meant to cover.
+    Wide,
     /// Separate dots.
     Points,
     /// The area between two curves; see [`Series::band`].
@@ -111,8 +113,9 @@ pub struct Style {
 impl Style {
     /// Grey dots: measured samples.
     pub const MEASURED_POINTS: Self = Self::new(Role::Measured, Mark::Points);
-    /// Grey line: a measured recording.
-    pub const MEASURED: Self = Self::new(Role::Measured, Mark::Line);
+    /// Wide grey line: a measured recording, still seen under a model that
+    /// agrees with it.
+    pub const MEASURED: Self = Self::new(Role::Measured, Mark::Wide);
     /// Blue line: the model as supplied.
     pub const NOMINAL: Self = Self::new(Role::Nominal, Mark::Line);
     /// Vermilion line: before the repair.
@@ -385,6 +388,7 @@ const ROW_GAP: f64 = 14.0;
 const LINE_TENTHS: u32 = 16;
 const DASHED_TENTHS: u32 = 17;
 const THIN_TENTHS: u32 = 9;
+const WIDE_TENTHS: u32 = 42;
 const HAIR_TENTHS: u32 = 8;
 const DOT_RADIUS_TENTHS: u32 = 17;
 /// More dots than this in one series say nothing more and make slow files.
@@ -1294,6 +1298,7 @@ fn stroke(mark: Mark) -> u32 {
     match mark {
         Mark::Dashed => DASHED_TENTHS,
         Mark::Thin => THIN_TENTHS,
+        Mark::Wide => WIDE_TENTHS,
         Mark::Line | Mark::Points | Mark::Band => LINE_TENTHS,
     }
 }

@@ -6,6 +6,7 @@ use std::path::Path;
 use model_core::actuator::ParameterId;
 
 use crate::cmd::fit::number;
+use crate::diagnose::noise::NoiseFloor;
 use crate::diagnose::verdict::Answer;
 use crate::diagnose::{Diagnosis, Request};
 use crate::fit::{Fit, Fitter, Run};
@@ -25,13 +26,16 @@ pub struct Outputs<'a> {
     pub model: Option<&'a Path>,
 }
 
+/// Height of a row of panels: low enough for a picture in a README.
+const ROW_HEIGHT_PX: f64 = 150.0;
+
 /// The verdict in one sentence.
 pub fn sentence(diagnosis: &Diagnosis) -> String {
     let titles: Vec<String> = diagnosis
         .repaired
         .added
         .iter()
-        .map(|kind| format!("{} ({})", kind.info().title, kind.name()))
+        .map(|kind| kind.info().title.to_owned())
         .collect();
     match diagnosis.answer {
         Answer::NoDiscrepancy => {
@@ -40,7 +44,7 @@ pub fn sentence(diagnosis: &Diagnosis) -> String {
         Answer::ParametersOnly => {
             "No effect is missing: the structure is right, only the parameters were off.".into()
         }
-        Answer::EffectFound => format!("The model lacks {}.", titles.join(" and ")),
+        Answer::EffectFound => format!("The model lacks {}.", listed(&titles)),
         Answer::CannotTell => {
             let rivals: Vec<String> = diagnosis
                 .alternatives
@@ -48,13 +52,22 @@ pub fn sentence(diagnosis: &Diagnosis) -> String {
                 .map(|rival| rival.kinds.join(" with "))
                 .collect();
             format!(
-                "Something is missing, but these recordings cannot tell {} apart.",
-                rivals.join(" from ")
+                "Something is missing, but these recordings cannot tell apart {}.",
+                listed(&rivals)
             )
         }
         Answer::Unexplained => {
             "Something is missing, and it is none of the effects that are known.".into()
         }
+    }
+}
+
+/// "a, b and c".
+fn listed(items: &[String]) -> String {
+    match items {
+        [] => String::new(),
+        [only] => only.clone(),
+        [head @ .., last] => format!("{} and {last}", head.join(", ")),
     }
 }
 
@@ -74,6 +87,15 @@ pub fn summary(
     line(String::new());
     for row in errors(request, diagnosis) {
         line(row);
+    }
+    if let Some(scatter) = diagnosis.floor.repeats
+        && scatter > 2.0 * diagnosis.floor.white
+    {
+        line(format!(
+            "The repeats differ by {}° among themselves, more than the sensor's noise of {}°: the rig does not repeat.",
+            number(scatter.to_degrees()),
+            number(diagnosis.floor.white.to_degrees())
+        ));
     }
     line(String::new());
     let named = !diagnosis.repaired.added.is_empty();
@@ -129,7 +151,14 @@ pub fn summary(
     }
     for (what, path) in [
         ("Picture", outputs.picture),
-        ("Repaired model", outputs.model),
+        (
+            if named {
+                "Repaired model"
+            } else {
+                "Refitted model"
+            },
+            outputs.model,
+        ),
         ("Verdict", outputs.verdict),
     ] {
         if let Some(path) = path {
@@ -199,7 +228,7 @@ fn effects(diagnosis: &Diagnosis) -> Vec<String> {
     for (offset, kind) in diagnosis.repaired.added.iter().enumerate() {
         rows.push(format!(
             "{}: {}   (probability {})",
-            kind.info().title,
+            kind.name(),
             kind.info().equation,
             probability(diagnosis.probability.get(offset).copied().unwrap_or(0.0))
         ));
@@ -263,6 +292,7 @@ pub fn figure(request: &Request<'_>, diagnosis: &Diagnosis) -> Figure {
     let mut figure = Figure::new(sentence(diagnosis))
         .with_columns(2)
         .with_separate_x();
+    figure.row_height_px = ROW_HEIGHT_PX;
     let gap = format!(
         "RMS error on runs that were not fitted: {}° refitted, {}° repaired, {}° noise",
         number(diagnosis.held_out.refit.to_degrees()),
@@ -270,11 +300,17 @@ pub fn figure(request: &Request<'_>, diagnosis: &Diagnosis) -> Figure {
         number(diagnosis.held_out.floor.to_degrees())
     );
     figure = figure.with_subtitle(gap);
-    let fitted = Curves::worst(request, diagnosis, request.recordings);
+    let fitted = Curves::worst(request, diagnosis, request.recordings, &[]);
+    let shown: Vec<usize> = fitted.iter().map(|curves| curves.index).collect();
     let held_out = if request.holdout.is_empty() {
-        Curves::second_worst(request, diagnosis, request.recordings)
+        Curves::worst(
+            request,
+            diagnosis,
+            request.recordings,
+            &with_repeats(&diagnosis.floor, &shown),
+        )
     } else {
-        Curves::worst(request, diagnosis, request.holdout)
+        Curves::worst(request, diagnosis, request.holdout, &[])
     };
     let titles = [
         "fitted",
@@ -344,8 +380,21 @@ pub fn figure(request: &Request<'_>, diagnosis: &Diagnosis) -> Figure {
     figure
 }
 
+/// The recordings in `shown` and all that repeat them.
+fn with_repeats(floor: &NoiseFloor, shown: &[usize]) -> Vec<usize> {
+    floor
+        .groups
+        .iter()
+        .filter(|group| group.iter().any(|index| shown.contains(index)))
+        .flatten()
+        .chain(shown)
+        .copied()
+        .collect()
+}
+
 /// The curves of one recording in degrees.
 struct Curves {
+    index: usize,
     name: String,
     time: Vec<f64>,
     measured: Vec<f64>,
@@ -354,29 +403,12 @@ struct Curves {
 }
 
 impl Curves {
-    /// The recording on which the refit misses most.
+    /// The recording on which the refit misses most, but for those in `skip`.
     fn worst(
         request: &Request<'_>,
         diagnosis: &Diagnosis,
         recordings: &[Recording],
-    ) -> Option<Self> {
-        Self::ranked(request, diagnosis, recordings, 0)
-    }
-
-    /// The next one.
-    fn second_worst(
-        request: &Request<'_>,
-        diagnosis: &Diagnosis,
-        recordings: &[Recording],
-    ) -> Option<Self> {
-        Self::ranked(request, diagnosis, recordings, 1)
-    }
-
-    fn ranked(
-        request: &Request<'_>,
-        diagnosis: &Diagnosis,
-        recordings: &[Recording],
-        rank: usize,
+        skip: &[usize],
     ) -> Option<Self> {
         let runs = Run::all(recordings);
         let fitter = Fitter {
@@ -385,9 +417,9 @@ impl Curves {
         };
         let before = fitter.compare(&diagnosis.refit.model);
         let after = fitter.compare(&diagnosis.repaired.fit.model);
-        let mut order: Vec<usize> = (0..recordings.len()).collect();
-        order.sort_by(|&a, &b| rms(&before.residuals[b]).total_cmp(&rms(&before.residuals[a])));
-        let &index = order.get(rank)?;
+        let index = (0..recordings.len())
+            .filter(|index| !skip.contains(index))
+            .max_by(|&a, &b| rms(&before.residuals[a]).total_cmp(&rms(&before.residuals[b])))?;
         let recording = &recordings[index];
         let measured: Vec<f64> = recording
             .angle
@@ -402,6 +434,7 @@ impl Curves {
                 .collect()
         };
         Some(Self {
+            index,
             name: recording.name.clone(),
             time: recording.time.clone(),
             before: simulated(&before),

@@ -16,7 +16,7 @@ use crate::materials::predictor::{LeaveOneOut, PredictorFit, eight_rows, leave_o
 use crate::materials::table_row;
 use crate::plot::{Figure, Mark, Panel, Role, Series, Style, write_svg};
 
-/// Arguments of `rig materials`.
+/// Materials: the paper's table, exponents from tensile curves and data sheets.
 #[derive(Debug, Parser)]
 pub struct Args {
     #[command(subcommand)]
