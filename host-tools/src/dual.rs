@@ -4,129 +4,89 @@
 //! [`Dual`] is a value with `N` partial derivatives (forward-mode automatic
 //! differentiation), so that running the model once on duals gives the
 //! simulation and its exact gradient, with no difference step to choose. The
-//! array is of fixed size so that the compiler turns it into vector
-//! instructions; docs/decisions holds the comparison with a library.
+//! arithmetic is that of the crate `num-dual`; this module lets the shared
+//! physics run on it.
 
+use std::cmp::Ordering;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
 use model_core::power::{Exact, Power};
 use model_core::real::Real;
+use nalgebra::{Const, SVector};
+use num_dual::{Derivative, DualNum, DualSVec64};
 
 /// A value and its derivatives by `N` parameters.
 #[derive(Clone, Copy, Debug)]
-pub struct Dual<const N: usize> {
-    /// The value.
-    pub value: f64,
-    /// Partial derivatives.
-    pub partials: [f64; N],
-}
+pub struct Dual<const N: usize>(DualSVec64<N>);
 
 impl<const N: usize> Dual<N> {
     /// A number that depends on no parameter.
-    pub const fn constant(value: f64) -> Self {
-        Self {
-            value,
-            partials: [0.0; N],
-        }
+    pub fn constant(value: f64) -> Self {
+        Self(DualSVec64::from_re(value))
     }
 
     /// A number whose derivative by parameter `index` is `slope`, and zero by
     /// all others.
     pub fn variable(value: f64, index: usize, slope: f64) -> Self {
-        let mut number = Self::constant(value);
-        if let Some(partial) = number.partials.get_mut(index) {
+        let mut partials = SVector::<f64, N>::zeros();
+        if let Some(partial) = partials.get_mut(index) {
             *partial = slope;
         }
-        number
+        Self(DualSVec64::new(value, Derivative::some(partials)))
     }
 
-    /// Applies a function with the given value and slope here.
-    #[inline]
-    fn chain(mut self, value: f64, slope: f64) -> Self {
-        self.value = value;
-        for partial in &mut self.partials {
-            *partial *= slope;
-        }
-        self
+    /// The value.
+    pub fn value(&self) -> f64 {
+        self.0.re
     }
 
-    /// `a·self + b·other` in the derivatives.
-    #[inline]
-    fn combine(mut self, other: &Self, value: f64, a: f64, b: f64) -> Self {
-        self.value = value;
-        for (mine, theirs) in self.partials.iter_mut().zip(&other.partials) {
-            *mine = a * *mine + b * *theirs;
-        }
-        self
+    /// The partial derivatives.
+    pub fn partials(&self) -> [f64; N] {
+        self.0.eps.unwrap_generic(Const::<N>, Const::<1>).into()
     }
 }
 
 /// Comparisons look at values alone.
 impl<const N: usize> PartialEq for Dual<N> {
     fn eq(&self, other: &Self) -> bool {
-        self.value == other.value
+        self.0.re == other.0.re
     }
 }
 
 impl<const N: usize> PartialOrd for Dual<N> {
-    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
-        self.value.partial_cmp(&other.value)
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        self.0.re.partial_cmp(&other.0.re)
     }
 }
 
-impl<const N: usize> Add for Dual<N> {
-    type Output = Self;
-    #[inline]
-    fn add(mut self, other: Self) -> Self {
-        self += other;
-        self
-    }
+macro_rules! operator {
+    ($name:ident, $method:ident) => {
+        impl<const N: usize> $name for Dual<N> {
+            type Output = Self;
+            #[inline]
+            fn $method(self, other: Self) -> Self {
+                Self($name::$method(self.0, other.0))
+            }
+        }
+    };
 }
 
-impl<const N: usize> Sub for Dual<N> {
-    type Output = Self;
-    #[inline]
-    fn sub(mut self, other: Self) -> Self {
-        self -= other;
-        self
-    }
-}
+operator!(Add, add);
+operator!(Sub, sub);
+operator!(Mul, mul);
+operator!(Div, div);
 
 impl<const N: usize> AddAssign for Dual<N> {
     #[inline]
     fn add_assign(&mut self, other: Self) {
-        self.value += other.value;
-        for (mine, theirs) in self.partials.iter_mut().zip(&other.partials) {
-            *mine += *theirs;
-        }
+        self.0 += other.0;
     }
 }
 
 impl<const N: usize> SubAssign for Dual<N> {
     #[inline]
     fn sub_assign(&mut self, other: Self) {
-        self.value -= other.value;
-        for (mine, theirs) in self.partials.iter_mut().zip(&other.partials) {
-            *mine -= *theirs;
-        }
-    }
-}
-
-impl<const N: usize> Mul for Dual<N> {
-    type Output = Self;
-    #[inline]
-    fn mul(self, other: Self) -> Self {
-        self.combine(&other, self.value * other.value, other.value, self.value)
-    }
-}
-
-impl<const N: usize> Div for Dual<N> {
-    type Output = Self;
-    #[inline]
-    fn div(self, other: Self) -> Self {
-        let quotient = self.value / other.value;
-        let inverse = 1.0 / other.value;
-        self.combine(&other, quotient, inverse, -quotient * inverse)
+        self.0 -= other.0;
     }
 }
 
@@ -134,16 +94,12 @@ impl<const N: usize> Neg for Dual<N> {
     type Output = Self;
     #[inline]
     fn neg(self) -> Self {
-        self.chain(-self.value, -1.0)
+        Self(-self.0)
     }
 }
 
 impl<const N: usize> Real for Dual<N> {
     type DefaultPower = Exact;
-
-    const ZERO: Self = Self::constant(0.0);
-    const ONE: Self = Self::constant(1.0);
-    const HALF: Self = Self::constant(0.5);
 
     fn from_i16(n: i16) -> Self {
         Self::constant(f64::from(n))
@@ -152,23 +108,22 @@ impl<const N: usize> Real for Dual<N> {
         Self::constant(f64::from(x))
     }
     fn exp(self) -> Self {
-        let value = self.value.exp();
-        self.chain(value, value)
+        Self(self.0.exp())
     }
     fn tanh(self) -> Self {
-        let value = self.value.tanh();
-        self.chain(value, 1.0 - value * value)
+        // The library divides sinh by cosh, which overflow where a friction
+        // has long saturated.
+        let tanh = self.0.re.tanh();
+        Self(DualSVec64::new(tanh, self.0.eps * (1.0 - tanh * tanh)))
     }
     fn sin(self) -> Self {
-        let (sin, cos) = self.value.sin_cos();
-        self.chain(sin, cos)
+        Self(self.0.sin())
     }
     fn cos(self) -> Self {
-        let (sin, cos) = self.value.sin_cos();
-        self.chain(cos, -sin)
+        Self(self.0.cos())
     }
     fn is_finite(self) -> bool {
-        self.value.is_finite() && self.partials.iter().all(|partial| partial.is_finite())
+        self.0.re.is_finite() && self.partials().iter().all(|partial| partial.is_finite())
     }
 }
 
@@ -176,18 +131,20 @@ impl<const N: usize> Real for Dual<N> {
 /// slope (exponent below 1) is given as zero: a fit cannot use infinity.
 impl<const N: usize> Power<Dual<N>> for Exact {
     #[expect(clippy::float_cmp, reason = "the limit differs at exactly 1")]
+    #[inline]
     fn pow(base: Dual<N>, exponent: Dual<N>) -> Dual<N> {
-        let value = <Self as Power<f64>>::pow(base.value, exponent.value);
-        if base.value > 0.0 {
-            let slope = exponent.value * value / base.value;
-            if exponent.partials.iter().all(|partial| *partial == 0.0) {
-                return base.chain(value, slope);
-            }
-            base.combine(&exponent, value, slope, value * base.value.ln())
+        let n = exponent.0.re;
+        let value = <Self as Power<f64>>::pow(base.0.re, n);
+        let by_base = if base.0.re > 0.0 {
+            n * value / base.0.re
         } else {
-            let slope = if exponent.value == 1.0 { 1.0 } else { 0.0 };
-            base.chain(value, slope)
+            f64::from(u8::from(n == 1.0))
+        };
+        let mut partials = base.0.eps * by_base;
+        if base.0.re > 0.0 && exponent.0.eps != Derivative::none() {
+            partials += exponent.0.eps * (value * base.0.re.ln());
         }
+        Dual(DualSVec64::new(value, partials))
     }
 }
 
@@ -206,13 +163,13 @@ mod tests {
 
     fn agrees(f: impl Fn(Dual<2>) -> Dual<2>, x: f64) {
         let exact = f(Dual::variable(x, 1, 1.0));
-        let numeric = difference(|x| f(Dual::constant(x)).value, x);
-        assert_eq!(exact.partials[0], 0.0);
+        let numeric = difference(|x| f(Dual::constant(x)).value(), x);
+        assert_eq!(exact.partials()[0], 0.0);
         let scale = numeric.abs().max(1.0);
         assert!(
-            (exact.partials[1] - numeric).abs() < 1e-7 * scale,
+            (exact.partials()[1] - numeric).abs() < 1e-7 * scale,
             "{} against {numeric} at {x}",
-            exact.partials[1]
+            exact.partials()[1]
         );
     }
 
@@ -229,9 +186,15 @@ mod tests {
     }
 
     #[test]
+    fn saturated_friction_stays_finite() {
+        let far = Dual::<1>::variable(800.0, 0, 1.0).tanh();
+        assert_eq!((far.value(), far.partials()[0]), (1.0, 0.0));
+    }
+
+    #[test]
     fn power_at_zero_has_the_slope_of_its_limit() {
         let zero = Dual::<1>::variable(0.0, 0, 1.0);
-        let slope = |n| Exact::pow(zero, Dual::constant(n)).partials[0];
+        let slope = |n| Exact::pow(zero, Dual::constant(n)).partials()[0];
         assert_eq!(slope(1.0), 1.0);
         assert_eq!(slope(2.3), 0.0);
         assert_eq!(slope(0.5), 0.0);

@@ -637,7 +637,7 @@ impl<'a, 'r> Problem<'a, 'r> {
         run(&dual, &recording.signal, start, steps)
             .reading
             .into_iter()
-            .map(|reading| reading.partials)
+            .map(|reading| reading.partials())
             .collect()
     }
 

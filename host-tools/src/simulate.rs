@@ -134,7 +134,7 @@ impl<const N: usize> FromF64 for crate::dual::Dual<N> {
         Self::constant(value)
     }
     fn to_f64(self) -> f64 {
-        self.value
+        self.value()
     }
 }
 

@@ -174,12 +174,12 @@ impl<R: Real, P: Power<R>> Model<R, P> {
             }
         }
         for (value, id) in [(d.inertia, Inertia), (d.exponent, Exponent)] {
-            if value <= R::ZERO {
+            if value <= R::zero() {
                 return Err(InvalidModel::NotPositive(id));
             }
         }
         for (value, id) in [(d.damping, Damping), (d.stiffness, Stiffness)] {
-            if value < R::ZERO {
+            if value < R::zero() {
                 return Err(InvalidModel::Negative(id));
             }
         }
@@ -268,7 +268,7 @@ impl<R: Real, P: Power<R>> Model<R, P> {
     /// The state of an actuator that has been resting at `angle` (rad) under
     /// `pressure` (Pa): hidden states have settled, time is zero.
     pub fn at_rest(&self, angle: R, pressure: R) -> State<R> {
-        self.moving(angle, R::ZERO, pressure)
+        self.moving(angle, R::zero(), pressure)
     }
 
     /// The state of an actuator that passes `angle` (rad) with `rate` (rad/s)
@@ -276,12 +276,12 @@ impl<R: Real, P: Power<R>> Model<R, P> {
     /// that was cut out of a longer one.
     pub fn moving(&self, angle: R, rate: R, pressure: R) -> State<R> {
         let rest = Rest { angle, pressure };
-        let mut hidden = [[R::ZERO; 2]; MAX_EFFECTS];
+        let mut hidden = [[R::zero(); 2]; MAX_EFFECTS];
         for (slot, effect) in hidden.iter_mut().zip(self.effects.iter().flatten()) {
             *slot = effect.at_rest(&rest);
         }
         State {
-            time: R::ZERO,
+            time: R::zero(),
             angle,
             rate,
             hidden,
@@ -290,9 +290,9 @@ impl<R: Real, P: Power<R>> Model<R, P> {
 
     /// The rate of change of `state`, `offset` seconds into the current step.
     pub fn derivative(&self, state: &State<R>, input: &impl Input<R>, offset: R) -> Derivative<R> {
-        let mut rates = [[R::ZERO; 2]; MAX_EFFECTS];
+        let mut rates = [[R::zero(); 2]; MAX_EFFECTS];
 
-        let mut delay = R::ZERO;
+        let mut delay = R::zero();
         for effect in self.effects.iter().flatten() {
             delay += effect.delay();
         }
@@ -333,7 +333,7 @@ impl<R: Real, P: Power<R>> Model<R, P> {
 
     /// What the angle sensor shows (rad): the angle through the sensor effects.
     pub fn reading(&self, state: &State<R>) -> R {
-        let mut unused = [[R::ZERO; 2]; MAX_EFFECTS];
+        let mut unused = [[R::zero(); 2]; MAX_EFFECTS];
         let mut reading = state.angle;
         for ((effect, hidden), rates) in self.slots(&state.hidden, &mut unused) {
             reading = effect.sensor(reading, state.time, hidden, rates);
@@ -349,7 +349,7 @@ impl<R: Real, P: Power<R>> Model<R, P> {
     pub fn angle_behind(&self, reading: R) -> R {
         let mut angle = reading;
         for _ in 0..4 {
-            let shown = self.reading(&self.at_rest(angle, R::ZERO));
+            let shown = self.reading(&self.at_rest(angle, R::zero()));
             angle += reading - shown;
         }
         angle
@@ -362,7 +362,7 @@ impl<R: Real, P: Power<R>> Model<R, P> {
             time: state.time,
             angle: state.angle,
             rate: state.rate,
-            pressure: R::ZERO,
+            pressure: R::zero(),
         };
         for (effect, hidden) in self.effects.iter().flatten().zip(&mut state.hidden) {
             effect.note(&at, hidden);
@@ -375,8 +375,8 @@ impl<R: Real, P: Power<R>> Model<R, P> {
     /// Effects on the input path are taken as transparent at rest. Not finite
     /// if the input gain is zero.
     pub fn holding_pressure(&self, angle: R) -> R {
-        let state = self.at_rest(angle, R::ZERO);
-        let unforced = self.derivative(&state, &crate::input::Held(R::ZERO), R::ZERO);
+        let state = self.at_rest(angle, R::zero());
+        let unforced = self.derivative(&state, &crate::input::Held(R::zero()), R::zero());
         -(unforced.acceleration * self.dynamics.inertia) / self.dynamics.input_gain
     }
 
@@ -384,9 +384,10 @@ impl<R: Real, P: Power<R>> Model<R, P> {
     /// angles up to `angle` (rad): what a step length has to resolve.
     pub fn fastest_rate(&self, angle: R) -> Rates<R> {
         let d = &self.dynamics;
-        let one = R::ONE;
+        let one = R::one();
         // Secant stiffness of the power law at its steepest within the range.
-        let slope = d.stiffness * d.exponent * P::pow(angle.abs(), (d.exponent - one).max(R::ZERO));
+        let slope =
+            d.stiffness * d.exponent * P::pow(angle.abs(), (d.exponent - one).max(R::zero()));
         let mut rates = Rates {
             stiffness: slope / d.inertia,
             relaxation: d.damping / d.inertia,

@@ -83,14 +83,14 @@ impl<R: Real, const N: usize> History<R, N> {
         } else {
             self.newest + N - steps
         };
-        self.samples.get(index).copied().unwrap_or(R::ZERO)
+        self.samples.get(index).copied().unwrap_or(R::zero())
     }
 }
 
 impl<R: Real, const N: usize> Input<R> for History<R, N> {
     fn pressure(&self, offset: R) -> R {
         let mut remaining = -offset;
-        if remaining < R::ZERO {
+        if remaining < R::zero() {
             return self.back(0);
         }
         let mut steps = 0;

@@ -57,7 +57,7 @@ fn semi_implicit_euler<R: Real, P: Power<R>>(
     input: &impl Input<R>,
     dt: R,
 ) -> State<R> {
-    let mut slope = model.derivative(state, input, R::ZERO);
+    let mut slope = model.derivative(state, input, R::zero());
     slope.rate = state.rate + slope.acceleration * dt;
     advance(model, state, &slope, dt)
 }
@@ -68,11 +68,11 @@ fn heun<R: Real, P: Power<R>>(
     input: &impl Input<R>,
     dt: R,
 ) -> State<R> {
-    let k1 = model.derivative(state, input, R::ZERO);
+    let k1 = model.derivative(state, input, R::zero());
     let k2 = model.derivative(&advance(model, state, &k1, dt), input, dt);
     let mut sum = k1;
     add(model, &mut sum, &k2);
-    let mut next = advance(model, state, &sum, dt * R::HALF);
+    let mut next = advance(model, state, &sum, dt * R::half());
     next.time = state.time + dt;
     next
 }
@@ -83,8 +83,8 @@ fn rk4<R: Real, P: Power<R>>(
     input: &impl Input<R>,
     dt: R,
 ) -> State<R> {
-    let half = dt * R::HALF;
-    let k1 = model.derivative(state, input, R::ZERO);
+    let half = dt * R::half();
+    let k1 = model.derivative(state, input, R::zero());
     let k2 = model.derivative(&advance(model, state, &k1, half), input, half);
     let k3 = model.derivative(&advance(model, state, &k2, half), input, half);
     let k4 = model.derivative(&advance(model, state, &k3, dt), input, dt);

@@ -109,7 +109,7 @@ impl core::error::Error for QuantityError {}
 pub(crate) fn positive<R: Real>(value: R, quantity: Quantity) -> Result<R, QuantityError> {
     if !value.is_finite() {
         Err(QuantityError::NotFinite(quantity))
-    } else if value > R::ZERO {
+    } else if value > R::zero() {
         Ok(value)
     } else {
         Err(QuantityError::NotPositive(quantity))
@@ -235,16 +235,16 @@ impl<R: Real> Ludwick<R> {
     /// Computes the strain at a stress in pascals, the inverse of
     /// [`stress`](Self::stress).
     pub fn strain<P: Power<R>>(&self, stress_pa: R) -> R {
-        signed_power::<R, P>(stress_pa / self.modulus_pa, R::ONE / self.exponent)
+        signed_power::<R, P>(stress_pa / self.modulus_pa, R::one() / self.exponent)
     }
 
     /// Computes the second moment `I_n` of a beam's section in m^(n+3).
     pub fn second_moment<P: Power<R>>(&self, beam: &Beam<R>, form: SecondMoment) -> R {
         let n = self.exponent;
-        let half_height = beam.height_m * R::HALF;
+        let half_height = beam.height_m * R::half();
         // b h (h/2)^(n+1) is (1/2)^(n+1) b h^(n+2) with one power fewer.
         let corrected =
-            beam.width_m * beam.height_m * P::pow(half_height, n + R::ONE) / (n + R::from_i16(2));
+            beam.width_m * beam.height_m * P::pow(half_height, n + R::one()) / (n + R::from_i16(2));
         form.scale(corrected)
     }
 
@@ -257,12 +257,12 @@ impl<R: Real> Ludwick<R> {
         let n = self.exponent;
         // I_n/L^(n+1) = b h (h/2L)^(n+1)/(n+2): the ratio is without unit, so
         // the power stays far from the ends of `f32`.
-        let slenderness = beam.height_m * R::HALF / beam.length_m;
-        let corrected = P::pow((n + R::ONE) / n, n)
+        let slenderness = beam.height_m * R::half() / beam.length_m;
+        let corrected = P::pow((n + R::one()) / n, n)
             * self.modulus_pa
             * beam.width_m
             * beam.height_m
-            * P::pow(slenderness, n + R::ONE)
+            * P::pow(slenderness, n + R::one())
             / (n + R::from_i16(2));
         form.scale(corrected)
     }
@@ -271,7 +271,7 @@ impl<R: Real> Ludwick<R> {
     /// T = E `I_n` (θ/L)ⁿ, exact at any angle for a uniform beam.
     pub fn moment_stiffness<P: Power<R>>(&self, beam: &Beam<R>, form: SecondMoment) -> R {
         let n = self.exponent;
-        let half_height = beam.height_m * R::HALF;
+        let half_height = beam.height_m * R::half();
         let corrected = self.modulus_pa
             * beam.width_m
             * beam.height_m

@@ -186,8 +186,8 @@ impl<R: Real> DataSheet<R> {
         let viscosity_unit = R::from_i16(5000) * R::from_i16(10);
         [
             self.modulus_mpa,
-            P::pow(self.mixed_viscosity_cps / viscosity_unit, R::HALF),
-            P::pow(self.tensile_strength_mpa / R::from_i16(10), R::HALF),
+            P::pow(self.mixed_viscosity_cps / viscosity_unit, R::half()),
+            P::pow(self.tensile_strength_mpa / R::from_i16(10), R::half()),
         ]
     }
 }

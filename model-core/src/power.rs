@@ -76,7 +76,7 @@ pub trait Power<R>: Copy + core::fmt::Debug + Default {
 // n = 1 is not singled out here but in the implementations: with numbers that
 // carry derivatives, returning θ would lose ∂θⁿ/∂n = θⁿ ln θ.
 pub fn signed_power<R: Real, P: Power<R>>(angle: R, exponent: R) -> R {
-    if angle < R::ZERO {
+    if angle < R::zero() {
         -P::pow(-angle, exponent)
     } else {
         P::pow(angle, exponent)

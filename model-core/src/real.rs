@@ -28,22 +28,27 @@ pub trait Real:
     /// The power function that the model uses when none is asked for.
     type DefaultPower: Power<Self>;
 
-    /// 0.
-    const ZERO: Self;
-    /// 1.
-    const ONE: Self;
-    /// ½.
-    const HALF: Self;
-
     /// Converts a small whole number, exactly.
     fn from_i16(n: i16) -> Self;
     /// Converts a constant that is written in the source; exact for values
     /// that `f32` holds exactly.
     fn from_f32(x: f32) -> Self;
 
+    /// 0.
+    fn zero() -> Self {
+        Self::from_i16(0)
+    }
+    /// 1.
+    fn one() -> Self {
+        Self::from_i16(1)
+    }
+    /// ½.
+    fn half() -> Self {
+        Self::from_f32(0.5)
+    }
     /// The absolute value.
     fn abs(self) -> Self {
-        if self < Self::ZERO { -self } else { self }
+        if self < Self::zero() { -self } else { self }
     }
     /// The larger of two numbers; `self` if they do not compare.
     fn max(self, other: Self) -> Self {
@@ -63,10 +68,6 @@ pub trait Real:
 
 impl Real for f32 {
     type DefaultPower = crate::power::Minimax;
-
-    const ZERO: Self = 0.0;
-    const ONE: Self = 1.0;
-    const HALF: Self = 0.5;
 
     fn from_i16(n: i16) -> Self {
         Self::from(n)
@@ -96,10 +97,6 @@ impl Real for f32 {
 #[cfg(feature = "std")]
 impl Real for f64 {
     type DefaultPower = crate::power::Exact;
-
-    const ZERO: Self = 0.0;
-    const ONE: Self = 1.0;
-    const HALF: Self = 0.5;
 
     fn from_i16(n: i16) -> Self {
         Self::from(n)

@@ -57,7 +57,7 @@ impl<R: Real> Mechanism<R> for CoulombFriction<R> {
 
     fn fastest_rate(&self, dynamics: &Dynamics<R>, _angle: R) -> Rates<R> {
         Rates {
-            stiffness: R::ZERO,
+            stiffness: R::zero(),
             relaxation: self.force / (self.smoothing * dynamics.inertia),
         }
     }

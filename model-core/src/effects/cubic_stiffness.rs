@@ -44,7 +44,7 @@ impl<R: Real> Mechanism<R> for CubicStiffness<R> {
     fn fastest_rate(&self, dynamics: &Dynamics<R>, angle: R) -> Rates<R> {
         Rates {
             stiffness: R::from_i16(3) * self.stiffness.abs() * angle * angle / dynamics.inertia,
-            relaxation: R::ZERO,
+            relaxation: R::zero(),
         }
     }
 }

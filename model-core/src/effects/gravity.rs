@@ -56,7 +56,7 @@ impl<R: Real> Mechanism<R> for Gravity<R> {
     fn fastest_rate(&self, dynamics: &Dynamics<R>, _angle: R) -> Rates<R> {
         Rates {
             stiffness: self.weight.abs() / dynamics.inertia,
-            relaxation: R::ZERO,
+            relaxation: R::zero(),
         }
     }
 }

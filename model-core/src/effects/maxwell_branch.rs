@@ -53,7 +53,7 @@ impl<R: Real> Mechanism<R> for MaxwellBranch<R> {
     }
 
     fn at_rest(&self, rest: &Rest<R>) -> Hidden<R> {
-        [rest.angle, R::ZERO]
+        [rest.angle, R::zero()]
     }
 
     fn force(&self, at: &Instant<R>, hidden: &Hidden<R>, rates: &mut Hidden<R>) -> R {
@@ -65,7 +65,7 @@ impl<R: Real> Mechanism<R> for MaxwellBranch<R> {
     fn fastest_rate(&self, dynamics: &Dynamics<R>, _angle: R) -> Rates<R> {
         Rates {
             stiffness: self.stiffness / dynamics.inertia,
-            relaxation: R::ONE / self.time_constant,
+            relaxation: R::one() / self.time_constant,
         }
     }
 }

@@ -60,11 +60,11 @@ pub trait Mechanism<R: Real> {
     }
     /// Hidden states after a long rest.
     fn at_rest(&self, _rest: &Rest<R>) -> Hidden<R> {
-        [R::ZERO; 2]
+        [R::zero(); 2]
     }
     /// Time (s) by which the pressure reaches the chamber late.
     fn delay(&self) -> R {
-        R::ZERO
+        R::zero()
     }
     /// Maps the pressure (Pa) that enters to the pressure that leaves, and
     /// sets the rates of the hidden states.
@@ -75,7 +75,7 @@ pub trait Mechanism<R: Real> {
     fn modulate(&self, _at: &Instant<R>, _dynamics: &mut Dynamics<R>) {}
     /// The force Q (N) against the motion, and the rates of the hidden states.
     fn force(&self, _at: &Instant<R>, _hidden: &Hidden<R>, _rates: &mut Hidden<R>) -> R {
-        R::ZERO
+        R::zero()
     }
     /// Sets the rates of hidden states that answer to the acceleration
     /// (rad/s²).
@@ -91,8 +91,8 @@ pub trait Mechanism<R: Real> {
     /// angles up to `angle` (rad).
     fn fastest_rate(&self, _dynamics: &Dynamics<R>, _angle: R) -> Rates<R> {
         Rates {
-            stiffness: R::ZERO,
-            relaxation: R::ZERO,
+            stiffness: R::zero(),
+            relaxation: R::zero(),
         }
     }
 }

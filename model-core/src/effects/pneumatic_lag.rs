@@ -43,7 +43,7 @@ impl<R: Real> Mechanism<R> for PneumaticLag<R> {
     }
 
     fn at_rest(&self, rest: &Rest<R>) -> Hidden<R> {
-        [rest.pressure, R::ZERO]
+        [rest.pressure, R::zero()]
     }
 
     fn input(&self, pressure: R, hidden: &Hidden<R>, rates: &mut Hidden<R>) -> R {
@@ -53,8 +53,8 @@ impl<R: Real> Mechanism<R> for PneumaticLag<R> {
 
     fn fastest_rate(&self, _dynamics: &Dynamics<R>, _angle: R) -> Rates<R> {
         Rates {
-            stiffness: R::ZERO,
-            relaxation: R::ONE / self.time_constant,
+            stiffness: R::zero(),
+            relaxation: R::one() / self.time_constant,
         }
     }
 }

@@ -45,10 +45,10 @@ impl<R: Real> Mechanism<R> for QuadraticDamping<R> {
     fn fastest_rate(&self, dynamics: &Dynamics<R>, angle: R) -> Rates<R> {
         // The rate is not known here; a swing through the whole range at the
         // base model's own frequency bounds it well enough for a step length.
-        let one = R::ONE;
+        let one = R::one();
         let swing = angle + one;
         Rates {
-            stiffness: R::ZERO,
+            stiffness: R::zero(),
             relaxation: self.drag * swing / dynamics.inertia,
         }
     }
