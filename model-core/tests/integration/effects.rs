@@ -1,0 +1,240 @@
+//! Every effect against its equation, written a second time.
+//!
+//! Nothing here calls the code of an effect to say what it should do: the
+//! equations of motion are written out from the papers' formulas and solved by
+//! the independent solver. A sign, a factor or a forgotten hidden state shows.
+
+use model_core::actuator::{Dynamics, Model};
+use model_core::catalogue::{Effect, Kind};
+use model_core::integrate::Scheme;
+use model_core::power::{Exact, Minimax, Power};
+use model_core::real::Real;
+
+use crate::solver::{Values, solve};
+use crate::support::{
+    F32, F64, Scalar, lively, run, sample_effects, sample_values, varied_pressure_pa,
+};
+
+const DURATION_S: u32 = 10;
+/// Comparisons a second.
+const LOOKS: u32 = 20;
+const START_RAD: f64 = 0.25;
+
+/// A right-hand side: time (s) and state to rates.
+type Equations = Box<dyn Fn(f64, &Values) -> Values>;
+
+/// M θ̈ = g p − C ω − K sign(θ)|θ|ⁿ − Q, solved for θ̈ (rad/s²).
+fn acceleration(d: &Dynamics<f64>, chamber_pa: f64, at: &Values, q: f64) -> f64 {
+    let spring = d.stiffness * at[0].abs().powf(d.exponent) * at[0].signum();
+    (d.input_gain * chamber_pa - d.damping * at[1] - spring - q) / d.inertia
+}
+
+/// The right-hand side with the effect of `kind`, from its equation alone.
+fn equations(kind: Kind, values: &'static [f64]) -> Equations {
+    let d = lively();
+    let force = move |q: fn(&[f64], &Values) -> f64| -> Equations {
+        Box::new(move |time, at| {
+            let q = q(values, at);
+            [
+                at[1],
+                acceleration(&d, varied_pressure_pa(time), at, q),
+                0.0,
+                0.0,
+            ]
+        })
+    };
+    match kind {
+        // Q = T tanh(ω/ω_s)
+        Kind::CoulombFriction => force(|v, at| v[0] * (at[1] / v[1]).tanh()),
+        // Q = d ω|ω|
+        Kind::QuadraticDamping => force(|v, at| v[0] * at[1] * at[1].abs()),
+        // Q = G [sin(θ + θ₀) − sin θ₀]
+        Kind::Gravity => force(|v, at| v[0] * ((at[0] + v[1]).sin() - v[1].sin())),
+        // Q = k₃ θ³
+        Kind::CubicStiffness => force(|v, at| v[0] * at[0].powi(3)),
+        // n → n + Δn
+        Kind::ExponentShift => {
+            let shifted = Dynamics {
+                exponent: d.exponent + values[0],
+                ..d
+            };
+            Box::new(move |time, at| {
+                [
+                    at[1],
+                    acceleration(&shifted, varied_pressure_pa(time), at, 0.0),
+                    0.0,
+                    0.0,
+                ]
+            })
+        }
+        // Q = k₁ (θ − z), ż = (θ − z)/τ
+        Kind::MaxwellBranch => Box::new(move |time, at| {
+            let stretched = at[0] - at[2];
+            let q = values[0] * stretched;
+            let acceleration = acceleration(&d, varied_pressure_pa(time), at, q);
+            [at[1], acceleration, stretched / values[1], 0.0]
+        }),
+        // τ ṗ_c = p − p_c
+        Kind::PneumaticLag => Box::new(move |time, at| {
+            let filling = (varied_pressure_pa(time) - at[2]) / values[0];
+            [at[1], acceleration(&d, at[2], at, 0.0), filling, 0.0]
+        }),
+        // p_c(t) = p(t − t_d)
+        Kind::DeadTime => Box::new(move |time, at| {
+            let late = varied_pressure_pa(time - values[0]);
+            [at[1], acceleration(&d, late, at, 0.0), 0.0, 0.0]
+        }),
+        // y = θ + b: nothing moves differently.
+        Kind::SensorOffset => force(|_, _| 0.0),
+        _ => panic!("{}: write its equation here a second time", kind.name()),
+    }
+}
+
+/// What an effect remembers at the start: dashpot and chamber have settled.
+fn hidden_start(kind: Kind) -> f64 {
+    match kind {
+        Kind::MaxwellBranch => START_RAD,
+        Kind::PneumaticLag => varied_pressure_pa(0.0),
+        _ => 0.0,
+    }
+}
+
+/// What the sensor shows (rad) for an angle (rad).
+fn shown(kind: Kind, values: &[f64], angle: f64) -> f64 {
+    match kind {
+        Kind::SensorOffset => angle + values[0],
+        _ => angle,
+    }
+}
+
+struct Errors {
+    reading_rad: f64,
+    /// Of the first hidden state, relative to its largest value.
+    hidden: f64,
+}
+
+fn errors<R: Real, P: Power<R>>(
+    kind: Kind,
+    values: &'static [f64],
+    solution: &[Values],
+    rate_hz: u32,
+    scalar: Scalar<R>,
+) -> Errors {
+    let effect = kind.build(values).expect("as many as in the table");
+    let model: Model<f64> = Model::new(lively(), &[effect]).expect("within bounds");
+    let model: Model<R, P> = model.map(scalar.from_f64);
+    let start = model.at_rest(
+        (scalar.from_f64)(START_RAD),
+        (scalar.from_f64)(varied_pressure_pa(0.0)),
+    );
+    let scale = solution.iter().map(|at| at[2].abs()).fold(1e-9, f64::max);
+    let mut errors = Errors {
+        reading_rad: 0.0,
+        hidden: 0.0,
+    };
+    run(
+        Scheme::Rk4,
+        &model,
+        start,
+        varied_pressure_pa,
+        (1.0 / f64::from(rate_hz), rate_hz * DURATION_S),
+        scalar,
+        |k, state| {
+            let every = rate_hz / LOOKS;
+            if k.is_multiple_of(every) {
+                let at = &solution[usize::try_from(k / every).expect("few looks")];
+                let reading = (scalar.to_f64)(model.reading(state));
+                assert!(reading.is_finite());
+                let reading = (reading - shown(kind, values, at[0])).abs();
+                let hidden = ((scalar.to_f64)(state.hidden[0][0]) - at[2]).abs() / scale;
+                errors.reading_rad = errors.reading_rad.max(reading);
+                errors.hidden = errors.hidden.max(hidden);
+            }
+        },
+    );
+    errors
+}
+
+fn solution(kind: Kind, values: &'static [f64]) -> Vec<Values> {
+    solve(
+        equations(kind, values),
+        [START_RAD, 0.0, hidden_start(kind), 0.0],
+        1.0 / f64::from(LOOKS),
+        LOOKS * DURATION_S,
+    )
+}
+
+#[test]
+fn effects_are_their_equations() {
+    // The offset by nothing: the base model under the same pressure.
+    let plain = solution(Kind::SensorOffset, &[0.0]);
+    for &kind in Kind::ALL {
+        for values in sample_values(kind) {
+            let name = kind.name();
+            let solution = solution(kind, values);
+            let desktop = errors::<f64, Exact>(kind, values, &solution, 1_000, F64);
+            let board = errors::<f32, Minimax>(kind, values, &solution, 200, F32);
+            println!(
+                "{name} {values:?}: f64 {:.1e}° (hidden {:.0e}), f32 at 200 Hz {:.1e}° (hidden {:.0e})",
+                desktop.reading_rad.to_degrees(),
+                desktop.hidden,
+                board.reading_rad.to_degrees(),
+                board.hidden
+            );
+            assert!(desktop.reading_rad.to_degrees() < 1e-7, "{name} {values:?}");
+            assert!(desktop.hidden < 1e-10, "{name} {values:?}");
+            assert!(board.reading_rad.to_degrees() < 5e-4, "{name} {values:?}");
+            assert!(board.hidden < 1e-5, "{name} {values:?}");
+
+            // An effect that could not be felt would pass without a test.
+            let felt = solution
+                .iter()
+                .zip(&plain)
+                .map(|(with, without)| (shown(kind, values, with[0]) - without[0]).abs())
+                .fold(0.0, f64::max);
+            assert!(felt.to_degrees() > 1.0, "{name} {values:?}: {felt} rad");
+        }
+    }
+}
+
+/// The catalogue limits what a shift can do to the exponent.
+#[test]
+fn shifted_exponent_stays_a_spring() {
+    let shift = Kind::ExponentShift.build(&[-3.0]).unwrap();
+    let model: Model<f64> = Model::new(lively(), &[shift]).unwrap();
+    let expected = lively().stiffness * 0.5_f64.powf(0.25) / lively().input_gain;
+    assert!((model.holding_pressure(0.5) / expected - 1.0).abs() < 1e-12);
+}
+
+/// Every effect, in every slot, is the same effect: each slot has hidden
+/// states of its own.
+#[test]
+fn slot_of_an_effect_does_not_matter() {
+    let offset = Kind::SensorOffset.build(&[0.0]).unwrap();
+    for effect in sample_effects() {
+        let end = |effects: &[Effect<f64>]| {
+            let model: Model<f64> = Model::new(lively(), effects).expect("within bounds");
+            let start = model.at_rest(START_RAD, varied_pressure_pa(0.0));
+            let timing = (5e-3, 800);
+            run(
+                Scheme::Rk4,
+                &model,
+                start,
+                varied_pressure_pa,
+                timing,
+                F64,
+                |_, _| {},
+            )
+        };
+        let alone = end(&[effect]);
+        let last = end(&[offset, offset, effect]);
+        assert_eq!(alone.angle.to_bits(), last.angle.to_bits(), "{effect:?}");
+        assert_eq!(alone.rate.to_bits(), last.rate.to_bits(), "{effect:?}");
+        assert_eq!(
+            alone.hidden[0].map(f64::to_bits),
+            last.hidden[2].map(f64::to_bits),
+            "{effect:?}"
+        );
+        assert_eq!(last.hidden[0].map(f64::to_bits), [0; 2], "{effect:?}");
+    }
+}

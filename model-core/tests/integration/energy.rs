@@ -1,0 +1,181 @@
+//! Energy: conserved without damping, spent as ∫Cω² dt with it.
+//!
+//! E = ½Mω² + K|θ|ⁿ⁺¹/(n+1) − g p θ, the last term for a pressure that is
+//! held. A wrong sign or a wrong power shows here without any solution to
+//! compare with.
+
+use model_core::actuator::{Dynamics, State};
+use model_core::integrate::Scheme;
+
+use crate::support::{F64, lively, model_of, run};
+
+fn energy(d: &Dynamics<f64>, state: &State<f64>, pressure_pa: f64) -> f64 {
+    let whole = d.exponent + 1.0;
+    0.5 * d.inertia * state.rate * state.rate + d.stiffness * state.angle.abs().powf(whole) / whole
+        - d.input_gain * pressure_pa * state.angle
+}
+
+fn undamped(exponent: f64) -> Dynamics<f64> {
+    Dynamics {
+        damping: 0.0,
+        exponent,
+        ..lively()
+    }
+}
+
+/// The largest departure from the first energy over `duration` seconds.
+fn largest_departure(
+    scheme: Scheme,
+    d: &Dynamics<f64>,
+    (start_rad, pressure_pa): (f64, f64),
+    duration: f64,
+    steps: u32,
+) -> f64 {
+    let model = model_of(*d);
+    let start = model.at_rest(start_rad, pressure_pa);
+    let first = energy(d, &start, pressure_pa);
+    let mut largest = 0.0_f64;
+    let dt = duration / f64::from(steps);
+    run(
+        scheme,
+        &model,
+        start,
+        |_| pressure_pa,
+        (dt, steps),
+        F64,
+        |_, state| {
+            largest = largest.max((energy(d, state, pressure_pa) - first).abs());
+        },
+    );
+    largest
+}
+
+/// θ³ is smooth through zero; a power that is not whole is smooth only away
+/// from it, so there a pressure keeps the swing on one side.
+#[test]
+fn undamped_energy_is_kept_within_the_order_of_the_scheme() {
+    for (name, exponent, start_rad, pressure_pa) in [
+        ("through zero", 3.0, 1.1, 0.0),
+        ("on one side", 2.365, 0.6, 80_000.0),
+        ("on one side", 1.4, 0.3, 60_000.0),
+    ] {
+        let d = undamped(exponent);
+        for (scheme, steps, band) in [
+            (Scheme::SemiImplicitEuler, 4_000, 0.05),
+            (Scheme::Heun, 4_000, 0.05),
+            (Scheme::Rk4, 600, 0.1),
+        ] {
+            let departure =
+                |steps| largest_departure(scheme, &d, (start_rad, pressure_pa), 2.0, steps);
+            let (coarse, fine) = (departure(steps), departure(2 * steps));
+            let order = (coarse / fine).log2();
+            println!("{name}, n = {exponent}, {scheme:?}: {fine:.2e} N·rad, order {order:.3}");
+            assert!(
+                (order - f64::from(scheme.order())).abs() <= band,
+                "{name}, n = {exponent}, {scheme:?}: order {order}"
+            );
+        }
+    }
+}
+
+/// For a linear swing theory gives the energy after every step exactly. With
+/// z = ω₀ dt, Heun gains 1 + z⁴/4 a step, RK4 loses 1 − z⁶/72 + z⁸/576, and
+/// semi-implicit Euler keeps ω² + ω₀²θ² − dt ω₀² θω for ever.
+#[test]
+fn energy_of_a_linear_swing_drifts_exactly_as_theory_says() {
+    let d = undamped(1.0);
+    let model = model_of(d);
+    let start = model.moving(0.4, -0.9, 0.0);
+    let square = d.stiffness / d.inertia;
+    let (dt, steps) = (0.1, 200);
+    let z2 = square * dt * dt;
+
+    for (scheme, factor) in [
+        (Scheme::Heun, 1.0 + z2 * z2 / 4.0),
+        (Scheme::Rk4, 1.0 - z2.powi(3) / 72.0 + z2.powi(4) / 576.0),
+    ] {
+        let end = run(scheme, &model, start, |_| 0.0, (dt, steps), F64, |_, _| {});
+        let ratio = energy(&d, &end, 0.0) / energy(&d, &start, 0.0);
+        let expected = factor.powf(f64::from(steps));
+        assert!(
+            (ratio / expected - 1.0).abs() < 1e-12,
+            "{scheme:?}: {ratio} instead of {expected}"
+        );
+    }
+
+    let kept = |at: &State<f64>| {
+        at.rate * at.rate + square * at.angle * at.angle - dt * square * at.angle * at.rate
+    };
+    run(
+        Scheme::SemiImplicitEuler,
+        &model,
+        start,
+        |_| 0.0,
+        (dt, 20_000),
+        F64,
+        |k, state| {
+            let ratio = kept(state) / kept(&start);
+            assert!((ratio - 1.0).abs() < 1e-10, "step {k}: {ratio}");
+        },
+    );
+}
+
+/// What a symplectic scheme is for: its energy is wrong, but never more wrong.
+#[test]
+fn semi_implicit_euler_does_not_drift_over_hundreds_of_swings() {
+    let d = undamped(2.365);
+    let departure = |duration: f64, steps| {
+        largest_departure(Scheme::SemiImplicitEuler, &d, (0.9, 0.0), duration, steps)
+    };
+    let (early, late) = (departure(10.0, 1_000), departure(1_000.0, 100_000));
+    println!("semi-implicit Euler: {early:.3e} N·rad in 10 s, {late:.3e} N·rad in 1000 s");
+    assert!(late < 1.05 * early, "{late} after {early}");
+    assert!(early > 1e-3, "a step this coarse must show: {early}");
+}
+
+/// ∫Cω² dt by Simpson's rule over the steps of the run.
+#[test]
+fn damping_spends_what_the_energy_loses() {
+    for (exponent, start_rad, pressure_pa) in [
+        (3.0, 1.1, 0.0),
+        (2.365, 0.6, 80_000.0),
+        (1.0, 1.0, -50_000.0),
+    ] {
+        let d = Dynamics {
+            exponent,
+            ..lively()
+        };
+        let model = model_of(d);
+        let start = model.at_rest(start_rad, pressure_pa);
+        let (dt, steps) = (1e-3, 3_000_u32);
+        let mut simpson = 0.0;
+        let end = run(
+            Scheme::Rk4,
+            &model,
+            start,
+            |_| pressure_pa,
+            (dt, steps),
+            F64,
+            |k, state| {
+                // The first point has no rate and adds nothing.
+                let weight = match k {
+                    k if k == steps => 1.0,
+                    k if k % 2 == 1 => 4.0,
+                    _ => 2.0,
+                };
+                simpson += weight * d.damping * state.rate * state.rate;
+            },
+        );
+        let spent = simpson * dt / 3.0;
+        let lost = energy(&d, &start, pressure_pa) - energy(&d, &end, pressure_pa);
+        println!(
+            "n = {exponent}: lost {lost:.6} N·rad, {:.1e} unaccounted",
+            lost - spent
+        );
+        assert!(lost > 0.05, "nothing was lost: {lost}");
+        assert!(
+            (lost - spent).abs() < 1e-10 * lost.abs(),
+            "{lost} and {spent}"
+        );
+    }
+}
