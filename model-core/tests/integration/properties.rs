@@ -129,6 +129,33 @@ proptest! {
         prop_assert!(stays_finite(&model.map::<_, GuardedMicromath>(F32.from_f64), instant, F32));
     }
 
+    /// What a step length is chosen by: no slope of the force is steeper.
+    #[test]
+    fn fastest_rate_bounds_the_slopes_of_the_acceleration(
+        model in any_model(),
+        angle in -3.0..3.0,
+        rate in -2.0..2.0,
+    ) {
+        // A softer law than Hooke's is infinitely steep at zero.
+        let shifted = |effect: &Effect<f64>| effect.kind() == Kind::ExponentShift;
+        if model.dynamics().exponent < 1.0 || model.effects().any(shifted) {
+            return Ok(());
+        }
+        let acceleration = |angle, rate| {
+            let mut state = model.at_rest(0.0, 0.0);
+            (state.angle, state.rate) = (angle, rate);
+            model.derivative(&state, &Held(0.0), 0.0).acceleration
+        };
+        let (size, d) = (acceleration(angle, rate).abs(), 1e-6);
+        let along_angle = acceleration(angle + d, rate) - acceleration(angle - d, rate);
+        let along_rate = acceleration(angle, rate + d) - acceleration(angle, rate - d);
+        // Rates up to 2 rad/s are within the swing that quadratic damping assumes.
+        let most = model.fastest_rate(3.2);
+        let rounding = 1e-9 * (1.0 + size);
+        prop_assert!(along_angle.abs() / (2.0 * d) <= most.stiffness + rounding / d);
+        prop_assert!(along_rate.abs() / (2.0 * d) <= most.relaxation + rounding / d);
+    }
+
     #[test]
     fn holding_pressure_balances(model in any_model(), angle in -3.0..3.0) {
         let pressure = model.holding_pressure(angle);
