@@ -292,7 +292,8 @@ fn read_text(path: &Path) -> Result<String, InputError> {
     let mut reader = BufReader::new(File::open(path).map_err(io)?);
     let mut text = String::new();
     if path.extension().is_some_and(|extension| extension == "gz") {
-        flate2::bufread::GzDecoder::new(reader)
+        // Files that were appended to have several members.
+        flate2::bufread::MultiGzDecoder::new(reader)
             .read_to_string(&mut text)
             .map_err(io)?;
     } else {
