@@ -90,6 +90,41 @@ impl fmt::Display for InputError {
     }
 }
 
+/// Checks that `path` can be written, and leaves no trace.
+///
+/// # Errors
+///
+/// Says why not.
+pub fn check_writable(path: &Path) -> Result<(), InputError> {
+    if path.is_dir() {
+        return Err(
+            InputError::new("is a folder", "give the name of a file to write").in_file(path),
+        );
+    }
+    temporary_beside(path).map(drop)
+}
+
+/// A file in the folder of `path` that vanishes when it is dropped.
+fn temporary_beside(path: &Path) -> Result<tempfile::NamedTempFile, InputError> {
+    let folder = match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    };
+    tempfile::Builder::new()
+        .prefix(".rig-")
+        .tempfile_in(folder)
+        // The kind alone: the message has the temporary file's name in it.
+        .map_err(|error| not_written(path, &std::io::Error::from(error.kind())))
+}
+
+fn not_written(path: &Path, error: &std::io::Error) -> InputError {
+    InputError::new(
+        format!("cannot be written: {error}"),
+        "check that the folder exists and can be written",
+    )
+    .in_file(path)
+}
+
 /// Writes `bytes` to `path` through a temporary file in the same folder, so
 /// that a reader sees the old content or the new and never a part.
 ///
@@ -97,21 +132,8 @@ impl fmt::Display for InputError {
 ///
 /// Says which folder cannot be written.
 pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), InputError> {
-    let folder = match path.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
-    };
-    let fail = |error: &dyn fmt::Display| {
-        InputError::new(
-            format!("cannot be written: {error}"),
-            "check that the folder exists and can be written",
-        )
-        .in_file(path)
-    };
-    let mut file = tempfile::Builder::new()
-        .prefix(".rig-")
-        .tempfile_in(folder)
-        .map_err(|error| fail(&error))?;
+    let fail = |error: &std::io::Error| not_written(path, error);
+    let mut file = temporary_beside(path)?;
     std::io::Write::write_all(&mut file, bytes).map_err(|error| fail(&error))?;
     #[cfg(unix)]
     {

@@ -1,6 +1,7 @@
 //! The `rig` command: parse, run, report.
 #![forbid(unsafe_code)]
 
+use std::error::Error;
 use std::io;
 use std::process::ExitCode;
 
@@ -36,8 +37,12 @@ enum Command {
     Materials(cmd::materials::Args),
     Example(cmd::example::Args),
     /// Print the JSON Schema of a verdict
+    #[command(after_help = "Examples:\n  rig schema > verdict.schema.json")]
     Schema,
     /// Print a completion script for a shell
+    #[command(
+        after_help = "Examples:\n  rig completions bash > ~/.local/share/bash-completion/completions/rig"
+    )]
     Completions {
         /// The shell
         shell: Shell,
@@ -61,23 +66,32 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Materials(args) => cmd::materials::run(args),
         Command::Example(args) => cmd::example::run(&args),
         Command::Schema => {
-            println!(
-                "{}",
-                serde_json::to_string_pretty(&host_tools::diagnose::verdict::schema())?
-            );
+            let schema = host_tools::diagnose::verdict::schema();
+            cmd::print(&format!("{}\n", serde_json::to_string_pretty(&schema)?))?;
             Ok(())
         }
         Command::Completions { shell } => {
-            clap_complete::generate(shell, &mut Cli::command(), "rig", &mut io::stdout());
+            let mut script = Vec::new();
+            clap_complete::generate(shell, &mut Cli::command(), "rig", &mut script);
+            cmd::print(&String::from_utf8(script)?)?;
             Ok(())
         }
     }
 }
 
-/// Faults of the input exit with 2, everything else with 1.
+/// Faults of the input exit with 2, everything else with 1. That a reader like
+/// `head` has seen enough is no fault.
 fn report(error: &anyhow::Error) -> ExitCode {
+    let enough = |cause: &(dyn Error + 'static)| {
+        cause
+            .downcast_ref::<io::Error>()
+            .is_some_and(|error| error.kind() == io::ErrorKind::BrokenPipe)
+    };
+    if error.chain().any(enough) {
+        return ExitCode::SUCCESS;
+    }
     eprintln!("error: {error:#}");
-    if error.chain().any(<dyn std::error::Error>::is::<InputError>) {
+    if error.chain().any(<dyn Error>::is::<InputError>) {
         ExitCode::from(2)
     } else {
         ExitCode::FAILURE

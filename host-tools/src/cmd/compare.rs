@@ -92,12 +92,12 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
             errors(&fitted.model, &groups),
         ));
     }
-    print!("{}", table(&groups, &columns));
+    let mut text = table(&groups, &columns);
     if let Some(path) = &args.output {
         write_atomically(path, csv_table(&groups, &columns).as_bytes())?;
-        println!("\nwritten: {}", path.display());
+        text += &format!("\nwritten: {}\n", path.display());
     }
-    Ok(())
+    Ok(super::print(&text)?)
 }
 
 /// Recordings of one set-point.

@@ -54,6 +54,7 @@ pub struct Args {
 /// Faults of the input, with place and remedy.
 pub fn run(args: &Args) -> anyhow::Result<()> {
     super::check_outputs([&args.json, &args.plot, &args.output])?;
+    super::check_distinct(&args.recordings, &args.holdout)?;
     let (file, recordings) = super::read(&args.model, &args.recordings)?;
     let holdout = crate::recording::read_all(&args.holdout, super::warn)?;
     let request = Request {
@@ -86,6 +87,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         write_atomically(path, text.as_bytes())?;
         outputs.model = Some(path);
     }
-    print!("{}", summary(&request, &diagnosis, &outputs, seconds));
-    Ok(())
+    Ok(super::print(&summary(
+        &request, &diagnosis, &outputs, seconds,
+    ))?)
 }

@@ -54,12 +54,10 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let example = make(hidden, args.noise_deg, args.hide)?;
     example.write(&args.output)?;
     let shown = args.output.display();
-    println!(
-        "{} simulated recordings of an actuator that hides something are in {shown}/recordings.",
+    super::print(&format!(
+        "{} simulated recordings of an actuator that hides something are in {shown}/recordings.\n\
+         The model that its owner believes in is {shown}/model.toml; the answer is in {shown}/truth.toml.\n",
         example.recordings.len()
-    );
-    println!(
-        "The model that its owner believes in is {shown}/model.toml; the answer is in {shown}/truth.toml."
-    );
+    ))?;
     Ok(())
 }

@@ -44,20 +44,22 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     };
     let before = fitter.compare(&file.model);
     let fit = fitter.fit(&file.model, &file.free, Effort::Full);
-    print!("{}", parameter_table(&file, &fit));
-    println!();
-    print!("{}", error_table(&recordings, &before, &fit));
+    let mut text = format!(
+        "{}\n{}",
+        parameter_table(&file, &fit),
+        error_table(&recordings, &before, &fit)
+    );
     if !fit.converged {
         super::warn(
             "the fit stopped before it met its tolerance; a parameter may be at its limit or undetermined",
         );
     }
     if let Some(path) = &args.output {
-        let text = file.text_with(&fit.model, "");
-        write_atomically(path, text.as_bytes())?;
-        println!("\nwritten: {}", path.display());
+        let model = file.text_with(&fit.model, "");
+        write_atomically(path, model.as_bytes())?;
+        text += &format!("\nwritten: {}\n", path.display());
     }
-    Ok(())
+    Ok(super::print(&text)?)
 }
 
 /// Free parameters before and after, with their 95 % intervals.

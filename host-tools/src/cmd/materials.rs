@@ -18,6 +18,11 @@ use crate::plot::{Figure, Mark, Panel, Role, Series, Style, write_svg};
 
 /// Materials: the paper's table, exponents from tensile curves and data sheets.
 #[derive(Debug, Parser)]
+#[command(after_help = "\
+Examples:
+  rig materials list
+  rig materials fit-curve tensile.csv --plot curve.svg
+  rig materials predict --modulus-mpa 0.338 --viscosity-cps 20000 --tensile-mpa 3.79")]
 pub struct Args {
     #[command(subcommand)]
     command: Option<Command>,
@@ -34,6 +39,7 @@ enum Command {
 }
 
 #[derive(Debug, Default, clap::Args)]
+#[command(after_help = "Examples:\n  rig materials list --json table.json")]
 struct ListArgs {
     /// Print JSON, to a file if one is named
     #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
@@ -50,6 +56,10 @@ struct ListArgs {
 /// consistent pair is true against true. `--paper` mixes the two, because only
 /// that mixture gives the exponents of the paper's Table I.
 #[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  rig materials fit-curve tensile.csv --range 0,1 --plot curve.svg
+  rig materials fit-curve \"Dragon Skin 20.csv\" --paper")]
 struct FitCurveArgs {
     /// Tensile curve: a file of the Soft Robotics Materials Database, or a CSV
     /// with the columns `strain` and `stress_mpa`
@@ -83,6 +93,9 @@ struct FitCurveArgs {
 }
 
 #[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  rig materials predict --modulus-mpa 0.338 --viscosity-cps 20000 --tensile-mpa 3.79")]
 struct PredictArgs {
     /// Modulus at 100 % strain, in MPa
     #[arg(long, value_name = "MPA", allow_hyphen_values = true)]

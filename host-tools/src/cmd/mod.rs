@@ -8,11 +8,24 @@ pub mod fit;
 pub mod materials;
 pub mod simulate;
 
-use std::path::PathBuf;
+use std::io::Write;
+use std::path::{Path, PathBuf};
 
-use crate::error::InputError;
+use crate::error::{InputError, check_writable};
 use crate::model_file::ModelFile;
 use crate::recording::{Recording, read_all};
+
+/// Prints results.
+///
+/// # Errors
+///
+/// Passes on that the reader has seen enough (`rig schema | head -1`), at which
+/// `println!` would panic; `main` takes it for success.
+pub fn print(text: &str) -> std::io::Result<()> {
+    let mut out = std::io::stdout().lock();
+    out.write_all(text.as_bytes())?;
+    out.flush()
+}
 
 /// Prints a warning where it does not mix with results.
 pub(crate) fn warn(text: &str) {
@@ -29,22 +42,48 @@ pub(crate) fn read(
     Ok((file, recordings))
 }
 
-/// Refuses to start long work whose results could not be written.
+/// Refuses to start long work whose results could not be written, all of them.
 pub(crate) fn check_outputs<'a>(
     outputs: impl IntoIterator<Item = &'a Option<PathBuf>>,
 ) -> Result<(), InputError> {
+    let mut seen: Vec<&Path> = Vec::new();
     for path in outputs.into_iter().flatten() {
-        let folder = match path.parent() {
-            Some(parent) if !parent.as_os_str().is_empty() => parent,
-            _ => continue,
-        };
-        if !folder.is_dir() {
+        let folder = path.parent().unwrap_or(Path::new(""));
+        if !folder.as_os_str().is_empty() && !folder.is_dir() {
             return Err(InputError::new(
                 format!("cannot be written: there is no folder {}", folder.display()),
                 "create it first",
             )
             .in_file(path));
         }
+        check_writable(path)?;
+        if seen.contains(&path.as_path()) {
+            return Err(InputError::new(
+                "is named for two results",
+                "give each result a file of its own",
+            )
+            .in_file(path));
+        }
+        seen.push(path);
+    }
+    Ok(())
+}
+
+/// Refuses a recording that is given twice: a run that is fitted and judged by
+/// proves nothing.
+pub(crate) fn check_distinct(fitted: &[PathBuf], held_out: &[PathBuf]) -> Result<(), InputError> {
+    let same_file = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
+    let mut seen = Vec::new();
+    for path in fitted.iter().chain(held_out) {
+        let file = same_file(path);
+        if seen.contains(&file) {
+            return Err(InputError::new(
+                "is given twice",
+                "name each recording once: to be fitted, or with --holdout to judge by",
+            )
+            .in_file(path));
+        }
+        seen.push(file);
     }
     Ok(())
 }

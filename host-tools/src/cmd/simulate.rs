@@ -148,8 +148,8 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     } else {
         file.name.clone()
     };
-    println!(
-        "{name}: {} samples over {:.2} s, angle from {:.2}° to {:.2}°",
+    let mut text = format!(
+        "{name}: {} samples over {:.2} s, angle from {:.2}° to {:.2}°\n",
         recording.len(),
         recording.duration(),
         simulated_deg.iter().copied().fold(f64::INFINITY, f64::min),
@@ -164,8 +164,8 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
             .zip(measured)
             .map(|(a, b)| a - b)
             .collect();
-        println!(
-            "RMS error against the recording: {:.3}°",
+        text += &format!(
+            "RMS error against the recording: {:.3}°\n",
             crate::statistics::rms(&error)
         );
     }
@@ -178,13 +178,13 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     };
     if let Some(path) = &args.output {
         write_atomically(path, shown.csv().as_bytes())?;
-        println!("written: {}", path.display());
+        text += &format!("written: {}\n", path.display());
     }
     if let Some(path) = &args.plot {
         write_svg(path, &shown.figure())?;
-        println!("drawn: {}", path.display());
+        text += &format!("drawn: {}\n", path.display());
     }
-    Ok(())
+    Ok(super::print(&text)?)
 }
 
 /// A simulated run with what there is to compare it with.
