@@ -1,0 +1,1074 @@
+//! The `rig` command as its users meet it: what it prints, writes and returns.
+//!
+//! A lab hands over damaged files, swapped columns and slips of the keyboard.
+//! Each has to end in one sentence that says where and what to do, in exit
+//! code 2, and in a folder that is as it was.
+
+use std::collections::BTreeMap;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::Stdio;
+
+use assert_cmd::Command;
+use assert_cmd::assert::Assert;
+use host_tools::model_file::ModelFile;
+use host_tools::recording::Recording;
+use predicates::prelude::*;
+use predicates::str::{contains, is_empty, is_match};
+use serde_json::Value;
+use tempfile::TempDir;
+
+const MODEL: &str = r#"schema = 1
+name = "bench actuator"
+
+[dynamics]
+inertia_kg_m = 0.36
+damping_n_s_per_rad = 0.913
+stiffness_n_per_rad_n = 4.2
+exponent = 1.727
+input_gain_n_per_kpa = 0.12
+
+[fit]
+free = ["damping", "stiffness", "input_gain"]
+
+[[effect]]
+kind = "coulomb_friction"
+force_n = 0.02
+"#;
+
+const HEADER: &str = "time_s,pressure_kpa,angle_deg\n";
+
+/// A step that rises to 50°, with neither noise nor fault.
+fn clean_recording() -> String {
+    let rows = (0..200).map(|k| {
+        let time = f64::from(k) * 0.01;
+        let angle = 50.0 * (1.0 - (-2.0 * time).exp());
+        format!("{time:.2},30.0,{angle:.4}\n")
+    });
+    HEADER.to_owned() + &rows.collect::<String>()
+}
+
+fn compressed(text: &str) -> Vec<u8> {
+    let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
+    encoder.write_all(text.as_bytes()).unwrap();
+    encoder.finish().unwrap()
+}
+
+/// A folder to run commands in.
+struct Bench(TempDir);
+
+impl Bench {
+    /// A folder with `m.toml` and the recordings `good.csv` and `other.csv`.
+    fn new() -> Self {
+        let bench = Self::empty();
+        bench.put("m.toml", MODEL);
+        bench.put("good.csv", clean_recording());
+        bench.put("other.csv", clean_recording());
+        bench
+    }
+
+    fn empty() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    /// A folder with an example that hides `effect`, in `demo`.
+    fn with_example(effect: &str, noise_deg: &str) -> Self {
+        let bench = Self::empty();
+        bench
+            .line("example -o demo --hide 11")
+            .args(["--effect", effect, "--noise-deg", noise_deg])
+            .assert()
+            .success();
+        bench
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn put(&self, name: &str, content: impl AsRef<[u8]>) {
+        std::fs::write(self.path(name), content).unwrap();
+    }
+
+    fn text(&self, name: &str) -> String {
+        std::fs::read_to_string(self.path(name)).unwrap()
+    }
+
+    fn recording(&self, name: &str) -> Recording {
+        Recording::read(&self.path(name)).unwrap().0
+    }
+
+    /// `rig` with a command line without quotes.
+    fn line(&self, line: &str) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_rig"));
+        command
+            .current_dir(self.0.path())
+            // A panic would print its backtrace.
+            .env("RUST_BACKTRACE", "1")
+            .args(line.split_whitespace());
+        command
+    }
+
+    /// Every file and folder with its content.
+    fn contents(&self) -> BTreeMap<PathBuf, Option<Vec<u8>>> {
+        fn collect(folder: &Path, into: &mut BTreeMap<PathBuf, Option<Vec<u8>>>) {
+            for entry in std::fs::read_dir(folder).unwrap() {
+                let path = entry.unwrap().path();
+                if path.is_dir() {
+                    into.insert(path.clone(), None);
+                    collect(&path, into);
+                } else {
+                    let bytes = std::fs::read(&path).unwrap();
+                    into.insert(path, Some(bytes));
+                }
+            }
+        }
+        let mut contents = BTreeMap::new();
+        collect(self.0.path(), &mut contents);
+        contents
+    }
+
+    /// Asserts that the command is refused in one sentence with these parts in
+    /// this order, and that it leaves the folder as it was.
+    fn refuses(&self, line: &str, parts: &[&str]) {
+        let before = self.contents();
+        let assert = self.line(line).assert().code(2).stdout(is_empty());
+        let said = stderr(&assert);
+        let sentence = said
+            .strip_prefix("error: ")
+            .unwrap_or_else(|| panic!("`rig {line}` does not begin with \"error: \": {said:?}"));
+        assert_eq!(said.lines().count(), 1, "`rig {line}` says {said:?}");
+        let mut rest = sentence;
+        for part in parts {
+            rest = rest
+                .split_once(part)
+                .unwrap_or_else(|| panic!("`rig {line}`: no {part:?} (in order) in {said:?}"))
+                .1;
+        }
+        let advice = sentence.rsplit_once("; ").map_or("", |(_, advice)| advice);
+        assert!(advice.len() > 8, "`rig {line}` gives no advice: {said:?}");
+        assert!(
+            before == self.contents(),
+            "`rig {line}` changed the folder, and said {said:?}"
+        );
+    }
+}
+
+fn stdout(assert: &Assert) -> String {
+    String::from_utf8(assert.get_output().stdout.clone()).unwrap()
+}
+
+fn stderr(assert: &Assert) -> String {
+    String::from_utf8(assert.get_output().stderr.clone()).unwrap()
+}
+
+/// Commands that read a recording, with everything that they could write.
+const READERS: [&str; 5] = [
+    "simulate --model m.toml --recording {} -o out.csv --plot out.svg",
+    "fit --model m.toml good.csv {} -o out.toml",
+    "compare --model m.toml {} good.csv -o out.csv",
+    "diagnose --model m.toml good.csv {} --json out.json --plot out.svg -o out.toml",
+    "diagnose --model m.toml good.csv other.csv --holdout {} --json out.json -o out.toml",
+];
+
+#[test]
+fn damaged_rows_are_refused_with_line_and_column() {
+    let good = clean_recording();
+    let lines: Vec<&str> = good.lines().collect();
+    let bench = Bench::new();
+    for (row, parts) in [
+        (
+            "0.29,30.0,NaN",
+            ["column angle_deg", "NaN", "delete the rows"],
+        ),
+        (
+            "0.29,inf,3",
+            ["column pressure_kpa", "inf", "delete the rows"],
+        ),
+        (
+            "0.29,30.0,3°",
+            ["column angle_deg", "\"3°\" is not a number", "no unit"],
+        ),
+        (
+            "0.29,,3",
+            ["column pressure_kpa", "is empty", "delete the row"],
+        ),
+        (
+            "0.28,30.0,3",
+            [
+                "column time_s",
+                "0.28 s does not follow 0.28 s",
+                "must increase",
+            ],
+        ),
+        (
+            "0.1,30.0,3",
+            ["column time_s", "0.1 s does not follow", "clock restarts"],
+        ),
+        (
+            "0.29,30.0,3,4",
+            ["column 4", "4 of 3 fields", "as many fields"],
+        ),
+        ("0.29,30.0", ["column 3", "2 of 3 fields", "as many fields"]),
+    ] {
+        let mut lines = lines.clone();
+        lines[30] = row;
+        bench.put("bad.csv", lines.join("\n") + "\n");
+        for command in READERS {
+            let line = command.replace("{}", "bad.csv");
+            bench.refuses(&line, &[&["bad.csv, line 31, "], &parts[..]].concat());
+        }
+    }
+}
+
+#[test]
+fn damaged_files_are_refused_with_their_place() {
+    let good = clean_recording();
+    let packed = compressed(&good);
+    let cases: [(&str, Vec<u8>, &[&str]); 8] = [
+        (
+            "column.csv",
+            good.replace("pressure_kpa", "pressure_psi").into(),
+            &[
+                "column.csv, line 1, column pressure_kpa",
+                "has no column pressure_kpa",
+                "pressure_psi",
+                "rename",
+            ],
+        ),
+        (
+            "semicolons.csv",
+            good.replace(',', ";").into(),
+            &[
+                "semicolons.csv, line 1, column time_s",
+                "time_s;pressure_kpa",
+            ],
+        ),
+        (
+            "cut.csv",
+            good[..good.len() - 10].into(),
+            &[
+                "cut.csv, line 201, column 3",
+                "2 of 3 fields",
+                "cut off",
+                "delete this line",
+            ],
+        ),
+        (
+            "cut.csv.gz",
+            packed[..packed.len() / 2].into(),
+            &["cut.csv.gz", "ends in the middle", "copy it again"],
+        ),
+        (
+            "plain.csv.gz",
+            good.clone().into(),
+            &["plain.csv.gz", "gzip"],
+        ),
+        (
+            "empty.csv",
+            Vec::new(),
+            &["empty.csv", "is empty", "record it again"],
+        ),
+        (
+            "header.csv",
+            HEADER.into(),
+            &["header.csv", "0 samples", "at least two"],
+        ),
+        (
+            "image.csv",
+            vec![0xff, 0xd8, 0xff, 0xe0, 0x00],
+            &["image.csv", "UTF-8", "give a CSV"],
+        ),
+    ];
+    let bench = Bench::new();
+    for (name, content, parts) in &cases {
+        bench.put(name, content);
+        for command in READERS {
+            bench.refuses(&command.replace("{}", name), parts);
+        }
+    }
+    for command in READERS {
+        let line = command.replace("{}", "absent.csv");
+        bench.refuses(&line, &["absent.csv", "No such file", "check the path"]);
+    }
+    bench.put("other.meta.toml", "simulated = true\nrepeat = \"two\"\n");
+    for command in &READERS[..4] {
+        let line = command.replace("{}", "other.csv");
+        bench.refuses(&line, &["other.meta.toml, line 2, column 10", "optional"]);
+    }
+}
+
+/// Commands that read a model, with everything that they could write.
+const MODEL_READERS: [&str; 4] = [
+    "simulate --model bad.toml --protocol step -o out.csv --plot out.svg",
+    "fit --model bad.toml good.csv -o out.toml",
+    "compare --model m.toml --model bad.toml good.csv -o out.csv",
+    "diagnose --model bad.toml good.csv other.csv --json out.json --plot out.svg -o out.toml",
+];
+
+#[test]
+fn faults_of_a_model_are_refused_with_their_place() {
+    let bench = Bench::new();
+    let cases: [(&str, &str, &[&str]); 12] = [
+        (
+            "schema = 1",
+            "schema = 7",
+            &["line 1, column 10", "schema is 7", "reads schema 1"],
+        ),
+        (
+            "schema = 1\n",
+            "",
+            &["has no schema number", "`schema = 1`"],
+        ),
+        ("= 0.913", "= ", &["line 6", "correct the TOML"]),
+        (
+            "coulomb_friction",
+            "colomb_friction",
+            &[
+                "line 15, column 8",
+                "colomb_friction",
+                "not a known kind",
+                "coulomb_friction",
+            ],
+        ),
+        (
+            "= 4.2",
+            "= -4.2",
+            &[
+                "line 7, column 25",
+                "stiffness_n_per_rad_n = -4.2 must not be negative",
+                "give 0",
+            ],
+        ),
+        (
+            "= 1.727",
+            "= 0",
+            &[
+                "line 8, column 12",
+                "exponent = 0 must be above zero",
+                "give a value above 0",
+            ],
+        ),
+        (
+            "= 1.727",
+            "= -2",
+            &[
+                "line 8, column 12",
+                "exponent = -2 must be above zero",
+                "give a value above 0",
+            ],
+        ),
+        (
+            "= 0.36",
+            "= nan",
+            &["line 5, column 16", "inertia_kg_m = nan", "finite"],
+        ),
+        (
+            "\"stiffness\"",
+            "\"stifness\"",
+            &[
+                "line 12, column 20",
+                "\"stifness\"",
+                "does not have",
+                "use any of: inertia, damping, stiffness",
+            ],
+        ),
+        (
+            "\"stiffness\"",
+            "\"gravity.force_n\"",
+            &[
+                "line 12, column 20",
+                "\"gravity.force_n\"",
+                "coulomb_friction.force_n",
+            ],
+        ),
+        (
+            "force_n = 0.02",
+            "force_n = -0.02",
+            &["line 16, column 11", "outside", "give a value from"],
+        ),
+        (
+            "[dynamics]",
+            "[dynamic]",
+            &["line 4", "no key dynamic", "dynamics"],
+        ),
+    ];
+    for (from, to, parts) in cases {
+        assert!(MODEL.contains(from), "{from:?} is not in the model");
+        bench.put("bad.toml", MODEL.replacen(from, to, 1));
+        for command in MODEL_READERS {
+            bench.refuses(command, &[&["bad.toml"], parts].concat());
+        }
+    }
+}
+
+#[test]
+fn models_that_are_not_there_are_refused() {
+    let bench = Bench::new();
+    bench.put("bad.toml", "");
+    for command in MODEL_READERS {
+        bench.refuses(command, &["bad.toml", "is empty", "rig example"]);
+    }
+    std::fs::remove_file(bench.path("bad.toml")).unwrap();
+    for command in MODEL_READERS {
+        bench.refuses(command, &["bad.toml", "No such file", "check the path"]);
+    }
+}
+
+#[test]
+fn slips_of_units_are_asked_about_and_not_refused() {
+    let bench = Bench::new();
+    let questions = |rows: &str| {
+        bench.put("run.csv", format!("{HEADER}0,0,0\n{rows}"));
+        bench
+            .line("simulate --model m.toml --recording run.csv")
+            .assert()
+            .success()
+    };
+    // One question for each column, at the first row that raises it.
+    questions("0.01,30,721\n0.02,30,900\n").stderr(
+        is_match("^warning: run.csv, line 3, column angle_deg: 721 .*degrees.*\\?\n$").unwrap(),
+    );
+    questions("0.01,601,1\n0.02,30000,2\n").stderr(
+        is_match("^warning: run.csv, line 3, column pressure_kpa: 601 .*kPa.*\\?\n$").unwrap(),
+    );
+    questions("0.01,600,720\n0.02,-600,-720\n").stderr(is_empty());
+}
+
+#[test]
+fn outputs_that_cannot_be_written_are_refused_before_the_work() {
+    let bench = Bench::new();
+    std::fs::create_dir(bench.path("folder")).unwrap();
+    let mut places = vec![
+        ("absent/out", "no folder absent", "create it"),
+        ("good.csv/out", "no folder good.csv", "create it"),
+        ("folder", "is a folder", "name of a file"),
+    ];
+    // A folder in which nobody can create a file, not even root.
+    if cfg!(target_os = "linux") {
+        places.push(("/proc/out", "cannot be written", "check that the folder"));
+    }
+    for (place, found, advice) in places {
+        for command in [
+            "simulate --model m.toml --protocol step -o {}",
+            "simulate --model m.toml --protocol step --plot {}",
+            "simulate --model m.toml --protocol step -o out.csv --plot {}",
+            "fit --model m.toml good.csv -o {}",
+            "compare --model m.toml good.csv -o {}",
+            "diagnose --model m.toml good.csv other.csv --json {}",
+            "diagnose --model m.toml good.csv other.csv --json out.json -o out.toml --plot {}",
+            "diagnose --model m.toml good.csv other.csv --json out.json --plot out.svg -o {}",
+        ] {
+            bench.refuses(&command.replace("{}", place), &[place, found, advice]);
+        }
+    }
+    bench.refuses(
+        "diagnose --model m.toml good.csv other.csv --json out -o out",
+        &["out: is named for two results", "a file of its own"],
+    );
+    bench.refuses(
+        "example -o good.csv",
+        &[
+            "good.csv/recordings",
+            "cannot be created",
+            "choose a folder",
+        ],
+    );
+}
+
+#[test]
+fn a_diagnosis_needs_runs_that_were_not_fitted() {
+    let bench = Bench::new();
+    let outputs = "--json out.json --plot out.svg -o out.toml";
+    bench.refuses(
+        &format!("diagnose --model m.toml good.csv {outputs}"),
+        &["two recordings or more, and 1 was given", "--holdout"],
+    );
+    for twice in [
+        "good.csv good.csv",
+        "good.csv ./good.csv",
+        "good.csv --holdout good.csv",
+        "other.csv good.csv --holdout good.csv",
+    ] {
+        bench.refuses(
+            &format!("diagnose --model m.toml {outputs} {twice}"),
+            &["good.csv", "is given twice", "name each recording once"],
+        );
+    }
+}
+
+#[test]
+fn faults_of_arguments_exit_with_2() {
+    let bench = Bench::new();
+    for (line, part) in [
+        ("", "Usage: rig <COMMAND>"),
+        (
+            "diagnoze --model m.toml",
+            "unrecognized subcommand 'diagnoze'",
+        ),
+        ("fit good.csv", "--model <MODEL.toml>"),
+        ("simulate --model m.toml", "--recording <REC.csv>"),
+        (
+            "simulate --model m.toml --protocol step --recording good.csv",
+            "cannot be used with",
+        ),
+        (
+            "simulate --model m.toml --protocol step --angle-deg 3000",
+            "0.1 to 360 degrees",
+        ),
+        (
+            "simulate --model m.toml --protocol step --hold-s nan",
+            "0.1 to 3600 seconds",
+        ),
+        (
+            "simulate --model m.toml --protocol step --arithmetic f16",
+            "board-micromath",
+        ),
+        (
+            "diagnose --model m.toml good.csv other.csv --seed=-1",
+            "--seed",
+        ),
+        ("completions tcsh", "bash"),
+    ] {
+        let before = bench.contents();
+        bench
+            .line(line)
+            .assert()
+            .code(2)
+            .stdout(is_empty())
+            .stderr(contains(part).and(contains("panicked").not()));
+        assert!(before == bench.contents());
+    }
+    for (line, parts) in [
+        (
+            "example -o demo --effect frictoin",
+            ["frictoin is not a known kind", "none", "coulomb_friction"],
+        ),
+        (
+            "example -o demo --noise-deg nan",
+            ["the noise is NaN°", "between 0", "20 degrees"],
+        ),
+        (
+            "example -o demo --noise-deg=-1",
+            ["the noise is -1°", "between 0", "20 degrees"],
+        ),
+    ] {
+        bench.refuses(line, &parts);
+    }
+}
+
+#[test]
+fn an_example_is_the_same_for_the_same_seed() {
+    let bench = Bench::empty();
+    for (folder, seed) in [("a", 7), ("b", 7), ("c", 8)] {
+        bench
+            .line(&format!("example -o {folder} --hide {seed}"))
+            .assert()
+            .success()
+            .stderr(is_empty())
+            .stdout(contains("simulated").and(contains(format!("{folder}/truth.toml"))));
+    }
+    let contents = bench.contents();
+    let files = |folder: &str| -> Vec<_> {
+        let root = bench.path(folder);
+        contents
+            .iter()
+            .filter_map(|(path, bytes)| Some((path.strip_prefix(&root).ok()?, bytes.as_ref()?)))
+            .collect()
+    };
+    // Two models, eleven recordings and the metadata of each.
+    assert_eq!(files("a").len(), 2 + 2 * 11);
+    assert!(files("a") == files("b"));
+    assert!(files("a") != files("c"));
+    assert_eq!(
+        bench.text("a/recordings/step60_2.meta.toml"),
+        "simulated = true\nprotocol = \"step60\"\nsetpoint_deg = 60.0\nrepeat = 2\n"
+    );
+}
+
+/// The RMS error (°) that `rig simulate` prints.
+fn printed_error(assert: &Assert) -> f64 {
+    let text = stdout(assert);
+    let (_, number) = text.split_once("against the recording: ").unwrap();
+    number.split('°').next().unwrap().parse().unwrap()
+}
+
+#[test]
+fn simulate_follows_a_recording_in_every_arithmetic() {
+    let bench = Bench::with_example("gravity", "0");
+    let run = |model: &str, more: &str| {
+        let line = format!(
+            "simulate --model demo/{model}.toml --recording demo/recordings/step60_1.csv -o out.csv {more}"
+        );
+        let assert = bench.line(&line).assert().success().stderr(is_empty());
+        let out = bench.recording("out.csv");
+        let predicted = out.column("predicted_deg").unwrap();
+        let squares: f64 = predicted
+            .iter()
+            .zip(&out.angle)
+            .map(|(a, b)| (a - b.to_degrees()).powi(2))
+            .sum();
+        let rms = (squares / out.len() as f64).sqrt();
+        assert!((printed_error(&assert) - rms).abs() < 1e-3);
+        (rms, predicted)
+    };
+    let (truth, exact) = run("truth", "");
+    // The converter's steps and the noise of the pressure are left.
+    assert!(truth < 0.25, "{truth}");
+    let (nominal, _) = run("model", "");
+    assert!(nominal > 4.0 * truth, "{nominal} {truth}");
+    for arithmetic in ["board", "board-micromath"] {
+        let (_, board) = run("truth", &format!("--arithmetic {arithmetic}"));
+        let apart = exact
+            .iter()
+            .zip(&board)
+            .map(|(a, b)| (a - b).abs())
+            .fold(0.0, f64::max);
+        assert!(apart > 0.0 && apart < 0.05, "{arithmetic}: {apart}°");
+    }
+    let (linear, _) = run("truth", "--linear --plot out.svg");
+    assert!(linear > 4.0 * truth, "{linear}");
+    assert!(bench.text("out.svg").contains("<svg"));
+}
+
+#[test]
+fn simulate_generates_protocols() {
+    let bench = Bench::new();
+    for (protocol, seconds) in [("step", 6.9), ("staircase", 32.5), ("triangle", 17.5)] {
+        let out = format!("{protocol}.csv");
+        bench
+            .line(&format!(
+                "simulate --model m.toml --protocol {protocol} --angle-deg 45 --hold-s 4 -o {out}"
+            ))
+            .assert()
+            .success()
+            .stderr(is_empty())
+            .stdout(contains(format!("over {seconds:.2} s")).and(contains(&out)));
+        let run = bench.recording(&out);
+        assert!((run.duration() - seconds).abs() < 1e-9);
+        let setpoint = run.column("setpoint_deg").unwrap();
+        let highest = setpoint.iter().copied().fold(0.0, f64::max);
+        assert!((highest - 45.0).abs() < 0.5, "{protocol}: {highest}°");
+        let reach = run.angle.iter().copied().fold(0.0, f64::max).to_degrees();
+        assert!(reach > 40.0 && reach < 80.0, "{protocol} reaches {reach}°");
+    }
+}
+
+#[test]
+fn compressed_recordings_equal_plain_ones() {
+    let bench = Bench::new();
+    let text = clean_recording();
+    bench.put("packed.csv.gz", compressed(&text));
+    // As a recorder leaves it that appends to a compressed file.
+    let (head, tail) = text.split_at(text.len() / 2);
+    bench.put(
+        "appended.csv.gz",
+        [compressed(head), compressed(tail)].concat(),
+    );
+    let simulated = |name: &str| {
+        bench
+            .line(&format!(
+                "simulate --model m.toml --recording {name} -o out.csv"
+            ))
+            .assert()
+            .success()
+            .stderr(is_empty());
+        bench.text("out.csv")
+    };
+    let plain = simulated("good.csv");
+    assert_eq!(plain.lines().count(), 201);
+    assert_eq!(plain, simulated("packed.csv.gz"));
+    assert_eq!(plain, simulated("appended.csv.gz"));
+}
+
+#[test]
+fn fit_finds_the_parameters_and_writes_a_model() {
+    let bench = Bench::with_example("none", "0.2");
+    let runs = ["step60_1", "step90_1", "triangle"].map(|run| format!("demo/recordings/{run}.csv"));
+    // RMS error over all runs (°), before and after.
+    let fit = |model: &str| {
+        let assert = bench
+            .line(&format!(
+                "fit --model {model} {} -o fitted.toml",
+                runs.join(" ")
+            ))
+            .assert()
+            .success()
+            .stdout(contains("95 % interval").and(contains("written: fitted.toml")));
+        let text = stdout(&assert);
+        let all = text.lines().find(|line| line.starts_with("all ")).unwrap();
+        let errors: Vec<f64> = all
+            .split_whitespace()
+            .skip(1)
+            .map(|number| number.parse().unwrap())
+            .collect();
+        (errors[0], errors[1])
+    };
+    let (before, after) = fit("demo/model.toml");
+    // White noise of 0.2° and the converter's steps are left.
+    assert!(after < 0.25 && before > 2.0 * after, "{before} {after}");
+    let read = |name: &str| ModelFile::read(&bench.path(name)).unwrap();
+    let nominal = read("demo/model.toml");
+    let (fitted, truth) = (read("fitted.toml"), read("demo/truth.toml"));
+    assert_eq!(fitted.free, nominal.free);
+    assert_eq!(fitted.name, nominal.name);
+    let off = |file: &ModelFile, id| {
+        (file.model.value(id).unwrap() / truth.model.value(id).unwrap() - 1.0).abs()
+    };
+    for &id in &fitted.free {
+        let name = fitted.parameter_name(id);
+        assert!(
+            off(&fitted, id) < 0.02,
+            "{name} is off by {}",
+            off(&fitted, id)
+        );
+    }
+    assert!(fitted.free.iter().any(|&id| off(&nominal, id) > 0.05));
+    // What was written is where the fit ended.
+    let (again, _) = fit("fitted.toml");
+    assert!((again - after).abs() < 2e-3, "{again} {after}");
+}
+
+#[test]
+fn compare_prints_and_writes_the_table() {
+    let bench = Bench::with_example("coulomb_friction", "0.3");
+    let runs: Vec<String> = ["step30", "step60", "step90"]
+        .iter()
+        .flat_map(|step| (1..=3).map(move |k| format!("demo/recordings/{step}_{k}.csv")))
+        .collect();
+    let line = format!(
+        "compare --model demo/model.toml --model demo/truth.toml --linear -o table.csv {}",
+        runs.join(" ")
+    );
+    let printed = stdout(&bench.line(&line).assert().success().stderr(is_empty()));
+    for setpoint in ["30.0°", "60.0°", "90.0°"] {
+        let row = printed.lines().find(|row| row.contains(setpoint)).unwrap();
+        assert_eq!(row.split_whitespace().nth(2), Some("3"), "{row}");
+        assert_eq!(row.matches(" %)").count(), 3, "{row}");
+    }
+    let mut table = csv::Reader::from_path(bench.path("table.csv")).unwrap();
+    assert_eq!(
+        table.headers().unwrap(),
+        &[
+            "run",
+            "setpoint_deg",
+            "repeats",
+            "model",
+            "rms_deg",
+            "rms_percent"
+        ][..]
+    );
+    let rows: Vec<csv::StringRecord> = table.records().map(Result::unwrap).collect();
+    assert_eq!(rows.len(), 3 * 3);
+    let number = |text: &str| -> f64 { text.parse().unwrap() };
+    for row in &rows {
+        let percent = 100.0 * number(&row[4]) / number(&row[1]);
+        assert!((number(&row[5]) - percent).abs() < 0.01, "{row:?}");
+        assert_eq!(&row[2], "3");
+    }
+    for setpoint in 0..3 {
+        let [nominal, truth, linear] = [0, 3, 6].map(|model| number(&rows[model + setpoint][4]));
+        // The mean of three runs with noise of 0.3°.
+        assert!(truth < 0.25, "{truth}");
+        assert!(
+            nominal > 2.0 * truth && linear > 2.0 * truth,
+            "{nominal} {linear}"
+        );
+    }
+}
+
+/// The keys of an object in the order in which they were written.
+fn keys(value: &Value) -> Vec<&str> {
+    value
+        .as_object()
+        .unwrap()
+        .keys()
+        .map(String::as_str)
+        .collect()
+}
+
+fn assert_numbers(value: &Value, wanted: &[&str]) {
+    assert_eq!(keys(value), wanted);
+    for (key, number) in value.as_object().unwrap() {
+        assert!(number.as_f64().is_some(), "{key} is {number}");
+    }
+}
+
+/// Whether `value` obeys `schema`, for the part of JSON Schema that `rig schema`
+/// uses; a keyword beyond it is an error and not passed over.
+fn obeys(value: &Value, schema: &Value, root: &Value) -> bool {
+    let Value::Object(rules) = schema else {
+        return schema == true;
+    };
+    rules.iter().all(|(keyword, rule)| match keyword.as_str() {
+        // Words about the schema; formats are notes as well by default.
+        "$schema" | "$defs" | "title" | "description" | "format" => true,
+        "$ref" => {
+            let place = rule.as_str().unwrap().strip_prefix('#').unwrap();
+            obeys(value, root.pointer(place).unwrap(), root)
+        }
+        "type" => match rule.as_str().unwrap() {
+            "object" => value.is_object(),
+            "array" => value.is_array(),
+            "string" => value.is_string(),
+            "boolean" => value.is_boolean(),
+            "number" => value.is_number(),
+            "integer" => value.is_i64() || value.is_u64(),
+            other => panic!("unknown type {other}"),
+        },
+        "const" => value == rule,
+        "minimum" => value
+            .as_f64()
+            .is_none_or(|number| number >= rule.as_f64().unwrap()),
+        "oneOf" => {
+            let list = rule.as_array().unwrap();
+            list.iter().filter(|rule| obeys(value, rule, root)).count() == 1
+        }
+        "required" => value.as_object().is_none_or(|object| {
+            let mut keys = rule.as_array().unwrap().iter();
+            keys.all(|key| object.contains_key(key.as_str().unwrap()))
+        }),
+        "properties" => value.as_object().is_none_or(|object| {
+            let mut members = object.iter();
+            members.all(|(key, member)| rule.get(key).is_none_or(|rule| obeys(member, rule, root)))
+        }),
+        "additionalProperties" => {
+            assert!(rule == true, "unknown rule {rule}");
+            true
+        }
+        "items" => value
+            .as_array()
+            .is_none_or(|list| list.iter().all(|item| obeys(item, rule, root))),
+        other => panic!("unknown keyword {other}"),
+    })
+}
+
+/// Checks everything that a verdict promises, whatever it says.
+fn assert_verdict(verdict: &Value, schema: &Value) {
+    assert!(obeys(verdict, schema, schema), "{verdict:#}");
+    assert_eq!(
+        keys(verdict).join(" "),
+        "schema verdict effects alternatives adequacy where rmse_deg holdout_rmse_deg \
+         next_experiment recordings seed tool_version seconds"
+    );
+    assert_eq!(verdict["schema"], 1);
+    let list = |key: &str| verdict[key].as_array().unwrap();
+    let share = |value: &Value| value.as_f64().is_some_and(|p| (0.0..=1.0).contains(&p));
+    for effect in list("effects") {
+        assert_eq!(
+            keys(effect),
+            ["kind", "parameters", "interval95", "probability"]
+        );
+        assert!(share(&effect["probability"]), "{effect}");
+        for (key, interval) in effect["interval95"].as_object().unwrap() {
+            let value = effect["parameters"][key].as_f64().unwrap();
+            let ends: Vec<f64> = serde_json::from_value(interval.clone()).unwrap();
+            assert!(ends.len() == 2 && ends[0] < value && value < ends[1]);
+        }
+    }
+    for rival in list("alternatives") {
+        assert_eq!(keys(rival), ["kinds", "probability", "delta_bic"]);
+        assert!(share(&rival["probability"]), "{rival}");
+        assert!(!rival["kinds"].as_array().unwrap().is_empty());
+    }
+    for place in list("where") {
+        assert_eq!(keys(place), ["feature", "share_of_gap", "text"]);
+        assert!(share(&place["share_of_gap"]), "{place}");
+        assert!(place["text"].as_str().is_some_and(|text| text.len() > 10));
+    }
+    for run in list("next_experiment") {
+        assert_eq!(keys(run), ["protocol", "separates", "expected_delta_chi2"]);
+    }
+    let adequacy = &verdict["adequacy"];
+    assert_eq!(
+        keys(adequacy),
+        ["adequate", "holdout_gap_closed", "exact_form"]
+    );
+    assert!(adequacy["adequate"].is_boolean() && adequacy["exact_form"].is_boolean());
+    assert!(adequacy["holdout_gap_closed"].is_number());
+    assert_numbers(
+        &verdict["rmse_deg"],
+        &["nominal", "refit", "repaired", "noise_floor"],
+    );
+    assert_numbers(
+        &verdict["holdout_rmse_deg"],
+        &["nominal", "refit", "repaired"],
+    );
+    assert_eq!(verdict["tool_version"], env!("CARGO_PKG_VERSION"));
+    assert!(verdict["seconds"].as_f64().is_some_and(|s| s >= 0.0));
+}
+
+#[test]
+fn a_diagnosis_writes_the_verdict_and_the_repaired_model() {
+    let bench = Bench::with_example("coulomb_friction", "0.4");
+    let printed = stdout(&bench.line("schema").assert().success().stderr(is_empty()));
+    let schema: Value = serde_json::from_str(&printed).unwrap();
+
+    let file = |name: &str| format!("demo/recordings/{name}.csv");
+    let fitted = ["step30_1", "step60_1", "step90_1"].map(file);
+    let held_out = ["step90_2", "triangle"].map(file);
+    let diagnose = |model: &str, outputs: &str| {
+        let line = format!(
+            "diagnose --model {model} --seed 5 {outputs} {} --holdout {}",
+            fitted.join(" "),
+            held_out.join(" ")
+        );
+        stdout(&bench.line(&line).assert().success().stderr(is_empty()))
+    };
+    let verdict = |name: &str| -> Value { serde_json::from_str(&bench.text(name)).unwrap() };
+    let said = diagnose(
+        "demo/model.toml",
+        "--json v.json -o repaired.toml --plot gap.svg",
+    );
+    assert!(said.starts_with("The model lacks "), "{said}");
+    for name in ["v.json", "repaired.toml", "gap.svg"] {
+        assert!(said.contains(name), "{name} is not in {said}");
+    }
+    assert!(bench.text("gap.svg").contains("<svg"));
+
+    let found = verdict("v.json");
+    assert_verdict(&found, &schema);
+    assert_eq!(found["verdict"], "effect_found");
+    assert_eq!(found["seed"], 5);
+    assert_eq!(
+        found["recordings"],
+        serde_json::json!([&fitted[..], &held_out[..]].concat())
+    );
+    assert_eq!(found["effects"].as_array().unwrap().len(), 1);
+    assert_eq!(found["effects"][0]["kind"], "coulomb_friction");
+    let error = |key: &str| found["holdout_rmse_deg"][key].as_f64().unwrap();
+    assert!(error("repaired") < 0.5 * error("refit") && error("refit") < error("nominal"));
+    // The schema refuses what is not a verdict.
+    for (key, wrong) in [
+        ("verdict", "perhaps".into()),
+        ("effects", Value::Null),
+        ("seed", (-1).into()),
+    ] {
+        let mut other = found.clone();
+        other[key] = wrong;
+        assert!(!obeys(&other, &schema, &schema), "{key}");
+        other.as_object_mut().unwrap().remove(key);
+        assert!(!obeys(&other, &schema, &schema), "{key}");
+    }
+
+    // The repaired model holds what the verdict says, and lacks nothing more.
+    let repaired = ModelFile::read(&bench.path("repaired.toml")).unwrap();
+    let effects: Vec<_> = repaired.model.effects().collect();
+    assert_eq!(effects.len(), 1);
+    assert_eq!(effects[0].kind().name(), "coulomb_friction");
+    for (row, value) in effects[0].parameters().iter().zip(effects[0].values()) {
+        let shown = found["effects"][0]["parameters"][row.key].as_f64().unwrap();
+        let written = row.unit.from_si(value);
+        assert!(
+            (written - shown).abs() <= 1e-6 * shown.abs(),
+            "{}: {written} {shown}",
+            row.key
+        );
+    }
+    diagnose("repaired.toml", "--json again.json");
+    let again = verdict("again.json");
+    assert_verdict(&again, &schema);
+    assert_eq!(again["verdict"], "no_discrepancy");
+    assert_eq!(again["effects"], serde_json::json!([]));
+
+    // The same command gives the same bytes, but for the time that it took.
+    diagnose("demo/model.toml", "--json same.json");
+    let mut same = verdict("same.json");
+    same["seconds"] = found["seconds"].clone();
+    assert_eq!(same, found);
+}
+
+/// The subcommands that a help text lists.
+fn subcommands(help: &str) -> Vec<String> {
+    help.lines()
+        .skip_while(|line| *line != "Commands:")
+        .skip(1)
+        .take_while(|line| !line.is_empty())
+        // Continued descriptions are indented further.
+        .filter(|line| !line.starts_with("   "))
+        .filter_map(|line| line.split_whitespace().next())
+        .filter(|name| *name != "help")
+        .map(str::to_owned)
+        .collect()
+}
+
+#[test]
+fn every_help_has_an_example() {
+    fn visit(bench: &Bench, command: &str, seen: &mut Vec<String>) {
+        let line = format!("{command} --help");
+        let help = stdout(&bench.line(&line).assert().success().stderr(is_empty()));
+        let (_, examples) = help
+            .split_once("Examples:\n")
+            .unwrap_or_else(|| panic!("`rig {command} --help` has no example"));
+        let shown = format!("  rig {command}");
+        assert!(
+            examples.contains(shown.trim_end()),
+            "no {shown:?} in {examples}"
+        );
+        for name in subcommands(&help) {
+            visit(bench, format!("{command} {name}").trim(), seen);
+        }
+        seen.push(command.to_owned());
+    }
+    let bench = Bench::empty();
+    let mut seen = Vec::new();
+    visit(&bench, "", &mut seen);
+    for name in ["diagnose", "materials predict", "schema", "completions"] {
+        assert!(seen.contains(&name.to_owned()), "{name} is not in {seen:?}");
+    }
+}
+
+#[test]
+fn completions_know_every_subcommand() {
+    let bench = Bench::empty();
+    let help = stdout(&bench.line("--help").assert().success());
+    let names = subcommands(&help);
+    assert!(names.contains(&"diagnose".to_owned()));
+    for (shell, mark) in [
+        ("bash", "complete -F _rig"),
+        ("zsh", "#compdef rig"),
+        ("fish", "complete -c rig"),
+    ] {
+        let line = format!("completions {shell}");
+        let script = stdout(&bench.line(&line).assert().success().stderr(is_empty()));
+        assert!(script.contains(mark), "{shell}");
+        for name in &names {
+            assert!(script.contains(name), "{name} is not completed in {shell}");
+        }
+    }
+}
+
+#[test]
+fn a_reader_that_has_seen_enough_is_no_fault() {
+    let bench = Bench::with_example("none", "0.4");
+    let run = "demo/recordings/step60_1.csv";
+    for line in [
+        "schema".to_owned(),
+        "completions bash".to_owned(),
+        "materials list".to_owned(),
+        "example -o other".to_owned(),
+        format!("simulate --model demo/model.toml --recording {run}"),
+        format!("fit --model demo/model.toml {run} -o fitted.toml"),
+        format!("compare --model demo/model.toml {run} -o table.csv"),
+        format!("diagnose --model demo/model.toml {run} demo/recordings/step30_1.csv"),
+    ] {
+        let (reader, writer) = std::io::pipe().unwrap();
+        drop(reader);
+        let output = std::process::Command::new(env!("CARGO_BIN_EXE_rig"))
+            .current_dir(bench.0.path())
+            .args(line.split_whitespace())
+            .stdout(writer)
+            .stderr(Stdio::piped())
+            .output()
+            .unwrap();
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(said, "", "`rig {line}`");
+        assert!(
+            output.status.success(),
+            "`rig {line}` ends with {}",
+            output.status
+        );
+    }
+    // What was asked for was written all the same.
+    assert!(bench.path("fitted.toml").exists() && bench.path("table.csv").exists());
+}
