@@ -172,7 +172,7 @@ impl Pieces {
         const FEWEST: f64 = 10.0;
         const LONGEST_S: f64 = 1.0;
         /// Samples that are enough to find a start.
-        const ENOUGH: usize = 3_000;
+        const ENOUGH: usize = 2_000;
         let mut pieces = Vec::new();
         for run in fitter.runs {
             let stiffness = fitter.nominal.fastest_rate(run.reach).stiffness;
@@ -234,7 +234,7 @@ impl Excerpt {
     /// samples, and cuts the last one.
     pub fn of(fitter: &Fitter<'_, '_>) -> Self {
         /// Samples that are enough to rank.
-        const ENOUGH: usize = 5_000;
+        const ENOUGH: usize = 4_000;
         let all: usize = fitter.runs.iter().map(|run| run.recording.len()).sum();
         let stride = all.div_ceil(ENOUGH).max(1);
         let count = fitter.runs.len();

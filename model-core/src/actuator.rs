@@ -383,17 +383,26 @@ impl<R: Real, P: Power<R>> Model<R, P> {
     /// An upper estimate of the fastest rate of the equations (1/s) for
     /// angles up to `angle` (rad): what a step length has to resolve.
     pub fn fastest_rate(&self, angle: R) -> Rates<R> {
-        let d = &self.dynamics;
-        let one = R::one();
-        // Secant stiffness of the power law at its steepest within the range.
-        let slope =
-            d.stiffness * d.exponent * P::pow(angle.abs(), (d.exponent - one).max(R::zero()));
+        let mut d = self.dynamics;
+        let farthest = Instant {
+            time: R::zero(),
+            angle,
+            rate: R::zero(),
+            pressure: R::zero(),
+        };
+        for effect in self.effects() {
+            effect.modulate(&farthest, &mut d);
+        }
+        // The slope of the power law at the end of the range, where it is
+        // steepest for n ≥ 1.
+        let beyond_linear = (d.exponent - R::one()).max(R::zero());
+        let slope = d.stiffness * d.exponent * P::pow(angle.abs(), beyond_linear);
         let mut rates = Rates {
             stiffness: slope / d.inertia,
             relaxation: d.damping / d.inertia,
         };
         for effect in self.effects() {
-            let more = effect.fastest_rate(&self.dynamics, angle);
+            let more = effect.fastest_rate(&d, angle);
             rates.stiffness += more.stiffness;
             rates.relaxation += more.relaxation;
         }

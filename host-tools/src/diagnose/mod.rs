@@ -60,6 +60,13 @@ const BEAM: usize = 3;
 /// Single effects that are fitted to the end, and combinations at each size.
 const FINISHED: [usize; MAX_EFFECTS] = [6, 4, 4];
 
+/// Candidates whose squared error at a glance is this many times that of the
+/// best are not fitted to the end …
+const HOPELESS: f64 = 4.0;
+
+/// … except for as many as are shown as rivals.
+const RIVALS_SHOWN: usize = 3;
+
 /// What to diagnose.
 #[derive(Clone, Copy, Debug)]
 pub struct Request<'a> {
@@ -302,7 +309,7 @@ impl Search<'_, '_> {
                 answer: Answer::Unexplained,
                 repaired: refit.clone(),
                 probability: Vec::new(),
-                alternatives: ranked.iter().take(3).map(alternative).collect(),
+                alternatives: ranked.iter().take(RIVALS_SHOWN).map(alternative).collect(),
             };
         }
         let surviving: Vec<_> = ranked
@@ -340,7 +347,7 @@ impl Search<'_, '_> {
             alternatives: ranked
                 .iter()
                 .filter(|entry| pool[entry.index].set() != repaired.set())
-                .take(3)
+                .take(RIVALS_SHOWN)
                 .map(alternative)
                 .collect(),
             repaired,
@@ -354,9 +361,7 @@ impl Search<'_, '_> {
         let room = MAX_EFFECTS - self.ground.file.model.effects().count();
         for size in 1..=room {
             let best = Self::smallest(&pool, size - 1, BEAM);
-            if size > 1
-                && (best.is_empty() || best.iter().any(|&k| adequate(&pool[k].fit, self.floor)))
-            {
+            if size > 1 && (best.is_empty() || best.iter().any(|&k| self.is_done(&pool[k].fit))) {
                 break;
             }
             (self.progress)(&match size {
@@ -369,6 +374,10 @@ impl Search<'_, '_> {
             let mut seen = BTreeSet::new();
             glances.retain(|candidate| seen.insert(candidate.set()));
             glances.truncate(FINISHED[size - 1]);
+            let hopeless = HOPELESS * glances.first().map_or(0.0, |best| best.fit.sse());
+            let least = glances.len().min(RIVALS_SHOWN);
+            let keep = glances.partition_point(|candidate| candidate.fit.sse() <= hopeless);
+            glances.truncate(keep.max(least));
             let finished: Vec<Candidate> = glances
                 .par_iter()
                 .map(|candidate| finish(&self.ground, candidate))
@@ -376,6 +385,11 @@ impl Search<'_, '_> {
             pool.extend(finished);
         }
         pool
+    }
+
+    /// Whether nothing is left that another effect could explain.
+    fn is_done(&self, fit: &Fit) -> bool {
+        adequate(fit, self.floor) || fit.rmse() <= self.floor.rms
     }
 
     /// Every structure in `bases` with every effect that it lacks, at a glance.

@@ -2,7 +2,8 @@
 //!
 //! The paper's own remedy for an uncertain material (its "n + Δn"): the
 //! exponent of Ludwick's law, taken from a data sheet or predicted from other
-//! properties, is off by Δn.
+//! properties, is off by Δn. The sum is kept at 0.25 or above: a power law with
+//! an exponent near zero is a switch, not a spring.
 
 use super::{Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
 use crate::actuator::Dynamics;
@@ -39,7 +40,6 @@ parameters! {
 
 impl<R: Real> Mechanism<R> for ExponentShift<R> {
     fn modulate(&self, _at: &Instant<R>, dynamics: &mut Dynamics<R>) {
-        // A power law with an exponent near zero is a switch, not a spring.
         dynamics.exponent = (dynamics.exponent + self.delta).max(R::from_f32(0.25));
     }
 }

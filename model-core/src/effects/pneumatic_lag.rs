@@ -29,7 +29,8 @@ parameters! {
             key: "time_constant_s",
             symbol: "τ",
             unit: Unit::Second,
-            lower: 0.002,
+            // 2⁻⁹ s, which f32 and f64 hold alike.
+            lower: 0.001_953_125,
             upper: 100.0,
             held: None,
             starts: &[0.05, 0.3],
