@@ -105,8 +105,8 @@ pub fn make(hidden: Hidden, noise_deg: f64, seed: u64) -> Result<Example, InputE
         })
         .collect();
     Ok(Example {
-        model: model_text(&nominal, &[], "example actuator (simulated)"),
-        truth: model_text(&dynamics, &effects, "what the example hides (simulated)"),
+        model: model_text(&nominal, &[], "simulated example"),
+        truth: model_text(&dynamics, &effects, "simulated example, as it is"),
         recordings,
     })
 }
