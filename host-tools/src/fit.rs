@@ -506,23 +506,17 @@ impl Fitter<'_, '_> {
         self.fit(model, &[], Effort::Full)
     }
 
-    /// A glance from each start; the best. None if there is no start from which
-    /// the model can be simulated.
-    pub fn best_glance(&self, starts: &[Model<f64>], free: &[ParameterId]) -> Option<Fit> {
+    /// Fits from each start; the best. None if there is no start from which the
+    /// model can be simulated.
+    pub fn best_of(
+        &self,
+        starts: &[Model<f64>],
+        free: &[ParameterId],
+        effort: Effort,
+    ) -> Option<Fit> {
         starts
             .par_iter()
-            .map(|start| self.fit(start, free, Effort::Glance))
-            .collect::<Vec<_>>()
-            .into_iter()
-            .filter(|fit| fit.sse().is_finite())
-            .min_by(|a, b| a.sse().total_cmp(&b.sse()))
-    }
-
-    /// Fits to the end from each start; the best.
-    pub fn best_fit(&self, starts: &[Model<f64>], free: &[ParameterId]) -> Option<Fit> {
-        starts
-            .par_iter()
-            .map(|start| self.fit(start, free, Effort::Full))
+            .map(|start| self.fit(start, free, effort))
             .collect::<Vec<_>>()
             .into_iter()
             .filter(|fit| fit.sse().is_finite())

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use clap::{Parser, ValueEnum};
+use clap::{ArgGroup, Parser, ValueEnum};
 use model_core::actuator::Model;
 use model_core::power::{GuardedMicromath, Minimax, Power};
 
@@ -17,6 +17,7 @@ use crate::simulate::Start;
 
 /// Simulates a model over the pressure of a recording, or over a protocol.
 #[derive(Debug, Parser)]
+#[command(group(ArgGroup::new("input").required(true).args(["recording", "protocol"])))]
 #[command(after_help = "\
 Examples:
   rig simulate --model m.toml --protocol step --angle-deg 60 -o step60.csv
@@ -27,12 +28,7 @@ pub struct Args {
     #[arg(long, value_name = "MODEL.toml")]
     model: PathBuf,
     /// Take the pressure from this recording
-    #[arg(
-        long,
-        value_name = "REC.csv",
-        conflicts_with = "protocol",
-        required_unless_present = "protocol"
-    )]
+    #[arg(long, value_name = "REC.csv")]
     recording: Option<PathBuf>,
     /// Generate the pressure that should reach the set-points of a protocol
     #[arg(long, value_enum)]
@@ -152,7 +148,8 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         "{name}: {} samples over {:.2} s, angle from {:.2}° to {:.2}°\n",
         recording.len(),
         recording.duration(),
-        simulated_deg.iter().copied().fold(f64::INFINITY, f64::min),
+        // Adding zero turns −0 into 0.
+        (100.0 * simulated_deg.iter().copied().fold(f64::INFINITY, f64::min)).round() / 100.0 + 0.0,
         simulated_deg
             .iter()
             .copied()

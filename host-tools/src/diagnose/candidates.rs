@@ -197,7 +197,7 @@ pub fn extend(ground: &Ground<'_, '_>, base: &Candidate, kind: Kind) -> Option<C
     near.extend(
         ground
             .pieces
-            .best_glance(&starts.all(), &free)
+            .best_of(&starts.all(), &free, Effort::Glance)
             .map(|fit| fit.model),
     );
     // Pieces see neither hidden states and delays, which have no past there,
@@ -210,10 +210,10 @@ pub fn extend(ground: &Ground<'_, '_>, base: &Candidate, kind: Kind) -> Option<C
     near.extend(
         ground
             .excerpt
-            .best_glance(&whole, &free)
+            .best_of(&whole, &free, Effort::Glance)
             .map(|fit| fit.model),
     );
-    let fit = ground.excerpt.best_glance(&near, &free)?;
+    let fit = ground.excerpt.best_of(&near, &free, Effort::Glance)?;
     Some(Candidate { added, fit })
 }
 
@@ -329,7 +329,7 @@ pub fn released(ground: &Ground<'_, '_>, candidate: &Candidate) -> Option<Candid
             }
         }
     }
-    let fit = ground.fitter.best_fit(&models, &free)?;
+    let fit = ground.fitter.best_of(&models, &free, Effort::Full)?;
     Some(Candidate {
         added: candidate.added.clone(),
         fit,
