@@ -1,1 +1,100 @@
-//! Helpers that the cross-crate tests share.
+//! Helpers that the cross-crate tests share: where data that is not part of
+//! the project lies, and a diagnosis without a command line around it.
+
+use std::path::{Path, PathBuf};
+
+use host_tools::diagnose::{Diagnosis, Request, diagnose};
+use host_tools::example::Example;
+use host_tools::model_file::ModelFile;
+use host_tools::recording::{Recording, read_all};
+
+/// A folder of the shared data, which lies beside the project or where
+/// `SOFTRIG_SHARED` says. Where it is absent, one line says so.
+pub fn shared(folder: &str) -> Option<PathBuf> {
+    let root = std::env::var_os("SOFTRIG_SHARED").map_or_else(
+        || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared")),
+        PathBuf::from,
+    );
+    let found = root.join(folder);
+    if found.is_dir() {
+        return Some(found);
+    }
+    eprintln!("skipped: there is no folder {}", found.display());
+    None
+}
+
+/// A model and the recordings to diagnose it with.
+#[derive(Debug)]
+pub struct Case {
+    /// The nominal model.
+    pub file: ModelFile,
+    /// Recordings to fit.
+    pub recordings: Vec<Recording>,
+    /// Recordings to judge by; may be empty.
+    pub holdout: Vec<Recording>,
+}
+
+impl Case {
+    /// Reads `model.toml` and, by the start of their names, files in
+    /// `recordings/`.
+    ///
+    /// # Panics
+    ///
+    /// If a file cannot be read: the tests that call this cannot go on.
+    pub fn read(folder: &Path, fitted: &[&str], held_out: &[&str]) -> Self {
+        let recordings = |starts: &[&str]| {
+            let mut paths: Vec<PathBuf> = std::fs::read_dir(folder.join("recordings"))
+                .unwrap()
+                .map(|entry| entry.unwrap().path())
+                .filter(|path| {
+                    let name = path.file_name().unwrap().to_string_lossy();
+                    !name.ends_with(".toml") && starts.iter().any(|start| name.starts_with(start))
+                })
+                .collect();
+            paths.sort();
+            read_all(&paths, |warning| eprintln!("{warning}")).unwrap()
+        };
+        Self {
+            file: ModelFile::read(&folder.join("model.toml")).unwrap(),
+            recordings: recordings(fitted),
+            holdout: recordings(held_out),
+        }
+    }
+
+    /// Writes an example into `folder` and reads it back, as a user would.
+    ///
+    /// # Panics
+    ///
+    /// If the folder cannot be written.
+    pub fn of_example(example: &Example, folder: &Path) -> Self {
+        example.write(folder).unwrap();
+        Self::read(folder, &[""], &[])
+    }
+
+    /// Diagnoses the case.
+    ///
+    /// # Panics
+    ///
+    /// If the diagnosis refuses the recordings.
+    pub fn diagnose(&self) -> Diagnosis {
+        let request = Request {
+            file: &self.file,
+            recordings: &self.recordings,
+            holdout: &self.holdout,
+            seed: 1,
+        };
+        diagnose(&request, &|_| {}).unwrap()
+    }
+}
+
+/// The names of the effects that a diagnosis names, in alphabetical order.
+pub fn named(diagnosis: &Diagnosis) -> Vec<&'static str> {
+    let mut names: Vec<_> = diagnosis
+        .repaired
+        .added
+        .iter()
+        .map(|kind| kind.name())
+        .collect();
+    names.sort_unstable();
+    names
+}

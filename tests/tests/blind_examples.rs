@@ -1,0 +1,152 @@
+//! Effects hidden in simulated recordings: how often are they found, and how
+//! often is one found that is not there?
+//!
+//! The recordings are made by the same formulas that are looked for, so this
+//! is the least that a diagnosis has to do. What it is worth on recordings of
+//! others is in `real_recordings.rs`. The default tests diagnose a few examples
+//! on fixed seeds; the survey, which is asked for by name, diagnoses many and
+//! prints a row for each:
+//!
+//! ```text
+//! SOFTRIG_SURVEY_SEEDS=5 cargo test --release -p softrig-tests --test blind_examples -- --ignored --nocapture
+//! ```
+
+use std::path::Path;
+
+use host_tools::diagnose::Diagnosis;
+use host_tools::diagnose::verdict::Answer;
+use host_tools::example::{Hidden, make};
+use model_core::catalogue::Kind;
+use softrig_tests::{Case, named};
+
+/// RMS noise of the angle (°), as of a flex sensor on a good day.
+const NOISE_DEG: f64 = 0.4;
+
+/// Makes an example and diagnoses it, by the recordings whose names start so.
+fn diagnose(hidden: Hidden, noise_deg: f64, seed: u64, only: &[&str]) -> Diagnosis {
+    let example = make(hidden, noise_deg, seed).unwrap();
+    let folder = format!("blind_{hidden:?}_{noise_deg}_{seed}_{}", only.concat());
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(folder);
+    let mut case = Case::of_example(&example, &folder);
+    std::fs::remove_dir_all(&folder).unwrap();
+    case.recordings
+        .retain(|recording| only.iter().any(|start| recording.name.starts_with(start)));
+    case.diagnose()
+}
+
+/// What diagnoses came to, counted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Tally {
+    /// The named set is the truth.
+    exact: usize,
+    /// A name that is not the truth, alone or with it.
+    wrong: usize,
+    /// No name where there is an effect.
+    silent: usize,
+}
+
+impl Tally {
+    fn count(&mut self, truth: &str, diagnosis: &Diagnosis) {
+        match named(diagnosis).as_slice() {
+            [] => self.silent += 1,
+            [name] if *name == truth => self.exact += 1,
+            _ => self.wrong += 1,
+        }
+    }
+}
+
+#[test]
+fn hidden_effects_are_named() {
+    let mut tally = Tally::default();
+    for &kind in Kind::ALL {
+        for seed in [301, 302] {
+            let diagnosis = diagnose(Hidden::Effect(kind), NOISE_DEG, seed, &["step", "triangle"]);
+            tally.count(kind.name(), &diagnosis);
+            eprintln!(
+                "{} {seed}: {:?} {:?}",
+                kind.name(),
+                diagnosis.answer,
+                named(&diagnosis)
+            );
+            // A name comes with a repair that holds on runs that were not
+            // fitted, in the board's arithmetic as well.
+            if diagnosis.answer == Answer::EffectFound {
+                assert!(diagnosis.adequacy.holdout_gap_closed > 0.8);
+                let held_out = &diagnosis.held_out;
+                assert!(held_out.repaired_on_board < 1.02 * held_out.repaired);
+            }
+        }
+    }
+    // A false name is worse than none.
+    assert_eq!(tally.wrong, 0, "{tally:?}");
+    let all = 2 * Kind::ALL.len();
+    assert!(tally.exact + 1 >= all, "{tally:?} of {all}");
+}
+
+#[test]
+fn nothing_hidden_gets_no_name() {
+    let mut parameters_only = 0;
+    let seeds = 400..420;
+    let count = seeds.clone().count();
+    for seed in seeds {
+        let diagnosis = diagnose(Hidden::Nothing, NOISE_DEG, seed, &["step", "triangle"]);
+        let none: [&str; 0] = [];
+        assert_eq!(named(&diagnosis), none, "seed {seed}");
+        eprintln!("nothing {seed}: {:?}", diagnosis.answer);
+        parameters_only += usize::from(diagnosis.answer == Answer::ParametersOnly);
+    }
+    // The parameters of an example are always off; that something else is
+    // missing as well may be suspected now and then.
+    assert!(
+        10 * parameters_only >= 9 * count,
+        "{parameters_only} of {count}"
+    );
+}
+
+/// A number from the environment.
+fn setting<T: std::str::FromStr<Err: std::fmt::Debug>>(name: &str, default: T) -> T {
+    std::env::var(name).map_or(default, |text| text.parse().unwrap())
+}
+
+#[test]
+#[ignore = "a survey over many seeds takes minutes; see the head of this file"]
+fn survey() {
+    let noise_deg = setting("SOFTRIG_SURVEY_NOISE_DEG", NOISE_DEG);
+    let only = std::env::var("SOFTRIG_SURVEY_ONLY").unwrap_or_default();
+    let only: Vec<&str> = only.split(',').collect();
+    println!(
+        "hidden\tseed\tanswer\tnamed\trefit\trepaired\tfloor\theld_out_refit\theld_out_repaired\trivals"
+    );
+    let mut seed = setting("SOFTRIG_SURVEY_FROM", 100);
+    for _ in 0..setting("SOFTRIG_SURVEY_SEEDS", 5) {
+        let effects = Kind::ALL.iter().map(|&kind| Hidden::Effect(kind));
+        for hidden in effects.chain([Hidden::Nothing; 4]) {
+            seed += 1;
+            let found = diagnose(hidden, noise_deg, seed, &only);
+            let truth = match hidden {
+                Hidden::Effect(kind) => kind.name(),
+                _ => "nothing",
+            };
+            let rivals: Vec<String> = found
+                .alternatives
+                .iter()
+                .map(|rival| format!("{} ({:.0})", rival.kinds.join("+"), rival.delta_bic))
+                .collect();
+            let degrees = [
+                found.refit.rmse(),
+                found.repaired.fit.rmse(),
+                found.floor.rms,
+                found.held_out.refit,
+                found.held_out.repaired,
+            ]
+            .map(|radians| format!("{:.3}", radians.to_degrees()));
+            println!(
+                "{truth}\t{seed}\t{:?}\t{}\t{}\t{}",
+                found.answer,
+                named(&found).join("+"),
+                degrees.join("\t"),
+                rivals.join(", ")
+            );
+        }
+    }
+}

@@ -1,0 +1,69 @@
+//! What a diagnosis says about recordings that others made and published.
+//!
+//! The simulated examples are made with the same formulas that are then looked
+//! for. Here a real pendulum and a real electronic oscillator have their say,
+//! whose missing effect the literature knows, and cases from another simulator
+//! that hide nothing. None of them is part of the project: see
+//! [`softrig_tests::shared`].
+
+use host_tools::diagnose::Diagnosis;
+use host_tools::diagnose::verdict::Answer;
+use softrig_tests::{Case, named, shared};
+
+/// The least that the right effect has to shrink the held-out error, against
+/// the refitted linear model.
+const SHRINKS: f64 = 5.0;
+
+fn assert_found(diagnosis: &Diagnosis, effect: &str) {
+    let names = named(diagnosis);
+    assert_eq!(diagnosis.answer, Answer::EffectFound);
+    assert!(names.contains(&effect), "named {names:?}");
+    let held_out = &diagnosis.held_out;
+    assert!(!held_out.in_turn);
+    for after in [held_out.repaired, held_out.repaired_on_board] {
+        assert!(SHRINKS * after < held_out.refit, "{held_out:?}");
+    }
+}
+
+#[test]
+fn a_pendulum_is_missing_gravity() {
+    let Some(folder) = shared("data/real/pendulum") else {
+        return;
+    };
+    let case = Case::read(&folder, &["id_"], &["vad_"]);
+    assert_eq!((case.recordings.len(), case.holdout.len()), (4, 2));
+    assert_found(&case.diagnose(), "gravity");
+}
+
+#[test]
+fn the_silverbox_is_missing_a_cubic_spring() {
+    let Some(folder) = shared("data/real/silverbox") else {
+        return;
+    };
+    let case = Case::read(&folder, &["multisine_1", "multisine_2"], &["multisine_3"]);
+    assert_eq!((case.recordings.len(), case.holdout.len()), (2, 1));
+    assert_found(&case.diagnose(), "cubic_stiffness");
+}
+
+#[test]
+fn cases_without_a_missing_effect_get_no_name() {
+    let Some(folder) = shared("cases") else {
+        return;
+    };
+    for (case, answers) in [
+        (
+            "case_009",
+            [Answer::NoDiscrepancy, Answer::ParametersOnly].as_slice(),
+        ),
+        ("case_010", &[Answer::ParametersOnly]),
+    ] {
+        let diagnosis = Case::read(&folder.join(case), &[""], &[]).diagnose();
+        let none: [&str; 0] = [];
+        assert_eq!(named(&diagnosis), none, "{case}");
+        assert!(
+            answers.contains(&diagnosis.answer),
+            "{case}: {:?}",
+            diagnosis.answer
+        );
+    }
+}
