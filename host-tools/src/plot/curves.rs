@@ -1,0 +1,86 @@
+//! The data inside a panel.
+//!
+//! Recordings have gaps, run past the limits and hold more samples than pixels.
+//! Here a series becomes the lines, dots and areas that are left to draw.
+
+use super::axis::drawable;
+use super::canvas::{Canvas, stroke};
+use super::panel::Placed;
+use super::thin::{runs, thin_dots, thin_line};
+use super::{Mark, PlotError, Series};
+
+impl Placed {
+    pub(super) fn draw_series(
+        &self,
+        series: &Series,
+        canvas: &mut Canvas,
+    ) -> Result<(), PlotError> {
+        let colour = series.style.role.colour();
+        match series.style.mark {
+            Mark::Points => {
+                let inside: Vec<(f64, f64)> = series
+                    .points()
+                    .filter(|(x, y)| drawable(*x) && drawable(*y))
+                    .map(|point| self.at(point))
+                    .filter(|point| self.area.contains(*point))
+                    .collect();
+                for centre in thin_dots(&inside) {
+                    canvas.dot(centre, colour)?;
+                }
+            }
+            Mark::Band => {
+                for corners in self.bands(series) {
+                    canvas.polygon(&corners, colour)?;
+                }
+            }
+            mark => {
+                for run in runs(series.points()) {
+                    let pixels: Vec<(f64, f64)> = run.into_iter().map(|p| self.at(p)).collect();
+                    for visible in self.area.clip_path(&thin_line(&pixels)) {
+                        canvas.path(&visible, colour, stroke(mark))?;
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The outlines of a band, one for each uninterrupted stretch.
+    fn bands(&self, series: &Series) -> Vec<Vec<(f64, f64)>> {
+        let lower: Vec<(f64, f64)> = series.points().collect();
+        let mut outlines = Vec::new();
+        let mut stretch: Vec<[(f64, f64); 2]> = Vec::new();
+        let mut close = |stretch: &mut Vec<[(f64, f64); 2]>| {
+            let edge = |which: usize| -> Vec<(f64, f64)> {
+                let pixels: Vec<(f64, f64)> = stretch
+                    .iter()
+                    .map(|pair| self.at(pair[which]))
+                    // Clamping keeps the outline closed where a band leaves the
+                    // panel.
+                    .map(|(x, y)| {
+                        (
+                            x.clamp(self.area.left, self.area.right),
+                            y.clamp(self.area.top, self.area.bottom),
+                        )
+                    })
+                    .collect();
+                thin_line(&pixels)
+            };
+            if stretch.len() > 1 {
+                let mut outline = edge(0);
+                outline.extend(edge(1).into_iter().rev());
+                outlines.push(outline);
+            }
+            stretch.clear();
+        };
+        for ((x, low), high) in lower.into_iter().zip(series.upper.iter().copied()) {
+            if drawable(x) && drawable(low) && drawable(high) {
+                stretch.push([(x, low), (x, high)]);
+            } else {
+                close(&mut stretch);
+            }
+        }
+        close(&mut stretch);
+        outlines
+    }
+}

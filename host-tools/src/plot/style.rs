@@ -1,0 +1,101 @@
+//! What a curve means and how that looks.
+//!
+//! A colour has to mean the same in every figure, so callers name the role of a
+//! curve and never a colour.
+
+use plotters::style::RGBColor;
+
+/// What a curve stands for; it decides the colour.
+///
+/// The hues are those of Okabe and Ito, which readers with the common colour
+/// deficiencies can tell apart.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Role {
+    /// What the rig did: grey.
+    Measured,
+    /// The model as supplied: blue.
+    Nominal,
+    /// The model before a repair, or the rival: vermilion.
+    Before,
+    /// The model after a repair: green.
+    After,
+    /// The one curve to look at: purple.
+    Emphasis,
+    /// A threshold, a set-point, a noise floor: near black.
+    Reference,
+    /// Further curves that need telling apart; the colours repeat after four.
+    Other(usize),
+}
+
+impl Role {
+    pub(super) fn colour(self) -> RGBColor {
+        match self {
+            Self::Measured => RGBColor(0xA0, 0xA0, 0xA0),
+            Self::Nominal => RGBColor(0x00, 0x72, 0xB2),
+            Self::Before => RGBColor(0xD5, 0x5E, 0x00),
+            Self::After => RGBColor(0x00, 0x9E, 0x73),
+            Self::Emphasis => RGBColor(0xA0, 0x3C, 0x78),
+            Self::Reference => RGBColor(0x33, 0x33, 0x33),
+            Self::Other(index) => match index % 4 {
+                0 => RGBColor(0x56, 0xB4, 0xE9),
+                1 => RGBColor(0xE6, 0x9F, 0x00),
+                2 => RGBColor(0xCC, 0x79, 0xA7),
+                _ => RGBColor(0x8C, 0x6B, 0x3F),
+            },
+        }
+    }
+}
+
+/// How a curve is drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mark {
+    /// A continuous line.
+    Line,
+    /// A dashed line.
+    Dashed,
+    /// A thin line, for a curve in the background.
+    Thin,
+    /// A wide line, for a curve that others are meant to cover.
+    Wide,
+    /// Separate dots.
+    Points,
+    /// The area between two curves; see [`Series::band`](super::Series::band).
+    Band,
+}
+
+/// Colour and mark of a series.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Style {
+    /// What the series stands for.
+    pub role: Role,
+    /// How it is drawn.
+    pub mark: Mark,
+}
+
+impl Style {
+    /// Grey dots: measured samples.
+    pub const MEASURED_POINTS: Self = Self::new(Role::Measured, Mark::Points);
+    /// Wide grey line: a measured recording, still seen under a model that
+    /// agrees with it.
+    pub const MEASURED: Self = Self::new(Role::Measured, Mark::Wide);
+    /// Blue line: the model as supplied.
+    pub const NOMINAL: Self = Self::new(Role::Nominal, Mark::Line);
+    /// Vermilion line: before the repair.
+    pub const BEFORE: Self = Self::new(Role::Before, Mark::Line);
+    /// Green line: after the repair.
+    pub const AFTER: Self = Self::new(Role::After, Mark::Line);
+    /// Purple line: the curve to look at.
+    pub const EMPHASIS: Self = Self::new(Role::Emphasis, Mark::Line);
+    /// Dark dashes: a set-point or threshold.
+    pub const REFERENCE: Self = Self::new(Role::Reference, Mark::Dashed);
+
+    /// Creates a style.
+    pub const fn new(role: Role, mark: Mark) -> Self {
+        Self { role, mark }
+    }
+
+    /// Replaces the mark by dashes.
+    pub const fn dashed(self) -> Self {
+        Self::new(self.role, Mark::Dashed)
+    }
+}
