@@ -1,14 +1,16 @@
-//! Measured side by side: our solver with SciPy's, our firmware with plain C.
+//! Measured side by side: our solver with SciPy's, our firmware with plain C;
+//! and how long a diagnosis takes.
 
 use std::{
     fs,
     path::{Path, PathBuf},
     process::{Command, Stdio},
+    time::Instant,
 };
 
 use crate::{
     avr,
-    shell::{Outcome, cargo, has_program, read, root, run, run_quietly, target_dir, text},
+    shell::{Outcome, cargo, has_program, read, root, run, run_quietly, seconds, target_dir, text},
     test::virtual_rig,
 };
 
@@ -36,6 +38,69 @@ pub fn host() -> Outcome {
     run(pinned(&python)
         .arg(root().join("xtask/bench/scipy_simulate.py"))
         .arg(&problems))
+}
+
+/// Times a whole diagnosis: of the real pendulum where its recordings are at
+/// hand, else of a simulated example.
+pub fn diagnosis() -> Outcome {
+    const RUNS: usize = 5;
+    run(cargo().args([
+        "build",
+        "-q",
+        "--release",
+        "-p",
+        "host-tools",
+        "--bin",
+        "rig",
+    ]))?;
+    let rig = target_dir().join("release/rig");
+    let pendulum = root().join("../shared/data/real/pendulum");
+    let (folder, name) = if pendulum.is_dir() {
+        (pendulum, "real pendulum")
+    } else {
+        let folder = target_dir().join("bench/example");
+        run(Command::new(&rig).args(["example", "-o"]).arg(&folder))?;
+        (folder, "simulated example")
+    };
+    let mut fitted = Vec::new();
+    let mut held_out = Vec::new();
+    let recordings = folder.join("recordings");
+    let entries = fs::read_dir(&recordings)
+        .map_err(|error| format!("cannot list {}: {error}", recordings.display()))?;
+    for path in entries.filter_map(|entry| Some(entry.ok()?.path())) {
+        let file = path.file_name().unwrap_or_default().to_string_lossy();
+        if file.starts_with("vad_") {
+            held_out.push(path);
+        } else if file.ends_with(".csv") {
+            fitted.push(path);
+        }
+    }
+    fitted.sort();
+    held_out.sort();
+    let mut times = Vec::new();
+    for _ in 0..RUNS {
+        let mut command = Command::new(&rig);
+        command
+            .arg("diagnose")
+            .arg("--model")
+            .arg(folder.join("model.toml"));
+        command.args(&fitted);
+        if !held_out.is_empty() {
+            command.arg("--holdout").args(&held_out);
+        }
+        let clock = Instant::now();
+        read(&mut command)?;
+        times.push(clock.elapsed());
+    }
+    times.sort();
+    println!(
+        "bench: rig diagnose, {name}, {} recordings: median of {RUNS} runs {} ({} to {})",
+        fitted.len() + held_out.len(),
+        seconds(times[RUNS / 2]),
+        seconds(times[0]),
+        seconds(times[RUNS - 1])
+    );
+    Ok(())
 }
 
 /// A command on one core: both sides compute on a single thread.

@@ -30,7 +30,8 @@ Tasks:
   ci                     the same, as continuous integration runs it
   firmware               build the image, check it, print its size
   size                   print the size of the image
-  bench [host | board]   our solver beside SciPy's; cycles on the board
+  bench [diagnosis | host | board]
+                         a whole diagnosis; our solver beside SciPy's; cycles
   flash --port PORT      put the image on a board and show what it says
 
 Examples:
@@ -59,7 +60,10 @@ fn main() -> ExitCode {
         ["test", "--host-only"] => test::test(Scope::Host),
         ["firmware"] => firmware(),
         ["size"] => avr::build().and_then(|image| avr::print_size(&image)),
-        ["bench"] => bench::host().and_then(|()| bench::board()),
+        ["bench"] => bench::diagnosis()
+            .and_then(|()| bench::host())
+            .and_then(|()| bench::board()),
+        ["bench", "diagnosis"] => bench::diagnosis(),
         ["bench", "host"] => bench::host(),
         ["bench", "board"] => bench::board(),
         ["flash", "--port", port] => flash(port),
