@@ -460,6 +460,10 @@ mod tests {
         for (text, parts) in [
             (String::new(), vec!["run.csv", "empty"]),
             (
+                "time_s,pressure_kpa,angle_deg,angle_deg\n0,0,0,0\n".into(),
+                vec!["line 1", "more than one column angle_deg"],
+            ),
+            (
                 "time_s,angle_deg\n0,0\n".into(),
                 vec!["line 1", "pressure_kpa"],
             ),

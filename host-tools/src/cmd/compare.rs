@@ -44,6 +44,7 @@ pub struct Args {
 }
 
 /// Errors of one model at one set-point.
+#[derive(Clone, Copy)]
 struct Cell {
     rms_deg: f64,
     percent: f64,
@@ -213,7 +214,12 @@ fn table(groups: &[Group], columns: &[(String, Vec<Cell>)]) -> String {
             group.repeats
         );
         for (_, cells) in columns {
-            let cell = format!("{:.2}° ({:.1} %)", cells[row].rms_deg, cells[row].percent);
+            let Cell { rms_deg, percent } = cells[row];
+            let cell = if percent.is_finite() {
+                format!("{rms_deg:.2}° ({percent:.1} %)")
+            } else {
+                format!("{rms_deg:.2}°")
+            };
             text += &format!(" {cell:>WIDTH$}");
         }
         text.push('\n');

@@ -95,6 +95,17 @@ fn in_range(text: &str, low: f64, high: f64, unit: &str) -> Result<f64, String> 
 /// Faults of the input, with place and remedy.
 pub fn run(args: &Args) -> anyhow::Result<()> {
     super::check_outputs([&args.output, &args.plot])?;
+    if let (Some(output), Some(recording)) = (&args.output, &args.recording)
+        && output.canonicalize().ok() == recording.canonicalize().ok()
+        && output.exists()
+    {
+        return Err(InputError::new(
+            "is the recording itself",
+            "write to another file: a recording is never replaced",
+        )
+        .in_file(output)
+        .into());
+    }
     let file = ModelFile::read(&args.model)?;
     let (recording, setpoint) = match (&args.recording, args.protocol) {
         (Some(path), _) => {

@@ -45,6 +45,8 @@ pub struct Scales {
     pressure: f64,
     /// Time between samples (s).
     interval: f64,
+    /// Duration of the longest run (s).
+    duration: f64,
 }
 
 impl Scales {
@@ -74,6 +76,22 @@ impl Scales {
                 .runs
                 .first()
                 .map_or(0.01, |run| run.recording.interval()),
+            duration: fitter
+                .runs
+                .iter()
+                .map(|run| run.recording.duration())
+                .fold(0.0, f64::max),
+        }
+    }
+
+    /// The size beyond which a parameter in SI units is implausible; none for
+    /// numbers that have no scale here. A time constant far beyond the longest
+    /// run is not seen as one: a creep that never ends is a spring.
+    pub fn plausible(&self, row: &Parameter) -> Option<f64> {
+        match row.unit {
+            Unit::Second => Some(self.duration),
+            Unit::One | Unit::Radian => None,
+            _ => Some(self.size(row)),
         }
     }
 

@@ -31,7 +31,7 @@ use crate::error::InputError;
 use crate::fit::{Effort, Excerpt, Fit, Fitter, Pieces, Run};
 use crate::model_file::{ModelFile, tidy, to_file_units};
 use crate::recording::Recording;
-use crate::statistics::correlated_rms;
+use crate::statistics::{correlated_rms, noise_by_differences};
 use candidates::{Candidate, Ground, Scales, Untried, applicable, extend, finish, released};
 use holdout::{HeldOut, Judge};
 use localise::{Feature, localise};
@@ -42,12 +42,14 @@ use verdict::{
 };
 
 /// A residual counts as noise if its correlated part stays below this share of
-/// the noise floor: the noise of the measured pressure alone, driven through
-/// the model, leaves a tenth to a fifth.
-const CORRELATED_SHARE: f64 = 0.25;
+/// the noise floor …
+const CORRELATED_SHARE: f64 = 0.15;
 
-/// … and its RMS below this factor of the floor.
+/// … and its RMS below this factor of the floor, …
 const RMS_FACTOR: f64 = 1.08;
+
+/// … each with as many times what the noise of the measured pressure leaves.
+const INPUT_FACTOR: f64 = 1.5;
 
 /// A repair that removes less than this share of the held-out gap explains
 /// nothing. In the trials that the design rests on, known effects removed 78 %
@@ -132,6 +134,9 @@ pub fn diagnose(request: &Request<'_>, progress: Progress<'_>) -> Result<Diagnos
             "give more recordings, or name some with --holdout: a cause that was fitted and tested on the same run proves nothing",
         ));
     }
+    for recording in recordings.iter().chain(holdout) {
+        refuse_without_motion(recording)?;
+    }
     let runs = Run::all(recordings);
     let fitter = Fitter {
         nominal: &file.model,
@@ -155,6 +160,7 @@ pub fn diagnose(request: &Request<'_>, progress: Progress<'_>) -> Result<Diagnos
         )
         .in_file(&file.path));
     }
+    let floor = floor.with_input(&fitter, &refit.fit.model, request.seed);
     let places = localise(&refit.fit.model, recordings);
 
     let mut untried = Vec::new();
@@ -201,6 +207,37 @@ pub fn diagnose(request: &Request<'_>, progress: Progress<'_>) -> Result<Diagnos
     })
 }
 
+/// Refuses a recording that says nothing: every model agrees with it.
+fn refuse_without_motion(recording: &Recording) -> Result<(), InputError> {
+    /// Fewer samples hold no motion.
+    const FEWEST: usize = 20;
+    let low = recording
+        .angle
+        .iter()
+        .copied()
+        .fold(f64::INFINITY, f64::min);
+    let high = recording
+        .angle
+        .iter()
+        .copied()
+        .fold(f64::NEG_INFINITY, f64::max);
+    // White noise alone spans eight of its standard deviations.
+    let moves = high - low > 10.0 * noise_by_differences(&recording.angle);
+    if recording.len() >= FEWEST && moves {
+        return Ok(());
+    }
+    Err(InputError::new(
+        format!(
+            "holds no motion: {} samples between {:.2}° and {:.2}°",
+            recording.len(),
+            low.to_degrees(),
+            high.to_degrees()
+        ),
+        "leave it out, and record a step, a staircase or a swing",
+    )
+    .in_file(&recording.path))
+}
+
 /// Searches the structures that add effects to a fitted nominal model.
 fn search(
     file: &ModelFile,
@@ -239,7 +276,9 @@ fn search(
 /// Whether a residual cannot be told from noise.
 fn adequate(fit: &Fit, floor: &NoiseFloor) -> bool {
     let correlated = correlated_rms(&fit.residuals);
-    correlated <= CORRELATED_SHARE * floor.rms && fit.rmse() <= RMS_FACTOR * floor.rms
+    let input = INPUT_FACTOR * floor.input;
+    correlated <= (CORRELATED_SHARE * floor.rms).hypot(input)
+        && fit.rmse() <= (RMS_FACTOR * floor.rms).hypot(input)
 }
 
 /// What a search came to.

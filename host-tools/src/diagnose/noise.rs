@@ -3,8 +3,15 @@
 //! A model is done when what is left cannot be told from noise. The floor has
 //! three sources, and the largest one counts: the scatter between repeats of
 //! the same run (which also holds what the rig itself does not repeat), the
-//! white noise of the sensor, and the steps of its converter.
+//! white noise of the sensor, and the steps of its converter. Beside it stands
+//! what the noise of the measured pressure leaves in a simulation.
 
+use model_core::actuator::Model;
+use rand::SeedableRng;
+use rand_distr::{Distribution, StandardNormal};
+use rand_pcg::Pcg64Mcg;
+
+use crate::fit::{Fitter, Run};
 use crate::recording::{Meta, Recording};
 use crate::statistics::{noise_by_differences, quantum, rms};
 
@@ -19,6 +26,9 @@ pub struct NoiseFloor {
     pub repeats: Option<f64>,
     /// Step of the converter (rad); zero if none shows.
     pub quantum: f64,
+    /// What the noise of the measured pressure leaves in a simulated angle
+    /// (rad); zero until a model is known, see [`NoiseFloor::with_input`].
+    pub input: f64,
     /// Groups of recordings that repeat the same run, by index.
     pub groups: Vec<Vec<usize>>,
 }
@@ -44,7 +54,47 @@ impl NoiseFloor {
             white,
             repeats,
             quantum,
+            input: 0.0,
             groups,
+        }
+    }
+
+    /// Adds what the noise of the measured pressure does: `model` is driven by
+    /// the recorded pressure and by the same with as much white noise once
+    /// more, and the difference of the angles is what it leaves.
+    ///
+    /// A fit takes the pressure as it was measured, so a right model has this
+    /// error, and it is correlated: the actuator filters it.
+    pub fn with_input(self, fitter: &Fitter<'_, '_>, model: &Model<f64>, seed: u64) -> Self {
+        let mut random = Pcg64Mcg::seed_from_u64(seed);
+        let again: Vec<Recording> = fitter
+            .runs
+            .iter()
+            .map(|run| {
+                let mut recording = run.recording.clone();
+                let noise = noise_by_differences(&recording.pressure);
+                for pressure in &mut recording.pressure {
+                    let draw: f64 = StandardNormal.sample(&mut random);
+                    *pressure += noise * draw;
+                }
+                recording
+            })
+            .collect();
+        let starts = fitter.compare(model).starts;
+        let differences: Vec<f64> = fitter
+            .runs
+            .iter()
+            .zip(&again)
+            .zip(starts)
+            .flat_map(|((run, again), start)| {
+                let calm = run.simulate(model, start);
+                let noisy = Run::new(again).simulate(model, start);
+                calm.into_iter().zip(noisy).map(|(a, b)| a - b)
+            })
+            .collect();
+        Self {
+            input: rms(&differences),
+            ..self
         }
     }
 }
@@ -114,8 +164,6 @@ fn pure_error(recordings: &[Recording], groups: &[Vec<usize>]) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rand::SeedableRng;
-    use rand_distr::{Distribution, StandardNormal};
 
     fn step(amplitude: f64, wander: f64, seed: u64) -> Recording {
         let mut random = rand_pcg::Pcg64Mcg::seed_from_u64(seed);

@@ -57,15 +57,11 @@ fn implausibility(candidate: &Candidate, scales: &Scales) -> f64 {
     let mut price = 0.0;
     for (offset, kind) in candidate.added.iter().enumerate() {
         for (parameter, row) in kind.parameters().iter().enumerate() {
-            let size = scales.size(row);
             let id = ParameterId::Effect {
                 slot: first + offset,
                 parameter,
             };
-            // Sizes of one stand for numbers without a scale of their own.
-            if let Some(value) = model.value(id)
-                && (size - 1.0).abs() > f64::EPSILON
-            {
+            if let (Some(value), Some(size)) = (model.value(id), scales.plausible(row)) {
                 price += 2.0 * (value / size).powi(2).ln_1p();
             }
         }
