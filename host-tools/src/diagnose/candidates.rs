@@ -211,26 +211,25 @@ pub fn extend(ground: &Ground<'_, '_>, base: &Candidate, kind: Kind) -> Option<C
     added.push(kind);
     let free = free_parameters(file, &added);
     let starts = starts(file, &ground.scales, base, kind);
-    let mut near = Vec::new();
-    near.extend(
-        ground
-            .pieces
-            .best_of(&starts.all(), &free, Effort::Glance)
-            .map(|fit| fit.model),
-    );
+    // Beside an effect that explains most of the gap, the fitted parameters are
+    // the better start.
+    let anywhere = if base.added.is_empty() {
+        starts.all()
+    } else {
+        starts.from_fitted.clone()
+    };
     // Pieces see neither hidden states and delays, which have no past there,
     // nor what moves slowly.
     let whole = if added.iter().any(|kind| remembers(*kind)) {
-        starts.all()
+        &anywhere
     } else {
-        starts.from_fitted
+        &starts.from_fitted
     };
-    near.extend(
-        ground
-            .excerpt
-            .best_of(&whole, &free, Effort::Glance)
-            .map(|fit| fit.model),
-    );
+    let near: Vec<Model<f64>> = [(ground.pieces, &anywhere), (ground.excerpt, whole)]
+        .into_iter()
+        .filter_map(|(fitter, starts)| fitter.best_of(starts, &free, Effort::Glance))
+        .map(|fit| fit.model)
+        .collect();
     let fit = ground.excerpt.best_of(&near, &free, Effort::Glance)?;
     Some(Candidate { added, fit })
 }

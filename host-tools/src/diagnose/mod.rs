@@ -56,8 +56,8 @@ const INPUT_FACTOR: f64 = 1.5;
 /// and more, unknown ones 26 % at most.
 const GAP_CUT: f64 = 0.75;
 
-/// Structures that are expanded at the second and third effect.
-const BEAM: usize = 3;
+/// Structures that are expanded at the first, second and third effect.
+const BEAM: [usize; MAX_EFFECTS] = [1, 3, 3];
 
 /// Single effects that are fitted to the end, and combinations at each size.
 const FINISHED: [usize; MAX_EFFECTS] = [6, 4, 4];
@@ -399,7 +399,7 @@ impl Search<'_, '_> {
         let mut pool = vec![refit.clone()];
         let room = MAX_EFFECTS - self.ground.file.model.effects().count();
         for size in 1..=room {
-            let best = Self::smallest(&pool, size - 1, BEAM);
+            let best = Self::smallest(&pool, size - 1, BEAM[size - 1]);
             if size > 1 && (best.is_empty() || best.iter().any(|&k| self.is_done(&pool[k].fit))) {
                 break;
             }

@@ -92,8 +92,10 @@ impl NoiseFloor {
                 calm.into_iter().zip(noisy).map(|(a, b)| a - b)
             })
             .collect();
+        // Differences take a fast pressure for noise; an error beyond the floor
+        // itself is not allowed for.
         Self {
-            input: rms(&differences),
+            input: rms(&differences).min(self.rms),
             ..self
         }
     }
