@@ -348,6 +348,14 @@ fn required_columns(header: &csv::StringRecord) -> Result<[usize; 3], InputError
                 .at_line(1)
                 .in_column(name)
             })?;
+        if header.iter().filter(|column| *column == name).count() > 1 {
+            return Err(InputError::new(
+                format!("has more than one column {name}"),
+                "remove or rename all but the one that is meant",
+            )
+            .at_line(1)
+            .in_column(name));
+        }
     }
     Ok(index)
 }

@@ -37,17 +37,23 @@ pub struct HeldOut {
 impl HeldOut {
     /// Share of the gap between refit and noise floor that the repair removes.
     pub fn gap_closed(&self) -> f64 {
-        let gap = self.refit - self.floor;
-        if gap <= 0.0 {
-            return 0.0;
-        }
-        ((self.refit - self.repaired) / gap).clamp(-1.0, 1.0)
+        share_closed(self.refit, self.repaired, self.floor)
     }
 
     /// Whether the repaired model leaves nothing but noise.
     pub fn at_noise(&self) -> bool {
         self.repaired <= super::RMS_FACTOR * self.floor
     }
+}
+
+/// Share of the gap between `before` and `floor` that `after` removes, at most
+/// 1; negative for a repair that makes it worse.
+fn share_closed(before: f64, after: f64, floor: f64) -> f64 {
+    let gap = before - floor;
+    if gap <= 0.0 {
+        return 0.0;
+    }
+    ((before - after) / gap).clamp(-1.0, 1.0)
 }
 
 /// Judges structures by runs that were not fitted.
@@ -75,6 +81,22 @@ impl<'a, 'r> Judge<'a, 'r> {
         self.collect(candidate, |fitter, model| fitter.compare(model).sse())
     }
 
+    /// Share of the held-out gap between refit and noise floor that a structure
+    /// removes.
+    pub fn gap_closed(&self, refit: &Candidate, candidate: &Candidate) -> f64 {
+        share_closed(self.error_of(refit), self.error_of(candidate), self.floor())
+    }
+
+    /// Noise floor of the held-out runs (rad).
+    fn floor(&self) -> f64 {
+        let recordings: Vec<Recording> = self
+            .runs()
+            .iter()
+            .map(|run| run.recording.clone())
+            .collect();
+        NoiseFloor::of(&recordings).rms
+    }
+
     /// Errors of the nominal model, its refit and the repaired one.
     pub fn errors(&self, refit: &Candidate, repaired: &Candidate) -> HeldOut {
         let runs = self.runs();
@@ -83,7 +105,6 @@ impl<'a, 'r> Judge<'a, 'r> {
             runs,
         }
         .compare(&self.file.model);
-        let recordings: Vec<Recording> = runs.iter().map(|run| run.recording.clone()).collect();
         let refit_error = self.error_of(refit);
         HeldOut {
             nominal: nominal.rmse(),
@@ -94,7 +115,7 @@ impl<'a, 'r> Judge<'a, 'r> {
                 self.error_of(repaired)
             },
             repaired_on_board: self.collect(repaired, board_sse),
-            floor: NoiseFloor::of(&recordings).rms,
+            floor: self.floor(),
             in_turn: self.given.is_empty(),
         }
     }
@@ -185,4 +206,19 @@ fn board_sse(fitter: &Fitter<'_, '_>, model: &Model<f64>) -> f64 {
                 .sum::<f64>()
         })
         .sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::share_closed;
+
+    #[test]
+    fn share_closed_of_all_none_and_worse() {
+        assert!((share_closed(2.0, 0.5, 0.5) - 1.0).abs() < 1e-12);
+        assert!((share_closed(2.0, 1.25, 0.5) - 0.5).abs() < 1e-12);
+        assert!(share_closed(2.0, 2.0, 0.5).abs() < 1e-12);
+        assert!(share_closed(2.0, 2.3, 0.5) < 0.0);
+        // Below the floor there is no gap to close.
+        assert!(share_closed(0.4, 0.3, 0.5).abs() < 1e-12);
+    }
 }

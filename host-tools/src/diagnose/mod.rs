@@ -164,7 +164,7 @@ pub fn diagnose(request: &Request<'_>, progress: Progress<'_>) -> Result<Diagnos
     let places = localise(&refit.fit.model, recordings);
 
     let mut untried = Vec::new();
-    let mut found = if adequate(&nominal, &floor) {
+    let found = if adequate(&nominal, &floor) {
         Findings::nothing(Answer::NoDiscrepancy, &refit)
     } else if adequate(&refit.fit, &floor) {
         Findings::nothing(Answer::ParametersOnly, &refit)
@@ -177,11 +177,6 @@ pub fn diagnose(request: &Request<'_>, progress: Progress<'_>) -> Result<Diagnos
     progress("held-out runs in the board's arithmetic");
     let held_out = judge.errors(&refit, &found.repaired);
     let closed = held_out.gap_closed();
-    if found.answer == Answer::EffectFound && closed < GAP_CUT {
-        found.answer = Answer::Unexplained;
-        found.demote();
-        found.repaired = refit.clone();
-    }
     let is_adequate = adequate(&found.repaired.fit, &floor);
     let adequacy = Adequacy {
         adequate: is_adequate,
@@ -299,22 +294,6 @@ impl Findings {
             alternatives: Vec::new(),
         }
     }
-
-    /// Moves what was named to the head of the alternatives.
-    fn demote(&mut self) {
-        let kinds = names(&self.repaired.added);
-        if !kinds.is_empty() {
-            self.alternatives.insert(
-                0,
-                Alternative {
-                    kinds,
-                    probability: self.probability.iter().copied().fold(1.0, f64::min),
-                    delta_bic: 0.0,
-                },
-            );
-        }
-        self.probability.clear();
-    }
 }
 
 fn names(kinds: &[Kind]) -> Vec<String> {
@@ -343,12 +322,15 @@ impl Search<'_, '_> {
             probability: entry.probability,
             delta_bic: entry.score - best_score,
         };
-        if size == 0 {
+        if size == 0 && refit.fit.rmse() <= RMS_FACTOR * self.floor.white.hypot(self.floor.input) {
+            // A trace of correlation that no effect accounts for, within the
+            // noise of the sensors.
+            return Findings::nothing(Answer::ParametersOnly, refit);
+        }
+        if size == 0 || self.judge.gap_closed(refit, &pool[chosen]) < GAP_CUT {
             return Findings {
-                answer: Answer::Unexplained,
-                repaired: refit.clone(),
-                probability: Vec::new(),
                 alternatives: ranked.iter().take(RIVALS_SHOWN).map(alternative).collect(),
+                ..Findings::nothing(Answer::Unexplained, refit)
             };
         }
         let surviving: Vec<_> = ranked
@@ -366,13 +348,12 @@ impl Search<'_, '_> {
             Some(pool[chosen].clone())
         } else {
             self.common_core(&pool, &surviving, independent)
+                .filter(|core| self.judge.gap_closed(refit, core) >= GAP_CUT)
         };
         let Some(named) = named else {
             return Findings {
-                answer: Answer::CannotTell,
-                repaired: refit.clone(),
-                probability: Vec::new(),
                 alternatives: surviving.iter().map(|entry| alternative(entry)).collect(),
+                ..Findings::nothing(Answer::CannotTell, refit)
             };
         };
         let repaired = self.with_released(named, independent);
