@@ -62,11 +62,6 @@ impl<'a> Run<'a> {
         recordings.iter().map(Self::new).collect()
     }
 
-    /// Whether the recording starts in motion, so that its start is estimated.
-    pub fn starts_in_motion(&self) -> bool {
-        self.moving
-    }
-
     /// Largest angle measured (rad).
     pub fn reach(&self) -> f64 {
         self.reach
