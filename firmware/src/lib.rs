@@ -5,5 +5,6 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+pub mod io;
 pub mod probe;
 pub mod self_test;

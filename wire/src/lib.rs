@@ -6,8 +6,18 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+pub mod assemble;
 pub mod checksum;
+pub mod command;
 pub mod decimal;
+pub mod fault;
+mod fields;
+pub mod keyword;
 pub mod line;
+pub mod protocol;
+pub mod reply;
+pub mod settings;
+pub mod state;
 pub mod step_report;
 pub mod stretch;
+pub mod telemetry;

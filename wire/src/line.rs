@@ -107,20 +107,46 @@ impl core::error::Error for LineError {}
 ///
 /// [`LineError`] when the checksum is missing or wrong.
 pub fn open(line: &str) -> Result<&str, LineError> {
-    let (text, checksum) = line
-        .trim_end_matches(['\r', '\n'])
-        .rsplit_once(" *")
-        .filter(|(_, digits)| {
-            digits.len() == 4 && digits.bytes().all(|byte| byte.is_ascii_hexdigit())
-        })
-        .ok_or(LineError::NoChecksum)?;
-    let stated = u16::from_str_radix(checksum, 16).map_err(|_| LineError::NoChecksum)?;
-    let computed = Crc16::of(text.as_bytes()).value();
+    let text = open_bytes(line.as_bytes())?;
+    // What is left of a string up to an ASCII space is a string.
+    line.get(..text.len()).ok_or(LineError::NoChecksum)
+}
+
+/// As [`open`], for bytes that may be anything.
+///
+/// # Errors
+///
+/// As [`open`].
+pub fn open_bytes(line: &[u8]) -> Result<&[u8], LineError> {
+    let (text, [b' ', b'*', digits @ ..]) = trimmed(line)
+        .split_last_chunk::<6>()
+        .ok_or(LineError::NoChecksum)?
+    else {
+        return Err(LineError::NoChecksum);
+    };
+    let mut stated = 0;
+    for &digit in digits {
+        let value = char::from(digit)
+            .to_digit(16)
+            .ok_or(LineError::NoChecksum)?;
+        #[allow(clippy::cast_possible_truncation)] // A digit is below 16.
+        let value = value as u16;
+        stated = stated << 4 | value;
+    }
+    let computed = Crc16::of(text).value();
     if stated == computed {
         Ok(text)
     } else {
         Err(LineError::WrongChecksum { stated, computed })
     }
+}
+
+/// The line without its end.
+pub(crate) fn trimmed(mut line: &[u8]) -> &[u8] {
+    while let [rest @ .., b'\r' | b'\n'] = line {
+        line = rest;
+    }
+    line
 }
 
 #[cfg(test)]

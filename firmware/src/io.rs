@@ -1,0 +1,96 @@
+//! What the control logic sees of the rig, and what it may do to it.
+//!
+//! The board layer fills [`Inputs`] and obeys [`Outputs`] once a control period;
+//! everything in between is plain functions that a desktop can test.
+
+/// Control periods a second.
+pub const CONTROL_HZ: u16 = 100;
+
+/// Length of a control period (s).
+pub const PERIOD_S: f32 = 0.01;
+
+/// Length of a control period (ms).
+pub const PERIOD_MS: u16 = 1000 / CONTROL_HZ;
+
+/// Conversions that are summed into one reading of a sensor.
+pub const OVERSAMPLING: u16 = 16;
+
+/// A sensor's reading: the sum of [`OVERSAMPLING`] conversions of ten bits.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Oversampled(pub u16);
+
+impl Oversampled {
+    /// The mean in counts of a ten-bit converter, with fractions.
+    pub fn counts(self) -> f32 {
+        f32::from(self.0) / f32::from(OVERSAMPLING)
+    }
+}
+
+/// Why the processor started.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ResetCause {
+    /// Power came on, or the reset line was pulled: opening the port does that.
+    #[default]
+    Ordinary,
+    /// The supply dipped.
+    BrownOut,
+    /// The watchdog was not fed.
+    Watchdog,
+}
+
+/// The rig at the start of a control period.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Inputs {
+    /// Time since reset (ms), a multiple of the control period.
+    pub time_ms: u32,
+    /// Pressure sensor.
+    pub pressure: Oversampled,
+    /// Flex sensor.
+    pub flex: Oversampled,
+    /// The plunger is at the retracted end switch, or its wire is broken.
+    pub retracted_end: bool,
+    /// The plunger is at the pushed-in end switch, or its wire is broken.
+    pub pushed_end: bool,
+    /// The emergency-stop circuit is open.
+    pub emergency_stop: bool,
+    /// Microsteps made since the position was last set; positive compresses.
+    pub steps: i32,
+    /// Control periods that began late since the last one.
+    pub overruns: u8,
+}
+
+/// What the pump's driver is told.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Pump {
+    /// Driver off: the motor is free.
+    #[default]
+    Off,
+    /// Driver on, move at this rate (microsteps/s, positive compresses); the
+    /// board layer limits its change to the acceleration of the settings.
+    Rate(f32),
+    /// Driver on, stop at once, without a ramp.
+    Brake,
+}
+
+/// The vent valve.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Valve {
+    /// The air goes out. The state without power.
+    #[default]
+    Open,
+    /// The air stays.
+    Closed,
+}
+
+/// What the rig has to do for the next control period.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Outputs {
+    /// The pump.
+    pub pump: Pump,
+    /// The valve.
+    pub valve: Valve,
+    /// Declares the present position of the plunger to be this (microsteps).
+    pub set_steps: Option<i32>,
+    /// The on-board light.
+    pub light: bool,
+}

@@ -1,0 +1,394 @@
+//! What the computer asks of the board.
+//!
+//! ```text
+//! 17 set damping 3fe66666 *9c41
+//! ```
+//!
+//! A number that the reply repeats, a word, its arguments, the checksum. A
+//! person at a serial monitor cannot compute a checksum, so lines without one
+//! are read too, but they may only ask or stop: `status`, `stop`, `help`. What
+//! moves the pump or changes a setting must be sealed.
+
+use ufmt::{uWrite, uwrite};
+
+use crate::{
+    decimal::Word,
+    fields::{Fields, word},
+    keyword::Keyword,
+    line::{LineError, Sealed, open_bytes, trimmed},
+    protocol::{MAX_SEGMENTS, Named, Segment},
+    settings::Key,
+};
+
+/// The longest line that the board reads, without its end.
+pub const MAX_LINE: usize = 64;
+
+/// A command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Command {
+    /// Who are you? Answered by the version handshake.
+    Hello,
+    /// The computer is alive.
+    Beat,
+    /// What can be typed.
+    Help,
+    /// State, fault with its sentence, counters.
+    Status,
+    /// Model steps and their bits; only while idle.
+    SelfTest,
+    /// Home the plunger, close the valve, be ready.
+    Arm,
+    /// Back to idle.
+    Disarm,
+    /// Play the protocol that was loaded, or one that the board knows.
+    Run(Option<Named>),
+    /// Pump off, valve open, now.
+    Stop,
+    /// Leave the fault state, if its cause is gone.
+    Clear,
+    /// What the sensors show now is zero.
+    Tare,
+    /// A protocol of so many segments follows.
+    Load(u8),
+    /// One of them.
+    Segment {
+        /// Its place.
+        index: u8,
+        /// What it is.
+        segment: Segment,
+    },
+    /// Change a setting in the draft.
+    Set {
+        /// Which.
+        key: Key,
+        /// Its bits.
+        bits: u32,
+    },
+    /// The bits of a setting in use.
+    Get(Key),
+    /// Check the draft, use it, and write it to EEPROM.
+    Save,
+    /// Drop the draft.
+    Discard,
+    /// The sensors in counts.
+    Raw,
+    /// The observer's state to the bit.
+    Exact,
+}
+
+const HELLO: Keyword = Keyword::of("hello");
+const BEAT: Keyword = Keyword::of("beat");
+const HELP: Keyword = Keyword::of("help");
+const STATUS: Keyword = Keyword::of("status");
+const SELF_TEST: Keyword = Keyword::of("selftest");
+const ARM: Keyword = Keyword::of("arm");
+const DISARM: Keyword = Keyword::of("disarm");
+const RUN: Keyword = Keyword::of("run");
+const STOP: Keyword = Keyword::of("stop");
+const CLEAR: Keyword = Keyword::of("clear");
+const TARE: Keyword = Keyword::of("tare");
+const LOAD: Keyword = Keyword::of("load");
+const SEGMENT: Keyword = Keyword::of("seg");
+const SET: Keyword = Keyword::of("set");
+const GET: Keyword = Keyword::of("get");
+const SAVE: Keyword = Keyword::of("save");
+const DISCARD: Keyword = Keyword::of("discard");
+const RAW: Keyword = Keyword::of("raw");
+const EXACT: Keyword = Keyword::of("exact");
+
+/// A command and the number that its reply repeats.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Request {
+    /// The number; zero for a line without one.
+    pub id: u8,
+    /// What is asked.
+    pub command: Command,
+}
+
+/// Why a line that arrived is not obeyed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Rejection {
+    /// It was damaged on the way. No reply: its number cannot be trusted.
+    Damaged(LineError),
+    /// No such command, or not these arguments.
+    Unknown {
+        /// The number of the request.
+        id: u8,
+    },
+    /// It needs a checksum and has none.
+    Unsealed,
+}
+
+impl Command {
+    /// Whether it is obeyed without a checksum: it only asks, or stops.
+    pub const fn is_harmless(&self) -> bool {
+        matches!(
+            self,
+            Self::Hello
+                | Self::Help
+                | Self::Status
+                | Self::SelfTest
+                | Self::Stop
+                | Self::Disarm
+                | Self::Get(_)
+                | Self::Raw
+                | Self::Exact
+        )
+    }
+
+    fn parse(text: &[u8]) -> Option<Self> {
+        let mut fields = Fields::new(text);
+        let command = match Keyword::parse(fields.next()?)? {
+            HELLO => Self::Hello,
+            BEAT => Self::Beat,
+            HELP => Self::Help,
+            STATUS => Self::Status,
+            SELF_TEST => Self::SelfTest,
+            ARM => Self::Arm,
+            DISARM => Self::Disarm,
+            RUN => Self::Run(match fields.next() {
+                None => None,
+                Some(name) => Some(Named::parse(name)?),
+            }),
+            STOP => Self::Stop,
+            CLEAR => Self::Clear,
+            TARE => Self::Tare,
+            LOAD => Self::Load(
+                fields
+                    .number()
+                    .filter(|count| (1..=MAX_SEGMENTS).contains(count))?,
+            ),
+            SEGMENT => {
+                let index = fields.number().filter(|&index| index < MAX_SEGMENTS)?;
+                let segment = Segment::parse(fields.rest())?;
+                return Some(Self::Segment { index, segment });
+            }
+            SET => Self::Set {
+                key: Key::parse(fields.next()?)?,
+                bits: word(fields.next()?)?,
+            },
+            GET => Self::Get(Key::parse(fields.next()?)?),
+            SAVE => Self::Save,
+            DISCARD => Self::Discard,
+            RAW => Self::Raw,
+            EXACT => Self::Exact,
+            _ => return None,
+        };
+        fields.is_empty().then_some(command)
+    }
+}
+
+impl Request {
+    /// Writes the request as one sealed line.
+    ///
+    /// # Errors
+    ///
+    /// Those of the output.
+    pub fn write<W: uWrite + ?Sized>(&self, out: &mut W) -> Result<(), W::Error> {
+        let mut line = Sealed::new(out);
+        uwrite!(line, "{} ", self.id)?;
+        let simple = match self.command {
+            Command::Hello => HELLO,
+            Command::Beat => BEAT,
+            Command::Help => HELP,
+            Command::Status => STATUS,
+            Command::SelfTest => SELF_TEST,
+            Command::Arm => ARM,
+            Command::Disarm => DISARM,
+            Command::Run(None) => RUN,
+            Command::Stop => STOP,
+            Command::Clear => CLEAR,
+            Command::Tare => TARE,
+            Command::Save => SAVE,
+            Command::Discard => DISCARD,
+            Command::Raw => RAW,
+            Command::Exact => EXACT,
+            Command::Run(Some(named)) => {
+                uwrite!(line, "{} {}", RUN, named.keyword())?;
+                return line.finish();
+            }
+            Command::Load(count) => {
+                uwrite!(line, "{} {}", LOAD, count)?;
+                return line.finish();
+            }
+            Command::Segment { index, segment } => {
+                uwrite!(line, "{} {} ", SEGMENT, index)?;
+                segment.write(&mut line)?;
+                return line.finish();
+            }
+            Command::Set { key, bits } => {
+                uwrite!(line, "{} ", SET)?;
+                key.write(&mut line)?;
+                uwrite!(line, " {}", Word(bits))?;
+                return line.finish();
+            }
+            Command::Get(key) => {
+                uwrite!(line, "{} ", GET)?;
+                key.write(&mut line)?;
+                return line.finish();
+            }
+        };
+        uwrite!(line, "{}", simple)?;
+        line.finish()
+    }
+
+    /// Reads a line that arrived at the board.
+    ///
+    /// # Errors
+    ///
+    /// [`Rejection`]; such a line changes nothing.
+    pub fn parse(line: &[u8]) -> Result<Self, Rejection> {
+        let text = match open_bytes(line) {
+            Ok(text) => text,
+            Err(LineError::NoChecksum) => {
+                let text = trimmed(line);
+                return match Command::parse(text) {
+                    Some(command) if command.is_harmless() => Ok(Self { id: 0, command }),
+                    Some(_) => Err(Rejection::Unsealed),
+                    None => Err(Rejection::Unknown { id: 0 }),
+                };
+            }
+            Err(error) => return Err(Rejection::Damaged(error)),
+        };
+        let mut fields = Fields::new(text);
+        let id = fields.number().ok_or(Rejection::Unknown { id: 0 })?;
+        match Command::parse(fields.rest()) {
+            Some(command) => Ok(Self { id, command }),
+            None => Err(Rejection::Unknown { id }),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+    use crate::decimal::Hundredths;
+    use crate::line::tests::{Text, sealed};
+    use crate::protocol::Track;
+    use proptest::prelude::*;
+    use std::{string::String, vec, vec::Vec};
+
+    fn line(request: &Request) -> String {
+        let mut out = Text::default();
+        request.write(&mut out).unwrap();
+        out.0
+    }
+
+    fn commands() -> Vec<Command> {
+        let mut all = vec![
+            Command::Hello,
+            Command::Beat,
+            Command::Help,
+            Command::Status,
+            Command::SelfTest,
+            Command::Arm,
+            Command::Disarm,
+            Command::Run(None),
+            Command::Stop,
+            Command::Clear,
+            Command::Tare,
+            Command::Load(32),
+            Command::Segment {
+                index: 31,
+                segment: Segment::Multisine {
+                    track: Track::AngleClosedLoop,
+                    centre: Hundredths(12_345),
+                    amplitude: Hundredths(2_345),
+                    period_ms: 600_000,
+                    duration_ms: 600_000,
+                },
+            },
+            Command::Save,
+            Command::Discard,
+            Command::Raw,
+            Command::Exact,
+        ];
+        all.extend(Named::ALL.iter().map(|&named| Command::Run(Some(named))));
+        for key in Key::all() {
+            all.push(Command::Get(key));
+            all.push(Command::Set {
+                key,
+                bits: 0x1234_abcd,
+            });
+        }
+        all
+    }
+
+    #[test]
+    fn every_command_is_read_back_and_fits_a_line() {
+        for (id, command) in (0..=255).cycle().zip(commands()) {
+            let request = Request { id, command };
+            let text = line(&request);
+            assert_eq!(Request::parse(text.as_bytes()), Ok(request), "{text}");
+            assert!(text.trim_end().len() <= MAX_LINE, "{text}");
+        }
+    }
+
+    #[test]
+    fn without_a_checksum_one_may_only_ask_or_stop() {
+        for text in ["status", "stop", "help\r\n", "get damping", "disarm"] {
+            assert!(Request::parse(text.as_bytes()).is_ok(), "{text}");
+        }
+        for text in [
+            "arm",
+            "run",
+            "run paper",
+            "set damping 3f800000",
+            "save",
+            "clear",
+            "beat",
+        ] {
+            assert_eq!(
+                Request::parse(text.as_bytes()),
+                Err(Rejection::Unsealed),
+                "{text}"
+            );
+        }
+        // A number does not make it a sealed line.
+        assert!(Request::parse(b"3 arm").is_err());
+    }
+
+    #[test]
+    fn a_damaged_line_has_no_number_to_reply_to() {
+        let mut bytes = line(&Request {
+            id: 9,
+            command: Command::Arm,
+        })
+        .into_bytes();
+        bytes[2] ^= 1;
+        assert!(matches!(
+            Request::parse(&bytes),
+            Err(Rejection::Damaged(LineError::WrongChecksum { .. }))
+        ));
+        assert_eq!(
+            Request::parse(sealed("9 fly away").as_bytes()),
+            Err(Rejection::Unknown { id: 9 })
+        );
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(20_000))]
+        #[test]
+        fn no_bytes_are_a_panic_and_none_by_chance_a_motion(bytes in prop::collection::vec(any::<u8>(), 0..80)) {
+            if let Ok(request) = Request::parse(&bytes) {
+                prop_assert!(request.command.is_harmless());
+            }
+        }
+
+        #[test]
+        fn one_wrong_bit_is_never_another_command(
+            which in 0..commands().len(), place: prop::sample::Index, bit in 0..8u8,
+        ) {
+            let request = Request { id: 77, command: commands()[which] };
+            let mut bytes = line(&request).trim_end().as_bytes().to_vec();
+            let place = place.index(bytes.len());
+            bytes[place] ^= 1 << bit;
+            if let Ok(read) = Request::parse(&bytes) {
+                // A checksum in capitals is the same checksum.
+                prop_assert_eq!(read, request);
+            }
+        }
+    }
+}

@@ -1,0 +1,112 @@
+//! Why the board stopped by itself.
+//!
+//! A fault has a code (in every telemetry line), a name, and a sentence for the
+//! operator that says what to do. The texts are `const`, so that the board can
+//! keep them in flash and the computer can print them without asking.
+
+macro_rules! faults {
+    ($( $(#[$doc:meta])* $variant:ident = $code:literal, $name:literal, $sentence:literal; )+) => {
+        /// A latched fault. Whatever it is: pump off, valve open.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+        #[repr(u8)]
+        pub enum Fault {
+            $( $(#[$doc])* $variant = $code, )+
+        }
+
+        impl Fault {
+            /// Every fault, in the order of the codes.
+            pub const ALL: &'static [Self] = &[$( Self::$variant ),+];
+
+            /// The number in telemetry; zero means no fault.
+            pub const fn code(self) -> u8 {
+                self as u8
+            }
+
+            /// The fault behind a code.
+            pub const fn from_code(code: u8) -> Option<Self> {
+                Some(match code {
+                    $( $code => Self::$variant, )+
+                    _ => return None,
+                })
+            }
+
+            /// A short name for recordings and screens.
+            pub const fn name(self) -> &'static str {
+                match self { $( Self::$variant => $name, )+ }
+            }
+
+            /// What happened and what to do, for the operator.
+            pub const fn sentence(self) -> &'static str {
+                match self { $( Self::$variant => $sentence, )+ }
+            }
+        }
+    };
+}
+
+faults! {
+    /// The emergency-stop circuit is open.
+    EmergencyStop = 1, "emergency stop",
+        "The emergency stop was pressed or its wire is broken: release it, look at the rig, then clear.";
+    /// The pressure is above its limit.
+    OverPressure = 2, "over-pressure",
+        "The pressure exceeded its limit: look for a blocked tube, or raise the limit if the actuator stands it.";
+    /// The bending angle is above its limit.
+    OverAngle = 3, "over-angle",
+        "The bending angle exceeded its limit: check the flex sensor's calibration and the model's gain.";
+    /// The pressure sensor is open, shorted or stuck.
+    PressureSensor = 4, "pressure sensor",
+        "The pressure sensor's voltage is impossible: check its three wires and its 5 V supply.";
+    /// The flex sensor is open, shorted or stuck.
+    FlexSensor = 5, "flex sensor",
+        "The flex sensor's voltage is impossible or frozen: check its wires and the 47 kOhm resistor.";
+    /// The pump moves and the pressure does not follow, or homing finds no switch.
+    Stall = 6, "stall",
+        "The pump turned but nothing followed: check motor, driver supply, syringe, and the tube for a leak.";
+    /// An end switch opened while the plunger moved towards it.
+    EndSwitch = 7, "end switch",
+        "The plunger ran into an end switch: home it again, and ask for less volume.";
+    /// Nothing was heard from the computer while the rig was armed.
+    HostLost = 8, "computer lost",
+        "The computer fell silent while the rig was armed: check the cable, then start the run again.";
+    /// The watchdog reset the board.
+    Watchdog = 9, "watchdog",
+        "The firmware hung and the watchdog restarted it: note what you did and report it.";
+    /// The supply voltage dipped.
+    BrownOut = 10, "brown-out",
+        "The supply voltage dipped: give the motor driver a supply of its own.";
+    /// No valid settings were found.
+    Settings = 11, "settings",
+        "The stored settings are damaged and defaults are in use: upload model and calibration, then clear.";
+    /// A control period took longer than it may.
+    Overrun = 12, "overrun",
+        "A control period took too long: the model has more effects than this processor can step.";
+    /// The firmware reached a state that it excludes.
+    Internal = 13, "internal",
+        "The firmware found itself in an impossible state and stopped: report it.";
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Fault;
+
+    #[test]
+    fn codes_lead_back_and_none_is_zero() {
+        for &fault in Fault::ALL {
+            assert_eq!(Fault::from_code(fault.code()), Some(fault));
+            assert_ne!(fault.code(), 0);
+        }
+        assert_eq!(Fault::from_code(0), None);
+    }
+
+    #[test]
+    fn texts_are_plain_and_different() {
+        for (i, &fault) in Fault::ALL.iter().enumerate() {
+            assert!(fault.name().is_ascii() && fault.sentence().is_ascii());
+            assert!(fault.sentence().contains(": ") && fault.sentence().ends_with('.'));
+            for &other in &Fault::ALL[i + 1..] {
+                assert_ne!(fault.name(), other.name());
+                assert_ne!(fault.sentence(), other.sentence());
+            }
+        }
+    }
+}

@@ -1,0 +1,190 @@
+//! What the board answers.
+//!
+//! ```text
+//! A 17 ok *1d0f
+//! A 18 no 3 *c6a2
+//! ```
+//!
+//! `A`, the number of the request, `ok` with what was asked for, or `no` with the
+//! code of a [`Refusal`]. Lines that begin with `#` are remarks for people: the
+//! banner after a reset, help, the sentence of a fault.
+
+use core::fmt;
+
+use ufmt::{uWrite, uwrite};
+
+use crate::{
+    fields::{Fields, number},
+    line::{LineError, Sealed, open},
+};
+
+/// The version of everything in this crate; board and computer must agree.
+pub const VERSION: u8 = 1;
+
+macro_rules! refusals {
+    ($( $(#[$doc:meta])* $variant:ident = $code:literal, $sentence:literal; )+) => {
+        /// Why a request that arrived whole is not obeyed.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+        #[repr(u8)]
+        pub enum Refusal {
+            $( $(#[$doc])* $variant = $code, )+
+        }
+
+        impl Refusal {
+            /// Every one.
+            pub const ALL: &'static [Self] = &[$( Self::$variant ),+];
+
+            /// The number in the reply.
+            pub const fn code(self) -> u8 {
+                self as u8
+            }
+
+            /// The refusal behind a number.
+            pub const fn from_code(code: u8) -> Option<Self> {
+                Some(match code { $( $code => Self::$variant, )+ _ => return None })
+            }
+
+            /// What it means and what to do.
+            pub const fn sentence(self) -> &'static str {
+                match self { $( Self::$variant => $sentence, )+ }
+            }
+        }
+    };
+}
+
+refusals! {
+    /// No such command, or not these arguments.
+    Unknown = 1, "the board does not know this command: do the firmware and `rig` match?";
+    /// The line has no checksum and asks for more than a look.
+    Unsealed = 2, "commands that move or change something need a checksum: use `rig`";
+    /// Not in this state.
+    NotNow = 3, "not in this state: stop what is running first, or arm the rig";
+    /// A fault is latched.
+    Faulted = 4, "a fault is latched: remove its cause, then clear it";
+    /// The cause of the fault is still there.
+    StillThere = 5, "the cause of the fault is still there";
+    /// A value is outside its bounds.
+    OutOfBounds = 6, "the value is outside its bounds";
+    /// The draft of the settings does not make sense as a whole.
+    BadSettings = 7, "the settings do not fit together: look at the model's effects and the calibration table";
+    /// The protocol is incomplete or asks for more than the limits.
+    BadProtocol = 8, "the protocol is incomplete or exceeds the board's limits";
+    /// The EEPROM did not keep what was written.
+    Storage = 9, "the EEPROM did not keep the settings: it may be worn out";
+    /// The sensors do not rest.
+    NotAtRest = 10, "the sensors do not rest: wait, and try again";
+    /// A sensor has no reading.
+    NoReading = 11, "a sensor has no valid reading: check its wires";
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.sentence())
+    }
+}
+
+impl core::error::Error for Refusal {}
+
+/// A reply.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Reply<'t> {
+    /// The number of the request.
+    pub id: u8,
+    /// What became of it: text, often empty, or why not.
+    pub outcome: Result<&'t str, Refusal>,
+}
+
+/// Starts a reply that says `ok`; whatever is written next is its text, after a
+/// space.
+///
+/// # Errors
+///
+/// Those of the output.
+pub fn ok<W: uWrite + ?Sized>(out: &mut W, id: u8) -> Result<Sealed<'_, W>, W::Error> {
+    let mut line = Sealed::new(out);
+    uwrite!(line, "A {} ok", id)?;
+    Ok(line)
+}
+
+/// Writes a reply that says `no`.
+///
+/// # Errors
+///
+/// Those of the output.
+pub fn no<W: uWrite + ?Sized>(out: &mut W, id: u8, refusal: Refusal) -> Result<(), W::Error> {
+    let mut line = Sealed::new(out);
+    uwrite!(line, "A {} no {}", id, refusal.code())?;
+    line.finish()
+}
+
+impl<'t> Reply<'t> {
+    /// Reads a reply; `Ok(None)` for a sealed line of another kind.
+    ///
+    /// # Errors
+    ///
+    /// [`LineError`] for a line that cannot be trusted.
+    pub fn parse(line: &'t str) -> Result<Option<Self>, LineError> {
+        let text = open(line)?;
+        Ok(Self::parse_text(text))
+    }
+
+    fn parse_text(text: &'t str) -> Option<Self> {
+        let mut fields = Fields::new(text.strip_prefix("A ")?.as_bytes());
+        let id = fields.number()?;
+        let outcome = match fields.next()? {
+            b"ok" => Ok(core::str::from_utf8(fields.rest()).ok()?),
+            b"no" => Err(Refusal::from_code(number(fields.rest())?)?),
+            _ => return None,
+        };
+        Some(Self { id, outcome })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+    use crate::line::tests::{Text, sealed};
+
+    #[test]
+    fn replies_are_read_back() {
+        let mut out = Text::default();
+        let mut line = ok(&mut out, 255).unwrap();
+        uwrite!(line, " {} and more", 12).unwrap();
+        line.finish().unwrap();
+        assert_eq!(
+            Reply::parse(&out.0),
+            Ok(Some(Reply {
+                id: 255,
+                outcome: Ok("12 and more")
+            }))
+        );
+        let mut out = Text::default();
+        ok(&mut out, 3).unwrap().finish().unwrap();
+        assert_eq!(
+            Reply::parse(&out.0),
+            Ok(Some(Reply {
+                id: 3,
+                outcome: Ok("")
+            }))
+        );
+        for &refusal in Refusal::ALL {
+            let mut out = Text::default();
+            no(&mut out, 7, refusal).unwrap();
+            assert_eq!(
+                Reply::parse(&out.0),
+                Ok(Some(Reply {
+                    id: 7,
+                    outcome: Err(refusal)
+                }))
+            );
+        }
+    }
+
+    #[test]
+    fn other_lines_are_told_apart() {
+        assert_eq!(Reply::parse(&sealed("# softrig")), Ok(None));
+        assert_eq!(Reply::parse(&sealed("A 1 no 200")), Ok(None));
+        assert!(Reply::parse("A 1 ok").is_err());
+    }
+}
