@@ -34,6 +34,7 @@ enum Command {
     Fit(cmd::fit::Args),
     Simulate(cmd::simulate::Args),
     Compare(cmd::compare::Args),
+    Gap(cmd::gap::Args),
     Materials(cmd::materials::Args),
     Example(cmd::example::Args),
     /// Print the JSON Schema of a verdict
@@ -63,6 +64,7 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Fit(args) => cmd::fit::run(&args),
         Command::Simulate(args) => cmd::simulate::run(&args),
         Command::Compare(args) => cmd::compare::run(&args),
+        Command::Gap(args) => cmd::gap::run(&args),
         Command::Materials(args) => cmd::materials::run(args),
         Command::Example(args) => cmd::example::run(&args),
         Command::Schema => {

@@ -5,6 +5,7 @@ pub mod compare;
 pub mod diagnose;
 pub mod example;
 pub mod fit;
+pub mod gap;
 pub mod materials;
 pub mod simulate;
 
