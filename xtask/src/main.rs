@@ -8,6 +8,7 @@
 mod avr;
 mod bench;
 mod demo;
+mod flash;
 mod setup;
 mod shell;
 mod test;
@@ -15,7 +16,7 @@ mod test;
 use std::{env, process::ExitCode};
 
 use setup::Mode;
-use shell::{Outcome, root, run};
+use shell::Outcome;
 use test::Scope;
 
 const HELP: &str = "\
@@ -32,7 +33,8 @@ Tasks:
   size                   print the size of the image
   bench [diagnosis | host | board]
                          a whole diagnosis; our solver beside SciPy's; cycles
-  flash --port PORT      put the image on a board and show what it says
+  flash --port PORT [--no-console] [--dry-run]
+                         put the image on a board and show what it says
 
 Examples:
   cargo xtask setup --dry-run
@@ -66,8 +68,10 @@ fn main() -> ExitCode {
         ["bench", "diagnosis"] => bench::diagnosis(),
         ["bench", "host"] => bench::host(),
         ["bench", "board"] => bench::board(),
-        ["flash", "--port", port] => flash(port),
-        ["flash", ..] => return usage("flash needs --port PORT, for example /dev/ttyACM0"),
+        ["flash", words @ ..] => match flash::Options::parse(words) {
+            Ok(options) => flash::flash(options),
+            Err(problem) => return usage(&problem),
+        },
         [task, ..]
             if ["setup", "demo", "test", "ci", "firmware", "size", "bench"].contains(task) =>
         {
@@ -95,21 +99,4 @@ fn firmware() -> Outcome {
     avr::print_size(&image)?;
     println!("  {}", image.display());
     Ok(())
-}
-
-fn flash(port: &str) -> Outcome {
-    if !shell::has_program("ravedude") {
-        return Err(
-            "flashing needs ravedude and avrdude: `sudo apt-get install avrdude libudev-dev \
-             pkg-config`, then `cargo install ravedude`"
-                .into(),
-        );
-    }
-    let image = avr::build()?;
-    avr::gates(&image)?;
-    avr::print_size(&image)?;
-    run(std::process::Command::new("ravedude")
-        .args(["-P", port])
-        .arg(&image)
-        .current_dir(root().join("firmware")))
 }

@@ -1,8 +1,9 @@
 //! Finding what is missing and installing it.
 //!
-//! Three things are needed beyond stable Rust: a compiler with the library source
-//! that avr-none is built from, avr-gcc as its linker, and simavr. Each is looked
-//! for first, so that a second run does nothing.
+//! Beyond stable Rust it takes a compiler with the library source that avr-none is
+//! built from, avr-gcc as its linker, simavr, avrdude, and ravedude, through which
+//! `cargo run` reaches a board. Each is looked for first, so that a second run does
+//! nothing.
 
 use std::{
     env, fs,
@@ -68,7 +69,23 @@ const NEEDS: &[Need] = &[
         present: || read(Command::new("pkg-config").args(["--exists", "simavr >= 1.6"])).is_ok(),
         debian: &["libsimavr-dev", "libelf-dev"],
     },
+    Need {
+        what: "avrdude",
+        present: || has_program("avrdude"),
+        debian: &["avrdude"],
+    },
+    Need {
+        what: "libudev with headers, for ravedude",
+        present: || {
+            has_program("ravedude")
+                || read(Command::new("pkg-config").args(["--exists", "libudev"])).is_ok()
+        },
+        debian: &["libudev-dev"],
+    },
 ];
+
+/// The version of ravedude that was tried.
+const RAVEDUDE: &str = "0.2.2";
 
 /// Debian packages with a compiler, its cargo and the library source. The first
 /// set is what Debian 12 keeps current for browsers.
@@ -82,7 +99,7 @@ pub fn setup(mode: Mode) -> Outcome {
     let started = Instant::now();
     let missing: Vec<&Need> = NEEDS.iter().filter(|need| !(need.present)()).collect();
     let linked = avr::is_linked();
-    if missing.is_empty() && linked {
+    if missing.is_empty() && linked && has_program("ravedude") {
         println!("setup: nothing to do ({})", seconds(started.elapsed()));
         return Ok(());
     }
@@ -130,6 +147,9 @@ pub fn setup(mode: Mode) -> Outcome {
             ),
         }
     }
+    if !has_program("ravedude") {
+        ravedude(mode)?;
+    }
     if mode == Mode::DryRun {
         println!("setup: dry run, nothing was changed");
         return Ok(());
@@ -146,6 +166,18 @@ pub fn setup(mode: Mode) -> Outcome {
         return Err(format!("toolchain {} was linked but does not work", avr::TOOLCHAIN).into());
     }
     println!("setup: done in {}", seconds(started.elapsed()));
+    Ok(())
+}
+
+/// Builds ravedude, the runner behind `cargo run` in firmware/.
+fn ravedude(mode: Mode) -> Outcome {
+    let began = Instant::now();
+    let mut command = shell::cargo();
+    command.args(["install", "ravedude", "--version", RAVEDUDE, "--locked"]);
+    if mode == Mode::Install {
+        run_quietly(&mut command, INSTALL_LIMIT)?;
+    }
+    report(mode, &shell::text(&command), began);
     Ok(())
 }
 
