@@ -3,8 +3,11 @@
 
 use crate::{
     image::Image,
-    simavr::{Outcome, Simavr},
+    simavr::{CHANNELS, NOISE_TABLE, Outcome, Simavr},
 };
+use rand::{RngExt, SeedableRng};
+use rand_distr::{Distribution, StandardNormal};
+use rand_pcg::Pcg64Mcg;
 
 /// The board's processor clock in hertz.
 pub const CLOCK_HZ: u32 = 16_000_000;
@@ -33,6 +36,84 @@ pub struct Mark {
     pub cycles: u64,
 }
 
+/// All stretches of one kind since the board was made.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct MarkTotal {
+    /// Processor cycles in all of them.
+    pub cycles: u64,
+    /// Processor cycles of the longest.
+    pub longest: u64,
+    /// How many there were.
+    pub count: u64,
+}
+
+/// A pin of the processor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Pin {
+    /// The letter of the port, A to L without I, as ASCII.
+    pub port: u8,
+    /// The bit in the port, 0 to 7.
+    pub bit: u8,
+}
+
+/// Why the processor starts anew.
+///
+/// The flags are those of the register MCUSR (ATmega2560 data sheet, 12.5.1),
+/// which stay set until the firmware clears them or power is lost.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ResetCause {
+    /// Power came on: flag PORF alone. Memory is lost, EEPROM and flash stay.
+    PowerOn,
+    /// The reset line was pulled, by the button or by opening the port: flag
+    /// EXTRF. Memory stays.
+    External,
+    /// The supply sagged: flag BORF. Memory stays.
+    BrownOut,
+    /// The watchdog was not served: flag WDRF. The simulated watchdog does this
+    /// by itself; here it can be had without waiting.
+    Watchdog,
+}
+
+impl ResetCause {
+    /// The flag in MCUSR.
+    pub const fn flag(self) -> u8 {
+        match self {
+            Self::PowerOn => 1,
+            Self::External => 1 << 1,
+            Self::BrownOut => 1 << 2,
+            Self::Watchdog => 1 << 3,
+        }
+    }
+}
+
+/// Where a stepper driver is connected and how far it can go.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StepperWiring {
+    /// One microstep on each rising edge.
+    pub step: Pin,
+    /// High counts up.
+    pub direction: Pin,
+    /// Low lets the driver step; undriven or high, it ignores edges.
+    pub enable: Pin,
+    /// Position at the start (microsteps).
+    pub position: i64,
+    /// The stop at the low end (microsteps).
+    pub lowest: i64,
+    /// The stop at the high end (microsteps).
+    pub highest: i64,
+}
+
+/// What a stepper motor did.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Stepper {
+    /// Where it stands (microsteps).
+    pub position: i64,
+    /// Rising edges while the driver was enabled.
+    pub edges: u64,
+    /// Edges that did not move it: at a stop, or stalled.
+    pub lost: u64,
+}
+
 /// What can go wrong while a board is made or runs.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -40,7 +121,7 @@ pub enum BoardError {
     /// simavr does not offer the processor, or memory is short.
     #[error("the simulator cannot make an ATmega2560: is simavr built with megaAVR cores?")]
     NoProcessor,
-    /// The processor jumped out of its program or its watchdog fired unserved.
+    /// The processor jumped out of its program.
     #[error("the processor crashed at cycle {cycle}; output so far was kept")]
     Crashed {
         /// The cycle of the crash.
@@ -49,7 +130,13 @@ pub enum BoardError {
     /// Output could not be buffered.
     #[error("no memory left for the board's output: take it more often")]
     OutOfMemory,
+    /// An EEPROM image has the wrong size.
+    #[error("an EEPROM image of {0} bytes; the ATmega2560 holds {EEPROM_BYTES}")]
+    EepromSize(usize),
 }
+
+/// EEPROM of the ATmega2560 in bytes.
+pub const EEPROM_BYTES: usize = 4096;
 
 /// A simulated board.
 pub struct Board {
@@ -112,5 +199,194 @@ impl Board {
             .into_iter()
             .map(|(id, cycles)| Mark { id, cycles })
             .collect()
+    }
+
+    /// Lets `cycles` pass without executing anything: halted, held in reset or
+    /// without power.
+    pub fn skip(&mut self, cycles: u64) {
+        self.simavr.skip_to(self.cycle().saturating_add(cycles));
+    }
+
+    /// Queues bytes for UART0. They arrive at the pace of the line, 10 bit times
+    /// each; a byte waits while the receiver is off or full.
+    ///
+    /// # Errors
+    ///
+    /// [`BoardError::OutOfMemory`].
+    pub fn send(&mut self, bytes: &[u8]) -> Result<(), BoardError> {
+        if self.simavr.send(bytes) {
+            Ok(())
+        } else {
+            Err(BoardError::OutOfMemory)
+        }
+    }
+
+    /// Bytes that were queued and have not arrived yet.
+    pub fn unsent(&self) -> usize {
+        self.simavr.unsent()
+    }
+
+    /// Bytes that a real receiver would have lost because the firmware had not
+    /// read the two before. Here they wait instead.
+    pub fn overruns(&self) -> u64 {
+        self.simavr.overruns()
+    }
+
+    /// All stretches with the mark `id` since the board was made. A mark that
+    /// another one interrupts ends there.
+    pub fn mark_total(&self, id: u8) -> MarkTotal {
+        let (cycles, longest, count) = self.simavr.mark_total(id);
+        MarkTotal {
+            cycles,
+            longest,
+            count,
+        }
+    }
+
+    /// Cycles spent in a sleep mode since the board was made.
+    pub fn slept_cycles(&self) -> u64 {
+        self.simavr.slept()
+    }
+
+    /// Resets the processor. An EEPROM write goes on, except that
+    /// [`ResetCause::PowerOn`] expects [`Board::cut_power`] before.
+    pub fn reset(&mut self, cause: ResetCause) {
+        self.simavr
+            .reset(cause.flag(), cause == ResetCause::PowerOn);
+    }
+
+    /// Takes the power away: a byte of EEPROM that is being written is left with
+    /// a random value. Time is [skipped](Board::skip) from here on until a
+    /// reset by [`ResetCause::PowerOn`]. Returns the address of the torn byte.
+    pub fn cut_power(&mut self, random: &mut Pcg64Mcg) -> Option<u16> {
+        let torn = self.simavr.eeprom_writing()?;
+        self.simavr.tear_eeprom(random.random());
+        Some(torn)
+    }
+
+    /// Resets so far, of any cause.
+    pub fn resets(&self) -> u64 {
+        self.simavr.resets()
+    }
+
+    /// The register MCUSR: causes of resets that the firmware has not cleared.
+    pub fn reset_flags(&self) -> u8 {
+        self.simavr.reset_flags()
+    }
+
+    /// The EEPROM's contents.
+    pub fn eeprom(&mut self) -> Vec<u8> {
+        self.simavr.eeprom()
+    }
+
+    /// Replaces the EEPROM's contents.
+    ///
+    /// # Errors
+    ///
+    /// [`BoardError::EepromSize`] unless there are [`EEPROM_BYTES`].
+    pub fn set_eeprom(&mut self, bytes: &[u8]) -> Result<(), BoardError> {
+        if self.simavr.set_eeprom(bytes) {
+            Ok(())
+        } else {
+            Err(BoardError::EepromSize(bytes.len()))
+        }
+    }
+
+    /// The EEPROM address that is being written, if any.
+    pub fn eeprom_writing(&mut self) -> Option<u16> {
+        self.simavr.eeprom_writing()
+    }
+
+    /// Bytes of EEPROM that the firmware has written.
+    pub fn eeprom_writes(&mut self) -> u64 {
+        self.simavr.eeprom_writes()
+    }
+
+    /// The level that the board drives on a pin, or nothing for an input.
+    pub fn driven(&self, pin: Pin) -> Option<bool> {
+        self.simavr.driven(pin.port, pin.bit)
+    }
+
+    /// Sets the level that the outside puts on an input.
+    pub fn set_input(&mut self, pin: Pin, level: bool) {
+        self.simavr.set_input(pin.port, pin.bit, level);
+    }
+
+    /// Sets the voltage on an analog input, with white noise that is drawn anew
+    /// for each conversion (both in mV).
+    pub fn set_analog(&mut self, channel: u8, millivolts: f64, noise_rms_millivolts: f64) {
+        debug_assert!(channel < CHANNELS);
+        self.simavr
+            .set_analog(channel, millivolts, noise_rms_millivolts);
+    }
+
+    /// Draws the table of the converter's noise.
+    pub fn seed_noise(&mut self, seed: u64) {
+        let mut random = Pcg64Mcg::seed_from_u64(seed);
+        let mut table = [0.0f32; NOISE_TABLE];
+        for value in &mut table {
+            *value = StandardNormal.sample(&mut random);
+        }
+        self.simavr.seed_noise(&table, random.random());
+    }
+
+    /// Connects a stepper driver.
+    pub fn wire_stepper(&mut self, wiring: StepperWiring) {
+        let pins =
+            [wiring.step, wiring.direction, wiring.enable].map(|pin: Pin| (pin.port, pin.bit));
+        self.simavr
+            .wire_stepper(pins, wiring.position, wiring.lowest, wiring.highest);
+    }
+
+    /// Blocks or frees the stepper's shaft.
+    pub fn stall(&mut self, stalled: bool) {
+        self.simavr.stall(stalled);
+    }
+
+    /// What the stepper did so far.
+    pub fn stepper(&self) -> Stepper {
+        let crate::simavr::Stepper {
+            position,
+            edges,
+            lost,
+        } = self.simavr.stepper();
+        Stepper {
+            position,
+            edges,
+            lost,
+        }
+    }
+
+    /// Switches the record of step pulses on or off.
+    pub fn trace_steps(&mut self, on: bool) {
+        self.simavr.trace_steps(on);
+    }
+
+    /// Takes the recorded step pulses: the cycle of each rising edge.
+    pub fn take_step_cycles(&mut self) -> Vec<u64> {
+        self.simavr.take_step_cycles()
+    }
+
+    /// Copies flash.
+    ///
+    /// # Panics
+    ///
+    /// If the range does not lie within the flash.
+    pub fn flash(&self, address: u32, length: u32) -> Vec<u8> {
+        self.simavr.flash(address, length)
+    }
+
+    /// Replaces flash, as a programmer does.
+    ///
+    /// # Panics
+    ///
+    /// If the range does not lie within the flash.
+    pub fn set_flash(&mut self, address: u32, bytes: &[u8]) {
+        self.simavr.set_flash(address, bytes);
+    }
+
+    /// A byte of the data space: registers and memory.
+    pub fn data(&self, address: u16) -> u8 {
+        self.simavr.data(address)
     }
 }
