@@ -1,0 +1,199 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+//! What can break on a rig, by name.
+
+use std::{fmt, str::FromStr};
+
+/// A fault that the virtual rig can have.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[non_exhaustive]
+pub enum Fault {
+    /// The flex sensor's wire is broken: its input reads 0 V.
+    OpenFlex,
+    /// The flex sensor is shorted: its input reads 5 V.
+    ShortFlex,
+    /// The flex sensor repeats its last voltage, without noise.
+    StuckFlex,
+    /// The pressure sensor's wire is broken: its input reads 0 V.
+    OpenPressure,
+    /// The pressure sensor's wire touches the supply: its input reads 5 V.
+    ShortPressure,
+    /// The pressure sensor repeats its last voltage, without noise.
+    StuckPressure,
+    /// The air leaks with a time constant of 3 s.
+    Leak,
+    /// The motor stalls: steps do not move the plunger.
+    Stall,
+    /// Bursts of flipped, lost and inserted bytes on the line, both ways.
+    Noise,
+    /// The emergency stop is pressed.
+    EmergencyStop,
+    /// The switch at the pushed-in end reads pressed.
+    EndSwitch,
+    /// The supply sags once: a brown-out reset.
+    BrownOut,
+    /// No power while it lasts.
+    PowerCut,
+    /// The cable is unplugged: bytes are lost both ways.
+    Unplugged,
+}
+
+impl Fault {
+    /// Every fault.
+    pub const ALL: [Self; 14] = [
+        Self::OpenFlex,
+        Self::ShortFlex,
+        Self::StuckFlex,
+        Self::OpenPressure,
+        Self::ShortPressure,
+        Self::StuckPressure,
+        Self::Leak,
+        Self::Stall,
+        Self::Noise,
+        Self::EmergencyStop,
+        Self::EndSwitch,
+        Self::BrownOut,
+        Self::PowerCut,
+        Self::Unplugged,
+    ];
+
+    /// The name on the command line.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::OpenFlex => "open-flex",
+            Self::ShortFlex => "short-flex",
+            Self::StuckFlex => "stuck-flex",
+            Self::OpenPressure => "open-pressure",
+            Self::ShortPressure => "short-pressure",
+            Self::StuckPressure => "stuck-pressure",
+            Self::Leak => "leak",
+            Self::Stall => "stall",
+            Self::Noise => "noise",
+            Self::EmergencyStop => "emergency-stop",
+            Self::EndSwitch => "end-switch",
+            Self::BrownOut => "brown-out",
+            Self::PowerCut => "power-cut",
+            Self::Unplugged => "unplugged",
+        }
+    }
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// Why a text is not a fault.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum FaultError {
+    /// There is no such fault.
+    #[error("there is no fault `{0}`; use one of {list}", list = names())]
+    Unknown(String),
+    /// The time is missing or not a number.
+    #[error("`{0}` does not say when; write for example leak@12.5 or leak@12.5..20 (seconds)")]
+    NoTime(String),
+    /// The end is not after the start.
+    #[error("`{0}` ends before it starts; write the earlier time first")]
+    Backwards(String),
+}
+
+fn names() -> String {
+    Fault::ALL.map(Fault::name).join(", ")
+}
+
+impl FromStr for Fault {
+    type Err = FaultError;
+
+    fn from_str(text: &str) -> Result<Self, FaultError> {
+        Self::ALL
+            .into_iter()
+            .find(|fault| fault.name() == text)
+            .ok_or_else(|| FaultError::Unknown(text.into()))
+    }
+}
+
+/// A fault with the time at which it happens: `KIND@SECONDS[..SECONDS]`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Planned {
+    /// What happens.
+    pub fault: Fault,
+    /// When it starts, in seconds of simulated time.
+    pub from_s: f64,
+    /// When it ends; never, if there is nothing. A power cut without an end
+    /// lasts half a second.
+    pub until_s: Option<f64>,
+}
+
+impl FromStr for Planned {
+    type Err = FaultError;
+
+    fn from_str(text: &str) -> Result<Self, FaultError> {
+        let no_time = || FaultError::NoTime(text.into());
+        let (fault, times) = text.split_once('@').ok_or_else(no_time)?;
+        let fault: Fault = fault.parse()?;
+        let seconds = |text: &str| {
+            text.parse()
+                .ok()
+                .filter(|seconds: &f64| seconds.is_finite() && *seconds >= 0.0)
+                .ok_or_else(no_time)
+        };
+        let (from_s, until_s) = match times.split_once("..") {
+            Some((from, until)) => (seconds(from)?, Some(seconds(until)?)),
+            None => (seconds(times)?, None),
+        };
+        if until_s.is_some_and(|until| until <= from_s) {
+            return Err(FaultError::Backwards(text.into()));
+        }
+        Ok(Self {
+            fault,
+            from_s,
+            until_s,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_fault_is_found_by_its_name() {
+        for fault in Fault::ALL {
+            assert_eq!(fault.name().parse(), Ok(fault));
+        }
+    }
+
+    #[test]
+    fn times_are_read_and_mistakes_explained() {
+        assert_eq!(
+            "leak@1.5..4".parse(),
+            Ok(Planned {
+                fault: Fault::Leak,
+                from_s: 1.5,
+                until_s: Some(4.0)
+            })
+        );
+        let planned: Planned = "stall@3".parse().unwrap();
+        assert_eq!((planned.from_s, planned.until_s), (3.0, None));
+        for text in [
+            "leak",
+            "leak@",
+            "leak@-1",
+            "leak@x",
+            "leak@inf",
+            "leak@1..x",
+        ] {
+            assert_eq!(
+                text.parse::<Planned>(),
+                Err(FaultError::NoTime(text.into()))
+            );
+        }
+        assert!(matches!(
+            "leak@4..1".parse::<Planned>(),
+            Err(FaultError::Backwards(_))
+        ));
+        let message = "flood@1".parse::<Planned>().unwrap_err().to_string();
+        assert!(message.contains("flood") && message.contains("open-flex"));
+    }
+}

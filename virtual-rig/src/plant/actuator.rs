@@ -1,0 +1,149 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+//! The actuator: `model_core` in f64, with every effect of the truth.
+//!
+//! The pressure between two steps is taken as a straight line, and a dead time
+//! looks back into a history of it. Steps are divided where the model's own
+//! rates ask for it.
+
+use host_tools::simulate::substeps;
+use model_core::{
+    actuator::{Model, State},
+    effects::Mechanism,
+    input::FromFn,
+    integrate::{Scheme, step},
+};
+
+/// Angles up to which the steps resolve the model (rad).
+const RESOLVED_RAD: f64 = 4.0;
+
+/// A bend beyond which the silicone lies on itself (rad).
+const FARTHEST_RAD: f64 = 5.0;
+
+/// An actuator in motion.
+#[derive(Clone, Debug)]
+pub struct Actuator {
+    model: Model<f64>,
+    state: State<f64>,
+    interval: f64,
+    substeps: usize,
+    /// Pressure (Pa) at the ends of past steps in a ring.
+    history: Vec<f64>,
+    newest: usize,
+}
+
+impl Actuator {
+    /// An actuator that rests without pressure, for steps of `interval` seconds.
+    pub fn at_rest(model: &Model<f64>, interval: f64) -> Self {
+        let delay: f64 = model.effects().map(Mechanism::delay).sum();
+        // Delays are bounded by the effect's table.
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let length = (delay / interval).ceil() as usize + 3;
+        Self {
+            model: *model,
+            state: model.at_rest(0.0, 0.0),
+            interval,
+            substeps: substeps(model, interval, RESOLVED_RAD),
+            history: vec![0.0; length],
+            newest: 0,
+        }
+    }
+
+    /// Advances by one interval, at the end of which the line has `pressure` (Pa).
+    pub fn step(&mut self, pressure: f64) {
+        self.newest = (self.newest + 1) % self.history.len();
+        self.history[self.newest] = pressure;
+        let dt = self.interval / self.substeps as f64;
+        for part in 0..self.substeps {
+            let begin = dt * part as f64;
+            let (history, newest, interval) = (&self.history, self.newest, self.interval);
+            let input =
+                FromFn(|offset: f64| past(history, newest, (interval - begin - offset) / interval));
+            step(Scheme::Rk4, &self.model, &mut self.state, &input, dt);
+        }
+        if !self.state.angle.is_finite() {
+            self.state = self.model.at_rest(0.0, pressure);
+        } else if self.state.angle.abs() > FARTHEST_RAD {
+            self.state.angle = FARTHEST_RAD.copysign(self.state.angle);
+            self.state.rate = 0.0;
+        }
+    }
+
+    /// The bending angle (rad).
+    pub fn angle(&self) -> f64 {
+        self.state.angle
+    }
+
+    /// The angle through the sensor effects of the truth (rad).
+    pub fn reading(&self) -> f64 {
+        self.model.reading(&self.state)
+    }
+
+    /// Time of one step (s).
+    pub fn interval(&self) -> f64 {
+        self.interval
+    }
+}
+
+/// The pressure `back` intervals before the newest entry, on a straight line
+/// between entries.
+fn past(history: &[f64], newest: usize, back: f64) -> f64 {
+    let back = back.clamp(0.0, (history.len() - 2) as f64);
+    // Clamped to the history's length.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    let whole = back as usize;
+    let at = |steps: usize| history[(newest + history.len() - steps) % history.len()];
+    let share = back - whole as f64;
+    at(whole) + (at(whole + 1) - at(whole)) * share
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use host_tools::simulate::{Signal, Start, run};
+    use model_core::{actuator::Dynamics, catalogue::Kind};
+
+    const DT: f64 = 5e-4;
+
+    fn dynamics() -> Dynamics<f64> {
+        Dynamics {
+            inertia: 0.25,
+            damping: 1.5,
+            stiffness: 5.0,
+            exponent: 1.727,
+            input_gain: 0.1e-3,
+        }
+    }
+
+    #[test]
+    fn moves_as_the_simulation_of_the_tools_does_with_every_effect() {
+        let pressure = |t: f64| 60e3 * (1.0 - (2.0 * t).cos());
+        for &kind in Kind::ALL {
+            let values: Vec<f64> = kind
+                .parameters()
+                .iter()
+                .map(|row| row.held.map_or(0.2, f64::from))
+                .collect();
+            let effect = kind.build(&values).unwrap();
+            let model: Model<f64> = Model::new(dynamics(), &[effect]).unwrap();
+            let count = 4000;
+            let time: Vec<f64> = (0..=count).map(|k| f64::from(k) * DT).collect();
+            let signal = Signal::new(time.clone(), time.iter().map(|&t| pressure(t)).collect());
+            let start = Start {
+                angle: model.reading(&model.at_rest(0.0, 0.0)),
+                rate: 0.0,
+            };
+            let reference = run(&model, &signal, start, 4);
+            let mut actuator = Actuator::at_rest(&model, DT);
+            let mut worst = 0.0f64;
+            let mut farthest = 0.0f64;
+            for k in 1..=count {
+                actuator.step(pressure(f64::from(k) * DT));
+                let expected = reference.reading[usize::try_from(k).unwrap()];
+                worst = worst.max((actuator.reading() - expected).abs());
+                farthest = farthest.max(expected.abs());
+            }
+            assert!(farthest > 0.3, "{kind:?} moves by {farthest} rad");
+            assert!(worst < 1e-5, "{kind:?} differs by {worst} rad");
+        }
+    }
+}

@@ -1,0 +1,164 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+//! Everything that is not the board: syringe pump, air, actuator, sensors.
+//!
+//! One file for each part, each with its equation, symbols and units. Parts are
+//! an immutable configuration and a small state; [`Plant::step`] advances all of
+//! them in the order in which the air flows.
+
+pub mod actuator;
+pub mod gas;
+pub mod sensors;
+pub mod syringe;
+
+use model_core::actuator::Model;
+use rand_pcg::Pcg64Mcg;
+
+use actuator::Actuator;
+use gas::{Air, Gas};
+use sensors::{FlexSensor, PressureSensor, SensorFault, Voltage};
+use syringe::Syringe;
+
+/// Pascal in a kilopascal.
+pub const PASCAL_PER_KPA: f64 = 1e3;
+
+/// The configuration of everything that is not the board.
+#[derive(Clone, Debug)]
+pub struct PlantConfig {
+    /// The actuator as it is, hidden effects included, in SI units.
+    pub actuator: Model<f64>,
+    /// Plunger and spindle.
+    pub syringe: Syringe,
+    /// The air and where it escapes.
+    pub gas: Gas,
+    /// The pressure sensor.
+    pub pressure_sensor: PressureSensor,
+    /// The flex sensor.
+    pub flex_sensor: FlexSensor,
+}
+
+/// What the board does to the plant, and what is broken, during one step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Inputs {
+    /// Where the plunger stands, in mm from the retracted switch.
+    pub plunger_mm: f64,
+    /// Whether the vent valve is energised and so closed.
+    pub valve_closed: bool,
+    /// Whether there is a leak beyond that of the gas configuration.
+    pub leaking: bool,
+    /// The flex sensor's wiring.
+    pub flex: SensorFault,
+    /// The pressure sensor's wiring.
+    pub pressure: SensorFault,
+}
+
+/// The state of everything that is not the board.
+#[derive(Clone, Debug)]
+pub struct Plant {
+    config: PlantConfig,
+    air: Air,
+    actuator: Actuator,
+    flex: sensors::FlexState,
+    flex_voltage: Voltage,
+    pressure_voltage: Voltage,
+}
+
+impl Plant {
+    /// Creates a plant at rest under atmospheric pressure, with the plunger at
+    /// `plunger_mm`, for steps of `interval` seconds.
+    pub fn new(config: PlantConfig, plunger_mm: f64, interval: f64) -> Self {
+        let air = Air::at_rest(&config.gas, config.volume_m3(plunger_mm));
+        let actuator = Actuator::at_rest(&config.actuator, interval);
+        let flex = sensors::FlexState::at_rest(actuator.reading());
+        let mut plant = Self {
+            air,
+            flex_voltage: Voltage::default(),
+            pressure_voltage: Voltage::default(),
+            actuator,
+            flex,
+            config,
+        };
+        plant.sense(SensorFault::None, SensorFault::None);
+        plant
+    }
+
+    /// Advances everything by one interval.
+    pub fn step(&mut self, inputs: &Inputs) {
+        let dt = self.actuator.interval();
+        let volume = self.config.volume_m3(inputs.plunger_mm);
+        self.air.step(
+            &self.config.gas,
+            volume,
+            !inputs.valve_closed,
+            inputs.leaking,
+            dt,
+        );
+        self.actuator.step(self.air.line_pa());
+        self.flex
+            .step(&self.config.flex_sensor, self.actuator.reading(), dt);
+        self.sense(inputs.flex, inputs.pressure);
+    }
+
+    fn sense(&mut self, flex: SensorFault, pressure: SensorFault) {
+        let shown = self.flex.shown_rad();
+        self.flex_voltage = flex.apply(self.flex_voltage, self.config.flex_sensor.voltage(shown));
+        self.pressure_voltage = pressure.apply(
+            self.pressure_voltage,
+            self.config.pressure_sensor.voltage(self.air.line_pa()),
+        );
+    }
+
+    /// The bending angle, without any sensor (°).
+    pub fn angle_deg(&self) -> f64 {
+        self.actuator.angle().to_degrees()
+    }
+
+    /// Gauge pressure at sensor and actuator, without noise (kPa).
+    pub fn pressure_kpa(&self) -> f64 {
+        self.air.line_pa() / PASCAL_PER_KPA
+    }
+
+    /// Gauge pressure in the syringe, ahead of the tube (kPa).
+    pub fn syringe_kpa(&self) -> f64 {
+        self.air.syringe_pa() / PASCAL_PER_KPA
+    }
+
+    /// Voltage and noise of the flex sensor.
+    pub fn flex_voltage(&self) -> Voltage {
+        self.flex_voltage
+    }
+
+    /// Voltage and noise of the pressure sensor.
+    pub fn pressure_voltage(&self) -> Voltage {
+        self.pressure_voltage
+    }
+
+    /// The configuration.
+    pub fn config(&self) -> &PlantConfig {
+        &self.config
+    }
+}
+
+impl PlantConfig {
+    /// The default rig around `actuator`.
+    pub fn new(actuator: Model<f64>) -> Self {
+        Self {
+            actuator,
+            syringe: Syringe::default(),
+            gas: Gas::default(),
+            pressure_sensor: PressureSensor::default(),
+            flex_sensor: FlexSensor::default(),
+        }
+    }
+
+    /// The closed volume of air with the plunger at `plunger_mm` (m³).
+    pub fn volume_m3(&self, plunger_mm: f64) -> f64 {
+        self.gas.dead_volume_m3 + self.syringe.volume_m3(plunger_mm)
+    }
+
+    /// Where the plunger stands at power-on (mm): a few millimetres from the
+    /// retracted switch, drawn.
+    pub(crate) fn draw_start_mm(&self, random: &mut Pcg64Mcg) -> f64 {
+        use rand::RngExt;
+        random.random_range(2.0..8.0)
+    }
+}

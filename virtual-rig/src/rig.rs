@@ -1,0 +1,609 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+//! The board and the plant in closed loop: what tests and `serve` use.
+//!
+//! The processor runs instruction by instruction; every half millisecond of
+//! simulated time the plant takes one step and puts new voltages and switch
+//! levels on the board's pins. Step pulses are counted to the cycle in between.
+//! Nothing depends on the time of day: the same image, seed and input at the
+//! same cycles give the same output.
+
+use std::collections::BTreeSet;
+
+use model_core::actuator::{Dynamics, Model};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+
+use crate::{
+    board::{
+        Board, BoardError, CLOCK_HZ, Mark, MarkTotal, ResetCause, State, Stepper, StepperWiring,
+    },
+    fault::{Fault, Planned},
+    image::Image,
+    noise::Noise,
+    plant::{Inputs, PASCAL_PER_KPA, Plant, PlantConfig, sensors::SensorFault},
+    wiring,
+};
+
+/// Processor cycles between two steps of the plant: 0.5 ms.
+pub const PLANT_CYCLES: u64 = 8_000;
+
+/// A power cut without an end lasts this long (s).
+pub const POWER_CUT_S: f64 = 0.5;
+
+/// What a virtual rig is made of.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Everything that is not the board.
+    pub plant: PlantConfig,
+    /// Seed of everything random: where the plunger stands at first, noise of
+    /// the sensors and the line, torn bytes of EEPROM.
+    pub seed: u64,
+    /// The EEPROM at the start, 4096 bytes; erased if there is nothing.
+    pub eeprom: Option<Vec<u8>>,
+    /// What goes wrong when.
+    pub faults: Vec<Planned>,
+}
+
+impl Default for Options {
+    /// A healthy rig with [`default_actuator`], seed 1 and an erased EEPROM.
+    fn default() -> Self {
+        Self::with_actuator(default_actuator())
+    }
+}
+
+impl Options {
+    /// A healthy default rig around an actuator.
+    pub fn with_actuator(actuator: Model<f64>) -> Self {
+        Self {
+            plant: PlantConfig::new(actuator),
+            seed: 1,
+            eeprom: None,
+            faults: Vec::new(),
+        }
+    }
+}
+
+/// A plain actuator without hidden effects that bends by 90° at 87 kPa.
+///
+/// # Panics
+///
+/// Never: its parameters are valid.
+pub fn default_actuator() -> Model<f64> {
+    Model::new(
+        Dynamics {
+            inertia: 0.25,
+            damping: 1.5,
+            stiffness: 4.0,
+            exponent: 1.727,
+            input_gain: 0.1 / PASCAL_PER_KPA,
+        },
+        &[],
+    )
+    .expect("the default actuator is valid")
+}
+
+/// How things really are, without sensors and noise.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Truth {
+    /// Simulated time since the start (s).
+    pub time_s: f64,
+    /// Bending angle (°).
+    pub angle_deg: f64,
+    /// Gauge pressure at actuator and sensor (kPa).
+    pub pressure_kpa: f64,
+    /// Plunger, from the retracted switch (mm).
+    pub plunger_mm: f64,
+    /// Whether the vent valve lets air out.
+    pub valve_open: bool,
+    /// Whether the board lets the motor step.
+    pub driver_enabled: bool,
+    /// Whether the on-board light is on.
+    pub light_on: bool,
+    /// Step pulses, position in microsteps, and steps lost.
+    pub steps: Stepper,
+    /// Whether the retracted switch reads pressed.
+    pub retracted_pressed: bool,
+    /// Whether the pushed-in switch reads pressed.
+    pub pushed_in_pressed: bool,
+    /// Whether the rig has power.
+    pub powered: bool,
+}
+
+/// A board in closed loop with a simulated actuator.
+///
+/// # Examples
+///
+/// ```no_run
+/// use std::path::Path;
+/// use virtual_rig::{Fault, Image, Options, VirtualRig};
+///
+/// let image = Image::read(Path::new("firmware.elf"))?;
+/// let mut rig = VirtualRig::new(&image, Options { seed: 7, ..Options::default() })?;
+/// rig.run_for(0.5)?;
+/// println!("banner: {:?}", rig.take_lines());
+/// rig.send(b"home\n")?;
+/// let homed = rig.run_until_line(10.0, |line| line.contains("homed"))?;
+/// assert!(homed.is_some());
+/// rig.set_fault(Fault::Leak, true);
+/// rig.run_for(2.0)?;
+/// assert!(rig.plant().valve_open, "a leak must end in a vented actuator");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub struct VirtualRig {
+    board: Board,
+    plant: Plant,
+    random: Pcg64Mcg,
+    next_plant_cycle: u64,
+    powered: bool,
+    /// Set while something else than the program has the processor.
+    held: bool,
+    power_on_at: Option<u64>,
+    faults: BTreeSet<Fault>,
+    planned: Vec<(Planned, Progress)>,
+    to_board: Noise,
+    from_board: Noise,
+    output: Vec<u8>,
+    keep_marks: bool,
+    marks: Vec<Mark>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Progress {
+    Waiting,
+    Happening,
+    Over,
+}
+
+impl VirtualRig {
+    /// Creates a rig at power-on with `image` in its flash.
+    ///
+    /// # Errors
+    ///
+    /// [`BoardError::NoProcessor`], or [`BoardError::EepromSize`] for an EEPROM
+    /// of another size.
+    pub fn new(image: &Image, options: Options) -> Result<Self, BoardError> {
+        let mut random = Pcg64Mcg::seed_from_u64(options.seed);
+        let mut board = Board::new(image)?;
+        if let Some(eeprom) = &options.eeprom {
+            board.set_eeprom(eeprom)?;
+        }
+        let syringe = options.plant.syringe;
+        let start = syringe.microsteps(options.plant.draw_start_mm(&mut random));
+        board.wire_stepper(StepperWiring {
+            step: wiring::STEP,
+            direction: wiring::DIRECTION,
+            enable: wiring::ENABLE,
+            position: start,
+            lowest: syringe.microsteps(syringe.lower_stop_mm),
+            highest: syringe.microsteps(syringe.stroke_mm),
+        });
+        board.seed_noise(random.random());
+        let mut part = || Pcg64Mcg::seed_from_u64(random.random());
+        let (to_board, from_board) = (Noise::new(part()), Noise::new(part()));
+        let interval = PLANT_CYCLES as f64 / f64::from(CLOCK_HZ);
+        let mut rig = Self {
+            board,
+            plant: Plant::new(options.plant, syringe.millimetres(start), interval),
+            random,
+            next_plant_cycle: PLANT_CYCLES,
+            powered: true,
+            held: false,
+            power_on_at: None,
+            faults: BTreeSet::new(),
+            planned: options
+                .faults
+                .into_iter()
+                .map(|planned| (planned, Progress::Waiting))
+                .collect(),
+            to_board,
+            from_board,
+            output: Vec::new(),
+            keep_marks: false,
+            marks: Vec::new(),
+        };
+        rig.drive_pins();
+        Ok(rig)
+    }
+
+    // ------------------------------------------------------------------ time
+
+    /// Runs for `seconds` of simulated time.
+    ///
+    /// # Errors
+    ///
+    /// [`BoardError::Crashed`] when the processor leaves its program. A halted
+    /// processor (asleep with interrupts off) is none: time goes on.
+    pub fn run_for(&mut self, seconds: f64) -> Result<(), BoardError> {
+        // Simulated times are hours at most.
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let cycles = (seconds * f64::from(CLOCK_HZ)).round() as u64;
+        self.run_cycles(cycles)
+    }
+
+    /// Runs for a number of processor cycles, give or take an instruction.
+    ///
+    /// # Errors
+    ///
+    /// As [`VirtualRig::run_for`].
+    pub fn run_cycles(&mut self, cycles: u64) -> Result<(), BoardError> {
+        let end = self.cycle().saturating_add(cycles);
+        while self.cycle() < end {
+            let stop = end.min(self.next_plant_cycle);
+            self.advance_board(stop)?;
+            if self.cycle() >= self.next_plant_cycle {
+                self.step_plant();
+                self.next_plant_cycle += PLANT_CYCLES;
+            }
+        }
+        Ok(())
+    }
+
+    /// Runs until the board has sent a line for which `wanted` is true, at most
+    /// for `seconds`. Returns that line without its end; lines before it are
+    /// dropped, later output is kept.
+    ///
+    /// # Errors
+    ///
+    /// As [`VirtualRig::run_for`].
+    pub fn run_until_line(
+        &mut self,
+        seconds: f64,
+        mut wanted: impl FnMut(&str) -> bool,
+    ) -> Result<Option<String>, BoardError> {
+        let end = self.time_s() + seconds;
+        loop {
+            while let Some(line) = self.take_line() {
+                if wanted(&line) {
+                    return Ok(Some(line));
+                }
+            }
+            if self.time_s() >= end {
+                return Ok(None);
+            }
+            self.run_cycles(PLANT_CYCLES)?;
+        }
+    }
+
+    /// Processor cycles since the start, also those without power.
+    pub fn cycle(&self) -> u64 {
+        self.board.cycle()
+    }
+
+    /// Simulated time since the start (s).
+    pub fn time_s(&self) -> f64 {
+        self.cycle() as f64 / f64::from(CLOCK_HZ)
+    }
+
+    fn advance_board(&mut self, stop: u64) -> Result<(), BoardError> {
+        let cycles = stop.saturating_sub(self.cycle());
+        let outcome = if self.powered && !self.held {
+            self.board.run(cycles)
+        } else {
+            Ok(State::Halted)
+        };
+        let sent = self.board.take_output();
+        if !sent.is_empty() {
+            let sent = self.line_noise(&sent, Direction::FromBoard);
+            self.output.extend(sent);
+        }
+        let marks = self.board.take_marks();
+        if self.keep_marks {
+            self.marks.extend(marks);
+        }
+        if outcome? == State::Halted {
+            let cycles = stop.saturating_sub(self.cycle());
+            self.board.skip(cycles);
+        }
+        Ok(())
+    }
+
+    // ----------------------------------------------------------- serial line
+
+    /// Sends bytes to the board, as a computer does. They arrive at the pace of
+    /// the line.
+    ///
+    /// # Errors
+    ///
+    /// [`BoardError::OutOfMemory`].
+    pub fn send(&mut self, bytes: &[u8]) -> Result<(), BoardError> {
+        if !self.powered {
+            return Ok(());
+        }
+        let bytes = self.line_noise(bytes, Direction::ToBoard);
+        self.board.send(&bytes)
+    }
+
+    /// Bytes that were sent and have not arrived yet.
+    pub fn unsent(&self) -> usize {
+        self.board.unsent()
+    }
+
+    /// Bytes that a real receiver would have lost because the firmware read too
+    /// late. Here they wait; a test of the firmware wants 0.
+    pub fn overruns(&self) -> u64 {
+        self.board.overruns()
+    }
+
+    /// Takes everything that the board sent since it was last taken.
+    pub fn take_output(&mut self) -> Vec<u8> {
+        std::mem::take(&mut self.output)
+    }
+
+    /// Takes the complete lines that the board sent, without their ends. Bytes
+    /// that are no UTF-8 are replaced; the rest of an incomplete line is kept.
+    pub fn take_lines(&mut self) -> Vec<String> {
+        std::iter::from_fn(|| self.take_line()).collect()
+    }
+
+    fn take_line(&mut self) -> Option<String> {
+        let end = self.output.iter().position(|&byte| byte == b'\n')?;
+        let line: Vec<u8> = self.output.drain(..=end).collect();
+        let text = String::from_utf8_lossy(&line);
+        Some(text.trim_end_matches(['\r', '\n']).into())
+    }
+
+    fn line_noise(&mut self, bytes: &[u8], direction: Direction) -> Vec<u8> {
+        if self.faults.contains(&Fault::Unplugged) {
+            return Vec::new();
+        }
+        if !self.faults.contains(&Fault::Noise) {
+            return bytes.into();
+        }
+        match direction {
+            Direction::ToBoard => self.to_board.pass(bytes),
+            Direction::FromBoard => self.from_board.pass(bytes),
+        }
+    }
+
+    // ------------------------------------------------------------ the plant
+
+    /// How things really are.
+    pub fn plant(&self) -> Truth {
+        let steps = self.board.stepper();
+        let plunger_mm = self.plant.config().syringe.millimetres(steps.position);
+        let driven = |pin| self.powered && self.board.driven(pin) == Some(true);
+        let (retracted_pressed, pushed_in_pressed) = self.end_switches(plunger_mm);
+        Truth {
+            time_s: self.time_s(),
+            angle_deg: self.plant.angle_deg(),
+            pressure_kpa: self.plant.pressure_kpa(),
+            plunger_mm,
+            valve_open: !driven(wiring::VENT_VALVE),
+            driver_enabled: self.powered && self.board.driven(wiring::ENABLE) == Some(false),
+            light_on: driven(wiring::LIGHT),
+            steps,
+            retracted_pressed,
+            pushed_in_pressed,
+            powered: self.powered,
+        }
+    }
+
+    fn end_switches(&self, plunger_mm: f64) -> (bool, bool) {
+        let far = self.plant.config().syringe.pushed_in_switch_mm;
+        (
+            plunger_mm <= 0.0,
+            plunger_mm >= far || self.faults.contains(&Fault::EndSwitch),
+        )
+    }
+
+    fn step_plant(&mut self) {
+        self.follow_plan();
+        let sensor = |open, short, stuck| {
+            [
+                (open, SensorFault::Open),
+                (short, SensorFault::Shorted),
+                (stuck, SensorFault::Stuck),
+            ]
+            .into_iter()
+            .find(|(fault, _)| self.faults.contains(fault))
+            .map_or(SensorFault::None, |(_, state)| state)
+        };
+        let truth = self.plant();
+        let inputs = Inputs {
+            plunger_mm: truth.plunger_mm,
+            valve_closed: !truth.valve_open,
+            leaking: self.faults.contains(&Fault::Leak),
+            flex: sensor(Fault::OpenFlex, Fault::ShortFlex, Fault::StuckFlex),
+            pressure: sensor(
+                Fault::OpenPressure,
+                Fault::ShortPressure,
+                Fault::StuckPressure,
+            ),
+        };
+        self.plant.step(&inputs);
+        self.drive_pins();
+    }
+
+    fn drive_pins(&mut self) {
+        let truth = self.plant();
+        for (channel, voltage) in [
+            (wiring::PRESSURE_CHANNEL, self.plant.pressure_voltage()),
+            (wiring::FLEX_CHANNEL, self.plant.flex_voltage()),
+        ] {
+            self.board
+                .set_analog(channel, voltage.millivolts, voltage.noise_rms_millivolts);
+        }
+        for (pin, pressed) in [
+            (wiring::RETRACTED_SWITCH, truth.retracted_pressed),
+            (wiring::PUSHED_IN_SWITCH, truth.pushed_in_pressed),
+            (
+                wiring::EMERGENCY_STOP,
+                self.faults.contains(&Fault::EmergencyStop),
+            ),
+        ] {
+            self.board.set_input(pin, pressed);
+        }
+    }
+
+    // ---------------------------------------------------------------- faults
+
+    /// Starts or ends a fault now. A [`Fault::BrownOut`] resets the board at
+    /// once and does not last; [`Fault::PowerCut`] is [`VirtualRig::power_cut`]
+    /// and [`VirtualRig::power_on`].
+    pub fn set_fault(&mut self, fault: Fault, on: bool) {
+        match (fault, on) {
+            (Fault::BrownOut, true) => self.reset(ResetCause::BrownOut),
+            (Fault::BrownOut, false) => {}
+            (Fault::PowerCut, true) => {
+                self.power_cut();
+            }
+            (Fault::PowerCut, false) => self.power_on(),
+            (_, true) => {
+                self.faults.insert(fault);
+            }
+            (_, false) => {
+                self.faults.remove(&fault);
+            }
+        }
+        self.board.stall(self.faults.contains(&Fault::Stall));
+        self.drive_pins();
+    }
+
+    /// The faults that last at the moment.
+    pub fn faults(&self) -> impl Iterator<Item = Fault> + '_ {
+        self.faults.iter().copied()
+    }
+
+    /// Plans a fault for a time to come (s of simulated time).
+    pub fn plan_fault(&mut self, planned: Planned) {
+        self.planned.push((planned, Progress::Waiting));
+    }
+
+    fn follow_plan(&mut self) {
+        let now = self.time_s();
+        if self.power_on_at.is_some_and(|at| self.cycle() >= at) {
+            self.power_on();
+        }
+        for index in 0..self.planned.len() {
+            let (planned, progress) = self.planned[index];
+            if progress == Progress::Waiting && now >= planned.from_s {
+                self.planned[index].1 = Progress::Happening;
+                self.set_fault(planned.fault, true);
+                if planned.fault == Fault::PowerCut && planned.until_s.is_none() {
+                    self.power_on_after(POWER_CUT_S);
+                }
+            } else if progress == Progress::Happening
+                && planned.until_s.is_some_and(|until| now >= until)
+            {
+                self.planned[index].1 = Progress::Over;
+                self.set_fault(planned.fault, false);
+            }
+        }
+    }
+
+    // ----------------------------------------------------- power and resets
+
+    /// Takes the power away: valve open, motor free, processor dead, unsent
+    /// bytes lost. A byte of EEPROM that is being written gets a random value;
+    /// its address is returned.
+    pub fn power_cut(&mut self) -> Option<u16> {
+        if !self.powered {
+            return None;
+        }
+        self.powered = false;
+        self.board.cut_power(&mut self.random)
+    }
+
+    /// Gives the power back: a power-on reset. Does nothing if it is there.
+    pub fn power_on(&mut self) {
+        self.power_on_at = None;
+        if !self.powered {
+            self.powered = true;
+            self.reset(ResetCause::PowerOn);
+        }
+    }
+
+    /// Gives the power back after `seconds` of simulated time.
+    pub fn power_on_after(&mut self, seconds: f64) {
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let cycles = (seconds.max(0.0) * f64::from(CLOCK_HZ)) as u64;
+        self.power_on_at = Some(self.cycle() + cycles);
+    }
+
+    /// Resets the processor. For [`ResetCause::PowerOn`], a short interruption
+    /// of the power. Does nothing without power.
+    pub fn reset(&mut self, cause: ResetCause) {
+        if !self.powered {
+            return;
+        }
+        self.held = false;
+        if cause == ResetCause::PowerOn {
+            self.board.cut_power(&mut self.random);
+        }
+        self.board.reset(cause);
+        self.drive_pins();
+    }
+
+    // ------------------------------------------------------- looking inside
+
+    /// The EEPROM's contents.
+    pub fn eeprom(&mut self) -> Vec<u8> {
+        self.board.eeprom()
+    }
+
+    /// The EEPROM address that is being written, if any.
+    pub fn eeprom_writing(&mut self) -> Option<u16> {
+        self.board.eeprom_writing()
+    }
+
+    /// Bytes of EEPROM that the firmware has written so far.
+    pub fn eeprom_writes(&mut self) -> u64 {
+        self.board.eeprom_writes()
+    }
+
+    /// Switches the record of step pulses on or off.
+    pub fn trace_steps(&mut self, on: bool) {
+        self.board.trace_steps(on);
+    }
+
+    /// Takes the recorded step pulses: the processor cycle of each rising edge
+    /// of STEP while the driver was enabled. See [`VirtualRig::trace_steps`].
+    pub fn step_edges(&mut self) -> Vec<u64> {
+        self.board.take_step_cycles()
+    }
+
+    /// Cycles in all stretches that the firmware marked with `id` in GPIOR0,
+    /// their number and the longest. CPU use over a while is one minus the
+    /// difference of the idle mark's cycles over the cycles that passed.
+    pub fn mark_total(&self, id: u8) -> MarkTotal {
+        self.board.mark_total(id)
+    }
+
+    /// Switches on or off that single marks are kept for
+    /// [`VirtualRig::take_marks`]; totals are always there.
+    pub fn keep_marks(&mut self, on: bool) {
+        self.keep_marks = on;
+    }
+
+    /// Takes the single marks since the last call.
+    pub fn take_marks(&mut self) -> Vec<Mark> {
+        std::mem::take(&mut self.marks)
+    }
+
+    /// Cycles that the processor spent in a sleep mode.
+    pub fn slept_cycles(&self) -> u64 {
+        self.board.slept_cycles()
+    }
+
+    /// The deepest that the stack has been since power-on, in bytes.
+    pub fn stack_bytes(&self) -> u16 {
+        self.board.stack_bytes()
+    }
+
+    /// Resets so far, of any cause; the start is none.
+    pub fn resets(&self) -> u64 {
+        self.board.resets()
+    }
+
+    /// The board, for what has no method here. Running it directly would leave
+    /// the plant behind, so it is shared only for reading.
+    pub fn board(&self) -> &Board {
+        &self.board
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Direction {
+    ToBoard,
+    FromBoard,
+}
