@@ -30,6 +30,9 @@ pub const PLANT_CYCLES: u64 = 8_000;
 /// A power cut without an end lasts this long (s).
 pub const POWER_CUT_S: f64 = 0.5;
 
+/// Where the plunger stands at power-on, from the retracted switch (mm).
+const START_MM: std::ops::Range<f64> = 2.0..8.0;
+
 /// What a virtual rig is made of.
 #[derive(Clone, Debug)]
 pub struct Options {
@@ -84,6 +87,8 @@ pub fn default_actuator() -> Model<f64> {
 
 /// How things really are, without sensors and noise.
 #[derive(Clone, Copy, Debug, PartialEq)]
+// Switches and valves are two-valued, and there are that many.
+#[allow(clippy::struct_excessive_bools)]
 pub struct Truth {
     /// Simulated time since the start (s).
     pub time_s: f64,
@@ -168,7 +173,7 @@ impl VirtualRig {
             board.set_eeprom(eeprom)?;
         }
         let syringe = options.plant.syringe;
-        let start = syringe.microsteps(options.plant.draw_start_mm(&mut random));
+        let start = syringe.microsteps(random.random_range(START_MM));
         board.wire_stepper(StepperWiring {
             step: wiring::STEP,
             direction: wiring::DIRECTION,

@@ -11,7 +11,6 @@ pub mod sensors;
 pub mod syringe;
 
 use model_core::actuator::Model;
-use rand_pcg::Pcg64Mcg;
 
 use actuator::Actuator;
 use gas::{Air, Gas};
@@ -153,12 +152,5 @@ impl PlantConfig {
     /// The closed volume of air with the plunger at `plunger_mm` (m³).
     pub fn volume_m3(&self, plunger_mm: f64) -> f64 {
         self.gas.dead_volume_m3 + self.syringe.volume_m3(plunger_mm)
-    }
-
-    /// Where the plunger stands at power-on (mm): a few millimetres from the
-    /// retracted switch, drawn.
-    pub(crate) fn draw_start_mm(&self, random: &mut Pcg64Mcg) -> f64 {
-        use rand::RngExt;
-        random.random_range(2.0..8.0)
     }
 }
