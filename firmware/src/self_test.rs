@@ -69,12 +69,14 @@ const MOST_PARAMETERS: usize = 8;
 /// [`InvalidModel`] if the effect has no such parameters, which the tests rule out.
 pub fn with_effect(kind: Kind) -> Result<Model<f32, Minimax>, InvalidModel> {
     let mut values = [0.0; MOST_PARAMETERS];
-    let rows = kind.parameters();
-    for (value, row) in values.iter_mut().zip(rows) {
-        *value = 0.05_f32.clamp(row.lower, row.upper);
+    for (index, value) in values.iter_mut().enumerate() {
+        if let Some((lower, upper)) = kind.bounds(index) {
+            // Not `clamp`, which panics if the bounds are the wrong way round.
+            *value = 0.05_f32.max(lower).min(upper);
+        }
     }
     let effect = values
-        .get(..rows.len())
+        .get(..kind.parameter_count())
         .and_then(|values| kind.build(values))
         .ok_or(InvalidModel::TooManyEffects)?;
     Model::new(DYNAMICS, &[effect])

@@ -185,12 +185,18 @@ impl<R: Real, P: Power<R>> Model<R, P> {
         }
         let mut slots = [None; MAX_EFFECTS];
         for (slot, effect) in effects.iter().enumerate() {
-            for (parameter, (value, row)) in effect.values().zip(effect.parameters()).enumerate() {
+            for (parameter, value) in effect.values().enumerate() {
                 let id = ParameterId::Effect { slot, parameter };
                 if !value.is_finite() {
                     return Err(InvalidModel::NotFinite(id));
                 }
-                if value < R::from_f32(row.lower) || value > R::from_f32(row.upper) {
+                let within = effect
+                    .kind()
+                    .bounds(parameter)
+                    .is_some_and(|(lower, upper)| {
+                        (R::from_f32(lower)..=R::from_f32(upper)).contains(&value)
+                    });
+                if !within {
                     return Err(InvalidModel::OutOfBounds(id));
                 }
             }

@@ -48,6 +48,26 @@ macro_rules! catalogue {
                 }
             }
 
+            /// Rows of the parameter table, without the table: see
+            /// [`Self::bounds`].
+            pub const fn parameter_count(self) -> usize {
+                match self {
+                    $( Self::$name => crate::effects::$module::$name::<()>::COUNT, )+
+                }
+            }
+
+            /// Smallest and largest value of the parameter at `index` of the
+            /// table, in SI units; none beyond it.
+            ///
+            /// The same numbers as in [`Self::parameters`], as code: a
+            /// processor that keeps its constants in RAM pays for the texts
+            /// and tables of the catalogue only where it asks for them.
+            pub const fn bounds(self, index: usize) -> Option<(f32, f32)> {
+                match self {
+                    $( Self::$name => crate::effects::$module::$name::<()>::bounds(index), )+
+                }
+            }
+
             /// Creates the effect from values in SI units, in the order of the
             /// table; none if their number differs. Bounds are checked when a
             /// model is made of it.
@@ -144,21 +164,32 @@ impl<R: Copy> Effect<R> {
 
     /// The values in the order of the table, in SI units.
     pub fn values(&self) -> impl Iterator<Item = R> {
-        (0..self.parameters().len()).filter_map(|index| self.value(index))
+        (0..self.kind().parameter_count()).filter_map(|index| self.value(index))
     }
 }
 
-catalogue![
-    coulomb_friction::CoulombFriction,
-    quadratic_damping::QuadraticDamping,
-    gravity::Gravity,
-    cubic_stiffness::CubicStiffness,
-    exponent_shift::ExponentShift,
-    maxwell_branch::MaxwellBranch,
-    pneumatic_lag::PneumaticLag,
-    dead_time::DeadTime,
-    sensor_offset::SensorOffset,
-];
+/// Hands the list of all effects, as `module::Type`, to a macro.
+///
+/// For code outside of this crate that needs a constant for each effect and
+/// must not forget one.
+#[macro_export]
+macro_rules! for_each_effect {
+    ($callback:ident) => {
+        $callback![
+            coulomb_friction::CoulombFriction,
+            quadratic_damping::QuadraticDamping,
+            gravity::Gravity,
+            cubic_stiffness::CubicStiffness,
+            exponent_shift::ExponentShift,
+            maxwell_branch::MaxwellBranch,
+            pneumatic_lag::PneumaticLag,
+            dead_time::DeadTime,
+            sensor_offset::SensorOffset,
+        ];
+    };
+}
+
+for_each_effect!(catalogue);
 
 #[cfg(test)]
 mod tests {
@@ -185,6 +216,11 @@ mod tests {
                     row.key
                 );
             }
+            assert_eq!(kind.parameter_count(), rows.len());
+            for (index, row) in rows.iter().enumerate() {
+                assert_eq!(kind.bounds(index), Some((row.lower, row.upper)));
+            }
+            assert_eq!(kind.bounds(rows.len()), None);
             assert!(!kind.info().look_alikes.contains(&kind.name()));
             let ones = [1.0; 8];
             let effect = kind.build(&ones[..rows.len()]).unwrap();

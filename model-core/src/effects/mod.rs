@@ -225,6 +225,27 @@ macro_rules! parameters {
         impl $name<()> {
             /// The parameter table, in the order of the fields.
             pub const PARAMETERS: &'static [$crate::effects::Parameter] = &[$( $row ),+];
+
+            /// Rows of the table. Like [`Self::bounds`] this is code and no
+            /// data, so that a board can ask without holding the table in RAM.
+            pub const COUNT: usize = [$( stringify!($field) ),+].len();
+
+            /// Smallest and largest value of the parameter at `index`, in SI
+            /// units; none beyond the table.
+            pub const fn bounds(index: usize) -> Option<(f32, f32)> {
+                // Counted down instead of matched, since the rows of a
+                // repetition have no numbers. Each bound is a constant of its
+                // own: a constant pair would be copied from memory.
+                let mut rows_before = index;
+                $(
+                    if rows_before == 0 {
+                        return Some((const { ($row).lower }, const { ($row).upper }));
+                    }
+                    rows_before = rows_before.wrapping_sub(1);
+                )+
+                let _ = rows_before;
+                None
+            }
         }
 
         impl<R: Copy> $name<R> {
