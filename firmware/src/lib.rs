@@ -7,4 +7,5 @@
 
 pub mod io;
 pub mod probe;
+pub mod safety;
 pub mod self_test;

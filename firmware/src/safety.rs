@@ -1,0 +1,702 @@
+//! The supervisor: what the rig may do in which state, and what stops it.
+//!
+//! A pump that pushes air into silicone has few ways to do harm, and all of them
+//! are a motor that runs on or a valve that stays shut. So the decision is one
+//! table of states and conditions, apart from the code that controls anything,
+//! and whatever that code asks for passes through [`Supervisor::restrain`]. The
+//! table for people is `docs/safety.md`; a test compares the two.
+//!
+//! The order of a control period: [`Supervisor::update`] with the conditions,
+//! then [`Supervisor::handle`] for what was asked, then the control logic, then
+//! [`Supervisor::restrain`] on its outputs.
+
+use wire::{fault::Fault, reply::Refusal, state::State};
+
+use crate::io::{Inputs, Outputs, Pump, Valve};
+
+/// What may be wrong in this control period, one flag for each [`Fault`].
+///
+/// The flags say what *is*, not what to do about it: that depends on the state
+/// and is the supervisor's part.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[allow(clippy::struct_excessive_bools)] // They are independent of each other.
+pub struct Conditions {
+    /// The emergency-stop circuit is open.
+    pub emergency_stop: bool,
+    /// The gauge pressure is above the limit of the settings.
+    pub over_pressure: bool,
+    /// The bending angle is above the limit of the settings.
+    pub over_angle: bool,
+    /// The pressure sensor has no reading.
+    pub pressure_sensor: bool,
+    /// The flex sensor has no reading.
+    pub flex_sensor: bool,
+    /// The pump moves and nothing follows, or homing finds no switch.
+    pub stall: bool,
+    /// The plunger runs into an end; see [`runs_into_end`].
+    pub end_switch: bool,
+    /// Nothing was heard from the computer for longer than the settings allow.
+    pub host_silent: bool,
+    /// The watchdog caused the last reset. True for the first period only:
+    /// it is an event, and an event is gone once it has been latched.
+    pub watchdog: bool,
+    /// The last reset came from a dip of the supply. True for the first period
+    /// only, like [`Self::watchdog`].
+    pub brown_out: bool,
+    /// The settings in use are not those that were stored, because these are
+    /// damaged; true until valid ones are saved.
+    pub settings_damaged: bool,
+    /// A control period took longer than it may.
+    pub overrun: bool,
+    /// The firmware reached a state that it excludes.
+    pub internal: bool,
+}
+
+impl Conditions {
+    /// Whether the condition behind a fault holds.
+    pub const fn holds(&self, fault: Fault) -> bool {
+        match fault {
+            Fault::EmergencyStop => self.emergency_stop,
+            Fault::OverPressure => self.over_pressure,
+            Fault::OverAngle => self.over_angle,
+            Fault::PressureSensor => self.pressure_sensor,
+            Fault::FlexSensor => self.flex_sensor,
+            Fault::Stall => self.stall,
+            Fault::EndSwitch => self.end_switch,
+            Fault::HostLost => self.host_silent,
+            Fault::Watchdog => self.watchdog,
+            Fault::BrownOut => self.brown_out,
+            Fault::Settings => self.settings_damaged,
+            Fault::Overrun => self.overrun,
+            Fault::Internal => self.internal,
+        }
+    }
+
+    const fn faults(&self) -> Faults {
+        Faults::NONE
+            .with(Fault::EmergencyStop, self.emergency_stop)
+            .with(Fault::OverPressure, self.over_pressure)
+            .with(Fault::OverAngle, self.over_angle)
+            .with(Fault::PressureSensor, self.pressure_sensor)
+            .with(Fault::FlexSensor, self.flex_sensor)
+            .with(Fault::Stall, self.stall)
+            .with(Fault::EndSwitch, self.end_switch)
+            .with(Fault::HostLost, self.host_silent)
+            .with(Fault::Watchdog, self.watchdog)
+            .with(Fault::BrownOut, self.brown_out)
+            .with(Fault::Settings, self.settings_damaged)
+            .with(Fault::Overrun, self.overrun)
+            .with(Fault::Internal, self.internal)
+    }
+}
+
+/// Whether the plunger runs into an end switch: the flag
+/// [`Conditions::end_switch`].
+///
+/// `rate` is what the pump is doing (microsteps/s, positive compresses). Moving
+/// against a switch that is open counts, leaving it does not. While homing, the
+/// retracted switch is what the plunger looks for and does not count. A plunger
+/// cannot be at both ends, so two open switches are a broken wire and count in
+/// every state, moving or not.
+pub fn runs_into_end(state: State, inputs: &Inputs, rate: f32) -> bool {
+    let retracting_into = inputs.retracted_end && rate < 0.0 && state != State::Homing;
+    let pushing_into = inputs.pushed_end && rate > 0.0;
+    retracting_into || pushing_into || (inputs.retracted_end && inputs.pushed_end)
+}
+
+/// A set of faults, a bit each.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Faults(u16);
+
+impl Faults {
+    const NONE: Self = Self(0);
+
+    /// What latches in every state. Motion has nothing to do with these: the
+    /// operator must have seen them before the rig is armed. Pressure above the
+    /// limit belongs here because in idle the valve is open: then it is a
+    /// blocked vent.
+    const ALWAYS: Self = Self::NONE
+        .with(Fault::EmergencyStop, true)
+        .with(Fault::OverPressure, true)
+        .with(Fault::Watchdog, true)
+        .with(Fault::BrownOut, true)
+        .with(Fault::Settings, true)
+        .with(Fault::Internal, true);
+
+    /// What latches only while the pump may move. At rest these are only shown:
+    /// sensors are plugged in and out, actuators are bent by hand, nobody
+    /// listens, and a self-test takes longer than a period.
+    const WHILE_ARMED: Self = Self::NONE
+        .with(Fault::OverAngle, true)
+        .with(Fault::PressureSensor, true)
+        .with(Fault::FlexSensor, true)
+        .with(Fault::Stall, true)
+        .with(Fault::EndSwitch, true)
+        .with(Fault::HostLost, true)
+        .with(Fault::Overrun, true);
+
+    const fn with(self, fault: Fault, holds: bool) -> Self {
+        if holds {
+            Self(self.0 | 1 << (fault.code() - 1))
+        } else {
+            self
+        }
+    }
+
+    const fn union(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+
+    const fn common(self, other: Self) -> Self {
+        Self(self.0 & other.0)
+    }
+
+    const fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+
+    const fn has(self, fault: Fault) -> bool {
+        !self.common(Self::NONE.with(fault, true)).is_empty()
+    }
+
+    /// The one that explains the others: people before machine, the processor
+    /// and its supply before what it measures, a sensor before what it shows,
+    /// and silence last, since a computer that is told of anything else may
+    /// fall silent for it.
+    fn first(self) -> Option<Fault> {
+        // Compared one by one: an array of these would lie in RAM.
+        macro_rules! first_of {
+            ($( $fault:ident ),+) => {
+                $( if self.has(Fault::$fault) { return Some(Fault::$fault); } )+
+            };
+        }
+        first_of![
+            EmergencyStop,
+            Internal,
+            Watchdog,
+            BrownOut,
+            Settings,
+            PressureSensor,
+            FlexSensor,
+            OverPressure,
+            OverAngle,
+            EndSwitch,
+            Stall,
+            Overrun,
+            HostLost
+        ];
+        None
+    }
+}
+
+/// Whether a condition latches a fault in a state.
+///
+/// In [`State::Fault`] it means that the condition is latched beside the first
+/// one and has to be gone too before the fault can be cleared.
+pub const fn trips(state: State, fault: Fault) -> bool {
+    tripping(state).has(fault)
+}
+
+const fn tripping(state: State) -> Faults {
+    match state {
+        State::Idle | State::Fault => Faults::ALWAYS,
+        State::Homing | State::Ready | State::Running => Faults::ALWAYS.union(Faults::WHILE_ARMED),
+    }
+}
+
+/// What may ask for another state.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Event {
+    /// The computer arms the rig: home, close the valve, be ready.
+    Arm,
+    /// Homing has set the position.
+    Homed,
+    /// The computer starts a protocol.
+    Run,
+    /// The protocol is at its end.
+    ProtocolDone,
+    /// Pump off, valve open, now. Never refused.
+    Stop,
+    /// The computer is done with the rig.
+    Disarm,
+    /// The operator has removed the cause of a fault.
+    Clear,
+}
+
+/// What the actuators may do in a state.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Permit {
+    /// The pump's driver may be on.
+    pub pump: bool,
+    /// The valve may be closed.
+    pub valve_closed: bool,
+}
+
+impl Permit {
+    /// The permit of a state.
+    ///
+    /// Homing keeps the valve open: a plunger that retracts with the valve shut
+    /// would suck the actuator flat.
+    pub const fn of(state: State) -> Self {
+        match state {
+            State::Idle | State::Fault => Self {
+                pump: false,
+                valve_closed: false,
+            },
+            State::Homing => Self {
+                pump: true,
+                valve_closed: false,
+            },
+            State::Ready | State::Running => Self {
+                pump: true,
+                valve_closed: true,
+            },
+        }
+    }
+}
+
+/// The state of the rig and the faults that are latched.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Supervisor {
+    state: State,
+    /// What tripped first, [`State::Fault`] exactly while there is one.
+    cause: Option<Fault>,
+    /// Everything that tripped since.
+    latched: Faults,
+}
+
+impl Default for Supervisor {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Supervisor {
+    /// The state after a reset: idle, nothing latched.
+    pub const fn new() -> Self {
+        Self {
+            state: State::Idle,
+            cause: None,
+            latched: Faults::NONE,
+        }
+    }
+
+    /// What the rig is doing.
+    pub const fn state(&self) -> State {
+        self.state
+    }
+
+    /// The fault that stopped the rig; none unless the state is
+    /// [`State::Fault`]. Later faults do not replace it, since an operator who
+    /// hits the emergency stop because of an over-pressure wants to read of the
+    /// over-pressure.
+    pub const fn fault(&self) -> Option<Fault> {
+        self.cause
+    }
+
+    /// Whether a fault is latched, as the first or beside it.
+    pub const fn is_latched(&self, fault: Fault) -> bool {
+        self.latched.has(fault)
+    }
+
+    /// What the actuators may do now.
+    pub const fn permit(&self) -> Permit {
+        Permit::of(self.state)
+    }
+
+    /// Looks at the conditions; call it first in every control period.
+    ///
+    /// Returns the fault that it latched if this stopped the rig just now.
+    pub fn update(&mut self, conditions: &Conditions) -> Option<Fault> {
+        let tripped = conditions.faults().common(tripping(self.state));
+        self.latched = self.latched.union(tripped);
+        if self.state == State::Fault {
+            return None;
+        }
+        let cause = tripped.first()?;
+        self.state = State::Fault;
+        self.cause = Some(cause);
+        Some(cause)
+    }
+
+    /// Changes the state if the event may do that now.
+    ///
+    /// | event | idle | homing | ready | running | fault |
+    /// |---|---|---|---|---|---|
+    /// | arm | homing | – | – | – | – |
+    /// | homed | – | ready | – | – | – |
+    /// | run | – | – | running | – | – |
+    /// | protocol done | – | – | – | ready | – |
+    /// | stop | idle | idle | idle | idle | fault |
+    /// | disarm | idle | idle | idle | idle | – |
+    /// | clear | idle | homing | ready | running | idle |
+    ///
+    /// # Errors
+    ///
+    /// Nothing is changed then.
+    ///
+    /// - [`Refusal::Faulted`]: a fault is latched, and only `Clear` leads out.
+    /// - [`Refusal::StillThere`]: `Clear`, and a latched condition still holds,
+    ///   or another one that trips in idle.
+    /// - [`Refusal::NoReading`]: `Arm` while a sensor has no reading.
+    /// - [`Refusal::NotNow`]: any other dash of the table.
+    pub fn handle(&mut self, event: Event, conditions: &Conditions) -> Result<(), Refusal> {
+        let next = match (self.state, event) {
+            (State::Fault, Event::Clear) => {
+                let relevant = self.latched.union(tripping(State::Idle));
+                if !conditions.faults().common(relevant).is_empty() {
+                    return Err(Refusal::StillThere);
+                }
+                self.cause = None;
+                self.latched = Faults::NONE;
+                State::Idle
+            }
+            // Stopping what is stopped is no mistake, and neither is clearing
+            // what is clear.
+            (state @ State::Fault, Event::Stop) | (state, Event::Clear) => state,
+            (State::Fault, _) => return Err(Refusal::Faulted),
+            (_, Event::Stop | Event::Disarm) => State::Idle,
+            (State::Idle, Event::Arm) => {
+                if conditions.pressure_sensor || conditions.flex_sensor {
+                    return Err(Refusal::NoReading);
+                }
+                State::Homing
+            }
+            (State::Homing, Event::Homed) | (State::Running, Event::ProtocolDone) => State::Ready,
+            (State::Ready, Event::Run) => State::Running,
+            _ => return Err(Refusal::NotNow),
+        };
+        self.state = next;
+        Ok(())
+    }
+
+    /// Takes from the outputs what the state does not permit; call it last in
+    /// every control period, on whatever the control logic has computed.
+    ///
+    /// A rate that is not a number stops the pump.
+    pub fn restrain(&self, outputs: Outputs) -> Outputs {
+        let permit = self.permit();
+        Outputs {
+            pump: match outputs.pump {
+                _ if !permit.pump => Pump::Off,
+                Pump::Rate(rate) if !rate.is_finite() => Pump::Brake,
+                pump => pump,
+            },
+            valve: if permit.valve_closed {
+                outputs.valve
+            } else {
+                Valve::Open
+            },
+            ..outputs
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+    use std::{format, string::String, vec::Vec};
+
+    const EVENTS: [Event; 7] = [
+        Event::Arm,
+        Event::Homed,
+        Event::Run,
+        Event::ProtocolDone,
+        Event::Stop,
+        Event::Disarm,
+        Event::Clear,
+    ];
+
+    fn conditions(bits: u16) -> Conditions {
+        let bit = |fault: Fault| bits >> (fault.code() - 1) & 1 == 1;
+        Conditions {
+            emergency_stop: bit(Fault::EmergencyStop),
+            over_pressure: bit(Fault::OverPressure),
+            over_angle: bit(Fault::OverAngle),
+            pressure_sensor: bit(Fault::PressureSensor),
+            flex_sensor: bit(Fault::FlexSensor),
+            stall: bit(Fault::Stall),
+            end_switch: bit(Fault::EndSwitch),
+            host_silent: bit(Fault::HostLost),
+            watchdog: bit(Fault::Watchdog),
+            brown_out: bit(Fault::BrownOut),
+            settings_damaged: bit(Fault::Settings),
+            overrun: bit(Fault::Overrun),
+            internal: bit(Fault::Internal),
+        }
+    }
+
+    fn only(fault: Fault) -> Conditions {
+        conditions(1 << (fault.code() - 1))
+    }
+
+    fn all_conditions() -> impl Iterator<Item = Conditions> {
+        (0..1 << Fault::ALL.len()).map(conditions)
+    }
+
+    /// A supervisor that got to a state in the only ways there are; a fault is
+    /// there once for each cause and state in which it strikes.
+    fn ways_to(state: State) -> Vec<Supervisor> {
+        let none = Conditions::default();
+        let walk = |events: &[Event]| {
+            let mut supervisor = Supervisor::new();
+            for &event in events {
+                supervisor.handle(event, &none).unwrap();
+            }
+            supervisor
+        };
+        let calm = |state| match state {
+            State::Idle => walk(&[]),
+            State::Homing => walk(&[Event::Arm]),
+            State::Ready => walk(&[Event::Arm, Event::Homed]),
+            State::Running => walk(&[Event::Arm, Event::Homed, Event::Run]),
+            State::Fault => unreachable!(),
+        };
+        if state != State::Fault {
+            return std::vec![calm(state)];
+        }
+        let mut ways = Vec::new();
+        for from in &State::ALL[..4] {
+            for &fault in Fault::ALL {
+                let mut supervisor = calm(*from);
+                if supervisor.update(&only(fault)).is_some() {
+                    ways.push(supervisor);
+                }
+            }
+        }
+        ways
+    }
+
+    fn armed(state: State) -> bool {
+        matches!(state, State::Homing | State::Ready | State::Running)
+    }
+
+    const GREEDY: Outputs = Outputs {
+        pump: Pump::Rate(1000.0),
+        valve: Valve::Closed,
+        set_steps: None,
+        light: true,
+    };
+
+    /// Every state, every set of conditions, every event.
+    #[test]
+    fn nothing_gets_past_the_supervisor() {
+        for state in State::ALL {
+            for start in ways_to(state) {
+                assert_eq!(start.state(), state);
+                for now in all_conditions() {
+                    let mut updated = start;
+                    let news = updated.update(&now);
+                    check_update(start, &now, updated, news);
+                    for event in EVENTS {
+                        let mut after = updated;
+                        let outcome = after.handle(event, &now);
+                        check_event(updated, &now, event, outcome, after);
+                    }
+                }
+            }
+        }
+    }
+
+    fn check_always(it: Supervisor) {
+        assert_eq!(it.state() == State::Fault, it.fault().is_some());
+        let outputs = it.restrain(GREEDY);
+        if !armed(it.state()) {
+            assert_eq!((outputs.pump, outputs.valve), (Pump::Off, Valve::Open));
+        }
+        if it.state() == State::Homing {
+            assert_eq!(outputs.valve, Valve::Open);
+        }
+    }
+
+    fn check_update(before: Supervisor, now: &Conditions, after: Supervisor, news: Option<Fault>) {
+        check_always(after);
+        // No fault is lost: what trips is latched, and what was latched stays.
+        for &fault in Fault::ALL {
+            let trips = now.holds(fault) && trips(before.state(), fault);
+            assert_eq!(
+                after.is_latched(fault),
+                trips || before.is_latched(fault),
+                "{before:?} {fault:?}"
+            );
+        }
+        // Looking at the conditions stops the rig or does nothing.
+        if after.state() == before.state() {
+            assert_eq!((news, after.fault()), (None, before.fault()));
+        } else {
+            assert_eq!(after.state(), State::Fault);
+            assert!(news.is_some_and(|fault| now.holds(fault)));
+            assert_eq!(news, after.fault());
+        }
+        // Nothing that must stop an armed rig is ever ignored.
+        if armed(before.state()) {
+            assert_eq!(after.state() == State::Fault, *now != Conditions::default());
+        }
+    }
+
+    fn check_event(
+        before: Supervisor,
+        now: &Conditions,
+        event: Event,
+        outcome: Result<(), Refusal>,
+        after: Supervisor,
+    ) {
+        check_always(after);
+        if outcome.is_err() {
+            assert_eq!(before, after, "a refusal changes nothing");
+        }
+        if event == Event::Stop {
+            assert_eq!(outcome, Ok(()));
+            assert!(!armed(after.state()));
+        }
+        let moved = after.state() != before.state();
+        match after.state() {
+            State::Running if moved => {
+                assert_eq!((before.state(), event), (State::Ready, Event::Run));
+            }
+            State::Ready if moved => assert!(matches!(
+                (before.state(), event),
+                (State::Homing, Event::Homed) | (State::Running, Event::ProtocolDone)
+            )),
+            State::Homing if moved => {
+                assert_eq!((before.state(), event), (State::Idle, Event::Arm));
+                assert!(!now.pressure_sensor && !now.flex_sensor);
+            }
+            State::Fault => assert!(!moved, "only conditions are faults"),
+            _ => {}
+        }
+        if before.state() == State::Fault {
+            let gone = Fault::ALL.iter().all(|&fault| {
+                !now.holds(fault) || !(before.is_latched(fault) || trips(State::Idle, fault))
+            });
+            assert_eq!(moved, event == Event::Clear && gone);
+            match event {
+                Event::Stop => {}
+                Event::Clear if gone => {
+                    assert_eq!(after, Supervisor::new());
+                }
+                Event::Clear => assert_eq!(outcome, Err(Refusal::StillThere)),
+                _ => assert_eq!(outcome, Err(Refusal::Faulted)),
+            }
+        }
+    }
+
+    /// The table that people read, as the code has it.
+    fn table() -> String {
+        let mut text = String::new();
+        for &fault in Fault::ALL {
+            text.push_str(&format!("| {} |", fault.name()));
+            for state in &State::ALL[..4] {
+                let mut supervisor = ways_to(*state)[0];
+                let stopped = supervisor.update(&only(fault)) == Some(fault);
+                text.push_str(if stopped { " stops |" } else { " shown |" });
+            }
+            text.push('\n');
+        }
+        text
+    }
+
+    #[test]
+    fn what_trips_where() {
+        assert_eq!(
+            table(),
+            "\
+| emergency stop | stops | stops | stops | stops |
+| over-pressure | stops | stops | stops | stops |
+| over-angle | shown | stops | stops | stops |
+| pressure sensor | shown | stops | stops | stops |
+| flex sensor | shown | stops | stops | stops |
+| stall | shown | stops | stops | stops |
+| end switch | shown | stops | stops | stops |
+| computer lost | shown | stops | stops | stops |
+| watchdog | stops | stops | stops | stops |
+| brown-out | stops | stops | stops | stops |
+| settings | stops | stops | stops | stops |
+| overrun | shown | stops | stops | stops |
+| internal | stops | stops | stops | stops |
+"
+        );
+    }
+
+    #[test]
+    fn of_several_causes_the_one_that_explains_the_others_is_shown() {
+        for (both, shown) in [
+            // A shorted sensor reads full scale.
+            (
+                [Fault::OverPressure, Fault::PressureSensor],
+                Fault::PressureSensor,
+            ),
+            ([Fault::Stall, Fault::EmergencyStop], Fault::EmergencyStop),
+            ([Fault::HostLost, Fault::Stall], Fault::Stall),
+            ([Fault::FlexSensor, Fault::BrownOut], Fault::BrownOut),
+        ] {
+            let bits = both
+                .iter()
+                .fold(0, |bits, fault| bits | 1 << (fault.code() - 1));
+            let mut supervisor = ways_to(State::Running)[0];
+            assert_eq!(supervisor.update(&conditions(bits)), Some(shown));
+            assert!(both.iter().all(|&fault| supervisor.is_latched(fault)));
+        }
+        // Each has its rank, else it would not stop anything.
+        for &fault in Fault::ALL {
+            assert_eq!(only(fault).faults().first(), Some(fault));
+        }
+    }
+
+    #[test]
+    fn a_later_fault_is_kept_beside_the_first() {
+        let mut supervisor = ways_to(State::Running)[0];
+        supervisor.update(&only(Fault::OverAngle));
+        assert_eq!(supervisor.update(&only(Fault::EmergencyStop)), None);
+        assert_eq!(supervisor.fault(), Some(Fault::OverAngle));
+        assert_eq!(
+            supervisor.handle(Event::Clear, &only(Fault::EmergencyStop)),
+            Err(Refusal::StillThere)
+        );
+        assert_eq!(
+            supervisor.handle(Event::Clear, &only(Fault::OverAngle)),
+            Err(Refusal::StillThere)
+        );
+        assert_eq!(
+            supervisor.handle(Event::Clear, &Conditions::default()),
+            Ok(())
+        );
+        assert_eq!(supervisor.state(), State::Idle);
+    }
+
+    #[test]
+    fn an_end_counts_when_the_plunger_moves_against_it() {
+        let at = |retracted_end, pushed_end| Inputs {
+            retracted_end,
+            pushed_end,
+            ..Inputs::default()
+        };
+        for state in [State::Ready, State::Running] {
+            assert!(runs_into_end(state, &at(true, false), -1.0));
+            assert!(!runs_into_end(state, &at(true, false), 1.0));
+            assert!(!runs_into_end(state, &at(true, false), 0.0));
+            assert!(runs_into_end(state, &at(false, true), 1.0));
+            assert!(!runs_into_end(state, &at(false, true), -1.0));
+        }
+        assert!(!runs_into_end(State::Homing, &at(true, false), -1.0));
+        assert!(runs_into_end(State::Homing, &at(false, true), 1.0));
+        // Nothing is at both ends.
+        for state in State::ALL {
+            assert!(runs_into_end(state, &at(true, true), 0.0));
+        }
+    }
+
+    #[test]
+    fn a_rate_that_is_not_a_number_stops_the_pump() {
+        let running = ways_to(State::Running)[0];
+        for rate in [f32::NAN, f32::INFINITY] {
+            let outputs = running.restrain(Outputs {
+                pump: Pump::Rate(rate),
+                ..GREEDY
+            });
+            assert_eq!(outputs.pump, Pump::Brake);
+        }
+        assert_eq!(running.restrain(GREEDY), GREEDY);
+    }
+}
