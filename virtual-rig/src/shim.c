@@ -20,6 +20,7 @@
 
 #include <avr_adc.h>
 #include <avr_eeprom.h>
+#include <avr_extint.h>
 #include <avr_ioport.h>
 #include <avr_uart.h>
 #include <sim_avr.h>
@@ -551,6 +552,9 @@ void softrig_board_set_input(struct softrig_board *board, char port, uint8_t bit
 {
     int index = port - 'A';
     uint8_t mask = (uint8_t)(1 << bit);
+    if ((board->external_mask[index] & mask) &&
+        !level == !(board->external_level[index] & mask))
+        return;
     board->external_mask[index] |= mask;
     board->external_level[index] &= (uint8_t)~mask;
     if (level)
@@ -775,6 +779,11 @@ struct softrig_board *softrig_board_new(const char *processor, uint32_t hertz,
     avr_register_io_write(avr, UBRR0L, on_uart_setup, board);
     avr_register_io_write(avr, UCSR0A, on_uart_setup, board);
     board->byte_cycles = hertz / 11520;
+
+    // simavr would poll a low input for level interrupts every cycle, whether
+    // or not they are enabled, at a tenth of the speed.
+    for (int i = 0; i < EXTINT_COUNT; i++)
+        avr_extint_set_strict_lvl_trig(avr, (uint8_t)i, 0);
 
     board->receive = avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_INPUT);
     avr_irq_register_notify(
