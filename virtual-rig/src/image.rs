@@ -129,6 +129,14 @@ impl Image {
         })
     }
 
+    /// An erased flash: a new board, with nothing but its bootloader.
+    pub fn erased() -> Self {
+        Self {
+            flash: Vec::new(),
+            static_data_end: 0,
+        }
+    }
+
     /// The address in RAM behind the last variable, where the stack may grow to.
     pub fn static_data_end(&self) -> u16 {
         self.static_data_end

@@ -20,6 +20,7 @@ mod noise;
 pub mod plant;
 pub mod rig;
 mod simavr;
+pub mod stk500;
 pub mod wiring;
 
 pub use board::{Board, BoardError, Mark, MarkTotal, Pin, ResetCause, State, Stepper};

@@ -21,6 +21,7 @@ use crate::{
     image::Image,
     noise::Noise,
     plant::{Inputs, PASCAL_PER_KPA, Plant, PlantConfig, sensors::SensorFault},
+    stk500::{Bootloader, LISTENS_S, Memory, Phase},
     wiring,
 };
 
@@ -140,8 +141,9 @@ pub struct VirtualRig {
     random: Pcg64Mcg,
     next_plant_cycle: u64,
     powered: bool,
-    /// Set while something else than the program has the processor.
-    held: bool,
+    /// The bootloader while it has the processor, and the cycle at which it
+    /// gives up listening.
+    loader: Option<(Bootloader, u64)>,
     power_on_at: Option<u64>,
     faults: BTreeSet<Fault>,
     planned: Vec<(Planned, Progress)>,
@@ -192,7 +194,7 @@ impl VirtualRig {
             random,
             next_plant_cycle: PLANT_CYCLES,
             powered: true,
-            held: false,
+            loader: None,
             power_on_at: None,
             faults: BTreeSet::new(),
             planned: options
@@ -206,6 +208,7 @@ impl VirtualRig {
             keep_marks: false,
             marks: Vec::new(),
         };
+        rig.start_program();
         rig.drive_pins();
         Ok(rig)
     }
@@ -221,7 +224,7 @@ impl VirtualRig {
     pub fn run_for(&mut self, seconds: f64) -> Result<(), BoardError> {
         // Simulated times are hours at most.
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-        let cycles = (seconds * f64::from(CLOCK_HZ)).round() as u64;
+        let cycles = (seconds.max(0.0) * f64::from(CLOCK_HZ)).round() as u64;
         self.run_cycles(cycles)
     }
 
@@ -281,7 +284,8 @@ impl VirtualRig {
 
     fn advance_board(&mut self, stop: u64) -> Result<(), BoardError> {
         let cycles = stop.saturating_sub(self.cycle());
-        let outcome = if self.powered && !self.held {
+        self.stop_listening();
+        let outcome = if self.powered && self.loader.is_none() {
             self.board.run(cycles)
         } else {
             Ok(State::Halted)
@@ -315,7 +319,65 @@ impl VirtualRig {
             return Ok(());
         }
         let bytes = self.line_noise(bytes, Direction::ToBoard);
-        self.board.send(&bytes)
+        let rest = self.talk_to_loader(&bytes);
+        self.board.send(rest)
+    }
+
+    /// A computer opens the port: that pulls the reset line, as on every Mega,
+    /// and the bootloader listens for a second before the program starts. It
+    /// starts at once when a byte comes that no programmer would send; that byte
+    /// is lost.
+    pub fn open_port(&mut self) {
+        if self.powered {
+            self.reset(ResetCause::External);
+            self.loader = Some((Bootloader::new(), self.after(LISTENS_S)));
+        }
+    }
+
+    /// The computer closes the port. A programmer that did not take its leave is
+    /// done with.
+    pub fn close_port(&mut self) {
+        if self.loader.is_some() {
+            self.start_program();
+        }
+    }
+
+    /// Whether the bootloader has the processor.
+    pub fn in_bootloader(&self) -> bool {
+        self.loader.is_some()
+    }
+
+    /// Gives bytes to the bootloader as long as it wants them; returns the rest.
+    fn talk_to_loader<'b>(&mut self, bytes: &'b [u8]) -> &'b [u8] {
+        for (index, &byte) in bytes.iter().enumerate() {
+            let Some((loader, _)) = &mut self.loader else {
+                return &bytes[index..];
+            };
+            let answer = loader.receive(byte, &mut self.board);
+            let leaving = loader.phase() == Phase::Leaving;
+            let answer = self.line_noise(&answer, Direction::FromBoard);
+            self.output.extend(answer);
+            if leaving {
+                self.start_program();
+            }
+        }
+        &[]
+    }
+
+    fn stop_listening(&mut self) {
+        if let Some((loader, until)) = &self.loader
+            && loader.phase() == Phase::Listening
+            && self.cycle() >= *until
+        {
+            self.start_program();
+        }
+    }
+
+    /// Leaves the processor to the program, if there is one. An erased flash
+    /// leads back into the bootloader.
+    fn start_program(&mut self) {
+        let erased = self.board.flash(0, 2) == [0xff, 0xff];
+        self.loader = erased.then(|| (Bootloader::new(), u64::MAX));
     }
 
     /// Bytes that were sent and have not arrived yet.
@@ -520,9 +582,14 @@ impl VirtualRig {
 
     /// Gives the power back after `seconds` of simulated time.
     pub fn power_on_after(&mut self, seconds: f64) {
+        self.power_on_at = Some(self.after(seconds));
+    }
+
+    /// The cycle in so many seconds.
+    fn after(&self, seconds: f64) -> u64 {
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         let cycles = (seconds.max(0.0) * f64::from(CLOCK_HZ)) as u64;
-        self.power_on_at = Some(self.cycle() + cycles);
+        self.cycle().saturating_add(cycles)
     }
 
     /// Resets the processor. For [`ResetCause::PowerOn`], a short interruption
@@ -531,11 +598,12 @@ impl VirtualRig {
         if !self.powered {
             return;
         }
-        self.held = false;
+        self.loader = None;
         if cause == ResetCause::PowerOn {
             self.board.cut_power(&mut self.random);
         }
         self.board.reset(cause);
+        self.start_program();
         self.drive_pins();
     }
 
@@ -604,6 +672,27 @@ impl VirtualRig {
     /// the plant behind, so it is shared only for reading.
     pub fn board(&self) -> &Board {
         &self.board
+    }
+}
+
+impl Memory for Board {
+    fn read_flash(&mut self, address: u32, length: u32) -> Vec<u8> {
+        self.flash(address, length)
+    }
+
+    fn write_flash(&mut self, address: u32, bytes: &[u8]) {
+        self.set_flash(address, bytes);
+    }
+
+    fn read_eeprom(&mut self, address: u32, length: u32) -> Vec<u8> {
+        self.eeprom()[address as usize..][..length as usize].into()
+    }
+
+    fn write_eeprom(&mut self, address: u32, bytes: &[u8]) {
+        let mut eeprom = self.eeprom();
+        eeprom[address as usize..][..bytes.len()].copy_from_slice(bytes);
+        // It has the size that it was read with.
+        let _ = self.set_eeprom(&eeprom);
     }
 }
 

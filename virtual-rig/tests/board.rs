@@ -180,14 +180,17 @@ fn marked_stretches_add_up() {
     let total = rig.mark_total(0x7f);
     let marks = rig.take_marks();
     assert_eq!((total.count, marks.len()), (4, 4));
-    assert_eq!(total.cycles, marks.iter().map(|mark| mark.cycles).sum());
+    assert_eq!(
+        total.cycles,
+        marks.iter().map(|mark| mark.cycles).sum::<u64>()
+    );
     assert_eq!(
         Some(total.longest),
         marks.iter().map(|mark| mark.cycles).max()
     );
     assert!(total.longest > 16 * 50);
     assert!(
-        (16..200).contains(&rig.stack_bytes()),
+        (4..100).contains(&rig.stack_bytes()),
         "{}",
         rig.stack_bytes()
     );
