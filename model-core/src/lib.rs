@@ -20,5 +20,6 @@ pub mod input;
 pub mod integrate;
 pub mod ludwick;
 pub mod material;
+pub mod observer;
 pub mod power;
 pub mod real;
