@@ -5,7 +5,15 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+pub mod control;
+pub mod homing;
 pub mod io;
+pub mod observer;
+#[cfg(test)]
+#[allow(missing_docs, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+mod plant;
 pub mod probe;
+pub mod runner;
 pub mod safety;
 pub mod self_test;
+pub mod stall;

@@ -134,8 +134,8 @@ scalars! {
     SetpointRate = 15, "set.rate", 720.0, 1.0, 10_000.0, "deg/s", "Fastest change of an angle set-point";
     SetpointPressureRate = 16, "set.prat", 2_000.0, 1.0, 50_000.0, "kPa/s", "Fastest change of a pressure set-point";
     VolumePerStep = 17, "ul.step", 0.35, 1e-4, 1e3, "ul", "Volume of one microstep";
-    PressureGain = 18, "kp.kpa", 400.0, 0.0, 1e5, "ul/s per kPa", "Proportional gain of the pressure loop";
-    PressureIntegral = 19, "ki.kpa", 100.0, 0.0, 1e5, "ul/s^2 per kPa", "Integral gain of the pressure loop";
+    PressureGain = 18, "kp.kpa", 1_000.0, 0.0, 1e5, "ul/s per kPa", "Proportional gain of the pressure loop";
+    PressureIntegral = 19, "ki.kpa", 500.0, 0.0, 1e5, "ul/s^2 per kPa", "Integral gain of the pressure loop";
     AngleGain = 20, "kp.deg", 0.2, 0.0, 1e3, "kPa/deg", "Proportional gain of the angle loop";
     AngleIntegral = 21, "ki.deg", 0.6, 0.0, 1e3, "kPa/s per deg", "Integral gain of the angle loop";
     AngleDerivative = 22, "kd.deg", 0.02, 0.0, 1e3, "kPa s/deg", "Derivative gain of the angle loop";

@@ -1,0 +1,188 @@
+//! From what is asked for to how the pump moves.
+//!
+//! Pressure inside, angle around it: a pressure set-point goes straight to the
+//! pressure loop; an angle goes through the model's inverse, and in closed loop
+//! through the angle loop too. Whatever the path, the last thing before the
+//! pressure loop is the limited pressure set-point.
+
+pub mod angle;
+pub mod limit;
+pub mod pressure;
+
+use model_core::{actuator::Model, power::Power};
+use wire::{
+    protocol::Track,
+    settings::{Key, Settings},
+};
+
+use crate::io::PERIOD_S;
+use limit::{Range, Setpoint};
+
+/// Pascal in a kilopascal.
+pub const PA_PER_KPA: f32 = 1_000.0;
+/// Radians in a degree.
+pub const RAD_PER_DEG: f32 = core::f32::consts::PI / 180.0;
+/// Degrees in a radian.
+pub const DEG_PER_RAD: f32 = 180.0 / core::f32::consts::PI;
+
+/// Everything that the loops need from the settings, in Pa, rad and µl.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Config {
+    /// The pressure loop.
+    pub pressure: pressure::Config,
+    /// The angle loop.
+    pub angle: angle::Config,
+    /// Range and speed of pressure set-points.
+    pub pressure_range: Range,
+    /// Range and speed of angle set-points.
+    pub angle_range: Range,
+}
+
+impl Config {
+    /// Reads the settings. It is cheap enough to be done every period, which
+    /// saves the RAM of a copy.
+    pub fn of(settings: &Settings) -> Self {
+        let number = |key| settings.number(key);
+        let highest = number(Key::SetpointMaxPressure) * PA_PER_KPA;
+        let per_rad = PA_PER_KPA * DEG_PER_RAD;
+        Self {
+            pressure: pressure::Config {
+                proportional: number(Key::PressureGain) / PA_PER_KPA,
+                integral: number(Key::PressureIntegral) / PA_PER_KPA,
+                max_flow: number(Key::MaxFlow),
+                max_acceleration: number(Key::MaxFlowRate),
+                max_volume: number(Key::MaxVolume),
+            },
+            angle: angle::Config {
+                proportional: number(Key::AngleGain) * per_rad,
+                integral: number(Key::AngleIntegral) * per_rad,
+                derivative: number(Key::AngleDerivative) * per_rad,
+                max_pressure: highest,
+            },
+            pressure_range: Range {
+                highest,
+                rate: number(Key::SetpointPressureRate) * PA_PER_KPA,
+            },
+            angle_range: Range {
+                highest: number(Key::SetpointMax) * RAD_PER_DEG,
+                rate: number(Key::SetpointRate) * RAD_PER_DEG,
+            },
+        }
+    }
+}
+
+/// What is measured at the start of a period.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Measured {
+    /// Gauge pressure (Pa).
+    pub pressure: f32,
+    /// Bending angle (rad), filtered.
+    pub angle: f32,
+    /// Displaced volume (µl).
+    pub volume: f32,
+}
+
+/// The memory of all loops.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Controller {
+    /// What was tracked in the period before.
+    track: Option<Track>,
+    angle_setpoint: Setpoint,
+    pressure_setpoint: Setpoint,
+    angle_loop: angle::Loop,
+    pressure_loop: pressure::Loop,
+    /// The angle (rad) of the cached holding pressure (Pa).
+    holding: Option<(f32, f32)>,
+    /// Whether the holding pressure was computed in the period before.
+    fresh: bool,
+}
+
+impl Controller {
+    /// Starts from rest: valve open, no pressure.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// The set-point (rad) of the angle.
+    pub fn angle_setpoint(&self) -> f32 {
+        self.angle_setpoint.value()
+    }
+
+    /// The set-point (Pa) of the pressure.
+    pub fn pressure_setpoint(&self) -> f32 {
+        self.pressure_setpoint.value()
+    }
+
+    /// Returns the flow (µl/s, positive compresses) that brings the rig to a
+    /// level (kPa or °), and lets one control period pass.
+    pub fn track<P: Power<f32>>(
+        &mut self,
+        config: &Config,
+        model: &Model<f32, P>,
+        (track, level): (Track, f32),
+        measured: &Measured,
+    ) -> f32 {
+        let before = self.track.replace(track);
+        let target = if track == Track::Pressure {
+            level * PA_PER_KPA
+        } else {
+            let changed = before.is_none_or(|before| before != track);
+            if changed
+                && before != Some(Track::AngleOpenLoop)
+                && before != Some(Track::AngleClosedLoop)
+            {
+                self.angle_setpoint
+                    .restart(&config.angle_range, measured.angle);
+            }
+            if changed {
+                self.angle_loop = angle::Loop::default();
+            }
+            let angle =
+                self.angle_setpoint
+                    .step(&config.angle_range, level * RAD_PER_DEG, PERIOD_S);
+            let holding = self.holding_pressure(model, angle);
+            if track == Track::AngleClosedLoop {
+                self.angle_loop.step(
+                    &config.angle,
+                    (angle, holding),
+                    measured.angle,
+                    !self.pressure_loop.is_saturated(),
+                    PERIOD_S,
+                )
+            } else {
+                holding
+            }
+        };
+        let pressure = self
+            .pressure_setpoint
+            .step(&config.pressure_range, target, PERIOD_S);
+        self.pressure_loop.step(
+            &config.pressure,
+            pressure,
+            measured.pressure,
+            measured.volume,
+            PERIOD_S,
+        )
+    }
+
+    /// The pressure (Pa) that holds an angle (rad) by the model.
+    ///
+    /// It costs a quarter of a model step, so it is only computed for a new
+    /// angle, and while the angle moves every second period.
+    fn holding_pressure<P: Power<f32>>(&mut self, model: &Model<f32, P>, angle: f32) -> f32 {
+        if let Some((at, pressure)) = self.holding {
+            #[allow(clippy::float_cmp)] // The same number has the same pressure.
+            if at == angle || self.fresh {
+                self.fresh = false;
+                return pressure;
+            }
+        }
+        let pressure = model.holding_pressure(angle);
+        self.holding = Some((angle, pressure));
+        self.fresh = true;
+        pressure
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,146 @@
+//! The pressure loop: a syringe pump moves until the pressure is right.
+//!
+//! The pump is an integrator: a flow changes the volume, and the gas law turns
+//! volume into pressure. With V the air at atmospheric pressure, p₀, enclosed by
+//! a valve:
+//!
+//! ```text
+//! p = p₀ (V/(V − v) − 1)        dp/dv = (p₀ + p)²/(p₀ V): 2 kPa/ml at rest for
+//!                               50 ml, 8 kPa/ml at 100 kPa
+//! flow = kp e + I,  dI/dt = ki e   while nothing saturates
+//! ```
+//!
+//! In front of an integrator a proportional gain alone has no lasting error; the
+//! integral is there for ramps, leaks and creep. It only runs near the set-point
+//! and while the pump obeys, so it cannot wind up, and it is dropped where the
+//! pump rests. Volumes are in µl: one microstep is a fraction of one.
+
+use super::limit::{size, within};
+
+/// Gains and limits of the pressure loop.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Config {
+    /// Proportional gain kp (µl/s per Pa).
+    pub proportional: f32,
+    /// Integral gain ki (µl/s² per Pa).
+    pub integral: f32,
+    /// Fastest flow (µl/s).
+    pub max_flow: f32,
+    /// Fastest change of the flow (µl/s²), kept by the pump's driver.
+    pub max_acceleration: f32,
+    /// Largest displaced volume (µl).
+    pub max_volume: f32,
+}
+
+/// Within this gap (Pa) the pump rests at a set-point that stands still. A motor
+/// that chatters heats and shakes the rig for nothing; but near 10° a degree is
+/// only 130 Pa.
+pub const DEADBAND_PA: f32 = 60.0;
+
+/// It starts again beyond this gap (Pa), which the noise of a smoothed reading,
+/// a small part of the sensor's 673 Pa a count, does not reach.
+pub const RESTART_PA: f32 = 250.0;
+
+/// The integral runs within this gap (Pa): farther off the pump is on its way.
+const INTEGRAL_ZONE_PA: f32 = 6_000.0;
+
+/// Share of a new gap in the smoothed one: 0.1 s.
+const SMOOTHING: f32 = 0.1;
+
+/// Gaps beyond this (Pa) are alike; it keeps a nonsensical reading from lasting.
+const FAR_PA: f32 = 20_000.0;
+
+/// Periods for which a set-point has to stand still before the pump may rest.
+const STILL_PERIODS: u8 = 10;
+
+/// The pressure loop's memory.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Loop {
+    /// Flow (µl/s) that the integral asks for.
+    integral: f32,
+    setpoint: f32,
+    still: u8,
+    /// Gap (Pa), smoothed: whether to rest must not hang on one noisy reading.
+    smooth: f32,
+    resting: bool,
+    saturated: bool,
+}
+
+impl Loop {
+    /// Whether the pump could not give what was asked for in the last step.
+    pub fn is_saturated(&self) -> bool {
+        self.saturated
+    }
+
+    /// Whether the pump rests at the set-point.
+    pub fn is_resting(&self) -> bool {
+        self.resting
+    }
+
+    /// Returns the flow (µl/s, positive compresses) for set-point and measured
+    /// pressure (Pa) at a displaced volume (µl), and lets `dt` seconds pass.
+    pub fn step(
+        &mut self,
+        config: &Config,
+        setpoint: f32,
+        measured: f32,
+        volume: f32,
+        dt: f32,
+    ) -> f32 {
+        #[allow(clippy::float_cmp)] // A set-point that stands still is the same.
+        let same = setpoint == self.setpoint;
+        self.setpoint = setpoint;
+        self.still = if same {
+            self.still.saturating_add(1)
+        } else {
+            0
+        };
+
+        let error = setpoint - measured;
+        self.smooth = within(
+            self.smooth + (error - self.smooth) * SMOOTHING,
+            -FAR_PA,
+            FAR_PA,
+        );
+        let gap = size(self.smooth);
+        let band = if self.resting {
+            RESTART_PA
+        } else {
+            DEADBAND_PA
+        };
+        self.resting = self.still >= STILL_PERIODS && gap < band;
+        if self.resting {
+            self.integral = 0.0;
+            self.saturated = false;
+            return 0.0;
+        }
+
+        let wanted = config.proportional * error + self.integral;
+        let flow = config.attainable(wanted, volume);
+        #[allow(clippy::float_cmp)] // Unchanged unless a limit acted.
+        let saturated = flow != wanted;
+        self.saturated = saturated;
+        if !saturated && size(error) < INTEGRAL_ZONE_PA {
+            let next = self.integral + config.integral * error * dt;
+            self.integral = within(next, -config.max_flow, config.max_flow);
+        } else if error * self.integral < 0.0 {
+            // Overshot with a stored push the other way: it is of no use.
+            self.integral = 0.0;
+        }
+        flow
+    }
+}
+
+impl Config {
+    /// The flow (µl/s) nearest to `wanted` that the pump has, and from which it
+    /// can stop before the ends of its stroke.
+    ///
+    /// With a flow of at most k times the way left, the deceleration is k times
+    /// the flow; k = acceleration/flow at full speed keeps it within the limit.
+    pub fn attainable(&self, wanted: f32, volume: f32) -> f32 {
+        let per_volume = self.max_acceleration / self.max_flow;
+        let up = within((self.max_volume - volume) * per_volume, 0.0, self.max_flow);
+        let down = within(volume * per_volume, 0.0, self.max_flow);
+        within(wanted, -down, up)
+    }
+}

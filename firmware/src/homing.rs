@@ -1,0 +1,245 @@
+//! Finding out where the plunger is.
+//!
+//! A step counter forgets at every reset. With the valve open, the plunger goes
+//! back until the end switch answers, forward slowly until it lets go, and that
+//! edge is volume zero. It then goes on to a start position somewhat inside, so
+//! that the way back after a release does not run into the switch.
+
+use wire::{
+    fault::Fault,
+    settings::{Key, Settings},
+};
+
+use crate::io::{Inputs, Outputs, Pump, Valve};
+
+/// Where a plunger at its start position stands (µl); less for a small pump.
+const START_UL: f32 = 500.0;
+
+/// Share of the largest volume that the start position may take.
+const START_SHARE: f32 = 0.05;
+
+/// Travel, in largest volumes, after which there is no switch to be found.
+const LONGEST_SEARCH: f32 = 1.3;
+
+/// Travel, in largest volumes, in which a pressed switch has to let go.
+const LONGEST_BACK_OFF: f32 = 0.1;
+
+/// Share of the fastest flow with which the switch is looked for.
+const SEARCH_SHARE: f32 = 0.5;
+
+/// Share of the fastest flow with which its edge is taken.
+const EDGE_SHARE: f32 = 0.05;
+
+/// Periods that the pump is given to stop, and the board to set its counter.
+const SETTLING: u8 = 5;
+
+/// Periods without a step although the pump should move, after which the
+/// firmware gives up: 2 s.
+const LONGEST_STANDSTILL: u8 = 200;
+
+/// Distances and speeds, from the settings.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Config {
+    max_volume: f32,
+    max_flow: f32,
+    volume_per_step: f32,
+}
+
+impl Config {
+    /// Reads the settings.
+    pub fn of(settings: &Settings) -> Self {
+        Self {
+            max_volume: settings.number(Key::MaxVolume),
+            max_flow: settings.number(Key::MaxFlow),
+            volume_per_step: settings.number(Key::VolumePerStep),
+        }
+    }
+
+    /// The volume (µl) from which every run starts.
+    pub fn start_volume(&self) -> f32 {
+        START_UL.min(self.max_volume * START_SHARE)
+    }
+
+    fn rate(&self, share: f32) -> f32 {
+        self.max_flow * share / self.volume_per_step
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Phase {
+    /// Going back to the switch.
+    Search,
+    /// It answered: standing still.
+    Stop,
+    /// Leaving it.
+    BackOff,
+    /// It let go: standing still, the counter becomes zero.
+    Zero,
+    /// Going to the start position.
+    Approach,
+}
+
+/// How far homing has come.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Homing {
+    phase: Phase,
+    /// Position (microsteps) at which the phase began.
+    from: i32,
+    before: i32,
+    /// Periods spent standing.
+    standing: u8,
+}
+
+/// What a period of homing came to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Progress {
+    /// Going on.
+    Moving(Outputs),
+    /// The plunger is at its start position.
+    Done,
+    /// The switch cannot be right, or the plunger does not move.
+    Failed(Fault),
+}
+
+impl Homing {
+    /// Starts wherever the plunger is.
+    pub fn start(inputs: &Inputs) -> Self {
+        Self {
+            phase: if inputs.retracted_end {
+                Phase::BackOff
+            } else {
+                Phase::Search
+            },
+            from: inputs.steps,
+            before: inputs.steps,
+            standing: 0,
+        }
+    }
+
+    /// Lets one control period pass.
+    pub fn step(&mut self, config: &Config, inputs: &Inputs) -> Progress {
+        let moved = inputs.steps.wrapping_sub(self.from) as f32 * config.volume_per_step;
+        let moves = inputs.steps != self.before;
+        self.before = inputs.steps;
+        match self.phase {
+            Phase::Stop | Phase::Zero => {
+                self.standing = self.standing.saturating_add(1);
+            }
+            _ if moves => self.standing = 0,
+            _ => {
+                self.standing = self.standing.saturating_add(1);
+                if self.standing > LONGEST_STANDSTILL {
+                    return Progress::Failed(Fault::Stall);
+                }
+            }
+        }
+        let settled = self.standing >= SETTLING;
+        let mut set_steps = None;
+        match self.phase {
+            Phase::Search if inputs.retracted_end => self.enter(Phase::Stop, inputs.steps),
+            Phase::Search if -moved > config.max_volume * LONGEST_SEARCH => {
+                return Progress::Failed(Fault::Stall);
+            }
+            Phase::Stop if settled => self.enter(Phase::BackOff, inputs.steps),
+            Phase::BackOff if inputs.pushed_end => return Progress::Failed(Fault::EndSwitch),
+            Phase::BackOff if !inputs.retracted_end => {
+                self.enter(Phase::Zero, 0);
+                set_steps = Some(0);
+            }
+            Phase::BackOff if moved > config.max_volume * LONGEST_BACK_OFF => {
+                return Progress::Failed(Fault::Stall);
+            }
+            Phase::Zero if settled => self.enter(Phase::Approach, inputs.steps),
+            Phase::Approach
+                if inputs.steps as f32 * config.volume_per_step >= config.start_volume() =>
+            {
+                return Progress::Done;
+            }
+            _ => {}
+        }
+        let pump = match self.phase {
+            Phase::Search => Pump::Rate(-config.rate(SEARCH_SHARE)),
+            Phase::BackOff | Phase::Approach => Pump::Rate(config.rate(EDGE_SHARE)),
+            Phase::Stop | Phase::Zero => Pump::Brake,
+        };
+        Progress::Moving(Outputs {
+            pump,
+            valve: Valve::Open,
+            set_steps,
+            light: false,
+        })
+    }
+
+    fn enter(&mut self, phase: Phase, from: i32) {
+        *self = Self {
+            phase,
+            from,
+            before: from,
+            standing: 0,
+        };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+    use crate::plant::Plant;
+
+    /// Homes a plant; the seconds it took, or the fault.
+    fn home(plant: &mut Plant) -> Result<f64, Fault> {
+        let config = Config::of(&plant.settings);
+        let mut homing = Homing::start(&plant.inputs());
+        for period in 0..10_000 {
+            let inputs = plant.inputs();
+            match homing.step(&config, &inputs) {
+                Progress::Moving(outputs) => {
+                    assert_eq!(outputs.valve, Valve::Open);
+                    plant.step(&outputs);
+                }
+                Progress::Done => return Ok(f64::from(period) / 100.0),
+                Progress::Failed(fault) => return Err(fault),
+            }
+        }
+        panic!("homing never ends")
+    }
+
+    #[test]
+    fn ends_at_the_start_position_from_anywhere() {
+        for plunger in [-800.0, -1.0, 3.0, 400.0, 12_345.0, 57_900.0] {
+            let mut plant = Plant::new(60e3, plunger);
+            let seconds = home(&mut plant).unwrap();
+            assert!(seconds < 35.0, "{plunger}: {seconds}");
+            assert!((plant.plunger - 500.0).abs() < 10.0, "{}", plant.plunger);
+            let counted = f64::from(plant.inputs().steps) * 0.35;
+            assert!((counted - plant.plunger).abs() < 10.0, "{counted}");
+            assert!(plant.pressure.abs() < 1_000.0);
+        }
+    }
+
+    #[test]
+    fn a_switch_that_never_answers_is_a_fault() {
+        let mut plant = Plant::new(60e3, 20e3);
+        plant.retracted_end = Some(false);
+        assert_eq!(home(&mut plant), Err(Fault::Stall));
+    }
+
+    #[test]
+    fn a_switch_that_never_lets_go_is_a_fault() {
+        let mut plant = Plant::new(60e3, 20e3);
+        plant.retracted_end = Some(true);
+        assert_eq!(home(&mut plant), Err(Fault::Stall));
+        assert!(plant.plunger < 26e3);
+        let mut plant = Plant::new(60e3, 20e3);
+        plant.retracted_end = Some(true);
+        plant.pushed_end = true;
+        assert_eq!(home(&mut plant), Err(Fault::EndSwitch));
+    }
+
+    #[test]
+    fn a_pump_without_steps_is_a_fault() {
+        let mut plant = Plant::new(60e3, 20e3);
+        plant.blocked_motor = true;
+        assert_eq!(home(&mut plant), Err(Fault::Stall));
+    }
+}

@@ -1,0 +1,182 @@
+//! The model beside the rig, and the flag that says when they part.
+//!
+//! The recurrence itself is [`model_core::observer`], where a computer that
+//! reads the log finds it too. Here is when it starts anew, and when a gap
+//! between prediction and measurement is a mismatch.
+
+use model_core::{
+    actuator::Model,
+    observer::{self, Estimate},
+};
+use wire::{
+    decimal::Hundredths,
+    settings::{Key, Settings},
+};
+
+use crate::{
+    control::{DEG_PER_RAD, RAD_PER_DEG},
+    io::PERIOD_S,
+};
+
+/// The readings of a telemetry line, as they are sent.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Seen {
+    /// Gauge pressure (kPa).
+    pub pressure: Option<Hundredths>,
+    /// Bending angle (°).
+    pub angle: Option<Hundredths>,
+}
+
+/// The observer of the model in the settings; none while that model cannot be
+/// stepped at this rate.
+pub fn of_model(
+    model: Model<f32>,
+    settings: &Settings,
+) -> Result<observer::Observer, observer::Unobservable> {
+    observer::Observer::new(model, settings.number(Key::MaxAngle) * RAD_PER_DEG)
+}
+
+/// The prediction and the mismatch flag.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Monitor {
+    estimate: Option<Estimate>,
+    predicted: Option<Hundredths>,
+    /// How long the gap has been outside the band (s).
+    outside: f32,
+    mismatch: bool,
+}
+
+impl Monitor {
+    /// Starts from rest at the next readings.
+    pub fn restart(&mut self) {
+        self.estimate = None;
+        self.predicted = None;
+        self.outside = 0.0;
+    }
+
+    /// Takes the flag down.
+    pub fn clear(&mut self) {
+        self.outside = 0.0;
+        self.mismatch = false;
+    }
+
+    /// Whether prediction and measurement disagreed for too long.
+    pub fn mismatch(&self) -> bool {
+        self.mismatch
+    }
+
+    /// What the angle sensor should show (°); none before the first readings,
+    /// and when the model diverged.
+    pub fn predicted(&self) -> Option<Hundredths> {
+        self.predicted
+    }
+
+    /// The observer's state.
+    pub fn estimate(&self) -> Option<&Estimate> {
+        self.estimate.as_ref()
+    }
+
+    /// Goes on to the next telemetry line: starts from it if there is no
+    /// estimate and both readings are there, steps otherwise. The gap is only
+    /// judged while `judge`: at rest an actuator may be bent by hand.
+    pub fn step(
+        &mut self,
+        observer: &observer::Observer,
+        settings: &Settings,
+        seen: &Seen,
+        judge: bool,
+    ) {
+        match (&mut self.estimate, seen) {
+            (Some(estimate), _) => {
+                observer.step(estimate, seen.pressure.map(|pressure| pressure.0));
+            }
+            (
+                none,
+                Seen {
+                    pressure: Some(pressure),
+                    angle: Some(angle),
+                },
+            ) => *none = Some(observer.start(angle.0, pressure.0)),
+            _ => return,
+        }
+        let Some(estimate) = &self.estimate else {
+            return;
+        };
+        let degrees = observer.prediction(estimate) * DEG_PER_RAD;
+        self.predicted = degrees.is_finite().then(|| Hundredths::round(degrees));
+        if !judge {
+            self.outside = 0.0;
+            return;
+        }
+        let Some(angle) = seen.angle else { return };
+        let inside = self.predicted.is_some_and(|predicted| {
+            let gap = angle.0.saturating_sub(predicted.0).saturating_abs();
+            gap <= Hundredths::round(settings.number(Key::MismatchBand)).0
+        });
+        self.outside = if inside { 0.0 } else { self.outside + PERIOD_S };
+        if self.outside > settings.number(Key::MismatchTime) {
+            self.mismatch = true;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+    use crate::plant::dynamics;
+
+    fn observer() -> observer::Observer {
+        let dynamics = dynamics(&Settings::DEFAULT).map(|value| value as f32);
+        of_model(Model::new(dynamics, &[]).unwrap(), &Settings::DEFAULT).unwrap()
+    }
+
+    fn seen(pressure: i32, angle: i32) -> Seen {
+        Seen {
+            pressure: Some(Hundredths(pressure)),
+            angle: Some(Hundredths(angle)),
+        }
+    }
+
+    #[test]
+    fn the_flag_needs_the_band_the_time_and_a_judge() {
+        let (observer, settings) = (observer(), Settings::DEFAULT);
+        let mut monitor = Monitor::default();
+        let mut pass = |monitor: &mut Monitor, angle, judge, periods| {
+            for _ in 0..periods {
+                monitor.step(&observer, &settings, &seen(0, angle), judge);
+            }
+        };
+        pass(&mut monitor, 0, true, 500);
+        assert_eq!(monitor.predicted(), Some(Hundredths(0)));
+        pass(&mut monitor, 499, true, 500);
+        pass(&mut monitor, 600, false, 500);
+        pass(&mut monitor, 600, true, 49);
+        pass(&mut monitor, 0, true, 1);
+        pass(&mut monitor, 600, true, 49);
+        assert!(!monitor.mismatch());
+        pass(&mut monitor, 600, true, 3);
+        assert!(monitor.mismatch());
+        pass(&mut monitor, 0, true, 100);
+        assert!(monitor.mismatch(), "it is latched");
+        monitor.clear();
+        assert!(!monitor.mismatch());
+    }
+
+    #[test]
+    fn waits_for_readings_and_starts_from_them() {
+        let observer = observer();
+        let mut monitor = Monitor::default();
+        let blind = Seen {
+            angle: None,
+            ..seen(100, 0)
+        };
+        monitor.step(&observer, &Settings::DEFAULT, &blind, true);
+        assert_eq!(monitor.predicted(), None);
+        monitor.step(&observer, &Settings::DEFAULT, &seen(100, 321), true);
+        assert_eq!(monitor.predicted(), Some(Hundredths(321)));
+        assert_eq!(monitor.estimate().unwrap().steps(), 0);
+        monitor.step(&observer, &Settings::DEFAULT, &blind, true);
+        assert_eq!(monitor.estimate().unwrap().steps(), 1);
+    }
+}

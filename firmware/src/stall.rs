@@ -1,0 +1,105 @@
+//! Noticing that the pump turns and nothing follows.
+//!
+//! The motor has no encoder: a coupling that slips, a tube that came off, a
+//! supply that is missing all look like steps that were made. But air that is
+//! pushed into a closed volume must show a pressure. For a displaced volume Δv
+//! the isothermal gas law promises at least
+//!
+//! ```text
+//! Δp ≥ p₀ Δv / V     p₀ = 101 kPa, V: all the air that there may be
+//! ```
+//!
+//! An actuator that swells, a leak, and a small motor position error take from
+//! it, so only a quarter is insisted on, with twice the syringe for V.
+
+use wire::settings::{Key, Settings};
+
+const ATMOSPHERE_PA: f32 = 101_325.0;
+
+/// All the air that there may be, in largest volumes of the pump.
+const AIR: f32 = 2.0;
+
+/// Share of the promised rise that is insisted on.
+const SHARE: f32 = 0.25;
+
+/// Compressed volume, in largest volumes, over which the rise is looked for:
+/// 4 ml of 50, of which a quarter of the promise is 1 kPa, well above the noise.
+const WINDOW: f32 = 0.08;
+
+/// Where the present compression began.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Watch {
+    /// Volume (µl) and pressure (Pa) there; none while the valve is open.
+    start: Option<(f32, f32)>,
+}
+
+impl Watch {
+    /// Lets one control period pass; whether a whole window was compressed
+    /// without the least rise. `volume` is what the pump displaced (µl),
+    /// `pressure` in Pa.
+    pub fn step(
+        &mut self,
+        settings: &Settings,
+        valve_closed: bool,
+        volume: f32,
+        pressure: f32,
+    ) -> bool {
+        let largest = settings.number(Key::MaxVolume);
+        let window = largest * WINDOW;
+        match self.start {
+            Some((from, at)) if valve_closed && volume >= from => {
+                if volume - from < window {
+                    return false;
+                }
+                self.start = Some((volume, pressure));
+                let promised = ATMOSPHERE_PA * (volume - from) / (AIR * largest);
+                // Written so that not-a-number is a stall.
+                !(pressure - at >= promised * SHARE)
+            }
+            _ => {
+                // Open, or on the way back: a compression starts here.
+                self.start = valve_closed.then_some((volume, pressure));
+                false
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn compress(air_ul: f32, leak: f32) -> bool {
+        let mut watch = Watch::default();
+        (0..400).any(|period| {
+            let volume = 500.0 + 50.0 * period as f32;
+            let gas = ATMOSPHERE_PA * (air_ul / (air_ul - volume) - 1.0);
+            watch.step(&Settings::DEFAULT, true, volume, gas * (1.0 - leak))
+        })
+    }
+
+    #[test]
+    fn a_closed_volume_is_no_stall_even_if_it_is_large_or_swells() {
+        for air_ul in [30e3, 50e3, 100e3, 250e3] {
+            assert!(!compress(air_ul, 0.0), "{air_ul}");
+        }
+        assert!(!compress(60e3, 0.5));
+    }
+
+    #[test]
+    fn an_open_tube_is() {
+        assert!(compress(50e3, 1.0));
+        assert!(compress(2e6, 0.0));
+    }
+
+    #[test]
+    fn small_motions_and_an_open_valve_are_not() {
+        let mut watch = Watch::default();
+        for period in 0..10_000_u16 {
+            let volume = 2_000.0 + f32::from(period % 30) * 100.0;
+            assert!(!watch.step(&Settings::DEFAULT, true, volume, 0.0));
+            let far = f32::from(period) * 5.0;
+            assert!(!Watch::default().step(&Settings::DEFAULT, false, far, 0.0));
+        }
+    }
+}
