@@ -27,8 +27,11 @@ pub struct Seen {
     pub angle: Option<Hundredths>,
 }
 
-/// The observer of the model in the settings; none while that model cannot be
-/// stepped at this rate.
+/// The observer of a model, held against the largest angle of the settings.
+///
+/// # Errors
+///
+/// When the model cannot be stepped at this rate.
 pub fn of_model(
     model: Model<f32>,
     settings: &Settings,
@@ -142,7 +145,7 @@ mod tests {
     fn the_flag_needs_the_band_the_time_and_a_judge() {
         let (observer, settings) = (observer(), Settings::DEFAULT);
         let mut monitor = Monitor::default();
-        let mut pass = |monitor: &mut Monitor, angle, judge, periods| {
+        let pass = |monitor: &mut Monitor, angle, judge, periods| {
             for _ in 0..periods {
                 monitor.step(&observer, &settings, &seen(0, angle), judge);
             }

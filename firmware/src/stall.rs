@@ -53,8 +53,7 @@ impl Watch {
                 }
                 self.start = Some((volume, pressure));
                 let promised = ATMOSPHERE_PA * (volume - from) / (AIR * largest);
-                // Written so that not-a-number is a stall.
-                !(pressure - at >= promised * SHARE)
+                pressure - at < promised * SHARE
             }
             _ => {
                 // Open, or on the way back: a compression starts here.

@@ -135,6 +135,20 @@ impl uDisplay for Word {
     }
 }
 
+/// A 16-bit word, a checksum, as four hexadecimal digits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct HalfWord(pub u16);
+
+impl uDisplay for HalfWord {
+    fn fmt<W: uWrite + ?Sized>(&self, f: &mut Formatter<'_, W>) -> Result<(), W::Error> {
+        for byte in self.0.to_be_bytes() {
+            f.write_char(digit(byte >> 4))?;
+            f.write_char(digit(byte & 0xf))?;
+        }
+        Ok(())
+    }
+}
+
 /// A hexadecimal digit, computed: a table of digits would live in the board's RAM.
 pub(crate) const fn digit(nibble: u8) -> char {
     (if nibble < 10 {

@@ -143,4 +143,11 @@ impl Config {
         let down = within(volume * per_volume, 0.0, self.max_flow);
         within(wanted, -down, up)
     }
+
+    /// The flow (µl/s) that takes the plunger over the `gap` (µl) that is left
+    /// and arrives there at rest.
+    pub fn approach(&self, gap: f32) -> f32 {
+        let flow = gap * (self.max_acceleration / self.max_flow);
+        within(flow, -self.max_flow, self.max_flow)
+    }
 }

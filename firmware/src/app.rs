@@ -1,0 +1,673 @@
+//! The application: what the board makes of readings and of lines.
+//!
+//! It owns everything that is decided and nothing that is wired. The board layer
+//! calls, once a control period:
+//!
+//! 1. [`App::receive`] for every line that was completed since, or
+//!    [`App::overlong`] for one that was too long;
+//! 2. [`App::tick`] with the inputs, and obeys the outputs;
+//! 3. [`App::telemetry`], and writes the line;
+//! 4. [`App::report`], which writes at most one further line.
+//!
+//! After a reset it calls [`App::new`] and then [`App::banner`].
+//!
+//! A request that comes twice, because its reply was lost, does nothing the
+//! second time: what moves or saves is refused with [`Refusal::NotNow`], what
+//! sets or asks has the same result.
+
+use model_core::{
+    actuator::{Dynamics, Model},
+    observer::Observer,
+};
+use ufmt::{uWrite, uwrite};
+use wire::{
+    checksum::Crc16,
+    command::{Command, Rejection, Request},
+    decimal::{HalfWord, Hundredths, Word},
+    fault::Fault,
+    line::Sealed,
+    protocol::{Demand, Track},
+    reply::{self, Refusal, VERSION},
+    settings::{Key, Settings},
+    state::State,
+    telemetry::{Setpoint, Telemetry},
+};
+
+use crate::{
+    control::{self, Controller, DEG_PER_RAD, Measured, PA_PER_KPA, limit},
+    homing::{self, Homing, Progress},
+    io::{Inputs, Outputs, Pump, ResetCause, Valve},
+    observer::{Monitor, Seen, of_model},
+    probe::Probe,
+    runner::{Memory, Runner},
+    safety::{Conditions, Event, Supervisor, runs_into_end},
+    self_test,
+    stall::Watch,
+};
+
+/// Long texts for people, which the board keeps in flash: a constant string
+/// would lie in its RAM.
+pub trait Texts {
+    /// Writes what a fault means and what to do.
+    ///
+    /// # Errors
+    ///
+    /// Those of the output.
+    fn fault<W: uWrite + ?Sized>(&self, fault: Fault, out: &mut W) -> Result<(), W::Error>;
+
+    /// Writes a line of the help, without a line end; false beyond the last.
+    ///
+    /// # Errors
+    ///
+    /// Those of the output.
+    fn help<W: uWrite + ?Sized>(&self, line: u8, out: &mut W) -> Result<bool, W::Error>;
+}
+
+/// The help, line by line.
+pub const HELP: [&str; 6] = [
+    "status, raw, exact, get KEY: look; stop, disarm: pump off, valve open",
+    "arm: home and be ready; run [paper|steps|stairs|triangle|small|sines|hold]",
+    "load N, seg I step|ramp|sines|hold|release|repeat ...: a protocol of your own",
+    "set KEY BITS, save, discard: settings; tare: zero the sensors; clear: a fault",
+    "selftest: model steps to the bit; hello, beat: for programs",
+    "what moves or changes something needs a checksum: use rig",
+];
+
+/// The texts where RAM does not matter.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct PlainTexts;
+
+impl Texts for PlainTexts {
+    fn fault<W: uWrite + ?Sized>(&self, fault: Fault, out: &mut W) -> Result<(), W::Error> {
+        out.write_str(fault.sentence())
+    }
+
+    fn help<W: uWrite + ?Sized>(&self, line: u8, out: &mut W) -> Result<bool, W::Error> {
+        let Some(text) = HELP.get(usize::from(line)) else {
+            return Ok(false);
+        };
+        out.write_str(text)?;
+        Ok(true)
+    }
+}
+
+/// Lines that were not obeyed, since reset; they stop counting at the top.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counters {
+    /// No such command.
+    pub unknown: u16,
+    /// Checksum wrong.
+    pub damaged: u16,
+    /// Too long for a line.
+    pub overlong: u16,
+}
+
+/// How near (microsteps) to its start position a plunger is back.
+const BACK_STEPS: f32 = 3.0;
+
+/// Periods for which it has to be back before the valve closes: the last air
+/// goes out in 0.2 s.
+const VENTING: u8 = 20;
+
+/// Everything that the board remembers.
+#[derive(Clone, Debug)]
+pub struct App {
+    settings: Settings,
+    draft: Settings,
+    observer: Option<Observer>,
+    model: Option<Model<f32>>,
+    supervisor: Supervisor,
+    conditions: Conditions,
+    reset: ResetCause,
+    homing: Option<Homing>,
+    controller: Controller,
+    memory: Memory,
+    runner: Option<Runner>,
+    monitor: Monitor,
+    stall: Watch,
+    /// Periods for which the plunger has been back at its start.
+    back: u8,
+    inputs: Inputs,
+    seen: Seen,
+    setpoint: Setpoint,
+    outputs: Outputs,
+    volume: f32,
+    /// When a valid line came last (ms).
+    heard: u32,
+    sequence: u16,
+    counters: Counters,
+    /// The next line of help, while there is one.
+    help: Option<u8>,
+    /// A fault whose sentence is to be written.
+    sentence: Option<Fault>,
+}
+
+fn model_of(settings: &Settings) -> Option<Model<f32>> {
+    let number = |key| settings.number(key);
+    let dynamics = Dynamics {
+        inertia: number(Key::Inertia),
+        damping: number(Key::Damping),
+        stiffness: number(Key::Stiffness),
+        exponent: number(Key::Exponent),
+        input_gain: number(Key::InputGain),
+    };
+    Model::new(dynamics, &[]).ok()
+}
+
+/// The checksum of all settings, by which a computer knows them again.
+pub fn checksum(settings: &Settings) -> u16 {
+    let mut crc = Crc16::new();
+    for word in settings.words() {
+        for byte in word.to_le_bytes() {
+            crc.update(byte);
+        }
+    }
+    crc.value()
+}
+
+impl App {
+    /// Starts after a reset, idle.
+    pub fn new(settings: &Settings, reset: ResetCause) -> Self {
+        let model = model_of(settings);
+        Self {
+            settings: settings.clone(),
+            draft: settings.clone(),
+            observer: model.and_then(|model| of_model(model, settings).ok()),
+            model,
+            supervisor: Supervisor::new(),
+            conditions: Conditions {
+                watchdog: reset == ResetCause::Watchdog,
+                brown_out: reset == ResetCause::BrownOut,
+                ..Conditions::default()
+            },
+            reset,
+            homing: None,
+            controller: Controller::new(),
+            memory: Memory::new(),
+            runner: None,
+            monitor: Monitor::default(),
+            stall: Watch::default(),
+            back: 0,
+            inputs: Inputs::default(),
+            seen: Seen::default(),
+            setpoint: Setpoint::None,
+            outputs: Outputs::default(),
+            volume: 0.0,
+            heard: 0,
+            sequence: 0,
+            counters: Counters::default(),
+            help: None,
+            sentence: None,
+        }
+    }
+
+    /// The settings in use: the board's driver takes its acceleration from them.
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// What the board is doing.
+    pub fn state(&self) -> State {
+        self.supervisor.state()
+    }
+
+    /// Writes who this is, and why it started if that is unusual.
+    ///
+    /// # Errors
+    ///
+    /// Those of the output.
+    pub fn banner<W: uWrite + ?Sized>(&self, out: &mut W) -> Result<(), W::Error> {
+        let mut line = Sealed::new(out);
+        line.write_str("# ")?;
+        self.identity(&mut line)?;
+        match self.reset {
+            ResetCause::Ordinary => {}
+            ResetCause::BrownOut => line.write_str(", brown-out")?,
+            ResetCause::Watchdog => line.write_str(", watchdog")?,
+        }
+        line.finish()
+    }
+
+    fn identity<W: uWrite + ?Sized>(&self, out: &mut W) -> Result<(), W::Error> {
+        uwrite!(
+            out,
+            "softrig {} wire {} settings {}",
+            env!("CARGO_PKG_VERSION"),
+            VERSION,
+            HalfWord(checksum(&self.settings))
+        )
+    }
+
+    /// Lets one control period pass.
+    pub fn tick(&mut self, inputs: &Inputs) -> Outputs {
+        self.inputs = *inputs;
+        self.volume = inputs.steps as f32 * self.settings.number(Key::VolumePerStep);
+        let (pressure, angle) = self.sense(inputs);
+        self.look(inputs, pressure, angle);
+        if self.supervisor.update(&self.conditions).is_some() {
+            self.sentence = self.supervisor.fault();
+            self.rest();
+        }
+        // Events, not conditions: once latched they are over.
+        self.conditions.watchdog = false;
+        self.conditions.brown_out = false;
+
+        let measured = Measured {
+            pressure,
+            angle,
+            volume: self.volume,
+        };
+        let outputs = match self.state() {
+            State::Idle | State::Fault => Outputs::default(),
+            State::Homing => self.home(inputs),
+            State::Ready => Outputs {
+                pump: Pump::Rate(0.0),
+                valve: Valve::Closed,
+                ..Outputs::default()
+            },
+            State::Running => self.play(&measured),
+        };
+        self.outputs = Outputs {
+            light: self.light(),
+            ..self.supervisor.restrain(outputs)
+        };
+        let judge = self.state() == State::Running;
+        if let Some(observer) = &self.observer {
+            self.monitor
+                .step(observer, &self.settings, &self.seen, judge);
+        }
+        self.sequence = self.sequence.wrapping_add(1);
+        self.outputs
+    }
+
+    /// Reads the sensors: gauge pressure (Pa) and angle (rad).
+    fn sense(&mut self, inputs: &Inputs) -> (f32, f32) {
+        let settings = &self.settings;
+        let kilopascal = (inputs.pressure.counts() - settings.number(Key::PressureZero))
+            * settings.number(Key::PressureSpan);
+        let degrees = flex_degrees(settings, inputs.flex.counts());
+        self.seen = Seen {
+            pressure: Some(Hundredths::round(kilopascal)),
+            angle: Some(Hundredths::round(degrees)),
+        };
+        (kilopascal * PA_PER_KPA, degrees * control::RAD_PER_DEG)
+    }
+
+    /// What may be wrong in this period.
+    fn look(&mut self, inputs: &Inputs, pressure: f32, angle: f32) {
+        let settings = &self.settings;
+        let silence = inputs.time_ms.wrapping_sub(self.heard) as f32 / 1_000.0;
+        let rate = match self.outputs.pump {
+            Pump::Rate(rate) => rate,
+            Pump::Off | Pump::Brake => 0.0,
+        };
+        let closed = self.outputs.valve == Valve::Closed;
+        self.conditions = Conditions {
+            emergency_stop: inputs.emergency_stop,
+            over_pressure: pressure > settings.number(Key::MaxPressure) * PA_PER_KPA,
+            over_angle: angle > settings.number(Key::MaxAngle) * control::RAD_PER_DEG,
+            stall: self.stall.step(settings, closed, self.volume, pressure),
+            end_switch: runs_into_end(self.supervisor.state(), inputs, rate),
+            host_silent: silence > settings.number(Key::HostTimeout),
+            overrun: inputs.overruns > 0,
+            ..self.conditions
+        };
+    }
+
+    /// Forgets everything that was going on.
+    fn rest(&mut self) {
+        self.homing = None;
+        self.runner = None;
+        self.setpoint = Setpoint::None;
+        self.back = 0;
+    }
+
+    /// A fault that control logic found.
+    fn fail(&mut self, fault: Fault) {
+        match fault {
+            Fault::Stall => self.conditions.stall = true,
+            Fault::EndSwitch => self.conditions.end_switch = true,
+            _ => self.conditions.internal = true,
+        }
+        if self.supervisor.update(&self.conditions).is_some() {
+            self.sentence = self.supervisor.fault();
+        }
+        self.rest();
+    }
+
+    fn home(&mut self, inputs: &Inputs) -> Outputs {
+        let config = homing::Config::of(&self.settings);
+        let homing = self.homing.get_or_insert_with(|| Homing::start(inputs));
+        match homing.step(&config, inputs) {
+            Progress::Moving(outputs) => outputs,
+            Progress::Done => {
+                self.homing = None;
+                if self
+                    .supervisor
+                    .handle(Event::Homed, &self.conditions)
+                    .is_err()
+                {
+                    self.fail(Fault::Internal);
+                }
+                Outputs {
+                    pump: Pump::Brake,
+                    ..Outputs::default()
+                }
+            }
+            Progress::Failed(fault) => {
+                self.fail(fault);
+                Outputs::default()
+            }
+        }
+    }
+
+    fn play(&mut self, measured: &Measured) -> Outputs {
+        let (Some(runner), Some(model)) = (&mut self.runner, &self.model) else {
+            self.fail(Fault::Internal);
+            return Outputs::default();
+        };
+        let config = control::Config::of(&self.settings);
+        let per_step = self.settings.number(Key::VolumePerStep);
+        let demand = runner.demand(&self.memory);
+        let closed = |flow: f32| Outputs {
+            pump: Pump::Rate(flow / per_step),
+            valve: Valve::Closed,
+            ..Outputs::default()
+        };
+        let outputs = match demand {
+            Demand::Track { track, level } => {
+                self.back = 0;
+                let flow = self
+                    .controller
+                    .track(&config, model, (track, level), measured);
+                self.setpoint = if track == Track::Pressure {
+                    let pressure = self.controller.pressure_setpoint();
+                    Setpoint::Pressure(Hundredths::round(pressure / PA_PER_KPA))
+                } else {
+                    let angle = self.controller.angle_setpoint();
+                    Setpoint::Angle(Hundredths::round(angle * DEG_PER_RAD))
+                };
+                closed(flow)
+            }
+            Demand::Hold => closed(0.0),
+            Demand::Release | Demand::Done => {
+                self.controller = Controller::new();
+                self.setpoint = Setpoint::None;
+                let start = homing::Config::of(&self.settings).start_volume();
+                let gap = start - measured.volume;
+                let is_back = limit::size(gap) <= BACK_STEPS * per_step;
+                self.back = if is_back {
+                    self.back.saturating_add(1)
+                } else {
+                    0
+                };
+                let flow = if is_back {
+                    0.0
+                } else {
+                    config.pressure.approach(gap)
+                };
+                Outputs {
+                    pump: Pump::Rate(flow / per_step),
+                    ..Outputs::default()
+                }
+            }
+        };
+        let is_back = self.back >= VENTING;
+        if demand == Demand::Done {
+            if is_back {
+                self.runner = None;
+                if self
+                    .supervisor
+                    .handle(Event::ProtocolDone, &self.conditions)
+                    .is_err()
+                {
+                    self.fail(Fault::Internal);
+                }
+            }
+        } else {
+            runner.advance(&self.memory, is_back);
+        }
+        outputs
+    }
+
+    /// Slow blinking at rest, fast in a fault, steady while armed.
+    fn light(&self) -> bool {
+        let time = self.inputs.time_ms;
+        match self.state() {
+            State::Idle => time & 0x400 != 0,
+            State::Fault => time & 0x80 != 0,
+            State::Homing | State::Ready | State::Running => true,
+        }
+    }
+
+    /// The sample of this period.
+    pub fn telemetry(&self) -> Telemetry {
+        #[allow(clippy::cast_possible_truncation)] // Saturates.
+        let volume_ul = self.volume as i32;
+        Telemetry {
+            sequence: self.sequence,
+            time_ms: self.inputs.time_ms,
+            pressure_kpa: self.seen.pressure,
+            angle_deg: self.seen.angle,
+            predicted_deg: self.monitor.predicted(),
+            setpoint: self.setpoint,
+            volume_ul,
+            state: self.state(),
+            fault: self.supervisor.fault().map_or(0, Fault::code),
+            mismatch: self.monitor.mismatch(),
+        }
+    }
+
+    /// Writes at most one line that has been waiting: help, the sentence of a
+    /// fault. One a period, so that the cable keeps up.
+    ///
+    /// # Errors
+    ///
+    /// Those of the output.
+    pub fn report<W: uWrite + ?Sized>(
+        &mut self,
+        texts: &impl Texts,
+        out: &mut W,
+    ) -> Result<(), W::Error> {
+        if let Some(fault) = self.sentence.take() {
+            let mut line = Sealed::new(out);
+            line.write_str("# ")?;
+            texts.fault(fault, &mut line)?;
+            return line.finish();
+        }
+        if let Some(index) = self.help {
+            let mut line = Sealed::new(out);
+            line.write_str("# ")?;
+            let more = texts.help(index, &mut line)?;
+            line.finish()?;
+            self.help = more.then_some(index.saturating_add(1));
+        }
+        Ok(())
+    }
+
+    /// Counts a line that was too long to be read.
+    pub fn overlong(&mut self) {
+        self.counters.overlong = self.counters.overlong.saturating_add(1);
+    }
+
+    /// Obeys a line, without its end, and writes the reply.
+    ///
+    /// # Errors
+    ///
+    /// Those of the output.
+    pub fn receive<W: uWrite + ?Sized>(
+        &mut self,
+        line: &[u8],
+        out: &mut W,
+        probe: &mut impl Probe,
+    ) -> Result<(), W::Error> {
+        let request = match Request::parse(line) {
+            Ok(request) => request,
+            Err(Rejection::Unsealed) => return reply::no(out, 0, Refusal::Unsealed),
+            Err(Rejection::Unknown { id }) => {
+                self.counters.unknown = self.counters.unknown.saturating_add(1);
+                return reply::no(out, id, Refusal::Unknown);
+            }
+            Err(_) => {
+                self.counters.damaged = self.counters.damaged.saturating_add(1);
+                return Ok(());
+            }
+        };
+        self.heard = self.inputs.time_ms;
+        self.conditions.host_silent = false;
+        let id = request.id;
+        match request.command {
+            Command::Hello => {
+                let mut line = reply::ok(out, id)?;
+                line.write_char(' ')?;
+                self.identity(&mut line)?;
+                line.finish()
+            }
+            Command::Status => self.status(id, out),
+            Command::Raw => {
+                let mut line = reply::ok(out, id)?;
+                uwrite!(line, " {} {}", self.inputs.pressure.0, self.inputs.flex.0)?;
+                line.finish()
+            }
+            Command::Exact => self.exact(id, out),
+            Command::Get(key) => match self.settings.bits(key) {
+                Some(bits) => {
+                    let mut line = reply::ok(out, id)?;
+                    uwrite!(line, " {}", Word(bits))?;
+                    line.finish()
+                }
+                None => reply::no(out, id, Refusal::OutOfBounds),
+            },
+            Command::SelfTest => {
+                if !matches!(self.state(), State::Idle | State::Fault) {
+                    return reply::no(out, id, Refusal::NotNow);
+                }
+                reply::ok(out, id)?.finish()?;
+                self_test::run(out, probe)
+            }
+            command => match self.obey(command) {
+                Ok(()) => reply::ok(out, id)?.finish(),
+                Err(refusal) => reply::no(out, id, refusal),
+            },
+        }
+    }
+
+    /// Commands whose reply says no more than ok or no.
+    fn obey(&mut self, command: Command) -> Result<(), Refusal> {
+        match command {
+            Command::Help => self.help = Some(0),
+            Command::Arm => {
+                self.supervisor.handle(Event::Arm, &self.conditions)?;
+                self.rest();
+            }
+            Command::Disarm => {
+                self.supervisor.handle(Event::Disarm, &self.conditions)?;
+                self.rest();
+            }
+            Command::Stop => {
+                self.supervisor.handle(Event::Stop, &self.conditions)?;
+                self.rest();
+            }
+            Command::Clear => {
+                self.supervisor.handle(Event::Clear, &self.conditions)?;
+                self.monitor.clear();
+            }
+            Command::Run(named) => {
+                if self.state() != State::Ready {
+                    // The supervisor knows the reason.
+                    return self.supervisor.handle(Event::Run, &self.conditions);
+                }
+                let runner = Runner::start(named, &self.memory, &self.settings)
+                    .ok_or(Refusal::BadProtocol)?;
+                self.supervisor.handle(Event::Run, &self.conditions)?;
+                self.rest();
+                self.runner = Some(runner);
+                self.controller = Controller::new();
+                self.monitor.restart();
+                self.monitor.clear();
+            }
+            Command::Load(count) => {
+                if self.state() == State::Running {
+                    return Err(Refusal::NotNow);
+                }
+                self.memory.clear(count);
+            }
+            Command::Segment { index, segment } => {
+                if self.state() == State::Running {
+                    return Err(Refusal::NotNow);
+                }
+                if !self.memory.put(index, &segment) {
+                    return Err(Refusal::BadProtocol);
+                }
+            }
+            Command::Set { key, bits } => {
+                self.draft
+                    .set(key, bits)
+                    .map_err(|_| Refusal::OutOfBounds)?;
+            }
+            Command::Discard => self.draft = self.settings.clone(),
+            // What is not here is answered elsewhere, or only heard.
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn status<W: uWrite + ?Sized>(&mut self, id: u8, out: &mut W) -> Result<(), W::Error> {
+        let fault = self.supervisor.fault();
+        self.sentence = fault;
+        let mut line = reply::ok(out, id)?;
+        line.write_char(' ')?;
+        line.write_char(self.state().letter() as char)?;
+        let counters = &self.counters;
+        uwrite!(
+            line,
+            " {} {} {} {} {}",
+            fault.map_or(0, Fault::code),
+            counters.unknown,
+            counters.damaged,
+            counters.overlong,
+            HalfWord(checksum(&self.settings)),
+        )?;
+        if let Some(runner) = &self.runner {
+            uwrite!(line, " {} {}", runner.index(), runner.repeat())?;
+        }
+        line.finish()
+    }
+
+    /// `SEQUENCE STEPS ANGLE RATE PRESSURE`: the observer belongs to the line of
+    /// that number, and started so many steps before; then its angle (rad), rate
+    /// (rad/s) and newest pressure (Pa) to the bit.
+    fn exact<W: uWrite + ?Sized>(&mut self, id: u8, out: &mut W) -> Result<(), W::Error> {
+        let Some(estimate) = self.monitor.estimate() else {
+            return reply::no(out, id, Refusal::NoReading);
+        };
+        let mut line = reply::ok(out, id)?;
+        uwrite!(line, " {} {}", self.sequence, estimate.steps())?;
+        let state = estimate.state();
+        for value in [state.angle, state.rate, estimate.pressure()] {
+            uwrite!(line, " {}", Word(value.to_bits()))?;
+        }
+        line.finish()
+    }
+}
+
+/// The angle (°) of a reading in counts, by the table.
+fn flex_degrees(settings: &Settings, counts: f32) -> f32 {
+    let mut result = settings.number(Key::FlexAngle(0));
+    for point in 0..7 {
+        let at = |index| {
+            (
+                settings.number(Key::FlexCounts(index)),
+                settings.number(Key::FlexAngle(index)),
+            )
+        };
+        let ((from, low), (to, high)) = (at(point), at(point + 1));
+        if counts <= from {
+            result = low + (high - low) * (counts - from) / (to - from);
+        }
+    }
+    result
+}
+
+#[cfg(test)]
+mod tests;
