@@ -17,4 +17,6 @@ pub mod probe;
 pub mod runner;
 pub mod safety;
 pub mod self_test;
+pub mod sensing;
+pub mod settings;
 pub mod stall;

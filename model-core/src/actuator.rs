@@ -160,6 +160,18 @@ impl<R: Real, P: Power<R>> Model<R, P> {
     /// must be, or outside the bounds of its effect; or reports that there are
     /// too many effects.
     pub fn new(dynamics: Dynamics<R>, effects: &[Effect<R>]) -> Result<Self, InvalidModel> {
+        Self::of_effects(dynamics, effects.iter().copied())
+    }
+
+    /// [`Model::new`] for effects that do not lie side by side in memory.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`Model::new`].
+    pub fn of_effects(
+        dynamics: Dynamics<R>,
+        effects: impl IntoIterator<Item = Effect<R>>,
+    ) -> Result<Self, InvalidModel> {
         use ParameterId::{Damping, Exponent, Inertia, InputGain, Stiffness};
         let d = &dynamics;
         for (value, id) in [
@@ -184,7 +196,7 @@ impl<R: Real, P: Power<R>> Model<R, P> {
             }
         }
         let mut slots = [None; MAX_EFFECTS];
-        for (slot, effect) in effects.iter().enumerate() {
+        for (slot, effect) in effects.into_iter().enumerate() {
             for (parameter, value) in effect.values().enumerate() {
                 let id = ParameterId::Effect { slot, parameter };
                 if !value.is_finite() {
@@ -201,7 +213,7 @@ impl<R: Real, P: Power<R>> Model<R, P> {
                 }
             }
             match slots.get_mut(slot) {
-                Some(place) => *place = Some(*effect),
+                Some(place) => *place = Some(effect),
                 None => return Err(InvalidModel::TooManyEffects),
             }
         }

@@ -1,0 +1,371 @@
+//! From what the converter counts to what the rig does: pressure and angle.
+//!
+//! Each reading passes the same stations: is the voltage possible, what does the
+//! calibration make of it, is a bad sample bridged or a fault, what was its tare;
+//! and beside the plain value there is a smoothed one for the loops. The plain
+//! value is what is recorded and what the observer compares, because a filter
+//! would show up in a diagnosis as a lag of the actuator.
+
+pub mod bridge;
+pub mod filter;
+pub mod flex;
+pub mod pressure;
+pub mod rest;
+pub mod stuck;
+
+use wire::reply::Refusal;
+
+use crate::io::{Inputs, OVERSAMPLING, Oversampled};
+use bridge::Bridge;
+use filter::LowPass;
+use flex::Flex;
+use pressure::Pressure;
+use rest::Rest;
+use stuck::Stuck;
+
+/// Full scale of the sum of conversions: 5 V.
+const FULL_SCALE: u32 = 1024 * OVERSAMPLING as u32;
+
+/// The smallest sum that is not a broken wire: 0.25 V of 5 V.
+#[allow(clippy::cast_possible_truncation)] // 820.
+pub const LOWEST_SUM: u16 = (FULL_SCALE * 25).div_ceil(500) as u16;
+
+/// The largest sum that is not a broken wire: 4.75 V of 5 V.
+#[allow(clippy::cast_possible_truncation)] // 15 564.
+pub const HIGHEST_SUM: u16 = (FULL_SCALE * 475 / 500) as u16;
+
+/// Farthest from the calibration that a tare may move the pressure's zero (Pa).
+pub const LARGEST_PRESSURE_TARE_PA: f32 = 5_000.0;
+
+/// Farthest that a tare may move the angle's zero (rad): 30°. More is another
+/// sensor than the one that was calibrated.
+pub const LARGEST_ANGLE_TARE_RAD: f32 = core::f32::consts::FRAC_PI_6;
+
+/// Spread (Pa) of the smoothed pressure over a second below which it rests.
+pub const PRESSURE_REST_PA: f32 = 1_000.0;
+
+/// Spread (rad) of the smoothed angle over a second below which it rests: 2°,
+/// the extremes of a hundred samples of the noisiest flex sensors (0.6° rms
+/// before the filter).
+pub const ANGLE_REST_RAD: f32 = 0.035;
+
+/// Why a sensor has no reading.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SensorFault {
+    /// Below 0.25 V: an open flex sensor, a pressure sensor without supply, a
+    /// signal wire that touches ground.
+    Low,
+    /// Above 4.75 V: a shorted flex sensor, a signal wire that touches 5 V.
+    High,
+    /// Farther beyond the calibration table than can be extrapolated.
+    BeyondTable,
+    /// The same to the last bit while the rig moves; see [`stuck`].
+    Stuck,
+}
+
+/// The sum of conversions, if no broken wire gives it.
+fn within_wires(reading: Oversampled) -> Result<u16, SensorFault> {
+    match reading.0 {
+        ..LOWEST_SUM => Err(SensorFault::Low),
+        sum if sum > HIGHEST_SUM => Err(SensorFault::High),
+        sum => Ok(sum),
+    }
+}
+
+/// What a sensor says, in its SI unit.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Reading {
+    /// The reading as it is; while a bad sample is bridged or a fault counts,
+    /// the last good one, and zero before there was any.
+    pub value: f32,
+    /// The reading through the filter, [`filter::DELAY_S`] late.
+    pub filtered: f32,
+    /// The fault that counts.
+    pub fault: Option<SensorFault>,
+}
+
+impl Reading {
+    /// The value unless a fault counts.
+    pub fn valid(&self) -> Option<f32> {
+        match self.fault {
+            None => Some(self.value),
+            Some(_) => None,
+        }
+    }
+}
+
+/// What both sensors say.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Readings {
+    /// Gauge pressure (Pa).
+    pub pressure: Reading,
+    /// Bending angle (rad).
+    pub angle: Reading,
+}
+
+/// What the sensors' counts mean; see [`crate::settings::calibration`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Calibration {
+    /// Of the pressure sensor.
+    pub pressure: Pressure,
+    /// Of the flex sensor.
+    pub flex: Flex,
+}
+
+/// What one sensor remembers; its values are those before the tare.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Channel {
+    bridge: Bridge,
+    low_pass: LowPass,
+    rest: Rest,
+    read: bool,
+    tare: f32,
+}
+
+impl Channel {
+    fn update(&mut self, sample: Result<f32, SensorFault>) -> Reading {
+        let (value, fault) = self.bridge.update(sample);
+        if fault.is_some() {
+            self.read = false;
+        }
+        if !self.read {
+            // The first value, or the first after a fault: it does not matter
+            // where the filter was before, and rest starts anew.
+            self.low_pass = LowPass::settled(value);
+            self.rest = Rest::default();
+        }
+        let filtered = self.low_pass.update(value);
+        if fault.is_none() {
+            self.read = true;
+            self.rest.update(filtered);
+        }
+        Reading {
+            value: value - self.tare,
+            filtered: filtered - self.tare,
+            fault,
+        }
+    }
+
+    /// Where the sensor rests, if a tare may call that zero.
+    fn new_tare(&self, spread: f32, largest: f32) -> Result<f32, Refusal> {
+        if !self.read {
+            return Err(Refusal::NoReading);
+        }
+        let level = self.rest.level(spread).ok_or(Refusal::NotAtRest)?;
+        if level.abs() > largest {
+            return Err(Refusal::OutOfBounds);
+        }
+        Ok(level)
+    }
+}
+
+/// What the sensors remember from sample to sample.
+///
+/// A new calibration voids all of it, the tare too: start with a new one then.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Sensors {
+    pressure: Channel,
+    angle: Channel,
+    stuck: Stuck,
+}
+
+impl Sensors {
+    /// Sensors that have not been read yet, without a tare.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Takes the samples of a control period.
+    pub fn update(&mut self, calibration: &Calibration, inputs: &Inputs) -> Readings {
+        let pressure = self
+            .pressure
+            .update(calibration.pressure.pressure(inputs.pressure));
+        let mut angle = calibration.flex.angle(inputs.flex);
+        if self.stuck.update(inputs.flex.0, pressure.valid()) && angle.is_ok() {
+            angle = Err(SensorFault::Stuck);
+        }
+        Readings {
+            pressure,
+            angle: self.angle.update(angle),
+        }
+    }
+
+    /// Whether both sensors have rested for a second.
+    pub fn at_rest(&self) -> bool {
+        self.pressure.rest.level(PRESSURE_REST_PA).is_some()
+            && self.angle.rest.level(ANGLE_REST_RAD).is_some()
+    }
+
+    /// Calls what both sensors show now zero, until a reset. The caller sees to
+    /// it that the valve is open.
+    ///
+    /// # Errors
+    ///
+    /// Nothing is changed then.
+    ///
+    /// - [`Refusal::NoReading`]: a sensor is at fault.
+    /// - [`Refusal::NotAtRest`]: a reading moved within the last second.
+    /// - [`Refusal::OutOfBounds`]: what they show is farther from the
+    ///   calibrated zero than [`LARGEST_PRESSURE_TARE_PA`] or
+    ///   [`LARGEST_ANGLE_TARE_RAD`].
+    pub fn tare(&mut self) -> Result<(), Refusal> {
+        let pressure = self
+            .pressure
+            .new_tare(PRESSURE_REST_PA, LARGEST_PRESSURE_TARE_PA)?;
+        let angle = self
+            .angle
+            .new_tare(ANGLE_REST_RAD, LARGEST_ANGLE_TARE_RAD)?;
+        self.pressure.tare = pressure;
+        self.angle.tare = angle;
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn calibration() -> Calibration {
+        Calibration {
+            pressure: Pressure::new(100.0, 0.625),
+            // 4 counts a degree.
+            flex: Flex::new(2, |index| {
+                [(700.0, 0.0), (300.0, 100.0)][usize::from(index)]
+            })
+            .unwrap(),
+        }
+    }
+
+    /// A rig at a pressure (kPa) and an angle (°), with some noise.
+    fn inputs(kpa: f32, degrees: f32, n: u32) -> Inputs {
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let sum = |counts: f32, n: u32| Oversampled((counts * 16.0) as u16 + (n % 5) as u16);
+        Inputs {
+            pressure: sum(100.0 + kpa / 0.625, n),
+            flex: sum(700.0 - 4.0 * degrees, n / 2),
+            ..Inputs::default()
+        }
+    }
+
+    #[test]
+    fn readings_are_in_si_units_and_the_plain_ones_are_not_late() {
+        let mut sensors = Sensors::new();
+        let mut readings = Readings::default();
+        for n in 0..100 {
+            readings = sensors.update(&calibration(), &inputs(0.0, 0.0, n));
+        }
+        assert!(readings.pressure.valid().unwrap().abs() < 200.0);
+        let after = sensors.update(&calibration(), &inputs(50.0, 60.0, 0));
+        assert!((after.pressure.value - 50_000.0).abs() < 50.0);
+        assert!((after.angle.value.to_degrees() - 60.0).abs() < 0.1);
+        assert!(after.angle.filtered < 0.3 * after.angle.value);
+    }
+
+    #[test]
+    fn the_first_reading_needs_no_settling() {
+        let mut sensors = Sensors::new();
+        let first = sensors.update(&calibration(), &inputs(50.0, 60.0, 0));
+        for reading in [first.pressure, first.angle] {
+            assert_eq!(reading.value.to_bits(), reading.filtered.to_bits());
+        }
+    }
+
+    #[test]
+    fn tare_moves_zero_and_nothing_else() {
+        let mut sensors = Sensors::new();
+        assert_eq!(sensors.tare(), Err(Refusal::NoReading));
+        for n in 0..99 {
+            sensors.update(&calibration(), &inputs(3.0, -8.0, n));
+            assert_eq!(sensors.tare(), Err(Refusal::NotAtRest));
+        }
+        sensors.update(&calibration(), &inputs(3.0, -8.0, 99));
+        assert!(sensors.at_rest());
+        assert_eq!(sensors.tare(), Ok(()));
+        let zero = sensors.update(&calibration(), &inputs(3.0, -8.0, 100));
+        // A fifth of the noise at most, its mean being zero now.
+        assert!(zero.pressure.filtered.abs() < 80.0 && zero.angle.filtered.abs() < 0.001);
+        // And a second tare at the same place gives the same zero.
+        let before = sensors;
+        assert_eq!(sensors.tare(), Ok(()));
+        assert_eq!(sensors, before);
+        let later = sensors.update(&calibration(), &inputs(53.0, 52.0, 102));
+        assert!((later.pressure.value - 50_000.0).abs() < 100.0);
+        assert!((later.angle.value.to_degrees() - 60.0).abs() < 0.1);
+    }
+
+    #[test]
+    fn an_implausible_tare_is_refused() {
+        for (kpa, degrees) in [(6.0, 0.0), (0.0, 35.0), (60.0, 50.0)] {
+            let mut sensors = Sensors::new();
+            for n in 0..200 {
+                sensors.update(&calibration(), &inputs(kpa, degrees, n));
+            }
+            let before = sensors;
+            assert_eq!(sensors.tare(), Err(Refusal::OutOfBounds));
+            assert_eq!(sensors, before);
+        }
+    }
+
+    #[test]
+    fn motion_and_faults_end_rest() {
+        let mut sensors = Sensors::new();
+        for n in 0..200 {
+            sensors.update(&calibration(), &inputs(0.0, 0.0, n));
+        }
+        assert!(sensors.at_rest());
+        for n in 0..5 {
+            sensors.update(&calibration(), &inputs(0.0, 15.0, n));
+        }
+        assert_eq!(sensors.tare(), Err(Refusal::NotAtRest));
+        for _ in 0..5 {
+            let mut broken = inputs(0.0, 0.0, 0);
+            broken.flex = Oversampled(3);
+            sensors.update(&calibration(), &broken);
+        }
+        assert_eq!(sensors.tare(), Err(Refusal::NoReading));
+    }
+
+    #[test]
+    fn a_broken_wire_holds_the_last_reading_and_is_told_after_50_ms() {
+        let mut sensors = Sensors::new();
+        sensors.update(&calibration(), &inputs(0.0, 30.0, 0));
+        let mut broken = inputs(0.0, 0.0, 0);
+        broken.flex = Oversampled(16_368);
+        for sample in 1..10 {
+            let reading = sensors.update(&calibration(), &broken).angle;
+            assert!((reading.value.to_degrees() - 30.0).abs() < 0.1);
+            assert_eq!(reading.fault.is_some(), sample >= 5, "{sample}");
+        }
+        for _ in 0..5 {
+            broken = inputs(0.0, 80.0, 0);
+            sensors.update(&calibration(), &broken);
+        }
+        let back = sensors.update(&calibration(), &broken).angle;
+        assert_eq!(back.fault, None);
+        assert!((back.filtered.to_degrees() - 80.0).abs() < 0.1, "no ramp");
+    }
+
+    #[test]
+    fn a_frozen_flex_sensor_is_found_once_the_pressure_moves() {
+        let mut sensors = Sensors::new();
+        let frozen = |kpa: f32, n: u32| Inputs {
+            flex: Oversampled(10_000),
+            ..inputs(kpa, 0.0, n)
+        };
+        for n in 0..1_000 {
+            let readings = sensors.update(&calibration(), &frozen(0.0, n));
+            assert_eq!(readings.angle.fault, None);
+        }
+        let mut samples = 0;
+        while sensors
+            .update(&calibration(), &frozen(40.0, samples))
+            .angle
+            .fault
+            != Some(SensorFault::Stuck)
+        {
+            samples += 1;
+            assert!(samples < 120);
+        }
+        assert!(samples >= 100);
+    }
+}

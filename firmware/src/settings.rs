@@ -1,0 +1,362 @@
+//! What the settings mean: the model, the calibration, the limits.
+//!
+//! On the wire and in EEPROM settings are a list of words. Here they become the
+//! validated types that the rest of the firmware works with, and here is the one
+//! place that says whether a list makes sense as a whole. Each word has been
+//! checked against its own bounds before, by [`Settings::set`].
+
+use model_core::{
+    actuator::{Dynamics, InvalidModel, MAX_EFFECTS, Model},
+    catalogue::{Effect, Kind},
+    power::Minimax,
+};
+use wire::{
+    reply::Refusal,
+    settings::{EFFECT_PARAMETERS, EFFECTS, FLEX_POINTS, Key, Settings, effect_id},
+};
+
+use crate::sensing::{Calibration, flex, flex::Flex, pressure::Pressure};
+
+const _: () = assert!(FLEX_POINTS == flex::MOST_POINTS && EFFECTS as usize == MAX_EFFECTS);
+
+/// Most microsteps from the retracted end to the largest volume: as far as a
+/// single-precision number counts every step.
+const MOST_STEPS: f32 = 16_777_216.0;
+
+/// Why settings do not make sense as a whole.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Flaw {
+    /// A setting is infinite or not a number.
+    NotFinite,
+    /// The catalogue has no effect of this identifier.
+    UnknownEffect {
+        /// Its slot.
+        slot: u8,
+    },
+    /// The parameters are not those of a model.
+    Model(InvalidModel),
+    /// The flex sensor's table does not rise or fall strictly; see
+    /// [`Flex::new`].
+    FlexTable,
+    /// The pressure sensor's zero is the voltage of a broken wire.
+    PressureZero,
+    /// A set-point may exceed the limit that stops the rig.
+    SetpointBeyondLimit,
+    /// A limit is beyond what its sensor can show, so that it would never stop
+    /// the rig.
+    LimitBeyondSensor,
+    /// The largest volume has more microsteps than are counted.
+    TooManySteps,
+}
+
+macro_rules! kinds {
+    ($( $module:ident::$name:ident ),+ $(,)?) => {
+        /// The effect of an identifier.
+        ///
+        /// The identifiers are computed while compiling: names of effects take
+        /// no memory on the board.
+        fn kind(id: u16) -> Option<Kind> {
+            $(
+                if id == const { effect_id(Kind::$name.name()) } {
+                    return Some(Kind::$name);
+                }
+            )+
+            None
+        }
+
+        const _: () = {
+            $( assert!(
+                Kind::$name.parameter_count() <= EFFECT_PARAMETERS as usize,
+                "an effect has more parameters than the settings hold"
+            ); )+
+        };
+    };
+}
+model_core::for_each_effect!(kinds);
+
+/// The effect in a slot; none for an empty one.
+fn effect(settings: &Settings, slot: u8) -> Result<Option<Effect<f32>>, Flaw> {
+    let unknown = Flaw::UnknownEffect { slot };
+    let id = settings.bits(Key::EffectKind { slot }).unwrap_or(0);
+    if id == 0 {
+        return Ok(None);
+    }
+    let kind = u16::try_from(id).ok().and_then(kind).ok_or(unknown)?;
+    let mut values = [0.0; EFFECT_PARAMETERS as usize];
+    for (value, index) in values.iter_mut().zip(0..) {
+        *value = settings.number(Key::EffectParameter { slot, index });
+    }
+    values
+        .get(..kind.parameter_count())
+        .and_then(|values| kind.build(values))
+        .map(Some)
+        .ok_or(unknown)
+}
+
+/// The model of the settings; empty slots between effects do not matter.
+///
+/// # Errors
+///
+/// [`Flaw::UnknownEffect`] or [`Flaw::Model`].
+pub fn model(settings: &Settings) -> Result<Model<f32, Minimax>, Flaw> {
+    let dynamics = Dynamics {
+        inertia: settings.number(Key::Inertia),
+        damping: settings.number(Key::Damping),
+        stiffness: settings.number(Key::Stiffness),
+        exponent: settings.number(Key::Exponent),
+        input_gain: settings.number(Key::InputGain),
+    };
+    let mut effects = [None; EFFECTS as usize];
+    for (place, slot) in effects.iter_mut().zip(0..) {
+        *place = effect(settings, slot)?;
+    }
+    Model::of_effects(dynamics, effects.into_iter().flatten()).map_err(Flaw::Model)
+}
+
+/// The sensors' calibration.
+///
+/// # Errors
+///
+/// [`Flaw::FlexTable`] or [`Flaw::PressureZero`].
+pub fn calibration(settings: &Settings) -> Result<Calibration, Flaw> {
+    let zero = settings.number(Key::PressureZero);
+    let pressure = Pressure::new(zero, settings.number(Key::PressureSpan));
+    if !(pressure.smallest()..=pressure.largest()).contains(&0.0) {
+        return Err(Flaw::PressureZero);
+    }
+    let points = settings.number(Key::FlexPoints);
+    // The conversion saturates; what is not a whole number differs after it.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    let whole = points as u8;
+    let flex = Flex::new(whole, |point| {
+        (
+            settings.number(Key::FlexCounts(point)),
+            settings.number(Key::FlexAngle(point)),
+        )
+    });
+    match flex {
+        #[allow(clippy::float_cmp)] // Whole numbers are exact.
+        Some(flex) if f32::from(whole) == points => Ok(Calibration { pressure, flex }),
+        _ => Err(Flaw::FlexTable),
+    }
+}
+
+/// Where the rig is stopped.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Limits {
+    /// Gauge pressure (Pa) above which the rig is stopped.
+    pub pressure_pa: f32,
+    /// Bending angle (rad) above which the rig is stopped.
+    pub angle_rad: f32,
+    /// Silence of the computer (ms) that stops an armed rig.
+    pub host_timeout_ms: u32,
+}
+
+impl Limits {
+    /// Reads the limits.
+    pub fn of(settings: &Settings) -> Self {
+        Self {
+            pressure_pa: settings.number(Key::MaxPressure) * 1_000.0,
+            angle_rad: settings.number(Key::MaxAngle).to_radians(),
+            // At most a minute.
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+            host_timeout_ms: (settings.number(Key::HostTimeout) * 1_000.0) as u32,
+        }
+    }
+}
+
+/// Looks for what is wrong with settings as a whole.
+///
+/// # Errors
+///
+/// The first [`Flaw`] found.
+pub fn examine(settings: &Settings) -> Result<(), Flaw> {
+    // Identifiers of effects are integers below 2¹⁶, which as bits of a number
+    // are finite too.
+    if !settings
+        .words()
+        .iter()
+        .all(|&word| f32::from_bits(word).is_finite())
+    {
+        return Err(Flaw::NotFinite);
+    }
+    model(settings)?;
+    let calibration = calibration(settings)?;
+    let limits = Limits::of(settings);
+
+    let number = |key| settings.number(key);
+    if number(Key::SetpointMax) > number(Key::MaxAngle)
+        || number(Key::SetpointMaxPressure) > number(Key::MaxPressure)
+    {
+        return Err(Flaw::SetpointBeyondLimit);
+    }
+    if limits.pressure_pa > calibration.pressure.largest()
+        || limits.angle_rad > calibration.flex.largest()
+    {
+        return Err(Flaw::LimitBeyondSensor);
+    }
+    if number(Key::MaxVolume) > number(Key::VolumePerStep) * MOST_STEPS {
+        return Err(Flaw::TooManySteps);
+    }
+    Ok(())
+}
+
+/// Whether a draft of settings may be used.
+///
+/// # Errors
+///
+/// [`Refusal::BadSettings`] where [`examine`] finds a flaw.
+pub fn check(settings: &Settings) -> Result<(), Refusal> {
+    examine(settings).map_err(|_| Refusal::BadSettings)
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+    use crate::{io::Oversampled, sensing::SensorFault};
+    use model_core::actuator::ParameterId;
+    use proptest::prelude::*;
+
+    fn with(changes: &[(Key, f32)]) -> Settings {
+        let mut settings = Settings::DEFAULT;
+        for &(key, value) in changes {
+            settings.set(key, value.to_bits()).unwrap();
+        }
+        settings
+    }
+
+    fn put(settings: &mut Settings, slot: u8, kind: Kind, values: &[f32]) {
+        let id = u32::from(effect_id(kind.name()));
+        settings.set(Key::EffectKind { slot }, id).unwrap();
+        for (index, value) in (0..).zip(values) {
+            settings
+                .set(Key::EffectParameter { slot, index }, value.to_bits())
+                .unwrap();
+        }
+    }
+
+    #[test]
+    fn what_is_shipped_is_without_flaw() {
+        assert_eq!(check(&Settings::DEFAULT), Ok(()));
+        let model = model(&Settings::DEFAULT).unwrap();
+        assert_eq!(model.effects().count(), 0);
+        assert_eq!(
+            model.value(ParameterId::InputGain),
+            Some(Settings::DEFAULT.number(Key::InputGain))
+        );
+    }
+
+    #[test]
+    fn every_effect_of_the_catalogue_is_found_by_its_identifier() {
+        for &kind in Kind::ALL {
+            let mut values = std::vec![0.0; kind.parameter_count()];
+            for (index, value) in values.iter_mut().enumerate() {
+                let (lower, upper) = kind.bounds(index).unwrap();
+                *value = 0.05_f32.clamp(lower, upper);
+            }
+            let mut settings = Settings::DEFAULT;
+            put(&mut settings, 1, kind, &values);
+            assert_eq!(check(&settings), Ok(()), "{kind:?}");
+            let model = model(&settings).unwrap();
+            let effects: std::vec::Vec<_> = model.effects().copied().collect();
+            assert_eq!(effects, [kind.build(&values).unwrap()]);
+        }
+    }
+
+    #[test]
+    fn effects_keep_their_order_and_gaps_do_not_matter() {
+        let mut settings = Settings::DEFAULT;
+        put(&mut settings, 0, Kind::QuadraticDamping, &[0.1]);
+        put(&mut settings, 2, Kind::CoulombFriction, &[0.02, 0.05]);
+        let model = model(&settings).unwrap();
+        let kinds: std::vec::Vec<_> = model.effects().map(Effect::kind).collect();
+        assert_eq!(kinds, [Kind::QuadraticDamping, Kind::CoulombFriction]);
+    }
+
+    #[test]
+    fn flaws_of_the_model_are_found() {
+        let mut settings = Settings::DEFAULT;
+        for id in [
+            1,
+            0xffff,
+            0x1_0000 | u32::from(effect_id(Kind::Gravity.name())),
+        ] {
+            settings.set(Key::EffectKind { slot: 2 }, id).unwrap();
+            assert_eq!(examine(&settings), Err(Flaw::UnknownEffect { slot: 2 }));
+        }
+        put(&mut settings, 2, Kind::CoulombFriction, &[-0.1, 0.05]);
+        assert_eq!(
+            examine(&settings),
+            Err(Flaw::Model(InvalidModel::OutOfBounds(
+                ParameterId::Effect {
+                    slot: 0,
+                    parameter: 0
+                }
+            )))
+        );
+        assert_eq!(check(&settings), Err(Refusal::BadSettings));
+    }
+
+    #[test]
+    fn flaws_of_the_calibration_are_found() {
+        for (change, flaw) in [
+            ((Key::FlexCounts(3), 100.0), Flaw::FlexTable),
+            ((Key::FlexAngle(3), 0.0), Flaw::FlexTable),
+            ((Key::FlexPoints, 2.5), Flaw::FlexTable),
+            ((Key::PressureZero, 40.0), Flaw::PressureZero),
+            ((Key::PressureZero, 1_000.0), Flaw::PressureZero),
+            // Three points end at 20 degrees.
+            ((Key::FlexPoints, 3.0), Flaw::LimitBeyondSensor),
+            ((Key::PressureSpan, 0.1), Flaw::LimitBeyondSensor),
+            ((Key::SetpointMax, 140.0), Flaw::SetpointBeyondLimit),
+            ((Key::SetpointMaxPressure, 190.0), Flaw::SetpointBeyondLimit),
+            ((Key::VolumePerStep, 1e-3), Flaw::TooManySteps),
+        ] {
+            assert_eq!(examine(&with(&[change])), Err(flaw), "{change:?}");
+        }
+        // What lies beyond the points in use does not matter.
+        let unused = with(&[
+            (Key::FlexPoints, 7.0),
+            (Key::FlexAngle(7), 0.0),
+            (Key::MaxAngle, 110.0),
+        ]);
+        assert_eq!(examine(&unused), Ok(()));
+    }
+
+    #[test]
+    fn the_calibration_reads_the_shipped_sensors() {
+        let calibration = calibration(&Settings::DEFAULT).unwrap();
+        // 60° are 497.887 counts, 2.5 V are 40 psi.
+        let angle = calibration.flex.angle(Oversampled(7_966)).unwrap();
+        assert!((angle.to_degrees() - 60.0).abs() < 0.02);
+        let pressure = calibration.pressure.pressure(Oversampled(8_192)).unwrap();
+        assert!((pressure - 275_790.0).abs() < 50.0);
+        assert_eq!(
+            calibration.flex.angle(Oversampled(0)),
+            Err(SensorFault::Low)
+        );
+        let limits = Limits::of(&Settings::DEFAULT);
+        assert!((limits.pressure_pa - 180_000.0).abs() < 0.1);
+        assert!((limits.angle_rad - 2.268_928).abs() < 1e-5);
+        assert_eq!(limits.host_timeout_ms, 2_000);
+    }
+
+    proptest! {
+        #[test]
+        fn no_words_are_a_panic_and_none_pass_that_are_no_numbers(
+            words in prop::collection::vec((0..usize::from(wire::settings::COUNT), any::<u32>()), 1..5),
+        ) {
+            let mut all = *Settings::DEFAULT.words();
+            for (place, word) in words {
+                all[place] = word;
+            }
+            let settings = Settings::from_words(all);
+            if check(&settings).is_ok() {
+                prop_assert!(all.iter().all(|&word| f32::from_bits(word).is_finite()));
+                prop_assert!(model(&settings).is_ok() && calibration(&settings).is_ok());
+            }
+        }
+    }
+}
