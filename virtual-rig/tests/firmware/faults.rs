@@ -1,0 +1,253 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+//! Everything that can break, broken while a protocol runs.
+
+use virtual_rig::{Fault as Broken, ResetCause};
+use wire::{
+    command::Command, fault::Fault, protocol::Named, reply::Refusal, settings::Key, state::State,
+};
+
+use crate::bench::{Bench, healthy};
+
+/// A rig a second into the first step to 60°.
+fn running() -> Option<Bench> {
+    let mut bench = Bench::start(healthy())?;
+    bench.arm();
+    bench.obey(Command::Run(Some(Named::Paper)));
+    bench.run(1.0);
+    assert_eq!((bench.state(), bench.fault()), (State::Running, None));
+    Some(bench)
+}
+
+/// Breaks something, expects the fault, mends it and clears.
+fn breaks(broken: Broken, fault: Fault, within_s: f64) {
+    let Some(mut bench) = running() else {
+        return;
+    };
+    bench.rig.set_fault(broken, true);
+    bench.expect_fault(fault, within_s);
+    bench.rig.set_fault(broken, false);
+    bench.run(0.3);
+    assert_eq!(bench.fault(), Some(fault), "mending does not clear");
+    bench.obey(Command::Clear);
+    bench.run(0.1);
+    assert_eq!((bench.state(), bench.fault()), (State::Idle, None));
+    bench.arm();
+}
+
+/// As [`breaks`], for what can be seen while it lasts.
+fn holds_while_it_lasts(broken: Broken, fault: Fault) {
+    let Some(mut bench) = running() else {
+        return;
+    };
+    bench.rig.set_fault(broken, true);
+    bench.expect_fault(fault, 0.5);
+    assert_eq!(bench.ask(Command::Clear), Err(Refusal::StillThere));
+    assert!(bench.is_safe());
+}
+
+#[test]
+fn a_broken_wire_of_the_flex_sensor() {
+    breaks(Broken::OpenFlex, Fault::FlexSensor, 0.3);
+    holds_while_it_lasts(Broken::OpenFlex, Fault::FlexSensor);
+}
+
+#[test]
+fn a_shorted_flex_sensor() {
+    breaks(Broken::ShortFlex, Fault::FlexSensor, 0.3);
+}
+
+#[test]
+fn a_flex_sensor_that_is_stuck() {
+    breaks(Broken::StuckFlex, Fault::FlexSensor, 6.0);
+}
+
+#[test]
+fn a_broken_wire_of_the_pressure_sensor() {
+    breaks(Broken::OpenPressure, Fault::PressureSensor, 0.3);
+    holds_while_it_lasts(Broken::OpenPressure, Fault::PressureSensor);
+}
+
+#[test]
+fn a_shorted_pressure_sensor() {
+    breaks(Broken::ShortPressure, Fault::PressureSensor, 0.3);
+}
+
+/// A pressure that does not move with the pump is stuck or the pump is: either
+/// name is true, and either way the rig stops.
+#[test]
+fn a_pressure_sensor_that_is_stuck() {
+    let Some(mut bench) = running() else {
+        return;
+    };
+    bench.rig.set_fault(Broken::StuckPressure, true);
+    bench.until(10.0, "a fault", |bench| bench.now().fault != 0);
+    let fault = bench.fault();
+    assert!(
+        matches!(fault, Some(Fault::PressureSensor | Fault::Stall)),
+        "{fault:?}"
+    );
+    bench.run(0.05);
+    assert!(bench.is_safe());
+}
+
+#[test]
+fn a_stalled_motor() {
+    let Some(mut bench) = Bench::start(healthy()) else {
+        return;
+    };
+    bench.arm();
+    bench.rig.set_fault(Broken::Stall, true);
+    bench.obey(Command::Run(Some(Named::Paper)));
+    bench.expect_fault(Fault::Stall, 6.0);
+}
+
+#[test]
+fn a_motor_that_never_reaches_its_switch() {
+    let Some(mut bench) = Bench::start(healthy()) else {
+        return;
+    };
+    bench.rig.set_fault(Broken::Stall, true);
+    bench.obey(Command::Arm);
+    bench.expect_fault(Fault::Stall, 60.0);
+}
+
+#[test]
+fn a_burst_tube() {
+    let Some(mut bench) = Bench::start(healthy()) else {
+        return;
+    };
+    bench.arm();
+    bench.rig.set_fault(Broken::Leak, true);
+    bench.obey(Command::Run(Some(Named::Paper)));
+    // The pump makes up for a leak until its stroke ends or the gap between
+    // volume and pressure is too large; it must not go on for good.
+    bench.until(150.0, "a fault or the end", |bench| {
+        bench.now().fault != 0 || bench.state() == State::Ready
+    });
+    assert!(
+        bench.rig.plant().steps.lost == 0,
+        "the plunger hit its stop"
+    );
+}
+
+#[test]
+fn the_emergency_stop() {
+    breaks(Broken::EmergencyStop, Fault::EmergencyStop, 0.05);
+    holds_while_it_lasts(Broken::EmergencyStop, Fault::EmergencyStop);
+    // Pressed in idle, the rig cannot be armed.
+    let Some(mut bench) = Bench::start(healthy()) else {
+        return;
+    };
+    bench.rig.set_fault(Broken::EmergencyStop, true);
+    bench.expect_fault(Fault::EmergencyStop, 0.1);
+}
+
+#[test]
+fn an_end_switch_in_motion() {
+    breaks(Broken::EndSwitch, Fault::EndSwitch, 2.0);
+}
+
+#[test]
+fn a_computer_that_falls_silent() {
+    let Some(mut bench) = running() else {
+        return;
+    };
+    bench.beating = false;
+    bench.until(4.0, "a fault", |bench| bench.now().fault != 0);
+    assert_eq!(bench.fault(), Some(Fault::HostLost));
+    bench.run(0.05);
+    assert!(bench.is_safe());
+    // It came back: the fault waits to be cleared.
+    bench.beating = true;
+    bench.run(1.0);
+    assert_eq!(bench.fault(), Some(Fault::HostLost));
+    bench.obey(Command::Clear);
+}
+
+#[test]
+fn silence_is_no_fault_while_nothing_can_move() {
+    let Some(mut bench) = Bench::start(healthy()) else {
+        return;
+    };
+    bench.beating = false;
+    bench.run(6.0);
+    assert_eq!((bench.state(), bench.fault()), (State::Idle, None));
+}
+
+#[test]
+fn too_much_pressure() {
+    let Some(mut bench) = Bench::start(healthy()) else {
+        return;
+    };
+    bench.set(Key::MaxPressure, 30.0);
+    bench.set(Key::SetpointMaxPressure, 29.0);
+    bench.save();
+    bench.set(Key::SetpointMaxPressure, 29.0);
+    bench.arm();
+    // Held at 29 kPa by the loop, pushed over by a hand on the actuator: the
+    // same to the sensor as a lower limit.
+    let _ = bench.ask(Command::Run(Some(Named::Paper)));
+    bench.run(6.0);
+    if bench.fault().is_none() {
+        assert!(bench.rig.plant().pressure_kpa < 30.5);
+    } else {
+        assert_eq!(bench.fault(), Some(Fault::OverPressure));
+        assert!(bench.is_safe());
+    }
+}
+
+#[test]
+fn too_large_an_angle() {
+    let Some(mut bench) = Bench::start(healthy()) else {
+        return;
+    };
+    // The model is wrong by a factor of two: 60° asked for become far more.
+    bench.set(Key::InputGain, 0.5 * 1.45e-4);
+    bench.set(Key::MaxAngle, 70.0);
+    bench.set(Key::SetpointMax, 65.0);
+    bench.save();
+    bench.arm();
+    bench.set(Key::SetpointMax, 65.0);
+    let ran = bench.ask(Command::Run(Some(Named::Reversals)));
+    assert!(ran.is_ok(), "{ran:?}");
+    bench.expect_fault(Fault::OverAngle, 20.0);
+}
+
+#[test]
+fn resets_that_nobody_asked_for_are_told_apart() {
+    for (cause, fault) in [
+        (ResetCause::Watchdog, Some(Fault::Watchdog)),
+        (ResetCause::BrownOut, Some(Fault::BrownOut)),
+        (ResetCause::External, None),
+        (ResetCause::PowerOn, None),
+    ] {
+        let Some(mut bench) = running() else {
+            return;
+        };
+        bench.rig.reset(cause);
+        bench.rig.run_for(0.001).expect("the board runs");
+        assert!(bench.is_safe(), "{cause:?}: {:?}", bench.rig.plant());
+        bench.samples.clear();
+        bench.until(3.0, "a sample", |bench| !bench.samples.is_empty());
+        assert_eq!(bench.fault(), fault, "{cause:?}");
+        if fault.is_some() {
+            bench.obey(Command::Clear);
+        }
+        bench.run(0.1);
+        assert_eq!(bench.state(), State::Idle, "{cause:?}");
+    }
+}
+
+#[test]
+fn a_power_cut_in_motion_leaves_the_air_out() {
+    let Some(mut bench) = running() else {
+        return;
+    };
+    bench.rig.power_cut();
+    bench.rig.run_for(1.0).expect("time passes");
+    assert!(bench.rig.plant().pressure_kpa < 1.0);
+    bench.rig.power_on();
+    bench.samples.clear();
+    bench.until(3.0, "a sample", |bench| !bench.samples.is_empty());
+    assert_eq!((bench.state(), bench.fault()), (State::Idle, None));
+}

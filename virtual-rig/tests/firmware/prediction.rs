@@ -1,0 +1,140 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+//! The model on the board, beside the actuator.
+
+use model_core::{
+    actuator::{Dynamics, Model},
+    catalogue::{Effect, Kind},
+    observer::Observer,
+    power::Minimax,
+};
+use virtual_rig::Options;
+use wire::{
+    command::Command,
+    protocol::Named,
+    settings::{Key, Settings, effect_id},
+};
+
+use crate::bench::{Bench, actuator, healthy};
+
+const FARTHEST_RAD: f32 = 2.3;
+
+fn shipped(effects: &[Effect<f32>]) -> Model<f32, Minimax> {
+    let number = |key| Settings::DEFAULT.number(key);
+    let dynamics = Dynamics {
+        inertia: number(Key::Inertia),
+        damping: number(Key::Damping),
+        stiffness: number(Key::Stiffness),
+        exponent: number(Key::Exponent),
+        input_gain: number(Key::InputGain),
+    };
+    Model::new(dynamics, effects).expect("a valid model")
+}
+
+/// Uploads an effect into the first slot.
+fn upload(bench: &mut Bench, kind: Kind, values: &[f32]) {
+    bench.obey(Command::Set {
+        key: Key::EffectKind { slot: 0 },
+        bits: u32::from(effect_id(kind.name())),
+    });
+    for (index, value) in (0..).zip(values) {
+        bench.set(Key::EffectParameter { slot: 0, index }, *value);
+    }
+    bench.save();
+}
+
+/// Repeats the board's prediction from the log, and compares the bits of its
+/// state at the end.
+fn repeats_to_the_bit(bench: &mut Bench, model: Model<f32, Minimax>) {
+    bench.arm();
+    bench.obey(Command::Run(Some(Named::Reversals)));
+    bench.run(9.0);
+    // Answered between two lines; which, the number of steps says.
+    let exact = bench.obey(Command::Exact);
+    bench.run(0.1);
+    let mut fields = exact.split(' ');
+    let steps: usize = fields.next().and_then(|n| n.parse().ok()).expect("steps");
+    let bits: Vec<u32> = fields
+        .take(2)
+        .map(|word| u32::from_str_radix(word, 16).expect("eight digits"))
+        .collect();
+
+    // The start is the sample from which so many steps lead to one of the last:
+    // every sample after a reset or a start of a run is one step.
+    let observer = Observer::new(model, FARTHEST_RAD).expect("an observable model");
+    let samples = &bench.samples;
+    let newest = samples.len() - 1;
+    let matches = |last: usize| -> bool {
+        let Some(first) = last.checked_sub(steps) else {
+            return false;
+        };
+        let start = samples[first];
+        let mut estimate = observer.start(
+            start.angle_deg.expect("an angle").0,
+            start.pressure_kpa.expect("a pressure").0,
+        );
+        for sample in &samples[first + 1..=last] {
+            observer.step(
+                &mut estimate,
+                sample.pressure_kpa.map(|pressure| pressure.0),
+            );
+        }
+        estimate.state().angle.to_bits() == bits[0] && estimate.state().rate.to_bits() == bits[1]
+    };
+    let found = (newest.saturating_sub(60)..=newest).any(matches);
+    assert!(
+        found,
+        "{exact} is not what the desktop computes from the log"
+    );
+    assert!(steps > 500, "{steps} steps prove little");
+}
+
+#[test]
+fn the_plain_model_is_repeated_to_the_bit() {
+    let Some(mut bench) = Bench::start(healthy()) else {
+        return;
+    };
+    repeats_to_the_bit(&mut bench, shipped(&[]));
+}
+
+#[test]
+fn a_model_with_memory_is_repeated_to_the_bit() {
+    for (kind, values) in [
+        (Kind::MaxwellBranch, &[1.0_f32, 4.0][..]),
+        (Kind::DeadTime, &[0.12]),
+    ] {
+        let Some(mut bench) = Bench::start(healthy()) else {
+            return;
+        };
+        upload(&mut bench, kind, values);
+        let effect = kind.build(values).expect("an effect");
+        repeats_to_the_bit(&mut bench, shipped(&[effect]));
+    }
+}
+
+/// Friction that the model does not know raises the flag, and the repaired model
+/// lowers it.
+#[test]
+fn the_mismatch_flag_rises_and_an_upload_lowers_it() {
+    let friction = Kind::CoulombFriction;
+    let values = [2.5_f32, 0.05];
+    let hidden = friction.build(&values.map(f64::from)).expect("an effect");
+    let rig = || Options::with_actuator(actuator(&[hidden]));
+    let Some(mut bench) = Bench::start(rig()) else {
+        return;
+    };
+    bench.arm();
+    bench.obey(Command::Run(Some(Named::Steps)));
+    bench.run(30.0);
+    assert!(bench.samples.iter().any(|sample| sample.mismatch));
+    assert!(bench.now().mismatch, "the flag is latched");
+    assert_eq!(bench.fault(), None, "a wrong model is no danger");
+
+    let Some(mut bench) = Bench::start(rig()) else {
+        return;
+    };
+    upload(&mut bench, friction, &values);
+    bench.arm();
+    bench.obey(Command::Run(Some(Named::Steps)));
+    bench.run(30.0);
+    assert!(bench.samples.iter().all(|sample| !sample.mismatch));
+}
