@@ -20,3 +20,4 @@ pub mod self_test;
 pub mod sensing;
 pub mod settings;
 pub mod stall;
+pub mod store;
