@@ -111,6 +111,90 @@ pub fn make(hidden: Hidden, noise_deg: f64, seed: u64) -> Result<Example, InputE
     })
 }
 
+/// The models of an actuator for the virtual rig.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RigModels {
+    /// Text of the nominal model file: what its owner believes in.
+    pub model: String,
+    /// Text of the answer: the actuator with its hidden effect.
+    pub truth: String,
+}
+
+/// Pressures (Pa) that hold the drawn actuator of a virtual rig at 90°: what a
+/// syringe pump reaches quickly and its pressure sensor resolves well.
+const RIG_PRESSURE_PA: std::ops::RangeInclusive<f64> = 60e3..=150e3;
+
+/// Draws an actuator for the virtual rig: a nominal model whose parameters are
+/// off by as much as data sheets are, and the truth with one effect more. The
+/// same seed gives the same bytes.
+///
+/// Unlike the recordings of [`make`], which may be of any actuator, this one
+/// must do as it is told: 90° is held at 60 to 150 kPa, and after five seconds
+/// at that pressure it moves by less than 2° a second.
+///
+/// # Errors
+///
+/// Asks for another seed if none of many draws is such an actuator.
+pub fn rig_models(seed: u64) -> Result<RigModels, InputError> {
+    let mut random = Pcg64Mcg::seed_from_u64(seed);
+    for _ in 0..1000 {
+        let exponent = [1.5, 1.727, 2.0, 2.365][random.random_range(0..4)];
+        let stiffness = random.random_range(3.0..9.0);
+        let pressure: f64 = random.random_range(70e3..120e3);
+        let dynamics = Dynamics {
+            inertia: random.random_range(0.15..0.4),
+            damping: random.random_range(0.8..3.0),
+            stiffness,
+            exponent,
+            input_gain: stiffness * RIGHT_ANGLE.powf(exponent) / pressure,
+        };
+        let kind = Kind::ALL[random.random_range(0..Kind::ALL.len())];
+        let effect = draw_effect(kind, &dynamics, &mut random);
+        let mut off = |value: f64| value * random.random_range(0.85..1.15);
+        let nominal = Dynamics {
+            damping: off(dynamics.damping),
+            stiffness: off(dynamics.stiffness),
+            input_gain: off(dynamics.input_gain),
+            ..dynamics
+        };
+        if Model::new(dynamics, &[effect]).is_ok_and(|truth| obeys(&truth)) {
+            return Ok(RigModels {
+                model: model_text(&nominal, &[], "virtual rig"),
+                truth: model_text(&dynamics, &[effect], "virtual rig, as it is"),
+            });
+        }
+    }
+    Err(InputError::new(
+        "no actuator of this seed bends by 90° at 60 to 150 kPa",
+        "choose another seed",
+    ))
+}
+
+const RIGHT_ANGLE: f64 = std::f64::consts::FRAC_PI_2;
+
+/// Whether an actuator reaches 90° at a reachable pressure and comes to rest.
+fn obeys(truth: &Model<f64>) -> bool {
+    let pressure = truth.holding_pressure(RIGHT_ANGLE);
+    if !RIG_PRESSURE_PA.contains(&pressure) {
+        return false;
+    }
+    let time: Vec<f64> = (0..=600).map(|k| f64::from(k) * 0.01).collect();
+    // From rest without pressure, up within a second.
+    let ramp = time.iter().map(|t| pressure * t.min(1.0)).collect();
+    let start = Start {
+        angle: truth.reading(&truth.at_rest(0.0, 0.0)),
+        rate: 0.0,
+    };
+    let end = run(
+        truth,
+        &Signal::new(time, ramp),
+        start,
+        substeps(truth, 0.01, 2.0),
+    );
+    let (then, now) = (end.reading[500], end.reading[600]);
+    !end.diverged && now > 0.8 && now < 2.4 && (now - then).abs() < 2f64.to_radians()
+}
+
 impl Example {
     /// Writes `model.toml`, `truth.toml` and the recordings into a folder.
     ///
@@ -316,6 +400,26 @@ mod tests {
             let reach = last.angle.iter().fold(0.0, |a: f64, b| a.max(b.abs()));
             assert!(reach > 0.3 && reach < 3.0, "{kind:?} reaches {reach} rad");
         }
+    }
+
+    #[test]
+    fn actuators_for_the_rig_are_reachable_and_hide_one_effect() {
+        let mut kinds = std::collections::HashSet::new();
+        for seed in 0..300 {
+            let models = rig_models(seed).unwrap();
+            assert_eq!(models, rig_models(seed).unwrap());
+            let truth = ModelFile::parse(&models.truth, Path::new("truth.toml")).unwrap();
+            let pressure = truth.model.holding_pressure(RIGHT_ANGLE);
+            assert!(RIG_PRESSURE_PA.contains(&pressure), "{seed}: {pressure} Pa");
+            let nominal = ModelFile::parse(&models.model, Path::new("model.toml")).unwrap();
+            assert_eq!(nominal.model.effects().count(), 0);
+            assert_ne!(nominal.model.dynamics(), truth.model.dynamics());
+            let mut effects = truth.model.effects();
+            kinds.insert(effects.next().unwrap().kind().name());
+            assert!(effects.next().is_none());
+        }
+        // Drawing again must not sort out any kind of effect.
+        assert_eq!(kinds.len(), Kind::ALL.len(), "{kinds:?}");
     }
 
     #[test]

@@ -2,6 +2,10 @@
 //! The virtual rig's command line.
 #![forbid(unsafe_code)]
 
+mod control;
+mod pty;
+mod serve;
+
 use std::{
     io::{self, Write},
     path::{Path, PathBuf},
@@ -38,6 +42,7 @@ enum Command {
         #[arg(long, value_name = "TEXT")]
         until: Option<String>,
     },
+    Serve(serve::ServeArgs),
 }
 
 /// Cycles between looks at the output: a millisecond.
@@ -46,12 +51,15 @@ const LOOK_EVERY: u64 = 16_000;
 const TEXT_DID_NOT_COME: u8 = 3;
 
 fn main() -> ExitCode {
-    let Command::Run {
-        image,
-        cycles,
-        until,
-    } = Arguments::parse().command;
-    match run(&image, cycles, until.as_deref()) {
+    let outcome = match Arguments::parse().command {
+        Command::Run {
+            image,
+            cycles,
+            until,
+        } => run(&image, cycles, until.as_deref()),
+        Command::Serve(args) => serve::run(&args).map(|()| ExitCode::SUCCESS),
+    };
+    match outcome {
         Ok(code) => code,
         Err(error) => {
             eprintln!("virtual-rig: {error:#}");

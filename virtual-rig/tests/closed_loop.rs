@@ -45,7 +45,7 @@ fn pushing_in_compresses_and_bends_and_venting_releases() {
     assert_eq!(pushed.steps.edges, 64_000);
     assert_eq!(pushed.steps.lost, 0);
     assert!((pushed.plunger_mm - start.plunger_mm - 40.0).abs() < 1e-9);
-    let volume = |plunger: f64| 10.0 + 0.559_90 * (100.0 - plunger);
+    let volume = |plunger: f64| 4.0 + 0.559_90 * (100.0 - plunger);
     let boyle = 101.325 * (volume(start.plunger_mm) / volume(pushed.plunger_mm) - 1.0);
     // A leak of 2500 s for some seconds.
     assert!(

@@ -9,7 +9,7 @@
 //!
 //! | symbol | quantity | default |
 //! |---|---|---|
-//! | V | syringe plus dead volume of tube and actuator | 56 ml + 10 ml retracted |
+//! | V | syringe plus dead volume of tube and actuator | 56 ml + 4 ml retracted |
 //! | p₀ | atmospheric pressure | 101.325 kPa |
 //! | τ | leak; vent valve; the fault `leak` | 2500 s; 0.08 s; 3 s |
 //! | p_l | gauge pressure in the line | – |
@@ -40,7 +40,7 @@ pub struct Gas {
 impl Default for Gas {
     fn default() -> Self {
         Self {
-            dead_volume_m3: 10e-6,
+            dead_volume_m3: 4e-6,
             atmosphere_pa: 101_325.0,
             leak_s: 2500.0,
             vent_s: 0.08,
