@@ -3,10 +3,12 @@
 //!
 //! The other end looks like any serial port. Nobody holds it open here, so the
 //! kernel reports a hang-up exactly as long as no client has it open: that is
-//! how opening and closing are noticed, where a real board sees DTR.
+//! how opening and closing are noticed, where a real board sees DTR. A client
+//! that follows another within a millisecond is noticed by watching the file.
 
 use std::{
     io,
+    mem::MaybeUninit,
     os::fd::OwnedFd,
     path::{Path, PathBuf},
     time::Duration,
@@ -14,7 +16,7 @@ use std::{
 
 use rustix::{
     event::{PollFd, PollFlags, Timespec, poll},
-    fs::{Mode, OFlags},
+    fs::{Mode, OFlags, inotify},
     io::Errno,
     pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt},
     termios::{OptionalActions, QueueSelector, tcflush, tcgetattr, tcsetattr},
@@ -25,6 +27,8 @@ pub struct Port {
     master: OwnedFd,
     path: PathBuf,
     connected: bool,
+    /// Reports every opening and closing.
+    watch: OwnedFd,
 }
 
 /// What a client did with the port since the last look.
@@ -34,8 +38,10 @@ pub enum Change {
     None,
     /// It opened it.
     Opened,
-    /// It closed it; the bytes that it had sent before.
+    /// It closed it.
     Closed,
+    /// One closed it and the next has already opened it.
+    Reopened,
 }
 
 impl Port {
@@ -49,20 +55,23 @@ impl Port {
         let path = PathBuf::from(name);
         // A terminal would echo and translate line ends. The settings stay when
         // this end is closed again, and only then is there a hang-up to see.
-        let slave = rustix::fs::open(
-            &path,
-            OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC,
-            Mode::empty(),
-        )?;
-        let mut settings = tcgetattr(&slave)?;
+        let client = open_client_end(&path)?;
+        let mut settings = tcgetattr(&client)?;
         settings.make_raw();
-        tcsetattr(&slave, OptionalActions::Now, &settings)?;
+        tcsetattr(&client, OptionalActions::Now, &settings)?;
         let flags = rustix::fs::fcntl_getfl(&master)?;
         rustix::fs::fcntl_setfl(&master, flags | OFlags::NONBLOCK)?;
+        let watch = inotify::init(inotify::CreateFlags::NONBLOCK | inotify::CreateFlags::CLOEXEC)?;
+        inotify::add_watch(
+            &watch,
+            &path,
+            inotify::WatchFlags::OPEN | inotify::WatchFlags::CLOSE,
+        )?;
         Ok(Self {
             master,
             path,
             connected: false,
+            watch,
         })
     }
 
@@ -80,17 +89,49 @@ impl Port {
     pub fn look(&mut self) -> io::Result<Change> {
         let events = self.poll(PollFlags::IN, Duration::ZERO)?;
         let connected = !events.contains(PollFlags::HUP);
+        let closed_then_opened = self.closed_then_opened()?;
         let change = match (self.connected, connected) {
             (false, true) => Change::Opened,
             (true, false) => {
-                // The next client must not read what this one left.
-                tcflush(&self.master, QueueSelector::OFlush)?;
+                self.forget_unread()?;
                 Change::Closed
+            }
+            (true, true) if closed_then_opened => {
+                self.forget_unread()?;
+                Change::Reopened
             }
             _ => Change::None,
         };
         self.connected = connected;
         Ok(change)
+    }
+
+    /// The next client must not read what this one left.
+    fn forget_unread(&self) -> io::Result<()> {
+        tcflush(open_client_end(&self.path)?, QueueSelector::IFlush)?;
+        // That was nobody else.
+        self.closed_then_opened()?;
+        Ok(())
+    }
+
+    fn closed_then_opened(&self) -> io::Result<bool> {
+        let mut buffer = [MaybeUninit::uninit(); 512];
+        let mut events = inotify::Reader::new(&self.watch, &mut buffer);
+        let (mut closed, mut reopened) = (false, false);
+        loop {
+            match events.next() {
+                Ok(event) => {
+                    let what = event.events();
+                    closed |= what.intersects(
+                        inotify::ReadFlags::CLOSE_WRITE | inotify::ReadFlags::CLOSE_NOWRITE,
+                    );
+                    reopened |= closed && what.contains(inotify::ReadFlags::OPEN);
+                }
+                Err(Errno::AGAIN) => return Ok(reopened),
+                Err(Errno::INTR) => {}
+                Err(error) => return Err(error.into()),
+            }
+        }
     }
 
     /// Reads what has arrived, without waiting.
@@ -138,4 +179,9 @@ impl Port {
             Err(error) => Err(error.into()),
         }
     }
+}
+
+fn open_client_end(path: &Path) -> io::Result<OwnedFd> {
+    let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC;
+    Ok(rustix::fs::open(path, flags, Mode::empty())?)
 }

@@ -311,7 +311,7 @@ impl Server {
     /// Passes on what the client sent.
     fn listen(&mut self) -> io::Result<()> {
         let change = self.port.look()?;
-        if change == Change::Opened {
+        if matches!(change, Change::Opened | Change::Reopened) {
             self.unread.clear();
             self.rig.take_output();
             self.rig.open_port();
@@ -352,9 +352,16 @@ impl Server {
                 while !self.unread.is_empty() && !self.stopped() {
                     self.port.wait_for_room(Duration::from_millis(50))?;
                     self.port.write(&mut self.unread)?;
-                    if self.port.look()? == Change::Closed {
-                        self.unread.clear();
-                        self.rig.close_port();
+                    match self.port.look()? {
+                        Change::None => {}
+                        Change::Closed => {
+                            self.unread.clear();
+                            self.rig.close_port();
+                        }
+                        Change::Opened | Change::Reopened => {
+                            self.unread.clear();
+                            self.rig.open_port();
+                        }
                     }
                 }
             }
