@@ -136,9 +136,9 @@ scalars! {
     VolumePerStep = 17, "ul.step", 0.35, 1e-4, 1e3, "ul", "Volume of one microstep";
     PressureGain = 18, "kp.kpa", 1_000.0, 0.0, 1e5, "ul/s per kPa", "Proportional gain of the pressure loop";
     PressureIntegral = 19, "ki.kpa", 500.0, 0.0, 1e5, "ul/s^2 per kPa", "Integral gain of the pressure loop";
-    AngleGain = 20, "kp.deg", 0.2, 0.0, 1e3, "kPa/deg", "Proportional gain of the angle loop";
-    AngleIntegral = 21, "ki.deg", 0.6, 0.0, 1e3, "kPa/s per deg", "Integral gain of the angle loop";
-    AngleDerivative = 22, "kd.deg", 0.02, 0.0, 1e3, "kPa s/deg", "Derivative gain of the angle loop";
+    AngleGain = 20, "kp.deg", 0.4, 0.0, 1e3, "deg/deg", "Proportional gain of the angle loop, which corrects the angle asked of the model";
+    AngleIntegral = 21, "ki.deg", 0.8, 0.0, 1e3, "1/s", "Integral gain of the angle loop";
+    AngleDerivative = 22, "kd.deg", 0.1, 0.0, 1e3, "s", "Derivative gain of the angle loop";
     MismatchBand = 23, "band.deg", 5.0, 0.1, 360.0, "deg", "Gap between prediction and measurement that counts as mismatch";
     MismatchTime = 24, "band.s", 0.5, 0.01, 60.0, "s", "Time outside the band after which the mismatch flag is set";
     HostTimeout = 25, "beat.s", 2.0, 0.2, 60.0, "s", "Silence of the computer that stops an armed rig";

@@ -20,6 +20,8 @@ use limit::{Range, Setpoint};
 
 /// Pascal in a kilopascal.
 pub const PA_PER_KPA: f32 = 1_000.0;
+/// Kilopascal in a pascal: products are cheaper than quotients.
+pub const KPA_PER_PA: f32 = 1e-3;
 /// Radians in a degree.
 pub const RAD_PER_DEG: f32 = core::f32::consts::PI / 180.0;
 /// Degrees in a radian.
@@ -44,27 +46,27 @@ impl Config {
     pub fn of(settings: &Settings) -> Self {
         let number = |key| settings.number(key);
         let highest = number(Key::SetpointMaxPressure) * PA_PER_KPA;
-        let per_rad = PA_PER_KPA * DEG_PER_RAD;
+        let farthest = number(Key::SetpointMax) * RAD_PER_DEG;
         Self {
             pressure: pressure::Config {
-                proportional: number(Key::PressureGain) / PA_PER_KPA,
-                integral: number(Key::PressureIntegral) / PA_PER_KPA,
+                proportional: number(Key::PressureGain) * KPA_PER_PA,
+                integral: number(Key::PressureIntegral) * KPA_PER_PA,
                 max_flow: number(Key::MaxFlow),
                 max_acceleration: number(Key::MaxFlowRate),
                 max_volume: number(Key::MaxVolume),
             },
             angle: angle::Config {
-                proportional: number(Key::AngleGain) * per_rad,
-                integral: number(Key::AngleIntegral) * per_rad,
-                derivative: number(Key::AngleDerivative) * per_rad,
-                max_pressure: highest,
+                proportional: number(Key::AngleGain),
+                integral: number(Key::AngleIntegral),
+                derivative: number(Key::AngleDerivative),
+                max_correction: farthest,
             },
             pressure_range: Range {
                 highest,
                 rate: number(Key::SetpointPressureRate) * PA_PER_KPA,
             },
             angle_range: Range {
-                highest: number(Key::SetpointMax) * RAD_PER_DEG,
+                highest: farthest,
                 rate: number(Key::SetpointRate) * RAD_PER_DEG,
             },
         }
@@ -140,18 +142,19 @@ impl Controller {
             let angle =
                 self.angle_setpoint
                     .step(&config.angle_range, level * RAD_PER_DEG, PERIOD_S);
-            let holding = self.holding_pressure(model, angle);
-            if track == Track::AngleClosedLoop {
-                self.angle_loop.step(
-                    &config.angle,
-                    (angle, holding),
-                    measured.angle,
-                    !self.pressure_loop.is_saturated(),
-                    PERIOD_S,
-                )
+            let asked = if track == Track::AngleClosedLoop {
+                let follows = !self.pressure_loop.is_saturated();
+                let pressure = self.pressure_setpoint.value();
+                let room = angle::Room {
+                    up: follows && pressure < config.pressure_range.highest,
+                    down: follows && pressure > 0.0,
+                };
+                self.angle_loop
+                    .step(&config.angle, angle, measured.angle, room, PERIOD_S)
             } else {
-                holding
-            }
+                angle
+            };
+            self.holding_pressure(model, asked)
         };
         let pressure = self
             .pressure_setpoint
@@ -185,4 +188,9 @@ impl Controller {
 }
 
 #[cfg(test)]
+#[allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    clippy::float_cmp
+)]
 mod tests;
