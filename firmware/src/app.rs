@@ -5,7 +5,7 @@
 //!
 //! 1. [`App::receive`] for every line that was completed since, or
 //!    [`App::overlong`] for one that was too long;
-//! 2. [`App::tick`] with the inputs, and obeys the outputs;
+//! 2. [`App::tick`] with the inputs and the EEPROM, and obeys the outputs;
 //! 3. [`App::telemetry`], and writes the line;
 //! 4. [`App::report`], which writes at most one further line.
 //!
@@ -15,10 +15,7 @@
 //! second time: what moves or saves is refused with [`Refusal::NotNow`], what
 //! sets or asks has the same result.
 
-use model_core::{
-    actuator::{Dynamics, Model},
-    observer::Observer,
-};
+use model_core::observer::Observer;
 use ufmt::{uWrite, uwrite};
 use wire::{
     checksum::Crc16,
@@ -34,7 +31,7 @@ use wire::{
 };
 
 use crate::{
-    control::{self, Controller, DEG_PER_RAD, Measured, PA_PER_KPA, limit},
+    control::{self, Controller, DEG_PER_RAD, KPA_PER_PA, Measured, limit},
     homing::{self, Homing, Progress},
     io::{Inputs, Outputs, Pump, ResetCause, Valve},
     observer::{Monitor, Seen, of_model},
@@ -42,7 +39,10 @@ use crate::{
     runner::{Memory, Runner},
     safety::{Conditions, Event, Supervisor, runs_into_end},
     self_test,
+    sensing::{Calibration, Readings, Sensors},
+    settings::{Limits, calibration, check, model},
     stall::Watch,
+    store::{Eeprom, Loaded, Poll, Writer, load},
 };
 
 /// Long texts for people, which the board keeps in flash: a constant string
@@ -55,7 +55,7 @@ pub trait Texts {
     /// Those of the output.
     fn fault<W: uWrite + ?Sized>(&self, fault: Fault, out: &mut W) -> Result<(), W::Error>;
 
-    /// Writes a line of the help, without a line end; false beyond the last.
+    /// Writes a line of the help, without a line end; whether another follows.
     ///
     /// # Errors
     ///
@@ -83,11 +83,10 @@ impl Texts for PlainTexts {
     }
 
     fn help<W: uWrite + ?Sized>(&self, line: u8, out: &mut W) -> Result<bool, W::Error> {
-        let Some(text) = HELP.get(usize::from(line)) else {
-            return Ok(false);
-        };
-        out.write_str(text)?;
-        Ok(true)
+        if let Some(text) = HELP.get(usize::from(line)) {
+            out.write_str(text)?;
+        }
+        Ok(usize::from(line) + 1 < HELP.len())
     }
 }
 
@@ -114,8 +113,8 @@ const VENTING: u8 = 20;
 pub struct App {
     settings: Settings,
     draft: Settings,
-    observer: Option<Observer>,
-    model: Option<Model<f32>>,
+    derived: Option<Derived>,
+    sensors: Sensors,
     supervisor: Supervisor,
     conditions: Conditions,
     reset: ResetCause,
@@ -136,22 +135,49 @@ pub struct App {
     heard: u32,
     sequence: u16,
     counters: Counters,
+    saving: Saving,
     /// The next line of help, while there is one.
     help: Option<u8>,
     /// A fault whose sentence is to be written.
     sentence: Option<Fault>,
 }
 
-fn model_of(settings: &Settings) -> Option<Model<f32>> {
-    let number = |key| settings.number(key);
-    let dynamics = Dynamics {
-        inertia: number(Key::Inertia),
-        damping: number(Key::Damping),
-        stiffness: number(Key::Stiffness),
-        exponent: number(Key::Exponent),
-        input_gain: number(Key::InputGain),
-    };
-    Model::new(dynamics, &[]).ok()
+/// How far settings are on their way to EEPROM.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Saving {
+    No,
+    /// Accepted; the slot is chosen in the next period.
+    Accepted,
+    Writing(Writer),
+    /// What became of it is still to be told.
+    Over {
+        kept: bool,
+    },
+}
+
+impl Saving {
+    fn is_busy(self) -> bool {
+        matches!(self, Self::Accepted | Self::Writing(_))
+    }
+}
+
+/// What is computed from the settings once.
+#[derive(Clone, Debug)]
+struct Derived {
+    calibration: Calibration,
+    observer: Observer,
+}
+
+impl Derived {
+    /// Checks settings as a whole.
+    fn of(settings: &Settings) -> Result<Self, Refusal> {
+        check(settings)?;
+        let model = model(settings).map_err(|_| Refusal::BadSettings)?;
+        Ok(Self {
+            calibration: calibration(settings).map_err(|_| Refusal::BadSettings)?,
+            observer: of_model(model, settings).map_err(|_| Refusal::BadSettings)?,
+        })
+    }
 }
 
 /// The checksum of all settings, by which a computer knows them again.
@@ -166,20 +192,28 @@ pub fn checksum(settings: &Settings) -> u16 {
 }
 
 impl App {
-    /// Starts after a reset, idle.
-    pub fn new(settings: &Settings, reset: ResetCause) -> Self {
-        let model = model_of(settings);
+    /// Starts after a reset, idle, with the settings that are stored; with those
+    /// that a board is shipped with if none are or if they are damaged, which is
+    /// a fault.
+    pub fn new(eeprom: &impl Eeprom, reset: ResetCause) -> Self {
+        let (settings, damaged) = match load(eeprom) {
+            Loaded::Stored(settings) => (settings, false),
+            Loaded::Shipped => (Settings::DEFAULT, false),
+            Loaded::Damaged => (Settings::DEFAULT, true),
+        };
+        let derived = Derived::of(&settings).ok();
         Self {
-            settings: settings.clone(),
             draft: settings.clone(),
-            observer: model.and_then(|model| of_model(model, settings).ok()),
-            model,
+            settings,
+            sensors: Sensors::new(),
             supervisor: Supervisor::new(),
             conditions: Conditions {
                 watchdog: reset == ResetCause::Watchdog,
                 brown_out: reset == ResetCause::BrownOut,
+                settings_damaged: damaged || derived.is_none(),
                 ..Conditions::default()
             },
+            derived,
             reset,
             homing: None,
             controller: Controller::new(),
@@ -196,6 +230,7 @@ impl App {
             heard: 0,
             sequence: 0,
             counters: Counters::default(),
+            saving: Saving::No,
             help: None,
             sentence: None,
         }
@@ -239,11 +274,12 @@ impl App {
     }
 
     /// Lets one control period pass.
-    pub fn tick(&mut self, inputs: &Inputs) -> Outputs {
+    pub fn tick(&mut self, inputs: &Inputs, eeprom: &mut impl Eeprom) -> Outputs {
         self.inputs = *inputs;
+        self.store(eeprom);
         self.volume = inputs.steps as f32 * self.settings.number(Key::VolumePerStep);
-        let (pressure, angle) = self.sense(inputs);
-        self.look(inputs, pressure, angle);
+        let readings = self.sense(inputs);
+        self.look(inputs, &readings);
         if self.supervisor.update(&self.conditions).is_some() {
             self.sentence = self.supervisor.fault();
             self.rest();
@@ -253,8 +289,8 @@ impl App {
         self.conditions.brown_out = false;
 
         let measured = Measured {
-            pressure,
-            angle,
+            pressure: readings.pressure.filtered,
+            angle: readings.angle.filtered,
             volume: self.volume,
         };
         let outputs = match self.state() {
@@ -272,44 +308,69 @@ impl App {
             ..self.supervisor.restrain(outputs)
         };
         let judge = self.state() == State::Running;
-        if let Some(observer) = &self.observer {
+        if let Some(derived) = &self.derived {
             self.monitor
-                .step(observer, &self.settings, &self.seen, judge);
+                .step(&derived.observer, &self.settings, &self.seen, judge);
         }
         self.sequence = self.sequence.wrapping_add(1);
         self.outputs
     }
 
-    /// Reads the sensors: gauge pressure (Pa) and angle (rad).
-    fn sense(&mut self, inputs: &Inputs) -> (f32, f32) {
-        let settings = &self.settings;
-        let kilopascal = (inputs.pressure.counts() - settings.number(Key::PressureZero))
-            * settings.number(Key::PressureSpan);
-        let degrees = flex_degrees(settings, inputs.flex.counts());
-        self.seen = Seen {
-            pressure: Some(Hundredths::round(kilopascal)),
-            angle: Some(Hundredths::round(degrees)),
+    /// Writes a byte of what is to be saved.
+    fn store(&mut self, eeprom: &mut impl Eeprom) {
+        self.saving = match self.saving {
+            Saving::Accepted => Saving::Writing(Writer::new(eeprom)),
+            Saving::Writing(mut writer) => match writer.step(&self.settings, eeprom) {
+                Poll::Writing => Saving::Writing(writer),
+                Poll::Done => {
+                    self.conditions.settings_damaged = false;
+                    Saving::Over { kept: true }
+                }
+                Poll::Failed => Saving::Over { kept: false },
+            },
+            other => other,
         };
-        (kilopascal * PA_PER_KPA, degrees * control::RAD_PER_DEG)
+    }
+
+    /// Reads the sensors; without a calibration there is nothing to read.
+    fn sense(&mut self, inputs: &Inputs) -> Readings {
+        let Some(derived) = &self.derived else {
+            self.seen = Seen::default();
+            return Readings::default();
+        };
+        let readings = self.sensors.update(&derived.calibration, inputs);
+        let rounded =
+            |value: Option<f32>, scale| value.map(|value| Hundredths::round(value * scale));
+        self.seen = Seen {
+            pressure: rounded(readings.pressure.valid(), KPA_PER_PA),
+            angle: rounded(readings.angle.valid(), DEG_PER_RAD),
+        };
+        readings
     }
 
     /// What may be wrong in this period.
-    fn look(&mut self, inputs: &Inputs, pressure: f32, angle: f32) {
-        let settings = &self.settings;
-        let silence = inputs.time_ms.wrapping_sub(self.heard) as f32 / 1_000.0;
+    fn look(&mut self, inputs: &Inputs, readings: &Readings) {
+        let limits = Limits::of(&self.settings);
         let rate = match self.outputs.pump {
             Pump::Rate(rate) => rate,
             Pump::Off | Pump::Brake => 0.0,
         };
         let closed = self.outputs.valve == Valve::Closed;
+        let pressure = readings.pressure.value;
         self.conditions = Conditions {
             emergency_stop: inputs.emergency_stop,
-            over_pressure: pressure > settings.number(Key::MaxPressure) * PA_PER_KPA,
-            over_angle: angle > settings.number(Key::MaxAngle) * control::RAD_PER_DEG,
-            stall: self.stall.step(settings, closed, self.volume, pressure),
+            over_pressure: pressure > limits.pressure_pa,
+            // A flex sensor is noisy; 20 ms do not matter to silicone.
+            over_angle: readings.angle.filtered > limits.angle_rad,
+            pressure_sensor: readings.pressure.fault.is_some(),
+            flex_sensor: readings.angle.fault.is_some(),
+            stall: self
+                .stall
+                .step(&self.settings, closed, self.volume, pressure),
             end_switch: runs_into_end(self.supervisor.state(), inputs, rate),
-            host_silent: silence > settings.number(Key::HostTimeout),
+            host_silent: inputs.time_ms.wrapping_sub(self.heard) > limits.host_timeout_ms,
             overrun: inputs.overruns > 0,
+            internal: false,
             ..self.conditions
         };
     }
@@ -362,7 +423,7 @@ impl App {
     }
 
     fn play(&mut self, measured: &Measured) -> Outputs {
-        let (Some(runner), Some(model)) = (&mut self.runner, &self.model) else {
+        let (Some(runner), Some(derived)) = (&mut self.runner, &self.derived) else {
             self.fail(Fault::Internal);
             return Outputs::default();
         };
@@ -377,12 +438,13 @@ impl App {
         let outputs = match demand {
             Demand::Track { track, level } => {
                 self.back = 0;
+                let model = derived.observer.model();
                 let flow = self
                     .controller
                     .track(&config, model, (track, level), measured);
                 self.setpoint = if track == Track::Pressure {
                     let pressure = self.controller.pressure_setpoint();
-                    Setpoint::Pressure(Hundredths::round(pressure / PA_PER_KPA))
+                    Setpoint::Pressure(Hundredths::round(pressure * KPA_PER_PA))
                 } else {
                     let angle = self.controller.angle_setpoint();
                     Setpoint::Angle(Hundredths::round(angle * DEG_PER_RAD))
@@ -458,8 +520,8 @@ impl App {
         }
     }
 
-    /// Writes at most one line that has been waiting: help, the sentence of a
-    /// fault. One a period, so that the cable keeps up.
+    /// Writes at most one line that has been waiting: `# saved` or `# not saved`,
+    /// the sentence of a fault, help. One a period, so that the cable keeps up.
     ///
     /// # Errors
     ///
@@ -469,6 +531,16 @@ impl App {
         texts: &impl Texts,
         out: &mut W,
     ) -> Result<(), W::Error> {
+        if let Saving::Over { kept } = self.saving {
+            self.saving = Saving::No;
+            let mut line = Sealed::new(out);
+            line.write_str("# ")?;
+            if !kept {
+                line.write_str("not ")?;
+            }
+            line.write_str("saved")?;
+            return line.finish();
+        }
         if let Some(fault) = self.sentence.take() {
             let mut line = Sealed::new(out);
             line.write_str("# ")?;
@@ -557,6 +629,9 @@ impl App {
         match command {
             Command::Help => self.help = Some(0),
             Command::Arm => {
+                if self.saving.is_busy() {
+                    return Err(Refusal::NotNow);
+                }
                 self.supervisor.handle(Event::Arm, &self.conditions)?;
                 self.rest();
             }
@@ -606,9 +681,42 @@ impl App {
                     .map_err(|_| Refusal::OutOfBounds)?;
             }
             Command::Discard => self.draft = self.settings.clone(),
+            Command::Save => self.save()?,
+            Command::Tare => {
+                if self.state() != State::Idle {
+                    return Err(Refusal::NotNow);
+                }
+                self.sensors.tare()?;
+                // The prediction was in the old zero.
+                self.monitor.restart();
+            }
             // What is not here is answered elsewhere, or only heard.
             _ => {}
         }
+        Ok(())
+    }
+
+    /// Uses the draft, if it makes sense as a whole, and starts to write it.
+    ///
+    /// The reply comes at once and says that the settings are in use;
+    /// [`App::report`] says some 3 s later whether the EEPROM has them.
+    fn save(&mut self) -> Result<(), Refusal> {
+        let resting = matches!(self.state(), State::Idle | State::Fault);
+        if !resting || self.saving.is_busy() {
+            return Err(Refusal::NotNow);
+        }
+        let derived = Derived::of(&self.draft)?;
+        if self
+            .derived
+            .as_ref()
+            .is_none_or(|before| before.calibration != derived.calibration)
+        {
+            self.sensors = Sensors::new();
+        }
+        self.derived = Some(derived);
+        self.settings = self.draft.clone();
+        self.monitor.restart();
+        self.saving = Saving::Accepted;
         Ok(())
     }
 
@@ -651,23 +759,6 @@ impl App {
     }
 }
 
-/// The angle (°) of a reading in counts, by the table.
-fn flex_degrees(settings: &Settings, counts: f32) -> f32 {
-    let mut result = settings.number(Key::FlexAngle(0));
-    for point in 0..7 {
-        let at = |index| {
-            (
-                settings.number(Key::FlexCounts(index)),
-                settings.number(Key::FlexAngle(index)),
-            )
-        };
-        let ((from, low), (to, high)) = (at(point), at(point + 1));
-        if counts <= from {
-            result = low + (high - low) * (counts - from) / (to - from);
-        }
-    }
-    result
-}
-
 #[cfg(test)]
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 mod tests;

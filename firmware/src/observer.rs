@@ -124,6 +124,7 @@ impl Monitor {
 }
 
 #[cfg(test)]
+#[allow(clippy::cast_possible_truncation)]
 mod tests {
     extern crate std;
     use super::*;

@@ -17,6 +17,7 @@ const ATMOSPHERE_PA: f64 = 101_325.0;
 const PARTS: u16 = 10;
 
 /// The rig.
+#[allow(clippy::struct_excessive_bools)] // What may be broken.
 pub struct Plant {
     pub settings: Settings,
     pub model: Model<f64>,
@@ -40,6 +41,7 @@ pub struct Plant {
     pub flex_counts: Option<f64>,
     pub blocked_motor: bool,
     pub retracted_end: Option<bool>,
+    pub overruns: u8,
     pub outputs: Outputs,
     /// A small generator of noise.
     pub noise_counts: f64,
@@ -79,6 +81,7 @@ impl Plant {
             flex_counts: None,
             blocked_motor: false,
             retracted_end: None,
+            overruns: 0,
             outputs: Outputs::default(),
             noise_counts: 0.5,
             seed: 1,
@@ -162,7 +165,7 @@ impl Plant {
             pushed_end: self.pushed_end || self.plunger >= 57_000.0,
             emergency_stop: self.emergency_stop,
             steps: moved.round() as i32,
-            overruns: 0,
+            overruns: self.overruns,
         }
     }
 }

@@ -296,6 +296,7 @@ impl Runner {
 }
 
 #[cfg(test)]
+#[allow(clippy::cast_possible_truncation)]
 mod tests {
     extern crate std;
     use super::*;

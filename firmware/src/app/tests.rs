@@ -3,9 +3,11 @@ extern crate std;
 use std::{
     format,
     string::{String, ToString},
+    vec,
     vec::Vec,
 };
 
+use proptest::prelude::*;
 use wire::{line, protocol::Named, reply::Reply};
 
 use super::*;
@@ -22,10 +24,25 @@ impl uWrite for Text {
     }
 }
 
+struct Memory {
+    bytes: Vec<u8>,
+    worn: bool,
+}
+
+impl Eeprom for Memory {
+    fn read(&self, address: u16) -> u8 {
+        self.bytes[usize::from(address)]
+    }
+    fn write(&mut self, address: u16, byte: u8) {
+        self.bytes[usize::from(address)] = if self.worn { byte & 0xf0 } else { byte };
+    }
+}
+
 /// The firmware's logic on a simulated rig, in accelerated time.
 struct Rig {
     app: App,
     plant: Plant,
+    eeprom: Memory,
     id: u8,
     beats: bool,
     remarks: Vec<String>,
@@ -34,8 +51,13 @@ struct Rig {
 
 impl Rig {
     fn new() -> Self {
+        let eeprom = Memory {
+            bytes: vec![0xff; 4096],
+            worn: false,
+        };
         Self {
-            app: App::new(&Settings::DEFAULT, ResetCause::Ordinary),
+            app: App::new(&eeprom, ResetCause::Ordinary),
+            eeprom,
             plant: Plant::new(60e3, 8e3),
             id: 0,
             beats: true,
@@ -71,7 +93,7 @@ impl Rig {
 
     fn tick(&mut self) -> Outputs {
         let inputs = self.plant.inputs();
-        let outputs = self.app.tick(&inputs);
+        let outputs = self.app.tick(&inputs, &mut self.eeprom);
         self.plant.step(&outputs);
         self.log.push(self.app.telemetry());
         let mut out = Text::default();
@@ -80,7 +102,7 @@ impl Rig {
             let text = line::open(text).expect("a sealed line");
             self.remarks.push(text.strip_prefix("# ").unwrap().into());
         }
-        if self.beats && self.log.len() % 50 == 0 {
+        if self.beats && self.log.len().is_multiple_of(50) {
             assert_eq!(self.ask(Command::Beat), Ok(String::new()));
         }
         outputs
@@ -144,4 +166,561 @@ fn the_papers_protocol_is_played_to_its_end() {
         assert!((reached - asked).abs() < 2.0, "{k}: {reached}");
     }
     assert!((rig.plant.plunger - 500.0).abs() < 10.0);
+}
+
+/// What a fault has to lead to, whatever it is.
+fn assert_stopped(rig: &mut Rig, fault: Fault) {
+    assert_eq!(rig.app.state(), State::Fault);
+    assert_eq!(rig.log.last().unwrap().fault, fault.code());
+    let outputs = rig.tick();
+    assert_eq!((outputs.pump, outputs.valve), (Pump::Off, Valve::Open));
+    assert_eq!(rig.remarks.last().unwrap(), fault.sentence());
+    // It is latched: nothing but `clear` leads out.
+    assert_eq!(rig.ask(Command::Arm), Err(Refusal::Faulted));
+    rig.wait(1.0);
+    assert_eq!(rig.app.state(), State::Fault);
+}
+
+/// Brings a fault about while the protocol rises to 60°, and lets it go again.
+fn inject(fault: Fault, seconds: f32, injure: impl Fn(&mut Rig), heal: impl Fn(&mut Rig)) {
+    let mut rig = Rig::running(Named::Paper);
+    rig.wait(2.0);
+    injure(&mut rig);
+    rig.wait_for(State::Fault, seconds);
+    assert_stopped(&mut rig, fault);
+    heal(&mut rig);
+    rig.wait(2.0);
+    assert_eq!(rig.ask(Command::Clear), Ok(String::new()), "{fault:?}");
+    assert_eq!(rig.app.state(), State::Idle);
+    rig.ask(Command::Arm).unwrap();
+    rig.wait_for(State::Ready, 60.0);
+}
+
+#[test]
+fn every_fault_that_can_be_provoked_stops_the_rig() {
+    inject(
+        Fault::EmergencyStop,
+        0.02,
+        |rig| rig.plant.emergency_stop = true,
+        |rig| rig.plant.emergency_stop = false,
+    );
+    inject(
+        Fault::PressureSensor,
+        0.1,
+        |rig| rig.plant.pressure_counts = Some(1023.0),
+        |rig| rig.plant.pressure_counts = None,
+    );
+    inject(
+        Fault::FlexSensor,
+        0.1,
+        |rig| rig.plant.flex_counts = Some(0.0),
+        |rig| rig.plant.flex_counts = None,
+    );
+    inject(
+        Fault::OverPressure,
+        0.02,
+        |rig| rig.plant.pressure_counts = Some(400.0),
+        |rig| rig.plant.pressure_counts = None,
+    );
+    inject(
+        Fault::OverAngle,
+        0.2,
+        |rig| rig.plant.flex_counts = Some(300.0),
+        |rig| rig.plant.flex_counts = None,
+    );
+    inject(
+        Fault::EndSwitch,
+        0.02,
+        |rig| rig.plant.pushed_end = true,
+        |rig| rig.plant.pushed_end = false,
+    );
+    inject(
+        Fault::Stall,
+        6.0,
+        |rig| rig.plant.disconnected_tube = true,
+        |rig| rig.plant.disconnected_tube = false,
+    );
+    inject(
+        Fault::HostLost,
+        2.6,
+        |rig| rig.beats = false,
+        |rig| rig.beats = true,
+    );
+    inject(
+        Fault::Overrun,
+        0.02,
+        |rig| rig.plant.overruns = 1,
+        |rig| rig.plant.overruns = 0,
+    );
+}
+
+#[test]
+fn a_cause_that_is_still_there_is_not_cleared() {
+    let mut rig = Rig::new();
+    rig.plant.emergency_stop = true;
+    rig.wait(0.5);
+    assert_stopped(&mut rig, Fault::EmergencyStop);
+    assert_eq!(rig.ask(Command::Clear), Err(Refusal::StillThere));
+    rig.plant.emergency_stop = false;
+    rig.wait(0.1);
+    assert_eq!(rig.ask(Command::Clear), Ok(String::new()));
+    assert_eq!(rig.app.state(), State::Idle);
+}
+
+#[test]
+fn a_stuck_switch_ends_homing_and_nothing_else_goes_on() {
+    let mut rig = Rig::new();
+    rig.plant.retracted_end = Some(true);
+    rig.ask(Command::Arm).unwrap();
+    rig.wait_for(State::Fault, 60.0);
+    assert_stopped(&mut rig, Fault::Stall);
+    rig.plant.retracted_end = None;
+    assert_eq!(rig.ask(Command::Clear), Ok(String::new()));
+}
+
+#[test]
+fn an_unusual_reset_is_told_and_has_to_be_seen() {
+    for (cause, fault) in [
+        (ResetCause::Watchdog, Fault::Watchdog),
+        (ResetCause::BrownOut, Fault::BrownOut),
+    ] {
+        let mut rig = Rig::new();
+        rig.app = App::new(&rig.eeprom, cause);
+        let mut out = Text::default();
+        rig.app.banner(&mut out).unwrap();
+        assert!(
+            line::open(&out.0).unwrap().ends_with(fault.name()),
+            "{}",
+            out.0
+        );
+        rig.wait(0.1);
+        assert_stopped(&mut rig, fault);
+        assert_eq!(rig.ask(Command::Clear), Ok(String::new()));
+        rig.wait(0.1);
+        assert_eq!(rig.app.state(), State::Idle);
+    }
+}
+
+#[test]
+fn who_it_is_and_how_it_is_are_machine_readable() {
+    let mut rig = Rig::new();
+    rig.wait(0.1);
+    let crc = format!("{:04x}", checksum(&Settings::DEFAULT));
+    assert_eq!(
+        rig.ask(Command::Hello).unwrap(),
+        format!("softrig 0.1.0 wire 1 settings {crc}")
+    );
+    assert_eq!(
+        rig.ask(Command::Status).unwrap(),
+        format!("i 0 0 0 0 {crc}")
+    );
+    assert!(rig.say(&line_of("9 fly")).contains("A 9 no 1"));
+    assert!(rig.say("arm").contains("A 0 no 2"));
+    assert_eq!(rig.say("7 arm *0000"), "");
+    rig.app.overlong();
+    assert_eq!(
+        rig.ask(Command::Status).unwrap(),
+        format!("i 0 1 1 1 {crc}")
+    );
+    let raw = rig.ask(Command::Raw).unwrap();
+    let inputs = rig.app.inputs;
+    assert_eq!(raw, format!("{} {}", inputs.pressure.0, inputs.flex.0));
+    assert!(rig.say("status\r\n").contains("A 0 ok i 0 1 1 1"));
+    let before = rig.remarks.len();
+    rig.ask(Command::Help).unwrap();
+    rig.wait(0.5);
+    assert_eq!(rig.remarks[before..], HELP);
+    rig.ask(Command::SelfTest).unwrap();
+}
+
+fn line_of(text: &str) -> String {
+    let mut out = Text::default();
+    let mut line = Sealed::new(&mut out);
+    line.write_str(text).unwrap();
+    line.finish().unwrap();
+    out.0
+}
+
+#[test]
+fn a_request_that_comes_twice_does_nothing_twice() {
+    let mut rig = Rig::armed();
+    assert_eq!(rig.ask(Command::Arm), Err(Refusal::NotNow));
+    rig.ask(Command::Run(Some(Named::Paper))).unwrap();
+    rig.wait(1.0);
+    let before = rig.app.runner;
+    assert_eq!(
+        rig.ask(Command::Run(Some(Named::Paper))),
+        Err(Refusal::NotNow)
+    );
+    assert_eq!(rig.app.runner, before);
+    assert_eq!(rig.ask(Command::Load(3)), Err(Refusal::NotNow));
+    assert_eq!(rig.ask(Command::SelfTest), Err(Refusal::NotNow));
+    for _ in 0..2 {
+        assert_eq!(rig.ask(Command::Stop), Ok(String::new()));
+        let outputs = rig.tick();
+        assert_eq!((outputs.pump, outputs.valve), (Pump::Off, Valve::Open));
+        assert_eq!(rig.app.state(), State::Idle);
+    }
+    assert_eq!(rig.ask(Command::Run(None)), Err(Refusal::NotNow));
+}
+
+#[test]
+fn a_protocol_of_ones_own_is_checked_and_played() {
+    let mut rig = Rig::armed();
+    assert_eq!(rig.ask(Command::Run(None)), Err(Refusal::BadProtocol));
+    let step = |level, track| wire::protocol::Segment::Step {
+        track,
+        level: Hundredths(level),
+        duration_ms: 3_000,
+    };
+    let put = |rig: &mut Rig, index, segment| rig.ask(Command::Segment { index, segment });
+    rig.ask(Command::Load(2)).unwrap();
+    put(&mut rig, 0, step(3_000, Track::AngleClosedLoop)).unwrap();
+    assert_eq!(rig.ask(Command::Run(None)), Err(Refusal::BadProtocol));
+    assert_eq!(
+        put(&mut rig, 2, step(3_000, Track::AngleClosedLoop)),
+        Err(Refusal::BadProtocol)
+    );
+    put(&mut rig, 1, step(16_001, Track::Pressure)).unwrap();
+    assert_eq!(rig.ask(Command::Run(None)), Err(Refusal::BadProtocol));
+    put(&mut rig, 1, step(2_000, Track::Pressure)).unwrap();
+    rig.ask(Command::Run(None)).unwrap();
+    rig.wait(2.9);
+    let angle = rig.log.last().unwrap().angle_deg.unwrap().to_f32();
+    assert!((angle - 30.0).abs() < 3.0, "{angle}");
+    rig.wait(3.0);
+    let sample = rig.log.last().unwrap();
+    assert_eq!(sample.setpoint, Setpoint::Pressure(Hundredths(2_000)));
+    let pressure = sample.pressure_kpa.unwrap().to_f32();
+    assert!((pressure - 20.0).abs() < 1.5, "{pressure}");
+    assert!(rig.ask(Command::Status).unwrap().ends_with(" 1 0"));
+    rig.wait_for(State::Ready, 10.0);
+}
+
+/// A computer that reads the log repeats the prediction to the bit.
+#[test]
+fn the_prediction_can_be_repeated_from_the_log() {
+    let mut rig = Rig::running(Named::Steps);
+    rig.wait(20.0);
+    let exact = rig.ask(Command::Exact).unwrap();
+    let mut words = exact.split(' ');
+    let sequence: u16 = words.next().unwrap().parse().unwrap();
+    let steps: u16 = words.next().unwrap().parse().unwrap();
+    let bits: Vec<u32> = words
+        .map(|word| u32::from_str_radix(word, 16).unwrap())
+        .collect();
+    let at = |sequence: u16| {
+        let sample = rig.log.iter().find(|sample| sample.sequence == sequence);
+        // As it came over the cable.
+        let mut out = Text::default();
+        sample.unwrap().write(&mut out).unwrap();
+        Telemetry::parse(out.0.as_bytes()).unwrap()
+    };
+    let observer = &rig.app.derived.as_ref().unwrap().observer;
+    let first = at(sequence - steps);
+    let mut estimate = observer.start(first.angle_deg.unwrap().0, first.pressure_kpa.unwrap().0);
+    for sequence in sequence - steps + 1..=sequence {
+        let sample = at(sequence);
+        observer.step(
+            &mut estimate,
+            sample.pressure_kpa.map(|pressure| pressure.0),
+        );
+        let predicted = Hundredths::round(observer.prediction(&estimate) * DEG_PER_RAD);
+        assert_eq!(sample.predicted_deg, Some(predicted));
+    }
+    let state = estimate.state();
+    let again = [state.angle, state.rate, estimate.pressure()].map(f32::to_bits);
+    assert_eq!(bits, again);
+    assert!(
+        steps > 1_900 && state.angle > 0.1,
+        "{steps} {}",
+        state.angle
+    );
+}
+
+#[test]
+fn a_rig_that_differs_from_its_model_raises_the_flag() {
+    let mut rig = Rig::new();
+    let mut dynamics = crate::plant::dynamics(&Settings::DEFAULT);
+    dynamics.stiffness *= 0.6;
+    rig.plant.model = model_core::actuator::Model::new(dynamics, &[]).unwrap();
+    rig.wait(0.5);
+    rig.ask(Command::Arm).unwrap();
+    rig.wait_for(State::Ready, 60.0);
+    rig.ask(Command::Run(Some(Named::Paper))).unwrap();
+    rig.wait(6.0);
+    assert!(rig.log.last().unwrap().mismatch);
+    rig.ask(Command::Clear).unwrap();
+    rig.tick();
+    assert!(!rig.log.last().unwrap().mismatch, "cleared by hand");
+    rig.wait(8.0);
+    assert!(rig.log.last().unwrap().mismatch);
+    rig.ask(Command::Stop).unwrap();
+    rig.ask(Command::Arm).unwrap();
+    rig.wait_for(State::Ready, 60.0);
+    assert!(
+        rig.log.last().unwrap().mismatch,
+        "it stays for who looks later"
+    );
+    rig.ask(Command::Run(Some(Named::Paper))).unwrap();
+    rig.tick();
+    assert!(
+        !rig.log.last().unwrap().mismatch,
+        "a new run starts without it"
+    );
+}
+
+fn set(rig: &mut Rig, key: Key, value: f32) -> Result<String, Refusal> {
+    rig.ask(Command::Set {
+        key,
+        bits: value.to_bits(),
+    })
+}
+
+#[test]
+fn settings_are_used_when_saved_and_survive_a_reset() {
+    let mut rig = Rig::new();
+    rig.wait(0.1);
+    set(&mut rig, Key::Damping, 2.5).unwrap();
+    let get = |rig: &mut Rig| rig.ask(Command::Get(Key::Damping)).unwrap();
+    assert_eq!(
+        get(&mut rig),
+        format!("{:08x}", 1.8_f32.to_bits()),
+        "a draft"
+    );
+    assert_eq!(rig.ask(Command::Save), Ok(String::new()));
+    assert_eq!(get(&mut rig), format!("{:08x}", 2.5_f32.to_bits()));
+    assert_eq!(rig.ask(Command::Save), Err(Refusal::NotNow));
+    assert_eq!(rig.ask(Command::Arm), Err(Refusal::NotNow));
+    rig.wait(4.0);
+    assert_eq!(rig.remarks, ["saved"]);
+    let again = App::new(&rig.eeprom, ResetCause::Ordinary);
+    assert!((again.settings().number(Key::Damping) - 2.5).abs() < f32::EPSILON);
+    assert_eq!(again.settings(), rig.app.settings());
+    rig.ask(Command::Arm).unwrap();
+    assert_eq!(rig.ask(Command::Save), Err(Refusal::NotNow));
+}
+
+#[test]
+fn a_draft_that_makes_no_sense_is_refused_as_a_whole() {
+    let mut rig = Rig::new();
+    set(&mut rig, Key::Damping, 2.5).unwrap();
+    set(&mut rig, Key::SetpointMax, 200.0).unwrap();
+    assert_eq!(
+        set(&mut rig, Key::Exponent, -1.0),
+        Err(Refusal::OutOfBounds)
+    );
+    assert_eq!(rig.ask(Command::Save), Err(Refusal::BadSettings));
+    assert_eq!(rig.app.settings(), &Settings::DEFAULT);
+    rig.ask(Command::Discard).unwrap();
+    // Too fast for the observer's steps.
+    set(&mut rig, Key::Damping, 1e5).unwrap();
+    assert_eq!(rig.ask(Command::Save), Err(Refusal::BadSettings));
+    rig.ask(Command::Discard).unwrap();
+    rig.ask(Command::Save).unwrap();
+    assert_eq!(rig.app.settings(), &Settings::DEFAULT);
+}
+
+#[test]
+fn a_worn_out_memory_is_told_and_damage_is_a_fault_until_saved() {
+    let mut rig = Rig::new();
+    rig.eeprom.worn = true;
+    rig.ask(Command::Save).unwrap();
+    rig.wait(4.0);
+    assert_eq!(rig.remarks, ["not saved"]);
+
+    let mut rig = Rig::new();
+    rig.ask(Command::Save).unwrap();
+    rig.wait(4.0);
+    for byte in &mut rig.eeprom.bytes[20..100] {
+        *byte ^= 0x10;
+    }
+    rig.app = App::new(&rig.eeprom, ResetCause::Ordinary);
+    rig.wait(0.1);
+    assert_stopped(&mut rig, Fault::Settings);
+    assert_eq!(rig.ask(Command::Clear), Err(Refusal::StillThere));
+    rig.ask(Command::Save).unwrap();
+    rig.wait(4.0);
+    assert_eq!(rig.ask(Command::Clear), Ok(String::new()));
+}
+
+#[test]
+fn what_the_sensors_show_at_rest_becomes_zero() {
+    let mut rig = Rig::new();
+    rig.plant.pressure_counts = Some(105.0);
+    rig.wait(0.5);
+    assert_eq!(rig.ask(Command::Tare), Err(Refusal::NotAtRest));
+    rig.wait(2.0);
+    assert_eq!(rig.ask(Command::Tare), Ok(String::new()));
+    rig.wait(0.1);
+    let pressure = rig.log.last().unwrap().pressure_kpa.unwrap().0;
+    assert!(pressure.abs() < 50, "{pressure}");
+    rig.ask(Command::Arm).unwrap();
+    assert_eq!(rig.ask(Command::Tare), Err(Refusal::NotNow));
+}
+
+fn commands() -> impl Strategy<Value = Command> {
+    use wire::protocol::Segment;
+    let track = prop::sample::select(
+        &[
+            Track::Pressure,
+            Track::AngleOpenLoop,
+            Track::AngleClosedLoop,
+        ][..],
+    );
+    let level = (0..20_000).prop_map(Hundredths);
+    let ms = 1..5_000_u32;
+    let segment = prop_oneof![
+        (track.clone(), level.clone(), ms.clone()).prop_map(|(track, level, duration_ms)| {
+            Segment::Step {
+                track,
+                level,
+                duration_ms,
+            }
+        }),
+        (track.clone(), level.clone(), ms.clone()).prop_map(|(track, level, duration_ms)| {
+            Segment::Ramp {
+                track,
+                level,
+                duration_ms,
+            }
+        }),
+        (track, level.clone(), level, ms.clone(), ms.clone()).prop_map(
+            |(track, centre, amplitude, period_ms, duration_ms)| Segment::Multisine {
+                track,
+                centre,
+                amplitude,
+                period_ms,
+                duration_ms,
+            }
+        ),
+        ms.clone()
+            .prop_map(|duration_ms| Segment::Hold { duration_ms }),
+        ms.prop_map(|duration_ms| Segment::Release { duration_ms }),
+        Just(Segment::Repeat { from: 0, times: 2 }),
+    ];
+    let named = prop::sample::select(Named::ALL);
+    let keys: Vec<Key> = Key::all().collect();
+    prop_oneof![
+        4 => Just(Command::Arm),
+        1 => Just(Command::Stop),
+        1 => Just(Command::Disarm),
+        1 => Just(Command::Clear),
+        1 => Just(Command::Tare),
+        1 => Just(Command::Save),
+        1 => Just(Command::Discard),
+        2 => Just(Command::Run(None)),
+        4 => named.prop_map(|named| Command::Run(Some(named))),
+        1 => (1..4u8).prop_map(Command::Load),
+        4 => (0..4u8, segment).prop_map(|(index, segment)| Command::Segment { index, segment }),
+        1 => (prop::sample::select(keys), any::<f32>()).prop_map(|(key, value)| Command::Set {
+            key,
+            bits: value.to_bits(),
+        }),
+        1 => Just(Command::Status),
+        1 => Just(Command::Exact),
+    ]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+    /// Whatever is asked and whatever the sensors claim.
+    #[test]
+    fn outputs_respect_the_limits_always(
+        sequence in prop::collection::vec(
+            (commands(), 0..400u16, prop::option::weighted(0.1, 0.0..1023.0f64),
+             prop::option::weighted(0.1, 0.0..1023.0f64)), 1..40),
+    ) {
+        let mut rig = Rig::armed();
+        for (command, periods, pressure, flex) in sequence {
+            let _ = rig.ask(command);
+            rig.plant.pressure_counts = pressure;
+            rig.plant.flex_counts = flex;
+            for _ in 0..periods {
+                let before = rig.plant.inputs();
+                let outputs = rig.tick();
+                let settings = rig.app.settings.clone();
+                let armed = !matches!(rig.app.state(), State::Idle | State::Fault);
+                if !armed {
+                    prop_assert_eq!((outputs.pump, outputs.valve), (Pump::Off, Valve::Open));
+                }
+                if let Pump::Rate(rate) = outputs.pump {
+                    let per_step = settings.number(Key::VolumePerStep);
+                    let flow = limit::size(rate) * per_step;
+                    prop_assert!(flow <= settings.number(Key::MaxFlow) * 1.001);
+                    let volume = before.steps as f32 * per_step;
+                    if rig.app.state() == State::Running && rate > 0.0 {
+                        prop_assert!(volume <= settings.number(Key::MaxVolume));
+                    }
+                }
+                match rig.log.last().unwrap().setpoint {
+                    Setpoint::None => {}
+                    Setpoint::Angle(angle) => {
+                        prop_assert!((0..=11_000).contains(&angle.0));
+                    }
+                    Setpoint::Pressure(pressure) => {
+                        prop_assert!((0..=16_000).contains(&pressure.0));
+                    }
+                }
+                prop_assert!(rig.app.controller.pressure_setpoint() <= 160_000.0);
+            }
+        }
+    }
+}
+
+/// Bytes that could arrive: noise, and valid lines with a few bytes changed.
+fn noise() -> impl Strategy<Value = Vec<u8>> {
+    let mutated = (
+        commands(),
+        any::<u8>(),
+        prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..4),
+    )
+        .prop_filter_map("the same request", |(command, id, changes)| {
+            let mut line = Text::default();
+            let request = Request { id, command };
+            request.write(&mut line).unwrap();
+            let mut bytes = line.0.into_bytes();
+            for (place, byte) in changes {
+                let place = place.index(bytes.len());
+                bytes[place] = if bytes[place] == byte { byte ^ 1 } else { byte };
+            }
+            // A checksum in capitals is the same checksum.
+            let end = bytes
+                .iter()
+                .position(|&byte| byte == b'\r' || byte == b'\n');
+            let line = &bytes[..end.unwrap_or(bytes.len())];
+            (Request::parse(line) != Ok(request)).then_some(bytes)
+        });
+    prop_oneof![
+        prop::collection::vec(any::<u8>(), 0..120),
+        "[ -~]{0,90}\n".prop_map(String::into_bytes),
+        mutated,
+    ]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(1_000))]
+    /// A hundred thousand strings in all.
+    #[test]
+    fn noise_on_the_cable_moves_nothing(strings in prop::collection::vec(noise(), 100)) {
+        use wire::assemble::{Assembled, Assembler};
+        let mut rig = Rig::new();
+        let mut assembler = Assembler::<{ wire::command::MAX_LINE }>::new();
+        for string in &strings {
+            for &byte in string {
+                match assembler.push(byte) {
+                    Assembled::Pending => {}
+                    Assembled::Overlong => rig.app.overlong(),
+                    Assembled::Line(line) => {
+                        let mut out = Text::default();
+                        rig.app.receive(line, &mut out, &mut NoProbe).unwrap();
+                    }
+                }
+            }
+        }
+        let outputs = rig.tick();
+        prop_assert_eq!(rig.app.state(), State::Idle);
+        prop_assert_eq!((outputs.pump, outputs.valve), (Pump::Off, Valve::Open));
+        prop_assert_eq!(rig.app.settings(), &Settings::DEFAULT);
+    }
 }
