@@ -258,6 +258,7 @@ impl Estimate {
 }
 
 #[cfg(test)]
+#[allow(clippy::cast_possible_truncation)]
 mod tests {
     use super::*;
     use crate::actuator::Dynamics;

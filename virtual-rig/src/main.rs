@@ -48,6 +48,9 @@ enum Command {
 /// Cycles between looks at the output: a millisecond.
 const LOOK_EVERY: u64 = 16_000;
 
+/// Stretches of one kind that are shown one by one; a loop marks thousands.
+const MARKS_SHOWN: u64 = 20;
+
 const TEXT_DID_NOT_COME: u8 = 3;
 
 fn main() -> ExitCode {
@@ -72,6 +75,18 @@ fn run(path: &Path, cycles: u64, until: Option<&str>) -> anyhow::Result<ExitCode
     let image = Image::read(path).with_context(|| format!("cannot load {}", path.display()))?;
     let mut board = Board::new(&image)?;
     let code = watch(&mut board, cycles, until)?;
+    for id in 1..=u8::MAX {
+        let total = board.mark_total(id);
+        if total.count > MARKS_SHOWN {
+            eprintln!(
+                "total {} {} cycles, {} times, longest {}",
+                name(id),
+                total.cycles,
+                total.count,
+                total.longest
+            );
+        }
+    }
     eprintln!("stack {} bytes", board.stack_bytes());
     Ok(code)
 }
@@ -80,6 +95,7 @@ fn run(path: &Path, cycles: u64, until: Option<&str>) -> anyhow::Result<ExitCode
 fn watch(board: &mut Board, cycles: u64, until: Option<&str>) -> anyhow::Result<ExitCode> {
     let mut stdout = io::stdout().lock();
     let mut seen = Vec::new();
+    let mut marks = [0; 256];
     loop {
         let outcome = board.run(LOOK_EVERY.min(cycles.saturating_sub(board.cycle())));
         let output = board.take_output();
@@ -91,7 +107,11 @@ fn watch(board: &mut Board, cycles: u64, until: Option<&str>) -> anyhow::Result<
             result => result.context("cannot write the board's output")?,
         }
         for mark in board.take_marks() {
-            eprintln!("cycles {} {}", name(mark.id), mark.cycles);
+            let count = &mut marks[usize::from(mark.id)];
+            *count += 1;
+            if *count <= MARKS_SHOWN {
+                eprintln!("cycles {} {}", name(mark.id), mark.cycles);
+            }
         }
         let state = outcome?;
         if let Some(text) = until {

@@ -6,27 +6,33 @@ use std::{path::Path, process::Command, sync::OnceLock};
 use virtual_rig::{Image, Options, VirtualRig};
 
 /// The ELF file of `obey.c`, or nothing where there is no avr-gcc.
+#[allow(dead_code)]
 pub fn obey_elf() -> Option<&'static [u8]> {
     static ELF: OnceLock<Option<Vec<u8>>> = OnceLock::new();
-    ELF.get_or_init(|| {
-        let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/common/obey.c");
-        let folder = tempfile::tempdir().expect("a temporary folder");
-        let elf = folder.path().join("obey.elf");
-        let compiled = Command::new("avr-gcc")
-            .args(["-mmcu=atmega2560", "-Os", "-std=gnu11", "-o"])
-            .arg(&elf)
-            .arg(source)
-            .status();
-        match compiled {
-            Ok(status) if status.success() => Some(std::fs::read(elf).expect("the ELF file")),
-            Ok(status) => panic!("avr-gcc failed: {status}"),
-            Err(_) => {
-                eprintln!("skipped: there is no avr-gcc; `cargo xtask setup` installs it");
-                None
-            }
+    ELF.get_or_init(|| compile("obey.c")).as_deref()
+}
+
+/// The ELF file of a program in this folder.
+pub fn compile(name: &str) -> Option<Vec<u8>> {
+    let source = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("tests/common")
+        .join(name);
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let elf = folder.path().join("program.elf");
+    let compiled = Command::new("avr-gcc")
+        .args(["-mmcu=atmega2560", "-Os", "-std=gnu11", "-o"])
+        .arg(&elf)
+        .arg(source)
+        .arg("-lm")
+        .status();
+    match compiled {
+        Ok(status) if status.success() => Some(std::fs::read(elf).expect("the ELF file")),
+        Ok(status) => panic!("avr-gcc failed: {status}"),
+        Err(_) => {
+            eprintln!("skipped: there is no avr-gcc; `cargo xtask setup` installs it");
+            None
         }
-    })
-    .as_deref()
+    }
 }
 
 /// A rig that runs `obey.c` and has said that it is ready.
