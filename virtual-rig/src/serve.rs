@@ -113,6 +113,8 @@ const MOST_BEHIND: Duration = Duration::from_secs(1);
 /// Simulated time between two looks at the EEPROM (s).
 const EEPROM_EVERY_S: f64 = 0.25;
 
+const PORT_FAILED: &str = "the pseudo-terminal failed";
+
 fn positive(text: &str) -> Result<f64, String> {
     text.parse()
         .ok()
@@ -269,9 +271,9 @@ impl Server {
         let mut epoch = Instant::now();
         while !self.stopped() && duration.is_none_or(|end| self.rig.time_s() < end) {
             self.obey_commands()?;
-            self.listen().context("the pseudo-terminal failed")?;
+            self.listen().context(PORT_FAILED)?;
             let ran = self.rig.run_cycles(SLICE);
-            self.speak().context("the pseudo-terminal failed")?;
+            self.speak()?;
             ran?;
             self.look_at_eeprom()?;
             if self.speed == Speed::Realtime {
@@ -331,13 +333,13 @@ impl Server {
 
     /// Passes on what the board sent. Without a client it is lost, as on a real
     /// board.
-    fn speak(&mut self) -> io::Result<()> {
+    fn speak(&mut self) -> anyhow::Result<()> {
         let output = self.rig.take_output();
         if !self.port.connected() {
             return Ok(());
         }
         self.unread.extend(output);
-        self.port.write(&mut self.unread)?;
+        self.pass_on()?;
         match self.speed {
             Speed::Realtime => {
                 if self.unread.len() > MOST_UNREAD {
@@ -350,9 +352,12 @@ impl Server {
             }
             Speed::Max => {
                 while !self.unread.is_empty() && !self.stopped() {
-                    self.port.wait_for_room(Duration::from_millis(50))?;
-                    self.port.write(&mut self.unread)?;
-                    match self.port.look()? {
+                    self.obey_commands()?;
+                    self.port
+                        .wait_for_room(Duration::from_millis(50))
+                        .context(PORT_FAILED)?;
+                    self.pass_on()?;
+                    match self.port.look().context(PORT_FAILED)? {
                         Change::None => {}
                         Change::Closed => {
                             self.unread.clear();
@@ -367,6 +372,10 @@ impl Server {
             }
         }
         Ok(())
+    }
+
+    fn pass_on(&mut self) -> anyhow::Result<()> {
+        self.port.write(&mut self.unread).context(PORT_FAILED)
     }
 
     /// Sleeps while simulated time is ahead of real time.

@@ -125,6 +125,20 @@ fn the_watchdog_brings_the_board_back() {
 }
 
 #[test]
+fn the_watchdog_wakes_a_halted_board() {
+    let Some(mut rig) = rig() else { return };
+    let slept = rig.slept_cycles();
+    tell(&mut rig, "H");
+    let begin = rig.time_s();
+    wait(&mut rig, "ready");
+    let waited = rig.time_s() - begin;
+    assert!((0.02..0.05).contains(&waited), "{waited} s");
+    let slept = (rig.slept_cycles() - slept) as f64 / 16e6;
+    assert!((0.02..0.05).contains(&slept), "{slept} s asleep");
+    assert_eq!(ask(&mut rig, "m", "cause"), WATCHDOG);
+}
+
+#[test]
 fn a_halted_board_stands_still_while_time_goes_on() {
     let Some(mut rig) = rig() else { return };
     tell(&mut rig, "xceiSh");

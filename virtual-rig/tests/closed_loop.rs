@@ -28,6 +28,34 @@ fn sensors_read_their_zeros() {
 }
 
 #[test]
+fn each_conversion_has_white_noise_of_its_own() {
+    let Some(mut rig) = obeying(Options::default()) else {
+        return;
+    };
+    let values: Vec<f64> = (0..3000)
+        .map(|_| ask(&mut rig, "f", "flex") as f64)
+        .collect();
+    let count = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / count;
+    let moment = |lag: usize| {
+        let pairs = values.iter().zip(&values[lag..]);
+        pairs.map(|(a, b)| (a - mean) * (b - mean)).sum::<f64>() / count
+    };
+    // 0.4° at 2.655 counts a degree (dU/dθ of the divider at 0°), and the
+    // converter's own rounding.
+    let expected = (0.4f64 * 2.655).powi(2) + 1.0 / 12.0;
+    assert!(
+        (moment(0) / expected - 1.0).abs() < 0.1,
+        "{} {expected}",
+        moment(0)
+    );
+    for lag in 1..5 {
+        let correlation = moment(lag) / moment(0);
+        assert!(correlation.abs() < 0.08, "{correlation} at lag {lag}");
+    }
+}
+
+#[test]
 fn pushing_in_compresses_and_bends_and_venting_releases() {
     let Some(mut rig) = obeying(Options::default()) else {
         return;

@@ -231,6 +231,26 @@ fn at_full_speed_no_byte_is_lost_however_slowly_the_client_reads() {
 }
 
 #[test]
+fn at_full_speed_commands_are_obeyed_although_nobody_reads() {
+    let Some(folder) = folder() else { return };
+    let mut rig = serve(folder.path(), &["--image", "obey.elf", "--speed", "max"]);
+    let mut client = rig.open();
+    client.read_until("ready\n");
+    for _ in 0..40 {
+        client.send(&b"f".repeat(100));
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    let time = |rig: &mut Served| rig.control("status");
+    std::thread::sleep(Duration::from_millis(300));
+    assert_eq!(
+        time(&mut rig),
+        time(&mut rig),
+        "the rig waits for its client"
+    );
+    rig.quit();
+}
+
+#[test]
 fn avrdude_writes_and_verifies_an_image_that_then_runs() {
     let Some(folder) = folder() else { return };
     if Command::new("avrdude").arg("-?").output().is_err() {

@@ -144,6 +144,9 @@ int main(void)
             wdt_enable(WDTO_15MS);
             for (;;)
                 ;
+        case 'H': // halts until the watchdog bites
+            wdt_enable(WDTO_30MS);
+            // fallthrough
         case 'h': // halts for good
             cli();
             SMCR = _BV(SE);
