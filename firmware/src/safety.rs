@@ -619,6 +619,36 @@ mod tests {
         );
     }
 
+    /// The page that people read.
+    #[test]
+    fn the_documents_tables_are_those_of_the_code() {
+        let page = include_str!("../../docs/safety.md");
+        assert!(page.contains(&table()));
+        for &fault in Fault::ALL {
+            let row = format!(
+                "| {} | {} | {} |",
+                fault.code(),
+                fault.name(),
+                fault.sentence()
+            );
+            assert!(page.contains(&row), "{row}");
+        }
+        for state in State::ALL {
+            let permit = Permit::of(state);
+            let row = format!(
+                "| {} | {} | {} |",
+                state.name(),
+                if permit.pump { "may move" } else { "off" },
+                if permit.valve_closed {
+                    "may close"
+                } else {
+                    "open"
+                }
+            );
+            assert!(page.contains(&row), "{row}");
+        }
+    }
+
     #[test]
     fn of_several_causes_the_one_that_explains_the_others_is_shown() {
         for (both, shown) in [

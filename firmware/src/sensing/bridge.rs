@@ -7,9 +7,8 @@
 use super::SensorFault;
 
 /// Samples in a row that make or end a fault: 50 ms at the control rate. At the
-/// fastest flow of the shipped settings the pressure rises by some 30 kPa in
-/// that time, which the distance from the set-point limit to what an actuator
-/// stands has to cover.
+/// fastest flow of the shipped settings 0.25 ml enter some 40 ml of air in that
+/// time, and the pressure rises unseen by less than 2 kPa.
 pub const SAMPLES: u8 = 5;
 
 /// The memory of one sensor.
