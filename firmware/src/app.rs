@@ -451,7 +451,10 @@ impl App {
                 };
                 closed(flow)
             }
-            Demand::Hold => closed(0.0),
+            Demand::Hold => {
+                self.setpoint = Setpoint::None;
+                closed(0.0)
+            }
             Demand::Release | Demand::Done => {
                 self.controller = Controller::new();
                 self.setpoint = Setpoint::None;
@@ -547,7 +550,11 @@ impl App {
             texts.fault(fault, &mut line)?;
             return line.finish();
         }
-        if let Some(index) = self.help {
+        let Some(index) = self.help else {
+            return Ok(());
+        };
+        // A line and the telemetry do not fit into one period on the cable.
+        if self.sequence.is_multiple_of(4) {
             let mut line = Sealed::new(out);
             line.write_str("# ")?;
             let more = texts.help(index, &mut line)?;
