@@ -653,16 +653,18 @@ proptest! {
                         prop_assert!(volume <= settings.number(Key::MaxVolume));
                     }
                 }
+                let most = |key| Hundredths::round(settings.number(key));
                 match rig.log.last().unwrap().setpoint {
                     Setpoint::None => {}
                     Setpoint::Angle(angle) => {
-                        prop_assert!((0..=11_000).contains(&angle.0));
+                        prop_assert!(angle.0 >= 0 && angle <= most(Key::SetpointMax));
                     }
                     Setpoint::Pressure(pressure) => {
-                        prop_assert!((0..=16_000).contains(&pressure.0));
+                        prop_assert!(pressure.0 >= 0 && pressure <= most(Key::SetpointMaxPressure));
                     }
                 }
-                prop_assert!(rig.app.controller.pressure_setpoint() <= 160_000.0);
+                let highest = settings.number(Key::SetpointMaxPressure) * 1_000.0;
+                prop_assert!(rig.app.controller.pressure_setpoint() <= highest * 1.000_01);
             }
         }
     }

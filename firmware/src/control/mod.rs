@@ -128,15 +128,11 @@ impl Controller {
         let target = if track == Track::Pressure {
             level * PA_PER_KPA
         } else {
-            let changed = before.is_none_or(|before| before != track);
-            if changed
-                && before != Some(Track::AngleOpenLoop)
-                && before != Some(Track::AngleClosedLoop)
-            {
+            if matches!(before, None | Some(Track::Pressure)) {
                 self.angle_setpoint
                     .restart(&config.angle_range, measured.angle);
             }
-            if changed {
+            if before != Some(track) {
                 self.angle_loop = angle::Loop::default();
             }
             let angle =
