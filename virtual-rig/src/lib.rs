@@ -27,4 +27,4 @@ pub use board::{Board, BoardError, Mark, MarkTotal, Pin, ResetCause, State, Step
 pub use fault::{Fault, Planned};
 pub use image::{Image, ImageError};
 pub use plant::PlantConfig;
-pub use rig::{Options, Truth, VirtualRig};
+pub use rig::{Options, Truth, VirtualRig, default_actuator};

@@ -12,6 +12,7 @@ use std::collections::BTreeSet;
 use model_core::actuator::{Dynamics, Model};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
+use wire::settings::{Key, Settings};
 
 use crate::{
     board::{
@@ -20,7 +21,7 @@ use crate::{
     fault::{Fault, Planned},
     image::Image,
     noise::Noise,
-    plant::{Inputs, PASCAL_PER_KPA, Plant, PlantConfig, sensors::SensorFault},
+    plant::{Inputs, Plant, PlantConfig, sensors::SensorFault},
     stk500::{Bootloader, LISTENS_S, Memory, Phase},
     wiring,
 };
@@ -67,23 +68,22 @@ impl Options {
     }
 }
 
-/// A plain actuator without hidden effects that bends by 90° at 87 kPa.
+/// The plain actuator that a board is shipped to believe in: it bends by 90° at
+/// 87 kPa.
 ///
 /// # Panics
 ///
-/// Never: its parameters are valid.
+/// Never: the shipped parameters are valid.
 pub fn default_actuator() -> Model<f64> {
-    Model::new(
-        Dynamics {
-            inertia: 0.25,
-            damping: 1.5,
-            stiffness: 4.0,
-            exponent: 1.727,
-            input_gain: 0.1 / PASCAL_PER_KPA,
-        },
-        &[],
-    )
-    .expect("the default actuator is valid")
+    let shipped = |key| f64::from(Settings::DEFAULT.number(key));
+    let dynamics = Dynamics {
+        inertia: shipped(Key::Inertia),
+        damping: shipped(Key::Damping),
+        stiffness: shipped(Key::Stiffness),
+        exponent: shipped(Key::Exponent),
+        input_gain: shipped(Key::InputGain),
+    };
+    Model::new(dynamics, &[]).expect("the shipped parameters are valid")
 }
 
 /// How things really are, without sensors and noise.

@@ -116,11 +116,11 @@ macro_rules! scalars {
 }
 
 scalars! {
-    Inertia = 0, "inertia", 0.36, 1e-6, 1e6, "kg m", "Effective inertia M";
-    Damping = 1, "damping", 1.8, 0.0, 1e6, "N s/rad", "Viscous damping C";
-    Stiffness = 2, "stiff", 5.0, 0.0, 1e6, "N/rad^n", "Stiffness K";
-    Exponent = 3, "exponent", 2.365, 0.05, 10.0, "1", "Exponent n of Ludwick's law";
-    InputGain = 4, "gain", 1.45e-4, 1e-9, 1.0, "N/Pa", "Input gain g";
+    Inertia = 0, "inertia", 0.25, 1e-6, 1e6, "kg m", "Effective inertia M";
+    Damping = 1, "damping", 1.5, 0.0, 1e6, "N s/rad", "Viscous damping C";
+    Stiffness = 2, "stiff", 4.0, 0.0, 1e6, "N/rad^n", "Stiffness K";
+    Exponent = 3, "exponent", 1.727, 0.05, 10.0, "1", "Exponent n of Ludwick's law";
+    InputGain = 4, "gain", 1e-4, 1e-9, 1.0, "N/Pa", "Input gain g";
     FlexPoints = 5, "f.n", 8.0, 2.0, 8.0, "1", "Points of the flex sensor's table in use";
     PressureZero = 6, "p.zero", 102.4, 0.0, 1023.0, "counts", "Pressure sensor's reading at gauge zero";
     PressureSpan = 7, "p.span", 0.673_316, 1e-3, 100.0, "kPa/count", "Pressure per count";

@@ -485,7 +485,7 @@ fn settings_are_used_when_saved_and_survive_a_reset() {
     let get = |rig: &mut Rig| rig.ask(Command::Get(Key::Damping)).unwrap();
     assert_eq!(
         get(&mut rig),
-        format!("{:08x}", 1.8_f32.to_bits()),
+        format!("{:08x}", Settings::DEFAULT.number(Key::Damping).to_bits()),
         "a draft"
     );
     assert_eq!(rig.ask(Command::Save), Ok(String::new()));

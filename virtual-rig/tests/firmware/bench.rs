@@ -3,17 +3,14 @@
 
 use std::{env, path::Path};
 
-use model_core::{
-    actuator::{Dynamics, Model},
-    catalogue::Effect,
-};
+use model_core::{actuator::Model, catalogue::Effect};
 use ufmt::uWrite;
 use virtual_rig::{Image, Options, VirtualRig};
 use wire::{
     command::{Command, Request},
     fault::Fault,
     reply::{Refusal, Reply},
-    settings::{Key, Settings},
+    settings::Key,
     state::State,
     telemetry::{Setpoint, Telemetry},
 };
@@ -32,15 +29,8 @@ pub fn image() -> Option<Image> {
 /// The actuator that the firmware believes in when it is shipped, with effects
 /// that it does not know of.
 pub fn actuator(effects: &[Effect<f64>]) -> Model<f64> {
-    let number = |key| f64::from(Settings::DEFAULT.number(key));
-    let dynamics = Dynamics {
-        inertia: number(Key::Inertia),
-        damping: number(Key::Damping),
-        stiffness: number(Key::Stiffness),
-        exponent: number(Key::Exponent),
-        input_gain: number(Key::InputGain),
-    };
-    Model::new(dynamics, effects).expect("the shipped model is valid")
+    let dynamics = *virtual_rig::default_actuator().dynamics();
+    Model::new(dynamics, effects).expect("the effects are valid")
 }
 
 /// A healthy rig around that actuator.
@@ -225,7 +215,7 @@ impl Bench {
         };
         let before = saved(self);
         self.obey(Command::Save);
-        self.until(3.0, "saved", |bench| saved(bench) > before);
+        self.until(5.0, "saved", |bench| saved(bench) > before);
     }
 
     /// Whether pump and valve are as a fault wants them.

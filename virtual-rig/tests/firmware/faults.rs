@@ -202,7 +202,7 @@ fn too_large_an_angle() {
         return;
     };
     // The model is wrong by a factor of two: 60° asked for become far more.
-    bench.set(Key::InputGain, 0.5 * 1.45e-4);
+    bench.set(Key::InputGain, 0.5e-4);
     bench.set(Key::MaxAngle, 70.0);
     bench.set(Key::SetpointMax, 65.0);
     bench.save();

@@ -48,43 +48,38 @@ fn repeats_to_the_bit(bench: &mut Bench, model: Model<f32, Minimax>) {
     bench.arm();
     bench.obey(Command::Run(Some(Named::Reversals)));
     bench.run(9.0);
-    // Answered between two lines; which, the number of steps says.
     let exact = bench.obey(Command::Exact);
     bench.run(0.1);
     let mut fields = exact.split(' ');
-    let steps: usize = fields.next().and_then(|n| n.parse().ok()).expect("steps");
+    let mut number = || fields.next().and_then(|field| field.parse::<u16>().ok());
+    let (newest, steps) = number().zip(number()).expect("a line and a count");
     let bits: Vec<u32> = fields
-        .take(2)
         .map(|word| u32::from_str_radix(word, 16).expect("eight digits"))
         .collect();
 
-    // The start is the sample from which so many steps lead to one of the last:
-    // every sample after a reset or a start of a run is one step.
-    let observer = Observer::new(model, FARTHEST_RAD).expect("an observable model");
-    let samples = &bench.samples;
-    let newest = samples.len() - 1;
-    let matches = |last: usize| -> bool {
-        let Some(first) = last.checked_sub(steps) else {
-            return false;
-        };
-        let start = samples[first];
-        let mut estimate = observer.start(
-            start.angle_deg.expect("an angle").0,
-            start.pressure_kpa.expect("a pressure").0,
-        );
-        for sample in &samples[first + 1..=last] {
-            observer.step(
-                &mut estimate,
-                sample.pressure_kpa.map(|pressure| pressure.0),
-            );
-        }
-        estimate.state().angle.to_bits() == bits[0] && estimate.state().rate.to_bits() == bits[1]
+    let at = |sequence: u16| {
+        bench
+            .samples
+            .iter()
+            .rposition(|sample| sample.sequence == sequence)
+            .expect("no line was lost")
     };
-    let found = (newest.saturating_sub(60)..=newest).any(matches);
-    assert!(
-        found,
-        "{exact} is not what the desktop computes from the log"
+    let (first, last) = (at(newest.wrapping_sub(steps)), at(newest));
+    let start = bench.samples[first];
+    let observer = Observer::new(model, FARTHEST_RAD).expect("an observable model");
+    let mut estimate = observer.start(
+        start.angle_deg.expect("an angle").0,
+        start.pressure_kpa.expect("a pressure").0,
     );
+    for sample in &bench.samples[first + 1..=last] {
+        observer.step(
+            &mut estimate,
+            sample.pressure_kpa.map(|pressure| pressure.0),
+        );
+    }
+    let state = estimate.state();
+    let desktop = [state.angle, state.rate, estimate.pressure()].map(f32::to_bits);
+    assert_eq!(bits, desktop, "{exact}; the desktop has {state:?}");
     assert!(steps > 500, "{steps} steps prove little");
 }
 
