@@ -126,6 +126,8 @@ pub struct App {
     stall: Watch,
     /// Periods for which the plunger has been back at its start.
     back: u8,
+    /// Whether the last reading of the pressure was above its limit.
+    pressure_was_high: bool,
     inputs: Inputs,
     seen: Seen,
     setpoint: Setpoint,
@@ -222,6 +224,7 @@ impl App {
             monitor: Monitor::default(),
             stall: Watch::default(),
             back: 0,
+            pressure_was_high: false,
             inputs: Inputs::default(),
             seen: Seen::default(),
             setpoint: Setpoint::None,
@@ -357,9 +360,13 @@ impl App {
         };
         let closed = self.outputs.valve == Valve::Closed;
         let pressure = readings.pressure.value;
+        // Twice in a row: a wire that breaks within a reading leaves a mean of
+        // good and bad conversions, which can look like any pressure once.
+        let high = readings.pressure.fresh && pressure > limits.pressure_pa;
+        let over_pressure = core::mem::replace(&mut self.pressure_was_high, high) && high;
         self.conditions = Conditions {
             emergency_stop: inputs.emergency_stop,
-            over_pressure: pressure > limits.pressure_pa,
+            over_pressure,
             // A flex sensor is noisy; 20 ms do not matter to silicone.
             over_angle: readings.angle.filtered > limits.angle_rad,
             pressure_sensor: readings.pressure.fault.is_some(),

@@ -385,10 +385,7 @@ mod tests {
             let mut bytes = line(&request).trim_end().as_bytes().to_vec();
             let place = place.index(bytes.len());
             bytes[place] ^= 1 << bit;
-            if let Ok(read) = Request::parse(&bytes) {
-                // A checksum in capitals is the same checksum.
-                prop_assert_eq!(read, request);
-            }
+            prop_assert!(Request::parse(&bytes).is_err());
         }
     }
 }

@@ -126,12 +126,14 @@ pub fn open_bytes(line: &[u8]) -> Result<&[u8], LineError> {
     };
     let mut stated = 0;
     for &digit in digits {
-        let value = char::from(digit)
-            .to_digit(16)
-            .ok_or(LineError::NoChecksum)?;
-        #[allow(clippy::cast_possible_truncation)] // A digit is below 16.
-        let value = value as u16;
-        stated = stated << 4 | value;
+        // No capitals: one wrong bit makes them of small letters, and a damaged
+        // line is damaged wherever it is.
+        let value = match digit {
+            b'0'..=b'9' => digit - b'0',
+            b'a'..=b'f' => digit - b'a' + 10,
+            _ => return Err(LineError::NoChecksum),
+        };
+        stated = stated << 4 | u16::from(value);
     }
     let computed = Crc16::of(text).value();
     if stated == computed {

@@ -218,7 +218,7 @@ fn every_fault_that_can_be_provoked_stops_the_rig() {
     );
     inject(
         Fault::OverPressure,
-        0.02,
+        0.03,
         |rig| rig.plant.pressure_counts = Some(400.0),
         |rig| rig.plant.pressure_counts = None,
     );

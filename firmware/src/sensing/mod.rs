@@ -82,6 +82,8 @@ pub struct Reading {
     pub filtered: f32,
     /// The fault that counts.
     pub fault: Option<SensorFault>,
+    /// Whether the value was read in this period, not carried on from before.
+    pub fresh: bool,
 }
 
 impl Reading {
@@ -124,6 +126,7 @@ struct Channel {
 
 impl Channel {
     fn update(&mut self, sample: Result<f32, SensorFault>) -> Reading {
+        let fresh = sample.is_ok();
         let (value, fault) = self.bridge.update(sample);
         if fault.is_some() {
             self.read = false;
@@ -143,6 +146,7 @@ impl Channel {
             value: value - self.tare,
             filtered: filtered - self.tare,
             fault,
+            fresh,
         }
     }
 

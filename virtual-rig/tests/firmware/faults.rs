@@ -121,7 +121,7 @@ fn a_burst_tube() {
     bench.obey(Command::Run(Some(Named::Paper)));
     // The pump makes up for a leak until its stroke ends or the gap between
     // volume and pressure is too large; it must not go on for good.
-    bench.until(150.0, "a fault or the end", |bench| {
+    bench.until(250.0, "a fault or the end", |bench| {
         bench.now().fault != 0 || bench.state() == State::Ready
     });
     assert!(
