@@ -241,22 +241,21 @@ impl Bench {
         assert!(self.ask(Command::Run(None)).is_err());
     }
 
-    /// Set-points in degrees that were asked for, each once.
-    pub fn angle_setpoints_deg(&self) -> Vec<f32> {
-        let mut seen: Vec<f32> = Vec::new();
-        let mut last = None;
+    /// Angles (°) that were asked for during half a second or more, in order; on
+    /// the way there the set-point's rate is limited.
+    pub fn angles_held_deg(&self) -> Vec<f32> {
+        let mut held = Vec::new();
+        let mut last = (Setpoint::None, 0);
         for sample in &self.samples {
-            let level = match sample.setpoint {
-                Setpoint::Angle(level) => Some(level.to_f32()),
-                _ => None,
-            };
-            if level != last
-                && let Some(level) = level
-            {
-                seen.push(level);
+            if sample.setpoint == last.0 {
+                last.1 += 1;
+            } else {
+                last = (sample.setpoint, 1);
             }
-            last = level;
+            if let (Setpoint::Angle(level), 50) = last {
+                held.push(level.to_f32());
+            }
         }
-        seen
+        held
     }
 }

@@ -210,7 +210,7 @@ fn too_large_an_angle() {
     bench.set(Key::SetpointMax, 65.0);
     let ran = bench.ask(Command::Run(Some(Named::Reversals)));
     assert!(ran.is_ok(), "{ran:?}");
-    bench.expect_fault(Fault::OverAngle, 20.0);
+    bench.expect_fault(Fault::OverAngle, 45.0);
 }
 
 #[test]

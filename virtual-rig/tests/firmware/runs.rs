@@ -76,15 +76,16 @@ fn the_papers_steps_are_reached() {
     bench.arm();
     assert!(!bench.rig.plant().valve_open && bench.rig.plant().driver_enabled);
     bench.obey(Command::Run(Some(Named::Paper)));
-    bench.samples.clear();
-    bench.until(200.0, "the end", |bench| bench.state() == State::Ready);
-    let asked = bench.angle_setpoints_deg();
+    bench.until(1.0, "the start", |bench| bench.state() == State::Running);
+    bench.samples.drain(..bench.samples.len() - 1);
+    bench.until(300.0, "the end", |bench| bench.state() == State::Ready);
+    let asked = bench.angles_held_deg();
     assert_eq!(asked.len(), 14, "{asked:?}");
-    // Where each hold ends, the truth is what was asked for: the model is right.
+    assert!(asked[..7].iter().all(|level| (level - 60.0).abs() < 0.01));
+    assert!(asked[7..].iter().all(|level| (level - 90.0).abs() < 0.01));
+    // Where a hold ends, the sensor shows what was asked for: the model is right.
     for pair in bench.samples.windows(2) {
-        if let (Setpoint::Angle(level), true) =
-            (pair[0].setpoint, pair[1].setpoint != pair[0].setpoint)
-        {
+        if let (Setpoint::Angle(level), Setpoint::None) = (pair[0].setpoint, pair[1].setpoint) {
             let reached = pair[0].angle_deg.expect("an angle").to_f32();
             assert!(
                 (reached - level.to_f32()).abs() < 3.0,
@@ -201,8 +202,12 @@ fn set_points_are_limited_whatever_the_protocol_says() {
     let _ = bench.ask(Command::Run(Some(Named::Paper)));
     bench.run(8.0);
     let highest = bench
-        .angle_setpoints_deg()
-        .into_iter()
+        .samples
+        .iter()
+        .filter_map(|sample| match sample.setpoint {
+            Setpoint::Angle(level) => Some(level.to_f32()),
+            _ => None,
+        })
         .fold(0.0_f32, f32::max);
     assert!(highest <= 50.0, "{highest}");
     assert!(bench.rig.plant().angle_deg < 55.0);
@@ -247,6 +252,7 @@ fn ten_minutes_without_a_lost_line() {
         return;
     };
     bench.arm();
+    bench.samples.drain(..bench.samples.len() - 1);
     let mut first = Some(bench.now());
     let mut counted = 0_u32;
     let end = bench.rig.time_s() + 600.0;
