@@ -9,6 +9,7 @@ use clap::{CommandFactory, Parser, Subcommand};
 use clap_complete::Shell;
 use host_tools::cmd;
 use host_tools::error::InputError;
+use host_tools::link::LinkError;
 
 /// Finds where the simulation of a soft pneumatic actuator and its measurements
 /// disagree, names the missing effect, and repairs the model.
@@ -21,7 +22,8 @@ use host_tools::error::InputError;
 Examples:
   rig example -o demo && rig diagnose --model demo/model.toml demo/recordings/*.csv
   rig diagnose --model m.toml id_*.csv --holdout vad_*.csv -o repaired.toml --plot gap.svg
-  rig simulate --model m.toml --protocol step --angle-deg 60 --plot step.svg"
+  rig simulate --model m.toml --protocol step --angle-deg 60 --plot step.svg
+  rig record --port /dev/ttyACM0 --protocol steps -o run.csv"
 )]
 struct Cli {
     #[command(subcommand)]
@@ -37,6 +39,12 @@ enum Command {
     Gap(cmd::gap::Args),
     Materials(cmd::materials::Args),
     Example(cmd::example::Args),
+    Ports(cmd::ports::Args),
+    Monitor(cmd::monitor::Args),
+    Record(cmd::record::Args),
+    Upload(cmd::upload::Args),
+    Calibrate(cmd::calibrate::Args),
+    Virtual(cmd::virtual_rig::Args),
     /// Print the JSON Schema of a verdict
     #[command(after_help = "Examples:\n  rig schema > verdict.schema.json")]
     Schema,
@@ -67,6 +75,12 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Gap(args) => cmd::gap::run(&args),
         Command::Materials(args) => cmd::materials::run(args),
         Command::Example(args) => cmd::example::run(&args),
+        Command::Ports(args) => cmd::ports::run(&args),
+        Command::Monitor(args) => cmd::monitor::run(&args),
+        Command::Record(args) => cmd::record::run(&args),
+        Command::Upload(args) => cmd::upload::run(&args),
+        Command::Calibrate(args) => cmd::calibrate::run(&args),
+        Command::Virtual(args) => cmd::virtual_rig::run(&args),
         Command::Schema => {
             let schema = host_tools::diagnose::verdict::schema();
             cmd::print(&format!("{}\n", serde_json::to_string_pretty(&schema)?))?;
@@ -93,7 +107,10 @@ fn report(error: &anyhow::Error) -> ExitCode {
         return ExitCode::SUCCESS;
     }
     eprintln!("error: {error:#}");
-    if error.chain().any(<dyn Error>::is::<InputError>) {
+    let of_input = |cause: &(dyn Error + 'static)| {
+        cause.is::<InputError>() || matches!(cause.downcast_ref(), Some(LinkError::Open(_)))
+    };
+    if error.chain().any(of_input) {
         ExitCode::from(2)
     } else {
         ExitCode::FAILURE

@@ -5,8 +5,15 @@
 //! set-point into the pressure that holds it, and the syringe pump takes a
 //! moment to build it up. `rig simulate --protocol` and `rig example` use the
 //! same protocols.
+//!
+//! The shapes here have angles and times of their own. What boards play, by name
+//! or from a file, is played by the boards' own player: [`played`].
 
 use model_core::actuator::Model;
+use wire::protocol::{Demand, Playback, Track};
+
+use crate::protocol_file::ProtocolFile;
+use crate::recording::PASCAL_PER_KPA;
 
 /// Samples per second of a generated run.
 pub const RATE_HZ: f64 = 100.0;
@@ -125,10 +132,88 @@ impl Protocol {
     }
 }
 
+/// As [`Protocol::pressure`], for a protocol that a board could play.
+///
+/// Pressures that are asked for in kPa have no set-point (rad) and show zero;
+/// while the pump is stopped the pressure stays.
+pub fn played(protocol: &ProtocolFile, inverse: &Model<f64>) -> (Vec<f64>, Vec<f64>, Vec<f64>) {
+    // The rates are whole.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    let (period_ms, rest) = ((1000.0 / RATE_HZ) as u32, (REST_S * RATE_HZ) as u32);
+    let blend = 1.0 - (-1.0 / (RATE_HZ * PUMP_LAG_S)).exp();
+    let program = &protocol.segments[..];
+    let mut playback = Playback::new();
+    let mut built_up = 0.0;
+    let (mut time, mut setpoint, mut pressure) = (Vec::new(), Vec::new(), Vec::new());
+    for row in 0.. {
+        let demand = if row < rest {
+            Demand::Release
+        } else {
+            playback.demand(program)
+        };
+        let (angle, command) = match demand {
+            Demand::Track {
+                track: Track::Pressure,
+                level,
+            } => (0.0, f64::from(level) * PASCAL_PER_KPA),
+            Demand::Track { level: 0.0, .. } | Demand::Release => (0.0, 0.0),
+            Demand::Track { level, .. } => {
+                let angle = f64::from(level).to_radians();
+                (angle, inverse.holding_pressure(angle))
+            }
+            Demand::Hold => (setpoint.last().copied().unwrap_or(0.0), built_up),
+            Demand::Done => break,
+        };
+        built_up += blend * (command - built_up);
+        time.push(f64::from(row) / RATE_HZ);
+        setpoint.push(angle);
+        pressure.push(built_up);
+        if row >= rest {
+            playback.advance(program, period_ms);
+        }
+    }
+    (time, setpoint, pressure)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use model_core::actuator::Dynamics;
+
+    #[test]
+    fn what_boards_play_is_played_as_they_do() {
+        let model = Model::new(
+            Dynamics {
+                inertia: 0.3,
+                damping: 2.0,
+                stiffness: 6.0,
+                exponent: 2.0,
+                input_gain: 1.5e-4,
+            },
+            &[],
+        )
+        .unwrap();
+        for &named in wire::protocol::Named::ALL {
+            let protocol = ProtocolFile::named(named);
+            let (time, setpoint, pressure) = played(&protocol, &model);
+            let promised = f64::from(protocol.total_ms()) / 1000.0 + REST_S;
+            assert!(
+                (time.len() as f64 / RATE_HZ - promised).abs() < 0.02,
+                "{named:?}"
+            );
+            let rest = time.iter().position(|time| *time >= REST_S).unwrap();
+            assert!(pressure[..rest].iter().all(|pressure| *pressure == 0.0));
+            let highest = setpoint.iter().copied().fold(0.0, f64::max);
+            assert!(highest > 0.5 && highest < 1.6, "{named:?}: {highest}");
+        }
+        // Stopped, the pump keeps its pressure.
+        let (time, _, pressure) = played(
+            &ProtocolFile::named(wire::protocol::Named::HoldStill),
+            &model,
+        );
+        let at = |second: f64| pressure[time.iter().position(|time| *time >= second).unwrap()];
+        assert!((at(23.0) / at(5.0) - 1.0).abs() < 1e-9);
+    }
 
     #[test]
     fn setpoints_follow_their_shapes() {

@@ -1,16 +1,24 @@
 //! One file for each subcommand of `rig`: its arguments, and what it does with
 //! the library.
 
+pub mod calibrate;
 pub mod compare;
 pub mod diagnose;
 pub mod example;
 pub mod fit;
 pub mod gap;
 pub mod materials;
+pub mod monitor;
+pub mod ports;
+pub mod record;
 pub mod simulate;
+pub mod upload;
+pub mod virtual_rig;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::error::{InputError, check_writable};
 use crate::model_file::ModelFile;
@@ -94,4 +102,24 @@ pub(crate) fn spinner() -> indicatif::ProgressBar {
     let bar = indicatif::ProgressBar::new_spinner();
     bar.enable_steady_tick(std::time::Duration::from_millis(120));
     bar
+}
+
+/// Whether someone asked the program to end. From the moment it listens, Ctrl-C
+/// no longer ends the program by itself: a moving rig has to be stopped first.
+#[derive(Clone, Debug)]
+pub(crate) struct Interrupt(Arc<AtomicBool>);
+
+impl Interrupt {
+    /// Takes over Ctrl-C, and the signals of a closing session.
+    pub(crate) fn listen() -> anyhow::Result<Self> {
+        let flag = Arc::new(AtomicBool::new(false));
+        let raised = Arc::clone(&flag);
+        ctrlc::set_handler(move || raised.store(true, Ordering::Relaxed))?;
+        Ok(Self(flag))
+    }
+
+    /// Whether it was asked for.
+    pub(crate) fn requested(&self) -> bool {
+        self.0.load(Ordering::Relaxed)
+    }
 }

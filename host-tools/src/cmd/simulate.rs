@@ -11,7 +11,8 @@ use crate::fit::{Fitter, Run};
 use crate::linear::linear_rival;
 use crate::model_file::ModelFile;
 use crate::plot::{Figure, Panel, Series, Style, write_svg};
-use crate::protocol::Protocol;
+use crate::protocol::{Protocol, played};
+use crate::protocol_file::ProtocolFile;
 use crate::recording::{PASCAL_PER_KPA, Recording, to_csv};
 use crate::simulate::Start;
 
@@ -21,6 +22,7 @@ use crate::simulate::Start;
 #[command(after_help = "\
 Examples:
   rig simulate --model m.toml --protocol step --angle-deg 60 -o step60.csv
+  rig simulate --model m.toml --protocol steps -o steps.csv
   rig simulate --model m.toml --recording run.csv --plot run.svg
   rig simulate --model m.toml --recording run.csv --linear --arithmetic board")]
 pub struct Args {
@@ -30,9 +32,12 @@ pub struct Args {
     /// Take the pressure from this recording
     #[arg(long, value_name = "REC.csv")]
     recording: Option<PathBuf>,
-    /// Generate the pressure that should reach the set-points of a protocol
-    #[arg(long, value_enum)]
-    protocol: Option<Shape>,
+    /// Generate the pressure that should reach the set-points of a protocol:
+    /// step, staircase or triangle, shaped by --angle-deg and --hold-s; a name
+    /// of `rig record --list`; or a protocol file. board:NAME is always the
+    /// board's
+    #[arg(long, value_name = "NAME|FILE.toml")]
+    protocol: Option<String>,
     /// Largest set-point of the protocol, in degrees
     #[arg(long, default_value_t = 60.0, value_parser = angle)]
     angle_deg: f64,
@@ -51,16 +56,6 @@ pub struct Args {
     /// Draw the run
     #[arg(long, value_name = "OUT.svg")]
     plot: Option<PathBuf>,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum Shape {
-    /// One step, held and released
-    Step,
-    /// Four steps up and down
-    Staircase,
-    /// Two ramps up and down
-    Triangle,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -107,7 +102,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         .into());
     }
     let file = ModelFile::read(&args.model)?;
-    let (recording, setpoint) = match (&args.recording, args.protocol) {
+    let (recording, setpoint) = match (&args.recording, args.protocol.as_deref()) {
         (Some(path), _) => {
             let (recording, warnings) = Recording::read(path)?;
             for warning in &warnings {
@@ -115,7 +110,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
             }
             (recording, None)
         }
-        (None, shape) => from_protocol(&file, shape.unwrap_or(Shape::Step), args)?,
+        (None, name) => from_protocol(&file, name.unwrap_or("step"), args)?,
     };
     let run = Run::new(&recording);
     let largest = recording
@@ -255,29 +250,38 @@ impl Shown<'_> {
 /// A recording of nothing but the commanded pressure, with the set-points (°).
 fn from_protocol(
     file: &ModelFile,
-    shape: Shape,
+    name: &str,
     args: &Args,
 ) -> Result<(Recording, Option<Vec<f64>>), InputError> {
     let angle = args.angle_deg.to_radians();
     let hold = args.hold_s;
-    let protocol = match shape {
-        Shape::Step => Protocol::Step {
+    let shape = match name {
+        // One step, held and released.
+        "step" => Some(Protocol::Step {
             angle,
             hold,
             release: 0.6 * hold,
-        },
-        Shape::Staircase => Protocol::Staircase {
+        }),
+        // Four steps up and down.
+        "staircase" => Some(Protocol::Staircase {
             angle,
             steps: 4,
             hold,
-        },
-        Shape::Triangle => Protocol::Triangle {
+        }),
+        // Two ramps up and down.
+        "triangle" => Some(Protocol::Triangle {
             angle,
             ramp: hold,
             cycles: 2,
-        },
+        }),
+        _ => None,
     };
-    let (time, setpoint, pressure) = protocol.pressure(&file.model);
+    let (time, setpoint, pressure) = if let Some(shape) = shape {
+        shape.pressure(&file.model)
+    } else {
+        let name = name.strip_prefix("board:").unwrap_or(name);
+        played(&ProtocolFile::find(name)?, &file.model)
+    };
     if pressure.iter().any(|pressure| !pressure.is_finite()) {
         return Err(InputError::new(
             "the model needs an infinite pressure for this set-point",

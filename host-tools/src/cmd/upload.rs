@@ -1,0 +1,194 @@
+//! `rig upload`: a model, calibration and limits into a board, checked to the
+//! bit.
+
+use std::path::PathBuf;
+
+use anyhow::Context;
+use clap::{ArgGroup, Parser};
+use indicatif::{ProgressBar, ProgressStyle};
+use wire::settings::{Key, Settings};
+use wire::state::State;
+
+use crate::error::InputError;
+use crate::link::line::key_text;
+use crate::link::{Link, SerialConnector, Timing};
+use crate::model_file::ModelFile;
+use crate::settings_file::{self, Assignment, shown};
+
+/// Writes a model or settings to a board, and reads everything back.
+///
+/// The board uses its old settings until it has accepted all new ones together
+/// and keeps them without power afterwards.
+#[derive(Debug, Parser)]
+#[command(group(ArgGroup::new("what").required(true).multiple(true).args(["model", "settings", "read"])))]
+#[command(after_help = "\
+Examples:
+  rig upload --port /dev/ttyACM0 --model repaired.toml --dry-run
+  rig upload --port /dev/ttyACM0 --model repaired.toml
+  rig upload --port /dev/ttyACM0 --settings limits.toml
+  rig upload --port /dev/ttyACM0 --read > board.toml
+
+A settings file has lines like `max.kpa = 150.0`; --read prints all there are,
+with their units.")]
+pub struct Args {
+    /// Serial port of the board; `rig ports` lists them
+    #[arg(long, value_name = "PORT")]
+    port: String,
+    /// Model file whose dynamics and effects the board shall use
+    #[arg(long, value_name = "MODEL.toml")]
+    model: Option<PathBuf>,
+    /// File of settings: calibration, limits, gains
+    #[arg(long, value_name = "SETTINGS.toml")]
+    settings: Option<PathBuf>,
+    /// Print the board's settings as a settings file instead
+    #[arg(long, conflicts_with_all = ["model", "settings"])]
+    read: bool,
+    /// Show what would change, and change nothing
+    #[arg(long)]
+    dry_run: bool,
+}
+
+/// Runs the command.
+///
+/// # Errors
+///
+/// Faults of the files before the port is opened; then what the board refuses.
+pub fn run(args: &Args) -> anyhow::Result<()> {
+    let mut wanted: Vec<Assignment> = Vec::new();
+    if let Some(path) = &args.model {
+        wanted.extend(settings_file::from_model(&ModelFile::read(path)?)?);
+    }
+    if let Some(path) = &args.settings {
+        for (key, bits) in settings_file::read(path)? {
+            if wanted.iter().any(|(known, _)| *known == key) {
+                return Err(InputError::new(
+                    format!("{} is given twice", key_text(key)),
+                    "give it in the model or in the settings",
+                )
+                .in_file(path)
+                .into());
+            }
+            wanted.push((key, bits));
+        }
+    }
+    let mut link = Link::open(SerialConnector::new(&args.port), Timing::default())?;
+    let settings = read_settings(&mut link)?;
+    if args.read {
+        let identity = link.identity();
+        let about = format!(
+            "settings {} of firmware {}",
+            identity.settings, identity.firmware
+        );
+        return Ok(super::print(&settings_file::to_text(&settings, &about))?);
+    }
+    let changes: Vec<Assignment> = wanted
+        .into_iter()
+        .filter(|&(key, bits)| settings.bits(key) != Some(bits))
+        .collect();
+    if changes.is_empty() {
+        return Ok(super::print("The board has these settings already.\n")?);
+    }
+    super::print(&table(&settings, &changes))?;
+    if args.dry_run {
+        return Ok(());
+    }
+    apply(&mut link, &changes)?;
+    Ok(super::print(&format!(
+        "{} settings written, stored and read back\n",
+        changes.len()
+    ))?)
+}
+
+/// Changes settings, with a progress bar.
+pub(crate) fn apply(link: &mut Link, changes: &[Assignment]) -> anyhow::Result<()> {
+    let state = link.status()?.state;
+    if !matches!(state, State::Idle | State::Fault) {
+        return Err(link.late(
+            &format!("the board is {}", state.name()),
+            "settings are changed only while nothing moves: stop it first (`rig monitor`, key s)",
+        ))
+        .context("nothing was changed: the board still uses its old settings");
+    }
+    let bar = bar("writing");
+    let outcome = link.change_settings(changes, |done, total| {
+        bar.set_length(total);
+        bar.set_position(done);
+    });
+    bar.finish_and_clear();
+    Ok(outcome?)
+}
+
+/// Reads all settings, with a progress bar.
+pub(crate) fn read_settings(link: &mut Link) -> anyhow::Result<Settings> {
+    let bar = bar("reading");
+    let settings = link.read_settings(|done, total| {
+        bar.set_length(total);
+        bar.set_position(done);
+    })?;
+    bar.finish_and_clear();
+    Ok(settings)
+}
+
+fn bar(message: &'static str) -> ProgressBar {
+    let bar = ProgressBar::new(1);
+    if let Ok(style) = ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len}") {
+        bar.set_style(style);
+    }
+    bar.with_message(message)
+}
+
+/// What changes, from what, to what.
+fn table(settings: &Settings, changes: &[Assignment]) -> String {
+    let rows: Vec<[String; 4]> = changes
+        .iter()
+        .map(|&(key, bits)| {
+            [
+                key_text(key),
+                shown(key, settings.bits(key).unwrap_or(0)),
+                shown(key, bits),
+                unit(key),
+            ]
+        })
+        .collect();
+    let width = |column: usize| {
+        rows.iter()
+            .map(|row| row[column].chars().count())
+            .max()
+            .unwrap_or(0)
+    };
+    let (names, old, new) = (width(0), width(1), width(2));
+    rows.iter()
+        .fold(String::new(), |text, [name, from, to, unit]| {
+            let line = format!("{name:<names$}  {from:>old$} → {to:<new$}  {unit}");
+            text + line.trim_end() + "\n"
+        })
+}
+
+fn unit(key: Key) -> String {
+    match key.unit() {
+        "1" | "identifier" => String::new(),
+        unit => unit.to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_table_shows_both_values_and_the_unit() {
+        let changes = [
+            (Key::Damping, 0.9_f32.to_bits()),
+            (
+                Key::EffectKind { slot: 0 },
+                u32::from(wire::settings::effect_id("gravity")),
+            ),
+        ];
+        let mut settings = Settings::DEFAULT;
+        settings.set(Key::Damping, 1.8_f32.to_bits()).unwrap();
+        assert_eq!(
+            table(&settings, &changes),
+            "damping   1.8 → 0.9      N s/rad\ne0.kind  none → gravity\n"
+        );
+    }
+}

@@ -1,0 +1,411 @@
+//! What is asked of a board, in words of the rig.
+
+use std::time::{Duration, Instant};
+
+use wire::command::Command;
+use wire::fault::Fault;
+use wire::reply::Refusal;
+use wire::settings::{Key, Settings};
+use wire::state::State;
+
+use super::client::{Event, Link};
+use super::error::LinkError;
+
+/// Homing goes through the syringe's whole length, slowly.
+const HOMING: Duration = Duration::from_secs(60);
+/// All settings are in EEPROM after this at the latest: 3.3 ms a byte.
+const SAVING: Duration = Duration::from_secs(6);
+
+/// Who a board is: the reply to `hello`.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Identity {
+    /// Version of the firmware.
+    pub firmware: String,
+    /// Version of the serial protocol.
+    pub wire: u8,
+    /// Checksum of the settings in use, as the board writes it.
+    pub settings: String,
+}
+
+impl Identity {
+    /// Reads `softrig 0.1.0 wire 1 settings 1d0f`.
+    pub fn parse(reply: &str) -> Option<Self> {
+        let mut words = reply.split_whitespace();
+        if words.next()? != "softrig" {
+            return None;
+        }
+        let firmware = words.next()?.to_owned();
+        let mut identity = Self {
+            firmware,
+            ..Self::default()
+        };
+        let mut has_wire = false;
+        while let Some(word) = words.next() {
+            match word {
+                "wire" => {
+                    identity.wire = words.next()?.parse().ok()?;
+                    has_wire = true;
+                }
+                "settings" => words.next()?.clone_into(&mut identity.settings),
+                _ => {}
+            }
+        }
+        has_wire.then_some(identity)
+    }
+}
+
+/// The board's reply to `status`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Status {
+    /// What it is doing.
+    pub state: State,
+    /// The latched fault.
+    pub fault: Option<Fault>,
+    /// Requests that it did not know.
+    pub unknown: u32,
+    /// Lines that reached it damaged.
+    pub damaged: u32,
+    /// Lines that were too long for it.
+    pub overlong: u32,
+}
+
+impl Status {
+    /// Reads `i 0 0 0 0 1d0f`; what follows the counters is not looked at.
+    pub fn parse(reply: &str) -> Option<Self> {
+        let mut words = reply.split_whitespace();
+        let state = match words.next()?.as_bytes() {
+            [letter] => State::from_letter(*letter)?,
+            _ => return None,
+        };
+        let fault = Fault::from_code(words.next()?.parse().ok()?);
+        let mut counter = || words.next().and_then(|word| word.parse().ok()).unwrap_or(0);
+        Some(Self {
+            state,
+            fault,
+            unknown: counter(),
+            damaged: counter(),
+            overlong: counter(),
+        })
+    }
+}
+
+/// Settings that were not changed, or not surely.
+#[derive(Debug, thiserror::Error)]
+#[error("{}", if *.accepted {
+    "the board accepted the settings, and it is not certain that they are stored"
+} else {
+    "nothing was changed: the board still uses its old settings"
+})]
+pub struct NotChanged {
+    /// Whether the board uses the new settings already.
+    pub accepted: bool,
+    /// What happened.
+    pub source: LinkError,
+}
+
+/// The value of a setting that is a number.
+pub fn float(bits: u32) -> f32 {
+    f32::from_bits(bits)
+}
+
+/// The bits of a number.
+pub fn setting_bits(number: f32) -> u32 {
+    number.to_bits()
+}
+
+impl Link {
+    /// Asks for the state.
+    ///
+    /// # Errors
+    ///
+    /// [`LinkError`].
+    pub fn status(&mut self) -> Result<Status, LinkError> {
+        let reply = self.request(Command::Status)?;
+        Status::parse(&reply).ok_or_else(|| self.unexpected(Command::Status, &reply))
+    }
+
+    /// Asks for the bits of a setting.
+    ///
+    /// # Errors
+    ///
+    /// [`LinkError`].
+    pub fn get(&mut self, key: Key) -> Result<u32, LinkError> {
+        let command = Command::Get(key);
+        let reply = self.request(command)?;
+        // The firmware may repeat the key in front of the bits.
+        reply
+            .split_whitespace()
+            .next_back()
+            .filter(|word| word.len() == 8)
+            .and_then(|word| u32::from_str_radix(word, 16).ok())
+            .ok_or_else(|| self.unexpected(command, &reply))
+    }
+
+    /// Reads all settings; `progress` hears how many of how many are read.
+    ///
+    /// # Errors
+    ///
+    /// [`LinkError`].
+    pub fn read_settings(
+        &mut self,
+        mut progress: impl FnMut(u64, u64),
+    ) -> Result<Settings, LinkError> {
+        let mut words = *Settings::DEFAULT.words();
+        let total = words.len() as u64;
+        for (done, key) in (1..).zip(Key::all()) {
+            let bits = self.get(key)?;
+            if let Some(place) = key
+                .index()
+                .and_then(|index| words.get_mut(usize::from(index)))
+            {
+                *place = bits;
+            }
+            progress(done, total);
+        }
+        Ok(Settings::from_words(words))
+    }
+
+    /// Learns how long the board bears silence, and beats accordingly.
+    ///
+    /// # Errors
+    ///
+    /// [`LinkError`].
+    pub fn learn_patience(&mut self) -> Result<(), LinkError> {
+        let seconds = float(self.get(Key::HostTimeout)?);
+        if seconds.is_finite() && seconds > 0.0 {
+            self.set_patience(Duration::from_secs_f32(seconds.min(3600.0)));
+        }
+        Ok(())
+    }
+
+    /// Homes the plunger and waits until the rig is ready; `handler` gets every
+    /// event meanwhile, and stops the wait by returning false.
+    ///
+    /// # Errors
+    ///
+    /// [`LinkError`]; the fault if homing ends in one.
+    pub fn arm(&mut self, handler: &mut dyn FnMut(Event) -> bool) -> Result<bool, LinkError> {
+        let mut go_on = true;
+        let asked = self.request_with(Command::Arm, &mut |event| go_on &= handler(event));
+        match asked {
+            // Or it was armed at first hearing, and only the reply was lost.
+            Ok(_)
+            | Err(LinkError::Refused {
+                refusal: Refusal::NotNow,
+                retried: true,
+                ..
+            }) => {}
+            Err(error) => return Err(error),
+        }
+        // Telemetry that was on its way still says idle.
+        let mut left_idle = false;
+        let until = Instant::now() + HOMING;
+        while go_on && Instant::now() < until {
+            let Some(event) = self.next_event(Duration::from_millis(100)) else {
+                if !self.is_connected() {
+                    return Err(self.lost("while the rig was being armed"));
+                }
+                continue;
+            };
+            let sample = match &event {
+                Event::Sample(received) => Some(received.sample),
+                _ => None,
+            };
+            go_on &= handler(event);
+            let Some(sample) = sample else { continue };
+            match sample.state {
+                State::Ready => return Ok(true),
+                State::Homing => left_idle = true,
+                State::Fault => return Err(self.faulted(sample.fault)),
+                State::Idle if left_idle => {
+                    return Err(self.late(
+                        "the board stopped homing without a fault",
+                        "see `rig monitor`, and arm again",
+                    ));
+                }
+                State::Idle | State::Running => {}
+            }
+        }
+        if !go_on {
+            return Ok(false);
+        }
+        Err(self.late(
+            "the plunger was not homed within a minute",
+            "check the retracted end switch and the pump",
+        ))
+    }
+
+    /// The error for a fault in telemetry.
+    pub fn faulted(&self, code: u8) -> LinkError {
+        LinkError::Faulted {
+            port: self.port().to_owned(),
+            fault: Fault::from_code(code).unwrap_or(Fault::Internal),
+        }
+    }
+
+    /// The error for something that did not happen.
+    pub fn late(&self, what: &str, advice: &str) -> LinkError {
+        LinkError::Late {
+            port: self.port().to_owned(),
+            what: what.to_owned(),
+            advice: advice.to_owned(),
+        }
+    }
+
+    /// Changes settings: drafts all, saves, waits until the EEPROM has them,
+    /// and compares every bit that the board then uses.
+    ///
+    /// `progress` hears how many of how many exchanges are done.
+    ///
+    /// # Errors
+    ///
+    /// [`NotChanged`]. Until the board has accepted all of them together it uses
+    /// its old settings; a draft that failed is dropped.
+    pub fn change_settings(
+        &mut self,
+        changes: &[(Key, u32)],
+        mut progress: impl FnMut(u64, u64),
+    ) -> Result<(), NotChanged> {
+        let total = 2 * changes.len() as u64 + 1;
+        let drafted = self.draft(changes, &mut |done| progress(done, total));
+        if let Err(source) = drafted {
+            // What failed may be the link itself.
+            let _ = self.request(Command::Discard);
+            return Err(NotChanged {
+                accepted: false,
+                source,
+            });
+        }
+        self.save()?;
+        self.compare(changes, &mut |done| progress(done, total))
+            .map_err(|source| NotChanged {
+                accepted: true,
+                source,
+            })
+    }
+
+    fn draft(
+        &mut self,
+        changes: &[(Key, u32)],
+        progress: &mut dyn FnMut(u64),
+    ) -> Result<(), LinkError> {
+        // A draft that someone left behind must not be saved with ours.
+        self.request(Command::Discard)?;
+        for (done, &(key, bits)) in (1..).zip(changes) {
+            self.request(Command::Set { key, bits })?;
+            progress(done);
+        }
+        Ok(())
+    }
+
+    fn compare(
+        &mut self,
+        changes: &[(Key, u32)],
+        progress: &mut dyn FnMut(u64),
+    ) -> Result<(), LinkError> {
+        for (done, &(key, bits)) in (changes.len() as u64 + 2..).zip(changes) {
+            let read_back = self.get(key)?;
+            if read_back != bits {
+                return Err(self.late(
+                    &format!(
+                        "{} was written as {bits:08x} and read back as {read_back:08x}",
+                        super::line::key_text(key)
+                    ),
+                    "upload again; if it happens again the EEPROM is worn out",
+                ));
+            }
+            progress(done);
+        }
+        Ok(())
+    }
+
+    /// Saves the draft and waits for the remark that the EEPROM has it.
+    fn save(&mut self) -> Result<(), NotChanged> {
+        let refused = |source| NotChanged {
+            accepted: false,
+            source,
+        };
+        let unconfirmed = |source| NotChanged {
+            accepted: true,
+            source,
+        };
+        let mut saved = false;
+        let mut failed = false;
+        let hear = |text: &str, saved: &mut bool, failed: &mut bool| {
+            *failed |= text.starts_with("not saved");
+            *saved |= text.starts_with("saved");
+        };
+        let accepted = self.request_with(Command::Save, &mut |event| {
+            if let Event::Remark(text) = &event {
+                hear(text, &mut saved, &mut failed);
+            }
+        });
+        match accepted {
+            // Or accepted at first hearing, and only the reply was lost.
+            Ok(_)
+            | Err(LinkError::Refused {
+                refusal: Refusal::NotNow,
+                retried: true,
+                ..
+            }) => {}
+            Err(source) => {
+                let _ = self.request(Command::Discard);
+                return Err(refused(source));
+            }
+        }
+        let until = Instant::now() + SAVING;
+        loop {
+            match (saved, failed) {
+                (_, true) => break,
+                (true, false) => return Ok(()),
+                _ if Instant::now() >= until => break,
+                _ => {}
+            }
+            let Some(event) = self.next_event(Duration::from_millis(50)) else {
+                if !self.is_connected() {
+                    return Err(unconfirmed(
+                        self.lost("while the settings were being saved"),
+                    ));
+                }
+                continue;
+            };
+            if let Event::Remark(text) = &event {
+                hear(text, &mut saved, &mut failed);
+            }
+        }
+        Err(unconfirmed(self.late(
+            "the board did not confirm that the settings are in its EEPROM",
+            "upload again; if it happens again the EEPROM is worn out",
+        )))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn identities_are_read() {
+        let identity = Identity::parse("softrig 0.1.0 wire 1 settings 1d0f").unwrap();
+        assert_eq!(identity.firmware, "0.1.0");
+        assert_eq!(identity.wire, 1);
+        assert_eq!(identity.settings, "1d0f");
+        for reply in [
+            "",
+            "softrig",
+            "marlin 2 wire 1",
+            "softrig 1",
+            "softrig 1 wire x",
+        ] {
+            assert_eq!(Identity::parse(reply), None, "{reply}");
+        }
+    }
+
+    #[test]
+    fn a_status_is_read_even_when_more_follows() {
+        let status = Status::parse("f 8 1 2 3 1d0f more").unwrap();
+        assert_eq!(status.fault, Some(Fault::HostLost));
+        assert_eq!((status.unknown, status.damaged, status.overlong), (1, 2, 3));
+        assert_eq!(Status::parse("idle 0"), None);
+    }
+}

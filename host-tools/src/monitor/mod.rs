@@ -1,0 +1,167 @@
+//! What `rig monitor` shows: the last half minute of a rig, and its state.
+//!
+//! [`View`] collects what happens; [`draw`] puts it on a screen and decides
+//! nothing. So screens are tested without a terminal.
+
+mod screen;
+
+use std::collections::VecDeque;
+use std::time::{Duration, Instant};
+
+use wire::fault::Fault;
+use wire::state::State;
+use wire::telemetry::Telemetry;
+
+pub use screen::draw;
+
+use crate::link::{Clock, Counters, Event};
+
+/// How far back the chart goes (s).
+pub const SPAN_S: f64 = 30.0;
+
+/// Telemetry that is this old no longer counts for the rate.
+const RATE_WINDOW: Duration = Duration::from_secs(1);
+
+/// A moment in the chart.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Moment {
+    time_s: f64,
+    angle: Option<f64>,
+    predicted: Option<f64>,
+}
+
+/// Everything that is shown.
+#[derive(Clone, Debug)]
+pub struct View {
+    port: String,
+    firmware: String,
+    clock: Clock,
+    history: VecDeque<Moment>,
+    arrivals: VecDeque<Instant>,
+    now: Instant,
+    last: Option<Telemetry>,
+    counters: Counters,
+    connected: bool,
+    paused: bool,
+    asking: bool,
+    message: String,
+}
+
+impl View {
+    /// A view of the board at a port, before anything has come.
+    pub fn new(port: &str, firmware: &str) -> Self {
+        Self {
+            port: port.to_owned(),
+            firmware: firmware.to_owned(),
+            clock: Clock::default(),
+            history: VecDeque::new(),
+            arrivals: VecDeque::new(),
+            now: Instant::now(),
+            last: None,
+            counters: Counters::default(),
+            connected: true,
+            paused: false,
+            asking: false,
+            message: String::new(),
+        }
+    }
+
+    /// Takes what happened on the link.
+    pub fn take(&mut self, event: &Event) {
+        match event {
+            Event::Sample(received) => {
+                self.connected = true;
+                self.arrivals.push_back(received.arrived);
+                let Some(placed) = self.clock.place(received) else {
+                    return;
+                };
+                // Paused, the picture stands still; the state does not.
+                self.last = Some(received.sample);
+                if self.paused {
+                    return;
+                }
+                let degrees = |value: Option<wire::decimal::Hundredths>| {
+                    value.map(|v| f64::from(v.0) / 100.0)
+                };
+                let time_s = placed.time_ms as f64 / 1000.0;
+                self.history.push_back(Moment {
+                    time_s,
+                    angle: degrees(received.sample.angle_deg),
+                    predicted: degrees(received.sample.predicted_deg),
+                });
+                while self
+                    .history
+                    .front()
+                    .is_some_and(|moment| moment.time_s < time_s - SPAN_S)
+                {
+                    self.history.pop_front();
+                }
+            }
+            Event::Remark(text) => self.message.clone_from(text),
+            Event::Lost(reason) => {
+                self.connected = false;
+                self.message = format!("connection lost ({reason}), waiting for it to come back");
+            }
+            Event::Useless => {}
+        }
+    }
+
+    /// Takes over what the link counted, and the time.
+    pub fn refresh(&mut self, counters: Counters, now: Instant) {
+        self.counters = counters;
+        self.now = now;
+        while self
+            .arrivals
+            .front()
+            .is_some_and(|&arrived| now.saturating_duration_since(arrived) > RATE_WINDOW)
+        {
+            self.arrivals.pop_front();
+        }
+    }
+
+    /// Shows a sentence in the last line but one.
+    pub fn say(&mut self, message: impl Into<String>) {
+        self.message = message.into();
+    }
+
+    /// Stops the picture, or lets it go on.
+    pub fn toggle_pause(&mut self) {
+        self.paused = !self.paused;
+        if !self.paused {
+            // The time that was not drawn would be a straight line.
+            self.history.clear();
+        }
+    }
+
+    /// Asks whether the rig shall really move.
+    pub fn ask(&mut self) {
+        self.asking = true;
+        self.message =
+            "run the paper's protocol? The actuator will move. y: yes, any other key: no".into();
+    }
+
+    /// Whether the question stands; it does not afterwards.
+    pub fn take_question(&mut self) -> bool {
+        if self.asking {
+            self.message.clear();
+        }
+        std::mem::take(&mut self.asking)
+    }
+
+    /// Whether the rig may move, so that it must not be left alone.
+    pub fn is_armed(&self) -> bool {
+        self.last.is_some_and(|sample| {
+            matches!(sample.state, State::Homing | State::Ready | State::Running)
+        })
+    }
+
+    /// Lines a second.
+    fn rate(&self) -> usize {
+        self.arrivals.len()
+    }
+
+    /// The latched fault.
+    fn fault(&self) -> Option<Fault> {
+        Fault::from_code(self.last?.fault)
+    }
+}

@@ -1,0 +1,136 @@
+//! What is known about a recording: `NAME.meta.toml`.
+
+use serde::Serialize;
+
+use crate::link::{Break, Counters};
+
+/// What stands beside a recording. `rig diagnose` reads the first four.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct About {
+    /// Whether a simulator was recorded.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub simulated: Option<bool>,
+    /// Name of the protocol.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub protocol: Option<String>,
+    /// Set-point of a step (°).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub setpoint_deg: Option<f64>,
+    /// Set-point of a step (kPa).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub setpoint_kpa: Option<f64>,
+    /// Number of the repeat, from 1.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub repeat: Option<u32>,
+    /// When the recording began (UTC).
+    pub started: String,
+    /// The port.
+    pub port: String,
+    /// Version of the firmware.
+    pub firmware: String,
+    /// Version of the serial protocol.
+    pub wire: u8,
+    /// Checksum of the board's settings.
+    pub settings: String,
+    /// Version of `rig`.
+    pub rig: String,
+    /// Whether the protocol was played to its end, or all that was asked for
+    /// recorded.
+    pub complete: bool,
+    /// Rows of the recording.
+    pub samples: u64,
+    /// Lines that the board sent and that are missing.
+    pub dropped_lines: u64,
+    /// Lines that arrived damaged.
+    pub damaged_lines: u64,
+    /// Rows that stand in `NAME.faulty.csv`, as a sensor had no reading.
+    pub rows_without_reading: u64,
+    /// How often the connection broke.
+    pub connection_lost: u64,
+    /// What was played, as it was sent to the board.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub segments: Vec<String>,
+    /// The files that single runs were written to.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub runs: Vec<String>,
+    /// The recording that this run is a part of, and where it begins there (s).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub part_of: Option<String>,
+    /// See `part_of`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub begins_s: Option<f64>,
+    /// Places where samples are missing.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub gap: Vec<Gap>,
+}
+
+/// A place where samples are missing.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Gap {
+    /// Time of the sample before (s).
+    pub from_s: f64,
+    /// Time of the sample after (s).
+    pub to_s: f64,
+    /// Whether the board restarted in between; then the gap's length is by the
+    /// computer's clock.
+    pub restarted: bool,
+    /// What is added to the board's time from here on (s).
+    pub clock_offset_s: f64,
+}
+
+impl Gap {
+    /// A break on the time axis, in seconds.
+    pub fn new(gap: Break) -> Self {
+        let seconds = |ms: i64| ms as f64 / 1000.0;
+        Self {
+            from_s: seconds(gap.from_ms),
+            to_s: seconds(gap.to_ms),
+            restarted: gap.restarted,
+            clock_offset_s: seconds(gap.offset_ms),
+        }
+    }
+}
+
+impl About {
+    /// Takes over what the link counted.
+    pub fn count(&mut self, counters: &Counters) {
+        self.dropped_lines = counters.dropped;
+        self.damaged_lines = counters.damaged;
+        self.connection_lost = counters.lost;
+    }
+
+    /// The text of the file.
+    pub fn to_text(&self) -> String {
+        // Plain values and lists: nothing in it can fail to be written.
+        toml::to_string(self).unwrap_or_default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::recording::Meta;
+
+    #[test]
+    fn what_is_written_is_what_recordings_read() {
+        let about = About {
+            simulated: Some(true),
+            protocol: Some("paper".into()),
+            setpoint_deg: Some(60.0),
+            repeat: Some(3),
+            segments: vec!["step open 60.00 6000".into()],
+            gap: vec![Gap {
+                from_s: 1.0,
+                to_s: 2.0,
+                restarted: true,
+                clock_offset_s: 0.5,
+            }],
+            ..About::default()
+        };
+        let meta: Meta = toml::from_str(&about.to_text()).unwrap();
+        assert_eq!(meta.protocol.as_deref(), Some("paper"));
+        assert_eq!(meta.setpoint_deg, Some(60.0));
+        assert_eq!(meta.repeat, Some(3));
+        assert_eq!(meta.simulated, Some(true));
+    }
+}

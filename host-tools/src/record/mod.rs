@@ -1,0 +1,172 @@
+//! Recording a rig so that nothing that arrived is lost.
+//!
+//! Every sample is one line of the file as soon as it is read, written in one
+//! call: whatever ends the program, the file is a recording up to the line
+//! before. What is known about the recording stands beside it from its first
+//! second, and is completed at its end.
+
+mod limits;
+mod meta;
+mod sheet;
+mod split;
+
+use std::path::{Path, PathBuf};
+
+use wire::telemetry::Telemetry;
+
+pub use limits::{Advice, check_limits};
+pub use meta::{About, Gap};
+pub use sheet::{COLUMNS, Sheet, line};
+pub use split::{Step, run_path, steps};
+
+use crate::error::{InputError, write_atomically};
+use crate::link::{Clock, Event, Received};
+
+/// A sample at its place on the time axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Row {
+    /// Time since the first sample (ms).
+    pub time_ms: i64,
+    /// The sample.
+    pub sample: Telemetry,
+}
+
+/// Writes what arrives.
+#[derive(Debug)]
+pub struct Recorder {
+    path: PathBuf,
+    /// What stands beside the recording.
+    pub about: About,
+    sheet: Sheet,
+    /// Rows that are no recording because a sensor had no reading.
+    faulty: Option<Sheet>,
+    clock: Clock,
+    kept: Option<Vec<Row>>,
+    last: Option<Row>,
+    failure: Option<InputError>,
+}
+
+/// Where what is known about a recording stands.
+pub fn meta_path(path: &Path) -> PathBuf {
+    path.with_extension("meta.toml")
+}
+
+/// Where the rows without a reading of both sensors go.
+pub fn faulty_path(path: &Path) -> PathBuf {
+    path.with_extension("faulty.csv")
+}
+
+impl Recorder {
+    /// Starts a recording; `keep` remembers its rows, to be split later.
+    ///
+    /// # Errors
+    ///
+    /// Names the file that cannot be written.
+    pub fn create(path: &Path, about: About, keep: bool) -> Result<Self, InputError> {
+        // What an earlier recording of this name left would be taken for ours.
+        let _ = std::fs::remove_file(faulty_path(path));
+        let recorder = Self {
+            sheet: Sheet::create(path)?,
+            path: path.to_owned(),
+            about,
+            faulty: None,
+            clock: Clock::default(),
+            kept: keep.then(Vec::new),
+            last: None,
+            failure: None,
+        };
+        recorder.write_meta()?;
+        Ok(recorder)
+    }
+
+    /// Takes what happened on the link.
+    pub fn take(&mut self, event: &Event) {
+        if let Event::Sample(received) = event
+            && self.failure.is_none()
+        {
+            self.failure = self.note(received).err();
+        }
+    }
+
+    /// The last sample and its time.
+    pub fn last(&self) -> Option<&Row> {
+        self.last.as_ref()
+    }
+
+    /// Time from the first sample to the last (ms).
+    pub fn elapsed_ms(&self) -> i64 {
+        self.last.map_or(0, |row| row.time_ms)
+    }
+
+    /// Whether everything could be written.
+    ///
+    /// # Errors
+    ///
+    /// What could not.
+    pub fn check(&mut self) -> Result<(), InputError> {
+        self.failure.take().map_or(Ok(()), Err)
+    }
+
+    fn note(&mut self, received: &Received) -> Result<(), InputError> {
+        let Some(placed) = self.clock.place(received) else {
+            return Ok(());
+        };
+        let row = Row {
+            time_ms: placed.time_ms,
+            sample: received.sample,
+        };
+        self.last = Some(row);
+        if let Some(gap) = placed.gap {
+            self.about.gap.push(Gap::new(gap));
+            self.write_meta()?;
+        }
+        if row.sample.pressure_kpa.is_some() && row.sample.angle_deg.is_some() {
+            self.about.samples += 1;
+            self.sheet.write(&row)?;
+            if let Some(kept) = &mut self.kept {
+                kept.push(row);
+            }
+            return Ok(());
+        }
+        self.about.rows_without_reading += 1;
+        let faulty = match &mut self.faulty {
+            Some(faulty) => faulty,
+            none => none.insert(Sheet::create(&faulty_path(&self.path))?),
+        };
+        faulty.write(&row)
+    }
+
+    /// Writes what is known so far.
+    ///
+    /// # Errors
+    ///
+    /// Names the file that cannot be written.
+    pub fn write_meta(&self) -> Result<(), InputError> {
+        write_atomically(&meta_path(&self.path), self.about.to_text().as_bytes())
+    }
+
+    /// Ends the recording, and writes the runs to `steps` as files of their own
+    /// when there are any. Returns their paths.
+    ///
+    /// # Errors
+    ///
+    /// Names the file that cannot be written.
+    pub fn finish(mut self, steps: &[Step]) -> Result<Vec<PathBuf>, InputError> {
+        self.check()?;
+        self.sheet.sync()?;
+        let rows = self.kept.take().unwrap_or_default();
+        let runs = split::split(&rows, steps, self.about.complete);
+        let mut written = Vec::new();
+        for (step, rows) in steps.iter().zip(runs) {
+            let path = run_path(&self.path, step);
+            split::write_run(&path, step, rows, &self.about)?;
+            written.push(path);
+        }
+        self.about.runs = written
+            .iter()
+            .filter_map(|path| Some(path.file_name()?.to_string_lossy().into_owned()))
+            .collect();
+        self.write_meta()?;
+        Ok(written)
+    }
+}
