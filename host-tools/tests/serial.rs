@@ -872,7 +872,7 @@ fn a_table_is_taken_from_a_bench() {
         "angle_deg,flex_counts\n0,668.4\n90,412.5\n45,540\n",
     );
     let said = bench
-        .rig_with("calibrate --port PORT --assume t.csv", "\n")
+        .rig_with("calibrate --port PORT --assume t.csv --lower-limits", "\n")
         .ok();
     said.says("102.0 counts at rest");
     said.says("45.0    540.0");
@@ -883,6 +883,8 @@ fn a_table_is_taken_from_a_bench() {
         "f.n        = 3.0",
         "f.c2       = 412.5",
         "f.a1       = 45.0",
+        "max.deg    = 108.0",
+        "set.deg    = 90.0",
     ] {
         read.says(part);
     }
@@ -893,7 +895,7 @@ fn each_angle_is_measured_when_the_operator_says_so() {
     let bench = Bench::new(Script::default());
     let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_rig"))
         .current_dir(bench.folder.path())
-        .args(bench.words("calibrate --port PORT --points 0,90"))
+        .args(bench.words("calibrate --port PORT --points 0,90 --lower-limits"))
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
@@ -934,11 +936,18 @@ fn each_angle_is_measured_when_the_operator_says_so() {
 fn calibrations_that_make_no_sense_change_nothing() {
     let bench = Bench::new(Script::default());
     bench
-        .rig_with("calibrate --port PORT --points 0,90", "\n")
+        .rig_with("calibrate --port PORT --points 0,90 --lower-limits", "\n")
         .failed(2, &["the input ended", "nothing was changed"]);
     bench
-        .rig_with("calibrate --port PORT --points 0,90", "\n\n\n")
+        .rig_with(
+            "calibrate --port PORT --points 0,90 --lower-limits",
+            "\n\n\n",
+        )
         .failed(2, &["do not go one way"]);
+    bench.put("t.csv", "angle_deg,flex_counts\n0,668\n90,412\n");
+    bench
+        .rig_with("calibrate --port PORT --assume t.csv", "\n")
+        .failed(2, &["the table reaches 108°", "130°", "--lower-limits"]);
     bench.put("t.csv", "angle_deg,flex_counts\n0,668\n90,x\n");
     bench
         .rig("calibrate --port PORT --assume t.csv")

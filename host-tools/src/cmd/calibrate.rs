@@ -9,7 +9,7 @@ use std::time::Duration;
 use clap::Parser;
 use indicatif::ProgressBar;
 use wire::command::Command;
-use wire::settings::{FLEX_POINTS, Key};
+use wire::settings::{FLEX_POINTS, Key, Settings};
 use wire::state::State;
 
 use super::Interrupt;
@@ -27,7 +27,7 @@ use crate::settings_file::Assignment;
 #[command(after_help = "\
 Examples:
   rig calibrate --port /dev/ttyACM0
-  rig calibrate --port /dev/ttyACM0 --points 0,20,40,60,80,100
+  rig calibrate --port /dev/ttyACM0 --points 0,20,40,60,80,90 --lower-limits
   rig calibrate --port /dev/ttyACM0 --assume bench.csv
 
 --assume takes the table from a CSV file with the columns angle_deg and
@@ -41,17 +41,24 @@ pub struct Args {
         long,
         value_name = "DEG,…",
         value_delimiter = ',',
-        default_value = "0,30,60,90",
+        default_value = "0,30,60,90,120",
         allow_negative_numbers = true
     )]
     points: Vec<f32>,
     /// Take the flex sensor's table from a file instead of measuring it
     #[arg(long, value_name = "FILE.csv", conflicts_with = "points")]
     assume: Option<PathBuf>,
+    /// Where the table does not reach the angle at which the board stops the
+    /// rig, lower that limit, and that of set-points to the last point
+    #[arg(long)]
+    lower_limits: bool,
     /// Show the table, and change nothing
     #[arg(long)]
     dry_run: bool,
 }
+
+/// The board reads angles beyond its table for this share of the counts' range.
+const BEYOND: f32 = 0.2;
 
 /// Conversions that the board sums into one reading.
 const SUMMED: f32 = 16.0;
@@ -100,6 +107,14 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
             )
             .into());
     }
+    let settings = super::upload::read_settings(&mut link)?;
+    let limit = settings.number(Key::MaxAngle);
+    let (least, most) = ends(args.points.iter().copied());
+    if assumed.is_none() && !args.lower_limits && most + BEYOND * (most - least) < limit {
+        super::warn(&format!(
+            "points up to {most}° will hardly reach the {limit}° at which the board stops the rig; bend further, or give --lower-limits"
+        ));
+    }
     let mut operator = Operator::new(interrupt);
     let zero = operator.measure(
         &mut link,
@@ -121,11 +136,12 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     points.sort_by(|a, b| a.angle_deg.total_cmp(&b.angle_deg));
     super::print(&table(zero, &points))?;
     check_table(&points)?;
+    let mut wanted = assignments(zero, &points);
+    wanted.extend(limits(&points, &settings, args.lower_limits)?);
     if args.dry_run {
         return Ok(());
     }
-    let settings = super::upload::read_settings(&mut link)?;
-    let changes: Vec<Assignment> = assignments(zero, &points)
+    let changes: Vec<Assignment> = wanted
         .into_iter()
         .filter(|&(key, bits)| settings.bits(key) != Some(bits))
         .collect();
@@ -355,6 +371,52 @@ fn check_table(points: &[Point]) -> Result<(), InputError> {
     Ok(())
 }
 
+fn ends(values: impl Iterator<Item = f32>) -> (f32, f32) {
+    values.fold(
+        (f32::INFINITY, f32::NEG_INFINITY),
+        |(least, most), value| (least.min(value), most.max(value)),
+    )
+}
+
+/// The largest angle that the board reads with a table: the last segment goes
+/// on for a share of the counts' range.
+fn reach(points: &[Point]) -> f32 {
+    let [.., before, last] = points else {
+        return f32::NAN;
+    };
+    let (least, most) = ends(points.iter().map(|point| point.counts));
+    let slope = (last.angle_deg - before.angle_deg) / (last.counts - before.counts).abs();
+    last.angle_deg + slope * BEYOND * (most - least)
+}
+
+/// The board refuses a limit that its sensor could never show.
+fn limits(
+    points: &[Point],
+    settings: &Settings,
+    lower: bool,
+) -> Result<Vec<Assignment>, InputError> {
+    let (reach, limit) = (reach(points), settings.number(Key::MaxAngle));
+    if reach >= limit {
+        return Ok(Vec::new());
+    }
+    if !lower {
+        return Err(InputError::new(
+            format!(
+                "the table reaches {reach:.0}°, and the board stops the rig only at {limit}° (max.deg), which it could never see; nothing was changed"
+            ),
+            "take a further point, or give --lower-limits",
+        ));
+    }
+    let last = points.last().map_or(limit, |point| point.angle_deg);
+    let setpoint = settings.number(Key::SetpointMax).min(last);
+    // Short of the end by more than the board's rounding.
+    let limit = (reach - 0.01).floor();
+    Ok(vec![
+        (Key::MaxAngle, limit.to_bits()),
+        (Key::SetpointMax, setpoint.to_bits()),
+    ])
+}
+
 fn assignments(zero: f32, points: &[Point]) -> Vec<Assignment> {
     let mut list = vec![
         (Key::PressureZero, zero.to_bits()),
@@ -471,6 +533,30 @@ mod tests {
             text.contains("     60.0    450.0               15.0"),
             "{text}"
         );
+    }
+
+    #[test]
+    fn a_table_must_reach_the_limit_that_stops_the_rig() {
+        let points = points(&[600.0, 500.0, 400.0, 300.0]);
+        assert!((reach(&points) - 108.0).abs() < 1e-3);
+        let mut settings = Settings::DEFAULT;
+        for (key, value) in [(Key::MaxAngle, 130.0_f32), (Key::SetpointMax, 110.0)] {
+            settings.set(key, value.to_bits()).unwrap();
+        }
+        let message = limits(&points, &settings, false).unwrap_err().to_string();
+        assert!(
+            message.contains("108°") && message.contains("130°"),
+            "{message}"
+        );
+        assert_eq!(
+            limits(&points, &settings, true).unwrap(),
+            [
+                (Key::MaxAngle, 107.0_f32.to_bits()),
+                (Key::SetpointMax, 90.0_f32.to_bits()),
+            ]
+        );
+        settings.set(Key::MaxAngle, 100.0_f32.to_bits()).unwrap();
+        assert_eq!(limits(&points, &settings, true), Ok(vec![]));
     }
 
     #[test]
