@@ -21,3 +21,5 @@ pub mod sensing;
 pub mod settings;
 pub mod stall;
 pub mod store;
+pub mod stepper;
+pub mod wiring;
