@@ -49,18 +49,19 @@ fn main() -> ! {
             board.pulses.obey(io::Pump::Rate(hz), 114_000.0);
             board.valve.set(io::Valve::Closed);
             board.light.set(hz > 0.0);
+            let steps = board.pulses.position();
             let line = Telemetry {
                 sequence,
                 time_ms: period.time_ms,
                 pressure_kpa: Some(Hundredths(i32::from(readings.pressure.0))),
                 angle_deg: Some(Hundredths(i32::from(readings.flex.0))),
-                predicted_deg: Some(Hundredths(i32::from(board::stack::never_used()))),
+                predicted_deg: Some(Hundredths(1234)),
                 setpoint: Setpoint::Angle(Hundredths(
                     i32::from(pressed.retracted_end())
                         + 10 * i32::from(pressed.pushed_end())
                         + 100 * i32::from(pressed.emergency_stop()),
                 )),
-                volume_ul: board.pulses.position(),
+                volume_ul: steps,
                 state: State::Idle,
                 fault: board.reset_cause as u8,
                 mismatch: period.missed > 0,

@@ -104,8 +104,10 @@ fn TIMER3_COMPA() {
     let beat = BEAT.load(Relaxed);
     adc::start(beat);
     BEAT.store(if beat == BEATS - 1 { 0 } else { beat + 1 }, Relaxed);
-    if beat % BEATS_PER_SLOT == 0 {
-        pulses::slot(section, beat == 0);
+    // A new plan begins at the last beat: its conversion begins the next control
+    // period, so that the main program had a whole one to make the plan.
+    if beat % BEATS_PER_SLOT == BEATS_PER_SLOT - 1 {
+        pulses::slot(section, beat == BEATS - 1);
         switches::sample();
     }
 }

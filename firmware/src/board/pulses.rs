@@ -38,6 +38,10 @@ const _: () = assert!(
 
 /// Cycles that an interrupt needs to set the next edge.
 const LEAD: u16 = 60;
+const _: () = assert!(HIGH_CYCLES % 2 == 0 && HANDOVER % 2 == 0);
+
+/// Cycles after which the start of a long gap is handed to unit B.
+const HANDOVER: u16 = 200;
 
 /// A hop of a long wait: half a turn of the counter.
 const HOP: u16 = 0x8000;
@@ -53,14 +57,17 @@ const OTHER: u8 = SLOTS as u8;
 static GAP: Shared<u32> = Shared::new(0);
 /// Cycles waited in a long gap, in hops.
 static WAITED: Shared<u32> = Shared::new(0);
-/// Microsteps made; positive compresses.
-static POSITION: Shared<i32> = Shared::new(0);
-/// What a step adds to the position.
-static STRIDE: Shared<i32> = Shared::new(1);
+/// The gap in use if it is shorter than a turn of the counter, even; else zero.
+static SHORT_GAP: Shared<u16> = Shared::new(0);
+/// Microsteps made, positive compresses; wraps, and the main program looks often
+/// enough to tell how far it went.
+static MADE: Shared<u16> = Shared::new(0);
+/// What a step adds to them.
+static STRIDE: Shared<u16> = Shared::new(1);
 /// The pin is high.
-static IS_HIGH: AtomicBool = AtomicBool::new(false);
+static IS_HIGH: Shared<bool> = Shared::new(false);
 /// Edges are being made.
-static IS_RUNNING: AtomicBool = AtomicBool::new(false);
+static IS_RUNNING: Shared<bool> = Shared::new(false);
 
 /// The gaps of the plan in use and of the one to come, in one list: indices into
 /// it can be masked instead of checked.
@@ -81,6 +88,9 @@ static IS_HALTED: AtomicBool = AtomicBool::new(true);
 pub struct Pulses {
     timer: TC1,
     planner: Planner,
+    /// Microsteps of [`MADE`] that are in `position`.
+    counted: u16,
+    position: i32,
     enable: Enable,
     _direction: Direction,
     _step: Step,
@@ -102,6 +112,8 @@ impl Pulses {
         Self {
             timer,
             planner: Planner::new(),
+            counted: 0,
+            position: 0,
             enable,
             _direction: direction,
             _step: step,
@@ -140,19 +152,25 @@ impl Pulses {
         shared::free(|section| {
             IS_NEXT_READY.store(false, Relaxed);
             IS_HALTED.store(true, Relaxed);
-            GAP.set(section, 0);
+            set_gap(section, 0);
             stop(section, &self.timer);
         });
     }
 
     /// Microsteps made since the position was last set; positive compresses.
-    pub fn position(&self) -> i32 {
-        shared::free(|section| POSITION.get(section))
+    pub fn position(&mut self) -> i32 {
+        let made = shared::free(|section| MADE.get(section));
+        // At most 200 a control period.
+        #[allow(clippy::cast_possible_wrap)]
+        let since = made.wrapping_sub(self.counted) as i16;
+        self.counted = made;
+        self.position = self.position.wrapping_add(i32::from(since));
+        self.position
     }
 
-    /// Declares the present position.
+    /// Declares the position of the last look to be this.
     pub fn set_position(&mut self, steps: i32) {
-        shared::free(|section| POSITION.set(section, steps));
+        self.position = steps;
     }
 }
 
@@ -161,64 +179,60 @@ impl Pulses {
 #[inline(always)]
 fn set_edge(timer: &TC1, edge: u16, ahead: u16) {
     let now = timer.tcnt1().read().bits();
-    let at = if now.wrapping_sub(edge) >= ahead.saturating_sub(LEAD) {
-        now.wrapping_add(LEAD)
-    } else {
+    let at = if now.wrapping_sub(edge).wrapping_add(LEAD) < ahead {
         edge.wrapping_add(ahead)
+    } else {
+        odd(now.wrapping_add(LEAD))
     };
-    set_compare_a(timer, at);
+    timer.ocr1a().write(|w| w.set(at));
 }
 
+/// All edges are at odd times, and all that is added to them is even: simavr
+/// never matches a compare register that is zero.
 #[inline(always)]
-fn set_compare_a(timer: &TC1, at: u16) {
-    // simavr never matches zero; on a board, a cycle later does no harm.
-    timer.ocr1a().write(|w| w.set(at | u16::from(at == 0)));
+const fn odd(at: u16) -> u16 {
+    at | 1
 }
 
-/// Waits for the end of the gap in use, of which `waited` is over at `now`.
-#[inline(always)]
+/// Waits for the end of a long gap, of which `waited` is over at `now`, which is
+/// odd: sets the next edge if it is near, else hops.
 fn wait(section: CriticalSection<'_>, timer: &TC1, now: u16, waited: u32) {
-    let left = GAP.get(section).saturating_sub(waited);
-    if left <= u32::from(u16::MAX) {
-        #[allow(clippy::cast_possible_truncation)] // Just compared.
+    let left = GAP.get(section).saturating_sub(waited) & !1;
+    let is_near = left <= u32::from(u16::MAX);
+    #[allow(clippy::cast_possible_truncation)] // Compared above.
+    if is_near {
         set_edge(timer, now, left as u16);
-        if waited != 0 {
-            timer.timsk1().write(|w| w.ocie1a().set_bit());
-        }
-        return;
+    } else {
+        WAITED.set(section, waited + u32::from(HOP));
+        // Unit A stays parked: it would match in a turn, and unit B hops before.
+        timer.ocr1a().write(|w| w.set(now));
+        timer.ocr1b().write(|w| w.set(now.wrapping_add(HOP)));
+        timer.tifr1().write(|w| w.ocf1b().set_bit());
     }
-    WAITED.set(section, waited + u32::from(HOP));
-    // Unit A stays parked: it would match in a turn, and unit B hops before.
-    set_compare_a(timer, now);
-    let hop = now.wrapping_add(HOP);
-    timer.ocr1b().write(|w| w.set(hop | u16::from(hop == 0)));
-    timer.tifr1().write(|w| w.ocf1b().set_bit());
     timer.timsk1().write(|w| {
         w.ocie1a().set_bit();
-        w.ocie1b().set_bit()
+        w.ocie1b().bit(!is_near)
     });
 }
 
 /// Starts the pulses, the first one a gap from now.
 fn start(section: CriticalSection<'_>, timer: &TC1) {
-    IS_RUNNING.store(true, Relaxed);
-    let now = timer.tcnt1().read().bits();
-    wait(section, timer, now, 0);
+    IS_RUNNING.set(section, true);
+    wait(section, timer, odd(timer.tcnt1().read().bits()), 0);
     // The compare register is set, so no old match can come any more; one that
     // has come is forgotten, and only then may a match move the pin.
     timer.tifr1().write(|w| w.ocf1a().set_bit());
     timer.tccr1a().write(|w| w.com1a().match_toggle());
-    timer.timsk1().modify(|_, w| w.ocie1a().set_bit());
 }
 
 /// Stops the pulses unless one has begun; the end of that one will.
 fn stop(section: CriticalSection<'_>, timer: &TC1) {
-    if !IS_RUNNING.load(Relaxed) || IS_HIGH.load(Relaxed) {
+    if !IS_RUNNING.get(section) || IS_HIGH.get(section) {
         return;
     }
     // Out of the counter's way, then look whether the edge was faster.
     let now = timer.tcnt1().read().bits();
-    set_compare_a(timer, now.wrapping_sub(LEAD));
+    timer.ocr1a().write(|w| w.set(odd(now.wrapping_sub(LEAD))));
     if timer.tifr1().read().ocf1a().bit_is_set() {
         // It was: its interrupt is pending and lets the pulse end.
         return;
@@ -227,11 +241,10 @@ fn stop(section: CriticalSection<'_>, timer: &TC1) {
 }
 
 /// Takes the pin from the timer. It falls back to its port bit, which is low.
-#[inline(always)]
-fn disconnect(_: CriticalSection<'_>, timer: &TC1) {
+fn disconnect(section: CriticalSection<'_>, timer: &TC1) {
     timer.timsk1().reset();
     timer.tccr1a().reset();
-    IS_RUNNING.store(false, Relaxed);
+    IS_RUNNING.set(section, false);
 }
 
 /// A slot of the plan begins; called by the clock.
@@ -251,12 +264,18 @@ pub(super) fn slot(section: CriticalSection<'_>, is_first: bool) {
     if slot < LAST_SLOT {
         SLOT.store(slot + 1, Relaxed);
     }
-    GAP.set(section, gap);
+    set_gap(section, gap);
     if gap == 0 {
         stop(section, &timer);
-    } else if !IS_RUNNING.load(Relaxed) {
+    } else if !IS_RUNNING.get(section) {
         start(section, &timer);
     }
+}
+
+#[inline(always)]
+fn set_gap(section: CriticalSection<'_>, gap: u32) {
+    GAP.set(section, gap);
+    SHORT_GAP.set(section, u16::try_from(gap).map_or(0, |gap| gap & !1));
 }
 
 /// The plan to come is the one in use now.
@@ -267,7 +286,7 @@ fn begin_plan(section: CriticalSection<'_>) {
     SLOT.store(0, Relaxed);
     // The planner reverses at standstill only; the first edge is at least 25 µs
     // away, longer than any driver wants to see the direction before.
-    if !IS_RUNNING.load(Relaxed) {
+    if !IS_RUNNING.get(section) {
         // SAFETY: the pin's owner hands it to this interrupt.
         let mut direction = unsafe { Direction::new() };
         if NEXT_COMPRESSES.load(Relaxed) {
@@ -275,12 +294,13 @@ fn begin_plan(section: CriticalSection<'_>) {
             STRIDE.set(section, 1);
         } else {
             direction.low();
-            STRIDE.set(section, -1);
+            STRIDE.set(section, u16::MAX);
         }
     }
 }
 
-// An edge was made.
+// An edge was made. With 28 000 of them a second this is the interrupt that
+// counts, so what is rare is left to the one below.
 #[avr_device::interrupt(atmega2560)]
 fn TIMER1_COMPA() {
     // SAFETY: this is an interrupt handler.
@@ -288,30 +308,42 @@ fn TIMER1_COMPA() {
     // SAFETY: the main program touches the timer in critical sections only.
     let timer = unsafe { TC1::steal() };
     let edge = timer.ocr1a().read().bits();
-    if IS_HIGH.load(Relaxed) {
-        IS_HIGH.store(false, Relaxed);
-        if GAP.get(section) == 0 {
-            disconnect(section, &timer);
+    if IS_HIGH.get(section) {
+        IS_HIGH.set(section, false);
+        let gap = SHORT_GAP.get(section);
+        if gap != 0 {
+            set_edge(&timer, edge, gap);
         } else {
-            wait(section, &timer, edge, 0);
+            // A long gap or a stop. Unit A is parked where it is, a turn ahead.
+            WAITED.set(section, u32::from(HANDOVER));
+            timer
+                .ocr1b()
+                .write(|w| w.set(edge.wrapping_add(HANDOVER)));
+            timer.tifr1().write(|w| w.ocf1b().set_bit());
+            timer.timsk1().write(|w| {
+                w.ocie1a().set_bit();
+                w.ocie1b().set_bit()
+            });
         }
     } else {
         set_edge(&timer, edge, HIGH_CYCLES);
-        IS_HIGH.store(true, Relaxed);
-        POSITION.set(
-            section,
-            POSITION.get(section).wrapping_add(STRIDE.get(section)),
-        );
+        IS_HIGH.set(section, true);
+        let made = MADE.get(section).wrapping_add(STRIDE.get(section));
+        MADE.set(section, made);
     }
 }
 
-// Half a turn of a long gap is over.
+// Part of a long gap is over, or the pulses shall stop.
 #[avr_device::interrupt(atmega2560)]
 fn TIMER1_COMPB() {
     // SAFETY: this is an interrupt handler.
     let section = unsafe { shared::in_interrupt() };
     // SAFETY: the main program touches the timer in critical sections only.
     let timer = unsafe { TC1::steal() };
-    let now = timer.ocr1b().read().bits();
-    wait(section, &timer, now, WAITED.get(section));
+    if GAP.get(section) == 0 {
+        stop(section, &timer);
+    } else {
+        let now = timer.ocr1b().read().bits();
+        wait(section, &timer, now, WAITED.get(section));
+    }
 }
