@@ -15,64 +15,87 @@ fn main() {
     eprintln!("the firmware runs on an ATmega2560; build it with `cargo xtask firmware`");
 }
 
+/// Obeys lines as they come, lets a control period pass when one begins, and
+/// sleeps in between.
 #[cfg(target_arch = "avr")]
 #[avr_device::entry]
 fn main() -> ! {
+    use board::{Board, clock::Period, texts::FlashTexts, watchdog::Watchdog};
     use embedded_hal_nb::serial::Read;
-    use firmware::io;
-    use wire::{decimal::Hundredths, state::State, telemetry::{Setpoint, Telemetry}};
-    let Some(mut board) = board::Board::take() else {
+    use firmware::{
+        app::App,
+        io::Inputs,
+        store::{self, Loaded},
+    };
+    use wire::{
+        assemble::{Assembled, Assembler},
+        command::MAX_LINE,
+        settings::{Key, Settings},
+        state::State,
+    };
+
+    let Some(mut board) = Board::take() else {
         // Taken twice: impossible from reset.
         board::reset::stop_for_good()
     };
-    let mut watchdog = board::watchdog::Watchdog::start(board.watchdog);
+    let settings = match store::load(&board.eeprom) {
+        Loaded::Stored(settings) => settings,
+        Loaded::Shipped | Loaded::Damaged => Settings::DEFAULT,
+    };
+    let app = board.room.put(App::new(&settings, board.reset_cause));
+    let mut assembler = Assembler::<{ MAX_LINE }>::new();
+    let mut watchdog = Watchdog::start(board.watchdog);
     board::start();
-    let mut sequence = 0;
-    let mut hz = 0.0_f32;
+    // The serial port cannot fail: its error type has no values.
+    let Ok(()) = app.banner(&mut board.serial);
+
     loop {
-        while let Ok(byte) = board.serial.read() {
-            hz = match byte {
-                b'a' => 1.0,
-                b'b' => 20.0,
-                b'c' => 150.0,
-                b'd' => 1_000.0,
-                b'e' => 14_000.0,
-                b'f' => 20_000.0,
-                b'g' => -20_000.0,
-                b'h' => loop {},
-                _ => 0.0,
-            };
+        while !board.clock.is_due()
+            && let Ok(byte) = board.serial.read()
+        {
+            match assembler.push(byte) {
+                Assembled::Pending => {}
+                Assembled::Line(line) => {
+                    let Ok(()) = app.receive(line, &mut board.serial, &mut board.marks);
+                }
+                Assembled::Overlong => app.overlong(),
+            }
         }
-        if let Some(period) = board.clock.period() {
+        if let Some(Period { time_ms, missed }) = board.clock.period() {
             let readings = board.adc.readings();
             let pressed = board.switches.pressed();
-            board.pulses.obey(io::Pump::Rate(hz), 114_000.0);
-            board.valve.set(io::Valve::Closed);
-            board.light.set(hz > 0.0);
-            let steps = board.pulses.position();
-            let line = Telemetry {
-                sequence,
-                time_ms: period.time_ms,
-                pressure_kpa: Some(Hundredths(i32::from(readings.pressure.0))),
-                angle_deg: Some(Hundredths(i32::from(readings.flex.0))),
-                predicted_deg: Some(Hundredths(1234)),
-                setpoint: Setpoint::Angle(Hundredths(
-                    i32::from(pressed.retracted_end())
-                        + 10 * i32::from(pressed.pushed_end())
-                        + 100 * i32::from(pressed.emergency_stop()),
-                )),
-                volume_ul: steps,
-                state: State::Idle,
-                fault: board.reset_cause as u8,
-                mismatch: period.missed > 0,
-            };
-            sequence = sequence.wrapping_add(1);
-            board.serial.send_or_drop(|out| {
-                let Ok(()) = line.write(out);
+            // While nothing moves, being late harms nobody: the self-test may
+            // take its time.
+            let rests = matches!(app.state(), State::Idle | State::Fault);
+            let outputs = app.tick(&Inputs {
+                time_ms,
+                pressure: readings.pressure,
+                flex: readings.flex,
+                retracted_end: pressed.retracted_end(),
+                pushed_end: pressed.pushed_end(),
+                emergency_stop: pressed.emergency_stop(),
+                steps: board.pulses.position(),
+                overruns: if rests { 0 } else { missed },
             });
+            if let Some(steps) = outputs.set_steps {
+                board.pulses.set_position(steps);
+            }
+            board.valve.set(outputs.valve);
+            let settings = app.settings();
+            let acceleration =
+                settings.number(Key::MaxFlowRate) / settings.number(Key::VolumePerStep);
+            board.pulses.obey(outputs.pump, acceleration);
+            board.light.set(outputs.light);
+            let telemetry = app.telemetry();
+            board.serial.send_or_drop(|out| {
+                let Ok(()) = telemetry.write(out);
+            });
+            let Ok(()) = app.report(&FlashTexts, &mut board.serial);
             watchdog.feed();
         }
-        board.marks.idle_unless(|| board.clock.is_due() || board.serial.has_input());
+        board
+            .marks
+            .idle_unless(|| board.clock.is_due() || board.serial.has_input());
     }
 }
 

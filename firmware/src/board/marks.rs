@@ -43,15 +43,22 @@ impl Marks {
     }
 }
 
+/// A measured stretch is not interrupted: what is counted is its own.
+///
+/// That holds up everything else for milliseconds, and is for the self-test,
+/// while nothing moves.
 impl Probe for Marks {
     // Inlined, so that a mark costs one instruction.
     #[inline(always)]
     fn open(&mut self, stretch: u8) {
+        avr_device::interrupt::disable();
         self.write(stretch);
     }
 
     #[inline(always)]
     fn close(&mut self) {
         self.write(0);
+        // SAFETY: outside of critical sections, where `open` was called.
+        unsafe { avr_device::interrupt::enable() };
     }
 }

@@ -11,6 +11,7 @@
 //! | step pulses | timer 1, OC1A | [`pulses`] |
 //! | switches, valve, light | ports | [`switches`], [`valve`], [`light`] |
 //! | serial to the computer | USART0 | [`serial`] |
+//! | settings | EEPROM | [`eeprom`] |
 //! | watchdog, reset flags | WDT, MCUSR, GPIOR2 | [`watchdog`], [`reset`] |
 //! | cycle marks | GPIOR0 | [`marks`] |
 //!
@@ -20,23 +21,26 @@
 
 pub mod adc;
 pub mod clock;
+pub mod eeprom;
 pub mod light;
 pub mod marks;
 mod pins;
+mod place;
 pub mod pulses;
 pub mod reset;
 pub mod serial;
 mod shared;
 pub mod stack;
 pub mod switches;
+pub mod texts;
 pub mod valve;
 pub mod watchdog;
 
 use avr_device::atmega2560::Peripherals;
-use firmware::io::ResetCause;
+use firmware::{app::App, io::ResetCause};
 
 use self::{
-    adc::Adc, clock::Clock, light::Light, marks::Marks, pulses::Pulses, serial::Serial,
+    adc::Adc, clock::Clock, eeprom::Eeprom, light::Light, marks::Marks, pulses::Pulses, serial::Serial,
     switches::Switches, valve::Valve,
 };
 
@@ -69,10 +73,14 @@ pub struct Board {
     pub valve: Valve,
     /// The on-board light.
     pub light: Light,
+    /// The settings' memory.
+    pub eeprom: Eeprom,
     /// Cycle marks for the simulator.
     pub marks: Marks,
     /// Why the processor started.
     pub reset_cause: ResetCause,
+    /// Where the application goes.
+    pub room: Room,
     /// The watchdog, not yet started.
     pub watchdog: avr_device::atmega2560::WDT,
 }
@@ -100,10 +108,25 @@ impl Board {
             switches,
             valve,
             light,
+            eeprom: Eeprom::new(hardware.EEPROM),
             reset_cause: reset::cause(&hardware.CPU),
             marks: Marks::new(hardware.CPU),
+            room: Room(()),
             watchdog: hardware.WDT,
         })
+    }
+}
+
+/// The application's room in memory; there is one.
+pub struct Room(());
+
+impl Room {
+    /// Puts the application there.
+    #[inline(always)]
+    pub fn put(self, app: App) -> &'static mut App {
+        static APP: place::Place<App> = place::Place::new();
+        // SAFETY: `Board::take` makes one room, and it is used up here.
+        unsafe { APP.put(app) }
     }
 }
 
