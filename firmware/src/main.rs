@@ -22,15 +22,11 @@ fn main() {
 fn main() -> ! {
     use board::{Board, clock::Period, texts::FlashTexts, watchdog::Watchdog};
     use embedded_hal_nb::serial::Read;
-    use firmware::{
-        app::App,
-        io::Inputs,
-        store::{self, Loaded},
-    };
+    use firmware::{app::App, io::Inputs};
     use wire::{
         assemble::{Assembled, Assembler},
         command::MAX_LINE,
-        settings::{Key, Settings},
+        settings::Key,
         state::State,
     };
 
@@ -38,11 +34,7 @@ fn main() -> ! {
         // Taken twice: impossible from reset.
         board::reset::stop_for_good()
     };
-    let settings = match store::load(&board.eeprom) {
-        Loaded::Stored(settings) => settings,
-        Loaded::Shipped | Loaded::Damaged => Settings::DEFAULT,
-    };
-    let app = board.room.put(App::new(&settings, board.reset_cause));
+    let app = board.room.put(App::new(&board.eeprom, board.reset_cause));
     let mut assembler = Assembler::<{ MAX_LINE }>::new();
     let mut watchdog = Watchdog::start(board.watchdog);
     board::start();
@@ -67,7 +59,7 @@ fn main() -> ! {
             // While nothing moves, being late harms nobody: the self-test may
             // take its time.
             let rests = matches!(app.state(), State::Idle | State::Fault);
-            let outputs = app.tick(&Inputs {
+            let inputs = Inputs {
                 time_ms,
                 pressure: readings.pressure,
                 flex: readings.flex,
@@ -76,7 +68,8 @@ fn main() -> ! {
                 emergency_stop: pressed.emergency_stop(),
                 steps: board.pulses.position(),
                 overruns: if rests { 0 } else { missed },
-            });
+            };
+            let outputs = app.tick(&inputs, &mut board.eeprom);
             if let Some(steps) = outputs.set_steps {
                 board.pulses.set_position(steps);
             }

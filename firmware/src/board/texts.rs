@@ -15,7 +15,7 @@ use wire::fault::Fault;
 struct Lines<const N: usize>([u8; N]);
 
 impl<const N: usize> Lines<N> {
-    /// Writes a line; false if there are not so many. `self` must be in flash.
+    /// Writes a line; whether another follows. `self` must be in flash.
     fn write<W: uWrite + ?Sized>(&'static self, line: u8, out: &mut W) -> Result<bool, W::Error> {
         let start = self.0.as_ptr();
         let mut before = line;
@@ -24,7 +24,7 @@ impl<const N: usize> Lines<N> {
             let byte = unsafe { flash_byte(start.wrapping_add(place)) };
             if byte == b'\n' {
                 if before == 0 {
-                    return Ok(true);
+                    return Ok(place + 1 < N);
                 }
                 before -= 1;
             } else if before == 0 {
