@@ -22,7 +22,7 @@ fn main() {
 fn main() -> ! {
     use board::{Board, clock::Period, texts::FlashTexts, watchdog::Watchdog};
     use embedded_hal_nb::serial::Read;
-    use firmware::{app::App, io::Inputs};
+    use firmware::io::Inputs;
     use wire::{
         assemble::{Assembled, Assembler},
         command::MAX_LINE,
@@ -34,7 +34,7 @@ fn main() -> ! {
         // Taken twice: impossible from reset.
         board::reset::stop_for_good()
     };
-    let app = board.room.put(App::new(&board.eeprom, board.reset_cause));
+    let app = board.room.start(&board.eeprom, board.reset_cause);
     let mut assembler = Assembler::<{ MAX_LINE }>::new();
     let mut watchdog = Watchdog::start(board.watchdog);
     board::start();

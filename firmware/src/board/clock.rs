@@ -56,9 +56,7 @@ impl Clock {
     /// Creates the clock; it beats once interrupts are on.
     pub fn new(timer: TC3) -> Self {
         #[allow(clippy::cast_possible_truncation)] // Checked above.
-        timer
-            .ocr3a()
-            .write(|w| w.set((CYCLES_PER_BEAT - 1) as u16));
+        timer.ocr3a().write(|w| w.set((CYCLES_PER_BEAT - 1) as u16));
         timer.timsk3().write(|w| w.ocie3a().set_bit());
         // Clear on compare match, no prescaler.
         timer.tccr3b().write(|w| w.wgm3().set(0b01).cs3().direct());

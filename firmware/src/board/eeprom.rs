@@ -55,7 +55,11 @@ impl store::Eeprom for Eeprom {
         // written. The second instruction must follow within four cycles.
         avr_device::interrupt::free(|_| unsafe {
             self.0.eecr().write(|w| w.bits(mode));
-            asm!("sbi 0x1f, 2", "sbi 0x1f, 1", options(nostack, preserves_flags)); // EECR: EEMPE, EEPE
+            asm!(
+                "sbi 0x1f, 2",
+                "sbi 0x1f, 1",
+                options(nostack, preserves_flags)
+            ); // EECR: EEMPE, EEPE
         });
     }
 }

@@ -40,8 +40,8 @@ use avr_device::atmega2560::Peripherals;
 use firmware::{app::App, io::ResetCause};
 
 use self::{
-    adc::Adc, clock::Clock, eeprom::Eeprom, light::Light, marks::Marks, pulses::Pulses, serial::Serial,
-    switches::Switches, valve::Valve,
+    adc::Adc, clock::Clock, eeprom::Eeprom, light::Light, marks::Marks, pulses::Pulses,
+    serial::Serial, switches::Switches, valve::Valve,
 };
 
 // avr-libc's assembly replaces the weak, four to seven times slower float
@@ -121,12 +121,15 @@ impl Board {
 pub struct Room(());
 
 impl Room {
-    /// Puts the application there.
-    #[inline(always)]
-    pub fn put(self, app: App) -> &'static mut App {
+    /// Makes the application and puts it there.
+    ///
+    /// Not inlined: while it is made there are two of it, and the one on the
+    /// stack shall not stay there as part of `main`.
+    #[inline(never)]
+    pub fn start(self, eeprom: &Eeprom, cause: ResetCause) -> &'static mut App {
         static APP: place::Place<App> = place::Place::new();
         // SAFETY: `Board::take` makes one room, and it is used up here.
-        unsafe { APP.put(app) }
+        unsafe { APP.put(App::new(eeprom, cause)) }
     }
 }
 

@@ -316,9 +316,7 @@ fn TIMER1_COMPA() {
         } else {
             // A long gap or a stop. Unit A is parked where it is, a turn ahead.
             WAITED.set(section, u32::from(HANDOVER));
-            timer
-                .ocr1b()
-                .write(|w| w.set(edge.wrapping_add(HANDOVER)));
+            timer.ocr1b().write(|w| w.set(edge.wrapping_add(HANDOVER)));
             timer.tifr1().write(|w| w.ocf1b().set_bit());
             timer.timsk1().write(|w| {
                 w.ocie1a().set_bit();
