@@ -151,6 +151,11 @@ impl Serial {
         }
     }
 
+    /// The interrupt makes room: a byte takes 85 µs.
+    fn wait_and_push(&mut self, byte: u8) {
+        while self.write(byte).is_err() {}
+    }
+
     /// Sees to it that the interrupt sends what there is.
     #[inline(always)]
     fn start(&mut self) {
@@ -171,17 +176,28 @@ impl uWrite for Draft {
 
     fn write_str(&mut self, text: &str) -> Result<(), Infallible> {
         for byte in text.bytes() {
-            let next = self.head.wrapping_add(1);
-            if next == TO_SEND.tail.load(Relaxed) {
-                self.fits = false;
-            }
-            if !self.fits {
-                break;
-            }
+            self.push(byte);
+        }
+        Ok(())
+    }
+
+    fn write_char(&mut self, character: char) -> Result<(), Infallible> {
+        // All that is sent is ASCII.
+        self.push(character as u8);
+        Ok(())
+    }
+}
+
+impl Draft {
+    fn push(&mut self, byte: u8) {
+        let next = self.head.wrapping_add(1);
+        if next == TO_SEND.tail.load(Relaxed) {
+            self.fits = false;
+        }
+        if self.fits {
             TO_SEND.put(self.head, byte);
             self.head = next;
         }
-        Ok(())
     }
 }
 
@@ -216,9 +232,14 @@ impl uWrite for Serial {
 
     fn write_str(&mut self, text: &str) -> Result<(), Infallible> {
         for byte in text.bytes() {
-            // The interrupt makes room: a byte takes 85 µs.
-            while self.write(byte).is_err() {}
+            self.wait_and_push(byte);
         }
+        Ok(())
+    }
+
+    fn write_char(&mut self, character: char) -> Result<(), Infallible> {
+        // All that is sent is ASCII.
+        self.wait_and_push(character as u8);
         Ok(())
     }
 }
