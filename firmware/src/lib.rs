@@ -20,4 +20,6 @@ pub mod self_test;
 pub mod sensing;
 pub mod settings;
 pub mod stall;
+pub mod stepper;
 pub mod store;
+pub mod wiring;

@@ -40,7 +40,7 @@ fn run_image(image: Option<&Path>, until: &str) -> Option<Output> {
     let output = Command::new(virtual_rig)
         .arg("run")
         .arg(image)
-        .args(["--cycles", CYCLES, "--until", until])
+        .args(["--cycles", CYCLES, "--send", "selftest", "--until", until])
         .output()
         .expect("the simulator starts");
     Some(output)
@@ -94,9 +94,8 @@ fn the_board_computes_the_same_bits_as_the_desktop() {
         // A step that does nothing would agree too.
         assert!(board.angle_rad > ANGLE_RAD && (board.angle_rad - ANGLE_RAD) < 1e-2);
     }
-    assert_eq!(
-        said.lines().last().map(line::open),
-        Some(Ok(DONE)),
+    assert!(
+        said.lines().any(|text| line::open(text) == Ok(DONE)),
         "{said}"
     );
 }
@@ -112,8 +111,8 @@ fn the_stack_stays_within_what_the_linker_keeps_free() {
         .find_map(|text| text.strip_prefix("stack ")?.strip_suffix(" bytes"))
         .and_then(|bytes| bytes.parse().ok())
         .unwrap_or_else(|| panic!("no stack in:\n{said}"));
-    // Nothing runs without a stack; memory.x reserves 2048 bytes.
-    assert!((64..=2048).contains(&stack), "{stack} bytes");
+    // Nothing runs without a stack; memory.x reserves 3072 bytes.
+    assert!((64..=3072).contains(&stack), "{stack} bytes");
 }
 
 #[test]

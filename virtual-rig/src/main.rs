@@ -3,6 +3,7 @@
 #![forbid(unsafe_code)]
 
 mod control;
+mod measure;
 mod pty;
 mod serve;
 
@@ -41,6 +42,15 @@ enum Command {
         /// Stop after the first line that contains this text
         #[arg(long, value_name = "TEXT")]
         until: Option<String>,
+        /// Send this line once the board listens
+        #[arg(long, value_name = "TEXT")]
+        send: Option<String>,
+    },
+    /// Runs an image on a healthy rig, through everything that costs most, and
+    /// prints what it took
+    Measure {
+        /// The image that `cargo xtask firmware` builds
+        image: PathBuf,
     },
     Serve(serve::ServeArgs),
 }
@@ -59,7 +69,9 @@ fn main() -> ExitCode {
             image,
             cycles,
             until,
-        } => run(&image, cycles, until.as_deref()),
+            send,
+        } => run(&image, cycles, until.as_deref(), send.as_deref()),
+        Command::Measure { image } => measure::run(&image).map(|()| ExitCode::SUCCESS),
         Command::Serve(args) => serve::run(&args).map(|()| ExitCode::SUCCESS),
     };
     match outcome {
@@ -71,9 +83,17 @@ fn main() -> ExitCode {
     }
 }
 
-fn run(path: &Path, cycles: u64, until: Option<&str>) -> anyhow::Result<ExitCode> {
+fn run(
+    path: &Path,
+    cycles: u64,
+    until: Option<&str>,
+    send: Option<&str>,
+) -> anyhow::Result<ExitCode> {
     let image = Image::read(path).with_context(|| format!("cannot load {}", path.display()))?;
     let mut board = Board::new(&image)?;
+    if let Some(line) = send {
+        board.send(format!("{line}\n").as_bytes())?;
+    }
     let code = watch(&mut board, cycles, until)?;
     for id in 1..=u8::MAX {
         let total = board.mark_total(id);

@@ -3,7 +3,7 @@
 //! `core::fmt` of one `f32` costs the board 32 KiB of flash; an integer with a
 //! fixed point costs a few hundred bytes.
 
-use ufmt::{Formatter, uDisplay, uWrite, uwrite};
+use ufmt::{Formatter, uDisplay, uWrite};
 
 /// A number in thousandths, written with three decimals.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,15 +33,7 @@ impl uDisplay for Thousandths {
         if self.0 < 0 {
             f.write_char('-')?;
         }
-        uwrite!(f, "{}.", size / 1000)?;
-        let fraction = size % 1000;
-        if fraction < 100 {
-            f.write_char('0')?;
-        }
-        if fraction < 10 {
-            f.write_char('0')?;
-        }
-        uwrite!(f, "{}", fraction)
+        digits(f, size, 3)
     }
 }
 
@@ -98,27 +90,75 @@ impl uDisplay for Hundredths {
         if self.0 < 0 {
             f.write_char('-')?;
         }
-        // Division by a 16-bit number is several times cheaper on the board, and
-        // telemetry does it a thousand times a second.
-        match u16::try_from(size) {
-            Ok(size) => fixed_point(f, u32::from(size / 100), (size % 100) as u8),
-            #[allow(clippy::cast_possible_truncation)] // A remainder below 100.
-            Err(_) => fixed_point(f, size / 100, (size % 100) as u8),
-        }
+        digits(f, size, 2)
     }
 }
 
-fn fixed_point<W: uWrite + ?Sized>(
-    f: &mut Formatter<'_, W>,
-    whole: u32,
-    hundredths: u8,
-) -> Result<(), W::Error> {
-    match u16::try_from(whole) {
-        Ok(whole) => uwrite!(f, "{}.", whole)?,
-        Err(_) => uwrite!(f, "{}.", whole)?,
+/// A whole number. As `{}` of an integer, but quick on the board; see [`digits`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Whole(pub i32);
+
+impl uDisplay for Whole {
+    fn fmt<W: uWrite + ?Sized>(&self, f: &mut Formatter<'_, W>) -> Result<(), W::Error> {
+        if self.0 < 0 {
+            f.write_char('-')?;
+        }
+        digits(f, self.0.unsigned_abs(), 0)
     }
-    f.write_char((b'0' + hundredths / 10) as char)?;
-    f.write_char((b'0' + hundredths % 10) as char)
+}
+
+/// A whole number without a sign; see [`Whole`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Count(pub u32);
+
+impl uDisplay for Count {
+    fn fmt<W: uWrite + ?Sized>(&self, f: &mut Formatter<'_, W>) -> Result<(), W::Error> {
+        digits(f, self.0, 0)
+    }
+}
+
+/// Writes a number whose last `decimals` digits stand behind a point.
+///
+/// By subtracting powers of ten: a division of 32 bits takes the board 600
+/// cycles, and telemetry has 3 000 digits a second.
+fn digits<W: uWrite + ?Sized>(
+    f: &mut Formatter<'_, W>,
+    mut size: u32,
+    decimals: u8,
+) -> Result<(), W::Error> {
+    let mut has_begun = false;
+    for place in (0..10).rev() {
+        let power = power_of_ten(place);
+        let mut digit = b'0';
+        while size >= power {
+            size -= power;
+            digit += 1;
+        }
+        has_begun |= digit != b'0' || place <= decimals;
+        if has_begun {
+            f.write_char(char::from(digit))?;
+            if place == decimals && place != 0 {
+                f.write_char('.')?;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Ten to a power; a table would lie in the board's RAM.
+const fn power_of_ten(exponent: u8) -> u32 {
+    match exponent {
+        0 => 1,
+        1 => 10,
+        2 => 100,
+        3 => 1_000,
+        4 => 10_000,
+        5 => 100_000,
+        6 => 1_000_000,
+        7 => 10_000_000,
+        8 => 100_000_000,
+        _ => 1_000_000_000,
+    }
 }
 
 /// A 32-bit word as eight hexadecimal digits.

@@ -68,6 +68,15 @@ impl<W: uWrite + ?Sized> uWrite for Sealed<'_, W> {
         }
         self.out.write_str(text)
     }
+
+    /// Numbers come a character at a time.
+    fn write_char(&mut self, character: char) -> Result<(), W::Error> {
+        if character.is_ascii() {
+            self.crc.update(character as u8);
+            return self.out.write_char(character);
+        }
+        self.write_str(character.encode_utf8(&mut [0; 4]))
+    }
 }
 
 /// Why a line cannot be trusted.

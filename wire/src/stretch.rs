@@ -14,6 +14,8 @@ pub const POWER_MINIMAX: u8 = 3;
 pub const POWER_MICROMATH: u8 = 4;
 /// Nothing: what the marks themselves cost.
 pub const NOTHING: u8 = 5;
+/// Waiting for something to do, asleep; what interrupts take out of it included.
+pub const IDLE: u8 = 6;
 
 /// The first of the stretches that are one step with one effect, in the order of
 /// the catalogue.
@@ -41,6 +43,7 @@ pub const fn name(stretch: u8) -> Option<&'static str> {
         POWER_MINIMAX => "power_minimax",
         POWER_MICROMATH => "power_micromath",
         NOTHING => "nothing",
+        IDLE => "idle",
         _ => return None,
     })
 }

@@ -17,7 +17,7 @@ use core::fmt;
 use ufmt::{uWrite, uwrite};
 
 use crate::{
-    decimal::Hundredths,
+    decimal::{Count, Hundredths, Whole},
     fields::{Fields, number},
     line::{LineError, Sealed, open_bytes},
     state::State,
@@ -73,8 +73,8 @@ impl Telemetry {
     /// Those of the output.
     pub fn write<W: uWrite + ?Sized>(&self, out: &mut W) -> Result<(), W::Error> {
         let mut line = Sealed::new(out);
-        uwrite!(line, "T {} ", self.sequence)?;
-        uwrite!(line, "{}", self.time_ms)?;
+        let sequence = Count(u32::from(self.sequence));
+        uwrite!(line, "T {} {}", sequence, Count(self.time_ms))?;
         for (label, value) in [
             ('p', self.pressure_kpa),
             ('a', self.angle_deg),
@@ -93,9 +93,9 @@ impl Telemetry {
             Setpoint::Angle(value) => uwrite!(line, " s:{}", value)?,
             Setpoint::Pressure(value) => uwrite!(line, " q:{}", value)?,
         }
-        uwrite!(line, " v:{} ", self.volume_ul)?;
+        uwrite!(line, " v:{} ", Whole(self.volume_ul))?;
         line.write_char(self.state.letter() as char)?;
-        uwrite!(line, "{}", self.fault)?;
+        uwrite!(line, "{}", Count(u32::from(self.fault)))?;
         if self.mismatch {
             line.write_char('!')?;
         }

@@ -228,7 +228,7 @@ fn simulate(rig: &Path, image: &Path) -> Outcome<Run> {
     command
         .arg("run")
         .arg(image)
-        .args(["--cycles", "32000000"])
+        .args(["--cycles", "32000000", "--send", "selftest"])
         .stdin(Stdio::null());
     let output = command
         .output()

@@ -1,0 +1,111 @@
+//! Time: the beat that everything else follows.
+//!
+//! Timer 3 beats 3 200 times a second. Each beat starts a conversion, so that a
+//! control period of 10 ms has exactly sixteen of either sensor; every fourth
+//! beat the pulses take their next rate and the switches are looked at. The
+//! conversions of a period end at the same phase in every period, and the last
+//! one begins the next control period: control sees samples that are never older
+//! than one conversion, and always equally old.
+
+use core::sync::atomic::{AtomicU8, Ordering::Relaxed};
+
+use avr_device::atmega2560::TC3;
+use firmware::{
+    io::{CONTROL_HZ, OVERSAMPLING, PERIOD_MS},
+    stepper::SLOTS,
+};
+
+use super::{CLOCK_HZ, adc, pulses, shared, switches};
+
+/// Beats in a control period: a conversion of either sensor each.
+pub(super) const BEATS: u8 = 2 * OVERSAMPLING as u8;
+
+/// Beats in a slot of the pulse plan.
+#[allow(clippy::cast_possible_truncation)]
+const BEATS_PER_SLOT: u8 = BEATS / SLOTS as u8;
+const _: () = assert!(BEATS_PER_SLOT.is_power_of_two());
+
+/// Processor cycles from beat to beat.
+const CYCLES_PER_BEAT: u32 = CLOCK_HZ / (CONTROL_HZ as u32 * BEATS as u32);
+const _: () = assert!(CYCLES_PER_BEAT * CONTROL_HZ as u32 * BEATS as u32 == CLOCK_HZ);
+const _: () = assert!(CYCLES_PER_BEAT <= 0xffff);
+
+/// The beat of the period that comes next.
+static BEAT: AtomicU8 = AtomicU8::new(0);
+
+/// Control periods since reset; wraps.
+static PERIODS: AtomicU8 = AtomicU8::new(0);
+
+/// The clock, once it beats.
+pub struct Clock {
+    _timer: TC3,
+    periods_seen: u8,
+    time_ms: u32,
+}
+
+/// A control period has begun.
+#[derive(Clone, Copy)]
+pub struct Period {
+    /// Time since reset (ms).
+    pub time_ms: u32,
+    /// Periods that began and were never seen.
+    pub missed: u8,
+}
+
+impl Clock {
+    /// Creates the clock; it beats once interrupts are on.
+    pub fn new(timer: TC3) -> Self {
+        #[allow(clippy::cast_possible_truncation)] // Checked above.
+        timer.ocr3a().write(|w| w.set((CYCLES_PER_BEAT - 1) as u16));
+        timer.timsk3().write(|w| w.ocie3a().set_bit());
+        // Clear on compare match, no prescaler.
+        timer.tccr3b().write(|w| w.wgm3().set(0b01).cs3().direct());
+        Self {
+            _timer: timer,
+            periods_seen: 0,
+            time_ms: 0,
+        }
+    }
+
+    /// Whether [`Self::period`] has something to say.
+    pub fn is_due(&self) -> bool {
+        PERIODS.load(Relaxed) != self.periods_seen
+    }
+
+    /// The control period that began since the last call; none if there is none.
+    pub fn period(&mut self) -> Option<Period> {
+        let passed = PERIODS.load(Relaxed).wrapping_sub(self.periods_seen);
+        if passed == 0 {
+            return None;
+        }
+        self.periods_seen = self.periods_seen.wrapping_add(passed);
+        self.time_ms = self
+            .time_ms
+            .wrapping_add(u32::from(passed) * u32::from(PERIOD_MS));
+        Some(Period {
+            time_ms: self.time_ms,
+            missed: passed - 1,
+        })
+    }
+}
+
+/// All conversions of a period are there.
+#[inline(always)]
+pub(super) fn begin_period() {
+    PERIODS.store(PERIODS.load(Relaxed).wrapping_add(1), Relaxed);
+}
+
+#[avr_device::interrupt(atmega2560)]
+fn TIMER3_COMPA() {
+    // SAFETY: this is an interrupt handler.
+    let section = unsafe { shared::in_interrupt() };
+    let beat = BEAT.load(Relaxed);
+    adc::start(beat);
+    BEAT.store(if beat == BEATS - 1 { 0 } else { beat + 1 }, Relaxed);
+    // A new plan begins at the last beat: its conversion begins the next control
+    // period, so that the main program had a whole one to make the plan.
+    if beat % BEATS_PER_SLOT == BEATS_PER_SLOT - 1 {
+        pulses::slot(section, beat == BEATS - 1);
+        switches::sample();
+    }
+}

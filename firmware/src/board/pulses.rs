@@ -1,0 +1,347 @@
+//! Step pulses: edges by hardware, everything else beside them.
+//!
+//! Timer 1 counts freely at the processor's clock, and its compare unit A
+//! toggles the STEP pin by itself when the counter reaches OCR1A. An edge is
+//! thus exact to a cycle however late its interrupt is served; the interrupt only
+//! has to name the time of the next edge before that has come, 400 cycles later
+//! at the earliest. A pulse is always high for the same 25 µs; the gap after it
+//! makes the rate. A gap longer than the counter's 65 536 cycles is waited for in
+//! hops of compare unit B, half a turn each, while unit A stays parked one turn
+//! ahead.
+//!
+//! The main program hands over a [`Plan`] for a whole control period; the clock's
+//! interrupt takes its slots one by one. When the main program is late, the last
+//! rate goes on.
+
+use core::sync::atomic::{AtomicBool, AtomicU8, Ordering::Relaxed};
+
+use avr_device::atmega2560::TC1;
+use firmware::{
+    io,
+    stepper::{HIGH_CYCLES, Plan, Planner, SLOTS},
+    wiring,
+};
+
+use super::{
+    pins::{is_at, pin_type},
+    shared::{self, CriticalSection, Shared},
+};
+
+type Step = pin_type!(Output, STEP);
+type Direction = pin_type!(Output, DIRECTION);
+type Enable = pin_type!(Output, ENABLE);
+
+const _: () = assert!(
+    is_at(wiring::STEP, b'B', 5),
+    "compare unit A of timer 1 is on PB5"
+);
+
+/// Cycles that an interrupt needs to set the next edge.
+const LEAD: u16 = 60;
+const _: () = assert!(HIGH_CYCLES % 2 == 0 && HANDOVER % 2 == 0);
+
+/// Cycles after which the start of a long gap is handed to unit B.
+const HANDOVER: u16 = 200;
+
+/// A hop of a long wait: half a turn of the counter.
+const HOP: u16 = 0x8000;
+
+#[allow(clippy::cast_possible_truncation)]
+const LAST_SLOT: u8 = SLOTS as u8 - 1;
+
+/// What leads from one plan's place in the list to the other's.
+#[allow(clippy::cast_possible_truncation)]
+const OTHER: u8 = SLOTS as u8;
+
+/// The gap in use (cycles); zero is a standstill.
+static GAP: Shared<u32> = Shared::new(0);
+/// Cycles waited in a long gap, in hops.
+static WAITED: Shared<u32> = Shared::new(0);
+/// The gap in use if it is shorter than a turn of the counter, even; else zero.
+static SHORT_GAP: Shared<u16> = Shared::new(0);
+/// Microsteps made, positive compresses; wraps, and the main program looks often
+/// enough to tell how far it went.
+static MADE: Shared<u16> = Shared::new(0);
+/// What a step adds to them.
+static STRIDE: Shared<u16> = Shared::new(1);
+/// The pin is high.
+static IS_HIGH: Shared<bool> = Shared::new(false);
+/// Edges are being made.
+static IS_RUNNING: Shared<bool> = Shared::new(false);
+
+/// The gaps of the plan in use and of the one to come, in one list: indices into
+/// it can be masked instead of checked.
+static GAPS: [Shared<u32>; 2 * SLOTS] = [const { Shared::new(0) }; 2 * SLOTS];
+const _: () = assert!(SLOTS.is_power_of_two());
+/// Where the plan in use begins.
+static IN_USE: AtomicU8 = AtomicU8::new(0);
+/// Whether the plan to come compresses.
+static NEXT_COMPRESSES: AtomicBool = AtomicBool::new(false);
+/// The other one is complete and begins with the next period.
+static IS_NEXT_READY: AtomicBool = AtomicBool::new(false);
+/// The slot that comes next.
+static SLOT: AtomicU8 = AtomicU8::new(0);
+/// Stopped at once; slots are passed over until a new plan begins.
+static IS_HALTED: AtomicBool = AtomicBool::new(true);
+
+/// The pump's motor driver.
+pub struct Pulses {
+    timer: TC1,
+    planner: Planner,
+    /// Microsteps of [`MADE`] that are in `position`.
+    counted: u16,
+    position: i32,
+    enable: Enable,
+    _direction: Direction,
+    _step: Step,
+}
+
+impl Pulses {
+    /// Creates the driver, disabled.
+    ///
+    /// # Safety
+    ///
+    /// Only once: the pins have one owner.
+    pub unsafe fn new(timer: TC1) -> Self {
+        // SAFETY: passed on.
+        let (mut enable, direction, step) =
+            unsafe { (Enable::new(), Direction::new(), Step::new()) };
+        enable.high();
+        // Counts freely, no prescaler, pin disconnected.
+        timer.tccr1b().write(|w| w.cs1().direct());
+        Self {
+            timer,
+            planner: Planner::new(),
+            counted: 0,
+            position: 0,
+            enable,
+            _direction: direction,
+            _step: step,
+        }
+    }
+
+    /// Does what the control logic asks for. `acceleration` is in microsteps/s².
+    pub fn obey(&mut self, pump: io::Pump, acceleration: f32) {
+        match pump {
+            io::Pump::Off => {
+                self.halt();
+                self.enable.high();
+            }
+            io::Pump::Brake => {
+                self.halt();
+                self.enable.low();
+            }
+            io::Pump::Rate(rate) => {
+                self.enable.low();
+                let Plan { compress, gaps } = self.planner.plan(rate, acceleration);
+                // The interrupt does not look at it before it is ready.
+                IS_NEXT_READY.store(false, Relaxed);
+                NEXT_COMPRESSES.store(compress, Relaxed);
+                let next = usize::from(IN_USE.load(Relaxed)) ^ SLOTS;
+                for (place, gap) in GAPS.iter().skip(next).zip(gaps) {
+                    shared::free(|section| place.set(section, gap));
+                }
+                IS_NEXT_READY.store(true, Relaxed);
+            }
+        }
+    }
+
+    /// Stops at once; a pulse that has begun ends by itself.
+    fn halt(&mut self) {
+        self.planner.halt();
+        shared::free(|section| {
+            IS_NEXT_READY.store(false, Relaxed);
+            IS_HALTED.store(true, Relaxed);
+            set_gap(section, 0);
+            stop(section, &self.timer);
+        });
+    }
+
+    /// Microsteps made since the position was last set; positive compresses.
+    pub fn position(&mut self) -> i32 {
+        let made = shared::free(|section| MADE.get(section));
+        // At most 200 a control period.
+        #[allow(clippy::cast_possible_wrap)]
+        let since = made.wrapping_sub(self.counted) as i16;
+        self.counted = made;
+        self.position = self.position.wrapping_add(i32::from(since));
+        self.position
+    }
+
+    /// Declares the position of the last look to be this.
+    pub fn set_position(&mut self, steps: i32) {
+        self.position = steps;
+    }
+}
+
+/// Names the time of the next edge: `ahead` cycles after the one at `edge`, or as
+/// soon as possible when that has passed.
+#[inline(always)]
+fn set_edge(timer: &TC1, edge: u16, ahead: u16) {
+    let now = timer.tcnt1().read().bits();
+    let at = if now.wrapping_sub(edge).wrapping_add(LEAD) < ahead {
+        edge.wrapping_add(ahead)
+    } else {
+        odd(now.wrapping_add(LEAD))
+    };
+    timer.ocr1a().write(|w| w.set(at));
+}
+
+/// All edges are at odd times, and all that is added to them is even: simavr
+/// never matches a compare register that is zero.
+#[inline(always)]
+const fn odd(at: u16) -> u16 {
+    at | 1
+}
+
+/// Waits for the end of a long gap, of which `waited` is over at `now`, which is
+/// odd: sets the next edge if it is near, else hops.
+fn wait(section: CriticalSection<'_>, timer: &TC1, now: u16, waited: u32) {
+    let left = GAP.get(section).saturating_sub(waited) & !1;
+    let is_near = left <= u32::from(u16::MAX);
+    #[allow(clippy::cast_possible_truncation)] // Compared above.
+    if is_near {
+        set_edge(timer, now, left as u16);
+    } else {
+        WAITED.set(section, waited + u32::from(HOP));
+        // Unit A stays parked: it would match in a turn, and unit B hops before.
+        timer.ocr1a().write(|w| w.set(now));
+        timer.ocr1b().write(|w| w.set(now.wrapping_add(HOP)));
+        timer.tifr1().write(|w| w.ocf1b().set_bit());
+    }
+    timer.timsk1().write(|w| {
+        w.ocie1a().set_bit();
+        w.ocie1b().bit(!is_near)
+    });
+}
+
+/// Starts the pulses, the first one a gap from now.
+fn start(section: CriticalSection<'_>, timer: &TC1) {
+    IS_RUNNING.set(section, true);
+    wait(section, timer, odd(timer.tcnt1().read().bits()), 0);
+    // The compare register is set, so no old match can come any more; one that
+    // has come is forgotten, and only then may a match move the pin.
+    timer.tifr1().write(|w| w.ocf1a().set_bit());
+    timer.tccr1a().write(|w| w.com1a().match_toggle());
+}
+
+/// Stops the pulses unless one has begun; the end of that one will.
+fn stop(section: CriticalSection<'_>, timer: &TC1) {
+    if !IS_RUNNING.get(section) || IS_HIGH.get(section) {
+        return;
+    }
+    // Out of the counter's way, then look whether the edge was faster.
+    let now = timer.tcnt1().read().bits();
+    timer.ocr1a().write(|w| w.set(odd(now.wrapping_sub(LEAD))));
+    if timer.tifr1().read().ocf1a().bit_is_set() {
+        // It was: its interrupt is pending and lets the pulse end.
+        return;
+    }
+    disconnect(section, timer);
+}
+
+/// Takes the pin from the timer. It falls back to its port bit, which is low.
+fn disconnect(section: CriticalSection<'_>, timer: &TC1) {
+    timer.timsk1().reset();
+    timer.tccr1a().reset();
+    IS_RUNNING.set(section, false);
+}
+
+/// A slot of the plan begins; called by the clock.
+#[inline(always)]
+pub(super) fn slot(section: CriticalSection<'_>, is_first: bool) {
+    // SAFETY: the main program touches the timer in critical sections only.
+    let timer = unsafe { TC1::steal() };
+    if is_first && IS_NEXT_READY.load(Relaxed) {
+        begin_plan(section);
+    }
+    if IS_HALTED.load(Relaxed) {
+        return;
+    }
+    let slot = SLOT.load(Relaxed);
+    let index = usize::from(IN_USE.load(Relaxed) | slot) & (2 * SLOTS - 1);
+    let gap = GAPS[index].get(section);
+    if slot < LAST_SLOT {
+        SLOT.store(slot + 1, Relaxed);
+    }
+    set_gap(section, gap);
+    if gap == 0 {
+        stop(section, &timer);
+    } else if !IS_RUNNING.get(section) {
+        start(section, &timer);
+    }
+}
+
+#[inline(always)]
+fn set_gap(section: CriticalSection<'_>, gap: u32) {
+    GAP.set(section, gap);
+    SHORT_GAP.set(section, u16::try_from(gap).map_or(0, |gap| gap & !1));
+}
+
+/// The plan to come is the one in use now.
+fn begin_plan(section: CriticalSection<'_>) {
+    IS_NEXT_READY.store(false, Relaxed);
+    IS_HALTED.store(false, Relaxed);
+    IN_USE.store(IN_USE.load(Relaxed) ^ OTHER, Relaxed);
+    SLOT.store(0, Relaxed);
+    // The planner reverses at standstill only; the first edge is at least 25 µs
+    // away, longer than any driver wants to see the direction before.
+    if !IS_RUNNING.get(section) {
+        // SAFETY: the pin's owner hands it to this interrupt.
+        let mut direction = unsafe { Direction::new() };
+        if NEXT_COMPRESSES.load(Relaxed) {
+            direction.high();
+            STRIDE.set(section, 1);
+        } else {
+            direction.low();
+            STRIDE.set(section, u16::MAX);
+        }
+    }
+}
+
+// An edge was made. With 28 000 of them a second this is the interrupt that
+// counts, so what is rare is left to the one below.
+#[avr_device::interrupt(atmega2560)]
+fn TIMER1_COMPA() {
+    // SAFETY: this is an interrupt handler.
+    let section = unsafe { shared::in_interrupt() };
+    // SAFETY: the main program touches the timer in critical sections only.
+    let timer = unsafe { TC1::steal() };
+    let edge = timer.ocr1a().read().bits();
+    if IS_HIGH.get(section) {
+        IS_HIGH.set(section, false);
+        let gap = SHORT_GAP.get(section);
+        if gap != 0 {
+            set_edge(&timer, edge, gap);
+        } else {
+            // A long gap or a stop. Unit A is parked where it is, a turn ahead.
+            WAITED.set(section, u32::from(HANDOVER));
+            timer.ocr1b().write(|w| w.set(edge.wrapping_add(HANDOVER)));
+            timer.tifr1().write(|w| w.ocf1b().set_bit());
+            timer.timsk1().write(|w| {
+                w.ocie1a().set_bit();
+                w.ocie1b().set_bit()
+            });
+        }
+    } else {
+        set_edge(&timer, edge, HIGH_CYCLES);
+        IS_HIGH.set(section, true);
+        let made = MADE.get(section).wrapping_add(STRIDE.get(section));
+        MADE.set(section, made);
+    }
+}
+
+// Part of a long gap is over, or the pulses shall stop.
+#[avr_device::interrupt(atmega2560)]
+fn TIMER1_COMPB() {
+    // SAFETY: this is an interrupt handler.
+    let section = unsafe { shared::in_interrupt() };
+    // SAFETY: the main program touches the timer in critical sections only.
+    let timer = unsafe { TC1::steal() };
+    if GAP.get(section) == 0 {
+        stop(section, &timer);
+    } else {
+        let now = timer.ocr1b().read().bits();
+        wait(section, &timer, now, WAITED.get(section));
+    }
+}

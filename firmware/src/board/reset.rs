@@ -1,0 +1,109 @@
+//! From reset to `main`, and why there was a reset.
+//!
+//! Before anything else the outputs are made safe: the very first instructions
+//! release the valve and disable the driver, ahead of the stack, of static data,
+//! of everything that takes time or can go wrong. Until then the pins are inputs,
+//! and the driver's pull-up and the valve's spring say the same.
+//!
+//! The reset flags are kept in GPIOR2 and cleared, because the watchdog cannot be
+//! stopped while its flag stands. Stock bootloaders clear the flags themselves
+//! before they start us, and every reset looks ordinary then; what the firmware
+//! knows about its own end, it therefore also leaves in a word of memory that a
+//! reset does not clear.
+
+use core::arch::global_asm;
+
+use avr_device::atmega2560::CPU;
+use firmware::{
+    io::ResetCause,
+    wiring::{DIRECTION, ENABLE, VALVE},
+};
+
+const _: () = assert!(
+    DIRECTION.port == ENABLE.port && VALVE.port == ENABLE.port,
+    "the first instructions set one port"
+);
+
+global_asm!(
+    r#"
+    .section .init1,"ax",@progbits
+    ldi r24, {enable}
+    out {port}, r24
+    ldi r24, {outputs}
+    out {ddr}, r24
+
+    in r24, 0x34        ; MCUSR
+    out 0x2b, r24       ; GPIOR2
+    ldi r24, 0
+    out 0x34, r24
+    wdr
+    ldi r24, 0x18       ; WDCE, WDE
+    sts 0x60, r24       ; WDTCSR
+    ldi r24, 0
+    sts 0x60, r24
+
+    .section .noinit,"aw",@nobits
+    .global softrig_last_words
+softrig_last_words:
+    .skip 2
+    "#,
+    port = const ENABLE.port_address(),
+    ddr = const ENABLE.port_address() - 1,
+    enable = const 1 << ENABLE.bit,
+    outputs = const 1 << ENABLE.bit | 1 << VALVE.bit | 1 << DIRECTION.bit,
+);
+
+// SAFETY: the word is defined above; only the functions below touch it.
+unsafe extern "C" {
+    #[link_name = "softrig_last_words"]
+    static mut LAST_WORDS: u16;
+}
+
+/// Says that the firmware stopped itself. Memory at power-on is random; that it
+/// says this by chance is one in 65 536, and then costs a `clear`.
+const STOPPED_ITSELF: u16 = 0x5ca1;
+
+const POWER_ON: u8 = 1 << 0;
+const BROWN_OUT: u8 = 1 << 2;
+const WATCHDOG: u8 = 1 << 3;
+
+/// Why the processor started. To be asked once.
+pub fn cause(processor: &CPU) -> ResetCause {
+    // SAFETY: before interrupts are on, nobody else touches the word.
+    let stopped_itself = unsafe {
+        let word = (&raw const LAST_WORDS).read_volatile();
+        (&raw mut LAST_WORDS).write_volatile(0);
+        word == STOPPED_ITSELF
+    };
+    let flags = processor.gpior2().read().bits();
+    // At power-on the supply rises through the brown-out level.
+    if flags & POWER_ON != 0 {
+        ResetCause::Ordinary
+    } else if flags & WATCHDOG != 0 || stopped_itself {
+        ResetCause::Watchdog
+    } else if flags & BROWN_OUT != 0 {
+        ResetCause::BrownOut
+    } else {
+        ResetCause::Ordinary
+    }
+}
+
+/// Makes the outputs safe and waits for the watchdog, whatever else is broken.
+pub fn stop_for_good() -> ! {
+    avr_device::interrupt::disable();
+    // SAFETY: nothing else runs any more; constants written to the port make
+    // its outputs safe, as after a reset.
+    unsafe {
+        core::arch::asm!(
+            "out {port}, {safe}",
+            port = const ENABLE.port_address(),
+            safe = in(reg_upper) 1_u8 << ENABLE.bit,
+            options(nostack, preserves_flags),
+        );
+        (&raw mut LAST_WORDS).write_volatile(STOPPED_ITSELF);
+    }
+    loop {
+        // The step timer may still move its pin: the driver is off.
+        core::hint::spin_loop();
+    }
+}

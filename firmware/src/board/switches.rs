@@ -1,0 +1,88 @@
+//! End switches and emergency stop.
+//!
+//! All are normally closed to ground with the internal pull-up: pressed, broken
+//! or pulled out they read high. Long wires beside a motor's catch spikes, so a
+//! level counts once it was seen in two of the last three looks, 1.25 ms apart.
+
+use core::sync::atomic::{AtomicU8, Ordering::Relaxed};
+
+use super::pins::pin_type;
+
+const RETRACTED: u8 = 1;
+const PUSHED: u8 = 2;
+const STOP: u8 = 4;
+
+type RetractedEnd = pin_type!(Input, RETRACTED_END);
+type PushedEnd = pin_type!(Input, PUSHED_END);
+type EmergencyStop = pin_type!(Input, EMERGENCY_STOP);
+
+/// The last look and the one before.
+static LAST: AtomicU8 = AtomicU8::new(0xff);
+static BEFORE: AtomicU8 = AtomicU8::new(0xff);
+/// What counts. Until they were looked at, all are pressed.
+static PRESSED: AtomicU8 = AtomicU8::new(0xff);
+
+/// The three switches.
+pub struct Switches {
+    _retracted: RetractedEnd,
+    _pushed: PushedEnd,
+    _stop: EmergencyStop,
+}
+
+/// Which of them are pressed, or have a broken wire.
+#[derive(Clone, Copy)]
+pub struct Pressed(u8);
+
+impl Pressed {
+    /// The end switch at the retracted end.
+    pub const fn retracted_end(self) -> bool {
+        self.0 & RETRACTED != 0
+    }
+
+    /// The end switch at the pushed-in end.
+    pub const fn pushed_end(self) -> bool {
+        self.0 & PUSHED != 0
+    }
+
+    /// The emergency stop.
+    pub const fn emergency_stop(self) -> bool {
+        self.0 & STOP != 0
+    }
+}
+
+impl Switches {
+    /// Creates the switches' inputs.
+    ///
+    /// # Safety
+    ///
+    /// Only once: the pins have one owner.
+    pub unsafe fn new() -> Self {
+        // SAFETY: passed on.
+        unsafe {
+            Self {
+                _retracted: RetractedEnd::new(),
+                _pushed: PushedEnd::new(),
+                _stop: EmergencyStop::new(),
+            }
+        }
+    }
+
+    /// What is pressed now.
+    pub fn pressed(&self) -> Pressed {
+        Pressed(PRESSED.load(Relaxed))
+    }
+}
+
+/// Looks at the pins; called by the clock.
+#[inline(always)]
+pub(super) fn sample() {
+    let level = |is_high: bool, bit: u8| if is_high { bit } else { 0 };
+    let now = level(RetractedEnd::peek(), RETRACTED)
+        | level(PushedEnd::peek(), PUSHED)
+        | level(EmergencyStop::peek(), STOP);
+    let last = LAST.load(Relaxed);
+    let before = BEFORE.load(Relaxed);
+    PRESSED.store(now & last | last & before | now & before, Relaxed);
+    BEFORE.store(last, Relaxed);
+    LAST.store(now, Relaxed);
+}
