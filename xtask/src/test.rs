@@ -68,10 +68,13 @@ pub fn test(scope: Scope) -> Outcome {
     Ok(())
 }
 
-/// The simulator's own tests, then the image in it.
+/// The simulator's own tests and the image on the simulated rig, then the image
+/// against the desktop.
 fn simulator(image: &Path) -> Outcome {
     let rig = virtual_rig()?;
-    run(cargo().args(["test", "--locked", "-p", "virtual-rig", "--", "-q"]))?;
+    run(cargo()
+        .args(["test", "--locked", "-p", "virtual-rig", "--", "-q"])
+        .env("SOFTRIG_FIRMWARE", image))?;
     run(cargo()
         .args(["test", "--locked", "--workspace"])
         .args(["--test", "firmware_in_simulator", "--", "--nocapture"])
