@@ -20,7 +20,7 @@ fn main() {
 #[cfg(target_arch = "avr")]
 #[avr_device::entry]
 fn main() -> ! {
-    use board::{Board, clock::Period, texts::FlashTexts, watchdog::Watchdog};
+    use board::{Board, clock::Period, health::Health, texts::FlashTexts, watchdog::Watchdog};
     use embedded_hal_nb::serial::Read;
     use firmware::io::Inputs;
     use wire::{
@@ -36,6 +36,7 @@ fn main() -> ! {
     };
     let app = board.room.start(&board.eeprom, board.reset_cause);
     let mut assembler = Assembler::<{ MAX_LINE }>::new();
+    let mut health = Health::new();
     let mut watchdog = Watchdog::start(board.watchdog);
     board::start();
     // The serial port cannot fail: its error type has no values.
@@ -84,6 +85,9 @@ fn main() -> ! {
                 let Ok(()) = telemetry.write(out);
             });
             let Ok(()) = app.report(&FlashTexts, &mut board.serial);
+            if rests {
+                health.look(time_ms, &mut board.serial);
+            }
             watchdog.feed();
         }
         board

@@ -417,7 +417,9 @@ impl Playback {
                 period_ms,
                 ..
             } => {
-                let cycles = (self.elapsed_ms % period_ms) as f32 / period_ms as f32;
+                // Written so that nothing panics; a period is never zero.
+                let within = self.elapsed_ms.checked_rem(period_ms).unwrap_or(0);
+                let cycles = within as f32 / period_ms as f32;
                 (
                     track,
                     centre.to_f32() + amplitude.to_f32() * multisine(cycles),

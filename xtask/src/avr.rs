@@ -187,7 +187,7 @@ pub fn gates(image: &Path) -> Outcome {
     let broken = broken_gates(&symbols, &bytes);
     if broken.is_empty() {
         println!(
-            "  gates: avr-libc's float routines, no 64-bit floats, no float formatting, no `!!!`"
+            "  gates: avr-libc's float routines, no 64-bit floats, no core::fmt, no panics, no `!!!`"
         );
         Ok(())
     } else {
@@ -220,6 +220,16 @@ fn broken_gates(symbols: &str, bytes: &[u8]) -> Vec<String> {
              control loop is five times slower; see firmware/build.rs"
                 .into(),
         );
+    }
+    let panics: Vec<&str> = names().filter(|name| name.contains("9panicking")).collect();
+    if !panics.is_empty() {
+        broken.push(format!(
+            "the image can panic ({}): a control loop must go on; find the caller with avr-objdump",
+            panics.join(", ")
+        ));
+    }
+    if names().any(|name| name.contains("4core3fmt")) {
+        broken.push("core::fmt is in the image: write with ufmt".into());
     }
     if bytes.windows(3).any(|window| window == b"!!!") {
         broken.push("`!!!` is in the image: old bootloaders drop into their monitor on it".into());
@@ -277,10 +287,14 @@ mod tests {
         let good = "00000100 T main\n00000200 T __mulsf3x\n";
         assert!(broken_gates(good, b"quiet").is_empty());
         assert_eq!(broken_gates(&format!("{good}1 T __adddf3\n"), b"").len(), 1);
-        assert_eq!(
-            broken_gates(&format!("{good}1 t _ZN4core3fmt5float17h0E\n"), b"").len(),
-            1
-        );
+        for (symbol, gates) in [
+            ("_ZN4core3fmt5float17h0E", 2),
+            ("_RNvNtNtCs7_4core3fmt5write", 1),
+            ("_RNvNtCs7_4core9panicking9panic_fmt", 1),
+        ] {
+            let symbols = format!("{good}1 t {symbol}\n");
+            assert_eq!(broken_gates(&symbols, b"").len(), gates, "{symbol}");
+        }
         assert_eq!(broken_gates("00000100 T main\n", b"").len(), 1);
         assert_eq!(broken_gates(good, b"stop!!!").len(), 1);
     }

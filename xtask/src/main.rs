@@ -11,12 +11,14 @@ mod demo;
 mod flash;
 mod setup;
 mod shell;
+mod size;
 mod test;
 
 use std::{env, process::ExitCode};
 
 use setup::Mode;
 use shell::Outcome;
+use size::Golden;
 use test::Scope;
 
 const HELP: &str = "\
@@ -30,7 +32,7 @@ Tasks:
   test [--host-only]     everything that must hold before a change goes in
   ci                     the same, as continuous integration runs it
   firmware               build the image, check it, print its size
-  size                   print the size of the image
+  size [--accept]        memory and processor time against budgets and last time
   bench [diagnosis | host | board]
                          a whole diagnosis; our solver beside SciPy's; cycles
   flash --port PORT [--no-console] [--dry-run]
@@ -61,7 +63,8 @@ fn main() -> ExitCode {
         ["test" | "ci"] => test::test(Scope::Everything),
         ["test", "--host-only"] => test::test(Scope::Host),
         ["firmware"] => firmware(),
-        ["size"] => avr::build().and_then(|image| avr::print_size(&image)),
+        ["size"] => avr::build().and_then(|image| size::size(&image, Golden::Check)),
+        ["size", "--accept"] => avr::build().and_then(|image| size::size(&image, Golden::Accept)),
         ["bench"] => bench::diagnosis()
             .and_then(|()| bench::host())
             .and_then(|()| bench::board()),

@@ -9,6 +9,7 @@ use crate::{
     avr,
     setup::{self, Mode},
     shell::{Outcome, Steps, cargo, run, target_dir},
+    size::{self, Golden},
 };
 
 /// Which tests to run.
@@ -56,7 +57,7 @@ pub fn test(scope: Scope) -> Outcome {
         })?;
         steps.step("gates", || {
             avr::gates(&image)?;
-            avr::print_size(&image)
+            size::size(&image, Golden::Check)
         })?;
         steps.step("simulator", || simulator(&image))?;
     } else {

@@ -14,6 +14,7 @@
 //! | settings | EEPROM | [`eeprom`] |
 //! | watchdog, reset flags | WDT, MCUSR, GPIOR2 | [`watchdog`], [`reset`] |
 //! | cycle marks | GPIOR0 | [`marks`] |
+//! | stack depth, counters | – | [`stack`], [`health`] |
 //!
 //! Interrupts move bytes, samples and edges; none of them calls a float routine
 //! or lasts longer than the time between two step edges.
@@ -22,6 +23,7 @@
 pub mod adc;
 pub mod clock;
 pub mod eeprom;
+pub mod health;
 pub mod light;
 pub mod marks;
 mod pins;

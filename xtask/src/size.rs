@@ -1,0 +1,230 @@
+//! What the image takes of the board, against budgets and against last time.
+//!
+//! Flash and static memory come from the image, stack and processor time from
+//! running it on the simulated rig, which repeats to the cycle. A budget that is
+//! exceeded always fails. A figure that moved is not wrong, but nobody should
+//! find out a year later: it fails too, until the golden file says the new one.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    process::Command,
+};
+
+use crate::{
+    avr,
+    shell::{Outcome, read, root},
+    test::virtual_rig,
+};
+
+/// A figure: its name in the golden file, what it is, the most that it may be,
+/// and how far it may move unnoticed.
+struct Row {
+    name: &'static str,
+    title: &'static str,
+    unit: &'static str,
+    budget: f64,
+    tolerance: f64,
+}
+
+const RAM_BYTES: f64 = 8_192.0;
+
+const ROWS: [Row; 5] = [
+    Row {
+        name: "flash_bytes",
+        title: "flash",
+        unit: "bytes",
+        budget: 96.0 * 1024.0,
+        tolerance: 1_024.0,
+    },
+    Row {
+        name: "static_ram_bytes",
+        title: "static RAM",
+        unit: "bytes",
+        budget: 3_072.0,
+        tolerance: 32.0,
+    },
+    Row {
+        name: "stack_bytes",
+        title: "stack, deepest",
+        unit: "bytes",
+        budget: 3_072.0,
+        tolerance: 128.0,
+    },
+    Row {
+        name: "cpu_at_rest_percent",
+        title: "processor at rest",
+        unit: "%",
+        budget: 60.0,
+        tolerance: 1.0,
+    },
+    Row {
+        name: "cpu_in_a_run_percent",
+        title: "processor, pump at full flow",
+        unit: "%",
+        budget: 90.0,
+        tolerance: 2.0,
+    },
+];
+
+/// What to do with the golden file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Golden {
+    /// Compare with it.
+    Check,
+    /// Write it.
+    Accept,
+}
+
+/// Measures the image and compares.
+pub fn size(image: &Path, golden: Golden) -> Outcome {
+    let mut figures = measure(image)?;
+    let avr::Size { flash, static_ram } = avr::size(image)?;
+    figures.push(("flash_bytes".into(), flash as f64));
+    figures.push(("static_ram_bytes".into(), static_ram as f64));
+    let path = golden_path();
+    if golden == Golden::Accept {
+        fs::write(&path, golden_text(&figures))
+            .map_err(|error| format!("cannot write {}: {error}", path.display()))?;
+    }
+    let before = parse(&fs::read_to_string(&path).unwrap_or_default());
+    let (report, wrong) = compare(&figures, &before);
+    print!("{report}");
+    if let (Some(fixed), Some(stack)) = (
+        value(&figures, "static_ram_bytes"),
+        value(&figures, "stack_bytes"),
+    ) {
+        println!("  RAM never used {:>18} bytes", RAM_BYTES - fixed - stack);
+    }
+    if wrong.is_empty() {
+        Ok(())
+    } else {
+        Err(wrong.join("\n").into())
+    }
+}
+
+fn golden_path() -> PathBuf {
+    root().join("firmware/size.txt")
+}
+
+/// Runs the image through its paces.
+fn measure(image: &Path) -> Outcome<Vec<(String, f64)>> {
+    let said = read(Command::new(virtual_rig()?).arg("measure").arg(image))?;
+    let figures = parse(&said);
+    if value(&figures, "resets") != Some(0.0) {
+        return Err("the board was reset while it was measured".into());
+    }
+    if value(&figures, "telemetry_lines_in_10_s") != Some(1_000.0) {
+        return Err("the board did not send its hundred lines a second".into());
+    }
+    Ok(figures)
+}
+
+/// Reads `NAME VALUE` lines; what begins with `#` is a remark.
+fn parse(text: &str) -> Vec<(String, f64)> {
+    text.lines()
+        .filter(|line| !line.starts_with('#'))
+        .filter_map(|line| {
+            let (name, value) = line.split_once(' ')?;
+            Some((name.to_owned(), value.trim().parse().ok()?))
+        })
+        .collect()
+}
+
+fn value(figures: &[(String, f64)], name: &str) -> Option<f64> {
+    figures.iter().find(|(n, _)| n == name).map(|&(_, v)| v)
+}
+
+fn golden_text(figures: &[(String, f64)]) -> String {
+    let mut text =
+        String::from("# What the image takes; `cargo xtask size --accept` writes this.\n");
+    for row in &ROWS {
+        if let Some(value) = value(figures, row.name) {
+            text.push_str(&format!("{} {value}\n", row.name));
+        }
+    }
+    text
+}
+
+/// The table, and what is wrong with it.
+fn compare(figures: &[(String, f64)], before: &[(String, f64)]) -> (String, Vec<String>) {
+    let mut report = format!(
+        "  {:<30}{:>9}{:>9}{:>11}{:>10}\n",
+        "", "now", "budget", "headroom", "before"
+    );
+    let mut wrong = Vec::new();
+    for row in &ROWS {
+        let Some(now) = value(figures, row.name) else {
+            wrong.push(format!("{} was not measured", row.title));
+            continue;
+        };
+        let last = value(before, row.name);
+        report.push_str(&format!(
+            "  {:<30}{now:>9}{:>9}{:>10.0}%{:>10}  {}\n",
+            row.title,
+            row.budget,
+            100.0 * (1.0 - now / row.budget),
+            last.map_or("–".into(), |last| last.to_string()),
+            row.unit,
+        ));
+        if now > row.budget {
+            wrong.push(format!(
+                "{}: {now} {} exceed the budget of {}",
+                row.title, row.unit, row.budget
+            ));
+        }
+        match last {
+            Some(last) if (now - last).abs() <= row.tolerance => {}
+            Some(last) => wrong.push(format!(
+                "{}: {now} {}, {last} before; more than {} apart. If that is meant, \
+                 `cargo xtask size --accept` and commit firmware/size.txt",
+                row.title, row.unit, row.tolerance
+            )),
+            None => wrong.push(format!(
+                "{}: not in firmware/size.txt; `cargo xtask size --accept` writes it",
+                row.title
+            )),
+        }
+    }
+    (report, wrong)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn figures(flash: f64) -> Vec<(String, f64)> {
+        ROWS.iter()
+            .map(|row| {
+                let value = if row.name == "flash_bytes" {
+                    flash
+                } else {
+                    row.budget / 2.0
+                };
+                (row.name.to_owned(), value)
+            })
+            .collect()
+    }
+
+    #[test]
+    fn what_was_accepted_passes() {
+        let now = figures(80_000.0);
+        let golden = parse(&golden_text(&now));
+        assert_eq!(golden.len(), ROWS.len());
+        assert!(compare(&now, &golden).1.is_empty());
+        assert!(compare(&figures(80_900.0), &golden).1.is_empty());
+    }
+
+    #[test]
+    fn a_move_and_a_broken_budget_are_told() {
+        let golden = figures(80_000.0);
+        let moved = compare(&figures(82_000.0), &golden).1;
+        assert!(moved.len() == 1 && moved[0].contains("--accept"));
+        let smaller = compare(&figures(70_000.0), &golden).1;
+        assert_eq!(smaller.len(), 1);
+        let too_large = figures(100_000.0);
+        let wrong = compare(&too_large, &too_large).1;
+        assert!(wrong.len() == 1 && wrong[0].contains("budget"));
+        assert_eq!(compare(&golden, &[]).1.len(), ROWS.len());
+    }
+}
