@@ -643,6 +643,14 @@ static void on_reset_flags(struct avr_t *avr, avr_io_addr_t addr, uint8_t value,
     avr->data[addr] = board->reset_flags;
 }
 
+// simavr would poll a low input for level interrupts every cycle, whether or not
+// they are enabled, at a tenth of the speed; again after every reset.
+static void no_level_polling(avr_t *avr)
+{
+    for (int i = 0; i < EXTINT_COUNT; i++)
+        avr_extint_set_strict_lvl_trig(avr, (uint8_t)i, 0);
+}
+
 // simavr clears all registers and timers; what outlives a reset is put back.
 static void after_reset(struct softrig_board *board)
 {
@@ -652,6 +660,7 @@ static void after_reset(struct softrig_board *board)
     board->reset_flags |= avr->data[MCUSR]; // the watchdog's flag is there already
     avr->data[MCUSR] = board->reset_flags;
     avr->run_cycle_limit = RUN_AT_MOST;
+    no_level_polling(avr);
     board->mark_open = 0;
     board->eeprom_armed = 0;
     board->step_level = 0;
@@ -780,10 +789,7 @@ struct softrig_board *softrig_board_new(const char *processor, uint32_t hertz,
     avr_register_io_write(avr, UCSR0A, on_uart_setup, board);
     board->byte_cycles = hertz / 11520;
 
-    // simavr would poll a low input for level interrupts every cycle, whether
-    // or not they are enabled, at a tenth of the speed.
-    for (int i = 0; i < EXTINT_COUNT; i++)
-        avr_extint_set_strict_lvl_trig(avr, (uint8_t)i, 0);
+    no_level_polling(avr);
 
     board->receive = avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_INPUT);
     avr_irq_register_notify(
