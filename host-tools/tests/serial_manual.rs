@@ -48,7 +48,10 @@ fn what_the_board_says_is_understood() {
                     Ok(_) | Err(Refusal::Unsealed | Refusal::NotNow)
                 ));
             }
-            Incoming::Remark(text) => assert!(text.starts_with("softrig "), "{text}"),
+            Incoming::Remark(text) => assert!(
+                text.starts_with("softrig ") || text.starts_with("free "),
+                "{text}"
+            ),
             Incoming::Other(_) | Incoming::Damaged => panic!("{line}: {incoming:?}"),
         }
     }
