@@ -94,7 +94,7 @@ impl uDisplay for Hundredths {
     }
 }
 
-/// A whole number. As `{}` of an integer, but quick on the board; see [`digits`].
+/// A whole number. As `{}` of an integer, but quick on the board; see `digits`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Whole(pub i32);
 
