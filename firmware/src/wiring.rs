@@ -68,6 +68,7 @@ pub const PINS: [(&str, Pin); 8] = [
 
 #[cfg(test)]
 mod tests {
+    extern crate std;
     use super::*;
 
     #[test]
@@ -77,6 +78,23 @@ mod tests {
                 assert_ne!(a.arduino, b.arduino);
                 assert_ne!((a.port, a.bit), (b.port, b.bit));
             }
+        }
+    }
+
+    #[test]
+    fn the_table_that_people_solder_by_says_the_same() {
+        let page = include_str!("../../docs/hardware/wiring.md");
+        for (name, pin) in PINS {
+            let port = char::from(pin.port);
+            let row = std::format!("| {name} | {} | P{port}{} |", pin.arduino, pin.bit);
+            assert!(page.contains(&row), "{row}");
+        }
+        for (name, channel) in [
+            ("pressure sensor", PRESSURE_CHANNEL),
+            ("flex sensor", FLEX_CHANNEL),
+        ] {
+            let row = std::format!("| {name} | A{channel} | PF{channel} |");
+            assert!(page.contains(&row), "{row}");
         }
     }
 
