@@ -110,9 +110,11 @@ impl Pulses {
     /// Only once: the pins have one owner.
     pub unsafe fn new(timer: TC1) -> Self {
         // SAFETY: passed on.
-        let (mut enable, direction, step) =
+        let (mut enable, mut direction, step) =
             unsafe { (Enable::new(), Direction::new(), Step::new()) };
         enable.high();
+        // As the stride is at first.
+        direction.high();
         // Counts freely, no prescaler, pin disconnected.
         timer.tccr1b().write(|w| w.cs1().direct());
         Self {
@@ -139,9 +141,13 @@ impl Pulses {
             }
             io::Pump::Rate(rate) => {
                 self.enable.low();
+                // Every plan goes on from the one before and has to be played: one
+                // that was late, and still waits for its period, stays.
+                if IS_NEXT_READY.load(Relaxed) {
+                    return;
+                }
                 let Plan { compress, gaps } = self.planner.plan(rate, acceleration);
                 // The interrupt does not look at it before it is ready.
-                IS_NEXT_READY.store(false, Relaxed);
                 NEXT_COMPRESSES.store(compress, Relaxed);
                 let next = usize::from(IN_USE.load(Relaxed)) ^ SLOTS;
                 for (place, gap) in GAPS.iter().skip(next).zip(gaps) {
@@ -262,7 +268,7 @@ pub(super) fn slot(section: CriticalSection<'_>, is_first: bool) {
     // SAFETY: the main program touches the timer in critical sections only.
     let timer = unsafe { TC1::steal() };
     if is_first && IS_NEXT_READY.load(Relaxed) {
-        begin_plan(section);
+        begin_plan(section, &timer);
     }
     if IS_HALTED.load(Relaxed) {
         return;
@@ -288,23 +294,36 @@ fn set_gap(section: CriticalSection<'_>, gap: u32) {
 }
 
 /// The plan to come is the one in use now.
-fn begin_plan(section: CriticalSection<'_>) {
+fn begin_plan(section: CriticalSection<'_>, timer: &TC1) {
     IS_NEXT_READY.store(false, Relaxed);
     IS_HALTED.store(false, Relaxed);
     IN_USE.store(IN_USE.load(Relaxed) ^ OTHER, Relaxed);
     SLOT.store(0, Relaxed);
-    // The planner reverses at standstill only; the first edge is at least 25 µs
-    // away, longer than any driver wants to see the direction before.
-    if !IS_RUNNING.get(section) {
-        // SAFETY: the pin's owner hands it to this interrupt.
-        let mut direction = unsafe { Direction::new() };
-        if NEXT_COMPRESSES.load(Relaxed) {
-            direction.high();
-            STRIDE.set(section, 1);
-        } else {
-            direction.low();
-            STRIDE.set(section, u16::MAX);
-        }
+    let stride = if NEXT_COMPRESSES.load(Relaxed) {
+        1
+    } else {
+        u16::MAX
+    };
+    if stride == STRIDE.get(section) {
+        return;
+    }
+    // The planner reverses at standstill only. Were it ever otherwise, the motor
+    // would run away: rather no pulses at all.
+    if IS_RUNNING.get(section) {
+        IS_HALTED.store(true, Relaxed);
+        set_gap(section, 0);
+        stop(section, timer);
+        return;
+    }
+    // The first edge is at least 25 µs away, longer than any driver wants to see
+    // the direction before.
+    STRIDE.set(section, stride);
+    // SAFETY: the pin's owner hands it to this interrupt.
+    let mut direction = unsafe { Direction::new() };
+    if stride == 1 {
+        direction.high();
+    } else {
+        direction.low();
     }
 }
 
