@@ -93,15 +93,20 @@ impl Conditions {
 /// Whether the plunger runs into an end switch: the flag
 /// [`Conditions::end_switch`].
 ///
-/// `rate` is what the pump is doing (microsteps/s, positive compresses). Moving
-/// against a switch that is open counts, leaving it does not. While homing, the
-/// retracted switch is what the plunger looks for and does not count. A plunger
-/// cannot be at both ends, so two open switches are a broken wire and count in
-/// every state, moving or not.
+/// `rate` is what the pump is told to do (microsteps/s, positive compresses).
+/// Once homed, the plunger stands clear of both switches and its way ends before
+/// them, so either of them counts in motion, whatever the direction: a swapped
+/// motor wire or a lost home would otherwise be excused. While homing, the
+/// retracted switch is what the plunger looks for, and the other one is left,
+/// not run into, when it retracts. A plunger cannot be at both ends, so two open
+/// switches are a broken wire and count in every state, moving or not.
 pub fn runs_into_end(state: State, inputs: &Inputs, rate: f32) -> bool {
-    let retracting_into = inputs.retracted_end && rate < 0.0 && state != State::Homing;
-    let pushing_into = inputs.pushed_end && rate > 0.0;
-    retracting_into || pushing_into || (inputs.retracted_end && inputs.pushed_end)
+    let (retracted, pushed) = (inputs.retracted_end, inputs.pushed_end);
+    let in_motion = match state {
+        State::Ready | State::Running => rate.abs() > 0.0 && (retracted || pushed),
+        State::Idle | State::Homing | State::Fault => rate > 0.0 && pushed,
+    };
+    in_motion || (retracted && pushed)
 }
 
 /// A set of faults, a bit each.
@@ -696,21 +701,23 @@ mod tests {
     }
 
     #[test]
-    fn an_end_counts_when_the_plunger_moves_against_it() {
+    fn an_end_counts_in_motion_and_homing_may_look_for_its_own() {
         let at = |retracted_end, pushed_end| Inputs {
             retracted_end,
             pushed_end,
             ..Inputs::default()
         };
         for state in [State::Ready, State::Running] {
-            assert!(runs_into_end(state, &at(true, false), -1.0));
-            assert!(!runs_into_end(state, &at(true, false), 1.0));
-            assert!(!runs_into_end(state, &at(true, false), 0.0));
-            assert!(runs_into_end(state, &at(false, true), 1.0));
-            assert!(!runs_into_end(state, &at(false, true), -1.0));
+            for (retracted, pushed) in [(true, false), (false, true)] {
+                assert!(runs_into_end(state, &at(retracted, pushed), -1.0));
+                assert!(runs_into_end(state, &at(retracted, pushed), 1.0));
+                assert!(!runs_into_end(state, &at(retracted, pushed), 0.0));
+            }
+            assert!(!runs_into_end(state, &at(false, false), 1.0));
         }
         assert!(!runs_into_end(State::Homing, &at(true, false), -1.0));
         assert!(runs_into_end(State::Homing, &at(false, true), 1.0));
+        assert!(!runs_into_end(State::Homing, &at(false, true), -1.0));
         // Nothing is at both ends.
         for state in State::ALL {
             assert!(runs_into_end(state, &at(true, true), 0.0));
