@@ -701,8 +701,8 @@ fn noise() -> impl Strategy<Value = Vec<u8>> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(1_000))]
-    /// A hundred thousand strings in all.
+    #![proptest_config(ProptestConfig::with_cases(10_000))]
+    /// A million strings in all.
     #[test]
     fn noise_on_the_cable_moves_nothing(strings in prop::collection::vec(noise(), 100)) {
         use wire::assemble::{Assembled, Assembler};
