@@ -157,7 +157,7 @@ impl<R: Real + FromF64> Input<R> for Around<'_, R> {
 pub struct Start<R> {
     /// What the sensor shows (rad).
     pub angle: R,
-    /// Angular rate (rad/s).
+    /// Rate of what the sensor shows (rad/s).
     pub rate: R,
 }
 
@@ -201,11 +201,8 @@ pub fn run<R: FromF64, P: Power<R>>(
     start: Start<R>,
     substeps: usize,
 ) -> Trajectory<R> {
-    let mut state: State<R> = model.moving(
-        model.angle_behind(start.angle),
-        start.rate,
-        R::from_f64(signal.value[0]),
-    );
+    let pressure = R::from_f64(signal.value[0]);
+    let mut state: State<R> = model.showing(start.angle, start.rate, pressure);
     let mut reading = Vec::with_capacity(signal.time.len());
     reading.push(model.reading(&state));
     let mut diverged = false;

@@ -26,7 +26,7 @@ use core::fmt;
 use core::marker::PhantomData;
 
 use crate::catalogue::Effect;
-use crate::effects::{Hidden, Instant, Mechanism, Rest};
+use crate::effects::{Hidden, Instant, Mechanism, Motion, Rest};
 use crate::input::Input;
 use crate::power::{Power, signed_power};
 use crate::real::Real;
@@ -292,11 +292,23 @@ impl<R: Real, P: Power<R>> Model<R, P> {
     /// The state of an actuator that passes `angle` (rad) with `rate` (rad/s)
     /// and whose hidden states have settled there: the start of a recording
     /// that was cut out of a longer one.
+    ///
+    /// What happened before the start is not known: an effect with a past (a
+    /// creep, a largest angle, a play) begins as if it had rested here, and only
+    /// a sensor's lag takes the rate into account.
     pub fn moving(&self, angle: R, rate: R, pressure: R) -> State<R> {
-        let rest = Rest { angle, pressure };
+        let mut rest = Rest {
+            angle,
+            rate,
+            pressure,
+            reading: angle,
+        };
         let mut hidden = [[R::zero(); 2]; MAX_EFFECTS];
+        let mut unused = [R::zero(); 2];
         for (slot, effect) in hidden.iter_mut().zip(self.effects.iter().flatten()) {
             *slot = effect.at_rest(&rest);
+            rest.pressure = effect.input(rest.pressure, slot, &mut unused);
+            rest.reading = effect.sensor(rest.reading, R::zero(), slot, &mut unused);
         }
         State {
             time: R::zero(),
@@ -309,33 +321,11 @@ impl<R: Real, P: Power<R>> Model<R, P> {
     /// The rate of change of `state`, `offset` seconds into the current step.
     pub fn derivative(&self, state: &State<R>, input: &impl Input<R>, offset: R) -> Derivative<R> {
         let mut rates = [[R::zero(); 2]; MAX_EFFECTS];
-
-        let mut delay = R::zero();
-        for effect in self.effects.iter().flatten() {
-            delay += effect.delay();
-        }
-        let mut pressure = input.pressure(offset - delay);
+        let mut pressure = input.pressure(offset - self.delay());
         for ((effect, hidden), rates) in self.slots(&state.hidden, &mut rates) {
             pressure = effect.input(pressure, hidden, rates);
         }
-
-        let at = Instant {
-            time: state.time,
-            angle: state.angle,
-            rate: state.rate,
-            pressure,
-        };
-        let mut d = self.dynamics;
-        for effect in self.effects.iter().flatten() {
-            effect.modulate(&at, &mut d);
-        }
-        let mut force = d.input_gain * pressure
-            - d.damping * state.rate
-            - d.stiffness * signed_power::<R, P>(state.angle, d.exponent);
-        for ((effect, hidden), rates) in self.slots(&state.hidden, &mut rates) {
-            force -= effect.force(&at, hidden, rates);
-        }
-        let acceleration = force / d.inertia;
+        let acceleration = self.force(state, pressure, &mut rates) / self.dynamics.inertia;
 
         let mut reading = state.angle;
         for ((effect, hidden), rates) in self.slots(&state.hidden, &mut rates) {
@@ -347,6 +337,39 @@ impl<R: Real, P: Power<R>> Model<R, P> {
             acceleration,
             hidden: rates,
         }
+    }
+
+    /// The sum of the delays (s) on the input path.
+    #[inline]
+    fn delay(&self) -> R {
+        let mut delay = R::zero();
+        for effect in self.effects.iter().flatten() {
+            delay += effect.delay();
+        }
+        delay
+    }
+
+    /// F − C ω − K sign(θ)|θ|ⁿ − Q (N) under `pressure` (Pa) in the chamber, and
+    /// the rates of the hidden states of the forces.
+    #[inline]
+    fn force(&self, state: &State<R>, pressure: R, rates: &mut [Hidden<R>; MAX_EFFECTS]) -> R {
+        let at = Instant {
+            time: state.time,
+            angle: state.angle,
+            rate: state.rate,
+            pressure,
+        };
+        let mut d = self.dynamics;
+        for (effect, hidden) in self.effects.iter().flatten().zip(&state.hidden) {
+            effect.modulate(&at, hidden, &mut d);
+        }
+        let mut force = d.input_gain * pressure
+            - d.damping * state.rate
+            - d.stiffness * signed_power::<R, P>(state.angle, d.exponent);
+        for ((effect, hidden), rates) in self.slots(&state.hidden, rates) {
+            force -= effect.force(&at, hidden, rates);
+        }
+        force
     }
 
     /// What the angle sensor shows (rad): the angle through the sensor effects.
@@ -361,55 +384,82 @@ impl<R: Real, P: Power<R>> Model<R, P> {
 
     /// The angle (rad) at rest behind what the sensor shows (rad): the inverse
     /// of [`Model::reading`] once the sensor has settled.
-    ///
-    /// Sensors are nearly straight, so a fixed-point iteration contracts; it is
-    /// exact after one pass for an offset.
     pub fn angle_behind(&self, reading: R) -> R {
-        let mut angle = reading;
-        for _ in 0..4 {
-            let shown = self.reading(&self.at_rest(angle, R::zero()));
-            angle += reading - shown;
-        }
-        angle
+        let rate = R::zero();
+        self.motion_behind(Motion {
+            angle: reading,
+            rate,
+        })
+        .angle
+    }
+
+    /// The motion behind what the sensor shows at the start of a run: exact for
+    /// what only bends the reading, and for a lag as far as the motion is even.
+    fn motion_behind(&self, shown: Motion<R>) -> Motion<R> {
+        let effects = self.effects.iter().flatten();
+        effects
+            .rev()
+            .fold(shown, |motion, effect| effect.behind(motion))
+    }
+
+    /// The state of an actuator whose sensor shows `reading` (rad), changing at
+    /// `rate` (rad/s): like [`Model::moving`], from the other side of the sensor.
+    pub fn showing(&self, reading: R, rate: R, pressure: R) -> State<R> {
+        let angle = reading;
+        let motion = self.motion_behind(Motion { angle, rate });
+        self.moving(motion.angle, motion.rate, pressure)
     }
 
     /// Lets the effects with a memory of events (a largest angle, a play)
-    /// take note of the state that a step arrived at.
-    pub fn note(&self, state: &mut State<R>) {
-        let at = Instant {
-            time: state.time,
-            angle: state.angle,
-            rate: state.rate,
-            pressure: R::zero(),
-        };
+    /// take note of the state that a step arrived at, `offset` seconds after its
+    /// start.
+    pub fn note(&self, state: &mut State<R>, input: &impl Input<R>, offset: R) {
+        if self.effects.iter().flatten().any(Mechanism::has_memory) {
+            self.note_events(state, input.pressure(offset - self.delay()));
+        }
+    }
+
+    fn note_events(&self, state: &mut State<R>, mut pressure: R) {
+        let mut unused = [R::zero(); 2];
         for (effect, hidden) in self.effects.iter().flatten().zip(&mut state.hidden) {
-            effect.note(&at, hidden);
+            let entering = pressure;
+            pressure = effect.input(entering, hidden, &mut unused);
+            effect.note(state.angle, entering, hidden);
         }
     }
 
     /// The pressure (Pa) that holds the actuator at `angle` (rad) once
     /// everything has settled: `p = (K sign(θ)|θ|ⁿ + Q)/g`.
     ///
-    /// Effects on the input path are taken as transparent at rest. Not finite
-    /// if the input gain is zero.
+    /// Nothing holds against a leak: it is taken as not begun. Where the
+    /// stiffness grows with the pressure faster than the force does, no pressure
+    /// holds, and the result means nothing. Not finite if the input gain is zero.
     pub fn holding_pressure(&self, angle: R) -> R {
         let state = self.at_rest(angle, R::zero());
-        let unforced = self.derivative(&state, &crate::input::Held(R::zero()), R::zero());
-        -(unforced.acceleration * self.dynamics.inertia) / self.dynamics.input_gain
+        let mut unused = [[R::zero(); 2]; MAX_EFFECTS];
+        let mut missing = |pressure| -self.force(&state, pressure, &mut unused);
+        let unforced = missing(R::zero());
+        let mut chamber = unforced / self.dynamics.input_gain;
+        if self.effects().any(Mechanism::stiffens) {
+            // Then too the force is a straight line over the pressure.
+            let step = chamber;
+            let rise = unforced - missing(step);
+            if rise.abs() > R::zero() {
+                chamber = unforced * step / rise;
+            }
+        }
+        let effects = self.effects.iter().flatten();
+        effects
+            .rev()
+            .fold(chamber, |pressure, effect| effect.pressure_behind(pressure))
     }
 
     /// An upper estimate of the fastest rate of the equations (1/s) for
     /// angles up to `angle` (rad): what a step length has to resolve.
     pub fn fastest_rate(&self, angle: R) -> Rates<R> {
         let mut d = self.dynamics;
-        let farthest = Instant {
-            time: R::zero(),
-            angle,
-            rate: R::zero(),
-            pressure: R::zero(),
-        };
         for effect in self.effects() {
-            effect.modulate(&farthest, &mut d);
+            effect.enlarge(angle, &mut d);
         }
         // The slope of the power law at the end of the range, where it is
         // steepest for n ≥ 1.

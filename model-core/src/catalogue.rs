@@ -5,7 +5,7 @@
 //! it in the list at the end of this file.
 
 use crate::actuator::{Dynamics, Rates};
-use crate::effects::{Hidden, Info, Instant, Mechanism, Parameter, Rest};
+use crate::effects::{Hidden, Info, Instant, Mechanism, Motion, Parameter, Rest};
 use crate::real::Real;
 
 macro_rules! catalogue {
@@ -122,8 +122,11 @@ macro_rules! catalogue {
             fn input(&self, pressure: R, hidden: &Hidden<R>, rates: &mut Hidden<R>) -> R {
                 match self { $( Self::$name(effect) => effect.input(pressure, hidden, rates), )+ }
             }
-            fn modulate(&self, at: &Instant<R>, dynamics: &mut Dynamics<R>) {
-                match self { $( Self::$name(effect) => effect.modulate(at, dynamics), )+ }
+            fn modulate(&self, at: &Instant<R>, hidden: &Hidden<R>, dynamics: &mut Dynamics<R>) {
+                match self { $( Self::$name(effect) => effect.modulate(at, hidden, dynamics), )+ }
+            }
+            fn enlarge(&self, angle: R, dynamics: &mut Dynamics<R>) {
+                match self { $( Self::$name(effect) => effect.enlarge(angle, dynamics), )+ }
             }
             fn force(&self, at: &Instant<R>, hidden: &Hidden<R>, rates: &mut Hidden<R>) -> R {
                 match self { $( Self::$name(effect) => effect.force(at, hidden, rates), )+ }
@@ -134,8 +137,20 @@ macro_rules! catalogue {
             fn sensor(&self, angle: R, time: R, hidden: &Hidden<R>, rates: &mut Hidden<R>) -> R {
                 match self { $( Self::$name(effect) => effect.sensor(angle, time, hidden, rates), )+ }
             }
-            fn note(&self, at: &Instant<R>, hidden: &mut Hidden<R>) {
-                match self { $( Self::$name(effect) => effect.note(at, hidden), )+ }
+            fn pressure_behind(&self, pressure: R) -> R {
+                match self { $( Self::$name(effect) => Mechanism::<R>::pressure_behind(effect, pressure), )+ }
+            }
+            fn behind(&self, shown: Motion<R>) -> Motion<R> {
+                match self { $( Self::$name(effect) => effect.behind(shown), )+ }
+            }
+            fn stiffens(&self) -> bool {
+                match self { $( Self::$name(effect) => Mechanism::<R>::stiffens(effect), )+ }
+            }
+            fn has_memory(&self) -> bool {
+                match self { $( Self::$name(effect) => Mechanism::<R>::has_memory(effect), )+ }
+            }
+            fn note(&self, angle: R, pressure: R, hidden: &mut Hidden<R>) {
+                match self { $( Self::$name(effect) => effect.note(angle, pressure, hidden), )+ }
             }
             fn fastest_rate(&self, dynamics: &Dynamics<R>, angle: R) -> Rates<R> {
                 match self { $( Self::$name(effect) => effect.fastest_rate(dynamics, angle), )+ }
@@ -177,14 +192,32 @@ macro_rules! for_each_effect {
     ($callback:ident) => {
         $callback![
             coulomb_friction::CoulombFriction,
+            stribeck_friction::StribeckFriction,
             quadratic_damping::QuadraticDamping,
-            gravity::Gravity,
-            cubic_stiffness::CubicStiffness,
-            exponent_shift::ExponentShift,
+            angle_dependent_damping::AngleDependentDamping,
+            asymmetric_damping::AsymmetricDamping,
             maxwell_branch::MaxwellBranch,
+            bouc_wen_hysteresis::BoucWenHysteresis,
+            gravity::Gravity,
+            exponent_shift::ExponentShift,
+            cubic_stiffness::CubicStiffness,
+            linear_stiffness::LinearStiffness,
+            end_stop::EndStop,
+            stiffness_drift::StiffnessDrift,
+            mullins_softening::MullinsSoftening,
+            second_mode::SecondMode,
             pneumatic_lag::PneumaticLag,
             dead_time::DeadTime,
+            vent_asymmetry::VentAsymmetry,
+            pressure_threshold::PressureThreshold,
+            pressure_stiffening::PressureStiffening,
+            input_backlash::InputBacklash,
+            leak::Leak,
+            sensor_lag::SensorLag,
             sensor_offset::SensorOffset,
+            sensor_nonlinearity::SensorNonlinearity,
+            sensor_drift::SensorDrift,
+            periodic_disturbance::PeriodicDisturbance,
         ];
     };
 }
@@ -221,7 +254,12 @@ mod tests {
                 assert_eq!(kind.bounds(index), Some((row.lower, row.upper)));
             }
             assert_eq!(kind.bounds(rows.len()), None);
-            assert!(!kind.info().look_alikes.contains(&kind.name()));
+            for name in kind.info().look_alikes {
+                assert!(
+                    Kind::from_name(name).is_some_and(|other| other != kind),
+                    "{name}"
+                );
+            }
             let ones = [1.0; 8];
             let effect = kind.build(&ones[..rows.len()]).unwrap();
             assert_eq!(effect.values().count(), rows.len());

@@ -48,7 +48,7 @@ pub fn step<R: Real, P: Power<R>>(
         Scheme::Heun => heun(model, state, input, dt),
         Scheme::Rk4 => rk4(model, state, input, dt),
     };
-    model.note(state);
+    model.note(state, input, dt);
 }
 
 fn semi_implicit_euler<R: Real, P: Power<R>>(

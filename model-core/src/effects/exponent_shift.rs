@@ -5,7 +5,7 @@
 //! properties, is off by Δn. The sum is kept at 0.25 or above: a power law with
 //! an exponent near zero is a switch, not a spring.
 
-use super::{Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
+use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
 use crate::actuator::Dynamics;
 use crate::real::Real;
 
@@ -39,7 +39,11 @@ parameters! {
 }
 
 impl<R: Real> Mechanism<R> for ExponentShift<R> {
-    fn modulate(&self, _at: &Instant<R>, dynamics: &mut Dynamics<R>) {
+    fn modulate(&self, _at: &Instant<R>, _hidden: &Hidden<R>, dynamics: &mut Dynamics<R>) {
+        dynamics.exponent = (dynamics.exponent + self.delta).max(R::from_f32(0.25));
+    }
+
+    fn enlarge(&self, _angle: R, dynamics: &mut Dynamics<R>) {
         dynamics.exponent = (dynamics.exponent + self.delta).max(R::from_f32(0.25));
     }
 }

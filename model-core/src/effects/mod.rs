@@ -11,21 +11,45 @@
 //! | force | [`Mechanism::force`] | friction, gravity |
 //! | sensor path | [`Mechanism::sensor`] | lag of the sensor |
 //!
-//! An effect may keep up to two hidden states of its own. To add one, write a
-//! file here and name it in [`crate::catalogue`].
+//! An effect may keep up to two hidden states of its own. The first
+//! [`Mechanism::integrated_states`] of them are integrated with the motion; the
+//! others are a memory of events that [`Mechanism::note`] updates after a step,
+//! such as the largest angle so far. To add an effect, write a file here and name
+//! it in [`crate::catalogue`].
+//!
+//! Several effects form a chain on the input path and another on the sensor
+//! path, in the order of the model: each sees what the one before it leaves.
 
 use crate::actuator::{Dynamics, Rates};
 use crate::real::Real;
 
+pub mod angle_dependent_damping;
+pub mod asymmetric_damping;
+pub mod bouc_wen_hysteresis;
 pub mod coulomb_friction;
 pub mod cubic_stiffness;
 pub mod dead_time;
+pub mod end_stop;
 pub mod exponent_shift;
 pub mod gravity;
+pub mod input_backlash;
+pub mod leak;
+pub mod linear_stiffness;
 pub mod maxwell_branch;
+pub mod mullins_softening;
+pub mod periodic_disturbance;
 pub mod pneumatic_lag;
+pub mod pressure_stiffening;
+pub mod pressure_threshold;
 pub mod quadratic_damping;
+pub mod second_mode;
+pub mod sensor_drift;
+pub mod sensor_lag;
+pub mod sensor_nonlinearity;
 pub mod sensor_offset;
+pub mod stiffness_drift;
+pub mod stribeck_friction;
+pub mod vent_asymmetry;
 
 /// Hidden states of one effect; unused ones stay zero.
 pub type Hidden<R> = [R; 2];
@@ -48,8 +72,21 @@ pub struct Instant<R> {
 pub struct Rest<R> {
     /// Bending angle θ (rad).
     pub angle: R,
-    /// Gauge pressure (Pa).
+    /// Angular rate θ̇ (rad/s); zero but for a run that starts in motion.
+    pub rate: R,
+    /// Gauge pressure (Pa) that enters the effect.
     pub pressure: R,
+    /// Angle (rad) that the effect's sensor sees, behind the effects before it.
+    pub reading: R,
+}
+
+/// An angle and its rate, on either side of a sensor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Motion<R> {
+    /// Angle (rad).
+    pub angle: R,
+    /// Its rate (rad/s).
+    pub rate: R,
 }
 
 /// What an effect does. Every method defaults to doing nothing.
@@ -72,7 +109,11 @@ pub trait Mechanism<R: Real> {
         pressure
     }
     /// Changes the parameters of the base equation at an instant.
-    fn modulate(&self, _at: &Instant<R>, _dynamics: &mut Dynamics<R>) {}
+    fn modulate(&self, _at: &Instant<R>, _hidden: &Hidden<R>, _dynamics: &mut Dynamics<R>) {}
+    /// Changes the parameters of the base equation to the largest that they
+    /// become for angles up to `angle` (rad): what [`Mechanism::fastest_rate`]
+    /// and a step length have to reckon with.
+    fn enlarge(&self, _angle: R, _dynamics: &mut Dynamics<R>) {}
     /// The force Q (N) against the motion, and the rates of the hidden states.
     fn force(&self, _at: &Instant<R>, _hidden: &Hidden<R>, _rates: &mut Hidden<R>) -> R {
         R::zero()
@@ -85,8 +126,27 @@ pub trait Mechanism<R: Real> {
     fn sensor(&self, angle: R, _time: R, _hidden: &Hidden<R>, _rates: &mut Hidden<R>) -> R {
         angle
     }
-    /// Updates a memory of events after a step.
-    fn note(&self, _at: &Instant<R>, _hidden: &mut Hidden<R>) {}
+    /// The pressure (Pa) that enters at rest when this one leaves: the inverse
+    /// of [`Mechanism::input`].
+    fn pressure_behind(&self, pressure: R) -> R {
+        pressure
+    }
+    /// The motion that enters the sensor at the start of a run when this one
+    /// leaves: the inverse of [`Mechanism::sensor`].
+    fn behind(&self, shown: Motion<R>) -> Motion<R> {
+        shown
+    }
+    /// Whether the stiffness depends on the pressure.
+    fn stiffens(&self) -> bool {
+        false
+    }
+    /// Whether [`Mechanism::note`] does anything.
+    fn has_memory(&self) -> bool {
+        false
+    }
+    /// Updates a memory of events after a step that arrived at `angle` (rad)
+    /// and at the pressure (Pa) that enters the effect.
+    fn note(&self, _angle: R, _pressure: R, _hidden: &mut Hidden<R>) {}
     /// How much the effect adds to the fastest rate of the equations, for
     /// angles up to `angle` (rad).
     fn fastest_rate(&self, _dynamics: &Dynamics<R>, _angle: R) -> Rates<R> {
@@ -95,6 +155,12 @@ pub trait Mechanism<R: Real> {
             relaxation: R::zero(),
         }
     }
+}
+
+/// 2π. In two parts, since a constant in the source is an `f32`: wider scalars
+/// get sixteen digits of it.
+pub(crate) fn full_turn<R: Real>() -> R {
+    R::from_f32(core::f32::consts::TAU) - R::from_f32(1.748_455_6e-7)
 }
 
 /// The unit in which a parameter stands in files. Inside, everything is SI and
@@ -118,6 +184,14 @@ pub enum Unit {
     RadianPerSecond,
     /// s.
     Second,
+    /// 1/s.
+    PerSecond,
+    /// Hz.
+    Hertz,
+    /// 1/rad.
+    PerRadian,
+    /// 1/kPa in files, 1/Pa inside.
+    PerKiloPascal,
     /// kPa in files, Pa inside.
     KiloPascal,
 }
@@ -134,6 +208,10 @@ impl Unit {
             Self::Radian => "rad",
             Self::RadianPerSecond => "rad/s",
             Self::Second => "s",
+            Self::PerSecond => "1/s",
+            Self::Hertz => "Hz",
+            Self::PerRadian => "1/rad",
+            Self::PerKiloPascal => "1/kPa",
             Self::KiloPascal => "kPa",
         }
     }
@@ -142,6 +220,7 @@ impl Unit {
     pub fn to_si<R: Real>(self, value: R) -> R {
         match self {
             Self::KiloPascal => value * R::from_i16(1000),
+            Self::PerKiloPascal => value / R::from_i16(1000),
             _ => value,
         }
     }
@@ -150,6 +229,7 @@ impl Unit {
     pub fn from_si<R: Real>(self, value: R) -> R {
         match self {
             Self::KiloPascal => value / R::from_i16(1000),
+            Self::PerKiloPascal => value * R::from_i16(1000),
             _ => value,
         }
     }

@@ -3,7 +3,7 @@
 //! b (rad) is what the sensor shows when the actuator is straight: a flex
 //! sensor that was not tared, or that was glued on slightly bent.
 
-use super::{Hidden, Info, Mechanism, Parameter, Place, Unit, parameters};
+use super::{Hidden, Info, Mechanism, Motion, Parameter, Place, Unit, parameters};
 use crate::real::Real;
 
 /// What the catalogue says about it.
@@ -38,6 +38,13 @@ parameters! {
 impl<R: Real> Mechanism<R> for SensorOffset<R> {
     fn sensor(&self, angle: R, _time: R, _hidden: &Hidden<R>, _rates: &mut Hidden<R>) -> R {
         angle + self.offset
+    }
+
+    fn behind(&self, shown: Motion<R>) -> Motion<R> {
+        Motion {
+            angle: shown.angle - self.offset,
+            ..shown
+        }
     }
 }
 

@@ -1,0 +1,110 @@
+//! Mullins softening: K → K[1 − δ(1 − e^(−θ_max/θ_m))].
+//!
+//! θ_max (rad) is the largest |θ| so far, δ the share of the stiffness K that is
+//! lost for good, θ_m (rad) the angle over which it is lost. Filled elastomers
+//! soften on their first stretch and remember it (Mullins, Rubber Chem. Technol.
+//! 42, 1969; the exponential form is the usual one-parameter damage function).
+//!
+//! θ_max is a memory of events: after each step it is raised to |θ|, and within
+//! a step the larger of the two counts. The force is continuous, its slope has a
+//! corner where a swing passes the old maximum. A run starts with θ_max = |θ|, as
+//! if the actuator had never bent further; for the second run of a series, or a
+//! piece that was cut out of a longer one, that is where this is weak.
+
+use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Rest, Unit, parameters};
+use crate::actuator::Dynamics;
+use crate::real::Real;
+
+/// What the catalogue says about it.
+pub const INFO: Info = Info {
+    name: "mullins_softening",
+    title: "softening by the first stretch (Mullins)",
+    place: Place::Force,
+    equation: "K → K[1 − δ(1 − e^{−θ_max/θ_m})]",
+    text: "The elastomer loses a part of its stiffness where it is stretched further than ever \
+           before in the run. The first bend to a new largest angle needs more pressure than all \
+           later ones to the same angle; work the actuator a few times before a run and it goes.",
+    signature: "largest angle so far",
+    look_alikes: &["stiffness_drift", "maxwell_branch"],
+};
+
+parameters! {
+    /// Mullins softening.
+    MullinsSoftening {
+        /// Share δ of the stiffness that can be lost.
+        loss: Parameter {
+            key: "loss",
+            symbol: "δ",
+            unit: Unit::One,
+            lower: 0.0,
+            upper: 1.0,
+            held: None,
+            starts: &[0.1, 0.4],
+        },
+        /// Angle θ_m over which it is lost (rad).
+        angle: Parameter {
+            key: "angle_rad",
+            symbol: "θ_m",
+            unit: Unit::Radian,
+            lower: 0.031_25,
+            upper: 8.0,
+            held: None,
+            starts: &[0.3, 1.0],
+        },
+    }
+}
+
+impl<R: Real> Mechanism<R> for MullinsSoftening<R> {
+    fn at_rest(&self, rest: &Rest<R>) -> Hidden<R> {
+        [rest.angle.abs(), R::zero()]
+    }
+
+    fn modulate(&self, at: &Instant<R>, hidden: &Hidden<R>, dynamics: &mut Dynamics<R>) {
+        let largest = hidden[0].max(at.angle.abs());
+        let lost = self.loss * (R::one() - (-largest / self.angle).exp());
+        dynamics.stiffness = dynamics.stiffness * (R::one() - lost);
+    }
+
+    fn has_memory(&self) -> bool {
+        true
+    }
+
+    fn note(&self, angle: R, _pressure: R, hidden: &mut Hidden<R>) {
+        hidden[0] = hidden[0].max(angle.abs());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::catalogue::Kind;
+    use crate::effects::testing::{run, spring};
+    use crate::input::Held;
+
+    /// Released from rest at A, the actuator swings in a spring that is softer
+    /// by what A cost: the memory does not grow, and the period is that of the
+    /// softened spring.
+    #[test]
+    fn free_swing_has_the_period_of_the_softened_spring() {
+        let (inertia, stiffness, loss, scale, amplitude) = (0.4, 3.0, 0.4, 0.5, 0.8);
+        let effect = Kind::MullinsSoftening.build(&[loss, scale]).unwrap();
+        let model = spring(inertia, 0.0, stiffness, &[effect]);
+        let left = stiffness * (1.0 - loss * (1.0 - f64::exp(-amplitude / scale)));
+        let period = core::f64::consts::TAU * f64::sqrt(inertia / left);
+        let start = model.at_rest(-amplitude, 0.0);
+        let end = run(&model, start, &Held(0.0), period, 4_000);
+        assert!((end.angle + amplitude).abs() < 1e-10, "{}", end.angle);
+        assert!((end.hidden[0][0] - amplitude).abs() < 1e-10);
+    }
+
+    #[test]
+    fn largest_angle_of_either_sign_is_remembered() {
+        let effect = Kind::MullinsSoftening.build(&[0.4, 0.5]).unwrap();
+        let model = spring(0.4, 0.1, 3.0, &[effect]);
+        let mut state = model.at_rest(0.2, 0.0);
+        for (angle, largest) in [(0.5, 0.5), (-0.9, 0.9), (0.7, 0.9), (0.0, 0.9)] {
+            state.angle = angle;
+            model.note(&mut state, &Held(0.0), 0.0);
+            assert!((state.hidden[0][0] - largest).abs() < 1e-15);
+        }
+    }
+}

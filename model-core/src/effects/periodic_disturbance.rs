@@ -1,0 +1,121 @@
+//! Periodic disturbance: Q = A sin(2πft + φ).
+//!
+//! A (N) is the amplitude, f (Hz) the frequency, t (s) the time since the start
+//! of the run, φ (rad) the phase there: a pump's stroke, a fan, a table that
+//! shakes.
+//!
+//! The turns f t are integrated as a hidden state and whole turns are taken off
+//! after each step, so that the sine keeps its resolution in `f32` however long
+//! the run lasts.
+//!
+//! The phase counts from the start of the recording. Only a disturbance that
+//! starts with the recording has the same phase in all of them; with several
+//! recordings, or pieces of one, that is where this is weak.
+
+use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, full_turn, parameters};
+use crate::actuator::{Dynamics, Rates};
+use crate::real::Real;
+
+/// What the catalogue says about it.
+pub const INFO: Info = Info {
+    name: "periodic_disturbance",
+    title: "periodic disturbance",
+    place: Place::Force,
+    equation: "Q = A sin(2πft + φ)",
+    text: "Something shakes the actuator at a frequency of its own: the strokes of a pump, a fan, \
+           the table. The angle carries a ripple that goes on at rest, is not tied to the edges of \
+           the command, and moves when the pump runs at another speed.",
+    signature: "a line in the spectrum, not tied to edges",
+    look_alikes: &["second_mode"],
+};
+
+parameters! {
+    /// Periodic disturbance.
+    PeriodicDisturbance {
+        /// Amplitude A (N).
+        force: Parameter {
+            key: "force_n",
+            symbol: "A",
+            unit: Unit::Newton,
+            lower: 0.0,
+            upper: f32::INFINITY,
+            held: None,
+            starts: &[0.05],
+        },
+        /// Frequency f (Hz).
+        frequency: Parameter {
+            key: "frequency_hz",
+            symbol: "f",
+            unit: Unit::Hertz,
+            lower: 0.031_25,
+            upper: 64.0,
+            held: None,
+            starts: &[0.5, 2.0, 8.0],
+        },
+        /// Phase φ at the start of the run (rad).
+        phase: Parameter {
+            key: "phase_rad",
+            symbol: "φ",
+            unit: Unit::Radian,
+            lower: -6.5,
+            upper: 6.5,
+            held: None,
+            starts: &[-1.5, 1.5],
+        },
+    }
+}
+
+impl<R: Real> Mechanism<R> for PeriodicDisturbance<R> {
+    fn integrated_states(&self) -> usize {
+        1
+    }
+
+    fn force(&self, _at: &Instant<R>, hidden: &Hidden<R>, rates: &mut Hidden<R>) -> R {
+        rates[0] = self.frequency;
+        self.force * (full_turn::<R>() * hidden[0] + self.phase).sin()
+    }
+
+    fn has_memory(&self) -> bool {
+        true
+    }
+
+    fn note(&self, _angle: R, _pressure: R, hidden: &mut Hidden<R>) {
+        if hidden[0] >= R::one() {
+            hidden[0] -= R::one();
+        }
+    }
+
+    fn fastest_rate(&self, _dynamics: &Dynamics<R>, _angle: R) -> Rates<R> {
+        let frequency = full_turn::<R>() * self.frequency;
+        Rates {
+            stiffness: frequency * frequency,
+            relaxation: R::zero(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::catalogue::Kind;
+    use crate::effects::testing::{run, spring};
+    use crate::input::Held;
+
+    /// A free mass: M θ̈ = −A sin(νt + φ) gives
+    /// θ = (A/Mν²)[sin(νt + φ) − sin φ − νt cos φ].
+    #[test]
+    fn free_mass_integrates_the_sine_twice() {
+        let (inertia, force, frequency, phase) = (0.5, 0.7, 1.3, 0.6f64);
+        let effect = Kind::PeriodicDisturbance
+            .build(&[force, frequency, phase])
+            .unwrap();
+        let model = spring(inertia, 0.0, 0.0, &[effect]);
+        let end = run(&model, model.at_rest(0.0, 0.0), &Held(0.0), 5.0, 10_000);
+        let nu = core::f64::consts::TAU * frequency;
+        let turned = nu * 5.0 + phase;
+        let expected =
+            force / (inertia * nu * nu) * (turned.sin() - phase.sin() - nu * 5.0 * phase.cos());
+        assert!((end.angle - expected).abs() < 1e-9, "{}", end.angle);
+        // Whole turns are taken off.
+        assert!((end.hidden[0][0] - 0.5).abs() < 1e-9);
+    }
+}

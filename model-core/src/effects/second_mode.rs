@@ -1,0 +1,124 @@
+//! Second mode: ξ̈ + 2ζ₂ω₂ξ̇ + ω₂²ξ = −b θ̈, y = θ + ξ.
+//!
+//! A second way of swinging, ξ (rad), that the bending drives by its
+//! acceleration and that the sensor sees on top of the angle: the tip wags, the
+//! sensor strip flutters. f₂ = ω₂/2π (Hz) is its frequency, ζ₂ its damping ratio,
+//! b the share of the acceleration that drives it. It does not act back on θ: its
+//! mass is small. A run starts with ξ at rest, which a piece that was cut out
+//! right after an edge does not; that is where this is weak.
+
+use super::{Hidden, Info, Mechanism, Parameter, Place, Unit, full_turn, parameters};
+use crate::actuator::{Dynamics, Rates};
+use crate::real::Real;
+
+/// What the catalogue says about it.
+pub const INFO: Info = Info {
+    name: "second_mode",
+    title: "second mode of vibration",
+    place: Place::Sensor,
+    equation: "ξ̈ + 2ζ₂ω₂ξ̇ + ω₂²ξ = −b θ̈, y = θ + ξ, ω₂ = 2πf₂",
+    text: "Something swings along that the model has no coordinate for: the tip wags, the sensor \
+           strip flutters. After each edge of the pressure the angle carries a faster ripple of \
+           always the same frequency, which dies away and leaves rest angles as they are.",
+    signature: "a narrow line in the spectrum after each edge",
+    look_alikes: &["periodic_disturbance"],
+};
+
+parameters! {
+    /// Second mode of vibration.
+    SecondMode {
+        /// Frequency f₂ = ω₂/2π (Hz).
+        frequency: Parameter {
+            key: "frequency_hz",
+            symbol: "f₂",
+            unit: Unit::Hertz,
+            lower: 0.125,
+            upper: 64.0,
+            held: None,
+            starts: &[2.0, 5.0, 12.0],
+        },
+        /// Damping ratio ζ₂.
+        damping_ratio: Parameter {
+            key: "damping_ratio",
+            symbol: "ζ₂",
+            unit: Unit::One,
+            lower: 0.0,
+            upper: 2.0,
+            held: None,
+            starts: &[0.08],
+        },
+        /// Coupling b.
+        coupling: Parameter {
+            key: "coupling",
+            symbol: "b",
+            unit: Unit::One,
+            lower: -8.0,
+            upper: 8.0,
+            held: None,
+            starts: &[-0.3, 0.3],
+        },
+    }
+}
+
+impl<R: Real> SecondMode<R> {
+    fn angular_frequency(&self) -> R {
+        full_turn::<R>() * self.frequency
+    }
+}
+
+impl<R: Real> Mechanism<R> for SecondMode<R> {
+    fn integrated_states(&self) -> usize {
+        2
+    }
+
+    fn respond(&self, acceleration: R, hidden: &Hidden<R>, rates: &mut Hidden<R>) {
+        let frequency = self.angular_frequency();
+        let [deflection, rate] = *hidden;
+        let damping = (self.damping_ratio + self.damping_ratio) * rate;
+        rates[0] = rate;
+        rates[1] = -(self.coupling * acceleration) - frequency * (damping + frequency * deflection);
+    }
+
+    fn sensor(&self, angle: R, _time: R, hidden: &Hidden<R>, _rates: &mut Hidden<R>) -> R {
+        angle + hidden[0]
+    }
+
+    fn fastest_rate(&self, _dynamics: &Dynamics<R>, _angle: R) -> Rates<R> {
+        let frequency = self.angular_frequency();
+        Rates {
+            stiffness: frequency * frequency,
+            relaxation: (self.damping_ratio + self.damping_ratio) * frequency,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::catalogue::Kind;
+    use crate::effects::testing::{run, spring};
+    use crate::input::Held;
+
+    /// A free mass under a held force accelerates evenly, and the mode answers
+    /// with the step response of a damped oscillator to −b F/M.
+    #[test]
+    fn even_acceleration_gives_the_step_response_of_an_oscillator() {
+        let (frequency, ratio, coupling) = (1.7, 0.1, 0.4);
+        let mode = Kind::SecondMode
+            .build(&[frequency, ratio, coupling])
+            .unwrap();
+        let model = spring(0.5, 0.0, 0.0, &[mode]);
+        let natural = core::f64::consts::TAU * frequency;
+        let damped = natural * f64::sqrt(1.0 - ratio * ratio);
+        for time in [0.1, 0.9, 2.5] {
+            let end = run(&model, model.at_rest(0.0, 0.0), &Held(1.0), time, 4_000);
+            let envelope = f64::exp(-ratio * natural * time);
+            let phase = damped * time;
+            let swing = phase.cos() + ratio * natural / damped * phase.sin();
+            let settled = -coupling * 2.0 / (natural * natural);
+            let expected = settled * (1.0 - envelope * swing);
+            assert!((end.hidden[0][0] - expected).abs() < 1e-11, "{time} s");
+            let reading = model.reading(&end);
+            assert!((reading - time * time - expected).abs() < 1e-10, "{time} s");
+        }
+    }
+}

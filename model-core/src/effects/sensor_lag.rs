@@ -1,0 +1,115 @@
+//! Lag of the sensor: τ ẏ = θ − y.
+//!
+//! The reading y (rad) follows the angle θ with the time constant τ (s): a
+//! filter in the amplifier or the firmware, a flex sensor in a soft sleeve. In a
+//! linear plant it cannot be told from a lag of the input by a run that starts
+//! at rest, since the two commute; a swing after a release by hand has only this
+//! one.
+//!
+//! At the start of a recording y is known and θ is not: θ = y + τ ẏ, which is
+//! exact, and θ̇ = ẏ, which is right as far as the motion is even; that is where
+//! this is weak.
+
+use super::{Hidden, Info, Mechanism, Motion, Parameter, Place, Rest, Unit, parameters};
+use crate::actuator::{Dynamics, Rates};
+use crate::real::Real;
+
+/// What the catalogue says about it.
+pub const INFO: Info = Info {
+    name: "sensor_lag",
+    title: "lag of the sensor",
+    place: Place::Sensor,
+    equation: "τ ẏ = θ − y",
+    text: "The angle sensor shows where the actuator was a moment ago: a filter in the amplifier \
+           or in the firmware, a sensor in a soft sleeve. Every motion arrives late and rounded, \
+           also a free swing in which the pressure plays no part.",
+    signature: "angular velocity, in free swings as well",
+    look_alikes: &["pneumatic_lag"],
+};
+
+parameters! {
+    /// Lag of the sensor.
+    SensorLag {
+        /// Time constant τ (s).
+        time_constant: Parameter {
+            key: "time_constant_s",
+            symbol: "τ",
+            unit: Unit::Second,
+            // 2⁻⁹ s, which f32 and f64 hold alike.
+            lower: 0.001_953_125,
+            upper: 100.0,
+            held: None,
+            starts: &[0.05, 0.3],
+        },
+    }
+}
+
+impl<R: Real> Mechanism<R> for SensorLag<R> {
+    fn integrated_states(&self) -> usize {
+        1
+    }
+
+    fn at_rest(&self, rest: &Rest<R>) -> Hidden<R> {
+        [rest.reading - self.time_constant * rest.rate, R::zero()]
+    }
+
+    fn sensor(&self, angle: R, _time: R, hidden: &Hidden<R>, rates: &mut Hidden<R>) -> R {
+        rates[0] = (angle - hidden[0]) / self.time_constant;
+        hidden[0]
+    }
+
+    fn behind(&self, shown: Motion<R>) -> Motion<R> {
+        Motion {
+            angle: shown.angle + self.time_constant * shown.rate,
+            ..shown
+        }
+    }
+
+    fn fastest_rate(&self, _dynamics: &Dynamics<R>, _angle: R) -> Rates<R> {
+        Rates {
+            stiffness: R::zero(),
+            relaxation: R::one() / self.time_constant,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::catalogue::Kind;
+    use crate::effects::testing::{run, spring};
+    use crate::input::Held;
+
+    /// An even motion is shown late by exactly τ, from the start on.
+    #[test]
+    fn even_motion_is_late_by_the_time_constant() {
+        let lag = Kind::SensorLag.build(&[0.2]).unwrap();
+        let model = spring(1.0, 0.0, 0.0, &[lag]);
+        for time in [0.1, 1.0] {
+            let end = run(&model, model.moving(0.3, 1.5, 0.0), &Held(0.0), time, 500);
+            let expected = 0.3 + 1.5 * (time - 0.2);
+            assert!((model.reading(&end) - expected).abs() < 1e-12);
+        }
+    }
+
+    /// From rest, an even acceleration a: y = a[t²/2 − τt + τ²(1 − e^(−t/τ))].
+    #[test]
+    fn even_acceleration_is_followed_in_closed_form() {
+        let tau = 0.3;
+        let lag = Kind::SensorLag.build(&[tau]).unwrap();
+        let model = spring(0.5, 0.0, 0.0, &[lag]);
+        let end = run(&model, model.at_rest(0.0, 0.0), &Held(1.0), 1.1, 2_000);
+        let decay = f64::exp(-1.1 / tau);
+        let expected = 2.0 * (1.1 * 1.1 / 2.0 - tau * 1.1 + tau * tau * (1.0 - decay));
+        assert!((model.reading(&end) - expected).abs() < 1e-11);
+    }
+
+    #[test]
+    fn start_shows_the_reading_and_the_rate_that_were_asked_for() {
+        let lag = Kind::SensorLag.build(&[0.2]).unwrap();
+        let model = spring(1.0, 0.3, 2.0, &[lag]);
+        let start = model.showing(0.5, 0.8, 0.0);
+        assert!((model.reading(&start) - 0.5).abs() < 1e-15);
+        let rates = model.derivative(&start, &Held(0.0), 0.0);
+        assert!((rates.hidden[0][0] - 0.8).abs() < 1e-14);
+    }
+}
