@@ -279,14 +279,39 @@ fn draw_effect(
             } else {
                 1.0
             };
-            match row.unit {
-                Unit::Second if kind == Kind::MaxwellBranch => random.random_range(2.0..8.0),
-                Unit::Second => random.random_range(0.1..0.3),
-                Unit::NewtonSecond2PerRad2 => share * 3.0 * dynamics.damping,
-                Unit::Newton | Unit::NewtonPerRad | Unit::NewtonPerRad3 => {
+            // Somewhere between two values.
+            let between = |low: f64, high: f64| low + (high - low) * (share - 0.1) / 0.2;
+            let pressure = dynamics.stiffness / dynamics.input_gain;
+            match (kind, row.unit) {
+                (Kind::MaxwellBranch, Unit::Second) => random.random_range(2.0..8.0),
+                (Kind::Leak, Unit::Second) => between(4.0, 15.0),
+                (Kind::VentAsymmetry, Unit::Second) if row.key == "fill_s" => between(0.05, 0.15),
+                (Kind::VentAsymmetry, Unit::Second) => between(0.3, 0.6),
+                (_, Unit::Second) => random.random_range(0.1..0.3),
+                (Kind::AngleDependentDamping | Kind::AsymmetricDamping, _) if sign > 0.0 => {
+                    5.0 * share
+                }
+                (Kind::EndStop, Unit::NewtonPerRad) => 10.0 * share * dynamics.stiffness,
+                (Kind::EndStop, Unit::Radian) => between(0.8, 1.2),
+                (Kind::MullinsSoftening, Unit::Radian) => between(0.4, 1.0),
+                (Kind::SecondMode, Unit::Hertz) => between(2.0, 5.0),
+                (Kind::SecondMode, _) if row.key == "coupling" => 2.0 * sign * share,
+                (Kind::SecondMode, _) => between(0.03, 0.1),
+                (Kind::PeriodicDisturbance, Unit::Hertz) => between(0.5, 3.0),
+                (Kind::PeriodicDisturbance, Unit::Radian) => between(-3.0, 3.0),
+                (Kind::PeriodicDisturbance | Kind::StribeckFriction, Unit::Newton) => {
+                    0.5 * share * dynamics.stiffness
+                }
+                (Kind::SensorDrift, _) => 0.1 * sign * share,
+                (Kind::SensorNonlinearity, _) => 0.5 * sign * share,
+                (_, Unit::NewtonSecond2PerRad2) => share * 3.0 * dynamics.damping,
+                (_, Unit::Newton | Unit::NewtonPerRad | Unit::NewtonPerRad3) => {
                     sign * share * dynamics.stiffness
                 }
-                Unit::Radian => sign * 0.4 * share,
+                (_, Unit::Radian) => sign * 0.4 * share,
+                (_, Unit::PerSecond) => 0.15 * sign * share,
+                (_, Unit::KiloPascal) => 0.5 * share * pressure,
+                (_, Unit::PerKiloPascal) => sign * share / pressure,
                 _ => sign * share,
             }
         })

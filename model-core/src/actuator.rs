@@ -386,11 +386,10 @@ impl<R: Real, P: Power<R>> Model<R, P> {
     /// of [`Model::reading`] once the sensor has settled.
     pub fn angle_behind(&self, reading: R) -> R {
         let rate = R::zero();
-        self.motion_behind(Motion {
-            angle: reading,
-            rate,
+        let effects = self.effects.iter().flatten();
+        effects.rev().fold(reading, |angle, effect| {
+            effect.behind(Motion { angle, rate }).angle
         })
-        .angle
     }
 
     /// The motion behind what the sensor shows at the start of a run: exact for
@@ -431,9 +430,9 @@ impl<R: Real, P: Power<R>> Model<R, P> {
     /// The pressure (Pa) that holds the actuator at `angle` (rad) once
     /// everything has settled: `p = (K sign(θ)|θ|ⁿ + Q)/g`.
     ///
-    /// Nothing holds against a leak: it is taken as not begun. Where the
-    /// stiffness grows with the pressure faster than the force does, no pressure
-    /// holds, and the result means nothing. Not finite if the input gain is zero.
+    /// Nothing holds against a leak: it is taken as not begun. Not finite if the
+    /// input gain is zero, or if the stiffness grows faster with the pressure
+    /// than the force does, so that no pressure holds.
     pub fn holding_pressure(&self, angle: R) -> R {
         let state = self.at_rest(angle, R::zero());
         let mut unused = [[R::zero(); 2]; MAX_EFFECTS];
@@ -441,11 +440,16 @@ impl<R: Real, P: Power<R>> Model<R, P> {
         let unforced = missing(R::zero());
         let mut chamber = unforced / self.dynamics.input_gain;
         if self.effects().any(Mechanism::stiffens) {
-            // Then too the force is a straight line over the pressure.
-            let step = chamber;
-            let rise = unforced - missing(step);
-            if rise.abs() > R::zero() {
-                chamber = unforced * step / rise;
+            // Then too the force is a straight line over the pressure, as long as
+            // some stiffness is left. From a small step first, then from there,
+            // where rounding matters less.
+            let mut solve = |step: R| {
+                let slope = (unforced - missing(step)) / step;
+                unforced / slope.max(R::zero())
+            };
+            chamber = solve(R::from_i16(2048));
+            if chamber.is_finite() && chamber.abs() > R::one() {
+                chamber = solve(chamber);
             }
         }
         let effects = self.effects.iter().flatten();

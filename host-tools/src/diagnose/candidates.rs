@@ -90,7 +90,7 @@ impl Scales {
     pub fn plausible(&self, row: &Parameter) -> Option<f64> {
         match row.unit {
             Unit::Second => Some(self.duration),
-            Unit::One | Unit::Radian => None,
+            Unit::One | Unit::Radian | Unit::Hertz => None,
             _ => Some(self.size(row)),
         }
     }
@@ -103,7 +103,10 @@ impl Scales {
             Unit::NewtonPerRad3 => self.force / self.angle.powi(3),
             Unit::NewtonSecond2PerRad2 => self.force / self.rate.powi(2),
             Unit::RadianPerSecond => self.rate,
+            Unit::PerRadian => 1.0 / self.angle,
+            Unit::PerSecond => 1.0 / self.duration.max(self.interval),
             Unit::KiloPascal => self.pressure,
+            Unit::PerKiloPascal => 1.0 / self.pressure.max(1.0),
             _ => 1.0,
         }
     }
@@ -239,7 +242,10 @@ fn remembers(kind: Kind) -> bool {
     kind.info().place == Place::Input
         || kind
             .build(&vec![1.0; kind.parameters().len()])
-            .is_some_and(|effect| Mechanism::<f64>::integrated_states(&effect) > 0)
+            .is_some_and(|effect| {
+                Mechanism::<f64>::integrated_states(&effect) > 0
+                    || Mechanism::<f64>::has_memory(&effect)
+            })
 }
 
 /// Fits a candidate on to the end from where it stands.

@@ -251,8 +251,8 @@ pub struct Parameter {
     /// Value that a file may leave out and that a first fit holds; none for a
     /// parameter that has to be found.
     pub held: Option<f32>,
-    /// Where fits start: seconds, radians and dimensionless numbers as they
-    /// are, other units relative to the size that the recordings suggest. A
+    /// Where fits start: seconds, hertz, radians and dimensionless numbers as
+    /// they are, other units relative to the size that the recordings suggest. A
     /// held parameter without starts is never fitted.
     pub starts: &'static [f32],
 }

@@ -4,10 +4,11 @@
 //! held. A wrong sign or a wrong power shows here without any solution to
 //! compare with.
 
-use model_core::actuator::{Dynamics, State};
+use model_core::actuator::{Dynamics, Model, State};
+use model_core::catalogue::Kind;
 use model_core::integrate::Scheme;
 
-use crate::support::{F64, lively, model_of, run};
+use crate::support::{F64, lively, model_of, run, sample_values};
 
 fn energy(d: &Dynamics<f64>, state: &State<f64>, pressure_pa: f64) -> f64 {
     let whole = d.exponent + 1.0;
@@ -177,5 +178,92 @@ fn damping_spends_what_the_energy_loses() {
             (lost - spent).abs() < 1e-10 * lost.abs(),
             "{lost} and {spent}"
         );
+    }
+}
+
+/// What an effect stores (N·rad), for those that only store and spend.
+fn stored(kind: Kind, values: &[f64], d: &Dynamics<f64>, state: &State<f64>) -> Option<f64> {
+    let [hidden, _] = state.hidden[0];
+    Some(match kind {
+        Kind::CoulombFriction
+        | Kind::StribeckFriction
+        | Kind::QuadraticDamping
+        | Kind::AngleDependentDamping
+        | Kind::AsymmetricDamping => 0.0,
+        Kind::MaxwellBranch => 0.5 * values[0] * (state.angle - hidden).powi(2),
+        // Unloading is a straight line of slope a/D.
+        Kind::BoucWenHysteresis => 0.5 * values[0] * values[1] * hidden * hidden,
+        Kind::LinearStiffness => 0.5 * values[0] * state.angle * state.angle,
+        Kind::CubicStiffness => 0.25 * values[0] * state.angle.powi(4),
+        Kind::EndStop => 0.5 * values[0] * (state.angle - values[1]).max(0.0).powi(2),
+        Kind::Gravity => {
+            values[0]
+                * (values[1].cos()
+                    - (state.angle + values[1]).cos()
+                    - state.angle * values[1].sin())
+        }
+        // The base spring less what is lost.
+        Kind::MullinsSoftening => {
+            let lost = values[0] * (1.0 - (-hidden / values[1]).exp());
+            let whole = d.exponent + 1.0;
+            -lost * d.stiffness * state.angle.abs().powf(whole) / whole
+        }
+        _ => return None,
+    })
+}
+
+/// A swing without pressure never gains energy from an effect that has no
+/// source of its own, and what only stores keeps all of it.
+#[test]
+fn effects_without_a_source_never_add_energy() {
+    for &kind in Kind::ALL {
+        for values in sample_values(kind) {
+            // A damping that an effect only changes has to be there.
+            let damped = matches!(kind, Kind::AngleDependentDamping | Kind::AsymmetricDamping);
+            let d = Dynamics {
+                damping: if damped { lively().damping } else { 0.0 },
+                ..lively()
+            };
+            let effect = kind.build(values).expect("as many as in the table");
+            let model: Model<f64> = Model::new(d, &[effect]).expect("within bounds");
+            let start = model.moving(0.2, 2.0, 0.0);
+            let Some(extra) = stored(kind, values, &d, &start) else {
+                continue;
+            };
+            let first = energy(&d, &start, 0.0) + extra;
+            let (mut before, mut largest_gain) = (first, 0.0_f64);
+            run(
+                Scheme::Rk4,
+                &model,
+                start,
+                |_| 0.0,
+                (5e-4, 20_000),
+                F64,
+                |_, state| {
+                    let extra = stored(kind, values, &d, state).expect("it stores");
+                    let now = energy(&d, state, 0.0) + extra;
+                    largest_gain = largest_gain.max(now - before);
+                    before = now;
+                },
+            );
+            let name = kind.name();
+            println!(
+                "{name} {values:?}: {first:.3} to {before:.3} N·rad, at most +{largest_gain:.0e} a step"
+            );
+            assert!(largest_gain < 1e-6, "{name} {values:?}: {largest_gain}");
+            let keeps = matches!(
+                kind,
+                Kind::LinearStiffness | Kind::CubicStiffness | Kind::EndStop | Kind::Gravity
+            );
+            let lost = (first - before) / first;
+            assert!(
+                if keeps {
+                    lost.abs() < 1e-5
+                } else {
+                    lost > 0.05
+                },
+                "{name} {values:?}: {lost}"
+            );
+        }
     }
 }
