@@ -298,6 +298,66 @@ mod tests {
         assert!((a.reading[100] - b.reading[5]).abs() < 1e-6);
     }
 
+    /// What every fit relies on: dual numbers give the slope of the simulation
+    /// by each parameter of each effect, also across the corners of those that
+    /// have some.
+    #[test]
+    fn derivatives_by_all_parameters_of_effects_agree_with_differences() {
+        use crate::dual::Dual;
+        use crate::example::{Hidden, make};
+        use crate::model_file::ModelFile;
+        use model_core::actuator::ParameterId;
+        use model_core::catalogue::Kind;
+
+        let time: Vec<f64> = (0..400).map(|k| f64::from(k) * 0.01).collect();
+        let pressure = |t: &f64| 6e4 * (0.4 - 0.5 * (1.7 * t).cos() + 0.3 * (4.1 * t).sin());
+        let signal = Signal::new(time.clone(), time.iter().map(pressure).collect());
+        let readings = |model: &Model<f64>| {
+            let start = Start {
+                angle: 0.3,
+                rate: 0.4,
+            };
+            run(model, &signal, start, 2).reading
+        };
+        for &kind in Kind::ALL {
+            let example = make(Hidden::Effect(kind), 0.0, 5).unwrap();
+            let path = std::path::Path::new("truth.toml");
+            let model = ModelFile::parse(&example.truth, path).unwrap().model;
+            for (parameter, row) in kind.parameters().iter().enumerate() {
+                let id = ParameterId::Effect { slot: 0, parameter };
+                let value = model.value(id).unwrap();
+                let dual: Model<Dual<1>> = model.map(Dual::constant);
+                let dual = dual.with_value(id, Dual::variable(value, 0, 1.0));
+                let start = Start {
+                    angle: Dual::constant(0.3),
+                    rate: Dual::constant(0.4),
+                };
+                let exact: Vec<f64> = run(&dual, &signal, start, 2)
+                    .reading
+                    .iter()
+                    .map(|reading| reading.partials()[0])
+                    .collect();
+                let h = 1e-5 * value.abs().max(1e-6);
+                let above = readings(&model.with_value(id, value + h));
+                let below = readings(&model.with_value(id, value - h));
+                let size = exact.iter().fold(0.0, |a: f64, b| a.max(b.abs()));
+                assert!(
+                    size * value.abs().max(0.1) > 1e-5,
+                    "{kind:?} {}: {size}",
+                    row.key
+                );
+                for (k, exact) in exact.iter().enumerate() {
+                    let difference = (above[k] - below[k]) / (2.0 * h);
+                    assert!(
+                        (exact - difference).abs() < 1e-3 * size,
+                        "{kind:?} {} at {k}: {exact} against {difference} of {size}",
+                        row.key
+                    );
+                }
+            }
+        }
+    }
+
     #[test]
     fn divergence_is_reported_and_finite() {
         let model: Model<f64> = Model::new(

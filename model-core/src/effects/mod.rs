@@ -15,7 +15,8 @@
 //! [`Mechanism::integrated_states`] of them are integrated with the motion; the
 //! others are a memory of events that [`Mechanism::note`] updates after a step,
 //! such as the largest angle so far. To add an effect, write a file here and name
-//! it in [`crate::catalogue`].
+//! it in [`crate::catalogue`]; tests say what else must know. `docs/effects.md` is
+//! written from what the files here say.
 //!
 //! Several effects form a chain on the input path and another on the sensor
 //! path, in the order of the model: each sees what the one before it leaves.

@@ -346,6 +346,10 @@ fn effects_are_their_equations() {
             );
             let (of_desktop, of_board) = if has_corners(kind) {
                 ((1e-4, 1e-5), (5e-3, 1e-3))
+            } else if matches!(kind, Kind::SensorDrift | Kind::PeriodicDisturbance) {
+                // Two thousand steps of 5 ms, each rounded to the last place of
+                // the time or the phase in `f32`, add up.
+                ((1e-7, 1e-9), (2e-3, 5e-5))
             } else {
                 ((1e-7, 1e-9), (5e-4, 1e-5))
             };

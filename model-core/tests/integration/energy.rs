@@ -260,7 +260,7 @@ fn effects_without_a_source_never_add_energy() {
                 if keeps {
                     lost.abs() < 1e-5
                 } else {
-                    lost > 0.05
+                    lost > 0.005
                 },
                 "{name} {values:?}: {lost}"
             );

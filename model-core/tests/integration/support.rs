@@ -116,7 +116,7 @@ pub fn sample_values(kind: Kind) -> [&'static [f64]; 2] {
         Kind::EndStop => [&[6.0, 0.5], &[2.0, 0.3]],
         Kind::StiffnessDrift => [&[0.05], &[-0.04]],
         Kind::MullinsSoftening => [&[0.5, 0.5], &[0.3, 0.2]],
-        Kind::SecondMode => [&[1.2, 0.1, 0.8], &[3.0, 0.03, -1.5]],
+        Kind::SecondMode => [&[1.2, 0.1, 0.8], &[1.7, 0.05, -1.5]],
         Kind::VentAsymmetry => [&[0.1, 0.6], &[0.8, 0.15]],
         Kind::PressureThreshold => [&[12e3], &[25e3]],
         Kind::PressureStiffening => [&[1e-5], &[-4e-6]],
