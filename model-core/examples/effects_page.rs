@@ -117,13 +117,12 @@ fn number(row: &Parameter, value: f32) -> String {
 }
 
 fn main() -> std::io::Result<()> {
-    match std::env::args().nth(1) {
-        Some(path) => std::fs::write(path, page()),
-        None => {
-            print!("{}", page());
-            Ok(())
-        }
+    if let Some(path) = std::env::args().nth(1) {
+        std::fs::write(path, page())?;
+    } else {
+        print!("{}", page());
     }
+    Ok(())
 }
 
 #[cfg(test)]

@@ -38,7 +38,7 @@ parameters! {
             unit: Unit::PerKiloPascal,
             // ∓2⁻¹⁵ and 2⁻¹² per pascal, which f32 and f64 hold alike.
             lower: -0.000_030_517_578,
-            upper: 0.000_244_140_625,
+            upper: 0.000_244_140_63,
             held: None,
             starts: &[-0.2, 0.3, 1.0],
         },
