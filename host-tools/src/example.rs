@@ -284,7 +284,7 @@ fn draw_effect(
             let pressure = dynamics.stiffness / dynamics.input_gain;
             match (kind, row.unit) {
                 (Kind::MaxwellBranch, Unit::Second) => random.random_range(2.0..8.0),
-                (Kind::Leak, Unit::Second) => between(4.0, 15.0),
+                (Kind::Leak, Unit::Second) => between(10.0, 40.0),
                 (Kind::VentAsymmetry, Unit::Second) if row.key == "fill_s" => between(0.05, 0.15),
                 (Kind::VentAsymmetry, Unit::Second) => between(0.3, 0.6),
                 (_, Unit::Second) => random.random_range(0.1..0.3),
