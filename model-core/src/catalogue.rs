@@ -110,8 +110,8 @@ macro_rules! catalogue {
         }
 
         impl<R: Real> Mechanism<R> for Effect<R> {
-            fn integrated_states(&self) -> usize {
-                match self { $( Self::$name(effect) => effect.integrated_states(), )+ }
+            fn integrates(&self) -> bool {
+                match self { $( Self::$name(effect) => Mechanism::<R>::integrates(effect), )+ }
             }
             fn at_rest(&self, rest: &Rest<R>) -> Hidden<R> {
                 match self { $( Self::$name(effect) => effect.at_rest(rest), )+ }

@@ -6,7 +6,6 @@
 //! which neither runs in bounded time on a board nor gives smooth gradients.
 
 use crate::actuator::{Derivative, Model, State};
-use crate::effects::Mechanism;
 use crate::input::Input;
 use crate::power::Power;
 use crate::real::Real;
@@ -109,13 +108,12 @@ fn advance<R: Real, P: Power<R>>(
     next.time += dt;
     next.angle += slope.rate * dt;
     next.rate += slope.acceleration * dt;
-    for ((effect, hidden), rates) in model.effects().zip(&mut next.hidden).zip(&slope.hidden) {
-        for (value, rate) in hidden
-            .iter_mut()
-            .zip(rates)
-            .take(effect.integrated_states())
-        {
-            *value += *rate * dt;
+    if model.integrates() {
+        // A memory of events has no rate and stays.
+        for ((_, hidden), rates) in model.effects().zip(&mut next.hidden).zip(&slope.hidden) {
+            for (value, rate) in hidden.iter_mut().zip(rates) {
+                *value += *rate * dt;
+            }
         }
     }
     next
@@ -124,9 +122,11 @@ fn advance<R: Real, P: Power<R>>(
 fn add<R: Real, P: Power<R>>(model: &Model<R, P>, sum: &mut Derivative<R>, term: &Derivative<R>) {
     sum.rate += term.rate;
     sum.acceleration += term.acceleration;
-    for ((effect, sum), term) in model.effects().zip(&mut sum.hidden).zip(&term.hidden) {
-        for (sum, term) in sum.iter_mut().zip(term).take(effect.integrated_states()) {
-            *sum += *term;
+    if model.integrates() {
+        for ((_, sum), term) in model.effects().zip(&mut sum.hidden).zip(&term.hidden) {
+            for (sum, term) in sum.iter_mut().zip(term) {
+                *sum += *term;
+            }
         }
     }
 }

@@ -243,8 +243,7 @@ fn remembers(kind: Kind) -> bool {
         || kind
             .build(&vec![1.0; kind.parameters().len()])
             .is_some_and(|effect| {
-                Mechanism::<f64>::integrated_states(&effect) > 0
-                    || Mechanism::<f64>::has_memory(&effect)
+                Mechanism::<f64>::integrates(&effect) || Mechanism::<f64>::has_memory(&effect)
             })
 }
 

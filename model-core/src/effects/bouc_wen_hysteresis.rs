@@ -58,8 +58,8 @@ parameters! {
 }
 
 impl<R: Real> Mechanism<R> for BoucWenHysteresis<R> {
-    fn integrated_states(&self) -> usize {
-        1
+    fn integrates(&self) -> bool {
+        true
     }
 
     fn force(&self, at: &Instant<R>, hidden: &Hidden<R>, rates: &mut Hidden<R>) -> R {

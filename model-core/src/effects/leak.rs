@@ -49,8 +49,8 @@ parameters! {
 }
 
 impl<R: Real> Mechanism<R> for Leak<R> {
-    fn integrated_states(&self) -> usize {
-        1
+    fn integrates(&self) -> bool {
+        true
     }
 
     fn input(&self, pressure: R, hidden: &Hidden<R>, rates: &mut Hidden<R>) -> R {

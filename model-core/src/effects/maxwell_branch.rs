@@ -48,8 +48,8 @@ parameters! {
 }
 
 impl<R: Real> Mechanism<R> for MaxwellBranch<R> {
-    fn integrated_states(&self) -> usize {
-        1
+    fn integrates(&self) -> bool {
+        true
     }
 
     fn at_rest(&self, rest: &Rest<R>) -> Hidden<R> {

@@ -11,9 +11,9 @@
 //! | force | [`Mechanism::force`] | friction, gravity |
 //! | sensor path | [`Mechanism::sensor`] | lag of the sensor |
 //!
-//! An effect may keep up to two hidden states of its own. The first
-//! [`Mechanism::integrated_states`] of them are integrated with the motion; the
-//! others are a memory of events that [`Mechanism::note`] updates after a step,
+//! An effect may keep up to two hidden states of its own. They are
+//! integrated with the motion if [`Mechanism::integrates`] says so and they have a
+//! rate; one without a rate is a memory of events that [`Mechanism::note`] updates after a step,
 //! such as the largest angle so far. To add an effect, write a file here and name
 //! it in [`crate::catalogue`]; tests say what else must know. `docs/effects.md` is
 //! written from what the files here say.
@@ -92,9 +92,9 @@ pub struct Motion<R> {
 
 /// What an effect does. Every method defaults to doing nothing.
 pub trait Mechanism<R: Real> {
-    /// How many hidden states are integrated with the motion.
-    fn integrated_states(&self) -> usize {
-        0
+    /// Whether hidden states are integrated with the motion.
+    fn integrates(&self) -> bool {
+        false
     }
     /// Hidden states after a long rest.
     fn at_rest(&self, _rest: &Rest<R>) -> Hidden<R> {

@@ -66,8 +66,8 @@ parameters! {
 }
 
 impl<R: Real> Mechanism<R> for PeriodicDisturbance<R> {
-    fn integrated_states(&self) -> usize {
-        1
+    fn integrates(&self) -> bool {
+        true
     }
 
     fn force(&self, _at: &Instant<R>, hidden: &Hidden<R>, rates: &mut Hidden<R>) -> R {

@@ -39,8 +39,8 @@ parameters! {
 }
 
 impl<R: Real> Mechanism<R> for PneumaticLag<R> {
-    fn integrated_states(&self) -> usize {
-        1
+    fn integrates(&self) -> bool {
+        true
     }
 
     fn at_rest(&self, rest: &Rest<R>) -> Hidden<R> {

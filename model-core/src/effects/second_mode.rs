@@ -67,8 +67,8 @@ impl<R: Real> SecondMode<R> {
 }
 
 impl<R: Real> Mechanism<R> for SecondMode<R> {
-    fn integrated_states(&self) -> usize {
-        2
+    fn integrates(&self) -> bool {
+        true
     }
 
     fn respond(&self, acceleration: R, hidden: &Hidden<R>, rates: &mut Hidden<R>) {
