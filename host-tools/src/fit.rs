@@ -19,6 +19,7 @@ use nalgebra::{DMatrix, DVector, Dyn};
 use rayon::prelude::*;
 
 use crate::dual::Dual;
+use crate::information::{Block, Information};
 use crate::recording::Recording;
 use crate::simulate::{Signal, Start, run, substeps};
 use crate::smooth::{half_window, motion};
@@ -316,6 +317,15 @@ impl Coordinate {
         }
     }
 
+    /// Whether a position is within a thousandth of the end of the range.
+    fn is_at_edge(self, u: f64) -> bool {
+        match self {
+            Self::Linear { .. } => false,
+            Self::Above { .. } => u.abs() < 0.045,
+            Self::Between { .. } | Self::Logarithmic { .. } => u.sin().abs() > 0.998,
+        }
+    }
+
     /// The coordinate of a value. On a bound the slope is zero and the solver
     /// could never leave, so starts keep a small distance.
     fn position(self, value: f64) -> f64 {
@@ -397,6 +407,23 @@ pub struct Fit {
     pub converged: bool,
     /// Number of starts that were estimated.
     moving: usize,
+    /// What each recording says about the free parameters; empty after a
+    /// glance.
+    information: Information,
+    coordinates: Vec<Coordinate>,
+    position: Vec<f64>,
+}
+
+/// A combination of free parameters that the recordings hardly determine.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FlatDirection {
+    /// How far the parameters can move along it, relative to their own size,
+    /// before the residual grows by its standard error; infinite if nothing
+    /// determines it.
+    pub reach: f64,
+    /// The parameters that take part, with their relative change; the largest
+    /// first.
+    pub shares: Vec<(ParameterId, f64)>,
 }
 
 impl Fit {
@@ -427,6 +454,69 @@ impl Fit {
     /// How many correlated samples count as one.
     pub fn correlation_time(&self) -> f64 {
         correlation_time(&self.residuals)
+    }
+
+    /// The model as it would have been fitted without the recordings in
+    /// `left_out`, to second order; none where that cannot be trusted.
+    pub fn without(&self, left_out: &[usize]) -> Option<Model<f64>> {
+        if self.free.is_empty() {
+            return Some(self.model);
+        }
+        if self.information.unknowns() != self.free.len() {
+            return None;
+        }
+        let step = self.information.step_without(left_out)?;
+        let mut model = self.model;
+        for (k, (&id, coordinate)) in self.free.iter().zip(&self.coordinates).enumerate() {
+            model = model.with_value(id, coordinate.to_value(self.position[k] + step[k]));
+        }
+        Some(model)
+    }
+
+    /// Combinations of free parameters that could move by more than half their
+    /// size unnoticed: singular values of the Jacobian by relative changes.
+    pub fn flat_directions(&self) -> Vec<FlatDirection> {
+        /// Standard error along a direction, relative to the parameters.
+        const LIMIT: f64 = 0.5;
+        /// A parameter with a smaller share does not take part.
+        const SHARE: f64 = 0.2;
+        if self.information.unknowns() != self.free.len() {
+            return Vec::new();
+        }
+        let sizes: Vec<f64> = self
+            .free
+            .iter()
+            .zip(&self.coordinates)
+            .zip(&self.position)
+            .map(|((&id, coordinate), &u)| {
+                let value = self.model.value(id).unwrap_or(1.0);
+                coordinate.slope(u) / value.abs().max(1e-9)
+            })
+            .collect();
+        self.information
+            .flat_directions(&sizes, LIMIT)
+            .into_iter()
+            .map(|(reach, direction)| {
+                let mut shares: Vec<(ParameterId, f64)> = self
+                    .free
+                    .iter()
+                    .copied()
+                    .zip(direction)
+                    .filter(|(_, share)| share.abs() > SHARE)
+                    .collect();
+                shares.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
+                FlatDirection { reach, shares }
+            })
+            .collect()
+    }
+
+    /// Whether the free parameter at `index` ended at the edge of the range in
+    /// which it was searched.
+    pub fn at_bound(&self, index: usize) -> bool {
+        self.coordinates
+            .get(index)
+            .zip(self.position.get(index))
+            .is_some_and(|(coordinate, &u)| coordinate.is_at_edge(u))
     }
 
     /// 95 % interval of the free parameter at `index` in SI units, cut at the
@@ -668,10 +758,26 @@ impl<'a, 'r> Problem<'a, 'r> {
 
     fn finish(self, converged: bool, effort: Effort) -> Fit {
         let residuals = self.residual_series();
-        let standard_errors = match effort {
-            Effort::Glance => vec![f64::INFINITY; self.free.len()],
-            Effort::Full => self.standard_errors(&residuals),
+        let information = match effort {
+            Effort::Glance => Information::default(),
+            Effort::Full => self.information(&residuals),
         };
+        let free = self.free.len();
+        let covariance = match effort {
+            Effort::Glance => None,
+            Effort::Full => information.covariance(),
+        };
+        let standard_errors = self
+            .coordinates
+            .iter()
+            .enumerate()
+            .map(|(column, coordinate)| {
+                let slope = coordinate.slope(self.position[column]).abs();
+                covariance.as_ref().map_or(f64::INFINITY, |covariance| {
+                    slope * covariance[(column, column)].max(0.0).sqrt()
+                })
+            })
+            .collect();
         let model = self.model();
         let starts = (0..self.runs.len())
             .map(|index| self.start(index))
@@ -684,51 +790,48 @@ impl<'a, 'r> Problem<'a, 'r> {
             standard_errors,
             converged,
             moving: self.own.iter().flatten().count(),
+            information,
+            coordinates: self.coordinates,
+            position: self.position.iter().take(free).copied().collect(),
         }
     }
 
-    /// Standard errors from the curvature of the sum of squares, widened by
-    /// the correlation of the residuals.
-    fn standard_errors(&self, residuals: &[Vec<f64>]) -> Vec<f64> {
-        let unknowns = self.unknowns();
-        if self.free.is_empty() {
-            return Vec::new();
+    /// What each recording says about the free parameters.
+    fn information(&self, residuals: &[Vec<f64>]) -> Information {
+        let unknowns = self.free.len();
+        if unknowns == 0 {
+            return Information::default();
         }
         let jacobian = self.exact_jacobian();
-        let samples = jacobian.nrows();
-        let sse: f64 = residuals.iter().flatten().map(|r| r * r).sum();
-        let inflation = correlation_time(residuals);
-        let variance = inflation * sse / samples.saturating_sub(unknowns).max(1) as f64;
-        // Columns are scaled to length 1 so that the test for singularity does
-        // not depend on units.
-        let mut lengths = vec![0.0; unknowns];
-        let mut scaled = jacobian;
-        for (column, length) in lengths.iter_mut().enumerate() {
-            *length = scaled.column(column).norm();
-            if *length > 0.0 {
-                scaled.column_mut(column).scale_mut(1.0 / *length);
-            }
+        if !jacobian.iter().all(|entry| entry.is_finite()) {
+            return Information::default();
         }
-        let normal = scaled.tr_mul(&scaled);
-        let inverse = normal
-            .clone()
-            .cholesky()
-            .map(|factor| factor.inverse())
-            .filter(|inverse| inverse.iter().all(|entry| entry.is_finite()));
-        self.coordinates
+        let mut first = 0;
+        let blocks: Vec<(DMatrix<f64>, DMatrix<f64>)> = residuals
             .iter()
-            .enumerate()
-            .map(|(column, coordinate)| {
-                let slope = coordinate.slope(self.position[column]).abs();
-                match &inverse {
-                    Some(inverse) if lengths[column] > 0.0 => {
-                        slope * (variance * inverse[(column, column)]).max(0.0).sqrt()
-                            / lengths[column]
-                    }
-                    _ => f64::INFINITY,
-                }
+            .zip(&self.own)
+            .map(|(residual, own)| {
+                let rows = jacobian.rows(first, residual.len());
+                first += residual.len();
+                let start = own.map_or_else(
+                    || DMatrix::zeros(residual.len(), 0),
+                    |column| rows.columns(column.get() - 1, 2).into_owned(),
+                );
+                (rows.columns(0, unknowns).into_owned(), start)
             })
-            .collect()
+            .collect();
+        Information::collect(
+            unknowns,
+            blocks
+                .iter()
+                .zip(residuals)
+                .map(|((parameters, start), residual)| Block {
+                    parameters,
+                    start,
+                    residual,
+                }),
+            correlation_time(residuals),
+        )
     }
 }
 

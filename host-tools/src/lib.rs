@@ -8,6 +8,7 @@ pub mod dual;
 pub mod error;
 pub mod example;
 pub mod fit;
+pub mod information;
 pub mod linear;
 pub mod link;
 pub mod materials;

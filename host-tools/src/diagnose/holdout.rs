@@ -1,11 +1,20 @@
 //! The test that counts: errors on runs that were not fitted.
 //!
 //! With `--holdout` recordings the fitted model is simulated over them as it
-//! is. Without, the recordings are dealt into folds, and each fold is simulated
-//! with a model that was fitted to the others. Either way a run that starts in
-//! motion has its starting angle and rate estimated, and nothing else.
+//! is. Without, recordings are left out in turn, repeats of one run together:
+//! a repeat that stays in the fit would give the answer away. Either way a run
+//! that starts in motion has its starting angle and rate estimated, and nothing
+//! else.
+//!
+//! What a fit would have been without some recordings follows from the
+//! curvature of its sum of squares ([`crate::information`]); it is refitted
+//! only where that cannot be trusted.
 
-use model_core::actuator::Model;
+use std::collections::BTreeMap;
+use std::sync::{Mutex, PoisonError};
+
+use model_core::actuator::{Model, ParameterId};
+use model_core::catalogue::Kind;
 use model_core::power::Minimax;
 
 use super::candidates::{Candidate, free_parameters};
@@ -14,7 +23,11 @@ use crate::fit::{Effort, Fitter, Run};
 use crate::model_file::ModelFile;
 use crate::recording::Recording;
 
-/// Folds when recordings are left out in turn.
+/// Fewer different runs than this, and leaving one out would ask for
+/// extrapolation: repeats are then left out one by one.
+const FEWEST_UNITS: usize = 4;
+
+/// Folds into which repeats are dealt where they are not kept together.
 const FOLDS: usize = 4;
 
 /// Held-out errors (rad).
@@ -56,6 +69,9 @@ fn share_closed(before: f64, after: f64, floor: f64) -> f64 {
     ((before - after) / gap).clamp(-1.0, 1.0)
 }
 
+/// A structure as fitted: what identifies a held-out error.
+type Key = (Vec<Kind>, Vec<ParameterId>);
+
 /// Judges structures by runs that were not fitted.
 pub struct Judge<'a, 'r> {
     file: &'a ModelFile,
@@ -63,38 +79,52 @@ pub struct Judge<'a, 'r> {
     fitter: &'a Fitter<'a, 'r>,
     /// The held-out runs; empty to leave the fitted ones out in turn.
     given: &'a [Run<'r>],
+    /// Fitted runs that are left out together.
+    folds: Vec<Vec<usize>>,
+    /// Noise floor of the held-out runs (rad).
+    floor: f64,
+    /// Errors that were found before: several steps ask for the same ones.
+    memo: Mutex<BTreeMap<Key, f64>>,
 }
 
 impl<'a, 'r> Judge<'a, 'r> {
     /// Creates a judge over `given` held-out runs, or over the fitted ones in
     /// turn if there are none.
     pub fn new(file: &'a ModelFile, fitter: &'a Fitter<'a, 'r>, given: &'a [Run<'r>]) -> Self {
+        let runs = if given.is_empty() { fitter.runs } else { given };
+        let recordings: Vec<Recording> = runs.iter().map(|run| run.recording.clone()).collect();
+        let floor = NoiseFloor::of(&recordings);
+        let folds = if given.is_empty() {
+            folds(runs.len(), &floor.groups)
+        } else {
+            Vec::new()
+        };
         Self {
             file,
             fitter,
             given,
+            folds,
+            floor: floor.rms,
+            memo: Mutex::default(),
         }
     }
 
     /// RMS error (rad) of a fitted structure on runs that were not fitted.
     pub fn error_of(&self, candidate: &Candidate) -> f64 {
-        self.collect(candidate, |fitter, model| fitter.compare(model).sse())
+        let key = (candidate.added.clone(), candidate.fit.free.clone());
+        let memo = || self.memo.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(&known) = memo().get(&key) {
+            return known;
+        }
+        let found = self.collect(candidate, |fitter, model| fitter.compare(model).sse());
+        memo().insert(key, found);
+        found
     }
 
     /// Share of the held-out gap between refit and noise floor that a structure
     /// removes.
     pub fn gap_closed(&self, refit: &Candidate, candidate: &Candidate) -> f64 {
-        share_closed(self.error_of(refit), self.error_of(candidate), self.floor())
-    }
-
-    /// Noise floor of the held-out runs (rad).
-    fn floor(&self) -> f64 {
-        let recordings: Vec<Recording> = self
-            .runs()
-            .iter()
-            .map(|run| run.recording.clone())
-            .collect();
-        NoiseFloor::of(&recordings).rms
+        share_closed(self.error_of(refit), self.error_of(candidate), self.floor)
     }
 
     /// Errors of the nominal model, its refit and the repaired one.
@@ -115,7 +145,7 @@ impl<'a, 'r> Judge<'a, 'r> {
                 self.error_of(repaired)
             },
             repaired_on_board: self.collect(repaired, board_sse),
-            floor: self.floor(),
+            floor: self.floor,
             in_turn: self.given.is_empty(),
         }
     }
@@ -136,9 +166,9 @@ impl<'a, 'r> Judge<'a, 'r> {
     ) -> f64 {
         let samples: usize = self.runs().iter().map(|run| run.recording.len()).sum();
         let total: f64 = if self.given.is_empty() {
-            let folds = FOLDS.min(self.fitter.runs.len());
-            (0..folds)
-                .map(|fold| self.fold_sse(candidate, fold, folds, &sse))
+            self.folds
+                .iter()
+                .map(|fold| self.fold_sse(candidate, fold, &sse))
                 .sum()
         } else {
             let fitter = Fitter {
@@ -153,8 +183,7 @@ impl<'a, 'r> Judge<'a, 'r> {
     fn fold_sse(
         &self,
         candidate: &Candidate,
-        fold: usize,
-        folds: usize,
+        fold: &[usize],
         sse: &impl Fn(&Fitter<'_, '_>, &Model<f64>) -> f64,
     ) -> f64 {
         let pick = |left_out: bool| -> Vec<Run<'r>> {
@@ -162,30 +191,52 @@ impl<'a, 'r> Judge<'a, 'r> {
                 .runs
                 .iter()
                 .enumerate()
-                .filter(|(index, _)| (index % folds == fold) == left_out)
+                .filter(|(index, _)| fold.contains(index) == left_out)
                 .map(|(_, run)| run.clone())
                 .collect()
         };
-        let (train, test) = (pick(false), pick(true));
         let nominal = &self.file.model;
-        let free = if candidate.fit.free.is_empty() {
-            free_parameters(self.file, &candidate.added)
-        } else {
-            candidate.fit.free.clone()
-        };
-        let fitted = Fitter {
-            nominal,
-            runs: &train,
-        }
-        .fit(&candidate.fit.model, &free, Effort::Full);
+        let model = candidate.fit.without(fold).unwrap_or_else(|| {
+            let free = if candidate.fit.free.is_empty() {
+                free_parameters(self.file, &candidate.added)
+            } else {
+                candidate.fit.free.clone()
+            };
+            Fitter {
+                nominal,
+                runs: &pick(false),
+            }
+            .fit(&candidate.fit.model, &free, Effort::Full)
+            .model
+        });
         sse(
             &Fitter {
                 nominal,
-                runs: &test,
+                runs: &pick(true),
             },
-            &fitted.model,
+            &model,
         )
     }
+}
+
+/// Deals runs into folds: repeats together, or one by one where that leaves
+/// too few different runs.
+fn folds(runs: usize, repeats: &[Vec<usize>]) -> Vec<Vec<usize>> {
+    let mut units: Vec<Vec<usize>> = Vec::new();
+    for index in 0..runs {
+        match repeats.iter().find(|group| group.contains(&index)) {
+            Some(group) if group.first() == Some(&index) => units.push(group.clone()),
+            Some(_) => {}
+            None => units.push(vec![index]),
+        }
+    }
+    if units.len() >= FEWEST_UNITS {
+        return units;
+    }
+    let count = FOLDS.min(runs);
+    (0..count)
+        .map(|fold| (fold..runs).step_by(count).collect())
+        .collect()
 }
 
 /// Squared error of a model in the board's arithmetic, from starts estimated
@@ -210,7 +261,15 @@ fn board_sse(fitter: &Fitter<'_, '_>, model: &Model<f64>) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::share_closed;
+    use super::{folds, share_closed};
+
+    #[test]
+    fn repeats_are_left_out_together_unless_too_few_runs_differ() {
+        let together = folds(6, &[vec![0, 2], vec![1, 5]]);
+        assert_eq!(together, [vec![0, 2], vec![1, 5], vec![3], vec![4]]);
+        let apart = folds(6, &[vec![0, 1, 2], vec![3, 4, 5]]);
+        assert_eq!(apart, [vec![0, 4], vec![1, 5], vec![2], vec![3]]);
+    }
 
     #[test]
     fn share_closed_of_all_none_and_worse() {

@@ -16,6 +16,7 @@
 
 pub mod candidates;
 pub mod holdout;
+pub mod identify;
 pub mod localise;
 pub mod noise;
 pub mod select;
@@ -28,12 +29,13 @@ use model_core::catalogue::Kind;
 use rayon::prelude::*;
 
 use crate::error::InputError;
-use crate::fit::{Effort, Excerpt, Fit, Fitter, Pieces, Run};
+use crate::fit::{Excerpt, Fit, Fitter, Pieces, Run};
 use crate::model_file::{ModelFile, tidy, to_file_units};
 use crate::recording::Recording;
 use crate::statistics::{correlated_rms, noise_by_differences};
 use candidates::{Candidate, Ground, Scales, Untried, applicable, extend, finish, released};
 use holdout::{HeldOut, Judge};
+use identify::Identifiability;
 use localise::{Feature, localise};
 use noise::NoiseFloor;
 use select::{REJECTED, better_held_out, independent_samples, rank, required_evidence, score};
@@ -97,6 +99,9 @@ pub struct Diagnosis {
     pub repaired: Candidate,
     /// Probability of each named effect, in the order of `repaired.added`.
     pub probability: Vec<f64>,
+    /// Which parameters of the refit, and of the repaired model, the
+    /// recordings determine.
+    pub identifiability: [Identifiability; 2],
     /// Held-out errors.
     pub held_out: HeldOut,
     /// Rivals, best first.
@@ -143,16 +148,14 @@ pub fn diagnose(request: &Request<'_>, progress: Progress<'_>) -> Result<Diagnos
         runs: &runs,
     };
     let held_out_runs = Run::all(holdout);
-    let judge = Judge::new(file, &fitter, &held_out_runs);
 
     progress("noise floor");
     let floor = NoiseFloor::of(recordings);
     let nominal = fitter.compare(&file.model);
     progress("refit of the nominal structure");
-    let refit = Candidate {
-        added: Vec::new(),
-        fit: fitter.fit(&file.model, &file.free, Effort::Full),
-    };
+    let (refit, determined, identified) = identify::refit(file, &fitter);
+    let file = &determined;
+    let judge = Judge::new(file, &fitter, &held_out_runs);
     if !refit.fit.sse().is_finite() {
         return Err(InputError::new(
             "the model cannot be simulated over these recordings: it diverges",
@@ -187,8 +190,13 @@ pub fn diagnose(request: &Request<'_>, progress: Progress<'_>) -> Result<Diagnos
         },
         exact_form: is_adequate && held_out.at_noise(),
     };
+    let identifiability = [
+        Identifiability::of(&found.repaired.fit, &identified.held),
+        identified,
+    ];
     Ok(Diagnosis {
         answer: found.answer,
+        identifiability,
         floor,
         nominal,
         refit: refit.fit,

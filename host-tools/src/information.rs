@@ -1,0 +1,308 @@
+//! What recordings say about the parameters of a fit, to second order.
+//!
+//! Near its minimum the sum of squares is a parabola whose curvature JᵀJ adds
+//! up over recordings. Kept for each recording, it answers three questions
+//! without another simulation: how uncertain a parameter is, which
+//! combinations of parameters nothing determines, and what the fit would have
+//! been without some of the recordings.
+//!
+//! The unknown start of a recording is eliminated (Schur complement), so that
+//! only the free parameters are left.
+
+use nalgebra::{DMatrix, DVector};
+
+/// Curvature and slope of the sum of squares of each recording, in the
+/// coordinates in which the solver moves.
+#[derive(Clone, Debug, Default)]
+pub struct Information {
+    /// JᵀJ of each recording.
+    curvature: Vec<DMatrix<f64>>,
+    /// Jᵀr of each recording.
+    slope: Vec<DVector<f64>>,
+    /// Σ (Jᵀr)(Jᵀr)ᵀ over blocks of samples: how much the slope scatters.
+    scatter: DMatrix<f64>,
+    /// Mean square of the residual (rad²).
+    variance: f64,
+}
+
+/// Derivatives and residuals of one recording.
+pub struct Block<'a> {
+    /// By the free parameters, a row a sample.
+    pub parameters: &'a DMatrix<f64>,
+    /// By the recording's own start; no columns if that is known.
+    pub start: &'a DMatrix<f64>,
+    /// Simulated minus measured (rad).
+    pub residual: &'a [f64],
+}
+
+impl Information {
+    /// Collects the information of recordings whose residuals are correlated
+    /// over `correlation` samples.
+    pub fn collect<'a>(
+        unknowns: usize,
+        blocks: impl Iterator<Item = Block<'a>>,
+        correlation: f64,
+    ) -> Self {
+        /// Slopes are summed over blocks of so many correlation times, …
+        const CORRELATION_TIMES: f64 = 4.0;
+        /// … and of so many samples at least.
+        const SHORTEST: f64 = 50.0;
+        // A correlation time is at most some thousand samples.
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let length = (CORRELATION_TIMES * correlation).max(SHORTEST) as usize;
+        let mut this = Self {
+            scatter: DMatrix::zeros(unknowns, unknowns),
+            ..Self::default()
+        };
+        let (mut squares, mut samples) = (0.0, 0usize);
+        for block in blocks {
+            let own = block.start.ncols();
+            let projected = if own == 0 {
+                block.parameters.clone()
+            } else {
+                without_start(block.parameters, block.start)
+            };
+            let residual = DVector::from_column_slice(block.residual);
+            this.curvature.push(projected.tr_mul(&projected));
+            this.slope.push(projected.tr_mul(&residual));
+            let rows = residual.len();
+            let mut first = 0;
+            while first < rows {
+                let count = length.min(rows - first);
+                let sum = projected
+                    .rows(first, count)
+                    .tr_mul(&residual.rows(first, count));
+                this.scatter += &sum * sum.transpose();
+                first += count;
+            }
+            squares += residual.norm_squared();
+            samples += rows;
+        }
+        this.variance = squares / samples.saturating_sub(unknowns).max(1) as f64;
+        this
+    }
+
+    /// Number of free parameters.
+    pub fn unknowns(&self) -> usize {
+        self.scatter.nrows()
+    }
+
+    /// JᵀJ of all recordings but those in `left_out`.
+    fn total(&self, left_out: &[usize]) -> DMatrix<f64> {
+        let unknowns = self.unknowns();
+        self.curvature
+            .iter()
+            .enumerate()
+            .filter(|(index, _)| !left_out.contains(index))
+            .fold(DMatrix::zeros(unknowns, unknowns), |sum, (_, one)| {
+                sum + one
+            })
+    }
+
+    /// Covariance of the free parameters: none if nothing determines some of
+    /// them.
+    ///
+    /// Correlated residuals and residuals that are larger here than there are
+    /// allowed for by their own scatter (the sandwich estimate, summed over
+    /// blocks); white noise of the same size sets the least.
+    pub fn covariance(&self) -> Option<DMatrix<f64>> {
+        let bread = inverse(&self.total(&[]))?;
+        let white = &bread * self.variance;
+        let robust = &bread * &self.scatter * &bread;
+        let mut covariance = robust;
+        for k in 0..covariance.nrows() {
+            let (least, found) = (white[(k, k)], covariance[(k, k)]);
+            if found < least && found > 0.0 {
+                let factor = (least / found).sqrt();
+                covariance.row_mut(k).scale_mut(factor);
+                covariance.column_mut(k).scale_mut(factor);
+            }
+        }
+        Some(covariance)
+    }
+
+    /// Directions in which the parameters can move by more than `limit` times
+    /// their own size before the recordings notice: unit vectors of relative
+    /// changes, flattest first, with how far they can move. `sizes` are dp/du
+    /// over p for each parameter.
+    pub fn flat_directions(&self, sizes: &[f64], limit: f64) -> Vec<(f64, Vec<f64>)> {
+        let unknowns = self.unknowns();
+        let mut relative = self.total(&[]);
+        for row in 0..unknowns {
+            for column in 0..unknowns {
+                let scale = sizes[row] * sizes[column];
+                relative[(row, column)] = if scale.abs() > 0.0 {
+                    relative[(row, column)] / scale
+                } else {
+                    0.0
+                };
+            }
+        }
+        if unknowns == 0 || !relative.iter().all(|entry| entry.is_finite()) {
+            return Vec::new();
+        }
+        let eigen = relative.symmetric_eigen();
+        let mut flat: Vec<(f64, Vec<f64>)> = eigen
+            .eigenvalues
+            .iter()
+            .zip(eigen.eigenvectors.column_iter())
+            .filter_map(|(&curvature, direction)| {
+                let reach = (self.variance / curvature.max(f64::MIN_POSITIVE)).sqrt();
+                (reach > limit).then(|| (reach, direction.iter().copied().collect()))
+            })
+            .collect();
+        flat.sort_by(|a, b| b.0.total_cmp(&a.0));
+        flat
+    }
+
+    /// How the solver's coordinates move if the recordings in `left_out` are
+    /// left out: one Gauss–Newton step, exact for a model that is linear in
+    /// its parameters. None if the others do not determine the parameters, or
+    /// if the step leads farther than the parabola can be trusted.
+    pub fn step_without(&self, left_out: &[usize]) -> Option<DVector<f64>> {
+        let rest = self.total(left_out);
+        let slope = self
+            .slope
+            .iter()
+            .enumerate()
+            .filter(|(index, _)| !left_out.contains(index))
+            .fold(DVector::zeros(self.unknowns()), |sum, (_, one)| sum + one);
+        let step = -(inverse(&rest)? * slope);
+        step.iter()
+            .all(|move_by| move_by.is_finite() && move_by.abs() < 0.2)
+            .then_some(step)
+    }
+}
+
+/// The part of `parameters` that no change of the start can imitate.
+fn without_start(parameters: &DMatrix<f64>, start: &DMatrix<f64>) -> DMatrix<f64> {
+    match inverse(&start.tr_mul(start)) {
+        Some(own) => parameters - start * (own * start.tr_mul(parameters)),
+        None => parameters.clone(),
+    }
+}
+
+/// The inverse of a symmetric positive matrix, scaled to a unit diagonal so
+/// that the test for singularity does not depend on units.
+fn inverse(matrix: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let count = matrix.nrows();
+    let lengths: Vec<f64> = (0..count).map(|k| matrix[(k, k)].sqrt()).collect();
+    if lengths
+        .iter()
+        .any(|length| !length.is_finite() || *length <= 0.0)
+    {
+        return None;
+    }
+    let scaled = DMatrix::from_fn(count, count, |row, column| {
+        matrix[(row, column)] / (lengths[row] * lengths[column])
+    });
+    let mut inverse = scaled.cholesky()?.inverse();
+    for row in 0..count {
+        for column in 0..count {
+            inverse[(row, column)] /= lengths[row] * lengths[column];
+        }
+    }
+    inverse
+        .iter()
+        .all(|entry| entry.is_finite())
+        .then_some(inverse)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A straight line through four short series.
+    fn line(series: &[Vec<f64>]) -> (Vec<DMatrix<f64>>, Vec<Vec<f64>>, Vec<f64>) {
+        let blocks: Vec<DMatrix<f64>> = series
+            .iter()
+            .enumerate()
+            .map(|(run, values)| {
+                DMatrix::from_fn(values.len(), 2, |row, column| {
+                    if column == 0 {
+                        1.0
+                    } else {
+                        (row as f64 * 0.1 + run as f64) * 0.3
+                    }
+                })
+            })
+            .collect();
+        let mut normal = DMatrix::zeros(2, 2);
+        let mut right = DVector::zeros(2);
+        for (block, values) in blocks.iter().zip(series) {
+            normal += block.tr_mul(block);
+            right += block.tr_mul(&DVector::from_column_slice(values));
+        }
+        let solved = normal.cholesky().unwrap().solve(&right);
+        let residuals = blocks
+            .iter()
+            .zip(series)
+            .map(|(block, values)| {
+                (block * &solved - DVector::from_column_slice(values))
+                    .iter()
+                    .copied()
+                    .collect()
+            })
+            .collect();
+        (blocks, residuals, solved.iter().copied().collect())
+    }
+
+    fn collect(blocks: &[DMatrix<f64>], residuals: &[Vec<f64>]) -> Information {
+        let none = DMatrix::zeros(blocks[0].nrows(), 0);
+        Information::collect(
+            2,
+            blocks
+                .iter()
+                .zip(residuals)
+                .map(|(parameters, residual)| Block {
+                    parameters,
+                    start: &none,
+                    residual,
+                }),
+            1.0,
+        )
+    }
+
+    fn series() -> Vec<Vec<f64>> {
+        (0..4)
+            .map(|run| {
+                (0..20)
+                    .map(|k| 0.02 * f64::from((k * 7 + run * 3) % 11) + 0.01 * f64::from(run))
+                    .collect()
+            })
+            .collect()
+    }
+
+    #[test]
+    fn a_step_without_some_is_the_fit_to_the_others() {
+        let all = series();
+        let (blocks, residuals, whole) = line(&all);
+        let step = collect(&blocks, &residuals)
+            .step_without(&[0, 1])
+            .unwrap();
+        // The design depends on the number of the run, so the rest is refitted
+        // with its own blocks.
+        let mut normal = DMatrix::zeros(2, 2);
+        let mut right = DVector::zeros(2);
+        for run in [2, 3] {
+            normal += blocks[run].tr_mul(&blocks[run]);
+            right += blocks[run].tr_mul(&DVector::from_column_slice(&all[run]));
+        }
+        let rest = normal.cholesky().unwrap().solve(&right);
+        for k in 0..2 {
+            assert!((whole[k] + step[k] - rest[k]).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn a_doubled_column_is_a_flat_direction() {
+        let block = DMatrix::from_fn(30, 2, |row, _| (row as f64 * 0.2).sin());
+        let residual: Vec<f64> = (0..30).map(|k| 0.01 * f64::from(k % 3 - 1)).collect();
+        let information = collect(&[block], &[residual]);
+        assert!(information.covariance().is_none());
+        let flat = information.flat_directions(&[1.0, 1.0], 0.5);
+        assert_eq!(flat.len(), 1);
+        let direction = &flat[0].1;
+        assert!((direction[0] + direction[1]).abs() < 1e-6);
+    }
+}
