@@ -123,8 +123,11 @@ pub fn summary(
         diagnosis.answer,
         Answer::NoDiscrepancy | Answer::ParametersOnly
     ) {
-        if let Some(place) = diagnosis.places.first() {
-            line(format!("Where the gap lives: {}", place.text));
+        if !diagnosis.gap.sentences.is_empty() {
+            line(format!(
+                "Where the gap lives: {}",
+                diagnosis.gap.sentences.join(" ")
+            ));
         }
         let rivals: Vec<String> = diagnosis
             .alternatives

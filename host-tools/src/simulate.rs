@@ -58,6 +58,16 @@ impl Signal {
         k
     }
 
+    /// The signal around the instant `begin` seconds after sample `start`: the
+    /// input of an integration step that begins there.
+    pub fn around<R: Real + FromF64>(&self, start: usize, begin: R) -> impl Input<R> {
+        Around {
+            signal: self,
+            start,
+            begin,
+        }
+    }
+
     /// The value `offset` seconds after sample `start`.
     fn at<R: Real + FromF64>(&self, start: usize, offset: R) -> R {
         let first = self.time[0] - self.time[start];

@@ -1,21 +1,24 @@
 //! Where the gap lives: the missing force, and what it goes with.
 //!
-//! The equation of motion is solved for the force that is missing at every
-//! instant, Q = g·p − C ω − K sign(θ)|θ|ⁿ − M α, with angle, rate and
-//! acceleration from parabolas through a moving window of the measured angle.
-//! Then the share of its variance is asked that each feature of the motion
-//! explains, by the scatter of its mean over bins of that feature. It is a
-//! picture for people, not the basis of the verdict: that comes from
-//! simulating candidates.
+//! [`super::smoother`] estimates the force that is missing at every instant.
+//! Here it is set against everything that it could go with: angle, rate, its
+//! sign, pressure and its rate, the time since the last edge of the command,
+//! the time in the run, the largest angle so far, and the run itself. What
+//! counts is the share of its variance that its mean over bins of a feature
+//! explains, beyond what bins of pure noise would. It is a picture for people,
+//! not the basis of the verdict: that comes from simulating candidates.
 
-use crate::recording::Recording;
-use crate::smooth::{Motion, half_window, motion};
-use crate::statistics::{mean, noise_by_differences};
 use model_core::actuator::Model;
-use model_core::input::Held;
+
+use super::smoother::{ForceSeries, Smoother};
+use crate::recording::Recording;
+use crate::statistics::{mean, noise_by_differences, rms};
 
 /// Bins of a feature, each with as many samples.
 const BINS: usize = 16;
+
+/// Bins of the map along each axis.
+const MAP_BINS: usize = 12;
 
 /// A feature of the motion and the share of the missing force that goes with
 /// it.
@@ -23,139 +26,405 @@ const BINS: usize = 16;
 pub struct Feature {
     /// Name, as in the catalogue's signatures.
     pub name: &'static str,
+    /// Unit of the feature in [`Feature::curve`].
+    pub unit: &'static str,
     /// Share of the variance of the missing force, 0 to 1.
     pub share: f64,
     /// One sentence about it.
     pub text: String,
+    /// The missing force over the feature.
+    pub curve: Vec<CurvePoint>,
+}
+
+/// The missing force in one bin of a feature.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CurvePoint {
+    /// Mean of the feature, in its unit.
+    pub at: f64,
+    /// Mean of the force (N).
+    pub force: f64,
+    /// Scatter of the force in the bin (N).
+    pub scatter: f64,
+    /// Samples in the bin.
+    pub samples: usize,
+}
+
+/// The missing force over state and time: what is shown where no name is given.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ForceMap {
+    /// Edges of the bins of the angle (°).
+    pub angle_deg: Vec<f64>,
+    /// Edges of the bins of the rate (°/s).
+    pub rate_deg_per_s: Vec<f64>,
+    /// Mean force (N) in each bin, rows of equal angle; none where the motion
+    /// never was.
+    pub force: Vec<Vec<Option<f64>>>,
+}
+
+/// Everything about the missing force.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Gap {
+    /// Features, the one that explains most first.
+    pub features: Vec<Feature>,
+    /// What a person would write under the pictures.
+    pub sentences: Vec<String>,
+    /// Motion and missing force of each recording.
+    pub runs: Vec<ForceSeries>,
+    /// The missing force over angle and rate.
+    pub map: ForceMap,
+    /// RMS of the missing force (N).
+    pub rms: f64,
+    /// The largest force in these runs that the model knows (N).
+    pub known: f64,
 }
 
 /// One sample of the motion with the force that is missing there.
 struct Sample {
     force: f64,
-    features: [f64; 6],
+    features: [f64; NAMES.len()],
 }
 
-const NAMES: [&str; 6] = [
-    "angle",
-    "angular velocity",
-    "sign of angular velocity",
-    "pressure",
-    "time since the last command edge",
-    "time in the run",
+/// Name and unit of each feature.
+const NAMES: [(&str, &str); 9] = [
+    ("angle", "°"),
+    ("angular velocity", "°/s"),
+    ("sign of angular velocity", ""),
+    ("pressure", "kPa"),
+    ("rate of the pressure", "kPa/s"),
+    ("time since the last command edge", "s"),
+    ("time in the run", "s"),
+    ("largest angle so far", "°"),
+    ("run", "number"),
 ];
+const RATE: usize = 1;
+const SIGN: usize = 2;
 
-/// Ranks the features by what they explain of the force that `model` lacks.
-pub fn localise(model: &Model<f64>, recordings: &[Recording]) -> Vec<Feature> {
+/// Estimates the force that `model` lacks and what it goes with; `noise` is the
+/// standard deviation of the measured angle (rad).
+pub fn localise(model: &Model<f64>, recordings: &[Recording], noise: f64) -> Gap {
+    let known = known_force(model, recordings);
+    let smoother = Smoother {
+        model,
+        noise: noise.max(1e-6),
+        force: known,
+    };
+    let walk = smoother.likeliest_walk(recordings);
+    let runs: Vec<ForceSeries> = recordings
+        .iter()
+        .map(|recording| smoother.smooth(recording, walk))
+        .collect();
     let samples: Vec<Sample> = recordings
         .iter()
-        .flat_map(|recording| missing_force(model, recording))
+        .zip(&runs)
+        .enumerate()
+        .flat_map(|(number, (recording, series))| samples(number, recording, series))
         .collect();
     let forces: Vec<f64> = samples.iter().map(|sample| sample.force).collect();
-    let average = mean(&forces);
+    let features = features(&samples, &forces);
+    let sentences = sentences(&features, rms(&forces), known);
+    Gap {
+        sentences,
+        map: map(&runs),
+        rms: rms(&forces),
+        known,
+        features,
+        runs,
+    }
+}
+
+/// The largest force of spring or drive in the recordings (N).
+fn known_force(model: &Model<f64>, recordings: &[Recording]) -> f64 {
+    let d = model.dynamics();
+    let largest = |of: fn(&Recording) -> &[f64]| {
+        recordings
+            .iter()
+            .flat_map(of)
+            .fold(0.0, |largest: f64, value| largest.max(value.abs()))
+    };
+    let spring = d.stiffness * largest(|r| &r.angle).powf(d.exponent);
+    spring
+        .max(d.input_gain.abs() * largest(|r| &r.pressure))
+        .max(1e-9)
+}
+
+/// Ranks the features by what they explain.
+fn features(samples: &[Sample], forces: &[f64]) -> Vec<Feature> {
+    let average = mean(forces);
     let total: f64 = forces.iter().map(|force| (force - average).powi(2)).sum();
     if samples.len() < 4 * BINS || total <= 0.0 {
         return Vec::new();
     }
-    let features: Vec<Feature> = NAMES
+    let mut features: Vec<(f64, Feature)> = NAMES
         .iter()
         .enumerate()
-        .map(|(column, &name)| {
-            let share = explained(&samples, column, average) / total;
-            Feature {
+        .map(|(column, &(name, unit))| {
+            let curve = curve(samples, column);
+            let between: f64 = curve
+                .iter()
+                .map(|bin| bin.samples as f64 * (bin.force - average).powi(2))
+                .sum();
+            let share = between / total;
+            let feature = Feature {
                 name,
+                unit,
                 share,
                 text: format!(
                     "{:.0} % of the force that the model lacks goes with the {name}.",
                     100.0 * share
                 ),
-            }
+                curve,
+            };
+            (share, feature)
         })
         .collect();
-    let share_of = |name: &str| {
-        features
-            .iter()
-            .find(|feature| feature.name == name)
-            .map_or(0.0, |feature| feature.share)
-    };
     // The rate knows its own sign and so always explains more; where the sign
     // alone explains nearly as much, it is the better description.
-    let sign_suffices = share_of(NAMES[2]) >= 0.9 * share_of(NAMES[1]);
-    let order = |feature: &Feature| {
-        if sign_suffices && feature.name == NAMES[1] {
-            feature.share.min(share_of(NAMES[2])) * 0.999
-        } else {
-            feature.share
-        }
-    };
-    let mut ranked: Vec<(f64, Feature)> = features
-        .iter()
-        .map(|feature| (order(feature), feature.clone()))
-        .collect();
-    ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
-    ranked.into_iter().map(|(_, feature)| feature).collect()
+    let (sign, rate) = (features[SIGN].0, features[RATE].0);
+    if sign >= 0.9 * rate {
+        features[RATE].0 = rate.min(sign) * 0.999;
+    }
+    features.sort_by(|a, b| b.0.total_cmp(&a.0));
+    features.into_iter().map(|(_, feature)| feature).collect()
 }
 
-/// Scatter of the bin means of the force over bins of a feature.
-fn explained(samples: &[Sample], column: usize, average: f64) -> f64 {
+/// The force over bins of a feature.
+fn curve(samples: &[Sample], column: usize) -> Vec<CurvePoint> {
+    let at = |k: usize| samples[k].features[column];
     let mut order: Vec<usize> = (0..samples.len()).collect();
-    order.sort_by(|&a, &b| samples[a].features[column].total_cmp(&samples[b].features[column]));
+    order.sort_by(|&a, &b| at(a).total_cmp(&at(b)));
     let width = samples.len().div_ceil(BINS);
-    let mut sum = 0.0;
+    let mut curve = Vec::new();
     let mut start = 0;
     while start < order.len() {
         let mut end = (start + width).min(order.len());
         // Equal values belong to one bin: a sign has only two.
-        while end < order.len()
-            && samples[order[end]].features[column] <= samples[order[end - 1]].features[column]
-        {
+        while end < order.len() && at(order[end]) <= at(order[end - 1]) {
             end += 1;
         }
-        let bin: Vec<f64> = order[start..end]
-            .iter()
-            .map(|&k| samples[k].force)
-            .collect();
-        sum += bin.len() as f64 * (mean(&bin) - average).powi(2);
+        let bin = &order[start..end];
+        let forces: Vec<f64> = bin.iter().map(|&k| samples[k].force).collect();
+        let places: Vec<f64> = bin.iter().map(|&k| at(k)).collect();
+        let average = mean(&forces);
+        let scatter: Vec<f64> = forces.iter().map(|force| force - average).collect();
+        curve.push(CurvePoint {
+            at: mean(&places),
+            force: average,
+            scatter: rms(&scatter),
+            samples: bin.len(),
+        });
         start = end;
     }
-    sum
+    curve
 }
 
-/// The missing force over one recording.
-fn missing_force(model: &Model<f64>, recording: &Recording) -> Vec<Sample> {
-    let half = half_window(recording);
-    if recording.len() < 2 * half + 1 {
+/// Two or three sentences for a person.
+fn sentences(features: &[Feature], missing: f64, known: f64) -> Vec<String> {
+    /// A second feature is mentioned if it explains this much.
+    const WORTH_SAYING: f64 = 0.3;
+    let Some(first) = features.first() else {
         return Vec::new();
+    };
+    let mut sentences = vec![format!(
+        "The model lacks a force of {} N RMS, {:.0} % of the largest that it knows.",
+        short(missing),
+        100.0 * missing / known
+    )];
+    if first.share < WORTH_SAYING {
+        sentences.push(format!(
+            "It goes with nothing in particular: the {} explains {:.0} % of it, everything else less.",
+            first.name,
+            100.0 * first.share
+        ));
+        return sentences;
     }
+    sentences.push(format!(
+        "{:.0} % of it goes with the {}: {}.",
+        100.0 * first.share,
+        first.name,
+        shape(first)
+    ));
+    if let Some(second) = features
+        .get(1)
+        .filter(|second| second.share > WORTH_SAYING && !related(first.name, second.name))
+    {
+        sentences.push(format!(
+            "The {} explains {:.0} % as well, so these runs do not quite separate the two.",
+            second.name,
+            100.0 * second.share
+        ));
+    }
+    sentences
+}
+
+/// Whether two features say the same thing.
+fn related(a: &str, b: &str) -> bool {
+    a.contains("velocity") && b.contains("velocity")
+}
+
+/// The course of a curve in words.
+fn shape(feature: &Feature) -> String {
+    let curve = &feature.curve;
+    let (Some(first), Some(last)) = (curve.first(), curve.last()) else {
+        return String::new();
+    };
+    let with_unit = |value: f64| {
+        if feature.unit == "°" {
+            format!("{}°", short(value))
+        } else {
+            format!("{} {}", short(value), feature.unit)
+        }
+    };
+    if feature.name == NAMES[SIGN].0 {
+        return format!(
+            "{} N while the angle falls, {} N while it grows",
+            short(first.force),
+            short(last.force)
+        );
+    }
+    let extreme = |sign: f64| {
+        curve
+            .iter()
+            .max_by(|a, b| (sign * a.force).total_cmp(&(sign * b.force)))
+            .unwrap_or(first)
+    };
+    let (high, low) = (extreme(1.0), extreme(-1.0));
+    let range = high.force - low.force;
+    let ends = (last.force - first.force).abs();
+    if ends > 0.8 * range {
+        let verb = if last.force > first.force {
+            "grows"
+        } else {
+            "falls"
+        };
+        format!(
+            "it {verb} from {} N at {} to {} N at {}",
+            short(first.force),
+            with_unit(first.at),
+            short(last.force),
+            with_unit(last.at)
+        )
+    } else {
+        format!(
+            "it is largest at {} ({} N) and smallest at {} ({} N)",
+            with_unit(high.at),
+            short(high.force),
+            with_unit(low.at),
+            short(low.force)
+        )
+    }
+}
+
+/// Two significant digits.
+fn short(value: f64) -> String {
+    if value == 0.0 {
+        return "0".into();
+    }
+    // Decimals of two significant digits; at most six.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    let decimals = (1.0 - value.abs().log10().floor()).clamp(0.0, 6.0) as usize;
+    let text = format!("{value:.decimals$}");
+    if text.trim_start_matches('-').parse::<f64>() == Ok(0.0) {
+        "0".into()
+    } else {
+        text.replace('-', "−")
+    }
+}
+
+/// The samples of one run, its first instants left out: there the estimate
+/// still finds its way.
+fn samples(number: usize, recording: &Recording, series: &ForceSeries) -> Vec<Sample> {
+    const FINDING_ITS_WAY: usize = 10;
     let edges = edges(recording);
-    let inertia = model.dynamics().inertia;
-    (half..recording.len() - half)
+    let noise = noise_by_differences(&recording.angle);
+    let mut largest: f64 = 0.0;
+    let mut edge = 0;
+    (0..recording.len())
         .filter_map(|k| {
-            let Motion {
-                angle,
-                rate,
-                acceleration,
-            } = motion(recording, k - half, k + half + 1, k)?;
-            let pressure = recording.pressure[k];
-            let state = model.moving(angle, rate, pressure);
-            let simulated = model.derivative(&state, &Held(pressure), 0.0).acceleration;
-            let since = edges
-                .iter()
-                .rev()
-                .find(|&&edge| edge <= k)
-                .map_or(0.0, |&edge| recording.time[k] - recording.time[edge]);
-            Some(Sample {
-                force: inertia * (simulated - acceleration),
+            while edges.get(edge + 1).is_some_and(|&next| next <= k) {
+                edge += 1;
+            }
+            let since = recording.time[k] - recording.time[edges[edge]];
+            let angle = *series.angle.get(k)?;
+            let rate = *series.rate.get(k)?;
+            largest = largest.max(angle.abs());
+            // A rest has no sign: what is left of its rate is noise.
+            let moves = rate.abs() > 2.0 * noise;
+            let sample = Sample {
+                force: *series.force.get(k)?,
                 features: [
-                    angle,
-                    rate,
-                    rate.signum(),
-                    pressure,
+                    angle.to_degrees(),
+                    rate.to_degrees(),
+                    if moves { rate.signum() } else { 0.0 },
+                    recording.pressure[k] / 1000.0,
+                    pressure_rate(recording, k) / 1000.0,
                     since,
                     recording.time[k] - recording.time[0],
+                    largest.to_degrees(),
+                    (number + 1) as f64,
                 ],
-            })
+            };
+            (k >= FINDING_ITS_WAY && sample.force.is_finite()).then_some(sample)
         })
         .collect()
+}
+
+/// Rate of the pressure (Pa/s) about a sample, over a tenth of a second.
+fn pressure_rate(recording: &Recording, k: usize) -> f64 {
+    const HALF: usize = 5;
+    let (from, to) = (k.saturating_sub(HALF), (k + HALF).min(recording.len() - 1));
+    let span = recording.time[to] - recording.time[from];
+    if span > 0.0 {
+        (recording.pressure[to] - recording.pressure[from]) / span
+    } else {
+        0.0
+    }
+}
+
+/// The missing force over angle and rate.
+fn map(runs: &[ForceSeries]) -> ForceMap {
+    let range = |of: fn(&ForceSeries) -> &[f64]| {
+        let values = || runs.iter().flat_map(of).filter(|value| value.is_finite());
+        let low = values().copied().fold(f64::INFINITY, f64::min);
+        let high = values().copied().fold(f64::NEG_INFINITY, f64::max);
+        (low, high)
+    };
+    let (angles, rates) = (range(|run| &run.angle), range(|run| &run.rate));
+    if !(angles.1 > angles.0 && rates.1 > rates.0) {
+        return ForceMap::default();
+    }
+    let bin = |value: f64, (low, high): (f64, f64)| {
+        // Within the range by construction.
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let bin = ((value - low) / (high - low) * MAP_BINS as f64) as usize;
+        bin.min(MAP_BINS - 1)
+    };
+    let mut sum = [[(0.0, 0usize); MAP_BINS]; MAP_BINS];
+    for run in runs {
+        for ((angle, rate), force) in run.angle.iter().zip(&run.rate).zip(&run.force) {
+            if angle.is_finite() && rate.is_finite() && force.is_finite() {
+                let cell = &mut sum[bin(*angle, angles)][bin(*rate, rates)];
+                cell.0 += force;
+                cell.1 += 1;
+            }
+        }
+    }
+    let edges = |(low, high): (f64, f64)| -> Vec<f64> {
+        (0..=MAP_BINS)
+            .map(|k| (low + (high - low) * k as f64 / MAP_BINS as f64).to_degrees())
+            .collect()
+    };
+    ForceMap {
+        angle_deg: edges(angles),
+        rate_deg_per_s: edges(rates),
+        force: sum
+            .iter()
+            .map(|row| {
+                row.iter()
+                    .map(|&(force, samples)| (samples >= 3).then(|| force / samples as f64))
+                    .collect()
+            })
+            .collect(),
+    }
 }
 
 /// Samples at which the pressure starts to change quickly.
@@ -215,9 +484,11 @@ mod tests {
             ..Recording::default()
         };
         let base: Model<f64> = Model::new(dynamics, &[]).unwrap();
-        let features = localise(&base, &[recording]);
+        let gap = localise(&base, &[recording], 1e-4);
+        let features = gap.features;
         assert_eq!(features[0].name, expected, "{features:?}");
-        assert!(features[0].share > 0.8);
+        assert!(features[0].share > 0.8, "{features:?}");
+        assert!(gap.sentences.len() >= 2);
     }
 
     #[test]

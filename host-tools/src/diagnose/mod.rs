@@ -20,6 +20,7 @@ pub mod identify;
 pub mod localise;
 pub mod noise;
 pub mod select;
+pub mod smoother;
 pub mod verdict;
 
 use std::collections::BTreeSet;
@@ -36,7 +37,7 @@ use crate::statistics::{correlated_rms, noise_by_differences};
 use candidates::{Candidate, Ground, Scales, Untried, applicable, extend, finish, released};
 use holdout::{HeldOut, Judge};
 use identify::Identifiability;
-use localise::{Feature, localise};
+use localise::{Gap, localise};
 use noise::NoiseFloor;
 use select::{REJECTED, better_held_out, independent_samples, rank, required_evidence, score};
 use verdict::{
@@ -109,7 +110,7 @@ pub struct Diagnosis {
     /// The second axis.
     pub adequacy: Adequacy,
     /// Where the gap of the refit lives.
-    pub places: Vec<Feature>,
+    pub gap: Gap,
     /// Effects that the recordings cannot speak about.
     pub untried: Vec<Untried>,
 }
@@ -164,7 +165,7 @@ pub fn diagnose(request: &Request<'_>, progress: Progress<'_>) -> Result<Diagnos
         .in_file(&file.path));
     }
     let floor = floor.with_input(&fitter, &refit.fit.model, request.seed);
-    let places = localise(&refit.fit.model, recordings);
+    let gap = localise(&refit.fit.model, recordings, floor.white);
 
     let mut untried = Vec::new();
     let found = if adequate(&nominal, &floor) {
@@ -205,7 +206,7 @@ pub fn diagnose(request: &Request<'_>, progress: Progress<'_>) -> Result<Diagnos
         held_out,
         alternatives: found.alternatives,
         adequacy,
-        places,
+        gap,
         untried,
     })
 }
@@ -528,7 +529,8 @@ impl Diagnosis {
             alternatives: self.alternatives.clone(),
             adequacy: self.adequacy,
             places: self
-                .places
+                .gap
+                .features
                 .iter()
                 .map(|feature| Place {
                     feature: feature.name.to_owned(),

@@ -1,0 +1,294 @@
+//! The force that a model lacks at every instant, from the angle alone.
+//!
+//! The missing force Q of M θ̈ = g·p − C ω − K sign(θ)|θ|ⁿ − Q is taken for a
+//! random walk, and angle, rate and Q are estimated together from the measured
+//! angle: an extended Kalman filter forwards, the Rauch–Tung–Striebel smoother
+//! backwards (Rauch, Tung and Striebel, AIAA Journal 3, 1965). Nothing is
+//! differentiated, and every estimate comes with its standard deviation. How
+//! fast the walk may go is the choice under which the measured angles are most
+//! likely.
+
+use model_core::actuator::{Model, State};
+use model_core::integrate::{Scheme, step};
+use nalgebra::{Matrix3, RowVector3, Vector3};
+
+use crate::dual::Dual;
+use crate::recording::Recording;
+use crate::simulate::{FromF64, Signal, substeps};
+
+/// Estimated motion and missing force of one run.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ForceSeries {
+    /// Time of each sample (s).
+    pub time: Vec<f64>,
+    /// Bending angle θ (rad).
+    pub angle: Vec<f64>,
+    /// Angular rate ω (rad/s).
+    pub rate: Vec<f64>,
+    /// Missing force Q (N), positive where it acts against growing angles.
+    pub force: Vec<f64>,
+    /// Standard deviation of the force (N).
+    pub deviation: Vec<f64>,
+}
+
+/// Angle, rate and missing force.
+type Vector = Vector3<f64>;
+
+/// One sample on the way forwards.
+struct Passed {
+    /// State before and after the measurement.
+    predicted: (Vector, Matrix3<f64>),
+    corrected: (Vector, Matrix3<f64>),
+    /// How the state moved there from the sample before.
+    transition: Matrix3<f64>,
+}
+
+/// Settings of a smoother.
+#[derive(Clone, Copy, Debug)]
+pub struct Smoother<'a> {
+    /// The model that lacks the force.
+    pub model: &'a Model<f64>,
+    /// Standard deviation of the measured angle (rad).
+    pub noise: f64,
+    /// The size that forces have (N).
+    pub force: f64,
+}
+
+/// Speeds of the walk that are tried, in units of the force's size over the
+/// root of a second.
+const WALKS: [f64; 6] = [0.01, 0.03, 0.1, 0.3, 1.0, 3.0];
+
+impl Smoother<'_> {
+    /// The speed of the walk (N/√s) under which the angles of `recordings` are
+    /// most likely.
+    pub fn likeliest_walk(&self, recordings: &[Recording]) -> f64 {
+        /// Samples that are enough to choose.
+        const ENOUGH: usize = 4_000;
+        let mut chosen: Vec<&Recording> = Vec::new();
+        let mut samples = 0;
+        for recording in recordings {
+            if samples < ENOUGH {
+                chosen.push(recording);
+                samples += recording.len();
+            }
+        }
+        WALKS
+            .iter()
+            .map(|share| share * self.force)
+            .map(|walk| {
+                let likelihood: f64 = chosen
+                    .iter()
+                    .map(|recording| self.forwards(recording, walk).1)
+                    .sum();
+                (walk, likelihood)
+            })
+            .filter(|(_, likelihood)| likelihood.is_finite())
+            .max_by(|a, b| a.1.total_cmp(&b.1))
+            .map_or(0.1 * self.force, |(walk, _)| walk)
+    }
+
+    /// Estimates motion and missing force over one recording.
+    pub fn smooth(&self, recording: &Recording, walk: f64) -> ForceSeries {
+        let (passed, _) = self.forwards(recording, walk);
+        let mut series = ForceSeries {
+            time: recording.time.clone(),
+            ..ForceSeries::default()
+        };
+        let mut estimates: Vec<(Vector, f64)> = Vec::with_capacity(passed.len());
+        let mut later: Option<(Vector, Matrix3<f64>)> = None;
+        for (index, at) in passed.iter().enumerate().rev() {
+            let (mut state, mut covariance) = at.corrected;
+            if let (Some((next, next_covariance)), Some(after)) = (later, passed.get(index + 1)) {
+                let (predicted, predicted_covariance) = after.predicted;
+                if let Some(inverse) = predicted_covariance.try_inverse() {
+                    let gain = covariance * after.transition.transpose() * inverse;
+                    state += gain * (next - predicted);
+                    covariance +=
+                        gain * (next_covariance - predicted_covariance) * gain.transpose();
+                }
+            }
+            later = Some((state, covariance));
+            estimates.push((state, covariance[(2, 2)].max(0.0).sqrt()));
+        }
+        for (state, deviation) in estimates.into_iter().rev() {
+            series.angle.push(state[0]);
+            series.rate.push(state[1]);
+            series.force.push(state[2]);
+            series.deviation.push(deviation);
+        }
+        series
+    }
+
+    /// Filters forwards; with the log-likelihood of the angles.
+    fn forwards(&self, recording: &Recording, walk: f64) -> (Vec<Passed>, f64) {
+        /// Samples whose fit to the start is not counted.
+        const SETTLING: usize = 20;
+        let inertia = self.model.dynamics().inertia;
+        let signal = Signal::pressure(recording);
+        let reach = recording
+            .angle
+            .iter()
+            .fold(0.0, |reach: f64, angle| angle.abs().max(reach));
+        let parts = substeps(self.model, recording.interval(), reach);
+        let dual: Model<Dual<2>> = self.model.map(Dual::constant);
+        let variance = self.noise.powi(2).max(1e-12);
+        let observed = RowVector3::new(1.0, 0.0, 0.0);
+
+        let first_angle = recording.angle.first().copied().unwrap_or(0.0);
+        let pressure = recording.pressure.first().copied().unwrap_or(0.0);
+        let mut whole: State<Dual<2>> = dual.moving(
+            Dual::constant(self.model.angle_behind(first_angle)),
+            Dual::constant(0.0),
+            Dual::constant(pressure),
+        );
+        let mut state = Vector::new(whole.angle.value(), 0.0, 0.0);
+        let mut covariance = Matrix3::from_diagonal(&Vector::new(
+            variance,
+            (0.3 * (reach + 0.1)).powi(2),
+            self.force.powi(2),
+        ));
+        let mut transition = Matrix3::identity();
+        let mut passed = Vec::with_capacity(recording.len());
+        let mut likelihood = 0.0;
+        for sample in 0..recording.len() {
+            if sample > 0 {
+                let interval = recording.time[sample] - recording.time[sample - 1];
+                whole.angle = Dual::variable(state[0], 0, 1.0);
+                whole.rate = Dual::variable(state[1], 1, 1.0);
+                let dt = Dual::from_f64(interval / parts as f64);
+                for part in 0..parts {
+                    let begin = interval * part as f64 / parts as f64;
+                    let around = signal.around(sample - 1, Dual::from_f64(begin));
+                    step(Scheme::Rk4, &dual, &mut whole, &around, dt);
+                }
+                let (angle, rate) = (whole.angle, whole.rate);
+                let (by_angle, by_rate) = (angle.partials(), rate.partials());
+                // The force acts beside the model's own for the whole interval.
+                let push = -interval / inertia;
+                transition = Matrix3::new(
+                    by_angle[0],
+                    by_angle[1],
+                    0.5 * push * interval,
+                    by_rate[0],
+                    by_rate[1],
+                    push,
+                    0.0,
+                    0.0,
+                    1.0,
+                );
+                state = Vector::new(
+                    angle.value() + 0.5 * push * interval * state[2],
+                    rate.value() + push * state[2],
+                    state[2],
+                );
+                covariance = transition * covariance * transition.transpose();
+                covariance[(2, 2)] += walk * walk * interval;
+                // What a straight step leaves of the motion's own error.
+                covariance[(1, 1)] += (1e-3 * walk / inertia * interval).powi(2);
+            }
+            let predicted = (state, covariance);
+            let sensor = self.bend(&whole, state[0]);
+            let innovation = recording.angle[sample] - state[0] - sensor;
+            let spread = (observed * covariance * observed.transpose())[0] + variance;
+            let gain = covariance * observed.transpose() / spread;
+            state += gain * innovation;
+            covariance = (Matrix3::identity() - gain * observed) * covariance;
+            covariance = 0.5 * (covariance + covariance.transpose());
+            if sample > SETTLING {
+                likelihood -= 0.5 * (innovation * innovation / spread + spread.ln());
+            }
+            passed.push(Passed {
+                predicted,
+                corrected: (state, covariance),
+                transition,
+            });
+            if !state.iter().all(|value| value.is_finite()) {
+                return (passed, f64::NEG_INFINITY);
+            }
+        }
+        (passed, likelihood)
+    }
+
+    /// What the model's own sensor adds to the angle (rad).
+    fn bend(&self, whole: &State<Dual<2>>, angle: f64) -> f64 {
+        let state = State {
+            time: whole.time.value(),
+            angle,
+            rate: whole.rate.value(),
+            hidden: whole.hidden.map(|slot| slot.map(|value| value.value())),
+        };
+        self.model.reading(&state) - angle
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use model_core::actuator::Dynamics;
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    /// A force that nobody modelled is found within its own error bars.
+    #[test]
+    fn a_hidden_sinusoidal_force_is_recovered() {
+        let dynamics = Dynamics {
+            inertia: 0.3,
+            damping: 0.8,
+            stiffness: 2.0,
+            exponent: 1.6,
+            input_gain: 1e-4,
+        };
+        let model: Model<f64> = Model::new(dynamics, &[]).unwrap();
+        let noise = 0.004;
+        let mut random = rand_pcg::Pcg64Mcg::seed_from_u64(4);
+        let time: Vec<f64> = (0..1_500).map(|k| f64::from(k) * 0.01).collect();
+        let hidden = |t: f64| 0.4 * (1.1 * t).sin();
+        let known: Vec<f64> = time.iter().map(|t| 1.5e4 * (1.0 - (-t).exp())).collect();
+        // The force goes in as the pressure that does the same.
+        let pressure: Vec<f64> = time
+            .iter()
+            .zip(&known)
+            .map(|(t, p)| p - hidden(*t) / dynamics.input_gain)
+            .collect();
+        let signal = Signal::new(time.clone(), pressure);
+        let start = crate::simulate::Start {
+            angle: 0.0,
+            rate: 0.0,
+        };
+        let angle = crate::simulate::run(&model, &signal, start, 4)
+            .reading
+            .into_iter()
+            .map(|angle| {
+                let draw: f64 = StandardNormal.sample(&mut random);
+                angle + noise * draw
+            })
+            .collect();
+        let recording = Recording {
+            time,
+            pressure: known,
+            angle,
+            ..Recording::default()
+        };
+        let smoother = Smoother {
+            model: &model,
+            noise,
+            force: 1.5,
+        };
+        let walk = smoother.likeliest_walk(std::slice::from_ref(&recording));
+        let found = smoother.smooth(&recording, walk);
+        let errors: Vec<f64> = found
+            .time
+            .iter()
+            .zip(&found.force)
+            .map(|(t, force)| force - hidden(*t))
+            .collect();
+        let inner = &errors[50..1_450];
+        assert!(crate::statistics::rms(inner) < 0.06, "{}", crate::statistics::rms(inner));
+        let covered = inner
+            .iter()
+            .zip(&found.deviation[50..])
+            .filter(|(error, deviation)| error.abs() < 2.0 * **deviation)
+            .count();
+        assert!(covered * 10 > inner.len() * 8, "{covered} of {}", inner.len());
+    }
+}
