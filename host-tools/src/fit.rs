@@ -18,12 +18,13 @@ use nalgebra::storage::Owned;
 use nalgebra::{DMatrix, DVector, Dyn};
 use rayon::prelude::*;
 
+use crate::checkpoint::{Checkpoint, fingerprint};
 use crate::dual::Dual;
 use crate::information::{Block, Information};
 use crate::recording::Recording;
 use crate::simulate::{Signal, Start, run, substeps};
 use crate::smooth::{half_window, motion};
-use crate::statistics::{correlation_time, mean, noise_by_differences, rms};
+use crate::statistics::{clipped, correlation_time, mean, noise_by_differences, rms};
 
 /// A recording prepared for fitting.
 #[derive(Clone, Debug)]
@@ -38,6 +39,8 @@ pub struct Run<'a> {
     interval: f64,
     /// Largest angle measured (rad), which bounds the step length.
     reach: f64,
+    /// Samples at which the sensor was at the end of its range.
+    clipped: Vec<std::ops::Range<usize>>,
 }
 
 impl<'a> Run<'a> {
@@ -55,6 +58,7 @@ impl<'a> Run<'a> {
                 .angle
                 .iter()
                 .fold(0.0, |reach, angle| angle.abs().max(reach)),
+            clipped: clipped(&recording.angle),
         }
     }
 
@@ -72,12 +76,17 @@ impl<'a> Run<'a> {
     fn residual(&self, model: &Model<f64>, start: Start<f64>) -> Vec<f64> {
         let steps = substeps(model, self.interval, self.reach);
         let simulated = run(model, &self.signal, start, steps);
-        simulated
+        let mut residual: Vec<f64> = simulated
             .reading
             .iter()
             .zip(&self.recording.angle)
             .map(|(simulated, measured)| simulated - measured)
-            .collect()
+            .collect();
+        // Beyond the end of its range the sensor says nothing.
+        for range in &self.clipped {
+            residual[range.clone()].fill(0.0);
+        }
+        residual
     }
 
     /// Simulates the recording with another scalar or power function, from the
@@ -473,6 +482,13 @@ impl Fit {
         Some(model)
     }
 
+    /// JᵀJ of all recordings in the coordinates of the solver; none after a
+    /// glance.
+    pub fn curvature(&self) -> Option<DMatrix<f64>> {
+        (self.information.unknowns() == self.free.len() && !self.free.is_empty())
+            .then(|| self.information.total(&[]))
+    }
+
     /// Combinations of free parameters that could move by more than half their
     /// size unnoticed: singular values of the Jacobian by relative changes.
     pub fn flat_directions(&self) -> Vec<FlatDirection> {
@@ -530,6 +546,15 @@ impl Fit {
     }
 }
 
+/// Where a solver ended, in its own coordinates.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Ended {
+    /// The unknowns.
+    pub position: Vec<f64>,
+    /// Whether the solver met its tolerance.
+    pub converged: bool,
+}
+
 /// How hard a fit tries.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Effort {
@@ -554,7 +579,7 @@ impl Effort {
                 .with_xtol(1e-3),
             Self::Full => solver
                 .with_stepbound(0.1)
-                .with_patience(12)
+                .with_patience(6)
                 .with_ftol(1e-6)
                 .with_xtol(1e-5),
         }
@@ -576,19 +601,124 @@ impl Fitter<'_, '_> {
     /// With nothing free it estimates only the starts of recordings that begin
     /// in motion: a plain comparison.
     pub fn fit(&self, start: &Model<f64>, free: &[ParameterId], effort: Effort) -> Fit {
+        self.fit_kept(start, free, effort, &Checkpoint::default())
+    }
+
+    /// As [`Fitter::fit`], unless `checkpoint` knows where it ended.
+    pub fn fit_kept(
+        &self,
+        start: &Model<f64>,
+        free: &[ParameterId],
+        effort: Effort,
+        checkpoint: &Checkpoint,
+    ) -> Fit {
         let mut problem = Problem::new(self, start, free);
+        let key = if checkpoint.is_used() {
+            self.fingerprint(start, free, effort)
+        } else {
+            0
+        };
+        if let Some(ended) = checkpoint.recall(key)
+            && ended.position.len() == problem.unknowns()
+        {
+            problem.position = DVector::from_column_slice(&ended.position);
+            return problem.finish(ended.converged, effort);
+        }
         let mut converged = true;
         if problem.unknowns() > 0 {
             let (solved, report) = effort.solver().minimize(problem);
             converged = report.termination.was_successful();
             problem = solved;
+            let position = problem.position.iter().copied().collect();
+            checkpoint.keep(key, &Ended {
+                position,
+                converged,
+            });
         }
         problem.finish(converged, effort)
+    }
+
+    /// Tells fits apart: by recordings, model, start, free parameters, effort
+    /// and version.
+    fn fingerprint(&self, start: &Model<f64>, free: &[ParameterId], effort: Effort) -> u64 {
+        let version = env!("CARGO_PKG_VERSION");
+        let text = format!("{version} {:?} {start:?} {free:?} {effort:?}", self.nominal);
+        let samples = self.runs.iter().flat_map(|run| {
+            let Recording {
+                time,
+                pressure,
+                angle,
+                ..
+            } = run.recording;
+            let own = [run.start.angle, run.start.rate, f64::from(u8::from(run.moving))];
+            time.iter()
+                .chain(pressure)
+                .chain(angle)
+                .copied()
+                .chain(own)
+                .flat_map(f64::to_le_bytes)
+        });
+        fingerprint(text.into_bytes().into_iter().chain(samples))
     }
 
     /// Simulates `model` as it is and compares.
     pub fn compare(&self, model: &Model<f64>) -> Fit {
         self.fit(model, &[], Effort::Full)
+    }
+
+    /// Derivatives of the simulated angles by the free parameters of a fit to
+    /// other recordings, in the coordinates in which that was solved.
+    pub fn derivatives(&self, fit: &Fit) -> DMatrix<f64> {
+        let mut problem = Problem::new(self, &fit.model, &fit.free);
+        problem.coordinates.clone_from(&fit.coordinates);
+        for (to, from) in problem.position.iter_mut().zip(&fit.position) {
+            *to = *from;
+        }
+        problem
+            .exact_jacobian()
+            .columns(0, fit.free.len())
+            .into_owned()
+    }
+
+    /// The sum of squares (rad²) that one Gauss–Newton step from `start` promises:
+    /// a score test at the price of a single simulation with derivatives. Not
+    /// finite where the model cannot be simulated.
+    pub fn promise(&self, start: &Model<f64>, free: &[ParameterId]) -> f64 {
+        let problem = Problem::new(self, start, free);
+        let Some(residuals) = problem.residuals() else {
+            return f64::INFINITY;
+        };
+        let Some(jacobian) = problem.jacobian() else {
+            return f64::INFINITY;
+        };
+        let mut normal = jacobian.tr_mul(&jacobian);
+        let slope = jacobian.tr_mul(&residuals);
+        for k in 0..normal.nrows() {
+            // A column without influence must not make it singular.
+            let ridge = 1e-9 * normal[(k, k)] + f64::MIN_POSITIVE;
+            normal[(k, k)] += ridge;
+        }
+        let whole = residuals.norm_squared();
+        normal
+            .cholesky()
+            .map_or(whole, |factor| whole - slope.dot(&factor.solve(&slope)))
+    }
+
+    /// The `count` starts that promise most.
+    pub fn promising(
+        &self,
+        starts: &[Model<f64>],
+        free: &[ParameterId],
+        count: usize,
+    ) -> Vec<(f64, Model<f64>)> {
+        let mut ranked: Vec<(f64, Model<f64>)> = starts
+            .par_iter()
+            .map(|start| (self.promise(start, free), *start))
+            .collect();
+        ranked.retain(|(promise, _)| promise.is_finite());
+        ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
+        ranked.truncate(count);
+        ranked
     }
 
     /// Fits from each start; the best. None if there is no start from which the
@@ -599,9 +729,20 @@ impl Fitter<'_, '_> {
         free: &[ParameterId],
         effort: Effort,
     ) -> Option<Fit> {
+        self.best_of_kept(starts, free, effort, &Checkpoint::default())
+    }
+
+    /// As [`Fitter::best_of`], taking up what `checkpoint` knows.
+    pub fn best_of_kept(
+        &self,
+        starts: &[Model<f64>],
+        free: &[ParameterId],
+        effort: Effort,
+        checkpoint: &Checkpoint,
+    ) -> Option<Fit> {
         starts
             .par_iter()
-            .map(|start| self.fit(start, free, effort))
+            .map(|start| self.fit_kept(start, free, effort, checkpoint))
             .collect::<Vec<_>>()
             .into_iter()
             .filter(|fit| fit.sse().is_finite())
@@ -713,11 +854,15 @@ impl<'a, 'r> Problem<'a, 'r> {
                 rate: Dual::constant(start.rate),
             }
         };
-        run(&dual, &recording.signal, start, steps)
+        let mut partials: Vec<[f64; N]> = run(&dual, &recording.signal, start, steps)
             .reading
             .into_iter()
             .map(|reading| reading.partials())
-            .collect()
+            .collect();
+        for range in &recording.clipped {
+            partials[range.clone()].fill([0.0; N]);
+        }
+        partials
     }
 
     /// The Jacobian, with the derivatives carried in arrays of size `N`.

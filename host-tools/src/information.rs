@@ -88,7 +88,7 @@ impl Information {
     }
 
     /// JᵀJ of all recordings but those in `left_out`.
-    fn total(&self, left_out: &[usize]) -> DMatrix<f64> {
+    pub fn total(&self, left_out: &[usize]) -> DMatrix<f64> {
         let unknowns = self.unknowns();
         self.curvature
             .iter()

@@ -45,6 +45,7 @@ enum Command {
     Upload(cmd::upload::Args),
     Calibrate(cmd::calibrate::Args),
     Virtual(cmd::virtual_rig::Args),
+    Plan(cmd::plan::Args),
     /// Print the JSON Schema of a verdict
     #[command(after_help = "Examples:\n  rig schema > verdict.schema.json")]
     Schema,
@@ -81,6 +82,7 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Upload(args) => cmd::upload::run(&args),
         Command::Calibrate(args) => cmd::calibrate::run(&args),
         Command::Virtual(args) => cmd::virtual_rig::run(&args),
+        Command::Plan(args) => cmd::plan::run(&args),
         Command::Schema => {
             let schema = host_tools::diagnose::verdict::schema();
             cmd::print(&format!("{}\n", serde_json::to_string_pretty(&schema)?))?;

@@ -48,6 +48,18 @@ pub struct Played {
 }
 
 impl ProtocolFile {
+    /// A protocol that no board knows by name.
+    pub fn new(name: String, title: String, segments: Vec<Segment>) -> Self {
+        Self {
+            name,
+            title,
+            named: None,
+            lines: vec![0; segments.len()],
+            segments,
+            path: None,
+        }
+    }
+
     /// A protocol that every board knows.
     pub fn named(named: Named) -> Self {
         let segments: Vec<Segment> = (0..MAX_SEGMENTS)

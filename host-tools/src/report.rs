@@ -97,6 +97,13 @@ pub fn summary(
             number(diagnosis.floor.white.to_degrees())
         ));
     }
+    for concern in &diagnosis.concerns {
+        let about = concern
+            .recording
+            .as_ref()
+            .map_or_else(String::new, |name| format!("{name}: "));
+        line(format!("Note: {about}{}; {}.", concern.text, concern.advice));
+    }
     line(String::new());
     let named = !diagnosis.repaired.added.is_empty();
     if named {
@@ -117,6 +124,9 @@ pub fn summary(
     line("Base parameters, nominal → fitted:".into());
     for row in base(request, &diagnosis.repaired.fit) {
         line(row);
+    }
+    for text in &diagnosis.identifiability[0].text {
+        line(format!("  {text}."));
     }
     line(String::new());
     if !matches!(
@@ -143,6 +153,17 @@ pub fn summary(
             .collect();
         if !rivals.is_empty() {
             line(format!("Rivals: {}", rivals.join("; ")));
+        }
+        for (proposal, [a, b]) in diagnosis.proposals.iter().take(1) {
+            line(format!(
+                "Next experiment: {} ({}), {:.0} s; it separates {} from {} by about {:.0} in χ².",
+                proposal.protocol.name,
+                proposal.protocol.title,
+                f64::from(proposal.protocol.total_ms()) / 1000.0,
+                a.join(" + "),
+                b.join(" + "),
+                proposal.evidence
+            ));
         }
         for untried in &diagnosis.untried {
             line(format!(

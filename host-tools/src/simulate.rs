@@ -21,6 +21,9 @@ const DIVERGED: f64 = 200.0;
 /// The most integration steps in one sampling interval.
 const MOST_SUBSTEPS: usize = 64;
 
+/// The most integration steps across a gap.
+const LONGEST_GAP: f64 = 1e6;
+
 /// Pressure of a recording as a continuous signal: a cubic Hermite spline
 /// through the samples with slopes from their neighbours (Catmull–Rom on an
 /// even grid), constant beyond both ends.
@@ -30,6 +33,8 @@ pub struct Signal {
     value: Vec<f64>,
     /// Slope at each sample (Pa/s).
     slope: Vec<f64>,
+    /// The median time between samples (s).
+    interval: f64,
 }
 
 impl Signal {
@@ -41,7 +46,18 @@ impl Signal {
     /// Creates a signal through samples at increasing times.
     pub fn new(time: Vec<f64>, value: Vec<f64>) -> Self {
         let slope = slopes(&time, &value);
-        Self { time, value, slope }
+        let mut steps: Vec<f64> = time.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        Self {
+            interval: crate::statistics::median(&mut steps),
+            time,
+            value,
+            slope,
+        }
+    }
+
+    /// The usual time between samples (s): the median.
+    fn usual_interval(&self) -> f64 {
+        self.interval
     }
 
     /// The interval that holds `time`, searched from `hint`: neighbouring
@@ -216,9 +232,18 @@ pub fn run<R: FromF64, P: Power<R>>(
     let mut reading = Vec::with_capacity(signal.time.len());
     reading.push(model.reading(&state));
     let mut diverged = false;
+    let usual = signal.usual_interval();
     for sample in 1..signal.time.len() {
         if !diverged {
             let interval = signal.time[sample] - signal.time[sample - 1];
+            let substeps = if interval > 1.5 * usual {
+                // A gap is crossed in steps of the same length.
+                (substeps as f64 * interval / usual).ceil().min(LONGEST_GAP)
+            } else {
+                substeps as f64
+            };
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+            let substeps = substeps as usize;
             let dt = R::from_f64(interval / substeps as f64);
             for part in 0..substeps {
                 let around = Around {

@@ -136,6 +136,44 @@ pub fn quantum(values: &[f64]) -> f64 {
     median(&mut steps)
 }
 
+/// Stretches in which a signal stays exactly at its largest or smallest value
+/// although its noise would move it: the end of the range of a sensor.
+pub fn clipped(values: &[f64]) -> Vec<std::ops::Range<usize>> {
+    /// Shorter stretches are chance.
+    const SHORTEST: usize = 20;
+    let low = values.iter().copied().fold(f64::INFINITY, f64::min);
+    let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let same = |a: f64, b: f64| (a - b).abs() <= 1e-9 * (high - low);
+    let mut found = Vec::new();
+    let mut start = 0;
+    while start < values.len() {
+        let end = (start..values.len())
+            .find(|&k| !same(values[k], values[start]))
+            .unwrap_or(values.len());
+        let at_end = same(values[start], low) || same(values[start], high);
+        if at_end && end - start >= SHORTEST {
+            found.push(start..end);
+        }
+        start = end;
+    }
+    if found.is_empty() {
+        return found;
+    }
+    // Where the noise is small against the steps of the converter, a rest looks
+    // the same.
+    let moving: Vec<f64> = values
+        .iter()
+        .enumerate()
+        .filter(|(k, _)| !found.iter().any(|range| range.contains(k)))
+        .map(|(_, value)| *value)
+        .collect();
+    if noise_by_differences(&moving) > 0.4 * quantum(values).max(1e-6 * (high - low)) {
+        found
+    } else {
+        Vec::new()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -185,6 +223,21 @@ mod tests {
         }
         let time = correlation_time(&[filtered]);
         assert!((time - 9.0).abs() < 0.9, "{time}");
+    }
+
+    #[test]
+    fn a_sensor_at_its_end_is_seen_and_a_rest_is_not() {
+        let noise = white(600, 5);
+        let signal: Vec<f64> = noise
+            .iter()
+            .enumerate()
+            .map(|(k, n)| (60.0 * (k as f64 * 0.01).sin() + 0.4 * n).min(55.0))
+            .collect();
+        let found = clipped(&signal);
+        assert!(!found.is_empty());
+        assert!(found.iter().all(|range| range.start > 80 && range.end < 240));
+        let rest: Vec<f64> = (0..600).map(|k| f64::from((k - 300).max(0)) * 0.1).collect();
+        assert!(clipped(&rest).is_empty());
     }
 
     #[test]

@@ -5,7 +5,8 @@ use std::time::Instant;
 
 use clap::Parser;
 
-use crate::diagnose::{Request, diagnose};
+use crate::checkpoint::Checkpoint;
+use crate::diagnose::{Request, diagnose_from};
 use crate::error::write_atomically;
 use crate::report::{Outputs, figure, summary};
 
@@ -20,6 +21,7 @@ Examples:
   rig diagnose --model m.toml run_*.csv
   rig diagnose --model m.toml id_*.csv --holdout vad_*.csv -o repaired.toml --plot gap.svg
   rig diagnose --model m.toml run_*.csv --json verdict.json
+  rig diagnose --model m.toml run_*.csv --resume fits     after an interruption
 
 The verdict is one of: effect_found, parameters_only, no_discrepancy,
 cannot_tell, unexplained. `rig schema` prints the schema of the JSON.")]
@@ -42,6 +44,9 @@ pub struct Args {
     /// Write the model with the effect added
     #[arg(short, long, value_name = "REPAIRED.toml")]
     output: Option<PathBuf>,
+    /// Keep finished fits in this folder, and take up those that are there
+    #[arg(long, value_name = "FOLDER")]
+    resume: Option<PathBuf>,
     /// Seed of everything random
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -63,9 +68,15 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         holdout: &holdout,
         seed: args.seed,
     };
+    let checkpoint = match &args.resume {
+        Some(folder) => Checkpoint::open(folder)?,
+        None => Checkpoint::default(),
+    };
     let clock = Instant::now();
     let spinner = super::spinner();
-    let diagnosis = diagnose(&request, &|stage| spinner.set_message(stage.to_owned()));
+    let diagnosis = diagnose_from(&request, &checkpoint, &|stage| {
+        spinner.set_message(stage.to_owned());
+    });
     spinner.finish_and_clear();
     let diagnosis = diagnosis?;
     let seconds = clock.elapsed().as_secs_f64();

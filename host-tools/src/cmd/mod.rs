@@ -9,6 +9,7 @@ pub mod fit;
 pub mod gap;
 pub mod materials;
 pub mod monitor;
+pub mod plan;
 pub mod ports;
 pub mod record;
 pub mod simulate;

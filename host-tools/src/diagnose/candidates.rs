@@ -5,9 +5,10 @@
 //! against each other, and a single start often ends in the wrong valley.
 
 use model_core::actuator::{MAX_EFFECTS, Model, ParameterId};
-use model_core::catalogue::Kind;
+use model_core::catalogue::{Effect, Kind};
 use model_core::effects::{Mechanism, Parameter, Place, Unit};
 
+use crate::checkpoint::Checkpoint;
 use crate::fit::{Effort, Fit, Fitter};
 use crate::model_file::ModelFile;
 use crate::smooth::{half_window, motion};
@@ -33,7 +34,7 @@ impl Candidate {
 
 /// The sizes that forces, angles and rates have in the recordings. Starts and
 /// plausibility are relative to them.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Scales {
     /// Largest angle (rad).
     angle: f64,
@@ -47,11 +48,14 @@ pub struct Scales {
     interval: f64,
     /// Duration of the longest run (s).
     duration: f64,
+    /// Frequencies (Hz) that stand out in what a fit leaves.
+    lines: Vec<f64>,
 }
 
 impl Scales {
-    /// Takes the sizes from the nominal model and the recordings.
-    pub fn of(fitter: &Fitter<'_, '_>) -> Self {
+    /// Takes the sizes from the nominal model and the recordings, and the
+    /// frequencies from what its refit leaves.
+    pub fn of(fitter: &Fitter<'_, '_>, refit: &Fit) -> Self {
         let d = fitter.nominal.dynamics();
         let angle = fitter
             .runs
@@ -81,6 +85,13 @@ impl Scales {
                 .iter()
                 .map(|run| run.recording.duration())
                 .fold(0.0, f64::max),
+            lines: spectral_lines(
+                &refit.residuals,
+                fitter
+                    .runs
+                    .first()
+                    .map_or(0.01, |run| run.recording.interval()),
+            ),
         }
     }
 
@@ -91,6 +102,7 @@ impl Scales {
         match row.unit {
             Unit::Second => Some(self.duration),
             Unit::One | Unit::Radian | Unit::Hertz => None,
+            Unit::PerRadian => Some(3.0 / self.angle),
             _ => Some(self.size(row)),
         }
     }
@@ -131,6 +143,79 @@ fn fastest_rate(fitter: &Fitter<'_, '_>) -> f64 {
         .get(rates.len() * 99 / 100)
         .copied()
         .unwrap_or_default()
+}
+
+/// The frequencies (Hz) at which residuals stand out most from their
+/// surroundings. An oscillation of which a run shows twenty periods is only
+/// found from within a twentieth of its frequency, so fits have to start there.
+fn spectral_lines(residuals: &[Vec<f64>], interval: f64) -> Vec<f64> {
+    /// Distance of the frequencies that are looked at (Hz).
+    const STEP: f64 = 0.05;
+    /// Lines closer than this are one (Hz).
+    const APART: f64 = 0.4;
+    /// Frequencies on each side that make up the surroundings.
+    const AROUND: usize = 24;
+    /// As many lines as fits can try.
+    const COUNT: usize = 4;
+    let highest = (0.4 / interval).min(30.0);
+    // At most some hundred.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    let count = (highest / STEP) as usize;
+    let power: Vec<f64> = (1..=count)
+        .map(|k| {
+            let turn = std::f64::consts::TAU * STEP * k as f64 * interval;
+            let (sin, cos) = turn.sin_cos();
+            residuals
+                .iter()
+                .map(|series| {
+                    let (mut c, mut s, mut re, mut im) = (1.0, 0.0, 0.0, 0.0);
+                    for value in series {
+                        re += value * c;
+                        im += value * s;
+                        (c, s) = (c * cos - s * sin, s * cos + c * sin);
+                    }
+                    re * re + im * im
+                })
+                .sum()
+        })
+        .collect();
+    let mut prominent: Vec<(f64, usize)> = (0..count)
+        .map(|k| {
+            let from = k.saturating_sub(AROUND);
+            let mut around: Vec<f64> = power[from..(k + AROUND).min(count)].to_vec();
+            (power[k] / crate::statistics::median(&mut around).max(f64::MIN_POSITIVE), k)
+        })
+        .collect();
+    prominent.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let mut lines: Vec<f64> = Vec::new();
+    for (_, k) in prominent {
+        let frequency = STEP * (k + 1) as f64;
+        if lines.len() < COUNT && lines.iter().all(|line| (line - frequency).abs() > APART) {
+            lines.push(frequency);
+        }
+    }
+    lines
+}
+
+/// An effect of the size at which fits start: what to reckon with before
+/// anything is known.
+pub fn typical(kind: Kind, scales: &Scales) -> Option<Effect<f64>> {
+    let values: Vec<f64> = kind
+        .parameters()
+        .iter()
+        .map(|row| match (row.held, row.starts.last()) {
+            (Some(held), _) => held_value(row, held, scales),
+            (None, Some(start)) => f64::from(*start) * scales.size(row),
+            (None, None) => 1.0,
+        })
+        .collect();
+    kind.build(&values)
+}
+
+/// A structure with one effect more, fitted to the end.
+pub fn added(ground: &Ground<'_, '_>, base: &Candidate, kind: Kind) -> Option<Candidate> {
+    let promise = promise(ground, base, kind)?;
+    glance(ground, &promise).map(|candidate| finish(ground, &candidate))
 }
 
 /// Why an effect was not tried.
@@ -195,17 +280,43 @@ pub struct Ground<'a, 'r> {
     pub file: &'a ModelFile,
     /// The recordings.
     pub fitter: &'a Fitter<'a, 'r>,
-    /// The same recordings in short pieces, to find starts.
-    pub pieces: &'a Fitter<'a, 'a>,
+    /// The same recordings in short pieces, to find starts; none where the
+    /// refitted model keeps in step with the recordings.
+    pub pieces: Option<&'a Fitter<'a, 'a>>,
     /// A part of the recordings, to rank starts and candidates.
     pub excerpt: &'a Fitter<'a, 'a>,
     /// Sizes of forces, angles and rates.
-    pub scales: Scales,
+    pub scales: &'a Scales,
+    /// Fits of an interrupted run, and where to keep further ones.
+    pub checkpoint: &'a Checkpoint,
 }
 
-/// Adds one effect to a fitted structure and fits at a glance to the excerpt.
-/// None if the model is full, or cannot be simulated with it.
-pub fn extend(ground: &Ground<'_, '_>, base: &Candidate, kind: Kind) -> Option<Candidate> {
+/// One effect added to a fitted structure, with what it promises.
+#[derive(Clone, Debug)]
+pub struct Promise {
+    /// The effects, the new one last.
+    pub added: Vec<Kind>,
+    /// The sum of squares on the excerpt that one step from the best start
+    /// promises (rad²).
+    pub sse: f64,
+    /// The most promising starts.
+    starts: Vec<Model<f64>>,
+}
+
+impl Promise {
+    /// The effects in the order of the catalogue.
+    pub fn set(&self) -> Vec<Kind> {
+        let mut set = self.added.clone();
+        set.sort_unstable();
+        set
+    }
+}
+
+/// What one effect more promises, by a score test at each of its starts. None
+/// if the model is full, or cannot be simulated with it.
+pub fn promise(ground: &Ground<'_, '_>, base: &Candidate, kind: Kind) -> Option<Promise> {
+    /// Starts from which it is worth going on.
+    const BEST: usize = 2;
     let file = ground.file;
     if file.model.effects().count() + base.added.len() >= MAX_EFFECTS {
         return None;
@@ -213,28 +324,40 @@ pub fn extend(ground: &Ground<'_, '_>, base: &Candidate, kind: Kind) -> Option<C
     let mut added = base.added.clone();
     added.push(kind);
     let free = free_parameters(file, &added);
-    let starts = starts(file, &ground.scales, base, kind);
-    // Beside an effect that explains most of the gap, the fitted parameters are
-    // the better start.
-    let anywhere = if base.added.is_empty() {
-        starts.all()
-    } else {
-        starts.from_fitted.clone()
-    };
-    // Pieces see neither hidden states and delays, which have no past there,
-    // nor what moves slowly.
-    let whole = if added.iter().any(|kind| remembers(*kind)) {
-        &anywhere
-    } else {
-        &starts.from_fitted
-    };
-    let near: Vec<Model<f64>> = [(ground.pieces, &anywhere), (ground.excerpt, whole)]
-        .into_iter()
-        .filter_map(|(fitter, starts)| fitter.best_of(starts, &free, Effort::Glance))
-        .map(|fit| fit.model)
-        .collect();
-    let fit = ground.excerpt.best_of(&near, &free, Effort::Glance)?;
-    Some(Candidate { added, fit })
+    let starts = starts(file, ground.scales, base, kind);
+    let best = ground.excerpt.promising(&starts.from_fitted, &free, BEST);
+    let sse = best.first()?.0;
+    let mut starts_on: Vec<Model<f64>> = best.into_iter().map(|(_, model)| model).collect();
+    // Where simulation and measurement are out of step, whole runs lead
+    // nowhere: the way is found on short pieces.
+    if let Some(pieces) = ground.pieces
+        && !added.iter().any(|kind| remembers(*kind))
+    {
+        let anywhere = if base.added.is_empty() {
+            starts.all()
+        } else {
+            starts.from_fitted.clone()
+        };
+        let near = pieces.best_of(&anywhere, &free, Effort::Glance);
+        starts_on.extend(near.map(|fit| fit.model));
+    }
+    Some(Promise {
+        added,
+        sse,
+        starts: starts_on,
+    })
+}
+
+/// Follows a promise: a fit at a glance to the excerpt.
+pub fn glance(ground: &Ground<'_, '_>, promise: &Promise) -> Option<Candidate> {
+    let free = free_parameters(ground.file, &promise.added);
+    let fit = ground
+        .excerpt
+        .best_of_kept(&promise.starts, &free, Effort::Glance, ground.checkpoint)?;
+    Some(Candidate {
+        added: promise.added.clone(),
+        fit,
+    })
 }
 
 /// Whether an effect depends on what happened before.
@@ -252,7 +375,12 @@ pub fn finish(ground: &Ground<'_, '_>, candidate: &Candidate) -> Candidate {
     let free = free_parameters(ground.file, &candidate.added);
     Candidate {
         added: candidate.added.clone(),
-        fit: ground.fitter.fit(&candidate.fit.model, &free, Effort::Full),
+        fit: ground.fitter.fit_kept(
+            &candidate.fit.model,
+            &free,
+            Effort::Full,
+            ground.checkpoint,
+        ),
     }
 }
 
@@ -264,6 +392,7 @@ fn starts(file: &ModelFile, scales: &Scales, base: &Candidate, kind: Kind) -> St
     for row in kind.parameters() {
         let choices: Vec<f64> = match row.held {
             Some(held) => vec![held_value(row, held, scales)],
+            None if row.unit == Unit::Hertz => scales.lines.clone(),
             None => row
                 .starts
                 .iter()
@@ -351,7 +480,9 @@ pub fn released(ground: &Ground<'_, '_>, candidate: &Candidate) -> Option<Candid
             }
         }
     }
-    let fit = ground.fitter.best_of(&models, &free, Effort::Full)?;
+    let fit = ground
+        .fitter
+        .best_of_kept(&models, &free, Effort::Full, ground.checkpoint)?;
     Some(Candidate {
         added: candidate.added.clone(),
         fit,

@@ -2,46 +2,54 @@
 //!
 //! The steps, each a module whose output is data that reports can show:
 //!
-//! 1. [`noise`]: how small a residual can get.
-//! 2. Refit: a wrong parameter is not a missing effect.
-//! 3. Adequate? If what is left cannot be told from noise, stop and say so.
-//! 4. [`mod@localise`]: where the gap lives.
-//! 5. [`candidates`]: simulate and fit every effect of the catalogue.
-//! 6. [`select`]: which structure the recordings ask for, alone and in
-//!    combination, with rivals that cannot be rejected kept.
-//! 7. [`holdout`]: does it also hold on runs that were not fitted?
-//! 8. Judge, in this module; the answer is written as a [`verdict`].
+//! 1. [`quality`]: recordings that cannot be used are refused, others noted.
+//! 2. [`noise`]: how small a residual can get.
+//! 3. [`identify`]: refit, for a wrong parameter is not a missing effect, and
+//!    which parameters the recordings determine.
+//! 4. Adequate? If what is left cannot be told from noise, stop and say so.
+//! 5. [`mod@localise`]: where the gap lives, by a [`smoother`].
+//! 6. [`mod@search`]: simulate and fit the [`candidates`] of the catalogue, alone
+//!    and together.
+//! 7. [`select`]: which structure the recordings ask for, with rivals that
+//!    cannot be rejected kept; [`holdout`]: does it also hold on runs that were
+//!    not fitted?
+//! 8. [`judge`]; the answer is written as a [`verdict`].
+//! 9. [`plan`]: the run that would separate the rivals.
 //!
 //! A false name is worse than "cannot tell".
 
 pub mod candidates;
 pub mod holdout;
 pub mod identify;
+pub mod judge;
 pub mod localise;
 pub mod noise;
+pub mod plan;
+pub mod quality;
+pub mod search;
 pub mod select;
 pub mod smoother;
 pub mod verdict;
 
-use std::collections::BTreeSet;
+use model_core::actuator::ParameterId;
 
-use model_core::actuator::{MAX_EFFECTS, ParameterId};
-use model_core::catalogue::Kind;
-use rayon::prelude::*;
-
+use crate::checkpoint::Checkpoint;
 use crate::error::InputError;
 use crate::fit::{Excerpt, Fit, Fitter, Pieces, Run};
 use crate::model_file::{ModelFile, tidy, to_file_units};
 use crate::recording::Recording;
-use crate::statistics::{correlated_rms, noise_by_differences};
-use candidates::{Candidate, Ground, Scales, Untried, applicable, extend, finish, released};
+use crate::statistics::correlated_rms;
+use candidates::{Candidate, Ground, Scales, Untried, applicable};
 use holdout::{HeldOut, Judge};
 use identify::Identifiability;
+use judge::{Court, Findings, Tried};
 use localise::{Gap, localise};
 use noise::NoiseFloor;
-use select::{REJECTED, better_held_out, independent_samples, rank, required_evidence, score};
+use plan::{Limits, Proposal};
+use quality::Concern;
 use verdict::{
-    Adequacy, Alternative, Answer, FittedError, HeldOutError, NamedEffect, Place, SCHEMA, Verdict,
+    Adequacy, Alternative, Answer, Experiment, FittedError, HeldOutError, NamedEffect, Place,
+    SCHEMA, Verdict,
 };
 
 /// A residual counts as noise if its correlated part stays below this share of
@@ -54,23 +62,8 @@ const RMS_FACTOR: f64 = 1.08;
 /// … each with as many times what the noise of the measured pressure leaves.
 const INPUT_FACTOR: f64 = 1.5;
 
-/// A repair that removes less than this share of the held-out gap explains
-/// nothing. In the trials that the design rests on, known effects removed 78 %
-/// and more, unknown ones 26 % at most.
-const GAP_CUT: f64 = 0.75;
-
-/// Structures that are expanded at the first, second and third effect.
-const BEAM: [usize; MAX_EFFECTS] = [1, 3, 3];
-
-/// Single effects that are fitted to the end, and combinations at each size.
-const FINISHED: [usize; MAX_EFFECTS] = [6, 4, 4];
-
-/// Candidates whose squared error at a glance is this many times that of the
-/// best are not fitted to the end …
-const HOPELESS: f64 = 4.0;
-
-/// … except for as many as are shown as rivals.
-const RIVALS_SHOWN: usize = 3;
+/// Proposals for the next experiment that are kept.
+const PROPOSALS: usize = 3;
 
 /// What to diagnose.
 #[derive(Clone, Copy, Debug)]
@@ -90,6 +83,11 @@ pub struct Request<'a> {
 pub struct Diagnosis {
     /// The answer.
     pub answer: Answer,
+    /// What is wrong with the recordings themselves.
+    pub concerns: Vec<Concern>,
+    /// Index of a recording that was left out, since it behaves like another
+    /// actuator. Everything per recording is without it.
+    pub left_out: Option<usize>,
     /// Noise floor of the fitted recordings.
     pub floor: NoiseFloor,
     /// The nominal model against the recordings.
@@ -107,6 +105,10 @@ pub struct Diagnosis {
     pub held_out: HeldOut,
     /// Rivals, best first.
     pub alternatives: Vec<Alternative>,
+    /// Every structure that was fitted to the end, with its evidence.
+    pub tried: Vec<Tried>,
+    /// Runs that would separate the surviving rivals, best first.
+    pub proposals: Vec<(Proposal, [Vec<String>; 2])>,
     /// The second axis.
     pub adequacy: Adequacy,
     /// Where the gap of the refit lives.
@@ -122,16 +124,24 @@ pub type Progress<'a> = &'a (dyn Fn(&str) + Sync);
 ///
 /// # Errors
 ///
-/// Refuses a single recording without others to judge by, and a model that
-/// cannot be simulated.
+/// Refuses a single recording without others to judge by, recordings that are
+/// damaged beyond handling, and a model that cannot be simulated.
 pub fn diagnose(request: &Request<'_>, progress: Progress<'_>) -> Result<Diagnosis, InputError> {
-    let Request {
-        file,
-        recordings,
-        holdout,
-        ..
-    } = *request;
-    if recordings.is_empty() || (recordings.len() < 2 && holdout.is_empty()) {
+    diagnose_from(request, &Checkpoint::default(), progress)
+}
+
+/// As [`diagnose`], taking up fits that an interrupted run has left.
+///
+/// # Errors
+///
+/// As [`diagnose`].
+pub fn diagnose_from(
+    request: &Request<'_>,
+    checkpoint: &Checkpoint,
+    progress: Progress<'_>,
+) -> Result<Diagnosis, InputError> {
+    let recordings = request.recordings;
+    if recordings.is_empty() || (recordings.len() < 2 && request.holdout.is_empty()) {
         return Err(InputError::new(
             format!(
                 "a diagnosis needs two recordings or more, and {} was given",
@@ -140,18 +150,57 @@ pub fn diagnose(request: &Request<'_>, progress: Progress<'_>) -> Result<Diagnos
             "give more recordings, or name some with --holdout: a cause that was fitted and tested on the same run proves nothing",
         ));
     }
-    for recording in recordings.iter().chain(holdout) {
-        refuse_without_motion(recording)?;
+    let found = diagnose_all(request, checkpoint, progress)?;
+    let Some(odd) = found.odd else {
+        return Ok(found.diagnosis);
+    };
+    progress("once more, without the recording that does not belong");
+    let others: Vec<Recording> = recordings
+        .iter()
+        .enumerate()
+        .filter(|(index, _)| *index != odd.index)
+        .map(|(_, recording)| recording.clone())
+        .collect();
+    let request = Request {
+        recordings: &others,
+        ..*request
+    };
+    let mut diagnosis = diagnose_all(&request, checkpoint, progress)?.diagnosis;
+    diagnosis.concerns.insert(0, odd.concern);
+    diagnosis.left_out = Some(odd.index);
+    Ok(diagnosis)
+}
+
+/// A diagnosis, and a recording without which it should be made again.
+struct Found {
+    diagnosis: Diagnosis,
+    odd: Option<quality::Odd>,
+}
+
+fn diagnose_all(
+    request: &Request<'_>,
+    checkpoint: &Checkpoint,
+    progress: Progress<'_>,
+) -> Result<Found, InputError> {
+    let Request {
+        file,
+        recordings,
+        holdout,
+        ..
+    } = *request;
+    progress("quality of the recordings");
+    let floor = NoiseFloor::of(recordings);
+    let mut concerns = quality::examine(recordings, &floor)?;
+    if !holdout.is_empty() {
+        quality::examine(holdout, &NoiseFloor::of(holdout))?;
     }
+    quality::refuse_other_units(file, recordings)?;
     let runs = Run::all(recordings);
     let fitter = Fitter {
         nominal: &file.model,
         runs: &runs,
     };
     let held_out_runs = Run::all(holdout);
-
-    progress("noise floor");
-    let floor = NoiseFloor::of(recordings);
     let nominal = fitter.compare(&file.model);
     progress("refit of the nominal structure");
     let (refit, determined, identified) = identify::refit(file, &fitter);
@@ -165,6 +214,7 @@ pub fn diagnose(request: &Request<'_>, progress: Progress<'_>) -> Result<Diagnos
         .in_file(&file.path));
     }
     let floor = floor.with_input(&fitter, &refit.fit.model, request.seed);
+    progress("where the gap lives");
     let gap = localise(&refit.fit.model, recordings, floor.white);
 
     let mut untried = Vec::new();
@@ -175,28 +225,67 @@ pub fn diagnose(request: &Request<'_>, progress: Progress<'_>) -> Result<Diagnos
     } else {
         let (kinds, skipped) = applicable(&file.model, &fitter);
         untried = skipped;
-        search(file, &fitter, &judge, &floor, kinds, &refit, progress)
+        let pieces = Pieces::of(&fitter);
+        let excerpt = Excerpt::of(&fitter);
+        let scales = Scales::of(&fitter, &refit.fit);
+        let (piece_runs, excerpt_runs) = (pieces.runs(), excerpt.runs());
+        let in_pieces = Fitter {
+            nominal: &file.model,
+            runs: &piece_runs,
+        };
+        let ground = Ground {
+            file,
+            fitter: &fitter,
+            pieces: (!in_step(&fitter, &refit.fit)).then_some(&in_pieces),
+            excerpt: &Fitter {
+                nominal: &file.model,
+                runs: &excerpt_runs,
+            },
+            scales: &scales,
+            checkpoint,
+        };
+        let pool = search::search(&ground, &floor, &kinds, &refit, progress);
+        progress("judgement on runs that were not fitted");
+        let court = Court {
+            ground,
+            judge: &judge,
+            floor: &floor,
+            kinds: &kinds,
+        };
+        court.findings(&refit, &pool)
     };
 
     progress("held-out runs in the board's arithmetic");
     let held_out = judge.errors(&refit, &found.repaired);
-    let closed = held_out.gap_closed();
     let is_adequate = adequate(&found.repaired.fit, &floor);
     let adequacy = Adequacy {
         adequate: is_adequate,
         holdout_gap_closed: if found.repaired.added.is_empty() {
             0.0
         } else {
-            closed
+            held_out.gap_closed()
         },
         exact_form: is_adequate && held_out.at_noise(),
     };
+    let odd = if is_adequate || holdout_is_enough(recordings, holdout) {
+        None
+    } else {
+        found
+            .best
+            .iter()
+            .chain([&refit])
+            .find_map(|candidate| quality::odd_one_out(file, &fitter, candidate, floor.rms))
+    };
+    concerns.extend(quality::slow_effects(&found.repaired, recordings));
+    let proposals = propose(&file.model, &found.rivals, &floor);
     let identifiability = [
         Identifiability::of(&found.repaired.fit, &identified.held),
         identified,
     ];
-    Ok(Diagnosis {
+    let diagnosis = Diagnosis {
         answer: found.answer,
+        concerns,
+        left_out: None,
         identifiability,
         floor,
         nominal,
@@ -205,76 +294,48 @@ pub fn diagnose(request: &Request<'_>, progress: Progress<'_>) -> Result<Diagnos
         probability: found.probability,
         held_out,
         alternatives: found.alternatives,
+        tried: found.tried,
+        proposals,
         adequacy,
         gap,
         untried,
-    })
-}
-
-/// Refuses a recording that says nothing: every model agrees with it.
-fn refuse_without_motion(recording: &Recording) -> Result<(), InputError> {
-    /// Fewer samples hold no motion.
-    const FEWEST: usize = 20;
-    let low = recording
-        .angle
-        .iter()
-        .copied()
-        .fold(f64::INFINITY, f64::min);
-    let high = recording
-        .angle
-        .iter()
-        .copied()
-        .fold(f64::NEG_INFINITY, f64::max);
-    // White noise alone spans eight of its standard deviations.
-    let moves = high - low > 10.0 * noise_by_differences(&recording.angle);
-    if recording.len() >= FEWEST && moves {
-        return Ok(());
-    }
-    Err(InputError::new(
-        format!(
-            "holds no motion: {} samples between {:.2}° and {:.2}°",
-            recording.len(),
-            low.to_degrees(),
-            high.to_degrees()
-        ),
-        "leave it out, and record a step, a staircase or a swing",
-    )
-    .in_file(&recording.path))
-}
-
-/// Searches the structures that add effects to a fitted nominal model.
-fn search(
-    file: &ModelFile,
-    fitter: &Fitter<'_, '_>,
-    judge: &Judge<'_, '_>,
-    floor: &NoiseFloor,
-    kinds: Vec<Kind>,
-    refit: &Candidate,
-    progress: Progress<'_>,
-) -> Findings {
-    let pieces = Pieces::of(fitter);
-    let excerpt = Excerpt::of(fitter);
-    let nominal = &file.model;
-    let search = Search {
-        ground: Ground {
-            file,
-            fitter,
-            pieces: &Fitter {
-                nominal,
-                runs: &pieces.runs(),
-            },
-            excerpt: &Fitter {
-                nominal,
-                runs: &excerpt.runs(),
-            },
-            scales: Scales::of(fitter),
-        },
-        judge,
-        floor,
-        kinds,
-        progress,
     };
-    search.run(refit)
+    Ok(Found { diagnosis, odd })
+}
+
+/// Whether leaving a recording out would leave too few.
+fn holdout_is_enough(recordings: &[Recording], holdout: &[Recording]) -> bool {
+    recordings.len() + holdout.len() < 3
+}
+
+/// The runs that separate rivals best, with their names.
+fn propose(
+    believed: &model_core::actuator::Model<f64>,
+    rivals: &[Candidate],
+    floor: &NoiseFloor,
+) -> Vec<(Proposal, [Vec<String>; 2])> {
+    let names = |index: usize| judge::names(&rivals[index].added);
+    plan::proposals(believed, rivals, floor.rms, &Limits::default())
+        .into_iter()
+        .take(PROPOSALS)
+        .map(|proposal| {
+            let (a, b) = proposal.separates;
+            (proposal, [names(a), names(b)])
+        })
+        .collect()
+}
+
+/// Whether simulation and recordings keep in step: what is left is small
+/// against the motion.
+fn in_step(fitter: &Fitter<'_, '_>, fit: &Fit) -> bool {
+    const SMALL: f64 = 0.15;
+    let measured: f64 = fitter
+        .runs
+        .iter()
+        .flat_map(|run| &run.recording.angle)
+        .map(|angle| angle * angle)
+        .sum();
+    fit.sse() <= SMALL * SMALL * measured
 }
 
 /// Whether a residual cannot be told from noise.
@@ -283,238 +344,6 @@ fn adequate(fit: &Fit, floor: &NoiseFloor) -> bool {
     let input = INPUT_FACTOR * floor.input;
     correlated <= (CORRELATED_SHARE * floor.rms).hypot(input)
         && fit.rmse() <= (RMS_FACTOR * floor.rms).hypot(input)
-}
-
-/// What a search came to.
-struct Findings {
-    answer: Answer,
-    repaired: Candidate,
-    probability: Vec<f64>,
-    alternatives: Vec<Alternative>,
-}
-
-impl Findings {
-    /// An answer that names nothing.
-    fn nothing(answer: Answer, refit: &Candidate) -> Self {
-        Self {
-            answer,
-            repaired: refit.clone(),
-            probability: Vec::new(),
-            alternatives: Vec::new(),
-        }
-    }
-}
-
-fn names(kinds: &[Kind]) -> Vec<String> {
-    kinds.iter().map(|kind| kind.name().to_owned()).collect()
-}
-
-/// The search over structures.
-struct Search<'a, 'r> {
-    ground: Ground<'a, 'r>,
-    judge: &'a Judge<'a, 'r>,
-    floor: &'a NoiseFloor,
-    kinds: Vec<Kind>,
-    progress: Progress<'a>,
-}
-
-impl Search<'_, '_> {
-    fn run(&self, refit: &Candidate) -> Findings {
-        let pool = self.pool(refit);
-        let independent = independent_samples(&pool);
-        let chosen = self.choose(&pool, independent);
-        let size = pool[chosen].added.len();
-        let ranked = rank(&pool, &self.ground.scales, independent, size.max(1));
-        let best_score = ranked.first().map_or(0.0, |first| first.score);
-        let alternative = |entry: &select::Ranked| Alternative {
-            kinds: names(&pool[entry.index].added),
-            probability: entry.probability,
-            delta_bic: entry.score - best_score,
-        };
-        if size == 0 && refit.fit.rmse() <= RMS_FACTOR * self.floor.white.hypot(self.floor.input) {
-            // A trace of correlation that no effect accounts for, within the
-            // noise of the sensors.
-            return Findings::nothing(Answer::ParametersOnly, refit);
-        }
-        if size == 0 || self.judge.gap_closed(refit, &pool[chosen]) < GAP_CUT {
-            return Findings {
-                alternatives: ranked.iter().take(RIVALS_SHOWN).map(alternative).collect(),
-                ..Findings::nothing(Answer::Unexplained, refit)
-            };
-        }
-        let surviving: Vec<_> = ranked
-            .iter()
-            .filter(|entry| entry.probability >= REJECTED)
-            .collect();
-        let probability_of = |kind: Kind| {
-            ranked
-                .iter()
-                .filter(|entry| pool[entry.index].added.contains(&kind))
-                .map(|entry| entry.probability)
-                .sum::<f64>()
-        };
-        let named = if surviving.len() == 1 {
-            Some(pool[chosen].clone())
-        } else {
-            self.common_core(&pool, &surviving, independent)
-                .filter(|core| self.judge.gap_closed(refit, core) >= GAP_CUT)
-        };
-        let Some(named) = named else {
-            return Findings {
-                alternatives: surviving.iter().map(|entry| alternative(entry)).collect(),
-                ..Findings::nothing(Answer::CannotTell, refit)
-            };
-        };
-        let repaired = self.with_released(named, independent);
-        Findings {
-            answer: Answer::EffectFound,
-            probability: repaired
-                .added
-                .iter()
-                .map(|&kind| probability_of(kind))
-                .collect(),
-            alternatives: ranked
-                .iter()
-                .filter(|entry| pool[entry.index].set() != repaired.set())
-                .take(RIVALS_SHOWN)
-                .map(alternative)
-                .collect(),
-            repaired,
-        }
-    }
-
-    /// Fits the refit with each effect alone, then the best of them with each
-    /// other effect, up to three, until the residual is noise.
-    fn pool(&self, refit: &Candidate) -> Vec<Candidate> {
-        let mut pool = vec![refit.clone()];
-        let room = MAX_EFFECTS - self.ground.file.model.effects().count();
-        for size in 1..=room {
-            let best = Self::smallest(&pool, size - 1, BEAM[size - 1]);
-            if size > 1 && (best.is_empty() || best.iter().any(|&k| self.is_done(&pool[k].fit))) {
-                break;
-            }
-            (self.progress)(&match size {
-                1 => format!("{} effects, one at a time", self.kinds.len()),
-                _ => format!("combinations of {size} effects"),
-            });
-            let bases: Vec<&Candidate> = best.iter().map(|&k| &pool[k]).collect();
-            let mut glances = self.extensions(&bases);
-            glances.sort_by(|a, b| a.fit.sse().total_cmp(&b.fit.sse()));
-            let mut seen = BTreeSet::new();
-            glances.retain(|candidate| seen.insert(candidate.set()));
-            glances.truncate(FINISHED[size - 1]);
-            let hopeless = HOPELESS * glances.first().map_or(0.0, |best| best.fit.sse());
-            let least = glances.len().min(RIVALS_SHOWN);
-            let keep = glances.partition_point(|candidate| candidate.fit.sse() <= hopeless);
-            glances.truncate(keep.max(least));
-            let finished: Vec<Candidate> = glances
-                .par_iter()
-                .map(|candidate| finish(&self.ground, candidate))
-                .collect();
-            pool.extend(finished);
-        }
-        pool
-    }
-
-    /// Whether nothing is left that another effect could explain.
-    fn is_done(&self, fit: &Fit) -> bool {
-        adequate(fit, self.floor) || fit.rmse() <= self.floor.rms
-    }
-
-    /// Every structure in `bases` with every effect that it lacks, at a glance.
-    fn extensions(&self, bases: &[&Candidate]) -> Vec<Candidate> {
-        let pairs: Vec<(&Candidate, Kind)> = bases
-            .iter()
-            .flat_map(|&base| {
-                self.kinds
-                    .iter()
-                    .filter(move |kind| !base.added.contains(kind))
-                    .map(move |&kind| (base, kind))
-            })
-            .collect();
-        pairs
-            .par_iter()
-            .filter_map(|(base, kind)| extend(&self.ground, base, *kind))
-            .collect()
-    }
-
-    /// The `count` structures of `size` effects with the smallest residual.
-    fn smallest(pool: &[Candidate], size: usize, count: usize) -> Vec<usize> {
-        let mut order: Vec<usize> = (0..pool.len())
-            .filter(|&k| pool[k].added.len() == size)
-            .collect();
-        order.sort_by(|&a, &b| pool[a].fit.sse().total_cmp(&pool[b].fit.sse()));
-        order.truncate(count);
-        order
-    }
-
-    /// The structure that the evidence asks for: from none upwards, a larger
-    /// one replaces a smaller one if it brings what its effects cost and is
-    /// better on runs that were not fitted.
-    fn choose(&self, pool: &[Candidate], independent: f64) -> usize {
-        let mut chosen = 0;
-        let mut chosen_error = None;
-        for size in 1..=MAX_EFFECTS {
-            let Some(best) = rank(pool, &self.ground.scales, independent, size)
-                .first()
-                .map(|first| first.index)
-            else {
-                break;
-            };
-            let more = size - pool[chosen].added.len();
-            let evidence = score(&pool[chosen], &self.ground.scales, independent)
-                - score(&pool[best], &self.ground.scales, independent);
-            if evidence < required_evidence(more, self.kinds.len()) {
-                continue;
-            }
-            let before = *chosen_error.get_or_insert_with(|| self.judge.error_of(&pool[chosen]));
-            let after = self.judge.error_of(&pool[best]);
-            if better_held_out(before, after, pool[chosen].added.len()) {
-                chosen = best;
-                chosen_error = Some(after);
-            }
-        }
-        chosen
-    }
-
-    /// What all surviving structures have in common, if that alone explains
-    /// most of the gap.
-    fn common_core(
-        &self,
-        pool: &[Candidate],
-        surviving: &[&select::Ranked],
-        independent: f64,
-    ) -> Option<Candidate> {
-        let mut core: BTreeSet<Kind> = pool[surviving.first()?.index].set().into_iter().collect();
-        for entry in surviving {
-            let set = pool[entry.index].set();
-            core.retain(|kind| set.contains(kind));
-        }
-        let core: Vec<Kind> = core.into_iter().collect();
-        let candidate = pool
-            .iter()
-            .find(|candidate| !core.is_empty() && candidate.set() == core)?;
-        let evidence = score(pool.first()?, &self.ground.scales, independent)
-            - score(candidate, &self.ground.scales, independent);
-        (evidence >= required_evidence(core.len(), self.kinds.len())).then(|| candidate.clone())
-    }
-
-    /// Frees parameters that are held at first, where the evidence asks for it.
-    fn with_released(&self, candidate: Candidate, independent: f64) -> Candidate {
-        let Some(freed) = released(&self.ground, &candidate) else {
-            return candidate;
-        };
-        let evidence = score(&candidate, &self.ground.scales, independent)
-            - score(&freed, &self.ground.scales, independent);
-        let before = self.judge.error_of(&candidate);
-        if evidence >= required_evidence(1, 1)
-            && better_held_out(before, self.judge.error_of(&freed), candidate.added.len())
-        {
-            freed
-        } else {
-            candidate
-        }
-    }
 }
 
 impl Diagnosis {
@@ -549,7 +378,15 @@ impl Diagnosis {
                 refit: degrees(self.held_out.refit),
                 repaired: degrees(self.held_out.repaired_on_board),
             },
-            next_experiment: Vec::new(),
+            next_experiment: self
+                .proposals
+                .iter()
+                .map(|(proposal, [a, b])| Experiment {
+                    protocol: proposal.protocol.name.clone(),
+                    separates: vec![a.join("+"), b.join("+")],
+                    expected_delta_chi2: tidy(proposal.evidence),
+                })
+                .collect(),
             recordings: files.map(|file| file.path.display().to_string()).collect(),
             seed: request.seed,
             tool_version: env!("CARGO_PKG_VERSION").to_owned(),

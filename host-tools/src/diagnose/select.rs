@@ -11,6 +11,7 @@
 use model_core::actuator::ParameterId;
 
 use super::candidates::{Candidate, Scales};
+use crate::fit::Fit;
 
 /// Evidence that a larger structure has to bring for each effect, on top of
 /// the cost of its parameters: 10 is "very strong" on the scale of Kass and
@@ -69,34 +70,86 @@ fn implausibility(candidate: &Candidate, scales: &Scales) -> f64 {
     price
 }
 
+/// How far the squares of two residuals are apart, in standard errors: the test
+/// of Vuong (Econometrica 57, 1989) for models of which none has to be true,
+/// with the scatter of sums over blocks that are longer than the correlation.
+/// Positive where `rival` is worse.
+pub fn separation(best: &Fit, rival: &Fit) -> f64 {
+    /// Blocks are so many correlation times long, …
+    const CORRELATION_TIMES: f64 = 4.0;
+    /// … and at least so many samples.
+    const SHORTEST: f64 = 50.0;
+    let correlation = best.correlation_time().max(rival.correlation_time());
+    // A correlation time is at most some thousand samples.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    let length = (CORRELATION_TIMES * correlation).max(SHORTEST) as usize;
+    let mut sums: Vec<f64> = Vec::new();
+    for (best, rival) in best.residuals.iter().zip(&rival.residuals) {
+        for (best, rival) in best.chunks(length).zip(rival.chunks(length)) {
+            let sum = |block: &[f64]| block.iter().map(|r| r * r).sum::<f64>();
+            sums.push(sum(rival) - sum(best));
+        }
+    }
+    let total: f64 = sums.iter().sum();
+    let average = total / sums.len().max(1) as f64;
+    let scatter: f64 = sums.iter().map(|sum| (sum - average).powi(2)).sum();
+    if scatter > 0.0 {
+        total / scatter.sqrt()
+    } else {
+        0.0
+    }
+}
+
 /// A structure with its standing in the pool.
 #[derive(Clone, Debug)]
 pub struct Ranked {
     /// Index into the pool.
     pub index: usize,
-    /// Score, smaller is better.
-    pub score: f64,
+    /// Score behind the best of its size.
+    pub delta: f64,
+    /// Standard errors behind the best of its size, see [`separation`].
+    pub separation: f64,
     /// Probability among the structures of the same size.
     pub probability: f64,
 }
 
 /// Ranks the structures of `size` effects, best first.
+///
+/// The evidence against a rival is what its score is behind, but no more than
+/// its separation squared: where the best is right only in kind, its residual
+/// is correlated, the score is over-confident, and the separation is not.
 pub fn rank(pool: &[Candidate], scales: &Scales, independent: f64, size: usize) -> Vec<Ranked> {
-    let mut ranked: Vec<Ranked> = pool
+    let mut scored: Vec<(usize, f64)> = pool
         .iter()
         .enumerate()
         .filter(|(_, candidate)| candidate.added.len() == size)
-        .map(|(index, candidate)| Ranked {
-            index,
-            score: score(candidate, scales, independent),
-            probability: 0.0,
+        .map(|(index, candidate)| (index, score(candidate, scales, independent)))
+        .collect();
+    scored.sort_by(|a, b| a.1.total_cmp(&b.1));
+    let Some(&(best, best_score)) = scored.first() else {
+        return Vec::new();
+    };
+    let mut ranked: Vec<Ranked> = scored
+        .iter()
+        .map(|&(index, score)| {
+            let delta = score - best_score;
+            let separation = separation(&pool[best].fit, &pool[index].fit);
+            let evidence = if separation > 0.0 {
+                delta.min(separation.powi(2))
+            } else {
+                delta
+            };
+            Ranked {
+                index,
+                delta,
+                separation,
+                probability: (-evidence / 2.0).exp(),
+            }
         })
         .collect();
-    ranked.sort_by(|a, b| a.score.total_cmp(&b.score));
-    let best = ranked.first().map_or(0.0, |first| first.score);
-    let total: f64 = ranked.iter().map(|r| (-(r.score - best) / 2.0).exp()).sum();
+    let total: f64 = ranked.iter().map(|entry| entry.probability).sum();
     for entry in &mut ranked {
-        entry.probability = (-(entry.score - best) / 2.0).exp() / total;
+        entry.probability /= total;
     }
     ranked
 }

@@ -1,0 +1,429 @@
+//! The next experiment: which run would separate the rivals that survive?
+//!
+//! Every protocol that the board knows by name, and families of steps, ramps,
+//! small reversals, holds and multisines within the limits, are simulated with
+//! each rival. For rival A taken as true, rival B may move its parameters as
+//! far as the recordings that are there allow; what it then still misses, in
+//! units of the noise, is the evidence that the run would bring:
+//!
+//! ```text
+//! Δχ² = min over dp of |δ − J dp|²/σ² + dpᵀ Λ dp,   δ = y_A − y_B
+//! ```
+//!
+//! with J the derivatives of B's run by its parameters and Λ the information
+//! that the recordings hold about them (a profile to second order). What counts
+//! is the smaller of both directions.
+
+use model_core::actuator::Model;
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+use wire::decimal::Hundredths;
+use wire::protocol::{Demand, Named, Playback, Segment, Track, total_ms};
+
+use super::candidates::Candidate;
+use crate::fit::{Fitter, Run};
+use crate::protocol_file::ProtocolFile;
+use crate::recording::Recording;
+
+/// Samples per second of a simulated run.
+const RATE_HZ: u32 = 50;
+
+/// Time constant with which the pump builds a pressure up (s).
+const PUMP_LAG_S: f64 = 0.12;
+
+/// Time constant with which the open valve lets it out (s).
+const VENT_LAG_S: f64 = 0.3;
+
+/// What the rig must not exceed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Limits {
+    /// Highest set-point (°).
+    pub highest_deg: f64,
+    /// Highest pressure (kPa).
+    pub highest_kpa: f64,
+    /// Longest run (s).
+    pub longest_s: f64,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self {
+            highest_deg: 90.0,
+            highest_kpa: 170.0,
+            longest_s: 180.0,
+        }
+    }
+}
+
+/// A run with what it would bring.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Proposal {
+    /// The run.
+    pub protocol: ProtocolFile,
+    /// The rivals that it separates worst, by index.
+    pub separates: (usize, usize),
+    /// The evidence about those two (twice a log-likelihood ratio).
+    pub evidence: f64,
+}
+
+/// Ranks the runs that separate `rivals`, best first: by the evidence about the
+/// two that a run separates least. `noise` is the standard deviation of the
+/// measured angle (rad).
+pub fn proposals(
+    believed: &Model<f64>,
+    rivals: &[Candidate],
+    noise: f64,
+    limits: &Limits,
+) -> Vec<Proposal> {
+    if rivals.len() < 2 {
+        return Vec::new();
+    }
+    let mut proposals: Vec<Proposal> = protocols(limits)
+        .into_par_iter()
+        .filter_map(|protocol| {
+            let recording = drive(&protocol, believed, limits)?;
+            let runs = [Run::new(&recording)];
+            let simulated: Vec<Vec<f64>> = rivals
+                .iter()
+                .map(|rival| {
+                    let start = crate::simulate::Start {
+                        angle: 0.0,
+                        rate: 0.0,
+                    };
+                    runs[0].simulate(&rival.fit.model, start)
+                })
+                .collect();
+            let fitter = Fitter {
+                nominal: believed,
+                runs: &runs,
+            };
+            let jacobians: Vec<DMatrix<f64>> = rivals
+                .iter()
+                .map(|rival| fitter.derivatives(&rival.fit))
+                .collect();
+            let mut worst: Option<((usize, usize), f64)> = None;
+            for a in 0..rivals.len() {
+                for b in a + 1..rivals.len() {
+                    let one_way = |truth: usize, rival: usize| {
+                        missed(
+                            &simulated[truth],
+                            &simulated[rival],
+                            &jacobians[rival],
+                            &rivals[rival],
+                            noise,
+                        )
+                    };
+                    let evidence = one_way(a, b).min(one_way(b, a));
+                    if evidence.is_finite() && worst.is_none_or(|(_, least)| evidence < least) {
+                        worst = Some(((a, b), evidence));
+                    }
+                }
+            }
+            let (separates, evidence) = worst?;
+            Some(Proposal {
+                protocol,
+                separates,
+                evidence,
+            })
+        })
+        .collect();
+    proposals.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+    proposals
+}
+
+/// What a rival misses of the truth after moving its parameters as far as it
+/// may.
+fn missed(
+    truth: &[f64],
+    rival: &[f64],
+    jacobian: &DMatrix<f64>,
+    candidate: &Candidate,
+    noise: f64,
+) -> f64 {
+    let difference = DVector::from_iterator(truth.len(), truth.iter().zip(rival).map(|(a, b)| a - b));
+    // As many samples as would be recorded.
+    let weight = 100.0 / f64::from(RATE_HZ);
+    let scaled = jacobian.tr_mul(&difference) * weight;
+    let mut normal = jacobian.tr_mul(jacobian) * weight;
+    if let Some(known) = candidate.fit.curvature() {
+        normal += known;
+    }
+    for k in 0..normal.nrows() {
+        normal[(k, k)] += 1e-9 * normal[(k, k)] + f64::MIN_POSITIVE;
+    }
+    let absorbed = normal
+        .cholesky()
+        .map_or(0.0, |factor| scaled.dot(&factor.solve(&scaled)));
+    (weight * difference.norm_squared() - absorbed).max(0.0) / noise.powi(2).max(1e-12)
+}
+
+/// The pressure that a board would make of a protocol, as a recording without
+/// angles; none if it exceeds the limits.
+fn drive(protocol: &ProtocolFile, believed: &Model<f64>, limits: &Limits) -> Option<Recording> {
+    const REST_S: f64 = 0.5;
+    let program = &protocol.segments[..];
+    let step_ms = 1000 / RATE_HZ;
+    let interval = f64::from(step_ms) / 1000.0;
+    let mut playback = Playback::new();
+    playback.advance(program, 0);
+    let (mut pressure, mut time) = (0.0, 0.0);
+    let mut recording = Recording {
+        name: protocol.name.clone(),
+        ..Recording::default()
+    };
+    // A rest before the first command, as in every recording.
+    while time < REST_S {
+        recording.time.push(time);
+        recording.pressure.push(0.0);
+        recording.angle.push(0.0);
+        time += interval;
+    }
+    loop {
+        // Where the angle roughly is; it bounds the step length.
+        let mut angle = 0.0;
+        let (wanted, lag) = match playback.demand(program) {
+            Demand::Track { track, level } => {
+                let level = f64::from(level);
+                let wanted = match track {
+                    Track::Pressure => level * 1000.0,
+                    Track::AngleOpenLoop | Track::AngleClosedLoop => {
+                        angle = level.to_radians();
+                        believed.holding_pressure(level.to_radians())
+                    }
+                };
+                (wanted, PUMP_LAG_S)
+            }
+            Demand::Hold => (pressure, PUMP_LAG_S),
+            Demand::Release => (0.0, VENT_LAG_S),
+            Demand::Done => break,
+        };
+        if !wanted.is_finite() || wanted.abs() > limits.highest_kpa * 1000.0 {
+            return None;
+        }
+        recording.time.push(time);
+        recording.pressure.push(pressure);
+        recording.angle.push(angle);
+        pressure += (wanted - pressure) * (1.0 - (-interval / lag).exp());
+        time += interval;
+        playback.advance(program, step_ms);
+    }
+    Some(recording)
+}
+
+/// The runs that are considered: those that every board knows, and families of
+/// others.
+pub fn protocols(limits: &Limits) -> Vec<ProtocolFile> {
+    let mut list: Vec<ProtocolFile> = Named::ALL
+        .iter()
+        .map(|&named| ProtocolFile::named(named))
+        .collect();
+    let track = Track::AngleOpenLoop;
+    let level = |degrees: i32| Hundredths(100 * degrees);
+    let step = |degrees: i32, duration_ms: u32| Segment::Step {
+        track,
+        level: level(degrees),
+        duration_ms,
+    };
+    let ramp = |degrees: i32, duration_ms: u32| Segment::Ramp {
+        track,
+        level: level(degrees),
+        duration_ms,
+    };
+    let release = |duration_ms: u32| Segment::Release { duration_ms };
+    let mut add = |name: String, title: String, segments: Vec<Segment>| {
+        list.push(ProtocolFile::new(name, title, segments));
+    };
+    for degrees in [10, 20, 45, 75] {
+        add(
+            format!("step{degrees}"),
+            format!("a step to {degrees} degrees and its release, twice"),
+            vec![
+                step(degrees, 6_000),
+                release(5_000),
+                Segment::Repeat { from: 0, times: 1 },
+            ],
+        );
+    }
+    for (name, seconds) in [("fast", 1), ("slow", 25)] {
+        add(
+            format!("triangle_{name}"),
+            format!("triangles to 80 degrees, {seconds} s up and {seconds} s down"),
+            vec![
+                ramp(80, seconds * 1000),
+                ramp(0, seconds * 1000),
+                Segment::Repeat { from: 0, times: 1 },
+                release(4_000),
+            ],
+        );
+    }
+    for middle in [20, 45, 75] {
+        add(
+            format!("small_reversals_{middle}"),
+            format!("triangles of 3 degrees about {middle} degrees, slow and fast"),
+            vec![
+                step(middle, 4_000),
+                ramp(middle + 3, 1_000),
+                ramp(middle - 3, 2_000),
+                ramp(middle, 1_000),
+                Segment::Repeat { from: 1, times: 3 },
+                ramp(middle + 3, 4_000),
+                ramp(middle - 3, 8_000),
+                ramp(middle, 4_000),
+                Segment::Repeat { from: 5, times: 1 },
+                release(4_000),
+            ],
+        );
+    }
+    for (name, first, larger) in [("small", 40, 60), ("large", 60, 85)] {
+        add(
+            format!("softening_{name}"),
+            format!("cycles to {first} degrees, one to {larger}, the first again"),
+            vec![
+                step(first, 4_000),
+                release(4_000),
+                Segment::Repeat { from: 0, times: 2 },
+                step(larger, 4_000),
+                release(4_000),
+                step(first, 4_000),
+                release(4_000),
+                Segment::Repeat { from: 5, times: 1 },
+            ],
+        );
+    }
+    add(
+        "long_hold".into(),
+        "60 degrees for a minute and the recovery".into(),
+        vec![step(60, 60_000), release(30_000)],
+    );
+    add(
+        "small_steps".into(),
+        "steps of 8 degrees about several angles, then larger ones".into(),
+        vec![
+            step(20, 3_000),
+            step(28, 3_000),
+            step(20, 3_000),
+            step(50, 3_000),
+            step(58, 3_000),
+            step(50, 3_000),
+            step(75, 3_000),
+            step(83, 3_000),
+            step(75, 3_000),
+            step(15, 3_000),
+            step(75, 3_000),
+            step(15, 3_000),
+            release(4_000),
+        ],
+    );
+    for (name, period_ms) in [("fast", 4_000), ("slow", 20_000)] {
+        add(
+            format!("sines_{name}"),
+            format!("a multisine about 45 degrees with a base period of {} s", period_ms / 1000),
+            vec![
+                step(45, 4_000),
+                Segment::Multisine {
+                    track,
+                    centre: level(45),
+                    amplitude: level(25),
+                    period_ms,
+                    duration_ms: 2 * period_ms.max(10_000),
+                },
+                release(4_000),
+            ],
+        );
+    }
+    list.retain(|protocol| {
+        let highest = protocol
+            .segments
+            .iter()
+            .filter(|segment| segment.track().is_some_and(|track| track != Track::Pressure))
+            .map(|segment| f64::from(segment.highest().0) / 100.0)
+            .fold(0.0, f64::max);
+        highest <= limits.highest_deg
+            && f64::from(total_ms(&protocol.segments[..])) / 1000.0 <= limits.longest_s
+    });
+    list
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use model_core::actuator::Dynamics;
+    use model_core::catalogue::Kind;
+
+    fn believed() -> Model<f64> {
+        Model::new(
+            Dynamics {
+                inertia: 0.25,
+                damping: 1.5,
+                stiffness: 5.0,
+                exponent: 1.7,
+                input_gain: 1e-4,
+            },
+            &[],
+        )
+        .unwrap()
+    }
+
+    #[test]
+    fn limits_hold_for_every_protocol() {
+        let limits = Limits {
+            highest_deg: 60.0,
+            longest_s: 60.0,
+            ..Limits::default()
+        };
+        let list = protocols(&limits);
+        assert!(list.len() >= 4);
+        for protocol in &list {
+            assert!(protocol.total_ms() <= 60_000, "{}", protocol.name);
+            assert_eq!(wire::protocol::check(&protocol.segments[..]), Ok(()));
+            let text = protocol.to_text();
+            let again = ProtocolFile::parse(&text, std::path::Path::new("p.toml")).unwrap();
+            assert_eq!(again.segments, protocol.segments);
+        }
+        let too_little = Limits {
+            highest_kpa: 1.0,
+            ..limits
+        };
+        assert!(drive(&list[0], &believed(), &too_little).is_none());
+    }
+
+    /// Hysteresis and friction differ most in small reversals, creep and drift
+    /// over time: a planner that works says so.
+    #[test]
+    fn friction_and_hysteresis_are_separated_by_reversals() {
+        let with = |kind: Kind, values: &[f64]| {
+            let dynamics = *believed().dynamics();
+            let model = Model::new(dynamics, &[kind.build(values).unwrap()]).unwrap();
+            let none: [Run<'_>; 0] = [];
+            let fitter = Fitter {
+                nominal: &model,
+                runs: &none,
+            };
+            Candidate {
+                added: vec![kind],
+                fit: fitter.compare(&model),
+            }
+        };
+        let rivals = [
+            with(Kind::CoulombFriction, &[0.4, 0.02]),
+            with(Kind::BoucWenHysteresis, &[0.4, 0.06]),
+        ];
+        let list = proposals(&believed(), &rivals, 0.007, &Limits::default());
+        let evidence = |name: &str| {
+            list.iter()
+                .find(|proposal| proposal.protocol.name == name)
+                .unwrap()
+                .evidence
+                / f64::from(
+                    list.iter()
+                        .find(|proposal| proposal.protocol.name == name)
+                        .unwrap()
+                        .protocol
+                        .total_ms(),
+                )
+        };
+        assert!(evidence("small") > evidence("paper"));
+        assert!(list[0].evidence > 100.0);
+        assert!(list.windows(2).all(|pair| pair[0].evidence >= pair[1].evidence));
+    }
+}

@@ -1,0 +1,431 @@
+//! What is wrong with the recordings themselves.
+//!
+//! A diagnosis of damaged recordings names a cause with great confidence. So
+//! they are looked at first: what can be handled is handled and said, what
+//! cannot is refused with what to record instead.
+//!
+//! | matter | what happens |
+//! |---|---|
+//! | one recording, none to judge by | refused |
+//! | no motion | refused |
+//! | units mixed up | refused, with the unit that fits |
+//! | pressure at the end of its range | refused: the input is not known |
+//! | more than a fifth of the samples missing | refused |
+//! | angle at the end of its range | those samples are not fitted |
+//! | dropped samples, jitter | integrated in real time |
+//! | another actuator among the recordings | left out, and named |
+//! | no repeats, short runs | said |
+
+use model_core::actuator::ParameterId;
+use model_core::effects::Unit;
+
+use super::candidates::Candidate;
+use super::noise::NoiseFloor;
+use crate::error::InputError;
+use crate::fit::{Effort, Fitter, Run};
+use crate::model_file::{ModelFile, parameter_name};
+use crate::recording::Recording;
+use crate::statistics::{clipped, median, noise_by_differences, rms};
+
+/// What a concern is about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Matter {
+    /// No run was repeated.
+    NoRepeats,
+    /// The runs are too short to see slow effects.
+    ShortRuns,
+    /// A fitted time constant is longer than the runs can show.
+    TimeConstant,
+    /// The pressure of a recording never changes.
+    ConstantPressure,
+    /// The angle sensor is at the end of its range.
+    SaturatedAngle,
+    /// Samples are missing.
+    DroppedSamples,
+    /// Samples are not evenly spaced.
+    Jitter,
+    /// A recording seems to be of another actuator.
+    OtherActuator,
+}
+
+/// Something about the recordings that a person should know.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Concern {
+    /// What it is about.
+    pub matter: Matter,
+    /// The recording; none if it is about all of them.
+    pub recording: Option<String>,
+    /// What was found and how it is handled.
+    pub text: String,
+    /// What to do about it.
+    pub advice: String,
+}
+
+impl Concern {
+    fn of(matter: Matter, recording: Option<&Recording>, text: String, advice: &str) -> Self {
+        Self {
+            matter,
+            recording: recording.map(|recording| recording.name.clone()),
+            text,
+            advice: advice.to_owned(),
+        }
+    }
+}
+
+/// Looks at recordings before anything is fitted.
+///
+/// # Errors
+///
+/// Refuses what cannot be handled.
+pub fn examine(recordings: &[Recording], floor: &NoiseFloor) -> Result<Vec<Concern>, InputError> {
+    /// Runs shorter than this show nothing slow (s).
+    const SHORT_S: f64 = 3.0;
+    let mut concerns = Vec::new();
+    for recording in recordings {
+        refuse_without_motion(recording)?;
+        refuse_saturated_pressure(recording)?;
+        concerns.extend(timing(recording)?);
+        let at_end: usize = clipped(&recording.angle).iter().map(ExactSizeIterator::len).sum();
+        if at_end > 0 {
+            concerns.push(Concern::of(
+                Matter::SaturatedAngle,
+                Some(recording),
+                format!(
+                    "the angle sensor is at the end of its range in {at_end} of {} samples, which are not fitted",
+                    recording.len()
+                ),
+                "bend less far, or calibrate the sensor over its whole range",
+            ));
+        }
+        let moves = swing(&recording.pressure) > 10.0 * noise_by_differences(&recording.pressure);
+        if !moves && swing(&recording.pressure) > 0.0 && recordings.len() > 1 {
+            concerns.push(Concern::of(
+                Matter::ConstantPressure,
+                Some(recording),
+                "the pressure never changes: this run says nothing about the input path".into(),
+                "keep it if it is a free swing; otherwise check the pressure sensor",
+            ));
+        }
+    }
+    if floor.groups.is_empty() && recordings.len() > 1 {
+        concerns.push(Concern::of(
+            Matter::NoRepeats,
+            None,
+            "no run was repeated, so what the rig itself does not repeat is not known; the noise is taken from the scatter of neighbouring samples".into(),
+            "record each run twice or more",
+        ));
+    }
+    let longest = recordings.iter().map(Recording::duration).fold(0.0, f64::max);
+    if longest < SHORT_S {
+        concerns.push(Concern::of(
+            Matter::ShortRuns,
+            None,
+            format!("the longest run lasts {longest:.1} s: creep, drift and leaks do not show in it"),
+            "hold a step for ten seconds or more, and record its release",
+        ));
+    }
+    Ok(concerns)
+}
+
+fn swing(values: &[f64]) -> f64 {
+    let low = values.iter().copied().fold(f64::INFINITY, f64::min);
+    let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    high - low
+}
+
+/// Refuses a recording that says nothing: every model agrees with it.
+fn refuse_without_motion(recording: &Recording) -> Result<(), InputError> {
+    /// Fewer samples hold no motion.
+    const FEWEST: usize = 20;
+    // White noise alone spans eight of its standard deviations.
+    let moves = swing(&recording.angle) > 10.0 * noise_by_differences(&recording.angle);
+    if recording.len() >= FEWEST && moves {
+        return Ok(());
+    }
+    let angles = || recording.angle.iter().copied();
+    Err(InputError::new(
+        format!(
+            "holds no motion: {} samples between {:.2}° and {:.2}°",
+            recording.len(),
+            angles().fold(f64::INFINITY, f64::min).to_degrees(),
+            angles().fold(f64::NEG_INFINITY, f64::max).to_degrees()
+        ),
+        "leave it out, and record a step, a staircase or a swing",
+    )
+    .in_file(&recording.path))
+}
+
+/// Refuses a recording whose pressure was cut off: what drove it is not known.
+fn refuse_saturated_pressure(recording: &Recording) -> Result<(), InputError> {
+    let highest = recording.pressure.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let at_end: usize = clipped(&recording.pressure)
+        .into_iter()
+        .filter(|range| {
+            // A zero that is cut off from below is a tare.
+            recording.pressure.get(range.start).is_some_and(|p| *p >= highest)
+        })
+        .map(|range| range.len())
+        .sum();
+    if at_end == 0 {
+        return Ok(());
+    }
+    Err(InputError::new(
+        format!(
+            "the pressure sensor is at the end of its range, {:.1} kPa, in {at_end} of {} samples: what drove the actuator is not known",
+            highest / 1000.0,
+            recording.len()
+        ),
+        "leave it out, and record it again with less pressure or another sensor",
+    )
+    .in_file(&recording.path))
+}
+
+/// Gaps and jitter.
+fn timing(recording: &Recording) -> Result<Option<Concern>, InputError> {
+    /// An interval this many times the usual one is a gap.
+    const GAP: f64 = 1.5;
+    /// More missing samples than this share, and a run is refused.
+    const TOO_MANY: f64 = 0.2;
+    /// Scatter of the intervals that is worth saying.
+    const JITTER: f64 = 0.1;
+    let usual = recording.interval();
+    let steps: Vec<f64> = recording.time.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let missing: f64 = steps
+        .iter()
+        .filter(|step| **step > GAP * usual)
+        .map(|step| (step / usual).round() - 1.0)
+        .sum();
+    let share = missing / (missing + recording.len() as f64);
+    if share > TOO_MANY {
+        return Err(InputError::new(
+            format!("{:.0} % of the samples are missing", 100.0 * share),
+            "leave it out, and record it again: look for lost lines on the serial port, or sample more slowly",
+        )
+        .in_file(&recording.path));
+    }
+    if missing > 0.0 {
+        return Ok(Some(Concern::of(
+            Matter::DroppedSamples,
+            Some(recording),
+            format!("{missing:.0} samples are missing; the pressure is interpolated across the gaps"),
+            "look for lost lines on the serial port",
+        )));
+    }
+    let even: Vec<f64> = steps.iter().map(|step| step / usual - 1.0).collect();
+    let jitter = rms(&even);
+    Ok((jitter > JITTER).then(|| {
+        Concern::of(
+            Matter::Jitter,
+            Some(recording),
+            format!(
+                "the time between samples scatters by {:.0} %; the model is integrated in real time",
+                100.0 * jitter
+            ),
+            "let a timer pace the sampling",
+        )
+    }))
+}
+
+/// A slip of units: what the column would have to be multiplied by.
+struct Slip {
+    column: &'static str,
+    read_as: &'static str,
+    factor: f64,
+}
+
+const SLIPS: [Slip; 5] = [
+    Slip { column: "pressure_kpa", read_as: "psi", factor: 6.894_757 },
+    Slip { column: "pressure_kpa", read_as: "bar", factor: 100.0 },
+    Slip { column: "pressure_kpa", read_as: "MPa", factor: 1000.0 },
+    Slip { column: "pressure_kpa", read_as: "Pa", factor: 0.001 },
+    Slip { column: "angle_deg", read_as: "radians", factor: 57.295_78 },
+];
+
+/// Refuses recordings with which the nominal model agrees far better if one of
+/// their columns is read in another unit. Data sheets are right to a third, so
+/// a factor of six or more is not a matter of parameters.
+///
+/// # Errors
+///
+/// Names the recordings, the column and the unit.
+pub fn refuse_other_units(file: &ModelFile, recordings: &[Recording]) -> Result<(), InputError> {
+    /// A nominal model that misses by less, relative to the motion, is in the
+    /// right units.
+    const WRONG: f64 = 0.6;
+    /// One that misses by no more than this with the other unit is convincing.
+    const RIGHT: f64 = 0.35;
+    let mut found: Vec<(usize, &Recording)> = Vec::new();
+    for recording in recordings {
+        if miss(file, recording, None) < WRONG {
+            continue;
+        }
+        let best = SLIPS
+            .iter()
+            .enumerate()
+            .map(|(index, slip)| (miss(file, recording, Some(slip)), index))
+            .filter(|(miss, _)| *miss < RIGHT)
+            .min_by(|a, b| a.0.total_cmp(&b.0));
+        if let Some((_, slip)) = best {
+            found.push((slip, recording));
+        }
+    }
+    let Some(&(slip, first)) = found.first() else {
+        return Ok(());
+    };
+    let slip = &SLIPS[slip];
+    let names: Vec<&str> = found.iter().map(|(_, recording)| recording.name.as_str()).collect();
+    let whole = if names.len() == recordings.len() {
+        "every recording".to_owned()
+    } else {
+        names.join(", ")
+    };
+    Err(InputError::new(
+        format!(
+            "the units look mixed up: the model agrees with {whole} only if {} is read as {}",
+            slip.column, slip.read_as
+        ),
+        format!("multiply the column by {} and try again, or correct the model", slip.factor),
+    )
+    .in_file(&first.path))
+}
+
+/// RMS error of the nominal model relative to the motion, with a column read in
+/// another unit.
+fn miss(file: &ModelFile, recording: &Recording, slip: Option<&Slip>) -> f64 {
+    /// Samples that are enough to see it.
+    const ENOUGH: usize = 1_500;
+    let count = recording.len().min(ENOUGH);
+    let by = |column: &str| match slip {
+        Some(slip) if slip.column == column => slip.factor,
+        _ => 1.0,
+    };
+    let (pressure, angle) = (by("pressure_kpa"), by("angle_deg"));
+    let read = Recording {
+        time: recording.time[..count].to_vec(),
+        pressure: recording.pressure[..count].iter().map(|p| p * pressure).collect(),
+        angle: recording.angle[..count].iter().map(|a| a * angle).collect(),
+        ..Recording::default()
+    };
+    let motion = rms(&read.angle);
+    let runs = [Run::new(&read)];
+    let fitter = Fitter {
+        nominal: &file.model,
+        runs: &runs,
+    };
+    fitter.compare(&file.model).rmse() / motion.max(f64::MIN_POSITIVE)
+}
+
+/// A recording that seems to be of another actuator.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Odd {
+    /// Its index.
+    pub index: usize,
+    /// What was found.
+    pub concern: Concern,
+}
+
+/// Looks for one recording that a fitted structure cannot follow together with
+/// the others, while the others agree without it, and while it is followed
+/// alone with other base parameters: another actuator, or another sensor.
+pub fn odd_one_out(
+    file: &ModelFile,
+    fitter: &Fitter<'_, '_>,
+    candidate: &Candidate,
+    floor: f64,
+) -> Option<Odd> {
+    /// Fewer recordings have no majority.
+    const FEWEST: usize = 4;
+    /// The odd one misses by so many times what the others do.
+    const STANDS_OUT: f64 = 2.5;
+    /// What counts as agreement, over the floor.
+    const AGREES: f64 = 1.25;
+    /// Parameters that differ by less are the same actuator.
+    const DIFFERS: f64 = 0.08;
+    let runs = fitter.runs;
+    if runs.len() < FEWEST {
+        return None;
+    }
+    let each = crate::fit::rms_each(&candidate.fit);
+    let index = (0..each.len()).max_by(|&a, &b| each[a].total_cmp(&each[b]))?;
+    let mut others_each: Vec<f64> = each.clone();
+    others_each.remove(index);
+    if each[index] < STANDS_OUT * median(&mut others_each).max(floor) / 1.5 {
+        return None;
+    }
+    let others: Vec<Run<'_>> = (0..runs.len())
+        .filter(|&k| k != index)
+        .map(|k| runs[k].clone())
+        .collect();
+    let without = Fitter {
+        nominal: fitter.nominal,
+        runs: &others,
+    }
+    .fit(&candidate.fit.model, &candidate.fit.free, Effort::Full);
+    let alone = Fitter {
+        nominal: fitter.nominal,
+        runs: &runs[index..=index],
+    };
+    let predicted = alone.compare(&without.model).rmse();
+    if without.rmse() > AGREES * floor || predicted < STANDS_OUT * without.rmse() {
+        return None;
+    }
+    let own = alone.fit(&without.model, &file.free, Effort::Full);
+    if own.rmse() > AGREES * floor {
+        return None;
+    }
+    let (id, ratio) = file
+        .free
+        .iter()
+        .filter_map(|&id| {
+            let (others, own) = (without.model.value(id)?, own.model.value(id)?);
+            (others.abs() > 0.0).then(|| (id, own / others))
+        })
+        .max_by(|a, b| a.1.abs().ln().abs().total_cmp(&b.1.abs().ln().abs()))?;
+    if (ratio - 1.0).abs() < DIFFERS {
+        return None;
+    }
+    let recording = runs[index].recording;
+    let concern = Concern::of(
+        Matter::OtherActuator,
+        Some(recording),
+        format!(
+            "behaves like another actuator and is left out: the others agree among themselves to {:.2}° and miss it by {:.2}°; alone it asks for {:.2} times their {}",
+            without.rmse().to_degrees(),
+            predicted.to_degrees(),
+            ratio,
+            parameter_name(&candidate.fit.model, id)
+        ),
+        "check which actuator and which calibration it was recorded with",
+    );
+    Some(Odd { index, concern })
+}
+
+/// Time constants of named effects that are longer than the runs can show.
+pub fn slow_effects(candidate: &Candidate, recordings: &[Recording]) -> Vec<Concern> {
+    /// A run shows a time constant of up to this share of its length.
+    const SHARE: f64 = 0.7;
+    let longest = recordings.iter().map(Recording::duration).fold(0.0, f64::max);
+    let model = &candidate.fit.model;
+    let first = model.effects().count() - candidate.added.len();
+    let mut concerns = Vec::new();
+    for (offset, kind) in candidate.added.iter().enumerate() {
+        for (parameter, row) in kind.parameters().iter().enumerate() {
+            let id = ParameterId::Effect { slot: first + offset, parameter };
+            let Some(value) = model.value(id) else { continue };
+            if row.unit == Unit::Second && value > SHARE * longest {
+                concerns.push(Concern {
+                    matter: Matter::TimeConstant,
+                    recording: None,
+                    text: format!(
+                        "{} of {} is {value:.0} s, longer than these runs of up to {longest:.0} s can show",
+                        row.key,
+                        kind.name()
+                    ),
+                    advice: format!("hold a step for {:.0} s and record its release", 3.0 * value),
+                });
+            }
+        }
+    }
+    concerns
+}
