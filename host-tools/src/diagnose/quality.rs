@@ -429,3 +429,154 @@ pub fn slow_effects(candidate: &Candidate, recordings: &[Recording]) -> Vec<Conc
     }
     concerns
 }
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::example::{Hidden, make};
+
+    /// A model and its recordings, of which nothing is missing.
+    fn example(seed: u64) -> (ModelFile, Vec<Recording>) {
+        let example = make(Hidden::Nothing, 0.4, seed).unwrap();
+        let file = ModelFile::parse(&example.model, Path::new("model.toml")).unwrap();
+        let recordings = example
+            .recordings
+            .into_iter()
+            .map(|(name, recording, _)| Recording { name, ..recording })
+            .collect();
+        (file, recordings)
+    }
+
+    fn concerns(recordings: &[Recording]) -> Vec<(Matter, Option<String>)> {
+        examine(recordings, &NoiseFloor::of(recordings))
+            .unwrap()
+            .into_iter()
+            .map(|concern| (concern.matter, concern.recording))
+            .collect()
+    }
+
+    /// Keeps the samples whose number passes.
+    fn keep(recording: &Recording, mut passes: impl FnMut(usize) -> bool) -> Recording {
+        let kept: Vec<usize> = (0..recording.len()).filter(|&k| passes(k)).collect();
+        let pick = |values: &[f64]| kept.iter().map(|&k| values[k]).collect();
+        Recording {
+            time: pick(&recording.time),
+            pressure: pick(&recording.pressure),
+            angle: pick(&recording.angle),
+            ..recording.clone()
+        }
+    }
+
+    #[test]
+    fn good_recordings_raise_no_concern() {
+        let (file, recordings) = example(21);
+        assert_eq!(concerns(&recordings), []);
+        assert_eq!(refuse_other_units(&file, &recordings), Ok(()));
+    }
+
+    #[test]
+    fn other_units_are_named_with_the_recordings() {
+        let (file, mut recordings) = example(22);
+        for recording in &mut recordings {
+            for pressure in &mut recording.pressure {
+                *pressure /= 6.894_757;
+            }
+        }
+        let all = refuse_other_units(&file, &recordings).unwrap_err().to_string();
+        assert!(all.contains("psi") && all.contains("every recording"), "{all}");
+        let (_, mut recordings) = example(22);
+        for angle in &mut recordings[3].angle {
+            *angle = angle.to_radians();
+        }
+        let one = refuse_other_units(&file, &recordings).unwrap_err().to_string();
+        assert!(one.contains("radians") && one.contains(&recordings[3].name), "{one}");
+    }
+
+    #[test]
+    fn a_saturated_angle_is_said_and_a_saturated_pressure_refused() {
+        let (file, mut recordings) = example(23);
+        recordings.truncate(6);
+        let high = recordings[4].angle.iter().copied().fold(0.0, f64::max);
+        for angle in &mut recordings[4].angle {
+            *angle = angle.min(0.8 * high);
+        }
+        let name = Some(recordings[4].name.clone());
+        assert!(concerns(&recordings).contains(&(Matter::SaturatedAngle, name)));
+        // What was cut off does not enter the fit.
+        let runs = Run::all(&recordings);
+        let fitter = Fitter { nominal: &file.model, runs: &runs };
+        let fit = fitter.fit(&file.model, &file.free, Effort::Full);
+        assert!(fit.rmse() < 0.45f64.to_radians(), "{}", fit.rmse().to_degrees());
+
+        let highest = recordings[5].pressure.iter().copied().fold(0.0, f64::max);
+        for pressure in &mut recordings[5].pressure {
+            *pressure = pressure.min(0.7 * highest);
+        }
+        let refused = examine(&recordings, &NoiseFloor::of(&recordings)).unwrap_err();
+        assert!(refused.to_string().contains("pressure sensor"));
+    }
+
+    #[test]
+    fn lost_samples_and_jitter_are_handled_and_too_many_refused() {
+        let (file, mut recordings) = example(24);
+        recordings.truncate(4);
+        recordings[0] = keep(&recordings[0], |k| k % 17 != 3 && !(200..230).contains(&k));
+        for (k, time) in recordings[1].time.iter_mut().enumerate() {
+            *time += 0.002 * f64::from(u8::try_from(k * 7 % 3).unwrap());
+        }
+        let found = concerns(&recordings);
+        assert!(found.contains(&(Matter::DroppedSamples, Some(recordings[0].name.clone()))));
+        assert!(found.iter().any(|(matter, _)| *matter == Matter::Jitter));
+        let runs = Run::all(&recordings);
+        let fitter = Fitter { nominal: &file.model, runs: &runs };
+        let fit = fitter.fit(&file.model, &file.free, Effort::Full);
+        assert!(fit.rmse() < 0.6f64.to_radians(), "{}", fit.rmse().to_degrees());
+        recordings[2] = keep(&recordings[2], |k| k % 10 < 7);
+        assert!(examine(&recordings, &NoiseFloor::of(&recordings)).is_err());
+    }
+
+    #[test]
+    fn another_actuator_among_good_recordings_is_named() {
+        let (file, mut recordings) = example(25);
+        let (_, others) = example(26);
+        let index = 4;
+        recordings[index] = Recording {
+            name: "stranger".into(),
+            ..others[index].clone()
+        };
+        let runs = Run::all(&recordings);
+        let fitter = Fitter { nominal: &file.model, runs: &runs };
+        let refit = Candidate {
+            added: Vec::new(),
+            fit: fitter.fit(&file.model, &file.free, Effort::Full),
+        };
+        let floor = NoiseFloor::of(&recordings).white;
+        let odd = odd_one_out(&file, &fitter, &refit, floor).unwrap();
+        assert_eq!((odd.index, odd.concern.recording.as_deref()), (index, Some("stranger")));
+        // Among its own kind nothing is odd.
+        let (file, recordings) = example(25);
+        let runs = Run::all(&recordings);
+        let fitter = Fitter { nominal: &file.model, runs: &runs };
+        let fit = fitter.fit(&file.model, &file.free, Effort::Full);
+        let refit = Candidate { added: Vec::new(), fit };
+        assert_eq!(odd_one_out(&file, &fitter, &refit, floor), None);
+    }
+
+    #[test]
+    fn runs_without_repeats_short_ones_and_constant_pressure_are_said() {
+        let (_, recordings) = example(27);
+        let single = [recordings[0].clone(), recordings[3].clone()];
+        assert_eq!(concerns(&single), [(Matter::NoRepeats, None)]);
+        let short = keep(&recordings[3], |k| k < 200);
+        let found = concerns(&[short.clone(), short]);
+        assert!(found.contains(&(Matter::ShortRuns, None)));
+        let still = Recording {
+            pressure: (0..recordings[0].len()).map(|k| 100.0 * (k % 2) as f64).collect(),
+            ..recordings[0].clone()
+        };
+        let name = Some(still.name.clone());
+        assert!(concerns(&[still, recordings[1].clone()]).contains(&(Matter::ConstantPressure, name)));
+    }
+}
