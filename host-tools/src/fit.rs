@@ -630,10 +630,13 @@ impl Fitter<'_, '_> {
             converged = report.termination.was_successful();
             problem = solved;
             let position = problem.position.iter().copied().collect();
-            checkpoint.keep(key, &Ended {
-                position,
-                converged,
-            });
+            checkpoint.keep(
+                key,
+                &Ended {
+                    position,
+                    converged,
+                },
+            );
         }
         problem.finish(converged, effort)
     }
@@ -650,7 +653,11 @@ impl Fitter<'_, '_> {
                 angle,
                 ..
             } = run.recording;
-            let own = [run.start.angle, run.start.rate, f64::from(u8::from(run.moving))];
+            let own = [
+                run.start.angle,
+                run.start.rate,
+                f64::from(u8::from(run.moving)),
+            ];
             time.iter()
                 .chain(pressure)
                 .chain(angle)

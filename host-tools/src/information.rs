@@ -277,9 +277,7 @@ mod tests {
     fn a_step_without_some_is_the_fit_to_the_others() {
         let all = series();
         let (blocks, residuals, whole) = line(&all);
-        let step = collect(&blocks, &residuals)
-            .step_without(&[0, 1])
-            .unwrap();
+        let step = collect(&blocks, &residuals).step_without(&[0, 1]).unwrap();
         // The design depends on the number of the run, so the rest is refitted
         // with its own blocks.
         let mut normal = DMatrix::zeros(2, 2);

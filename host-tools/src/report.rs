@@ -88,21 +88,8 @@ pub fn summary(
     for row in errors(request, diagnosis) {
         line(row);
     }
-    if let Some(scatter) = diagnosis.floor.repeats
-        && scatter > 2.0 * diagnosis.floor.white
-    {
-        line(format!(
-            "The repeats differ by {}° among themselves, more than the sensor's noise of {}°: the rig does not repeat.",
-            number(scatter.to_degrees()),
-            number(diagnosis.floor.white.to_degrees())
-        ));
-    }
-    for concern in &diagnosis.concerns {
-        let about = concern
-            .recording
-            .as_ref()
-            .map_or_else(String::new, |name| format!("{name}: "));
-        line(format!("Note: {about}{}; {}.", concern.text, concern.advice));
+    for row in notes(diagnosis) {
+        line(row);
     }
     line(String::new());
     let named = !diagnosis.repaired.added.is_empty();
@@ -154,16 +141,8 @@ pub fn summary(
         if !rivals.is_empty() {
             line(format!("Rivals: {}", rivals.join("; ")));
         }
-        for (proposal, [a, b]) in diagnosis.proposals.iter().take(1) {
-            line(format!(
-                "Next experiment: {} ({}), {:.0} s; it separates {} from {} by about {:.0} in χ².",
-                proposal.protocol.name,
-                proposal.protocol.title,
-                f64::from(proposal.protocol.total_ms()) / 1000.0,
-                a.join(" + "),
-                b.join(" + "),
-                proposal.evidence
-            ));
+        if let Some(row) = next_experiment(diagnosis) {
+            line(row);
         }
         for untried in &diagnosis.untried {
             line(format!(
@@ -197,6 +176,41 @@ pub fn summary(
     }
     line(format!("{seconds:.1} s, seed {}", request.seed));
     text
+}
+
+/// The run that would separate the rivals best.
+fn next_experiment(diagnosis: &Diagnosis) -> Option<String> {
+    let (proposal, [a, b]) = diagnosis.proposals.first()?;
+    Some(format!(
+        "Next experiment: {} ({}), {:.0} s; it separates {} from {} by about {:.0} in χ².",
+        proposal.protocol.name,
+        proposal.protocol.title,
+        f64::from(proposal.protocol.total_ms()) / 1000.0,
+        a.join(" + "),
+        b.join(" + "),
+        proposal.evidence
+    ))
+}
+
+/// What is noteworthy about the recordings.
+fn notes(diagnosis: &Diagnosis) -> Vec<String> {
+    let floor = &diagnosis.floor;
+    let scatter = floor.repeats.filter(|scatter| *scatter > 2.0 * floor.white);
+    let repeats = scatter.map(|scatter| {
+        format!(
+            "The repeats differ by {}° among themselves, more than the sensor's noise of {}°: the rig does not repeat.",
+            number(scatter.to_degrees()),
+            number(floor.white.to_degrees())
+        )
+    });
+    let concerns = diagnosis.concerns.iter().map(|concern| {
+        let about = concern
+            .recording
+            .as_ref()
+            .map_or_else(String::new, |name| format!("{name}: "));
+        format!("Note: {about}{}; {}.", concern.text, concern.advice)
+    });
+    repeats.into_iter().chain(concerns).collect()
 }
 
 /// The table: nominal, refit and repaired on fitted and on held-out runs.

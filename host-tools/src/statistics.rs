@@ -235,8 +235,14 @@ mod tests {
             .collect();
         let found = clipped(&signal);
         assert!(!found.is_empty());
-        assert!(found.iter().all(|range| range.start > 80 && range.end < 240));
-        let rest: Vec<f64> = (0..600).map(|k| f64::from((k - 300).max(0)) * 0.1).collect();
+        assert!(
+            found
+                .iter()
+                .all(|range| range.start > 80 && range.end < 240)
+        );
+        let rest: Vec<f64> = (0..600)
+            .map(|k| f64::from((k - 300).max(0)) * 0.1)
+            .collect();
         assert!(clipped(&rest).is_empty());
     }
 

@@ -119,7 +119,10 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
 fn between(text: &str) -> Result<[Vec<Kind>; 2], InputError> {
     let advice = || {
         let known: Vec<&str> = Kind::ALL.iter().map(|kind| kind.name()).collect();
-        format!("name two effects with a comma between them, of: {}", known.join(", "))
+        format!(
+            "name two effects with a comma between them, of: {}",
+            known.join(", ")
+        )
     };
     let sides: Vec<Vec<Kind>> = text
         .split(',')
@@ -210,7 +213,10 @@ fn made_up(file: &ModelFile, kinds: &[Kind]) -> Result<Vec<Recording>, InputErro
         angle: 0.0,
         rate: 0.0,
     };
-    let angles: Vec<Vec<f64>> = driven.iter().map(|run| run.simulate(&truth, start)).collect();
+    let angles: Vec<Vec<f64>> = driven
+        .iter()
+        .map(|run| run.simulate(&truth, start))
+        .collect();
     Ok(runs
         .into_iter()
         .zip(angles)

@@ -183,7 +183,10 @@ fn spectral_lines(residuals: &[Vec<f64>], interval: f64) -> Vec<f64> {
         .map(|k| {
             let from = k.saturating_sub(AROUND);
             let mut around: Vec<f64> = power[from..(k + AROUND).min(count)].to_vec();
-            (power[k] / crate::statistics::median(&mut around).max(f64::MIN_POSITIVE), k)
+            (
+                power[k] / crate::statistics::median(&mut around).max(f64::MIN_POSITIVE),
+                k,
+            )
         })
         .collect();
     prominent.sort_by(|a, b| b.0.total_cmp(&a.0));
@@ -351,9 +354,10 @@ pub fn promise(ground: &Ground<'_, '_>, base: &Candidate, kind: Kind) -> Option<
 /// Follows a promise: a fit at a glance to the excerpt.
 pub fn glance(ground: &Ground<'_, '_>, promise: &Promise) -> Option<Candidate> {
     let free = free_parameters(ground.file, &promise.added);
-    let fit = ground
-        .excerpt
-        .best_of_kept(&promise.starts, &free, Effort::Glance, ground.checkpoint)?;
+    let fit =
+        ground
+            .excerpt
+            .best_of_kept(&promise.starts, &free, Effort::Glance, ground.checkpoint)?;
     Some(Candidate {
         added: promise.added.clone(),
         fit,
@@ -375,12 +379,9 @@ pub fn finish(ground: &Ground<'_, '_>, candidate: &Candidate) -> Candidate {
     let free = free_parameters(ground.file, &candidate.added);
     Candidate {
         added: candidate.added.clone(),
-        fit: ground.fitter.fit_kept(
-            &candidate.fit.model,
-            &free,
-            Effort::Full,
-            ground.checkpoint,
-        ),
+        fit: ground
+            .fitter
+            .fit_kept(&candidate.fit.model, &free, Effort::Full, ground.checkpoint),
     }
 }
 

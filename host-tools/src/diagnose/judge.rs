@@ -11,6 +11,7 @@ use model_core::actuator::MAX_EFFECTS;
 use model_core::catalogue::Kind;
 use rayon::prelude::*;
 
+use super::RMS_FACTOR;
 use super::candidates::{Candidate, Ground, released};
 use super::holdout::Judge;
 use super::noise::NoiseFloor;
@@ -18,7 +19,6 @@ use super::select::{
     REJECTED, Ranked, better_held_out, independent_samples, rank, required_evidence, score,
 };
 use super::verdict::{Alternative, Answer};
-use super::RMS_FACTOR;
 use crate::model_file::parameter_name;
 
 /// A repair that removes less than this share of the held-out gap explains

@@ -217,42 +217,15 @@ fn diagnose_all(
     progress("where the gap lives");
     let gap = localise(&refit.fit.model, recordings, floor.white);
 
-    let mut untried = Vec::new();
-    let found = if adequate(&nominal, &floor) {
-        Findings::nothing(Answer::NoDiscrepancy, &refit)
+    let (found, untried) = if adequate(&nominal, &floor) {
+        (Findings::nothing(Answer::NoDiscrepancy, &refit), Vec::new())
     } else if adequate(&refit.fit, &floor) {
-        Findings::nothing(Answer::ParametersOnly, &refit)
+        (
+            Findings::nothing(Answer::ParametersOnly, &refit),
+            Vec::new(),
+        )
     } else {
-        let (kinds, skipped) = applicable(&file.model, &fitter);
-        untried = skipped;
-        let pieces = Pieces::of(&fitter);
-        let excerpt = Excerpt::of(&fitter);
-        let scales = Scales::of(&fitter, &refit.fit);
-        let (piece_runs, excerpt_runs) = (pieces.runs(), excerpt.runs());
-        let in_pieces = Fitter {
-            nominal: &file.model,
-            runs: &piece_runs,
-        };
-        let ground = Ground {
-            file,
-            fitter: &fitter,
-            pieces: (!in_step(&fitter, &refit.fit)).then_some(&in_pieces),
-            excerpt: &Fitter {
-                nominal: &file.model,
-                runs: &excerpt_runs,
-            },
-            scales: &scales,
-            checkpoint,
-        };
-        let pool = search::search(&ground, &floor, &kinds, &refit, progress);
-        progress("judgement on runs that were not fitted");
-        let court = Court {
-            ground,
-            judge: &judge,
-            floor: &floor,
-            kinds: &kinds,
-        };
-        court.findings(&refit, &pool)
+        search_and_judge(file, &fitter, &judge, &floor, &refit, checkpoint, progress)
     };
 
     progress("held-out runs in the board's arithmetic");
@@ -301,6 +274,48 @@ fn diagnose_all(
         untried,
     };
     Ok(Found { diagnosis, odd })
+}
+
+/// Searches the structures that add effects to the refit, and judges them. Also
+/// the effects that the recordings cannot speak about.
+fn search_and_judge(
+    file: &ModelFile,
+    fitter: &Fitter<'_, '_>,
+    judge: &Judge<'_, '_>,
+    floor: &NoiseFloor,
+    refit: &Candidate,
+    checkpoint: &Checkpoint,
+    progress: Progress<'_>,
+) -> (Findings, Vec<Untried>) {
+    let (kinds, untried) = applicable(&file.model, fitter);
+    let pieces = Pieces::of(fitter);
+    let excerpt = Excerpt::of(fitter);
+    let scales = Scales::of(fitter, &refit.fit);
+    let (piece_runs, excerpt_runs) = (pieces.runs(), excerpt.runs());
+    let in_pieces = Fitter {
+        nominal: &file.model,
+        runs: &piece_runs,
+    };
+    let ground = Ground {
+        file,
+        fitter,
+        pieces: (!in_step(fitter, &refit.fit)).then_some(&in_pieces),
+        excerpt: &Fitter {
+            nominal: &file.model,
+            runs: &excerpt_runs,
+        },
+        scales: &scales,
+        checkpoint,
+    };
+    let pool = search::search(&ground, floor, &kinds, refit, progress);
+    progress("judgement on runs that were not fitted");
+    let court = Court {
+        ground,
+        judge,
+        floor,
+        kinds: &kinds,
+    };
+    (court.findings(refit, &pool), untried)
 }
 
 /// Whether leaving a recording out would leave too few.

@@ -140,7 +140,8 @@ fn missed(
     candidate: &Candidate,
     noise: f64,
 ) -> f64 {
-    let difference = DVector::from_iterator(truth.len(), truth.iter().zip(rival).map(|(a, b)| a - b));
+    let difference =
+        DVector::from_iterator(truth.len(), truth.iter().zip(rival).map(|(a, b)| a - b));
     // As many samples as would be recorded.
     let weight = 100.0 / f64::from(RATE_HZ);
     let scaled = jacobian.tr_mul(&difference) * weight;
@@ -217,19 +218,54 @@ pub fn protocols(limits: &Limits) -> Vec<ProtocolFile> {
         .iter()
         .map(|&named| ProtocolFile::named(named))
         .collect();
-    let track = Track::AngleOpenLoop;
-    let level = |degrees: i32| Hundredths(100 * degrees);
-    let step = |degrees: i32, duration_ms: u32| Segment::Step {
-        track,
+    list.extend(steps_ramps_and_reversals());
+    list.extend(cycles_holds_and_sines());
+    list.retain(|protocol| {
+        let highest = protocol
+            .segments
+            .iter()
+            .filter(|segment| {
+                segment
+                    .track()
+                    .is_some_and(|track| track != Track::Pressure)
+            })
+            .map(|segment| f64::from(segment.highest().0) / 100.0)
+            .fold(0.0, f64::max);
+        highest <= limits.highest_deg
+            && f64::from(total_ms(&protocol.segments[..])) / 1000.0 <= limits.longest_s
+    });
+    list
+}
+
+const TRACK: Track = Track::AngleOpenLoop;
+
+const fn level(degrees: i32) -> Hundredths {
+    Hundredths(100 * degrees)
+}
+
+const fn step(degrees: i32, duration_ms: u32) -> Segment {
+    Segment::Step {
+        track: TRACK,
         level: level(degrees),
         duration_ms,
-    };
-    let ramp = |degrees: i32, duration_ms: u32| Segment::Ramp {
-        track,
+    }
+}
+
+const fn ramp(degrees: i32, duration_ms: u32) -> Segment {
+    Segment::Ramp {
+        track: TRACK,
         level: level(degrees),
         duration_ms,
-    };
-    let release = |duration_ms: u32| Segment::Release { duration_ms };
+    }
+}
+
+const fn release(duration_ms: u32) -> Segment {
+    Segment::Release { duration_ms }
+}
+
+/// What separates friction, hysteresis and damping.
+fn steps_ramps_and_reversals() -> Vec<ProtocolFile> {
+    let mut list = Vec::new();
     let mut add = |name: String, title: String, segments: Vec<Segment>| {
         list.push(ProtocolFile::new(name, title, segments));
     };
@@ -274,6 +310,15 @@ pub fn protocols(limits: &Limits) -> Vec<ProtocolFile> {
             ],
         );
     }
+    list
+}
+
+/// What separates memory, drift, damping and delays.
+fn cycles_holds_and_sines() -> Vec<ProtocolFile> {
+    let mut list = Vec::new();
+    let mut add = |name: String, title: String, segments: Vec<Segment>| {
+        list.push(ProtocolFile::new(name, title, segments));
+    };
     for (name, first, larger) in [("small", 40, 60), ("large", 60, 85)] {
         add(
             format!("softening_{name}"),
@@ -317,11 +362,14 @@ pub fn protocols(limits: &Limits) -> Vec<ProtocolFile> {
     for (name, period_ms) in [("fast", 4_000), ("slow", 20_000)] {
         add(
             format!("sines_{name}"),
-            format!("a multisine about 45 degrees with a base period of {} s", period_ms / 1000),
+            format!(
+                "a multisine about 45 degrees with a base period of {} s",
+                period_ms / 1000
+            ),
             vec![
                 step(45, 4_000),
                 Segment::Multisine {
-                    track,
+                    track: TRACK,
                     centre: level(45),
                     amplitude: level(25),
                     period_ms,
@@ -331,16 +379,6 @@ pub fn protocols(limits: &Limits) -> Vec<ProtocolFile> {
             ],
         );
     }
-    list.retain(|protocol| {
-        let highest = protocol
-            .segments
-            .iter()
-            .filter(|segment| segment.track().is_some_and(|track| track != Track::Pressure))
-            .map(|segment| f64::from(segment.highest().0) / 100.0)
-            .fold(0.0, f64::max);
-        highest <= limits.highest_deg
-            && f64::from(total_ms(&protocol.segments[..])) / 1000.0 <= limits.longest_s
-    });
     list
 }
 
@@ -424,6 +462,9 @@ mod tests {
         };
         assert!(evidence("small") > evidence("paper"));
         assert!(list[0].evidence > 100.0);
-        assert!(list.windows(2).all(|pair| pair[0].evidence >= pair[1].evidence));
+        assert!(
+            list.windows(2)
+                .all(|pair| pair[0].evidence >= pair[1].evidence)
+        );
     }
 }

@@ -86,7 +86,10 @@ pub fn examine(recordings: &[Recording], floor: &NoiseFloor) -> Result<Vec<Conce
         refuse_without_motion(recording)?;
         refuse_saturated_pressure(recording)?;
         concerns.extend(timing(recording)?);
-        let at_end: usize = clipped(&recording.angle).iter().map(ExactSizeIterator::len).sum();
+        let at_end: usize = clipped(&recording.angle)
+            .iter()
+            .map(ExactSizeIterator::len)
+            .sum();
         if at_end > 0 {
             concerns.push(Concern::of(
                 Matter::SaturatedAngle,
@@ -116,12 +119,17 @@ pub fn examine(recordings: &[Recording], floor: &NoiseFloor) -> Result<Vec<Conce
             "record each run twice or more",
         ));
     }
-    let longest = recordings.iter().map(Recording::duration).fold(0.0, f64::max);
+    let longest = recordings
+        .iter()
+        .map(Recording::duration)
+        .fold(0.0, f64::max);
     if longest < SHORT_S {
         concerns.push(Concern::of(
             Matter::ShortRuns,
             None,
-            format!("the longest run lasts {longest:.1} s: creep, drift and leaks do not show in it"),
+            format!(
+                "the longest run lasts {longest:.1} s: creep, drift and leaks do not show in it"
+            ),
             "hold a step for ten seconds or more, and record its release",
         ));
     }
@@ -158,12 +166,19 @@ fn refuse_without_motion(recording: &Recording) -> Result<(), InputError> {
 
 /// Refuses a recording whose pressure was cut off: what drove it is not known.
 fn refuse_saturated_pressure(recording: &Recording) -> Result<(), InputError> {
-    let highest = recording.pressure.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let highest = recording
+        .pressure
+        .iter()
+        .copied()
+        .fold(f64::NEG_INFINITY, f64::max);
     let at_end: usize = clipped(&recording.pressure)
         .into_iter()
         .filter(|range| {
             // A zero that is cut off from below is a tare.
-            recording.pressure.get(range.start).is_some_and(|p| *p >= highest)
+            recording
+                .pressure
+                .get(range.start)
+                .is_some_and(|p| *p >= highest)
         })
         .map(|range| range.len())
         .sum();
@@ -190,7 +205,11 @@ fn timing(recording: &Recording) -> Result<Option<Concern>, InputError> {
     /// Scatter of the intervals that is worth saying.
     const JITTER: f64 = 0.1;
     let usual = recording.interval();
-    let steps: Vec<f64> = recording.time.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let steps: Vec<f64> = recording
+        .time
+        .windows(2)
+        .map(|pair| pair[1] - pair[0])
+        .collect();
     let missing: f64 = steps
         .iter()
         .filter(|step| **step > GAP * usual)
@@ -208,7 +227,9 @@ fn timing(recording: &Recording) -> Result<Option<Concern>, InputError> {
         return Ok(Some(Concern::of(
             Matter::DroppedSamples,
             Some(recording),
-            format!("{missing:.0} samples are missing; the pressure is interpolated across the gaps"),
+            format!(
+                "{missing:.0} samples are missing; the pressure is interpolated across the gaps"
+            ),
             "look for lost lines on the serial port",
         )));
     }
@@ -235,11 +256,31 @@ struct Slip {
 }
 
 const SLIPS: [Slip; 5] = [
-    Slip { column: "pressure_kpa", read_as: "psi", factor: 6.894_757 },
-    Slip { column: "pressure_kpa", read_as: "bar", factor: 100.0 },
-    Slip { column: "pressure_kpa", read_as: "MPa", factor: 1000.0 },
-    Slip { column: "pressure_kpa", read_as: "Pa", factor: 0.001 },
-    Slip { column: "angle_deg", read_as: "radians", factor: 57.295_78 },
+    Slip {
+        column: "pressure_kpa",
+        read_as: "psi",
+        factor: 6.894_757,
+    },
+    Slip {
+        column: "pressure_kpa",
+        read_as: "bar",
+        factor: 100.0,
+    },
+    Slip {
+        column: "pressure_kpa",
+        read_as: "MPa",
+        factor: 1000.0,
+    },
+    Slip {
+        column: "pressure_kpa",
+        read_as: "Pa",
+        factor: 0.001,
+    },
+    Slip {
+        column: "angle_deg",
+        read_as: "radians",
+        factor: 57.295_78,
+    },
 ];
 
 /// Refuses recordings with which the nominal model agrees far better if one of
@@ -274,7 +315,10 @@ pub fn refuse_other_units(file: &ModelFile, recordings: &[Recording]) -> Result<
         return Ok(());
     };
     let slip = &SLIPS[slip];
-    let names: Vec<&str> = found.iter().map(|(_, recording)| recording.name.as_str()).collect();
+    let names: Vec<&str> = found
+        .iter()
+        .map(|(_, recording)| recording.name.as_str())
+        .collect();
     let whole = if names.len() == recordings.len() {
         "every recording".to_owned()
     } else {
@@ -285,7 +329,10 @@ pub fn refuse_other_units(file: &ModelFile, recordings: &[Recording]) -> Result<
             "the units look mixed up: the model agrees with {whole} only if {} is read as {}",
             slip.column, slip.read_as
         ),
-        format!("multiply the column by {} and try again, or correct the model", slip.factor),
+        format!(
+            "multiply the column by {} and try again, or correct the model",
+            slip.factor
+        ),
     )
     .in_file(&first.path))
 }
@@ -303,7 +350,10 @@ fn miss(file: &ModelFile, recording: &Recording, slip: Option<&Slip>) -> f64 {
     let (pressure, angle) = (by("pressure_kpa"), by("angle_deg"));
     let read = Recording {
         time: recording.time[..count].to_vec(),
-        pressure: recording.pressure[..count].iter().map(|p| p * pressure).collect(),
+        pressure: recording.pressure[..count]
+            .iter()
+            .map(|p| p * pressure)
+            .collect(),
         angle: recording.angle[..count].iter().map(|a| a * angle).collect(),
         ..Recording::default()
     };
@@ -405,14 +455,22 @@ pub fn odd_one_out(
 pub fn slow_effects(candidate: &Candidate, recordings: &[Recording]) -> Vec<Concern> {
     /// A run shows a time constant of up to this share of its length.
     const SHARE: f64 = 0.7;
-    let longest = recordings.iter().map(Recording::duration).fold(0.0, f64::max);
+    let longest = recordings
+        .iter()
+        .map(Recording::duration)
+        .fold(0.0, f64::max);
     let model = &candidate.fit.model;
     let first = model.effects().count() - candidate.added.len();
     let mut concerns = Vec::new();
     for (offset, kind) in candidate.added.iter().enumerate() {
         for (parameter, row) in kind.parameters().iter().enumerate() {
-            let id = ParameterId::Effect { slot: first + offset, parameter };
-            let Some(value) = model.value(id) else { continue };
+            let id = ParameterId::Effect {
+                slot: first + offset,
+                parameter,
+            };
+            let Some(value) = model.value(id) else {
+                continue;
+            };
             if row.unit == Unit::Second && value > SHARE * longest {
                 concerns.push(Concern {
                     matter: Matter::TimeConstant,
@@ -484,14 +542,24 @@ mod tests {
                 *pressure /= 6.894_757;
             }
         }
-        let all = refuse_other_units(&file, &recordings).unwrap_err().to_string();
-        assert!(all.contains("psi") && all.contains("every recording"), "{all}");
+        let all = refuse_other_units(&file, &recordings)
+            .unwrap_err()
+            .to_string();
+        assert!(
+            all.contains("psi") && all.contains("every recording"),
+            "{all}"
+        );
         let (_, mut recordings) = example(22);
         for angle in &mut recordings[3].angle {
             *angle = angle.to_radians();
         }
-        let one = refuse_other_units(&file, &recordings).unwrap_err().to_string();
-        assert!(one.contains("radians") && one.contains(&recordings[3].name), "{one}");
+        let one = refuse_other_units(&file, &recordings)
+            .unwrap_err()
+            .to_string();
+        assert!(
+            one.contains("radians") && one.contains(&recordings[3].name),
+            "{one}"
+        );
     }
 
     #[test]
@@ -506,9 +574,16 @@ mod tests {
         assert!(concerns(&recordings).contains(&(Matter::SaturatedAngle, name)));
         // What was cut off does not enter the fit.
         let runs = Run::all(&recordings);
-        let fitter = Fitter { nominal: &file.model, runs: &runs };
+        let fitter = Fitter {
+            nominal: &file.model,
+            runs: &runs,
+        };
         let fit = fitter.fit(&file.model, &file.free, Effort::Full);
-        assert!(fit.rmse() < 0.45f64.to_radians(), "{}", fit.rmse().to_degrees());
+        assert!(
+            fit.rmse() < 0.45f64.to_radians(),
+            "{}",
+            fit.rmse().to_degrees()
+        );
 
         let highest = recordings[5].pressure.iter().copied().fold(0.0, f64::max);
         for pressure in &mut recordings[5].pressure {
@@ -530,9 +605,16 @@ mod tests {
         assert!(found.contains(&(Matter::DroppedSamples, Some(recordings[0].name.clone()))));
         assert!(found.iter().any(|(matter, _)| *matter == Matter::Jitter));
         let runs = Run::all(&recordings);
-        let fitter = Fitter { nominal: &file.model, runs: &runs };
+        let fitter = Fitter {
+            nominal: &file.model,
+            runs: &runs,
+        };
         let fit = fitter.fit(&file.model, &file.free, Effort::Full);
-        assert!(fit.rmse() < 0.6f64.to_radians(), "{}", fit.rmse().to_degrees());
+        assert!(
+            fit.rmse() < 0.6f64.to_radians(),
+            "{}",
+            fit.rmse().to_degrees()
+        );
         recordings[2] = keep(&recordings[2], |k| k % 10 < 7);
         assert!(examine(&recordings, &NoiseFloor::of(&recordings)).is_err());
     }
@@ -547,20 +629,32 @@ mod tests {
             ..others[index].clone()
         };
         let runs = Run::all(&recordings);
-        let fitter = Fitter { nominal: &file.model, runs: &runs };
+        let fitter = Fitter {
+            nominal: &file.model,
+            runs: &runs,
+        };
         let refit = Candidate {
             added: Vec::new(),
             fit: fitter.fit(&file.model, &file.free, Effort::Full),
         };
         let floor = NoiseFloor::of(&recordings).white;
         let odd = odd_one_out(&file, &fitter, &refit, floor).unwrap();
-        assert_eq!((odd.index, odd.concern.recording.as_deref()), (index, Some("stranger")));
+        assert_eq!(
+            (odd.index, odd.concern.recording.as_deref()),
+            (index, Some("stranger"))
+        );
         // Among its own kind nothing is odd.
         let (file, recordings) = example(25);
         let runs = Run::all(&recordings);
-        let fitter = Fitter { nominal: &file.model, runs: &runs };
+        let fitter = Fitter {
+            nominal: &file.model,
+            runs: &runs,
+        };
         let fit = fitter.fit(&file.model, &file.free, Effort::Full);
-        let refit = Candidate { added: Vec::new(), fit };
+        let refit = Candidate {
+            added: Vec::new(),
+            fit,
+        };
         assert_eq!(odd_one_out(&file, &fitter, &refit, floor), None);
     }
 
@@ -573,10 +667,14 @@ mod tests {
         let found = concerns(&[short.clone(), short]);
         assert!(found.contains(&(Matter::ShortRuns, None)));
         let still = Recording {
-            pressure: (0..recordings[0].len()).map(|k| 100.0 * (k % 2) as f64).collect(),
+            pressure: (0..recordings[0].len())
+                .map(|k| 100.0 * (k % 2) as f64)
+                .collect(),
             ..recordings[0].clone()
         };
         let name = Some(still.name.clone());
-        assert!(concerns(&[still, recordings[1].clone()]).contains(&(Matter::ConstantPressure, name)));
+        assert!(
+            concerns(&[still, recordings[1].clone()]).contains(&(Matter::ConstantPressure, name))
+        );
     }
 }

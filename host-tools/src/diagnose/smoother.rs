@@ -283,12 +283,20 @@ mod tests {
             .map(|(t, force)| force - hidden(*t))
             .collect();
         let inner = &errors[50..1_450];
-        assert!(crate::statistics::rms(inner) < 0.06, "{}", crate::statistics::rms(inner));
+        assert!(
+            crate::statistics::rms(inner) < 0.06,
+            "{}",
+            crate::statistics::rms(inner)
+        );
         let covered = inner
             .iter()
             .zip(&found.deviation[50..])
             .filter(|(error, deviation)| error.abs() < 2.0 * **deviation)
             .count();
-        assert!(covered * 10 > inner.len() * 8, "{covered} of {}", inner.len());
+        assert!(
+            covered * 10 > inner.len() * 8,
+            "{covered} of {}",
+            inner.len()
+        );
     }
 }
