@@ -900,7 +900,7 @@ fn assert_verdict(verdict: &Value, schema: &Value) {
 
 #[test]
 fn a_diagnosis_writes_the_verdict_and_the_repaired_model() {
-    let bench = Bench::with_example("coulomb_friction", "0.4");
+    let bench = Bench::with_example("quadratic_damping", "0.4");
     let printed = stdout(&bench.line("schema").assert().success().stderr(is_empty()));
     let schema: Value = serde_json::from_str(&printed).unwrap();
 
@@ -935,7 +935,7 @@ fn a_diagnosis_writes_the_verdict_and_the_repaired_model() {
         serde_json::json!([&fitted[..], &held_out[..]].concat())
     );
     assert_eq!(found["effects"].as_array().unwrap().len(), 1);
-    assert_eq!(found["effects"][0]["kind"], "coulomb_friction");
+    assert_eq!(found["effects"][0]["kind"], "quadratic_damping");
     let error = |key: &str| found["holdout_rmse_deg"][key].as_f64().unwrap();
     assert!(error("repaired") < 0.5 * error("refit") && error("refit") < error("nominal"));
     // The schema refuses what is not a verdict.
@@ -955,7 +955,7 @@ fn a_diagnosis_writes_the_verdict_and_the_repaired_model() {
     let repaired = ModelFile::read(&bench.path("repaired.toml")).unwrap();
     let effects: Vec<_> = repaired.model.effects().collect();
     assert_eq!(effects.len(), 1);
-    assert_eq!(effects[0].kind().name(), "coulomb_friction");
+    assert_eq!(effects[0].kind().name(), "quadratic_damping");
     for (row, value) in effects[0].parameters().iter().zip(effects[0].values()) {
         let shown = found["effects"][0]["parameters"][row.key].as_f64().unwrap();
         let written = row.unit.from_si(value);

@@ -41,14 +41,26 @@ struct Tally {
     exact: usize,
     /// A name that is not the truth, alone or with it.
     wrong: usize,
-    /// No name where there is an effect.
+    /// No name, but the truth is among the rivals that the answer leaves.
+    open: usize,
+    /// No name where there is an effect, and no hint of it.
     silent: usize,
 }
 
 impl Tally {
     fn count(&mut self, truth: &str, diagnosis: &Diagnosis) {
         match named(diagnosis).as_slice() {
-            [] => self.silent += 1,
+            [] => {
+                let among_rivals = diagnosis
+                    .alternatives
+                    .iter()
+                    .any(|rival| rival.kinds == [truth]);
+                if diagnosis.answer == Answer::CannotTell && among_rivals {
+                    self.open += 1;
+                } else {
+                    self.silent += 1;
+                }
+            }
             [name] if *name == truth => self.exact += 1,
             _ => self.wrong += 1,
         }
@@ -79,8 +91,12 @@ fn hidden_effects_are_named() {
     }
     // A false name is worse than none.
     assert_eq!(tally.wrong, 0, "{tally:?}");
+    // Steps and a triangle do not tell every look-alike apart: friction from
+    // hysteresis, a drift of the stiffness from one of the sensor. Then the
+    // truth has to be in the answer set.
     let all = 2 * Kind::ALL.len();
-    assert!(tally.exact + 1 >= all, "{tally:?} of {all}");
+    assert!(tally.silent <= 1, "{tally:?} of {all}");
+    assert!(5 * tally.exact >= 4 * all, "{tally:?} of {all}");
 }
 
 #[test]
