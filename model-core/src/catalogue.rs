@@ -134,6 +134,9 @@ macro_rules! catalogue {
             fn respond(&self, acceleration: R, hidden: &Hidden<R>, rates: &mut Hidden<R>) {
                 match self { $( Self::$name(effect) => effect.respond(acceleration, hidden, rates), )+ }
             }
+            // Inlined, because LLVM for the AVR otherwise passes some of it on the
+            // stack and loses the pointer on the way (llvm#163015).
+            #[inline(always)]
             fn sensor(&self, angle: R, time: R, hidden: &Hidden<R>, rates: &mut Hidden<R>) -> R {
                 match self { $( Self::$name(effect) => effect.sensor(angle, time, hidden, rates), )+ }
             }
