@@ -100,9 +100,15 @@ fn past(history: &[f64], newest: usize, back: f64) -> f64 {
 mod tests {
     use super::*;
     use host_tools::simulate::{Signal, Start, run};
-    use model_core::{actuator::Dynamics, catalogue::Kind};
+    use model_core::{
+        actuator::Dynamics,
+        catalogue::Kind,
+        effects::{Parameter, Unit},
+    };
 
     const DT: f64 = 5e-4;
+    /// Mean of the pressure (Pa) that moves the actuator.
+    const PRESSURE: f64 = 60e3;
 
     fn dynamics() -> Dynamics<f64> {
         Dynamics {
@@ -114,23 +120,36 @@ mod tests {
         }
     }
 
+    /// A value that changes the motion without stopping it.
+    fn noticeable(row: &Parameter) -> f64 {
+        let size = match row.unit {
+            Unit::KiloPascal => PRESSURE,
+            Unit::PerKiloPascal => 1.0 / PRESSURE,
+            _ => 1.0,
+        };
+        (0.2 * size).clamp(f64::from(row.lower), f64::from(row.upper))
+    }
+
     #[test]
     fn moves_as_the_simulation_of_the_tools_does_with_every_effect() {
-        let pressure = |t: f64| 60e3 * (1.0 - (2.0 * t).cos());
+        let pressure = |t: f64| PRESSURE * (1.0 - (2.0 * t).cos());
         for &kind in Kind::ALL {
             let values: Vec<f64> = kind
                 .parameters()
                 .iter()
-                .map(|row| row.held.map_or(0.2, f64::from))
+                .map(|row| row.held.map_or_else(|| noticeable(row), f64::from))
                 .collect();
             let effect = kind.build(&values).unwrap();
             let model: Model<f64> = Model::new(dynamics(), &[effect]).unwrap();
             let count = 4000;
             let time: Vec<f64> = (0..=count).map(|k| f64::from(k) * DT).collect();
             let signal = Signal::new(time.clone(), time.iter().map(|&t| pressure(t)).collect());
+            // A drifting sensor shows a rate at rest.
+            let rest = model.at_rest(0.0, 0.0);
+            let later = State { time: DT, ..rest };
             let start = Start {
-                angle: model.reading(&model.at_rest(0.0, 0.0)),
-                rate: 0.0,
+                angle: model.reading(&rest),
+                rate: (model.reading(&later) - model.reading(&rest)) / DT,
             };
             let reference = run(&model, &signal, start, 4);
             let mut actuator = Actuator::at_rest(&model, DT);
