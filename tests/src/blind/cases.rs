@@ -569,6 +569,20 @@ impl Drawn {
     }
 }
 
+/// An effect of a typical size for an actuator.
+pub fn typical_effect(formula: Formula, base: &Base, seed: u64) -> Effect {
+    let force = base.stiffness * std::f64::consts::FRAC_PI_2.powf(base.exponent);
+    let scale = Scale {
+        force,
+        pressure: force / base.input_gain,
+        damping: base.damping,
+    };
+    Effect {
+        formula,
+        values: typical(formula, &scale, &mut Pcg64Mcg::seed_from_u64(seed)),
+    }
+}
+
 fn logarithmic(random: &mut Pcg64Mcg, low: f64, high: f64) -> f64 {
     random.random_range(low.ln()..high.ln()).exp()
 }
