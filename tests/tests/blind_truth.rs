@@ -224,11 +224,10 @@ fn friction_and_damping_only_take_energy() {
         let rate = |k: usize| (angle[k + 1] - angle[k - 1]) / 0.02;
         let (mut work, mut lost) = (0.0, 0.0);
         let mut least = f64::INFINITY;
-        for k in 1..angle.len() - 1 {
+        for (k, &here) in angle.iter().enumerate().take(angle.len() - 1).skip(1) {
             work += SOFT.input_gain * line.at(k as f64 * 0.01) * rate(k) * 0.01;
             lost += SOFT.damping * rate(k).powi(2) * 0.01;
-            let stored =
-                0.5 * SOFT.inertia * rate(k).powi(2) + SOFT.stiffness * angle[k].powi(3) / 3.0;
+            let stored = 0.5 * SOFT.inertia * rate(k).powi(2) + SOFT.stiffness * here.powi(3) / 3.0;
             least = least.min(work - lost - stored);
         }
         assert!(least > -0.02 * work, "{formula:?} gives {least} of {work}");

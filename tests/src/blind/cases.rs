@@ -94,6 +94,11 @@ pub struct Answer {
     pub sensors: Sensors,
     /// RMS of the refitted base model with noise over the noise.
     pub misfit_over_noise: f64,
+    /// Of a pair: the least that leaving out one of the two, the rest
+    /// refitted, leaves over the noise.
+    pub partner_over_noise: Option<f64>,
+    /// Whether both are in the range that is asked for.
+    pub visible: bool,
     /// Seed of phases and noise.
     pub seed: u64,
 }
@@ -170,7 +175,7 @@ pub fn plan(set: Set, count: u32, only: &[String], seed: u64) -> Vec<Plan> {
     };
     let of_kind = |kind: &str, turn: usize| {
         let formulas = Formula::of_kind(kind);
-        if turn % 2 == 0 || formulas.len() == 1 {
+        if turn.is_multiple_of(2) || formulas.len() == 1 {
             formulas[0]
         } else {
             formulas[1 + turn / 2 % (formulas.len() - 1)]
@@ -235,7 +240,7 @@ pub fn make(plan: &Plan, case: &str, seed: u64) -> Made {
         }
     }
     // There is at least one attempt.
-    let Some((_, drawn)) = best else {
+    let Some((miss, drawn)) = best else {
         unreachable!("no attempt was made")
     };
     let mut kinds: Vec<String> = plan
@@ -256,6 +261,8 @@ pub fn make(plan: &Plan, case: &str, seed: u64) -> Made {
             .collect(),
         same_formulas: plan.formulas.iter().all(|formula| formula.row().same),
         misfit_over_noise: drawn.ratio,
+        partner_over_noise: drawn.partner.is_finite().then_some(drawn.partner),
+        visible: miss <= 0.0,
         truth: drawn.truth,
         nominal: drawn.nominal,
         pump: drawn.pump,
@@ -589,8 +596,8 @@ fn logarithmic(random: &mut Pcg64Mcg, low: f64, high: f64) -> f64 {
 
 /// Numbers of a formula in a size that is seen in real actuators, before the
 /// size is moved to where it matters.
-// One arm for each formula of the table.
-#[allow(clippy::too_many_lines)]
+// One arm for each formula or for those that differ in their equation only.
+#[allow(clippy::too_many_lines, clippy::match_same_arms)]
 fn typical(formula: Formula, scale: &Scale, random: &mut Pcg64Mcg) -> [f64; VALUES] {
     let Scale {
         force,
@@ -697,6 +704,8 @@ fn typical(formula: Formula, scale: &Scale, random: &mut Pcg64Mcg) -> [f64; VALU
 
 /// The largest factor by which an effect may be enlarged and still be of a
 /// real actuator, and not change its nature (a damping that turns negative).
+// Limits that happen to be equal have different reasons.
+#[allow(clippy::match_same_arms)]
 fn largest(effect: &Effect) -> f64 {
     let [first, second, ..] = effect.values;
     let most = match effect.formula {
@@ -768,6 +777,10 @@ impl Made {
 }
 
 /// Draws cases in parallel and hands each to `done` as soon as it is made.
+///
+/// # Errors
+///
+/// The first error of `done`.
 pub fn make_all<E: Send>(
     plans: &[Plan],
     seed: u64,

@@ -320,10 +320,9 @@ fn on_fresh(answer: &Answer, outcome: &Outcome) -> Option<Errors> {
 /// Fitted numbers beside true ones, where the tool has the very equations.
 fn estimates(answer: &Answer, outcome: &Outcome, said: &Said) -> Vec<Estimate> {
     let structure_is_right = match answer.hidden {
-        Hidden::Nothing => false,
+        Hidden::Nothing | Hidden::Outside => false,
         Hidden::Parameters => !said.names(),
         Hidden::One | Hidden::Two => answer.same_formulas && said.names_exactly(&answer.kinds),
-        Hidden::Outside => false,
     };
     if !structure_is_right {
         return Vec::new();

@@ -229,7 +229,7 @@ fn kind_rows(set: Set, scored: &[Scored]) -> Vec<[String; 6]> {
                 if truth_counts {
                     shown(rate)
                 } else {
-                    "".to_owned()
+                    String::new()
                 }
             };
             let note = if first.class == Class::NotYet && first.answer.hidden == Hidden::One {
@@ -263,6 +263,24 @@ fn sets(scored: &[Scored]) -> Vec<Figures> {
         .into_iter()
         .filter_map(|set| Figures::of(set, scored))
         .collect()
+}
+
+/// How many effects could not be drawn as large as is asked for. They count
+/// like all others.
+fn faint(scored: &[Scored]) -> String {
+    let faint: Vec<&str> = scored
+        .iter()
+        .filter(|case| !case.answer.visible)
+        .map(|case| case.answer.case.as_str())
+        .collect();
+    format!(
+        "effects that are fainter or coarser than the range that is asked for: {} of {} cases {}",
+        faint.len(),
+        scored.len(),
+        faint.join(" ")
+    )
+    .trim_end()
+    .to_owned()
 }
 
 /// Columns padded to their widest entry.
@@ -302,6 +320,7 @@ pub fn terminal(scored: &[Scored]) -> String {
         text += &aligned(&table);
     }
     text += "\n  * not in this catalogue: scored as an effect outside it\n";
+    let _ = writeln!(text, "  {}", faint(scored));
     text
 }
 
@@ -330,13 +349,14 @@ pub fn markdown(scored: &[Scored], command: &str, tool: &str) -> String {
         }
     }
     text += "\n\\* not in this catalogue: scored as an effect outside it.\n";
+    let _ = writeln!(text, "\n{}.", faint(scored));
     text
 }
 
 /// A line for each case.
 pub fn csv(scored: &[Scored]) -> String {
     let mut text = String::from(
-        "case,set,hidden,kinds,formulas,misfit_over_noise,noise_deg,verdict,named,answer_set,held_out_over_oracle,held_out_over_oracle_clean,seconds\n",
+        "case,set,hidden,kinds,formulas,misfit_over_noise,partner_over_noise,visible,noise_deg,verdict,named,answer_set,held_out_over_oracle,held_out_over_oracle_clean,seconds\n",
     );
     for case in scored {
         let open: Vec<String> = case
@@ -347,13 +367,15 @@ pub fn csv(scored: &[Scored]) -> String {
             .collect();
         let _ = writeln!(
             text,
-            "{},{},{},{},{},{:.3},{:.3},{},{},{},{},{},{:.2}",
+            "{},{},{},{},{},{:.3},{},{},{:.3},{},{},{},{},{},{:.2}",
             case.answer.case,
             case.answer.set.name(),
             format!("{:?}", case.answer.hidden).to_lowercase(),
             case.answer.kinds.join("+"),
             case.answer.formulas.join("+"),
             case.answer.misfit_over_noise,
+            number(case.answer.partner_over_noise, 3),
+            case.answer.visible,
             case.answer.sensors.angle_noise.to_degrees(),
             case.said.verdict,
             case.said.named.join("+"),

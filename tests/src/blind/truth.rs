@@ -830,7 +830,7 @@ impl Truth {
                     effect.remember(at, &mut memory[slot]);
                 }
             }
-            if !(states[0].abs() < 50.0) {
+            if states[0].is_nan() || states[0].abs() > 50.0 {
                 reading.resize(samples as usize, f64::NAN);
                 break;
             }
