@@ -309,6 +309,27 @@ fn the_same_seed_gives_the_same_bytes() {
     assert_eq!(first, bytes(11).0);
     assert_ne!(first, bytes(12).0);
     assert!((1.5..=8.0).contains(&ratio), "{ratio}");
+
+    // What is handed over tells nothing of what is hidden.
+    let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("blind_case");
+    make(&plan, "paper_007", 11).write(&folder).unwrap();
+    let model = std::fs::read_to_string(folder.join("model.toml")).unwrap();
+    host_tools::model_file::ModelFile::parse(&model, &folder).unwrap();
+    assert!(
+        !model.contains("effect") && !model.contains("lag"),
+        "{model}"
+    );
+    let files = std::fs::read_dir(folder.join("recordings")).unwrap();
+    let mut metas = 0;
+    for path in files.map(|entry| entry.unwrap().path()) {
+        if path.extension().is_some_and(|end| end == "toml") {
+            let meta = std::fs::read_to_string(&path).unwrap();
+            assert!(!meta.contains("lag") && meta.contains("repeat"), "{meta}");
+            metas += 1;
+        }
+    }
+    assert_eq!(metas, 14);
+    std::fs::remove_dir_all(&folder).unwrap();
 }
 
 #[test]

@@ -43,7 +43,7 @@ struct Args {
     #[arg(long)]
     docs: bool,
     /// Where cases, answers and verdicts go
-    #[arg(long, default_value = "target/blind")]
+    #[arg(long, default_value = "target/blind", overrides_with = "folder")]
     folder: PathBuf,
 }
 

@@ -101,7 +101,7 @@ pub fn refit(start: &Truth, free: &[Free], runs: &[Fitted], steps: u32) -> Truth
         steps,
         scale: origin
             .iter()
-            .map(|value| value.abs().max(1e-3 * f64::from(u8::from(*value == 0.0))))
+            .map(|value| if *value == 0.0 { 1e-3 } else { value.abs() })
             .collect(),
         origin,
         position: DVector::zeros(free.len()),

@@ -29,7 +29,7 @@ use statrs::distribution::{ContinuousCDF, Normal};
 
 use super::cases::{Answer, Hidden};
 use super::experiments::Set;
-use super::truth::Base;
+use super::truth::{Base, Formula};
 use super::verdicts::Outcome;
 
 /// Look-alikes as the catalogue lists them; the relation goes both ways.
@@ -252,7 +252,14 @@ impl Scored {
     fn of(answer: &Answer, outcome: &Outcome, sealed: &Path) -> Self {
         let class = Class::of(answer);
         let said = Said::of(outcome);
-        let comparable = matches!(class, Class::One | Class::Two);
+        // Where the phase of a disturbance is another one in every run, nobody
+        // can predict a fresh one.
+        let predictable = answer
+            .truth
+            .effects
+            .iter()
+            .all(|effect| effect.formula != Formula::PeriodicUnsynchronised);
+        let comparable = matches!(class, Class::One | Class::Two) && predictable;
         Self {
             tool: comparable.then(|| on_fresh(answer, outcome)).flatten(),
             oracle: comparable.then(|| oracle(answer, sealed)),

@@ -612,7 +612,7 @@ impl Effect {
                 a * phase.sin().asin() * std::f64::consts::FRAC_2_PI
             }
             Formula::PeriodicUnsynchronised => {
-                let phase = c + drawn_phase(c, at.run);
+                let phase = c + drawn_phase(1.0, at.run);
                 a * (std::f64::consts::TAU * b * time + phase).sin()
             }
             Formula::TwoStepStiffness => {
