@@ -403,7 +403,8 @@ pub fn picture(set: Set, scored: &[Scored]) -> String {
         .filter(|column| rows.contains(column) || counts.keys().any(|(_, answer)| answer == column))
         .collect();
     let (width, height) = (
-        LEFT + CELL * columns.len() + 20,
+        // Slanted labels of the last columns lean over the edge.
+        LEFT + CELL * columns.len() + 100,
         TOP + CELL * rows.len() + 40,
     );
     let mut svg = format!(
