@@ -1,6 +1,8 @@
 //! Helpers that the cross-crate tests share: where data that is not part of
 //! the project lies, and a diagnosis without a command line around it.
 
+pub mod blind;
+
 use std::path::{Path, PathBuf};
 
 use host_tools::diagnose::{Diagnosis, Request, diagnose};

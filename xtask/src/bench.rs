@@ -103,6 +103,24 @@ pub fn diagnosis() -> Outcome {
     Ok(())
 }
 
+/// Hides effects in simulated recordings, diagnoses them, and counts. The
+/// options are those of the program in the tests crate.
+pub fn blind(options: &[&str]) -> Outcome {
+    run(cargo().args([
+        "build",
+        "-q",
+        "--release",
+        "-p",
+        "softrig-tests",
+        "--bin",
+        "blind",
+    ]))?;
+    run(Command::new(target_dir().join("release/blind"))
+        .arg("--folder")
+        .arg(target_dir().join("blind"))
+        .args(options))
+}
+
 /// A command on one core: both sides compute on a single thread.
 fn pinned(program: &Path) -> Command {
     let mut command = if has_program("taskset") {

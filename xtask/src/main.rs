@@ -35,6 +35,8 @@ Tasks:
   size [--accept]        memory and processor time against budgets and last time
   bench [diagnosis | host | board]
                          a whole diagnosis; our solver beside SciPy's; cycles
+  bench blind [--fast | OPTIONS]
+                         effects hidden in recordings of another simulator
   flash --port PORT [--no-console] [--dry-run]
                          put the image on a board and show what it says
 
@@ -71,6 +73,7 @@ fn main() -> ExitCode {
         ["bench", "diagnosis"] => bench::diagnosis(),
         ["bench", "host"] => bench::host(),
         ["bench", "board"] => bench::board(),
+        ["bench", "blind", options @ ..] => bench::blind(options),
         ["flash", words @ ..] => match flash::Options::parse(words) {
             Ok(options) => flash::flash(options),
             Err(problem) => return usage(&problem),

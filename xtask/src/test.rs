@@ -6,7 +6,7 @@ use std::{
 };
 
 use crate::{
-    avr,
+    avr, bench,
     setup::{self, Mode},
     shell::{Outcome, Steps, cargo, run, target_dir},
     size::{self, Golden},
@@ -25,7 +25,7 @@ const HOST_ONLY: &str = "--host-only was given";
 
 /// Runs the tests; the first failure stops them.
 pub fn test(scope: Scope) -> Outcome {
-    let mut steps = Steps::new(9);
+    let mut steps = Steps::new(10);
     let everything = scope == Scope::Everything;
 
     if everything {
@@ -48,6 +48,12 @@ pub fn test(scope: Scope) -> Outcome {
             .args(["doc", "--no-deps", "--locked"])
             .env("RUSTDOCFLAGS", "-D warnings"))
     })?;
+
+    if everything {
+        steps.step("blind gate", || bench::blind(&["--fast"]))?;
+    } else {
+        steps.skip("blind gate", HOST_ONLY);
+    }
 
     if everything {
         let mut image = PathBuf::new();

@@ -1,0 +1,111 @@
+//! The fast subset as a gate: figures that must not get worse.
+
+use std::path::Path;
+
+use host_tools::error::InputError;
+use serde::Deserialize;
+
+use super::experiments::Set;
+use super::score::{Figures, Rate, Scored};
+
+/// Limits, from `tests/blind_gate.toml`.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Gate {
+    /// Cases of the rich set.
+    pub cases: u32,
+    /// Their seed.
+    pub seed: u64,
+    /// Least number of single effects of the catalogue that are named (lenient).
+    pub named_at_least: u32,
+    /// Least number whose answer set holds the truth.
+    pub in_answer_set_at_least: u32,
+    /// Most single effects for which something else is named.
+    pub wrong_at_most: u32,
+    /// Most names on data without an effect.
+    pub false_names_at_most: u32,
+    /// Most names on effects outside the catalogue.
+    pub outside_names_at_most: u32,
+    /// Most names on kinds that the catalogue does not have yet.
+    pub not_yet_names_at_most: u32,
+    /// Largest median of the held-out error over the oracle's.
+    pub held_out_at_most: f64,
+}
+
+impl Gate {
+    /// The limits in the repository.
+    ///
+    /// # Errors
+    ///
+    /// Says what is wrong with the file.
+    pub fn committed() -> Result<Self, InputError> {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("blind_gate.toml");
+        let text =
+            std::fs::read_to_string(&path).map_err(|error| InputError::from_io(&path, &error))?;
+        toml::from_str(&text).map_err(|error| {
+            InputError::new(error.message().to_owned(), "correct the limits").in_file(&path)
+        })
+    }
+
+    /// What has become worse than the limits allow, a sentence each.
+    pub fn check(&self, scored: &[Scored]) -> Vec<String> {
+        match Figures::of(Set::Rich, scored) {
+            Some(figures) => self.check_figures(&figures),
+            None => vec!["no case was diagnosed".to_owned()],
+        }
+    }
+
+    fn check_figures(&self, figures: &Figures) -> Vec<String> {
+        let mut failures = Vec::new();
+        let mut at_least = |what: &str, rate: Rate, limit: u32| {
+            if rate.hits < limit {
+                failures.push(format!(
+                    "{what}: {} of {}, and {limit} is the least",
+                    rate.hits, rate.of
+                ));
+            }
+        };
+        at_least("single effects named", figures.lenient, self.named_at_least);
+        at_least(
+            "answer sets that hold the truth",
+            figures.in_set,
+            self.in_answer_set_at_least,
+        );
+        let mut at_most = |what: &str, rate: Rate, limit: u32| {
+            if rate.hits > limit {
+                failures.push(format!(
+                    "{what}: {} of {}, and {limit} is the most",
+                    rate.hits, rate.of
+                ));
+            }
+        };
+        at_most(
+            "wrong names for a single effect",
+            figures.wrong,
+            self.wrong_at_most,
+        );
+        at_most(
+            "names on data without an effect",
+            figures.false_names,
+            self.false_names_at_most,
+        );
+        at_most(
+            "names on effects outside the catalogue",
+            figures.outside,
+            self.outside_names_at_most,
+        );
+        at_most(
+            "names on kinds that the catalogue does not have yet",
+            figures.not_yet,
+            self.not_yet_names_at_most,
+        );
+        match figures.held_out {
+            Some(ratio) if ratio > self.held_out_at_most => failures.push(format!(
+                "held-out error over the oracle's: {ratio:.3}, and {} is the most",
+                self.held_out_at_most
+            )),
+            _ => {}
+        }
+        failures
+    }
+}

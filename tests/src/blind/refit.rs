@@ -1,0 +1,177 @@
+//! Refits of the truth's own equations: how large a misfit the base model is
+//! left with, and how well a model could do that has the right structure.
+//!
+//! The solver is a library's (MINPACK's algorithm); simulations and
+//! derivatives, by finite differences, are the truth simulator's.
+
+use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
+use nalgebra::storage::Owned;
+use nalgebra::{DMatrix, DVector, Dyn};
+
+use super::truth::{Base, Line, Truth};
+
+/// One number that a refit may move.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Free {
+    /// C.
+    Damping,
+    /// K.
+    Stiffness,
+    /// g.
+    InputGain,
+    /// A number of an effect.
+    Value {
+        /// Which effect.
+        slot: usize,
+        /// Which of its numbers.
+        index: usize,
+    },
+}
+
+/// What every refit may move.
+pub const BASE: [Free; 3] = [Free::Damping, Free::Stiffness, Free::InputGain];
+
+/// The base parameters and every number of the effects.
+pub fn everything(truth: &Truth) -> Vec<Free> {
+    let mut free = BASE.to_vec();
+    for (slot, effect) in truth.effects.iter().enumerate() {
+        free.extend(
+            (0..effect.formula.row().quantities.len()).map(|index| Free::Value { slot, index }),
+        );
+    }
+    free
+}
+
+impl Free {
+    fn of(self, truth: &mut Truth) -> &mut f64 {
+        let Base {
+            damping,
+            stiffness,
+            input_gain,
+            ..
+        } = &mut truth.base;
+        match self {
+            Self::Damping => damping,
+            Self::Stiffness => stiffness,
+            Self::InputGain => input_gain,
+            Self::Value { slot, index } => &mut truth.effects[slot].values[index],
+        }
+    }
+}
+
+/// A run to fit: pressure, number of the run, and what was shown (rad).
+#[derive(Clone, Debug)]
+pub struct Fitted {
+    /// Pressure that drives the simulation.
+    pub line: Line,
+    /// Number of the run within its case.
+    pub run: u32,
+    /// Angle to fit (rad).
+    pub angle: Vec<f64>,
+}
+
+/// RMS of simulated minus shown (rad) over all runs.
+pub fn misfit(truth: &Truth, runs: &[Fitted], steps: u32) -> f64 {
+    let residuals = residuals(truth, runs, steps);
+    (residuals.iter().map(|r| r * r).sum::<f64>() / residuals.len() as f64).sqrt()
+}
+
+fn residuals(truth: &Truth, runs: &[Fitted], steps: u32) -> Vec<f64> {
+    runs.iter()
+        .flat_map(|run| {
+            truth
+                .simulate(&run.line, run.run, steps)
+                .into_iter()
+                .zip(&run.angle)
+                .map(|(simulated, shown)| simulated - shown)
+                .collect::<Vec<_>>()
+        })
+        .collect()
+}
+
+/// Moves the numbers in `free` from where `start` has them to the least sum of
+/// squares nearby.
+pub fn refit(start: &Truth, free: &[Free], runs: &[Fitted], steps: u32) -> Truth {
+    let mut from = start.clone();
+    let origin: Vec<f64> = free.iter().map(|free| *free.of(&mut from)).collect();
+    let problem = Problem {
+        start,
+        free,
+        runs,
+        steps,
+        scale: origin
+            .iter()
+            .map(|value| if *value == 0.0 { 1e-3 } else { value.abs() })
+            .collect(),
+        origin,
+        position: DVector::zeros(free.len()),
+    };
+    let (solved, _) = LevenbergMarquardt::new()
+        .with_ftol(1e-5)
+        .with_xtol(1e-4)
+        .with_gtol(0.0)
+        .with_stepbound(0.5)
+        .with_patience(6)
+        .minimize(problem);
+    solved.truth(&solved.position)
+}
+
+struct Problem<'a> {
+    start: &'a Truth,
+    free: &'a [Free],
+    runs: &'a [Fitted],
+    steps: u32,
+    origin: Vec<f64>,
+    scale: Vec<f64>,
+    position: DVector<f64>,
+}
+
+impl Problem<'_> {
+    fn truth(&self, position: &DVector<f64>) -> Truth {
+        let mut truth = self.start.clone();
+        for (k, free) in self.free.iter().enumerate() {
+            *free.of(&mut truth) = self.origin[k] + self.scale[k] * position[k];
+        }
+        truth
+    }
+
+    fn at(&self, position: &DVector<f64>) -> Option<DVector<f64>> {
+        let residuals = residuals(&self.truth(position), self.runs, self.steps);
+        residuals
+            .iter()
+            .all(|r| r.is_finite())
+            .then(|| DVector::from_vec(residuals))
+    }
+}
+
+impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
+    type ResidualStorage = Owned<f64, Dyn>;
+    type JacobianStorage = Owned<f64, Dyn, Dyn>;
+    type ParameterStorage = Owned<f64, Dyn>;
+
+    fn set_params(&mut self, position: &DVector<f64>) {
+        self.position.copy_from(position);
+    }
+
+    fn params(&self) -> DVector<f64> {
+        self.position.clone()
+    }
+
+    fn residuals(&self) -> Option<DVector<f64>> {
+        self.at(&self.position)
+    }
+
+    fn jacobian(&self) -> Option<DMatrix<f64>> {
+        /// Large enough to step over the rounding of hysteresis to whole steps.
+        const STEP: f64 = 1e-3;
+        let here = self.at(&self.position)?;
+        let mut jacobian = DMatrix::zeros(here.len(), self.free.len());
+        for column in 0..self.free.len() {
+            let mut moved = self.position.clone();
+            moved[column] += STEP;
+            let there = self.at(&moved)?;
+            jacobian.set_column(column, &((there - &here) / STEP));
+        }
+        Some(jacobian)
+    }
+}

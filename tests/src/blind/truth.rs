@@ -1,0 +1,840 @@
+//! The physics behind the benchmark's recordings, written again from the
+//! catalogue's equations.
+//!
+//! A diagnosis that is tested on recordings of its own simulator is tested
+//! against itself. Nothing here comes from the crates under test: the
+//! equations, the integrator (RK4 at 2 kHz) and the memory of hysteresis are
+//! this file's own, and for a part of the effects there are other formulas for
+//! the same phenomenon, as real actuators have them.
+//!
+//! M θ̈ + C θ̇ + K sign(θ)|θ|ⁿ + Q = g p_c, everything in SI units and radians:
+//! θ angle (rad), ω = θ̇ (rad/s), p pressure that the sensor in the line
+//! measures (Pa), p_c pressure that acts (Pa), y what the angle sensor shows
+//! (rad). The table of [`Formula`]s gives each equation and its source.
+
+use serde::{Deserialize, Serialize};
+
+/// Integration steps per second of the truth.
+pub const RATE_HZ: u32 = 2000;
+
+/// Samples per second of a recording.
+pub const SAMPLES_HZ: u32 = 100;
+
+/// The most numbers that a formula has.
+pub const VALUES: usize = 4;
+
+/// Integrated states of one effect.
+const STATES: usize = 8;
+/// Remembered numbers of one effect.
+const MEMORY: usize = 8;
+/// The most effects at once.
+pub const EFFECTS: usize = 2;
+/// Angle, rate, and the states of the effects.
+const ALL_STATES: usize = 2 + EFFECTS * STATES;
+
+type States = [f64; ALL_STATES];
+type Memory = [[f64; MEMORY]; EFFECTS];
+
+/// The base parameters.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Base {
+    /// M (kg·m).
+    pub inertia: f64,
+    /// C (N·s/rad).
+    pub damping: f64,
+    /// K (N/radⁿ).
+    pub stiffness: f64,
+    /// n.
+    pub exponent: f64,
+    /// g (N/Pa).
+    pub input_gain: f64,
+}
+
+impl Base {
+    /// Pressure (Pa) that holds an angle (rad).
+    pub fn holding_pressure(&self, angle: f64) -> f64 {
+        self.stiffness * power(angle, self.exponent) / self.input_gain
+    }
+}
+
+/// sign(θ)|θ|ⁿ.
+fn power(angle: f64, exponent: f64) -> f64 {
+    angle.abs().powf(exponent).copysign(angle)
+}
+
+/// A number of a formula.
+#[derive(Clone, Copy, Debug)]
+pub struct Quantity {
+    /// Key in model files; keys of other formulas than the catalogue's are
+    /// only read by people.
+    pub key: &'static str,
+    /// Value in files for one SI unit.
+    pub per_si: f64,
+}
+
+const fn q(key: &'static str) -> Quantity {
+    Quantity { key, per_si: 1.0 }
+}
+const fn kpa(key: &'static str) -> Quantity {
+    Quantity { key, per_si: 1e-3 }
+}
+
+/// What is known about a formula beside its equation.
+#[derive(Clone, Copy, Debug)]
+pub struct Row {
+    /// Name in answers.
+    pub name: &'static str,
+    /// The kind of the catalogue that it is a case of; none if it is outside.
+    pub kind: Option<&'static str>,
+    /// Whether it is the catalogue's own formula.
+    pub same: bool,
+    /// Its numbers.
+    pub quantities: &'static [Quantity],
+    /// Which of them make the effect larger, and with which power.
+    pub sizes: &'static [(usize, f64)],
+}
+
+macro_rules! formulas {
+    ($( $(#[$doc:meta])* $variant:ident $name:literal $kind:expr, $same:expr, [$($quantity:expr),*], [$($size:expr),*]; )+) => {
+        /// The formulas that a truth can have. Symbols in square brackets are
+        /// its numbers, in the order in which they are stored.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+        #[serde(rename_all = "snake_case")]
+        pub enum Formula { $( $(#[$doc])* $variant, )+ }
+
+        impl Formula {
+            /// Every formula.
+            pub const ALL: &'static [Self] = &[$( Self::$variant ),+];
+
+            /// Its row of the table.
+            pub const fn row(self) -> &'static Row {
+                match self { $( Self::$variant => const { &Row {
+                    name: $name, kind: $kind, same: $same,
+                    quantities: &[$($quantity),*], sizes: &[$($size),*],
+                } }, )+ }
+            }
+        }
+    };
+}
+
+formulas! {
+    /// Q = T tanh(ω/ω_s) [T, ω_s].
+    CoulombTanh "coulomb_tanh" Some("coulomb_friction"), true, [q("force_n"), q("smoothing_rad_per_s")], [(0, 1.0)];
+    /// LuGre without Stribeck effect: ż = ω − |ω|z/s, Q = T(z/s) + σ₁ż with σ₁
+    /// = 0.3 √(T M/s) [T, s] (Canudas de Wit et al. 1995).
+    CoulombLugre "coulomb_lugre" Some("coulomb_friction"), false, [q("force_n"), q("presliding_rad")], [(0, 1.0)];
+    /// Q = T ω/√(ω² + ω_s²) [T, ω_s].
+    CoulombRoot "coulomb_root" Some("coulomb_friction"), false, [q("force_n"), q("smoothing_rad_per_s")], [(0, 1.0)];
+    /// Q = [T + ΔT e^{−(ω/ω_S)²}] tanh(ω/ω_s) [T, ΔT, ω_S, ω_s].
+    StribeckGauss "stribeck_gauss" Some("stribeck_friction"), true, [q("force_n"), q("extra_force_n"), q("stribeck_rad_per_s"), q("smoothing_rad_per_s")], [(0, 1.0), (1, 1.0)];
+    /// The same with e^{−|ω|/ω_S} (Tustin 1947) and ω/√(ω² + ω_s²).
+    StribeckExponential "stribeck_exponential" Some("stribeck_friction"), false, [q("force_n"), q("extra_force_n"), q("stribeck_rad_per_s"), q("smoothing_rad_per_s")], [(0, 1.0), (1, 1.0)];
+    /// LuGre: ż = ω − |ω|σ₀z/(T + ΔT e^{−(ω/ω_S)²}), σ₀ = (T + ΔT)/s [T, ΔT, ω_S, s].
+    StribeckLugre "stribeck_lugre" Some("stribeck_friction"), false, [q("force_n"), q("extra_force_n"), q("stribeck_rad_per_s"), q("presliding_rad")], [(0, 1.0), (1, 1.0)];
+    /// Q = d ω|ω| [d].
+    QuadraticDrag "quadratic_drag" Some("quadratic_damping"), true, [q("damping_n_s2_per_rad2")], [(0, 1.0)];
+    /// Turbulent flow in a smooth tube, Q = d ω|ω|^0.75 [d] (Blasius 1913).
+    QuadraticBlasius "quadratic_blasius" Some("quadratic_damping"), false, [q("drag")], [(0, 1.0)];
+    /// C → C(1 + c₁|θ|) [c₁].
+    AngleDamping "angle_damping" Some("angle_dependent_damping"), true, [q("slope_per_rad")], [(0, 1.0)];
+    /// C → C(1 + c₂θ²) [c₂].
+    AngleDampingSquare "angle_damping_square" Some("angle_dependent_damping"), false, [q("curvature_per_rad2")], [(0, 1.0)];
+    /// C → C(1 + a) where ω < 0 [a].
+    AsymmetricDamping "asymmetric_damping" Some("asymmetric_damping"), true, [q("ratio")], [(0, 1.0)];
+    /// The same with a smooth change, ½[1 − tanh(ω/ω_a)] [a, ω_a].
+    AsymmetricSmooth "asymmetric_smooth" Some("asymmetric_damping"), false, [q("ratio"), q("width_rad_per_s")], [(0, 1.0)];
+    /// Q = k₁(θ − z), ż = (θ − z)/τ [k₁, τ].
+    MaxwellOne "maxwell_one" Some("maxwell_branch"), true, [q("stiffness_n_per_rad"), q("time_constant_s")], [(0, 1.0)];
+    /// Two such branches [k₁, τ₁, k₂, τ₂].
+    MaxwellTwo "maxwell_two" Some("maxwell_branch"), false, [q("stiffness_n_per_rad"), q("time_constant_s"), q("stiffness_2_n_per_rad"), q("time_constant_2_s")], [(0, 1.0), (2, 1.0)];
+    /// Creep that goes as a power of time: branches at τ/4, τ, 4τ, 16τ whose
+    /// stiffness falls as τ^−0.3 [k, τ].
+    MaxwellPower "maxwell_power" Some("maxwell_branch"), false, [q("stiffness_n_per_rad"), q("time_constant_s")], [(0, 1.0)];
+    /// Q = a w, D ẇ = ω − ½|ω|w − ½ω|w| [a, D].
+    BoucWen "bouc_wen" Some("bouc_wen_hysteresis"), true, [q("force_n"), q("yield_rad")], [(0, 1.0)];
+    /// Dahl: D ẇ = ω |1 − w sign ω|^1.5 sign(1 − w sign ω), Q = a w [a, D] (Dahl 1968).
+    HysteresisDahl "hysteresis_dahl" Some("bouc_wen_hysteresis"), false, [q("force_n"), q("yield_rad")], [(0, 1.0)];
+    /// Prandtl–Ishlinskii: six stops with radii from D/4 to 3D/2, in sum a [a, D].
+    HysteresisStops "hysteresis_stops" Some("bouc_wen_hysteresis"), false, [q("force_n"), q("yield_rad")], [(0, 1.0)];
+    /// Q = G [sin(θ + θ₀) − sin θ₀] [G, θ₀].
+    Gravity "gravity" Some("gravity"), true, [q("force_n"), q("tilt_rad")], [(0, 1.0)];
+    /// Weight spread along an arc: the mean of sin over it,
+    /// Q = 2G {[cos θ₀ − cos(θ + θ₀)]/θ − sin θ₀} [G, θ₀].
+    GravityArc "gravity_arc" Some("gravity"), false, [q("force_n"), q("tilt_rad")], [(0, 1.0)];
+    /// n → n + Δn [Δn].
+    ExponentShift "exponent_shift" Some("exponent_shift"), true, [q("delta")], [(0, 1.0)];
+    /// Q = k₃θ³ [k₃].
+    Cubic "cubic" Some("cubic_stiffness"), true, [q("stiffness_n_per_rad3")], [(0, 1.0)];
+    /// Hardening without a linear part: Q = k [sinh(βθ)/β − θ] [k, β].
+    CubicSinh "cubic_sinh" Some("cubic_stiffness"), false, [q("stiffness_n_per_rad"), q("rate_per_rad")], [(0, 1.0)];
+    /// Q = k θ [k].
+    LinearStiffness "linear_stiffness" Some("linear_stiffness"), true, [q("stiffness_n_per_rad")], [(0, 1.0)];
+    /// A spring that softens: Q = k θ₁ tanh(θ/θ₁) [k, θ₁].
+    LinearSoftening "linear_softening" Some("linear_stiffness"), false, [q("stiffness_n_per_rad"), q("angle_rad")], [(0, 1.0)];
+    /// Q = k_s max(θ − θ_s, 0) [k_s, θ_s].
+    EndStop "end_stop" Some("end_stop"), true, [q("stiffness_n_per_rad"), q("angle_rad")], [(0, 1.0)];
+    /// Progressive contact with loss: Q = k_s x^1.5 (1 + 0.2 ω), x = max(θ − θ_s, 0)
+    /// [k_s, θ_s] (Hunt and Crossley 1975).
+    EndStopProgressive "end_stop_progressive" Some("end_stop"), false, [q("stiffness"), q("angle_rad")], [(0, 1.0)];
+    /// K → K(1 + ρt) [ρ].
+    StiffnessDrift "stiffness_drift" Some("stiffness_drift"), true, [q("rate_per_s")], [(0, 1.0)];
+    /// K → K[1 + ρ t₀ ln(1 + t/t₀)] [ρ, t₀].
+    StiffnessDriftLog "stiffness_drift_log" Some("stiffness_drift"), false, [q("rate_per_s"), q("time_s")], [(0, 1.0)];
+    /// K → K[1 − δ(1 − e^{−θ_max/θ_m})] [δ, θ_m].
+    Mullins "mullins" Some("mullins_softening"), true, [q("loss"), q("angle_rad")], [(0, 1.0)];
+    /// K → K[1 − δ tanh(θ_max²/θ_m²)] [δ, θ_m].
+    MullinsSquare "mullins_square" Some("mullins_softening"), false, [q("loss"), q("angle_rad")], [(0, 1.0)];
+    /// ξ̈ + 2ζ₂ω₂ξ̇ + ω₂²ξ = −b θ̈, y = θ + ξ [f₂, ζ₂, b].
+    SecondMode "second_mode" Some("second_mode"), true, [q("frequency_hz"), q("damping_ratio"), q("coupling")], [(2, 1.0)];
+    /// The same and a third mode at 2.7 f₂ with b/3.
+    SecondModePair "second_mode_pair" Some("second_mode"), false, [q("frequency_hz"), q("damping_ratio"), q("coupling")], [(2, 1.0)];
+    /// τ ṗ_c = p − p_c [τ].
+    Lag "lag" Some("pneumatic_lag"), true, [q("time_constant_s")], [(0, 1.0)];
+    /// A line of second order with the same delay: p̈_c = ω²(p − p_c) − 2ζωṗ_c, ω = 2ζ/τ [τ, ζ].
+    LagSecondOrder "lag_second_order" Some("pneumatic_lag"), false, [q("time_constant_s"), q("damping_ratio")], [(0, 1.0)];
+    /// A distributed line: two lags, ⅔τ and ⅓τ [τ].
+    LagDistributed "lag_distributed" Some("pneumatic_lag"), false, [q("time_constant_s")], [(0, 1.0)];
+    /// p_c(t) = p(t − t_d) [t_d].
+    DeadTime "dead_time" Some("dead_time"), true, [q("delay_s")], [(0, 1.0)];
+    /// Transport with dispersion: eight lags of t_d/8 [t_d].
+    DeadTimeDispersed "dead_time_dispersed" Some("dead_time"), false, [q("delay_s")], [(0, 1.0)];
+    /// Lag with τ_fill where p > p_c, else τ_vent [τ_fill, τ_vent].
+    VentAsymmetry "vent_asymmetry" Some("vent_asymmetry"), true, [q("fill_s"), q("vent_s")], [(1, 1.0)];
+    /// Lag while filling, an orifice while venting: ṗ_c = −√(p_v (p_c − p))/τ_vent,
+    /// p_v = 40 kPa [τ_fill, τ_vent].
+    VentOrifice "vent_orifice" Some("vent_asymmetry"), false, [q("fill_s"), q("vent_s")], [(1, 1.0)];
+    /// F = g max(p − p₀, 0) [p₀].
+    Threshold "threshold" Some("pressure_threshold"), true, [kpa("pressure_kpa")], [(0, 1.0)];
+    /// The same with a smooth corner: w ln(1 + e^{(p − p₀)/w}), less its value
+    /// without pressure [p₀, w].
+    ThresholdSmooth "threshold_smooth" Some("pressure_threshold"), false, [kpa("pressure_kpa"), kpa("width_kpa")], [(0, 1.0), (1, 1.0)];
+    /// K → K(1 + k_p p_c) [k_p].
+    PressureStiffening "pressure_stiffening" Some("pressure_stiffening"), true, [Quantity { key: "per_kpa", per_si: 1e3 }], [(0, 1.0)];
+    /// K → K[1 + k_p p_c/(1 + p_c/p_s)] [k_p, p_s].
+    PressureStiffeningSaturating "pressure_stiffening_saturating" Some("pressure_stiffening"), false, [Quantity { key: "per_kpa", per_si: 1e3 }, kpa("saturation_kpa")], [(0, 1.0)];
+    /// Play of half-width b on p [b].
+    Backlash "backlash" Some("input_backlash"), true, [kpa("half_width_kpa")], [(0, 1.0)];
+    /// The mean of three plays of b/2, b and 3b/2 (Prandtl–Ishlinskii) [b].
+    BacklashPlays "backlash_plays" Some("input_backlash"), false, [kpa("half_width_kpa")], [(0, 1.0)];
+    /// The chamber loses air behind the sensor: ṗ_c = ṗ − p_c/τ [τ].
+    Leak "leak" Some("leak"), true, [q("time_constant_s")], [(0, -1.0)];
+    /// The same through an orifice: ṗ_c = ṗ − √(p_v p_c)/τ, p_v = 40 kPa [τ].
+    LeakOrifice "leak_orifice" Some("leak"), false, [q("time_constant_s")], [(0, -1.0)];
+    /// τ ẏ = θ − y [τ].
+    SensorLag "sensor_lag" Some("sensor_lag"), true, [q("time_constant_s")], [(0, 1.0)];
+    /// ÿ = ω²(θ − y) − 2ζωẏ, ω = 2ζ/τ [τ, ζ].
+    SensorLagSecondOrder "sensor_lag_second_order" Some("sensor_lag"), false, [q("time_constant_s"), q("damping_ratio")], [(0, 1.0)];
+    /// y = θ + b [b].
+    SensorOffset "sensor_offset" Some("sensor_offset"), true, [q("offset_rad")], [(0, 1.0)];
+    /// y = θ + cθ² [c].
+    SensorNonlinearity "sensor_nonlinearity" Some("sensor_nonlinearity"), true, [q("curvature_per_rad")], [(0, 1.0)];
+    /// y = θ + cθ²/(1 + s|θ|) [c, s].
+    SensorNonlinearitySaturating "sensor_nonlinearity_saturating" Some("sensor_nonlinearity"), false, [q("curvature_per_rad"), q("saturation_per_rad")], [(0, 1.0)];
+    /// y = θ + rt [r].
+    SensorDrift "sensor_drift" Some("sensor_drift"), true, [q("rate_rad_per_s")], [(0, 1.0)];
+    /// y = θ + rτ(1 − e^{−t/τ}) [r, τ].
+    SensorDriftSettling "sensor_drift_settling" Some("sensor_drift"), false, [q("rate_rad_per_s"), q("time_constant_s")], [(0, 1.0)];
+    /// Q = A sin(2πft + φ) [A, f, φ].
+    Periodic "periodic" Some("periodic_disturbance"), true, [q("force_n"), q("frequency_hz"), q("phase_rad")], [(0, 1.0)];
+    /// A triangular wave, (2/π) arcsin sin [A, f, φ].
+    PeriodicTriangle "periodic_triangle" Some("periodic_disturbance"), false, [q("force_n"), q("frequency_hz"), q("phase_rad")], [(0, 1.0)];
+    /// A sine whose phase is another one in every run [A, f, φ].
+    PeriodicUnsynchronised "periodic_unsynchronised" Some("periodic_disturbance"), false, [q("force_n"), q("frequency_hz"), q("phase_rad")], [(0, 1.0)];
+
+    /// Outside the catalogue: stiffer by a once θ > θ₁ until θ < θ₂, as shape
+    /// memory or a fold that has opened [a, θ₁, θ₂].
+    TwoStepStiffness "two_step_stiffness" None, false, [q("ratio"), q("on_rad"), q("off_rad")], [(0, 1.0)];
+    /// Outside: a relief valve behind the sensor, p_c = min(p, p_r) [p_r].
+    ReliefValve "relief_valve" None, false, [kpa("limit_kpa")], [(0, -1.0)];
+    /// Outside: a delay that vanishes as pressure builds up, t_d e^{−p/p_d} [t_d, p_d].
+    PressureDependentDelay "pressure_dependent_delay" None, false, [q("delay_s"), kpa("decay_kpa")], [(0, 1.0)];
+    /// Outside: coupling to torsion, Q = A θ sin(kθ) [A, k].
+    Torsion "torsion" None, false, [q("force_n_per_rad"), q("wave_per_rad")], [(0, 1.0)];
+    /// Outside: bellows, Q = A sin(2πθ/λ) [A, λ].
+    PeriodicStiffness "periodic_stiffness" None, false, [q("force_n"), q("period_rad")], [(0, 1.0)];
+    /// Outside: stiction with break-away and ageing. LuGre whose level is
+    /// T(1 + r s), where s grows with τ at rest and is lost in sliding [T, r, τ].
+    StictionAgeing "stiction_ageing" None, false, [q("force_n"), q("ratio"), q("time_constant_s")], [(0, 1.0)];
+    /// Outside: warming, C → C[1 − a(1 − e^{−t/τ})] [a, τ].
+    WarmingDamping "warming_damping" None, false, [q("ratio"), q("time_constant_s")], [(0, 1.0)];
+    /// Outside: snap-through, Q = −A u e^{½ − u²/2}, u = (θ − θ_c)/w, with its
+    /// value at rest removed [A, θ_c, w].
+    SnapThrough "snap_through" None, false, [q("force_n"), q("angle_rad"), q("width_rad")], [(0, 1.0)];
+    /// Outside: a lag that grows with the bend, τ(0.1 + θ²) ṗ_c = p − p_c [τ].
+    AmplitudeLag "amplitude_lag" None, false, [q("time_constant_s")], [(0, 1.0)];
+    /// Outside: a sensor that does not move between θ_c − w and θ_c + w [w, θ_c].
+    SensorDeadZone "sensor_dead_zone" None, false, [q("half_width_rad"), q("angle_rad")], [(0, 1.0)];
+    /// Outside: a force without any rule, twelve sines between 0.15 and 4 Hz whose
+    /// phases are others in every run [A, seed].
+    RandomForce "random_force" None, false, [q("force_n"), q("seed")], [(0, 1.0)];
+}
+
+impl Formula {
+    /// The formulas for a kind of the catalogue, the catalogue's own first.
+    pub fn of_kind(kind: &str) -> Vec<Self> {
+        let mut list: Vec<Self> = Self::ALL
+            .iter()
+            .copied()
+            .filter(|formula| formula.row().kind == Some(kind))
+            .collect();
+        list.sort_by_key(|formula| !formula.row().same);
+        list
+    }
+
+    /// The formulas outside the catalogue.
+    pub fn outside() -> Vec<Self> {
+        Self::ALL
+            .iter()
+            .copied()
+            .filter(|formula| formula.row().kind.is_none())
+            .collect()
+    }
+}
+
+/// The names of the catalogue's kinds, each once, in its order.
+pub fn kinds() -> Vec<&'static str> {
+    let mut names = Vec::new();
+    for kind in Formula::ALL.iter().filter_map(|formula| formula.row().kind) {
+        if !names.contains(&kind) {
+            names.push(kind);
+        }
+    }
+    names
+}
+
+/// A formula with its numbers.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Effect {
+    /// The formula.
+    pub formula: Formula,
+    /// Its numbers in SI units; unused ones are zero.
+    pub values: [f64; VALUES],
+}
+
+impl Effect {
+    /// The effect made larger by a factor.
+    pub fn scaled(mut self, factor: f64) -> Self {
+        for &(index, exponent) in self.formula.row().sizes {
+            self.values[index] *= factor.powf(exponent);
+        }
+        self
+    }
+}
+
+/// A base model with effects.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Truth {
+    /// The base parameters.
+    pub base: Base,
+    /// At most two effects.
+    pub effects: Vec<Effect>,
+}
+
+/// Pressure in the line over time, on an even grid, as a smooth curve through
+/// its samples (Catmull–Rom), held beyond both ends.
+#[derive(Clone, Debug)]
+pub struct Line {
+    interval: f64,
+    values: Vec<f64>,
+}
+
+impl Line {
+    /// A curve through values (Pa) that are `interval` seconds apart.
+    pub fn new(interval: f64, values: Vec<f64>) -> Self {
+        Self { interval, values }
+    }
+
+    /// Pressure (Pa) at a time (s).
+    pub fn at(&self, time: f64) -> f64 {
+        let position = time / self.interval;
+        let last = self.values.len() - 1;
+        if position <= 0.0 {
+            return self.values[0];
+        }
+        // Not negative and below the number of samples.
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let k = position.floor() as usize;
+        if k >= last {
+            return self.values[last];
+        }
+        let u = position - k as f64;
+        let (a, b) = (self.values[k], self.values[k + 1]);
+        let before = self.values[k.saturating_sub(1)];
+        let after = self.values[(k + 2).min(last)];
+        let (left, right) = (0.5 * (b - before), 0.5 * (after - a));
+        let rise = b - a;
+        a + u * (left + u * (3.0 * rise - 2.0 * left - right + u * (left + right - 2.0 * rise)))
+    }
+
+    /// Duration (s).
+    pub fn duration(&self) -> f64 {
+        (self.values.len() - 1) as f64 * self.interval
+    }
+}
+
+/// Pressure (Pa) at which an orifice and a lag of the same τ flow alike.
+const ORIFICE_PRESSURE: f64 = 40e3;
+
+/// √(p_v Δp), made linear below 0.2 kPa where the flow is laminar.
+fn orifice(difference: f64) -> f64 {
+    difference * (ORIFICE_PRESSURE / (difference.abs() + 200.0)).sqrt()
+}
+
+/// Radius of each stop of the Prandtl–Ishlinskii hysteresis over D.
+const STOPS: [f64; 6] = [0.25, 0.5, 0.75, 1.0, 1.25, 1.5];
+
+/// What the effects see.
+#[derive(Clone, Copy)]
+struct Moment {
+    time: f64,
+    angle: f64,
+    rate: f64,
+    pressure: f64,
+    run: u32,
+}
+
+/// A phase (rad) that looks drawn but is the same every time.
+fn drawn_phase(index: f64, run: u32) -> f64 {
+    let turns = 0.618_033_988_75 * f64::from(run + 1) * (index + 1.0) + 0.324_7 * index * index;
+    std::f64::consts::TAU * turns.fract()
+}
+
+impl Effect {
+    /// Pressure behind this effect; the rates of its states go into `rates`.
+    fn input(
+        &self,
+        line: &Line,
+        at: Moment,
+        states: &[f64],
+        memory: &[f64; MEMORY],
+        rates: &mut [f64],
+    ) -> f64 {
+        let p = at.pressure;
+        let [a, b, ..] = self.values;
+        match self.formula {
+            Formula::Lag => {
+                rates[0] = (p - states[0]) / a;
+                states[0]
+            }
+            Formula::LagSecondOrder => {
+                let natural = 2.0 * b / a;
+                rates[0] = states[1];
+                rates[1] = natural * natural * (p - states[0]) - 2.0 * b * natural * states[1];
+                states[0]
+            }
+            Formula::LagDistributed => {
+                rates[0] = (p - states[0]) / (2.0 * a / 3.0);
+                rates[1] = (states[0] - states[1]) / (a / 3.0);
+                states[1]
+            }
+            Formula::DeadTime => line.at(at.time - a),
+            Formula::DeadTimeDispersed => {
+                let mut before = p;
+                for k in 0..8 {
+                    rates[k] = (before - states[k]) * 8.0 / a;
+                    before = states[k];
+                }
+                before
+            }
+            Formula::VentAsymmetry => {
+                rates[0] = (p - states[0]) / if p > states[0] { a } else { b };
+                states[0]
+            }
+            Formula::VentOrifice => {
+                rates[0] = if p > states[0] {
+                    (p - states[0]) / a
+                } else {
+                    orifice(p - states[0]) / b
+                };
+                states[0]
+            }
+            Formula::Threshold => (p - a).max(0.0),
+            Formula::ThresholdSmooth => {
+                let corner = |p: f64| {
+                    let x = (p - a) / b;
+                    b * (x.max(0.0) + (-x.abs()).exp().ln_1p())
+                };
+                corner(p) - corner(0.0)
+            }
+            Formula::Backlash => play(memory[0], p, a),
+            Formula::BacklashPlays => {
+                let of = |k: usize| play(memory[k], p, 0.5 * a * (k + 1) as f64);
+                (of(0) + of(1) + of(2)) / 3.0
+            }
+            Formula::Leak => {
+                rates[0] = (p - states[0]) / a;
+                p - states[0]
+            }
+            Formula::LeakOrifice => {
+                rates[0] = orifice(p - states[0]) / a;
+                p - states[0]
+            }
+            Formula::ReliefValve => p.min(a),
+            Formula::PressureDependentDelay => line.at(at.time - a * (-p.max(0.0) / b).exp()),
+            Formula::AmplitudeLag => {
+                rates[0] = (p - states[0]) / (a * (0.1 + at.angle * at.angle));
+                states[0]
+            }
+            _ => p,
+        }
+    }
+
+    /// Changes the base parameters.
+    fn modulate(&self, at: Moment, states: &[f64], memory: &[f64; MEMORY], base: &mut Base) {
+        let [a, b, ..] = self.values;
+        match self.formula {
+            Formula::AngleDamping => base.damping *= 1.0 + a * at.angle.abs(),
+            Formula::AngleDampingSquare => base.damping *= 1.0 + a * at.angle * at.angle,
+            Formula::AsymmetricDamping if at.rate < 0.0 => base.damping *= 1.0 + a,
+            Formula::AsymmetricSmooth => {
+                base.damping *= 1.0 + 0.5 * a * (1.0 - (at.rate / b).tanh());
+            }
+            Formula::ExponentShift => base.exponent += a,
+            Formula::StiffnessDrift => base.stiffness *= 1.0 + a * at.time,
+            Formula::StiffnessDriftLog => {
+                base.stiffness *= 1.0 + a * b * (at.time / b).ln_1p();
+            }
+            Formula::Mullins => {
+                let most = memory[0].max(at.angle.abs());
+                base.stiffness *= 1.0 - a * (1.0 - (-most / b).exp());
+            }
+            Formula::MullinsSquare => {
+                let most = memory[0].max(at.angle.abs()) / b;
+                base.stiffness *= 1.0 - a * (most * most).tanh();
+            }
+            Formula::PressureStiffening => base.stiffness *= 1.0 + a * at.pressure,
+            Formula::PressureStiffeningSaturating => {
+                base.stiffness *= 1.0 + a * at.pressure / (1.0 + at.pressure.max(0.0) / b);
+            }
+            Formula::TwoStepStiffness => base.stiffness *= 1.0 + a * states[0],
+            Formula::WarmingDamping => {
+                base.damping *= 1.0 - a * (1.0 - (-at.time / b).exp());
+            }
+            _ => {}
+        }
+    }
+
+    /// Q (N).
+    // One arm for each formula of the table.
+    #[allow(clippy::too_many_lines)]
+    fn force(
+        &self,
+        at: Moment,
+        inertia: f64,
+        states: &[f64],
+        memory: &[f64; MEMORY],
+        rates: &mut [f64],
+    ) -> f64 {
+        let Moment {
+            time, angle, rate, ..
+        } = at;
+        let [a, b, c, d] = self.values;
+        let bristle = |level: f64, stiffness: f64, rates: &mut [f64]| {
+            rates[0] = rate - rate.abs() * states[0] * stiffness / level;
+            stiffness * states[0] + 0.3 * (stiffness * inertia).sqrt() * rates[0]
+        };
+        match self.formula {
+            Formula::CoulombTanh => a * (rate / b).tanh(),
+            Formula::CoulombLugre => bristle(a, a / b, rates),
+            Formula::CoulombRoot => a * rate / rate.hypot(b),
+            Formula::StribeckGauss => {
+                (a + b * (-(rate / c) * (rate / c)).exp()) * (rate / d).tanh()
+            }
+            Formula::StribeckExponential => {
+                (a + b * (-rate.abs() / c).exp()) * rate / rate.hypot(d)
+            }
+            Formula::StribeckLugre => {
+                let level = a + b * (-(rate / c) * (rate / c)).exp();
+                bristle(level, (a + b) / d, rates)
+            }
+            Formula::QuadraticDrag => a * rate * rate.abs(),
+            Formula::QuadraticBlasius => a * power(rate, 1.75),
+            Formula::MaxwellOne => {
+                rates[0] = (angle - states[0]) / b;
+                a * (angle - states[0])
+            }
+            Formula::MaxwellTwo => {
+                rates[0] = (angle - states[0]) / b;
+                rates[1] = (angle - states[1]) / d;
+                a * (angle - states[0]) + c * (angle - states[1])
+            }
+            Formula::MaxwellPower => [0.25, 1.0, 4.0, 16.0]
+                .iter()
+                .enumerate()
+                .map(|(k, &ratio): (usize, &f64)| {
+                    rates[k] = (angle - states[k]) / (b * ratio);
+                    a * ratio.powf(-0.3) * (angle - states[k])
+                })
+                .sum(),
+            Formula::BoucWen => {
+                let w = states[0];
+                rates[0] = (rate - 0.5 * rate.abs() * w - 0.5 * rate * w.abs()) / b;
+                a * w
+            }
+            Formula::HysteresisDahl => {
+                let w = states[0];
+                rates[0] = rate / b * power(1.0 - w * rate.signum(), 1.5);
+                a * w
+            }
+            Formula::HysteresisStops => {
+                let moved = angle - memory[6];
+                let sum: f64 = STOPS
+                    .iter()
+                    .zip(memory)
+                    .map(|(radius, stop)| {
+                        let radius = radius * b;
+                        (stop + moved).clamp(-radius, radius) / radius
+                    })
+                    .sum();
+                a * sum / STOPS.len() as f64
+            }
+            Formula::Gravity => a * ((angle + b).sin() - b.sin()),
+            Formula::GravityArc => {
+                let mean = if angle.abs() < 1e-4 {
+                    b.sin() + 0.5 * angle * b.cos()
+                } else {
+                    (b.cos() - (angle + b).cos()) / angle
+                };
+                2.0 * a * (mean - b.sin())
+            }
+            Formula::Cubic => a * angle * angle * angle,
+            Formula::CubicSinh => a * ((b * angle).sinh() / b - angle),
+            Formula::LinearStiffness => a * angle,
+            Formula::LinearSoftening => a * b * (angle / b).tanh(),
+            Formula::EndStop => a * (angle - b).max(0.0),
+            Formula::EndStopProgressive => {
+                let depth = (angle - b).max(0.0);
+                a * depth * depth.sqrt() * (1.0 + 0.2 * rate).max(0.0)
+            }
+            Formula::Periodic => a * (std::f64::consts::TAU * b * time + c).sin(),
+            Formula::PeriodicTriangle => {
+                let phase = std::f64::consts::TAU * b * time + c;
+                a * phase.sin().asin() * std::f64::consts::FRAC_2_PI
+            }
+            Formula::PeriodicUnsynchronised => {
+                let phase = c + drawn_phase(1.0, at.run);
+                a * (std::f64::consts::TAU * b * time + phase).sin()
+            }
+            Formula::TwoStepStiffness => {
+                // The fold takes 50 ms to open or close.
+                rates[0] = (memory[0] - states[0]) / 0.05;
+                0.0
+            }
+            Formula::Torsion => a * angle * (b * angle).sin(),
+            Formula::PeriodicStiffness => a * (std::f64::consts::TAU * angle / b).sin(),
+            Formula::StictionAgeing => {
+                let sliding = rate.abs() / 0.05;
+                rates[1] = (1.0 - states[1]) / c - states[1] * sliding / 0.1;
+                bristle(a * (1.0 + b * states[1]), a * (1.0 + b) / 0.006, rates)
+            }
+            Formula::SnapThrough => {
+                let bump = |u: f64| u * (0.5 - 0.5 * u * u).exp();
+                -a * (bump((angle - b) / c) - bump(-b / c))
+            }
+            Formula::RandomForce => (0..12)
+                .map(|k| {
+                    let frequency = 0.15 * 1.35f64.powi(k);
+                    let phase = drawn_phase(f64::from(k) + b, at.run);
+                    a / 6f64.sqrt() * (std::f64::consts::TAU * frequency * time + phase).sin()
+                })
+                .sum(),
+            _ => 0.0,
+        }
+    }
+
+    /// What the sensor shows of `shown`, and the rates of states in its path.
+    fn sensor(
+        &self,
+        at: Moment,
+        acceleration: f64,
+        shown: f64,
+        states: &[f64],
+        rates: &mut [f64],
+    ) -> f64 {
+        let [a, b, c, _] = self.values;
+        let mut mode = |k: usize, frequency: f64, coupling: f64| {
+            let natural = std::f64::consts::TAU * frequency;
+            rates[k] = states[k + 1];
+            rates[k + 1] = -2.0 * b * natural * states[k + 1]
+                - natural * natural * states[k]
+                - coupling * acceleration;
+            states[k]
+        };
+        match self.formula {
+            Formula::SecondMode => shown + mode(0, a, c),
+            Formula::SecondModePair => shown + mode(0, a, c) + mode(2, 2.7 * a, c / 3.0),
+            Formula::SensorLag => {
+                rates[0] = (shown - states[0]) / a;
+                states[0]
+            }
+            Formula::SensorLagSecondOrder => {
+                let natural = 2.0 * b / a;
+                rates[0] = states[1];
+                rates[1] = natural * natural * (shown - states[0]) - 2.0 * b * natural * states[1];
+                states[0]
+            }
+            Formula::SensorOffset => shown + a,
+            Formula::SensorNonlinearity => shown + a * shown * shown,
+            Formula::SensorNonlinearitySaturating => {
+                shown + a * shown * shown / (1.0 + b * shown.abs())
+            }
+            Formula::SensorDrift => shown + a * at.time,
+            Formula::SensorDriftSettling => shown + a * b * (1.0 - (-at.time / b).exp()),
+            Formula::SensorDeadZone => shown - (shown - b).clamp(-a, a) - a,
+            _ => shown,
+        }
+    }
+
+    /// Brings what is remembered up to the end of a step.
+    fn remember(&self, at: Moment, memory: &mut [f64; MEMORY]) {
+        let [a, b, c, _] = self.values;
+        match self.formula {
+            Formula::Mullins | Formula::MullinsSquare => memory[0] = memory[0].max(at.angle.abs()),
+            Formula::Backlash => memory[0] = play(memory[0], at.pressure, a),
+            Formula::BacklashPlays => {
+                for (k, slot) in memory.iter_mut().take(3).enumerate() {
+                    *slot = play(*slot, at.pressure, 0.5 * a * (k + 1) as f64);
+                }
+            }
+            Formula::HysteresisStops => {
+                let moved = at.angle - memory[6];
+                for (slot, radius) in memory.iter_mut().zip(STOPS) {
+                    *slot = (*slot + moved).clamp(-radius * b, radius * b);
+                }
+                memory[6] = at.angle;
+            }
+            Formula::TwoStepStiffness => {
+                if at.angle > b {
+                    memory[0] = 1.0;
+                } else if at.angle < c {
+                    memory[0] = 0.0;
+                }
+            }
+            _ => {}
+        }
+    }
+}
+
+/// Output of a play of half-width `half` that stood at `before`.
+fn play(before: f64, input: f64, half: f64) -> f64 {
+    before.clamp(input - half, input + half)
+}
+
+/// What one evaluation of the equations gives.
+struct Evaluated {
+    rates: States,
+    reading: f64,
+    /// Line pressure, for what remembers it.
+    pressures: [f64; EFFECTS],
+}
+
+impl Truth {
+    fn evaluate(
+        &self,
+        line: &Line,
+        time: f64,
+        run: u32,
+        states: &States,
+        memory: &Memory,
+    ) -> Evaluated {
+        let mut rates = [0.0; ALL_STATES];
+        let mut pressures = [0.0; EFFECTS];
+        let mut at = Moment {
+            time,
+            angle: states[0],
+            rate: states[1],
+            pressure: line.at(time),
+            run,
+        };
+        let own = |slot: usize| 2 + slot * STATES..2 + (slot + 1) * STATES;
+        for (slot, effect) in self.effects.iter().enumerate() {
+            pressures[slot] = at.pressure;
+            let (x, dx) = (&states[own(slot)], &mut rates[own(slot)]);
+            at.pressure = effect.input(line, at, x, &memory[slot], dx);
+        }
+        let mut base = self.base;
+        for (slot, effect) in self.effects.iter().enumerate() {
+            effect.modulate(at, &states[own(slot)], &memory[slot], &mut base);
+        }
+        let mut force = base.input_gain * at.pressure
+            - base.damping * at.rate
+            - base.stiffness * power(at.angle, base.exponent);
+        for (slot, effect) in self.effects.iter().enumerate() {
+            let (x, dx) = (&states[own(slot)], &mut rates[own(slot)]);
+            force -= effect.force(at, base.inertia, x, &memory[slot], dx);
+        }
+        let acceleration = force / base.inertia;
+        rates[0] = at.rate;
+        rates[1] = acceleration;
+        let mut reading = at.angle;
+        for (slot, effect) in self.effects.iter().enumerate() {
+            let (x, dx) = (&states[own(slot)], &mut rates[own(slot)]);
+            reading = effect.sensor(at, acceleration, reading, x, dx);
+        }
+        Evaluated {
+            rates,
+            reading,
+            pressures,
+        }
+    }
+
+    /// What the sensor would show without noise (rad), 100 times a second, from
+    /// rest, with `steps` integration steps a sample. `run` numbers the runs of
+    /// a case, for what differs between them.
+    ///
+    /// A run that leaves all bounds ends in NaN.
+    pub fn simulate(&self, line: &Line, run: u32, steps: u32) -> Vec<f64> {
+        let used = 2 + self.effects.len() * STATES;
+        let interval = 1.0 / f64::from(SAMPLES_HZ);
+        let h = interval / f64::from(steps);
+        // A run is some thousand samples.
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let samples = (line.duration() / interval).round() as u32 + 1;
+        let mut states = [0.0; ALL_STATES];
+        let mut memory = [[0.0; MEMORY]; EFFECTS];
+        let mut reading = Vec::with_capacity(samples as usize);
+        for sample in 0..samples {
+            let start = f64::from(sample) * interval;
+            for step in 0..steps {
+                let time = start + f64::from(step) * h;
+                let first = self.evaluate(line, time, run, &states, &memory);
+                if step == 0 {
+                    reading.push(first.reading);
+                }
+                let moved = |by: f64, rates: &States| {
+                    let mut next = states;
+                    for k in 0..used {
+                        next[k] += by * rates[k];
+                    }
+                    next
+                };
+                let k1 = first.rates;
+                let k2 = self
+                    .evaluate(line, time + 0.5 * h, run, &moved(0.5 * h, &k1), &memory)
+                    .rates;
+                let k3 = self
+                    .evaluate(line, time + 0.5 * h, run, &moved(0.5 * h, &k2), &memory)
+                    .rates;
+                let end = self.evaluate(line, time + h, run, &moved(h, &k3), &memory);
+                for k in 0..used {
+                    states[k] += h / 6.0 * (k1[k] + 2.0 * (k2[k] + k3[k]) + end.rates[k]);
+                }
+                for (slot, effect) in self.effects.iter().enumerate() {
+                    let at = Moment {
+                        time: time + h,
+                        angle: states[0],
+                        rate: states[1],
+                        pressure: end.pressures[slot],
+                        run,
+                    };
+                    effect.remember(at, &mut memory[slot]);
+                }
+            }
+            if states[0].is_nan() || states[0].abs() > 50.0 {
+                reading.resize(samples as usize, f64::NAN);
+                break;
+            }
+        }
+        reading
+    }
+}
