@@ -112,6 +112,25 @@ impl<'a> Run<'a> {
 /// Decides how a recording starts: at rest, from the samples before anything
 /// moves, or in motion, from a parabola through its first samples.
 fn find_start(recording: &Recording) -> (Start<f64>, bool) {
+    let noise = noise_by_differences(&recording.angle).max(1e-9);
+    let rest = rest_at_start(recording);
+    if rest == 0 {
+        return (initial_motion(recording), true);
+    }
+    let angle = mean(&recording.angle[..rest]);
+    let uncertainty = noise / (rest as f64).sqrt();
+    // The zero is a tare at rest; a mean that does not contradict it is it.
+    let angle = if angle.abs() < 4.0 * uncertainty {
+        0.0
+    } else {
+        angle
+    };
+    (Start { angle, rate: 0.0 }, false)
+}
+
+/// Samples, of the first second, before pressure or angle move; zero if the
+/// recording starts in motion.
+pub fn rest_at_start(recording: &Recording) -> usize {
     /// Fewer samples than this do not show a rest.
     const FEWEST: usize = 5;
     /// A rest longer than this (s) adds nothing.
@@ -133,18 +152,7 @@ fn find_start(recording: &Recording) -> (Start<f64>, bool) {
                 && (recording.angle[k] - first_angle).abs() <= 5.0 * noise
         })
         .count();
-    if rest >= FEWEST {
-        let angle = mean(&recording.angle[..rest]);
-        let uncertainty = noise / (rest as f64).sqrt();
-        // The zero is a tare at rest; a mean that does not contradict it is it.
-        let angle = if angle.abs() < 4.0 * uncertainty {
-            0.0
-        } else {
-            angle
-        };
-        return (Start { angle, rate: 0.0 }, false);
-    }
-    (initial_motion(recording), true)
+    if rest >= FEWEST { rest } else { 0 }
 }
 
 /// Angle and rate at the first sample, from a parabola through the first ten.
