@@ -19,6 +19,7 @@ use nalgebra::{DMatrix, DVector, Dyn};
 use rayon::prelude::*;
 
 use crate::checkpoint::{Checkpoint, fingerprint};
+use crate::denoise;
 use crate::dual::Dual;
 use crate::information::{Block, Information};
 use crate::recording::Recording;
@@ -44,13 +45,14 @@ pub struct Run<'a> {
 }
 
 impl<'a> Run<'a> {
-    /// Prepares a recording: interpolates its pressure and decides from its
-    /// first samples whether it starts at rest.
+    /// Prepares a recording: decides from its first samples whether it starts
+    /// at rest, takes the noise from its pressure and interpolates that.
     pub fn new(recording: &'a Recording) -> Self {
         let (start, moving) = find_start(recording);
+        let pressure = denoise::pressure(recording);
         Self {
             recording,
-            signal: Signal::pressure(recording),
+            signal: Signal::new(recording.time.clone(), pressure),
             start,
             moving,
             interval: recording.interval(),

@@ -374,6 +374,32 @@ fn remembers(kind: Kind) -> bool {
             })
 }
 
+/// A candidate with one of its effects taken out, fitted to the end. None if the
+/// effect is not among those that it added, or the rest makes no model.
+pub fn without(ground: &Ground<'_, '_>, candidate: &Candidate, out: Kind) -> Option<Candidate> {
+    let position = candidate.added.iter().position(|&kind| kind == out)?;
+    let model = &candidate.fit.model;
+    let slot = model.effects().count() - candidate.added.len() + position;
+    let effects: Vec<_> = model
+        .effects()
+        .enumerate()
+        .filter(|(index, _)| *index != slot)
+        .map(|(_, effect)| *effect)
+        .collect();
+    let added: Vec<Kind> = candidate
+        .added
+        .iter()
+        .copied()
+        .filter(|&kind| kind != out)
+        .collect();
+    let free = free_parameters(ground.file, &added);
+    let start = Model::new(*model.dynamics(), &effects).ok()?;
+    let fit = ground
+        .fitter
+        .fit_kept(&start, &free, Effort::Full, ground.checkpoint);
+    fit.sse().is_finite().then_some(Candidate { added, fit })
+}
+
 /// Fits a candidate on to the end from where it stands.
 pub fn finish(ground: &Ground<'_, '_>, candidate: &Candidate) -> Candidate {
     let free = free_parameters(ground.file, &candidate.added);

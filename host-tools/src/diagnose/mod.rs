@@ -205,7 +205,6 @@ fn diagnose_all(
     progress("refit of the nominal structure");
     let (refit, determined, identified) = identify::refit(file, &fitter);
     let file = &determined;
-    let judge = Judge::new(file, &fitter, &held_out_runs);
     if !refit.fit.sse().is_finite() {
         return Err(InputError::new(
             "the model cannot be simulated over these recordings: it diverges",
@@ -214,6 +213,7 @@ fn diagnose_all(
         .in_file(&file.path));
     }
     let floor = floor.with_input(&fitter, &refit.fit.model, request.seed);
+    let judge = Judge::new(file, &fitter, &held_out_runs, floor.input);
     progress("where the gap lives");
     let gap = localise(&refit.fit.model, recordings, floor.white);
 
