@@ -11,6 +11,7 @@ use model_core::actuator::MAX_EFFECTS;
 use model_core::catalogue::Kind;
 use rayon::prelude::*;
 
+use super::bootstrap::{SIGNIFICANT, chance};
 use super::candidates::{Candidate, Ground, released};
 use super::holdout::Judge;
 use super::noise::NoiseFloor;
@@ -24,11 +25,14 @@ use crate::model_file::parameter_name;
 /// ones 72 % at most where one effect was fitted …
 const GAP_CUT: f64 = 0.75;
 
-/// … and 82 % at most where several were: together they imitate more.
-const GAP_CUT_SEVERAL: f64 = 0.85;
+/// … but several together imitate more.
+const GAP_CUT_SEVERAL: f64 = 0.8;
 
 /// As many rivals are shown.
 const RIVALS_SHOWN: usize = 3;
+
+/// As many rivals can gain by chance.
+const RIVALS_DRAWN: usize = 8;
 
 /// As many rivals are held against each other when a run is planned.
 const RIVALS_PLANNED: usize = 3;
@@ -108,6 +112,8 @@ pub struct Court<'a, 'r> {
     pub floor: &'a NoiseFloor,
     /// The effects that were tried.
     pub kinds: &'a [Kind],
+    /// Seed of the noise that is drawn.
+    pub seed: u64,
 }
 
 impl Court<'_, '_> {
@@ -260,7 +266,8 @@ impl Court<'_, '_> {
     fn choose(&self, refit: &Candidate, pool: &[Candidate], scoring: &Scoring<'_>) -> usize {
         let mut chosen = 0;
         for size in 1..=MAX_EFFECTS {
-            let Some(best) = scoring.rank(pool, size).first().map(|first| first.index) else {
+            let ranked = scoring.rank(pool, size);
+            let Some(best) = ranked.first().map(|first| first.index) else {
                 break;
             };
             let (smaller, larger) = (&pool[chosen], &pool[best]);
@@ -268,11 +275,22 @@ impl Court<'_, '_> {
             let evidence = scoring.score(smaller) - scoring.score(larger);
             if evidence >= required_evidence(more, self.kinds.len())
                 && self.growth(refit, smaller, larger).pays()
+                && self.chance(pool, smaller, &ranked) <= SIGNIFICANT
             {
                 chosen = best;
             }
         }
         chosen
+    }
+
+    /// The probability that noise alone lets the best of its size gain as much.
+    fn chance(&self, pool: &[Candidate], smaller: &Candidate, ranked: &[Ranked]) -> f64 {
+        let rivals: Vec<&Candidate> = ranked
+            .iter()
+            .take(RIVALS_DRAWN)
+            .map(|entry| &pool[entry.index])
+            .collect();
+        chance(self.ground.fitter, smaller, &rivals, self.seed)
     }
 
     fn growth(&self, refit: &Candidate, smaller: &Candidate, larger: &Candidate) -> Growth {
