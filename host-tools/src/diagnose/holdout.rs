@@ -127,6 +127,11 @@ impl<'a, 'r> Judge<'a, 'r> {
         found
     }
 
+    /// What nothing can remove from the error on the held-out runs (rad).
+    pub fn floor(&self) -> f64 {
+        self.floor
+    }
+
     /// Share of the held-out gap between refit and noise floor that a structure
     /// removes.
     pub fn gap_closed(&self, refit: &Candidate, candidate: &Candidate) -> f64 {

@@ -28,6 +28,13 @@ const GAP_CUT: f64 = 0.75;
 /// … but several together imitate more.
 const GAP_CUT_SEVERAL: f64 = 0.8;
 
+/// What is left may be so many times the noise: the right effect by another
+/// formula left up to 1.4 times …
+const LEFT: f64 = 1.45;
+
+/// … unless the gap was so large that this share of it is removed.
+const GAP_CUT_LARGE: f64 = 0.9;
+
 /// As many rivals are shown.
 const RIVALS_SHOWN: usize = 3;
 
@@ -180,7 +187,9 @@ impl Court<'_, '_> {
 
     /// Whether a structure explains enough of the gap to be given as a cause.
     fn explains(&self, refit: &Candidate, candidate: &Candidate) -> bool {
-        let cut = if candidate.added.len() > 1 {
+        let cut = if self.judge.error_of(candidate) > LEFT * self.judge.floor() {
+            GAP_CUT_LARGE
+        } else if candidate.added.len() > 1 {
             GAP_CUT_SEVERAL
         } else {
             GAP_CUT

@@ -37,6 +37,13 @@ const RIVALS_SHOWN: usize = 3;
 /// Structures that are fitted to the end in the place of one effect of the best.
 const SWAPPED: usize = 3;
 
+/// Where no combination removes this share of the gap at a glance, none will be
+/// named, …
+const WORTH_FINISHING: f64 = 0.4;
+
+/// … and only so many are fitted to the end, to be shown.
+const SHOWN_ANYHOW: usize = 2;
+
 /// A pair that removes less than this share of the gap is not extended: with a
 /// third effect it would not be named either.
 const WORTH_A_THIRD: f64 = 0.5;
@@ -54,6 +61,9 @@ pub fn search(
     progress: Progress<'_>,
 ) -> Pool {
     let mut pool = vec![refit.clone()];
+    let before = ground.excerpt.compare(&refit.fit.model).rmse();
+    // The error on the excerpt from which finishing is worth while.
+    let worth = before - WORTH_FINISHING * (before - floor.rms).max(0.0);
     let room = MAX_EFFECTS - ground.file.model.effects().count();
     for size in 1..=room {
         let best = smallest(&pool, size - 1, BEAM[size - 1]);
@@ -72,16 +82,16 @@ pub fn search(
             _ => format!("combinations of {size} effects"),
         });
         let bases: Vec<&Candidate> = best.iter().map(|&k| &pool[k]).collect();
-        let found = extend(
-            ground,
-            kinds,
-            &bases,
-            FOLLOWED[size - 1],
-            FINISHED[size - 1],
-        );
+        let width = Width {
+            followed: FOLLOWED[size - 1],
+            finished: FINISHED[size - 1],
+            worth: if size > 1 { worth } else { f64::INFINITY },
+        };
+        let found = extend(ground, kinds, &bases, width);
         pool.extend(found);
         if size > 1 {
-            let swapped = swap(ground, kinds, &pool, size);
+            let finished = SWAPPED;
+            let swapped = swap(ground, kinds, &pool, size, Width { finished, ..width });
             pool.extend(swapped);
         }
     }
@@ -95,6 +105,7 @@ fn swap(
     kinds: &[Kind],
     pool: &[Candidate],
     size: usize,
+    width: Width,
 ) -> Vec<Candidate> {
     let Some(best) = smallest(pool, size, 1).first().map(|&k| &pool[k]) else {
         return Vec::new();
@@ -121,7 +132,7 @@ fn swap(
                 !known.contains(&set)
             })
             .collect();
-        let better = extend(ground, &others, &[rest], FOLLOWED[size - 1], SWAPPED);
+        let better = extend(ground, &others, &[rest], width);
         known.extend(better.iter().map(Candidate::set));
         found.extend(better);
     }
@@ -142,14 +153,23 @@ fn is_done(candidate: &Candidate, floor: &NoiseFloor) -> bool {
     adequate(&candidate.fit, floor) || candidate.fit.rmse() <= FORMULA * floor.rms
 }
 
-/// The best structures that have one effect more than `bases`: as many as
-/// `followed` are fitted at a glance, and of those `finished` to the end.
+/// How many structures each sieve lets through.
+#[derive(Clone, Copy)]
+struct Width {
+    /// Fitted at a glance.
+    followed: usize,
+    /// Fitted to the end …
+    finished: usize,
+    /// … if one of them is below this error on the excerpt (rad).
+    worth: f64,
+}
+
+/// The best structures that have one effect more than `bases`.
 fn extend(
     ground: &Ground<'_, '_>,
     kinds: &[Kind],
     bases: &[&Candidate],
-    followed: usize,
-    finished: usize,
+    width: Width,
 ) -> Vec<Candidate> {
     let pairs: Vec<(&Candidate, Kind)> = bases
         .iter()
@@ -167,13 +187,19 @@ fn extend(
     promises.sort_by(|a, b| a.sse.total_cmp(&b.sse));
     let mut seen = BTreeSet::new();
     promises.retain(|promise| seen.insert(promise.set()));
-    promises.truncate(followed);
+    promises.truncate(width.followed);
     let mut glances: Vec<Candidate> = promises
         .par_iter()
         .filter_map(|promise| glance(ground, promise))
         .collect();
     glances.sort_by(|a, b| a.fit.sse().total_cmp(&b.fit.sse()));
-    glances.truncate(finished);
+    glances.truncate(width.finished);
+    if glances
+        .first()
+        .is_some_and(|best| best.fit.rmse() > width.worth)
+    {
+        glances.truncate(SHOWN_ANYHOW);
+    }
     let hopeless = HOPELESS * glances.first().map_or(0.0, |best| best.fit.sse());
     let least = glances.len().min(RIVALS_SHOWN);
     let keep = glances.partition_point(|candidate| candidate.fit.sse() <= hopeless);
