@@ -149,6 +149,9 @@ pub struct Panel {
     pub levels: Vec<f64>,
     /// Height relative to the other rows; 1 is usual.
     pub weight: f64,
+    /// Whether the labels of the curves are listed above; not where the text
+    /// around the picture does.
+    pub legend: bool,
 }
 
 impl Panel {
@@ -164,6 +167,7 @@ impl Panel {
             y_range: None,
             levels: Vec::new(),
             weight: 1.0,
+            legend: true,
         }
     }
 
@@ -200,6 +204,12 @@ impl Panel {
     /// Adds a thin horizontal line.
     pub fn with_level(mut self, level: f64) -> Self {
         self.levels.push(level);
+        self
+    }
+
+    /// Shows or hides the labels of the curves.
+    pub fn with_legend(mut self, legend: bool) -> Self {
+        self.legend = legend;
         self
     }
 

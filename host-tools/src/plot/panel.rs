@@ -93,7 +93,11 @@ impl Placed {
             78.0,
         );
         let title = wrap(&panel.title, PANEL_TITLE_PX, area.right - area.left);
-        let legend = legend_rows(panel, area.right - area.left);
+        let legend = if panel.legend {
+            legend_rows(panel, area.right - area.left)
+        } else {
+            Vec::new()
+        };
         let legend_beside_title = legend.len() == 1
             && title.len() <= 1
             && title
