@@ -99,6 +99,9 @@ struct Sample {
     features: [f64; NAMES.len()],
 }
 
+/// The feature on which the runs are folded.
+pub const SINCE_LAST_EDGE: &str = "time since the last command edge";
+
 /// Name and unit of each feature.
 const NAMES: [(&str, &str); 9] = [
     ("angle", "°"),
@@ -106,7 +109,7 @@ const NAMES: [(&str, &str); 9] = [
     ("sign of angular velocity", ""),
     ("pressure", "kPa"),
     ("rate of the pressure", "kPa/s"),
-    ("time since the last command edge", "s"),
+    (SINCE_LAST_EDGE, "s"),
     ("time in the run", "s"),
     ("largest angle so far", "°"),
     ("run", "number"),

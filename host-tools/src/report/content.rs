@@ -256,13 +256,9 @@ impl Content {
             named,
             closed: named.then(|| {
                 format!(
-                    "On runs that were not fitted it closes {} of the gap to the noise{}.",
+                    "On runs that were not fitted it closes {} of the gap to the noise; {}.",
                     percent(diagnosis.adequacy.holdout_gap_closed),
-                    if diagnosis.adequacy.adequate {
-                        ", and what is left is noise"
-                    } else {
-                        "; what is left is still more than noise"
-                    }
+                    left_over(diagnosis)
                 )
             }),
             effects: effects(diagnosis),
@@ -333,18 +329,16 @@ fn lede(diagnosis: &Diagnosis) -> String {
              {nominal} to {refit}, where noise alone leaves {floor}. Use the refitted model; no \
              physics has to be added."
         ),
-        Answer::EffectFound => {
-            let form = if diagnosis.adequacy.exact_form {
-                "what is left cannot be told from noise"
+        Answer::EffectFound => format!(
+            "On runs that were not fitted, refitting alone leaves {refit}. With {} it is \
+             {repaired}, where noise alone leaves {floor}: {}.",
+            if diagnosis.repaired.added.len() == 1 {
+                "the effect added"
             } else {
-                "what is left is small but more than noise, so the kind of effect is right \
-                 and its formula perhaps not to the letter"
-            };
-            format!(
-                "On runs that were not fitted, refitting alone leaves {refit}. With the effect \
-                 added it is {repaired}, where noise alone leaves {floor}: {form}."
-            )
-        }
+                "the effects added"
+            },
+            left_over(diagnosis)
+        ),
         Answer::CannotTell => format!(
             "Refitting the parameters leaves {refit} on runs that were not fitted, where noise \
              alone leaves {floor}. Several explanations close that gap, and these recordings \
@@ -363,6 +357,17 @@ fn lede(diagnosis: &Diagnosis) -> String {
                  missing force itself: how large it is, and when."
             )
         }
+    }
+}
+
+/// What the repaired model leaves, as a clause.
+fn left_over(diagnosis: &Diagnosis) -> &'static str {
+    if diagnosis.adequacy.adequate {
+        "what is left is noise"
+    } else if diagnosis.held_out.at_noise() {
+        "what is left is hardly more than noise"
+    } else {
+        "what is left is still more than noise"
     }
 }
 
@@ -451,11 +456,7 @@ fn keys(diagnosis: &Diagnosis) -> Vec<Key> {
             key(
                 "share of the gap closed",
                 percent(diagnosis.adequacy.holdout_gap_closed),
-                if diagnosis.adequacy.adequate {
-                    "what is left is noise"
-                } else {
-                    "what is left is more than noise"
-                },
+                left_over(diagnosis),
             ),
             key(
                 "probability",
@@ -613,7 +614,7 @@ fn effects(diagnosis: &Diagnosis) -> Vec<Effect> {
                 text: info.text,
                 place: match info.place {
                     Place::Input => "between the pressure sensor and the chamber",
-                    Place::Force => "on the forces",
+                    Place::Force => "in the balance of forces",
                     Place::Sensor => "between the angle and what its sensor shows",
                 },
                 probability: probability(diagnosis.probability.get(offset).copied().unwrap_or(0.0)),
@@ -745,8 +746,17 @@ fn tried_row(tried: &Tried, diagnosis: &Diagnosis) -> TriedRow {
         fitted: number(tried.rmse.to_degrees()),
         held_out: number(tried.held_out.to_degrees()),
         closed: percent(tried.gap_closed),
-        delta_bic: format!("{:.0}", tried.delta_bic),
-        probability: probability(tried.probability),
+        // The refit has no rival of its size.
+        delta_bic: if tried.kinds.is_empty() {
+            "–".into()
+        } else {
+            format!("{:.0}", tried.delta_bic)
+        },
+        probability: if tried.kinds.is_empty() {
+            "–".into()
+        } else {
+            probability(tried.probability)
+        },
         standing: if !tried.kinds.is_empty()
             && sorted(&tried.kinds) == sorted(&diagnosis.repaired.added)
         {
@@ -834,10 +844,10 @@ fn open(diagnosis: &Diagnosis) -> Vec<String> {
                 ));
             }
             if !diagnosis.adequacy.exact_form {
-                open.push(
-                    "Whether its formula holds to the letter: something more than noise is left."
-                        .into(),
-                );
+                open.push(format!(
+                    "Whether the formula holds to the letter, or only the kind of effect: {}.",
+                    left_over(diagnosis)
+                ));
             }
         }
         Answer::CannotTell => open.push(

@@ -12,12 +12,13 @@ use serde::Serialize;
 
 use super::content::{Content, degrees, percent, short};
 use super::pictures::{
-    MEASURED, curves_of, feature_figure, force_figure, map_figure, run_figure, style_of,
+    MEASURED, curves_of, feature_figure, force_figure, largest_forces, map_figure, run_figure,
+    style_of,
 };
 use super::provenance::Provenance;
 use super::runs::{RunView, runs};
 use crate::cmd::fit::number;
-use crate::diagnose::localise::Gap;
+use crate::diagnose::localise::{Feature, Gap, SINCE_LAST_EDGE};
 use crate::diagnose::verdict::Answer;
 use crate::diagnose::{Diagnosis, Request};
 use crate::plot::{Figure, Mark, PlotError, css_colour, diverging, to_inline_svg};
@@ -29,11 +30,13 @@ const SCRIPT: &str = include_str!("assets/script.js");
 /// Runs that are drawn; others stand in the table only.
 const RUNS_DRAWN: usize = 12;
 
-/// Features that are drawn, those that explain most.
+/// Features that are drawn besides the time since the last edge: those that
+/// explain most. An even number fills the rows.
 const FEATURES_DRAWN: usize = 4;
 
-/// A feature that explains less than this is not worth a picture.
-const FEATURE_WORTH: f64 = 0.05;
+/// A feature that explains less than this is not worth a picture, unless it
+/// is one of the first two.
+const FEATURE_WORTH: f64 = 0.1;
 
 /// Why a page could not be made.
 #[derive(Debug, thiserror::Error)]
@@ -138,10 +141,9 @@ pub fn page(
     let views = runs(request, diagnosis);
     let drawn = most_telling(&views);
     let missing = content.something_is_missing();
-    let shown: Vec<(usize, &str)> = drawn
-        .iter()
-        .filter(|&&view| !views[view].held_out)
-        .map(|&view| (views[view].index, views[view].recording.name.as_str()))
+    let shown: Vec<(usize, &str)> = largest_forces(diagnosis)
+        .into_iter()
+        .filter_map(|index| Some((index, views.get(index)?.recording.name.as_str())))
         .collect();
     let filled = Page {
         style: STYLE,
@@ -206,9 +208,29 @@ pub fn page(
     };
     let mut environment = Environment::new();
     environment.set_undefined_behavior(UndefinedBehavior::Strict);
+    environment.add_filter("set", set);
     // The name decides that values are escaped.
     environment.add_template("report.html", TEMPLATE)?;
-    Ok(environment.get_template("report.html")?.render(Serde(&filled))?)
+    Ok(environment
+        .get_template("report.html")?
+        .render(Serde(&filled))?)
+}
+
+/// Sets a text as print would: a number keeps its unit on the line, and a minus
+/// is not a hyphen.
+#[allow(clippy::needless_pass_by_value)] // the signature that a filter has
+fn set(text: String) -> String {
+    let text = text.replace(" %", "\u{a0}%").replace(" N ", "\u{a0}N ");
+    let mut set = String::with_capacity(text.len());
+    let mut before = ' ';
+    let mut letters = text.chars().peekable();
+    while let Some(letter) = letters.next() {
+        let number_follows = letters.peek().is_some_and(char::is_ascii_digit);
+        let is_minus = letter == '-' && number_follows && matches!(before, ' ' | '(' | 'e');
+        set.push(if is_minus { '−' } else { letter });
+        before = letter;
+    }
+    set
 }
 
 /// The runs that are drawn, in their order: all of them, or those on which the
@@ -236,25 +258,31 @@ fn force_picture(gap: &Gap, shown: &[(usize, &str)]) -> Result<Picture, PlotErro
         &force_figure(gap, shown),
         "Over the time in each run".into(),
         format!(
-            "One line for each run: the force that the refitted model lacks, {} N RMS, estimated \
-             from the angle alone.",
+            "The force that the refitted model lacks, estimated from the angle alone: {} N RMS. \
+             Drawn are the runs that lack most.",
             short(gap.rms)
         ),
     )
 }
 
 fn features(gap: &Gap) -> Result<Vec<Picture>, PlotError> {
+    let folded = |feature: &&Feature| feature.name == SINCE_LAST_EDGE;
+    let mut others: Vec<&Feature> = gap
+        .features
+        .iter()
+        // The number of a run is no state; the pictures of runs show it.
+        .filter(|feature| !folded(feature) && feature.unit != "number")
+        .enumerate()
+        .filter(|(place, feature)| *place < 2 || feature.share > FEATURE_WORTH)
+        .map(|(_, feature)| feature)
+        .take(FEATURES_DRAWN)
+        .collect();
+    others.truncate(others.len() / 2 * 2);
     gap.features
         .iter()
-        .enumerate()
-        .filter(|(place, feature)| {
-            // The number of a run is no state; the pictures of runs show it.
-            feature.unit != "number"
-                && *place < FEATURES_DRAWN + 1
-                && (feature.share > FEATURE_WORTH || *place == 0)
-        })
-        .take(FEATURES_DRAWN)
-        .map(|(_, feature)| {
+        .filter(folded)
+        .chain(others)
+        .map(|feature| {
             picture(
                 &feature_figure(feature),
                 format!("Against the {}", feature.name),
@@ -384,4 +412,17 @@ fn noise(diagnosis: &Diagnosis) -> Vec<[String; 2]> {
         degrees(floor.input),
     ]);
     rows
+}
+
+#[cfg(test)]
+mod tests {
+    use super::set;
+
+    #[test]
+    fn a_minus_is_not_a_hyphen() {
+        assert_eq!(
+            set("-0.97 and 2e-5 (-3), run-1, 5 % of 2 N RMS".into()),
+            "−0.97 and 2e−5 (−3), run-1, 5\u{a0}% of 2\u{a0}N RMS"
+        );
+    }
 }

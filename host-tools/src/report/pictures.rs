@@ -166,22 +166,42 @@ pub fn run_figure(run: &RunView<'_>, answer: Answer) -> Figure {
         .with_level(0.0)
         .with_weight(0.75);
     for (label, style, residual) in below.iter().map(|label| curve(label)) {
+        // Noise would fill the picture with wider lines.
+        let style = Style::new(style.role, Mark::Thin);
         errors = errors.with_series(Series::new(label, time, residual, style));
     }
     column().with_panel(angles).with_panel(errors)
 }
 
-/// The missing force over the time in each of some runs.
+/// Runs whose missing force is drawn: as many as there are colours.
+const FORCES_DRAWN: usize = 4;
+
+/// The runs with the largest missing force, one of each group of repeats, by
+/// their index among the fitted ones.
+pub fn largest_forces(diagnosis: &Diagnosis) -> Vec<usize> {
+    let forces = &diagnosis.gap.runs;
+    let mut order: Vec<usize> = (0..forces.len()).collect();
+    order.sort_by(|&a, &b| rms(&forces[b].force).total_cmp(&rms(&forces[a].force)));
+    let mut shown = Vec::new();
+    for index in order {
+        if shown.len() < FORCES_DRAWN && !with_repeats(&diagnosis.floor, &shown).contains(&index) {
+            shown.push(index);
+        }
+    }
+    shown.sort_unstable();
+    shown
+}
+
+/// The missing force over the time in each of some runs, with their names.
 pub fn force_figure(gap: &Gap, shown: &[(usize, &str)]) -> Figure {
     let mut panel = Panel::new("time (s)", "missing force (N)")
         .with_legend(false)
-        .with_level(0.0)
-        .with_weight(1.2);
+        .with_level(0.0);
     for (place, &(index, name)) in shown.iter().enumerate() {
         let Some(series) = gap.runs.get(index) else {
             continue;
         };
-        let style = Style::new(Role::Other(place), Mark::Thin);
+        let style = Style::new(Role::Other(place), Mark::Line);
         panel = panel.with_series(
             Series::new(name, &series.time, &series.force, style).with_key(index.to_string()),
         );
@@ -269,7 +289,7 @@ pub fn map_figure(map: &ForceMap) -> Option<(Figure, f64)> {
     )
     .with_x_range(x.0, x.1)
     .with_y_range(y.0, y.1)
-    .with_weight(1.7)
+    .with_weight(1.5)
     .with_cells(cells);
     Some((column().with_panel(panel), scale))
 }
