@@ -167,7 +167,9 @@ fn hashes_are_those_of_the_files() {
             .iter()
             .map(|path| {
                 let digest = Sha256::digest(fs::read(path).unwrap());
-                digest.iter().map(|byte| format!("{byte:02x}")).collect()
+                digest
+                    .iter()
+                    .fold(String::new(), |text, byte| text + &format!("{byte:02x}"))
             })
             .collect();
         assert_eq!(shown, found);

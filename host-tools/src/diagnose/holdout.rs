@@ -75,7 +75,7 @@ impl HeldOut {
 
 /// Share of the gap between `before` and `floor` that `after` removes, at most
 /// 1; negative for a repair that makes it worse.
-fn share_closed(before: f64, after: f64, floor: f64) -> f64 {
+pub fn share_closed(before: f64, after: f64, floor: f64) -> f64 {
     let gap = before - floor;
     if gap <= 0.0 {
         return 0.0;

@@ -9,6 +9,7 @@ use model_core::effects::Place;
 use serde::Serialize;
 
 use crate::cmd::fit::number;
+use crate::diagnose::holdout::share_closed;
 use crate::diagnose::judge::Tried;
 use crate::diagnose::noise::NoiseFloor;
 use crate::diagnose::verdict::Answer;
@@ -389,24 +390,17 @@ fn key(label: &str, value: String, note: impl Into<String>) -> Key {
     }
 }
 
-/// Four numbers that carry the verdict.
+/// Four numbers that carry the verdict: the error, the noise that bounds it,
+/// and two that depend on the answer.
 fn keys(diagnosis: &Diagnosis) -> Vec<Key> {
-    const ERROR: &str = "error on runs not fitted";
     let held_out = &diagnosis.held_out;
     let noise = key(
         "noise floor",
         degrees(held_out.floor),
         noise_source(&diagnosis.floor),
     );
-    let from_to = |from: f64, to: f64| format!("{} → {}", short(from.to_degrees()), degrees(to));
-    match diagnosis.answer {
-        Answer::NoDiscrepancy => vec![
-            key(
-                ERROR,
-                degrees(held_out.nominal),
-                "RMS of the model as supplied",
-            ),
-            noise,
+    let [third, fourth] = match diagnosis.answer {
+        Answer::NoDiscrepancy => [
             key(
                 "error over noise",
                 format!(
@@ -418,88 +412,36 @@ fn keys(diagnosis: &Diagnosis) -> Vec<Key> {
             key(
                 "runs",
                 diagnosis.nominal.residuals.len().to_string(),
-                format!("with {} samples", diagnosis.nominal.samples()),
+                format!("fitted, with {} samples", diagnosis.nominal.samples()),
             ),
         ],
-        Answer::ParametersOnly => {
-            let gap = held_out.nominal - held_out.floor;
-            let closed = if gap > 0.0 {
-                ((held_out.nominal - held_out.refit) / gap).clamp(-1.0, 1.0)
-            } else {
-                0.0
-            };
-            vec![
-                key(
-                    ERROR,
-                    from_to(held_out.nominal, held_out.refit),
-                    "RMS, nominal → refitted",
-                ),
-                noise,
-                key(
-                    "share of the gap closed",
-                    percent(closed),
-                    "by parameters alone",
-                ),
-                key("effects needed", "0".into(), "what is left is noise"),
-            ]
-        }
-        Answer::EffectFound => vec![
-            key(
-                ERROR,
-                from_to(held_out.refit, held_out.repaired_on_board),
-                format!(
-                    "RMS, refitted → repaired; nominal {}",
-                    degrees(held_out.nominal)
-                ),
+        Answer::ParametersOnly => [
+            closed_key(
+                share_closed(held_out.nominal, held_out.refit, held_out.floor),
+                "by parameters alone",
             ),
-            noise,
-            key(
-                "share of the gap closed",
-                percent(diagnosis.adequacy.holdout_gap_closed),
-                left_over(diagnosis),
-            ),
-            key(
-                "probability",
-                diagnosis
-                    .probability
-                    .iter()
-                    .copied()
-                    .reduce(f64::min)
-                    .map_or_else(|| "–".into(), probability),
+            key("effects needed", "0".into(), "what is left is noise"),
+        ],
+        Answer::EffectFound => [
+            closed_key(diagnosis.adequacy.holdout_gap_closed, left_over(diagnosis)),
+            probability_key(
+                diagnosis.probability.iter().copied().reduce(f64::min),
                 "among what was tried",
             ),
         ],
-        Answer::CannotTell => vec![
-            key(
-                ERROR,
-                from_to(held_out.nominal, held_out.refit),
-                "RMS, nominal → refitted",
-            ),
-            noise,
-            key(
-                "share of the gap closed",
-                best_closed(diagnosis).map_or_else(|| "–".into(), percent),
+        Answer::CannotTell => [
+            closed_key(
+                best_closed(diagnosis).unwrap_or(0.0),
                 "by the best explanation",
             ),
-            key(
-                "probability",
-                diagnosis
-                    .alternatives
-                    .first()
-                    .map_or_else(|| "–".into(), |best| probability(best.probability)),
+            probability_key(
+                diagnosis.alternatives.first().map(|best| best.probability),
                 "of the best explanation: too little for a name",
             ),
         ],
-        Answer::Unexplained => vec![
-            key(
-                ERROR,
-                from_to(held_out.nominal, held_out.refit),
-                "RMS, nominal → refitted",
-            ),
-            noise,
-            key(
-                "share of the gap closed",
-                best_closed(diagnosis).map_or_else(|| "–".into(), percent),
+        Answer::Unexplained => [
+            closed_key(
+                best_closed(diagnosis).unwrap_or(0.0),
                 "by the best that was tried",
             ),
             key(
@@ -511,7 +453,44 @@ fn keys(diagnosis: &Diagnosis) -> Vec<Key> {
                 ),
             ),
         ],
-    }
+    };
+    vec![error_key(diagnosis), noise, third, fourth]
+}
+
+/// The error on runs that were not fitted, before and after.
+fn error_key(diagnosis: &Diagnosis) -> Key {
+    let held_out = &diagnosis.held_out;
+    let from_to = |from: f64, to: f64| format!("{} → {}", short(from.to_degrees()), degrees(to));
+    let (value, note) = match diagnosis.answer {
+        Answer::NoDiscrepancy => (
+            degrees(held_out.nominal),
+            "RMS of the model as supplied".into(),
+        ),
+        Answer::EffectFound => (
+            from_to(held_out.refit, held_out.repaired_on_board),
+            format!(
+                "RMS, refitted → repaired; nominal {}",
+                degrees(held_out.nominal)
+            ),
+        ),
+        Answer::ParametersOnly | Answer::CannotTell | Answer::Unexplained => (
+            from_to(held_out.nominal, held_out.refit),
+            "RMS, nominal → refitted".into(),
+        ),
+    };
+    key("error on runs not fitted", value, note)
+}
+
+fn closed_key(share: f64, note: &str) -> Key {
+    key("share of the gap closed", percent(share), note)
+}
+
+fn probability_key(value: Option<f64>, note: &str) -> Key {
+    key(
+        "probability",
+        value.map_or_else(|| "–".into(), probability),
+        note,
+    )
 }
 
 /// Where the noise floor comes from.

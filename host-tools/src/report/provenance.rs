@@ -69,12 +69,17 @@ impl Source {
             role,
             path: path.display().to_string(),
             bytes: bytes.len(),
-            sha256: Sha256::digest(&bytes)
-                .iter()
-                .map(|byte| format!("{byte:02x}"))
-                .collect(),
+            sha256: hexadecimal(&Sha256::digest(&bytes)),
         })
     }
+}
+
+fn hexadecimal(bytes: &[u8]) -> String {
+    let mut text = String::with_capacity(2 * bytes.len());
+    for byte in bytes {
+        text += &format!("{byte:02x}");
+    }
+    text
 }
 
 /// The command line of this process, so that it can be typed again.
