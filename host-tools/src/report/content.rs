@@ -770,11 +770,13 @@ fn untried(diagnosis: &Diagnosis) -> Vec<Untried> {
 
 /// The runs that would separate the rivals.
 fn next(request: &Request<'_>, diagnosis: &Diagnosis) -> Vec<NextRun> {
-    let files = request
+    let files: Vec<String> = request
         .recordings
         .iter()
-        .map(|recording| quoted(&recording.path.to_string_lossy()));
-    let files: Vec<String> = files.collect();
+        .enumerate()
+        .filter(|(index, _)| Some(*index) != diagnosis.left_out)
+        .map(|(_, recording)| quoted(&recording.path.to_string_lossy()))
+        .collect();
     diagnosis
         .proposals
         .iter()
@@ -892,6 +894,9 @@ fn probability(value: f64) -> String {
 
 /// A share in whole percent.
 pub(crate) fn percent(share: f64) -> String {
+    if !share.is_finite() {
+        return "–".into();
+    }
     format!("{:.0} %", 100.0 * share).replace('-', "−")
 }
 
@@ -902,7 +907,10 @@ pub(crate) fn degrees(radians: f64) -> String {
 
 /// Three significant digits, as many as a sentence can use.
 pub(crate) fn short(value: f64) -> String {
-    if value == 0.0 || !value.is_finite() {
+    if !value.is_finite() {
+        return "–".into();
+    }
+    if value == 0.0 {
         return "0".into();
     }
     // Decimals of three significant digits; at most six.
@@ -931,7 +939,8 @@ mod tests {
         assert_eq!(listed(&["a", "b", "c"]), "a, b and c");
         assert_eq!(short(0.486_71), "0.487");
         assert_eq!(short(-27.93), "−27.9");
-        assert_eq!(short(f64::NAN), "0");
+        assert_eq!(short(f64::NAN), "–");
+        assert_eq!(percent(f64::NAN), "–");
         assert_eq!(percent(-0.12), "−12 %");
         assert_eq!(probability(0.999), "> 0.99");
     }

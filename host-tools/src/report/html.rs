@@ -15,7 +15,7 @@ use super::pictures::{
     MEASURED, curves_of, feature_figure, force_figure, largest_forces, map_figure, run_figure,
     style_of,
 };
-use super::provenance::Provenance;
+use super::provenance::{Provenance, Source};
 use super::runs::{RunView, runs};
 use crate::cmd::fit::number;
 use crate::diagnose::localise::{Feature, Gap, SINCE_LAST_EDGE};
@@ -121,6 +121,7 @@ struct Page<'a> {
     model_text: String,
     noise: Vec<[String; 2]>,
     provenance: &'a Provenance,
+    files: Vec<Source>,
     seed: u64,
     seconds: String,
 }
@@ -202,6 +203,7 @@ pub fn page(
             .file
             .text_with(&diagnosis.repaired.fit.model, "# Added by rig diagnose.\n"),
         noise: noise(diagnosis),
+        files: files(diagnosis, provenance),
         provenance,
         seed: request.seed,
         seconds: format!("{seconds:.1}"),
@@ -257,11 +259,9 @@ fn force_picture(gap: &Gap, shown: &[(usize, &str)]) -> Result<Picture, PlotErro
     picture(
         &force_figure(gap, shown),
         "Over the time in each run".into(),
-        format!(
-            "The force that the refitted model lacks, estimated from the angle alone: {} N RMS. \
-             Drawn are the runs that lack most.",
-            short(gap.rms)
-        ),
+        "The force that the refitted model lacks, estimated from the angle alone. Drawn are \
+         the runs that lack most."
+            .into(),
     )
 }
 
@@ -386,6 +386,18 @@ fn run_row(view: &RunView<'_>) -> RunRow {
             .filter(|_| !view.held_out)
             .map(|[_, refit, repaired]| [refit, repaired].map(number)),
     }
+}
+
+/// The files with what became of them: the model, then the recordings.
+fn files(diagnosis: &Diagnosis, provenance: &Provenance) -> Vec<Source> {
+    let mut files = provenance.files.clone();
+    if let Some(file) = diagnosis
+        .left_out
+        .and_then(|recording| files.get_mut(1 + recording))
+    {
+        file.role = "left out";
+    }
+    files
 }
 
 /// Where the noise floor comes from.
