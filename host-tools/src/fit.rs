@@ -19,6 +19,7 @@ use nalgebra::{DMatrix, DVector, Dyn};
 use rayon::prelude::*;
 
 use crate::checkpoint::{Checkpoint, fingerprint};
+use crate::denoise;
 use crate::dual::Dual;
 use crate::information::{Block, Information};
 use crate::recording::Recording;
@@ -44,13 +45,14 @@ pub struct Run<'a> {
 }
 
 impl<'a> Run<'a> {
-    /// Prepares a recording: interpolates its pressure and decides from its
-    /// first samples whether it starts at rest.
+    /// Prepares a recording: decides from its first samples whether it starts
+    /// at rest, takes the noise from its pressure and interpolates that.
     pub fn new(recording: &'a Recording) -> Self {
         let (start, moving) = find_start(recording);
+        let pressure = denoise::pressure(recording);
         Self {
             recording,
-            signal: Signal::pressure(recording),
+            signal: Signal::new(recording.time.clone(), pressure),
             start,
             moving,
             interval: recording.interval(),
@@ -112,6 +114,25 @@ impl<'a> Run<'a> {
 /// Decides how a recording starts: at rest, from the samples before anything
 /// moves, or in motion, from a parabola through its first samples.
 fn find_start(recording: &Recording) -> (Start<f64>, bool) {
+    let noise = noise_by_differences(&recording.angle).max(1e-9);
+    let rest = rest_at_start(recording);
+    if rest == 0 {
+        return (initial_motion(recording), true);
+    }
+    let angle = mean(&recording.angle[..rest]);
+    let uncertainty = noise / (rest as f64).sqrt();
+    // The zero is a tare at rest; a mean that does not contradict it is it.
+    let angle = if angle.abs() < 4.0 * uncertainty {
+        0.0
+    } else {
+        angle
+    };
+    (Start { angle, rate: 0.0 }, false)
+}
+
+/// Samples, of the first second, before pressure or angle move; zero if the
+/// recording starts in motion.
+pub fn rest_at_start(recording: &Recording) -> usize {
     /// Fewer samples than this do not show a rest.
     const FEWEST: usize = 5;
     /// A rest longer than this (s) adds nothing.
@@ -133,18 +154,7 @@ fn find_start(recording: &Recording) -> (Start<f64>, bool) {
                 && (recording.angle[k] - first_angle).abs() <= 5.0 * noise
         })
         .count();
-    if rest >= FEWEST {
-        let angle = mean(&recording.angle[..rest]);
-        let uncertainty = noise / (rest as f64).sqrt();
-        // The zero is a tare at rest; a mean that does not contradict it is it.
-        let angle = if angle.abs() < 4.0 * uncertainty {
-            0.0
-        } else {
-            angle
-        };
-        return (Start { angle, rate: 0.0 }, false);
-    }
-    (initial_motion(recording), true)
+    if rest >= FEWEST { rest } else { 0 }
 }
 
 /// Angle and rate at the first sample, from a parabola through the first ten.

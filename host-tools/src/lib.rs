@@ -4,6 +4,7 @@
 
 pub mod checkpoint;
 pub mod cmd;
+pub mod denoise;
 pub mod diagnose;
 pub mod dual;
 pub mod error;

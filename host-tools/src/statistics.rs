@@ -97,10 +97,19 @@ pub fn correlated_rms(runs: &[Vec<f64>]) -> f64 {
 /// is taken: what is returned is an upper bound of the noise that becomes
 /// tight when the sampling is fast against the motion.
 pub fn noise_by_differences(values: &[f64]) -> f64 {
+    noise_by_order(values)
+        .into_iter()
+        .reduce(f64::min)
+        .unwrap_or(0.0)
+}
+
+/// The estimates of [`noise_by_differences`] from differences of the second
+/// order on. They agree where there is white noise and little else.
+pub fn noise_by_order(values: &[f64]) -> Vec<f64> {
     const ORDERS: usize = 8;
     let mut difference = values.to_vec();
     let mut gain = 1.0;
-    let mut best = f64::INFINITY;
+    let mut found = Vec::new();
     for order in 1..=ORDERS {
         for k in 0..difference.len().saturating_sub(1) {
             difference[k] = difference[k + 1] - difference[k];
@@ -112,10 +121,10 @@ pub fn noise_by_differences(values: &[f64]) -> f64 {
         let m = order as f64;
         gain *= (2.0 * m) * (2.0 * m - 1.0) / (m * m);
         if order >= 2 {
-            best = best.min(rms(&difference) / f64::sqrt(gain));
+            found.push(rms(&difference) / f64::sqrt(gain));
         }
     }
-    if best.is_finite() { best } else { 0.0 }
+    found
 }
 
 /// The smallest step between different values of a signal, if the signal moves

@@ -227,6 +227,20 @@ macro_rules! for_each_effect {
 
 for_each_effect!(catalogue);
 
+impl Kind {
+    /// The effect that this one becomes at an end of its parameters: with no extra
+    /// force at rest, with equal time constants, with a yield angle or a
+    /// relaxation that vanishes.
+    pub const fn special_case(self) -> Option<Self> {
+        match self {
+            Self::StribeckFriction | Self::BoucWenHysteresis => Some(Self::CoulombFriction),
+            Self::VentAsymmetry => Some(Self::PneumaticLag),
+            Self::MaxwellBranch => Some(Self::LinearStiffness),
+            _ => None,
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

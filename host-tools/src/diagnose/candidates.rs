@@ -259,13 +259,13 @@ pub fn applicable(nominal: &Model<f64>, fitter: &Fitter<'_, '_>) -> (Vec<Kind>, 
 }
 
 /// The free parameters of a structure: those of the nominal model, and those
-/// of the added effects that are not held.
+/// of the added effects that are fitted.
 pub fn free_parameters(file: &ModelFile, added: &[Kind]) -> Vec<ParameterId> {
     let first = file.model.effects().count();
     let mut free = file.free.clone();
     for (offset, kind) in added.iter().enumerate() {
         for (parameter, row) in kind.parameters().iter().enumerate() {
-            if row.held.is_none() {
+            if !row.starts.is_empty() {
                 free.push(ParameterId::Effect {
                     slot: first + offset,
                     parameter,
@@ -374,6 +374,32 @@ fn remembers(kind: Kind) -> bool {
             })
 }
 
+/// A candidate with one of its effects taken out, fitted to the end. None if the
+/// effect is not among those that it added, or the rest makes no model.
+pub fn without(ground: &Ground<'_, '_>, candidate: &Candidate, out: Kind) -> Option<Candidate> {
+    let position = candidate.added.iter().position(|&kind| kind == out)?;
+    let model = &candidate.fit.model;
+    let slot = model.effects().count() - candidate.added.len() + position;
+    let effects: Vec<_> = model
+        .effects()
+        .enumerate()
+        .filter(|(index, _)| *index != slot)
+        .map(|(_, effect)| *effect)
+        .collect();
+    let added: Vec<Kind> = candidate
+        .added
+        .iter()
+        .copied()
+        .filter(|&kind| kind != out)
+        .collect();
+    let free = free_parameters(ground.file, &added);
+    let start = Model::new(*model.dynamics(), &effects).ok()?;
+    let fit = ground
+        .fitter
+        .fit_kept(&start, &free, Effort::Full, ground.checkpoint);
+    fit.sse().is_finite().then_some(Candidate { added, fit })
+}
+
 /// Fits a candidate on to the end from where it stands.
 pub fn finish(ground: &Ground<'_, '_>, candidate: &Candidate) -> Candidate {
     let free = free_parameters(ground.file, &candidate.added);
@@ -391,13 +417,14 @@ pub fn finish(ground: &Ground<'_, '_>, candidate: &Candidate) -> Candidate {
 fn starts(file: &ModelFile, scales: &Scales, base: &Candidate, kind: Kind) -> Starts {
     let mut values: Vec<Vec<f64>> = vec![Vec::new()];
     for row in kind.parameters() {
+        let own = row
+            .starts
+            .iter()
+            .map(|start| f64::from(*start) * scales.size(row));
         let choices: Vec<f64> = match row.held {
-            Some(held) => vec![held_value(row, held, scales)],
+            Some(held) => own.chain([held_value(row, held, scales)]).collect(),
             None if row.unit == Unit::Hertz => scales.lines.clone(),
-            None => row
-                .starts
-                .iter()
-                .map(|start| f64::from(*start) * scales.size(row))
+            None => own
                 // A delay that is hardly there is a start as well.
                 .chain((kind.info().place == Place::Input).then_some(scales.interval))
                 .collect(),
@@ -456,36 +483,4 @@ fn held_value(row: &Parameter, held: f32, scales: &Scales) -> f64 {
     } else {
         held
     }
-}
-
-/// Frees the held parameters of the added effects that have starts of their
-/// own (the tilt of gravity), one variant for each start.
-pub fn released(ground: &Ground<'_, '_>, candidate: &Candidate) -> Option<Candidate> {
-    let first = ground.file.model.effects().count();
-    let mut free = candidate.fit.free.clone();
-    let mut models = Vec::new();
-    for (offset, kind) in candidate.added.iter().enumerate() {
-        for (parameter, row) in kind.parameters().iter().enumerate() {
-            if row.held.is_some() && !row.starts.is_empty() {
-                let id = ParameterId::Effect {
-                    slot: first + offset,
-                    parameter,
-                };
-                free.push(id);
-                models.push(candidate.fit.model);
-                models.extend(
-                    row.starts
-                        .iter()
-                        .map(|start| candidate.fit.model.with_value(id, f64::from(*start))),
-                );
-            }
-        }
-    }
-    let fit = ground
-        .fitter
-        .best_of_kept(&models, &free, Effort::Full, ground.checkpoint)?;
-    Some(Candidate {
-        added: candidate.added.clone(),
-        fit,
-    })
 }

@@ -104,8 +104,14 @@ pub struct Judge<'a, 'r> {
 
 impl<'a, 'r> Judge<'a, 'r> {
     /// Creates a judge over `given` held-out runs, or over the fitted ones in
-    /// turn if there are none.
-    pub fn new(file: &'a ModelFile, fitter: &'a Fitter<'a, 'r>, given: &'a [Run<'r>]) -> Self {
+    /// turn if there are none. The noise of the measured pressure leaves an error
+    /// of `input` (rad) that no model removes.
+    pub fn new(
+        file: &'a ModelFile,
+        fitter: &'a Fitter<'a, 'r>,
+        given: &'a [Run<'r>],
+        input: f64,
+    ) -> Self {
         let runs = if given.is_empty() { fitter.runs } else { given };
         let recordings: Vec<Recording> = runs.iter().map(|run| run.recording.clone()).collect();
         let floor = NoiseFloor::of(&recordings);
@@ -119,7 +125,7 @@ impl<'a, 'r> Judge<'a, 'r> {
             fitter,
             given,
             folds,
-            floor: floor.rms,
+            floor: floor.rms.hypot(input),
             memo: Mutex::default(),
         }
     }
@@ -256,7 +262,9 @@ impl<'a, 'r> Judge<'a, 'r> {
                 nominal,
                 runs: &pick(false),
             }
-            .fit(&candidate.fit.model, &free, Effort::Full)
+            // From the whole fit it is not far, and a thousandth of the error
+            // decides nothing.
+            .fit(&candidate.fit.model, &free, Effort::Glance)
             .model
         });
         squares(

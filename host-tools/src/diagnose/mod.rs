@@ -11,13 +11,14 @@
 //! 6. [`mod@search`]: simulate and fit the [`candidates`] of the catalogue, alone
 //!    and together.
 //! 7. [`select`]: which structure the recordings ask for, with rivals that
-//!    cannot be rejected kept; [`holdout`]: does it also hold on runs that were
-//!    not fitted?
+//!    cannot be rejected kept; [`mod@bootstrap`]: could chance have asked for it?
+//!    [`holdout`]: does it also hold on runs that were not fitted?
 //! 8. [`judge`]; the answer is written as a [`verdict`].
 //! 9. [`plan`]: the run that would separate the rivals.
 //!
 //! A false name is worse than "cannot tell".
 
+pub mod bootstrap;
 pub mod candidates;
 pub mod holdout;
 pub mod identify;
@@ -205,7 +206,6 @@ fn diagnose_all(
     progress("refit of the nominal structure");
     let (refit, determined, identified) = identify::refit(file, &fitter);
     let file = &determined;
-    let judge = Judge::new(file, &fitter, &held_out_runs);
     if !refit.fit.sse().is_finite() {
         return Err(InputError::new(
             "the model cannot be simulated over these recordings: it diverges",
@@ -214,6 +214,7 @@ fn diagnose_all(
         .in_file(&file.path));
     }
     let floor = floor.with_input(&fitter, &refit.fit.model, request.seed);
+    let judge = Judge::new(file, &fitter, &held_out_runs, floor.input);
     progress("where the gap lives");
     let gap = localise(&refit.fit.model, recordings, floor.white);
 
@@ -225,7 +226,12 @@ fn diagnose_all(
             Vec::new(),
         )
     } else {
-        search_and_judge(file, &fitter, &judge, &floor, &refit, checkpoint, progress)
+        let means = Means {
+            checkpoint,
+            progress,
+            seed: request.seed,
+        };
+        search_and_judge(file, &fitter, &judge, &floor, &refit, means)
     };
 
     progress("held-out runs in the board's arithmetic");
@@ -276,6 +282,14 @@ fn diagnose_all(
     Ok(Found { diagnosis, odd })
 }
 
+/// What a search is carried out with.
+#[derive(Clone, Copy)]
+struct Means<'a> {
+    checkpoint: &'a Checkpoint,
+    progress: Progress<'a>,
+    seed: u64,
+}
+
 /// Searches the structures that add effects to the refit, and judges them. Also
 /// the effects that the recordings cannot speak about.
 fn search_and_judge(
@@ -284,8 +298,7 @@ fn search_and_judge(
     judge: &Judge<'_, '_>,
     floor: &NoiseFloor,
     refit: &Candidate,
-    checkpoint: &Checkpoint,
-    progress: Progress<'_>,
+    means: Means<'_>,
 ) -> (Findings, Vec<Untried>) {
     let (kinds, untried) = applicable(&file.model, fitter);
     let pieces = Pieces::of(fitter);
@@ -305,15 +318,16 @@ fn search_and_judge(
             runs: &excerpt_runs,
         },
         scales: &scales,
-        checkpoint,
+        checkpoint: means.checkpoint,
     };
-    let pool = search::search(&ground, floor, &kinds, refit, progress);
-    progress("judgement on runs that were not fitted");
+    let pool = search::search(&ground, floor, &kinds, refit, means.progress);
+    (means.progress)("judgement on runs that were not fitted");
     let court = Court {
         ground,
         judge,
         floor,
         kinds: &kinds,
+        seed: means.seed,
     };
     (court.findings(refit, &pool), untried)
 }

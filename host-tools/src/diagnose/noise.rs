@@ -1,19 +1,20 @@
 //! How small a residual can get: the noise floor of the recordings.
 //!
 //! A model is done when what is left cannot be told from noise. The floor has
-//! three sources, and the largest one counts: the scatter between repeats of
+//! four sources, and the largest one counts: the scatter between repeats of
 //! the same run (which also holds what the rig itself does not repeat), the
-//! white noise of the sensor, and the steps of its converter. Beside it stands
-//! what the noise of the measured pressure leaves in a simulation.
+//! white noise of the sensor, how much it wanders while all is at rest, and the
+//! steps of its converter. Beside it stands what the noise of the measured
+//! pressure leaves in a simulation.
 
 use model_core::actuator::Model;
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 
-use crate::fit::{Fitter, Run};
+use crate::fit::{Fitter, Run, rest_at_start};
 use crate::recording::{Meta, Recording};
-use crate::statistics::{noise_by_differences, quantum, rms};
+use crate::statistics::{mean, noise_by_differences, quantum, rms};
 
 /// The noise floor and where it comes from.
 #[derive(Clone, Debug, PartialEq)]
@@ -24,6 +25,10 @@ pub struct NoiseFloor {
     pub white: f64,
     /// Scatter between repeats (rad), where there are any.
     pub repeats: Option<f64>,
+    /// Scatter about a straight line (rad) while the recordings have not begun to
+    /// move, where they start with a rest that is long enough. Unlike differences
+    /// it also sees noise that is slow.
+    pub rest: Option<f64>,
     /// Step of the converter (rad); zero if none shows.
     pub quantum: f64,
     /// What the noise of the measured pressure leaves in a simulated angle
@@ -47,12 +52,17 @@ impl NoiseFloor {
             .fold(0.0, f64::max);
         let groups = repeats(recordings);
         let repeats = pure_error(recordings, &groups);
+        let rest = scatter_at_rest(recordings);
         // A uniform error of one step has the RMS step/√12.
         let steps = quantum / 12f64.sqrt();
         Self {
-            rms: white.max(steps).max(repeats.unwrap_or(0.0)),
+            rms: [repeats, rest]
+                .into_iter()
+                .flatten()
+                .fold(white.max(steps), f64::max),
             white,
             repeats,
+            rest,
             quantum,
             input: 0.0,
             groups,
@@ -141,6 +151,36 @@ fn repeat_each_other(a: &Recording, b: &Recording) -> bool {
     level > 0.0 && rms(&difference) <= 1.5 * noise + 0.01 * level
 }
 
+/// Scatter (rad) in the rests with which recordings start, about a straight line
+/// through each: what still creeps from the run before is no noise.
+fn scatter_at_rest(recordings: &[Recording]) -> Option<f64> {
+    /// Shorter rests say too little.
+    const FEWEST: usize = 30;
+    let mut sum = 0.0;
+    let mut freedom = 0;
+    for recording in recordings {
+        let rest = rest_at_start(recording);
+        if rest >= FEWEST {
+            sum += squares_about_line(&recording.time[..rest], &recording.angle[..rest]);
+            freedom += rest - 2;
+        }
+    }
+    (freedom > 0).then(|| (sum / freedom as f64).sqrt())
+}
+
+/// Sum of squares about the least-squares line of `y` over `x`.
+fn squares_about_line(x: &[f64], y: &[f64]) -> f64 {
+    let (mean_x, mean_y) = (mean(x), mean(y));
+    let pairs = || {
+        x.iter()
+            .map(|x| x - mean_x)
+            .zip(y.iter().map(|y| y - mean_y))
+    };
+    let spread: f64 = pairs().map(|(x, _)| x * x).sum();
+    let slope = pairs().map(|(x, y)| x * y).sum::<f64>() / spread.max(f64::MIN_POSITIVE);
+    pairs().map(|(x, y)| (y - slope * x).powi(2)).sum()
+}
+
 /// Scatter within groups of repeats about their mean (rad).
 fn pure_error(recordings: &[Recording], groups: &[Vec<usize>]) -> Option<f64> {
     let mut sum = 0.0;
@@ -199,6 +239,35 @@ mod tests {
         assert!((floor.repeats.unwrap() - 0.01).abs() < 5e-4);
         assert!((floor.white - 0.01).abs() < 5e-4);
         assert!(floor.quantum == 0.0);
+    }
+
+    #[test]
+    fn noise_that_is_slow_shows_at_rest() {
+        let wandering = |amplitude: f64| {
+            let mut recordings: Vec<_> = (0..4).map(|seed| step(20e3, 0.0, seed)).collect();
+            for (k, recording) in recordings.iter_mut().enumerate() {
+                let mut wander = 0.0;
+                let mut random = rand_pcg::Pcg64Mcg::seed_from_u64(77 + k as u64);
+                for (time, angle) in recording.time.iter().zip(&mut recording.angle) {
+                    let draw: f64 = StandardNormal.sample(&mut random);
+                    wander = 0.9 * wander + amplitude * (1.0_f64 - 0.81).sqrt() * draw;
+                    *angle += wander;
+                    // The motion begins with the pressure.
+                    if *time <= 0.5 {
+                        *angle -= 1.0 - (-time).exp();
+                    }
+                }
+            }
+            NoiseFloor::of(&recordings)
+        };
+        let calm = wandering(0.0);
+        assert!((calm.rest.unwrap() / 0.01 - 1.0).abs() < 0.15, "{calm:?}");
+        let uneasy = wandering(0.02);
+        assert!(uneasy.white < 0.015, "{uneasy:?}");
+        assert!(
+            (uneasy.rest.unwrap() / 0.0224 - 1.0).abs() < 0.3,
+            "{uneasy:?}"
+        );
     }
 
     #[test]

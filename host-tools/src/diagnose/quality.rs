@@ -7,7 +7,8 @@
 //! | matter | what happens |
 //! |---|---|
 //! | one recording, none to judge by | refused |
-//! | no motion | refused |
+//! | no motion in any recording, or hardly any samples | refused |
+//! | no motion in one of them | said |
 //! | units mixed up | refused, with the unit that fits |
 //! | pressure at the end of its range | refused: the input is not known |
 //! | more than a fifth of the samples missing | refused |
@@ -39,6 +40,8 @@ pub enum Matter {
     TimeConstant,
     /// The pressure of a recording never changes.
     ConstantPressure,
+    /// The angle of a recording never changes.
+    NoMotion,
     /// The angle sensor is at the end of its range.
     SaturatedAngle,
     /// Samples are missing.
@@ -82,8 +85,8 @@ pub fn examine(recordings: &[Recording], floor: &NoiseFloor) -> Result<Vec<Conce
     /// Runs shorter than this show nothing slow (s).
     const SHORT_S: f64 = 3.0;
     let mut concerns = Vec::new();
+    refuse_without_motion(recordings)?;
     for recording in recordings {
-        refuse_without_motion(recording)?;
         refuse_saturated_pressure(recording)?;
         concerns.extend(timing(recording)?);
         let at_end: usize = clipped(&recording.angle)
@@ -101,8 +104,16 @@ pub fn examine(recordings: &[Recording], floor: &NoiseFloor) -> Result<Vec<Conce
                 "bend less far, or calibrate the sensor over its whole range",
             ));
         }
-        let moves = swing(&recording.pressure) > 10.0 * noise_by_differences(&recording.pressure);
-        if !moves && swing(&recording.pressure) > 0.0 && recordings.len() > 1 {
+        if !moves(recording) {
+            concerns.push(Concern::of(
+                Matter::NoMotion,
+                Some(recording),
+                format!("the angle does not move: {}", angles(recording)),
+                "keep it if so little pressure moves nothing; otherwise check the angle sensor",
+            ));
+        }
+        let changes = swing(&recording.pressure) > 10.0 * noise_by_differences(&recording.pressure);
+        if !changes && swing(&recording.pressure) > 0.0 && recordings.len() > 1 {
             concerns.push(Concern::of(
                 Matter::ConstantPressure,
                 Some(recording),
@@ -142,23 +153,38 @@ fn swing(values: &[f64]) -> f64 {
     high - low
 }
 
-/// Refuses a recording that says nothing: every model agrees with it.
-fn refuse_without_motion(recording: &Recording) -> Result<(), InputError> {
+/// Whether the angle does more than scatter.
+fn moves(recording: &Recording) -> bool {
+    // White noise alone spans eight of its standard deviations.
+    swing(&recording.angle) > 10.0 * noise_by_differences(&recording.angle)
+}
+
+/// The range of a recording's angle (°), in words.
+fn angles(recording: &Recording) -> String {
+    let angles = || recording.angle.iter().copied();
+    format!(
+        "{} samples between {:.2}° and {:.2}°",
+        recording.len(),
+        angles().fold(f64::INFINITY, f64::min).to_degrees(),
+        angles().fold(f64::NEG_INFINITY, f64::max).to_degrees()
+    )
+}
+
+/// Refuses recordings that say nothing: every model agrees with them. A run
+/// that does not move among others that do says that its pressure was too small
+/// to move anything, and is kept.
+fn refuse_without_motion(recordings: &[Recording]) -> Result<(), InputError> {
     /// Fewer samples hold no motion.
     const FEWEST: usize = 20;
-    // White noise alone spans eight of its standard deviations.
-    let moves = swing(&recording.angle) > 10.0 * noise_by_differences(&recording.angle);
-    if recording.len() >= FEWEST && moves {
+    let none_moves = !recordings.iter().any(moves);
+    let empty = recordings
+        .iter()
+        .find(|recording| recording.len() < FEWEST || none_moves);
+    let Some(recording) = empty else {
         return Ok(());
-    }
-    let angles = || recording.angle.iter().copied();
+    };
     Err(InputError::new(
-        format!(
-            "holds no motion: {} samples between {:.2}° and {:.2}°",
-            recording.len(),
-            angles().fold(f64::INFINITY, f64::min).to_degrees(),
-            angles().fold(f64::NEG_INFINITY, f64::max).to_degrees()
-        ),
+        format!("holds no motion: {}", angles(recording)),
         "leave it out, and record a step, a staircase or a swing",
     )
     .in_file(&recording.path))
@@ -492,6 +518,8 @@ pub fn slow_effects(candidate: &Candidate, recordings: &[Recording]) -> Vec<Conc
 mod tests {
     use std::path::Path;
 
+    use rand::{RngExt, SeedableRng};
+
     use super::*;
     use crate::example::{Hidden, make};
 
@@ -656,6 +684,25 @@ mod tests {
             fit,
         };
         assert_eq!(odd_one_out(&file, &fitter, &refit, floor), None);
+    }
+
+    #[test]
+    fn a_run_that_does_not_move_is_kept_among_others_and_refused_alone() {
+        let (_, recordings) = example(29);
+        let mut random = rand_pcg::Pcg64Mcg::seed_from_u64(3);
+        let still = Recording {
+            angle: recordings[0]
+                .angle
+                .iter()
+                .map(|_| random.random_range(-0.005..0.005))
+                .collect(),
+            ..recordings[0].clone()
+        };
+        let found = concerns(&[still.clone(), recordings[1].clone()]);
+        assert!(found.contains(&(Matter::NoMotion, Some(still.name.clone()))));
+        let alone = [still.clone(), still];
+        let refusal = examine(&alone, &NoiseFloor::of(&alone)).unwrap_err();
+        assert!(refusal.to_string().contains("holds no motion"), "{refusal}");
     }
 
     #[test]

@@ -7,10 +7,16 @@
 //! and each choice among many candidates costs as well. And two large forces
 //! that cancel can imitate anything, so an effect whose size is far beyond
 //! every force in the runs pays for it.
+//!
+//! A fourth is that no formula is exact. A score that believes in formulas calls
+//! LuGre friction a hysteresis; see [`Scoring::rank`] for what is believed.
 
 use model_core::actuator::ParameterId;
+use model_core::catalogue::Kind;
 
+use super::adequate;
 use super::candidates::{Candidate, Scales};
+use super::noise::NoiseFloor;
 use crate::fit::Fit;
 
 /// Evidence that a larger structure has to bring for each effect, on top of
@@ -29,25 +35,159 @@ const FURTHER_EFFECTS: f64 = 0.9;
 /// rejected.
 pub const REJECTED: f64 = 0.05;
 
-/// The count of independent samples that a pool of fits is judged with: that
-/// of the residual of its best fit, in which the least is left unmodelled.
-pub fn independent_samples(pool: &[Candidate]) -> f64 {
-    pool.iter()
-        .min_by(|a, b| a.fit.sse().total_cmp(&b.fit.sse()))
-        .map_or(1.0, |best| {
-            best.fit.samples() as f64 / best.fit.correlation_time()
-        })
-        .max(2.0)
+/// A structure that leaves so many times as much beyond the noise as another, in
+/// squares, is worse than the choice of a formula can make it. The right
+/// effect by another formula leaves up to a fifth of what the wrong ones leave.
+const FAR_WORSE: f64 = 4.0;
+
+/// Beyond the noise counts from this share of its square on: below, what is
+/// left is known no better.
+const NOISE_SHARE: f64 = 0.05;
+
+/// Two structures that both leave only noise are told apart from this
+/// difference of scores on. The same phenomenon by another formula was seen to
+/// bring 43 to 135 for a look-alike.
+const FORMULA: f64 = 100.0;
+
+/// Evidence against a structure that leaves only noise, below that difference:
+/// it is less probable, and not rejected.
+const DOUBT: f64 = 4.0;
+
+/// What structures are compared by.
+#[derive(Clone, Copy, Debug)]
+pub struct Scoring<'a> {
+    /// Sizes of forces, angles and rates.
+    pub scales: &'a Scales,
+    /// The noise floor.
+    pub floor: &'a NoiseFloor,
+    /// Independent samples that the residuals are worth.
+    pub independent: f64,
 }
 
-/// Score of a structure; smaller is better, differences are twice the logarithm
-/// of a Bayes factor.
-pub fn score(candidate: &Candidate, scales: &Scales, independent: f64) -> f64 {
-    let fit = &candidate.fit;
-    let variance = (fit.sse() / fit.samples().max(1) as f64).max(f64::MIN_POSITIVE);
-    independent * variance.ln()
-        + fit.free.len() as f64 * independent.ln()
-        + implausibility(candidate, scales)
+impl<'a> Scoring<'a> {
+    /// Takes the count of independent samples from the residual of the best fit
+    /// of a pool, in which the least is left unmodelled.
+    pub fn of(pool: &[Candidate], scales: &'a Scales, floor: &'a NoiseFloor) -> Self {
+        let independent = pool
+            .iter()
+            .min_by(|a, b| a.fit.sse().total_cmp(&b.fit.sse()))
+            .map_or(1.0, |best| {
+                best.fit.samples() as f64 / best.fit.correlation_time()
+            })
+            .max(2.0);
+        Self {
+            scales,
+            floor,
+            independent,
+        }
+    }
+
+    /// Score of a structure; smaller is better, differences are twice the
+    /// logarithm of a Bayes factor.
+    pub fn score(&self, candidate: &Candidate) -> f64 {
+        let fit = &candidate.fit;
+        let variance = (fit.sse() / fit.samples().max(1) as f64).max(f64::MIN_POSITIVE);
+        self.independent * variance.ln()
+            + fit.free.len() as f64 * self.independent.ln()
+            + implausibility(candidate, self.scales)
+    }
+
+    /// What a fit leaves beyond the noise (rad²).
+    fn excess(&self, fit: &Fit) -> f64 {
+        let noise = self.floor.rms.hypot(self.floor.input).powi(2);
+        (fit.rmse().powi(2) - noise).max(NOISE_SHARE * noise)
+    }
+
+    /// The evidence against `rival`, whose score is `delta` behind that of
+    /// `best`, and how many standard errors its squared residuals are behind.
+    ///
+    /// Where both leave only noise, formulas decide, so the difference has to be
+    /// large. Where the rival leaves far more beyond the noise than the best, no
+    /// other formula would save it, and the score is believed. In between the
+    /// best may be right only in kind: its residual is correlated, the score
+    /// over-confident, and the evidence is no more than the separation squared.
+    fn against(&self, best: &Fit, rival: &Fit, delta: f64) -> (f64, f64) {
+        let separation = separation(best, rival);
+        if separation <= 0.0 {
+            return (delta, separation);
+        }
+        let cautious = delta.min(separation.powi(2));
+        let evidence = if delta < FORMULA && adequate(rival, self.floor) {
+            cautious.min(DOUBT)
+        } else if self.excess(rival) > FAR_WORSE * self.excess(best) {
+            delta
+        } else {
+            cautious
+        };
+        (evidence, separation)
+    }
+
+    /// Ranks the structures of `size` effects, best first.
+    pub fn rank(&self, pool: &[Candidate], size: usize) -> Vec<Ranked> {
+        let mut scored: Vec<(usize, f64)> = pool
+            .iter()
+            .enumerate()
+            .filter(|(_, candidate)| candidate.added.len() == size)
+            .map(|(index, candidate)| (index, self.score(candidate)))
+            .collect();
+        scored.sort_by(|a, b| a.1.total_cmp(&b.1));
+        let Some(&(best, best_score)) = scored.first() else {
+            return Vec::new();
+        };
+        let mut ranked: Vec<Ranked> = scored
+            .iter()
+            .map(|&(index, score)| {
+                let delta = score - best_score;
+                let (evidence, separation) = self.against(&pool[best].fit, &pool[index].fit, delta);
+                Ranked {
+                    index,
+                    delta,
+                    separation,
+                    probability: (-evidence / 2.0).exp(),
+                }
+            })
+            .collect();
+        self.prefer_special_cases(pool, &mut ranked);
+        let total: f64 = ranked.iter().map(|entry| entry.probability).sum();
+        for entry in &mut ranked {
+            entry.probability /= total;
+        }
+        ranked.sort_by(|a, b| b.probability.total_cmp(&a.probability));
+        ranked
+    }
+
+    /// Gives the probability of an effect to its special case where that leaves
+    /// only noise as well: no parameter without need.
+    fn prefer_special_cases(&self, pool: &[Candidate], ranked: &mut [Ranked]) {
+        for general in 0..ranked.len() {
+            let special = ranked.iter().position(|entry| {
+                let (wide, narrow) = (&pool[ranked[general].index], &pool[entry.index]);
+                narrow.fit.free.len() < wide.fit.free.len()
+                    && entry.delta - ranked[general].delta < VERY_STRONG
+                    && adequate(&narrow.fit, self.floor)
+                    && is_special_case(&narrow.added, &wide.added)
+            });
+            if let Some(special) = special {
+                let moved = std::mem::take(&mut ranked[general].probability);
+                ranked[special].probability = ranked[special].probability.max(moved);
+            }
+        }
+    }
+}
+
+/// Whether `narrow` is `wide` with one effect replaced by its special case.
+fn is_special_case(narrow: &[Kind], wide: &[Kind]) -> bool {
+    let alone: Vec<Kind> = wide
+        .iter()
+        .copied()
+        .filter(|kind| !narrow.contains(kind))
+        .collect();
+    match alone.as_slice() {
+        [general] => general
+            .special_case()
+            .is_some_and(|special| narrow.contains(&special) && narrow.len() == wide.len()),
+        _ => false,
+    }
 }
 
 /// The price of effects larger than anything in the recordings: −2 ln of a
@@ -113,62 +253,44 @@ pub struct Ranked {
     pub probability: f64,
 }
 
-/// Ranks the structures of `size` effects, best first.
-///
-/// The evidence against a rival is what its score is behind, but no more than
-/// its separation squared: where the best is right only in kind, its residual
-/// is correlated, the score is over-confident, and the separation is not.
-pub fn rank(pool: &[Candidate], scales: &Scales, independent: f64, size: usize) -> Vec<Ranked> {
-    let mut scored: Vec<(usize, f64)> = pool
-        .iter()
-        .enumerate()
-        .filter(|(_, candidate)| candidate.added.len() == size)
-        .map(|(index, candidate)| (index, score(candidate, scales, independent)))
-        .collect();
-    scored.sort_by(|a, b| a.1.total_cmp(&b.1));
-    let Some(&(best, best_score)) = scored.first() else {
-        return Vec::new();
-    };
-    let mut ranked: Vec<Ranked> = scored
-        .iter()
-        .map(|&(index, score)| {
-            let delta = score - best_score;
-            let separation = separation(&pool[best].fit, &pool[index].fit);
-            let evidence = if separation > 0.0 {
-                delta.min(separation.powi(2))
-            } else {
-                delta
-            };
-            Ranked {
-                index,
-                delta,
-                separation,
-                probability: (-evidence / 2.0).exp(),
-            }
-        })
-        .collect();
-    let total: f64 = ranked.iter().map(|entry| entry.probability).sum();
-    for entry in &mut ranked {
-        entry.probability /= total;
-    }
-    ranked
-}
-
 /// The evidence that `effects` more effects have to bring when the best of
 /// `choices` was taken for each.
 pub fn required_evidence(effects: usize, choices: usize) -> f64 {
     effects as f64 * (VERY_STRONG + 2.0 * (choices.max(1) as f64).ln())
 }
 
-/// Whether a held-out error is enough better to pay for more effects than the
-/// `before` that are there.
-pub fn better_held_out(smaller: f64, larger: f64, before: usize) -> bool {
-    let factor = if before == 0 {
-        FIRST_EFFECT
-    } else {
-        FURTHER_EFFECTS
-    };
-    larger < factor * smaller
+/// Held-out errors (rad) of a structure and of a larger one.
+#[derive(Clone, Copy, Debug)]
+pub struct Growth {
+    /// Effects of the smaller one.
+    pub before: usize,
+    /// Error of the smaller one.
+    pub smaller: f64,
+    /// Error of the larger one.
+    pub larger: f64,
+    /// Share of the held-out gap between refit and noise that the smaller one
+    /// removes …
+    pub closed_before: f64,
+    /// … and the larger one.
+    pub closed: f64,
+    /// Whether the larger one leaves nothing but noise.
+    pub adequate: bool,
+}
+
+impl Growth {
+    /// Whether the errors pay for more effects.
+    ///
+    /// A second effect that neither removes a good part of the gap nor all that
+    /// is left of it only mends the formula of the first.
+    pub fn pays(&self) -> bool {
+        /// A good part of the gap.
+        const GOOD_PART: f64 = 0.15;
+        if self.before == 0 {
+            return self.larger < FIRST_EFFECT * self.smaller;
+        }
+        self.larger < FURTHER_EFFECTS * self.smaller
+            && (self.adequate || self.closed - self.closed_before >= GOOD_PART)
+    }
 }
 
 #[cfg(test)]
@@ -182,11 +304,48 @@ mod tests {
         assert!(required_evidence(0, 9).abs() < 1e-12);
     }
 
+    fn growth(before: usize, larger: f64) -> Growth {
+        Growth {
+            before,
+            smaller: 1.0,
+            larger,
+            closed_before: 0.8,
+            closed: 1.8 - larger,
+            adequate: false,
+        }
+    }
+
     #[test]
     fn equal_held_out_errors_do_not_pay() {
-        assert!(!better_held_out(1.0, 0.99, 0));
-        assert!(better_held_out(1.0, 0.95, 0));
-        assert!(!better_held_out(1.0, 0.95, 1));
-        assert!(better_held_out(1.0, 0.8, 2));
+        assert!(!growth(0, 0.99).pays());
+        assert!(growth(0, 0.95).pays());
+        assert!(!growth(1, 0.95).pays());
+        assert!(growth(2, 0.8).pays());
+    }
+
+    #[test]
+    fn a_further_effect_has_to_do_more_than_mend_a_formula() {
+        let mends = growth(1, 0.88);
+        assert!(!mends.pays());
+        let adequate = true;
+        assert!(Growth { adequate, ..mends }.pays());
+        let closed = 0.97;
+        assert!(Growth { closed, ..mends }.pays());
+    }
+
+    #[test]
+    fn special_cases_replace_one_effect_and_keep_the_others() {
+        use Kind::{CoulombFriction, Gravity, Leak, StribeckFriction};
+        assert!(is_special_case(&[CoulombFriction], &[StribeckFriction]));
+        assert!(!is_special_case(&[StribeckFriction], &[CoulombFriction]));
+        assert!(is_special_case(
+            &[Gravity, CoulombFriction],
+            &[StribeckFriction, Gravity]
+        ));
+        assert!(!is_special_case(
+            &[Leak, CoulombFriction],
+            &[StribeckFriction, Gravity]
+        ));
+        assert!(!is_special_case(&[Gravity], &[StribeckFriction, Gravity]));
     }
 }

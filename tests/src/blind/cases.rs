@@ -477,8 +477,15 @@ impl Drawn {
             .collect()
     }
 
+    /// Misfit with noise over noise; infinite where the refit failed, so that
+    /// the actuator is drawn again.
     fn over_noise(&self, misfit: f64) -> f64 {
-        misfit.hypot(self.sensors.angle_floor()) / self.sensors.angle_floor()
+        let floor = self.sensors.angle_floor();
+        if misfit.is_finite() {
+            misfit.hypot(floor) / floor
+        } else {
+            f64::INFINITY
+        }
     }
 
     /// Misfit of the base model, refitted to the runs (rad).
