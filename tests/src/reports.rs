@@ -184,7 +184,9 @@ fn unexplained(found: &Diagnosis) -> Diagnosis {
     let mut other = without_a_name(found);
     other.answer = Answer::Unexplained;
     for tried in &mut other.tried {
-        tried.gap_closed = tried.gap_closed.min(0.2);
+        tried.held_out = tried
+            .held_out
+            .map(|(error, closed)| (error, closed.min(0.2)));
     }
     other
 }

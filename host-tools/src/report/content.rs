@@ -378,7 +378,8 @@ fn best_closed(diagnosis: &Diagnosis) -> Option<f64> {
         .tried
         .iter()
         .filter(|tried| !tried.kinds.is_empty())
-        .map(|tried| tried.gap_closed)
+        .filter_map(|tried| tried.held_out)
+        .map(|(_, closed)| closed)
         .max_by(f64::total_cmp)
 }
 
@@ -723,8 +724,13 @@ fn tried_row(tried: &Tried, diagnosis: &Diagnosis) -> TriedRow {
         },
         name: names.join(" + "),
         fitted: number(tried.rmse.to_degrees()),
-        held_out: number(tried.held_out.to_degrees()),
-        closed: percent(tried.gap_closed),
+        // Not found for those far behind.
+        held_out: tried
+            .held_out
+            .map_or_else(|| "–".into(), |(error, _)| number(error.to_degrees())),
+        closed: tried
+            .held_out
+            .map_or_else(|| "–".into(), |(_, closed)| percent(closed)),
         // The refit has no rival of its size.
         delta_bic: if tried.kinds.is_empty() {
             "–".into()
