@@ -458,12 +458,17 @@ fn outputs_that_cannot_be_written_are_refused_before_the_work() {
             "diagnose --model m.toml good.csv other.csv --json {}",
             "diagnose --model m.toml good.csv other.csv --json out.json -o out.toml --plot {}",
             "diagnose --model m.toml good.csv other.csv --json out.json --plot out.svg -o {}",
+            "diagnose --model m.toml good.csv other.csv -o out.toml --report {}",
         ] {
             bench.refuses(&command.replace("{}", place), &[place, found, advice]);
         }
     }
     bench.refuses(
         "diagnose --model m.toml good.csv other.csv --json out -o out",
+        &["out: is named for two results", "a file of its own"],
+    );
+    bench.refuses(
+        "diagnose --model m.toml good.csv other.csv --json out --report out",
         &["out: is named for two results", "a file of its own"],
     );
     bench.refuses(
@@ -918,13 +923,17 @@ fn a_diagnosis_writes_the_verdict_and_the_repaired_model() {
     let verdict = |name: &str| -> Value { serde_json::from_str(&bench.text(name)).unwrap() };
     let said = diagnose(
         "demo/model.toml",
-        "--json v.json -o repaired.toml --plot gap.svg",
+        "--json v.json -o repaired.toml --plot gap.svg --report report.html",
     );
     assert!(said.starts_with("The model lacks "), "{said}");
-    for name in ["v.json", "repaired.toml", "gap.svg"] {
+    for name in ["v.json", "repaired.toml", "gap.svg", "report.html"] {
         assert!(said.contains(name), "{name} is not in {said}");
     }
     assert!(bench.text("gap.svg").contains("<svg"));
+    // The template engine escapes slashes as well.
+    let page = bench.text("report.html").replace("&#x2f;", "/");
+    assert!(page.starts_with("<!DOCTYPE html>") && page.ends_with("</html>"));
+    assert!(page.contains("rig diagnose --model demo/model.toml --seed 5 --json v.json"));
 
     let found = verdict("v.json");
     assert_verdict(&found, &schema);

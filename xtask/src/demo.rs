@@ -98,6 +98,8 @@ pub fn demo() -> Outcome {
             .args([
                 "--json",
                 "demo/verdict.json",
+                "--report",
+                "demo/report.html",
                 "--plot",
                 "demo/diagnosis.svg",
             ])
@@ -142,7 +144,7 @@ fn summary(gap: &str) {
          The simulated actuator hid: {}.   (demo/truth.toml)\n\
          The diagnosis says: {}\n\
          {}\n\
-         Look at demo/gap.svg and demo/diagnosis.svg in any browser; the repaired model is demo/repaired.toml.\n\
+         The whole report is demo/report.html: open it in any browser. The gap before and after is demo/gap.svg, the repaired model demo/repaired.toml.\n\
          With your own recordings: cargo rig diagnose --model MODEL.toml RECORDING.csv …",
         hidden(),
         verdict(),

@@ -1,8 +1,8 @@
 //! Finding what is missing and installing it.
 //!
 //! Beyond stable Rust it takes a compiler with the library source that avr-none is
-//! built from, avr-gcc as its linker, simavr, avrdude, and ravedude, through which
-//! `cargo run` reaches a board. Each is looked for first, so that a second run does
+//! built from, avr-gcc as its linker, simavr, avrdude, ravedude, through which
+//! `cargo run` reaches a board, and Chromium, which looks at reports. Each is looked for first, so that a second run does
 //! nothing.
 
 use std::{
@@ -15,7 +15,7 @@ use std::{
 
 use crate::{
     avr::{self, Version},
-    shell::{self, Outcome, has_program, read, run_quietly, seconds},
+    shell::{self, Outcome, find_program, has_program, read, run_quietly, seconds},
 };
 
 /// How long a download may take before the next source is tried.
@@ -75,6 +75,11 @@ const NEEDS: &[Need] = &[
         debian: &["avrdude"],
     },
     Need {
+        what: "Chromium, to look at reports",
+        present: || chromium().is_some(),
+        debian: &["chromium"],
+    },
+    Need {
         what: "libudev with headers, for ravedude",
         present: || {
             has_program("ravedude")
@@ -83,6 +88,13 @@ const NEEDS: &[Need] = &[
         debian: &["libudev-dev"],
     },
 ];
+
+/// Where Chromium is, under one of the names that systems give it.
+pub fn chromium() -> Option<PathBuf> {
+    ["chromium", "chromium-browser", "google-chrome"]
+        .into_iter()
+        .find_map(find_program)
+}
 
 /// The version of ravedude that was tried.
 const RAVEDUDE: &str = "0.2.2";

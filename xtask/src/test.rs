@@ -25,7 +25,7 @@ const HOST_ONLY: &str = "--host-only was given";
 
 /// Runs the tests; the first failure stops them.
 pub fn test(scope: Scope) -> Outcome {
-    let mut steps = Steps::new(10);
+    let mut steps = Steps::new(11);
     let everything = scope == Scope::Everything;
 
     if everything {
@@ -56,6 +56,12 @@ pub fn test(scope: Scope) -> Outcome {
     }
 
     if everything {
+        steps.step("report in a browser", browser)?;
+    } else {
+        steps.skip("report in a browser", HOST_ONLY);
+    }
+
+    if everything {
         let mut image = PathBuf::new();
         steps.step("firmware", || {
             image = avr::build()?;
@@ -75,6 +81,16 @@ pub fn test(scope: Scope) -> Outcome {
     Ok(())
 }
 
+/// The report in headless Chromium.
+fn browser() -> Outcome {
+    let chromium = setup::chromium().ok_or("Chromium is not on the search path")?;
+    run(cargo()
+        .args(["test", "--locked", "-p", "softrig-tests"])
+        .args(["--features", "browser", "--test", "report_in_browser"])
+        .args(["--", "--nocapture"])
+        .env("SOFTRIG_CHROMIUM", chromium))
+}
+
 /// The simulator's own tests and the image on the simulated rig, then the image
 /// against the desktop.
 fn simulator(image: &Path) -> Outcome {
@@ -92,7 +108,9 @@ fn simulator(image: &Path) -> Outcome {
 fn clippy(everything: bool) -> Command {
     let mut command = cargo();
     command.args(["clippy", "--locked", "--workspace", "--all-targets"]);
-    if !everything {
+    if everything {
+        command.args(["--features", "softrig-tests/browser"]);
+    } else {
         // Its build needs the simulator's headers.
         command.args(["--exclude", "virtual-rig"]);
     }

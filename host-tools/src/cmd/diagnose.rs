@@ -8,7 +8,12 @@ use clap::Parser;
 use crate::checkpoint::Checkpoint;
 use crate::diagnose::{Request, diagnose_from};
 use crate::error::write_atomically;
-use crate::report::{Outputs, figure, summary};
+use crate::report::Outputs;
+use crate::report::content::Content;
+use crate::report::html::page;
+use crate::report::pictures::figure;
+use crate::report::provenance::{Provenance, command_line};
+use crate::report::terminal::summary;
 
 /// Finds where model and recordings disagree, names the missing effect, and
 /// writes the model with the effect added.
@@ -20,6 +25,7 @@ use crate::report::{Outputs, figure, summary};
 Examples:
   rig diagnose --model m.toml run_*.csv
   rig diagnose --model m.toml id_*.csv --holdout vad_*.csv -o repaired.toml --plot gap.svg
+  rig diagnose --model m.toml run_*.csv --report report.html
   rig diagnose --model m.toml run_*.csv --json verdict.json
   rig diagnose --model m.toml run_*.csv --resume fits     after an interruption
 
@@ -38,6 +44,9 @@ pub struct Args {
     /// Write the verdict as JSON
     #[arg(long, value_name = "VERDICT.json")]
     json: Option<PathBuf>,
+    /// Write the whole diagnosis as one HTML page that needs no network
+    #[arg(long, value_name = "REPORT.html")]
+    report: Option<PathBuf>,
     /// Draw measured, before and after, and what is left
     #[arg(long, value_name = "GAP.svg")]
     plot: Option<PathBuf>,
@@ -58,10 +67,20 @@ pub struct Args {
 ///
 /// Faults of the input, with place and remedy.
 pub fn run(args: &Args) -> anyhow::Result<()> {
-    super::check_outputs([&args.json, &args.plot, &args.output])?;
+    super::check_outputs([&args.json, &args.report, &args.plot, &args.output])?;
     super::check_distinct(&args.recordings, &args.holdout)?;
     let (file, recordings) = super::read(&args.model, &args.recordings)?;
     let holdout = crate::recording::read_all(&args.holdout, super::warn)?;
+    // Before the long work: these are the bytes that it starts from.
+    let provenance = match &args.report {
+        Some(_) => Some(Provenance::of(
+            &args.model,
+            &args.recordings,
+            &args.holdout,
+            command_line(),
+        )?),
+        None => None,
+    };
     let request = Request {
         file: &file,
         recordings: &recordings,
@@ -81,12 +100,18 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let diagnosis = diagnosis?;
     let seconds = clock.elapsed().as_secs_f64();
 
+    let content = Content::of(&request, &diagnosis);
     let mut outputs = Outputs::default();
     if let Some(path) = &args.json {
         let mut text = serde_json::to_string_pretty(&diagnosis.verdict(&request, seconds))?;
         text.push('\n');
         write_atomically(path, text.as_bytes())?;
         outputs.verdict = Some(path);
+    }
+    if let (Some(path), Some(provenance)) = (&args.report, &provenance) {
+        let page = page(&request, &diagnosis, &content, provenance, seconds)?;
+        write_atomically(path, page.as_bytes())?;
+        outputs.page = Some(path);
     }
     if let Some(path) = &args.plot {
         crate::plot::write_svg(path, &figure(&request, &diagnosis))?;
@@ -98,7 +123,6 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         write_atomically(path, text.as_bytes())?;
         outputs.model = Some(path);
     }
-    Ok(super::print(&summary(
-        &request, &diagnosis, &outputs, seconds,
-    ))?)
+    let text = summary(&content, &outputs, args.seed, seconds);
+    Ok(super::print(&text)?)
 }

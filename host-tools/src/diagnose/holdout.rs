@@ -22,6 +22,7 @@ use super::noise::NoiseFloor;
 use crate::fit::{Effort, Fitter, Run};
 use crate::model_file::ModelFile;
 use crate::recording::Recording;
+use crate::statistics::rms;
 
 /// Fewer different runs than this, and leaving one out would ask for
 /// extrapolation: repeats are then left out one by one.
@@ -45,6 +46,19 @@ pub struct HeldOut {
     pub floor: f64,
     /// Whether they were left out in turn rather than given.
     pub in_turn: bool,
+    /// The same for each held-out run.
+    pub runs: Vec<HeldOutRun>,
+}
+
+/// Errors (rad) on one run that was not fitted.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HeldOutRun {
+    /// The model as supplied.
+    pub nominal: f64,
+    /// The nominal structure, refitted.
+    pub refit: f64,
+    /// The repaired model in the board's arithmetic.
+    pub repaired_on_board: f64,
 }
 
 impl HeldOut {
@@ -61,7 +75,7 @@ impl HeldOut {
 
 /// Share of the gap between `before` and `floor` that `after` removes, at most
 /// 1; negative for a repair that makes it worse.
-fn share_closed(before: f64, after: f64, floor: f64) -> f64 {
+pub fn share_closed(before: f64, after: f64, floor: f64) -> f64 {
     let gap = before - floor;
     if gap <= 0.0 {
         return 0.0;
@@ -83,8 +97,9 @@ pub struct Judge<'a, 'r> {
     folds: Vec<Vec<usize>>,
     /// Noise floor of the held-out runs (rad).
     floor: f64,
-    /// Errors that were found before: several steps ask for the same ones.
-    memo: Mutex<BTreeMap<Key, f64>>,
+    /// Squared errors of each run that were found before: several steps ask for
+    /// the same ones.
+    memo: Mutex<BTreeMap<Key, Vec<f64>>>,
 }
 
 impl<'a, 'r> Judge<'a, 'r> {
@@ -117,19 +132,32 @@ impl<'a, 'r> Judge<'a, 'r> {
 
     /// RMS error (rad) of a fitted structure on runs that were not fitted.
     pub fn error_of(&self, candidate: &Candidate) -> f64 {
+        self.rms(&self.squares_of(candidate))
+    }
+
+    /// Sum of squared errors of a fitted structure on each run.
+    fn squares_of(&self, candidate: &Candidate) -> Vec<f64> {
         let key = (candidate.added.clone(), candidate.fit.free.clone());
         let memo = || self.memo.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(&known) = memo().get(&key) {
-            return known;
+        if let Some(known) = memo().get(&key) {
+            return known.clone();
         }
-        let found = self.collect(candidate, |fitter, model| fitter.compare(model).sse());
-        memo().insert(key, found);
+        let found = self.collect(candidate, |fitter, model| {
+            squares(&fitter.compare(model).residuals)
+        });
+        memo().insert(key, found.clone());
         found
     }
 
     /// What nothing can remove from the error on the held-out runs (rad).
     pub fn floor(&self) -> f64 {
         self.floor
+    }
+
+    /// RMS error (rad) over all runs from the sums of each.
+    fn rms(&self, squares: &[f64]) -> f64 {
+        let samples: usize = self.runs().iter().map(|run| run.recording.len()).sum();
+        (squares.iter().sum::<f64>() / samples.max(1) as f64).sqrt()
     }
 
     /// Share of the held-out gap between refit and noise floor that a structure
@@ -146,18 +174,33 @@ impl<'a, 'r> Judge<'a, 'r> {
             runs,
         }
         .compare(&self.file.model);
-        let refit_error = self.error_of(refit);
+        let before = self.squares_of(refit);
+        let after = self.collect(repaired, board_squares);
+        let each = |run: usize, squares: &[f64]| {
+            let samples = runs[run].recording.len().max(1) as f64;
+            (squares.get(run).copied().unwrap_or(0.0) / samples).sqrt()
+        };
         HeldOut {
             nominal: nominal.rmse(),
-            refit: refit_error,
+            refit: self.rms(&before),
             repaired: if repaired.added.is_empty() {
-                refit_error
+                self.rms(&before)
             } else {
                 self.error_of(repaired)
             },
-            repaired_on_board: self.collect(repaired, board_sse),
+            repaired_on_board: self.rms(&after),
             floor: self.floor,
             in_turn: self.given.is_empty(),
+            runs: nominal
+                .residuals
+                .iter()
+                .enumerate()
+                .map(|(run, residual)| HeldOutRun {
+                    nominal: rms(residual),
+                    refit: each(run, &before),
+                    repaired_on_board: each(run, &after),
+                })
+                .collect(),
         }
     }
 
@@ -169,34 +212,41 @@ impl<'a, 'r> Judge<'a, 'r> {
         }
     }
 
-    /// Collects squared errors over the held-out runs and returns their RMS.
+    /// Collects the squared errors of each held-out run.
     fn collect(
         &self,
         candidate: &Candidate,
-        sse: impl Fn(&Fitter<'_, '_>, &Model<f64>) -> f64,
-    ) -> f64 {
-        let samples: usize = self.runs().iter().map(|run| run.recording.len()).sum();
-        let total: f64 = if self.given.is_empty() {
-            self.folds
-                .iter()
-                .map(|fold| self.fold_sse(candidate, fold, &sse))
-                .sum()
+        squares: impl Fn(&Fitter<'_, '_>, &Model<f64>) -> Vec<f64>,
+    ) -> Vec<f64> {
+        if self.given.is_empty() {
+            let mut each = vec![0.0; self.fitter.runs.len()];
+            for fold in &self.folds {
+                let found = self.fold_squares(candidate, fold, &squares);
+                for (run, sum) in self.left_out(fold).zip(found) {
+                    each[run] = sum;
+                }
+            }
+            each
         } else {
             let fitter = Fitter {
                 nominal: &self.file.model,
                 runs: self.given,
             };
-            sse(&fitter, &candidate.fit.model)
-        };
-        (total / samples.max(1) as f64).sqrt()
+            squares(&fitter, &candidate.fit.model)
+        }
     }
 
-    fn fold_sse(
+    /// The runs of a fold in their own order.
+    fn left_out<'f>(&self, fold: &'f [usize]) -> impl Iterator<Item = usize> + use<'f> {
+        (0..self.fitter.runs.len()).filter(move |index| fold.contains(index))
+    }
+
+    fn fold_squares(
         &self,
         candidate: &Candidate,
         fold: &[usize],
-        sse: &impl Fn(&Fitter<'_, '_>, &Model<f64>) -> f64,
-    ) -> f64 {
+        squares: &impl Fn(&Fitter<'_, '_>, &Model<f64>) -> Vec<f64>,
+    ) -> Vec<f64> {
         let pick = |left_out: bool| -> Vec<Run<'r>> {
             self.fitter
                 .runs
@@ -222,7 +272,7 @@ impl<'a, 'r> Judge<'a, 'r> {
             .fit(&candidate.fit.model, &free, Effort::Glance)
             .model
         });
-        sse(
+        squares(
             &Fitter {
                 nominal,
                 runs: &pick(true),
@@ -252,10 +302,18 @@ fn folds(runs: usize, repeats: &[Vec<usize>]) -> Vec<Vec<usize>> {
         .collect()
 }
 
-/// Squared error of a model in the board's arithmetic, from starts estimated
+/// Sum of squares of each run.
+fn squares(residuals: &[Vec<f64>]) -> Vec<f64> {
+    residuals
+        .iter()
+        .map(|residual| residual.iter().map(|r| r * r).sum())
+        .collect()
+}
+
+/// Squared errors of a model in the board's arithmetic, from starts estimated
 /// in `f64`.
 #[allow(clippy::cast_possible_truncation)]
-fn board_sse(fitter: &Fitter<'_, '_>, model: &Model<f64>) -> f64 {
+fn board_squares(fitter: &Fitter<'_, '_>, model: &Model<f64>) -> Vec<f64> {
     let starts = fitter.compare(model).starts;
     let board: Model<f32, Minimax> = model.map(|value| value as f32);
     fitter
@@ -269,7 +327,7 @@ fn board_sse(fitter: &Fitter<'_, '_>, model: &Model<f64>) -> f64 {
                 .map(|(simulated, measured)| (simulated - measured).powi(2))
                 .sum::<f64>()
         })
-        .sum()
+        .collect()
 }
 
 #[cfg(test)]

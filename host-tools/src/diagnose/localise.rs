@@ -17,8 +17,11 @@ use crate::statistics::{mean, noise_by_differences, rms};
 /// Bins of a feature, each with as many samples.
 const BINS: usize = 16;
 
-/// Bins of the map along each axis.
+/// Bins of a map along each axis.
 const MAP_BINS: usize = 12;
+
+/// Samples of a feature that are kept to be drawn as dots.
+const DOTS: usize = 300;
 
 /// A feature of the motion and the share of the missing force that goes with
 /// it.
@@ -34,6 +37,8 @@ pub struct Feature {
     pub text: String,
     /// The missing force over the feature.
     pub curve: Vec<CurvePoint>,
+    /// Some single samples: the feature, and the missing force (N).
+    pub dots: Vec<(f64, f64)>,
 }
 
 /// The missing force in one bin of a feature.
@@ -49,16 +54,25 @@ pub struct CurvePoint {
     pub samples: usize,
 }
 
-/// The missing force over state and time: what is shown where no name is given.
+/// The missing force over two features: what is shown where no name is given.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ForceMap {
-    /// Edges of the bins of the angle (°).
-    pub angle_deg: Vec<f64>,
-    /// Edges of the bins of the rate (°/s).
-    pub rate_deg_per_s: Vec<f64>,
-    /// Mean force (N) in each bin, rows of equal angle; none where the motion
-    /// never was.
+    /// The features and the edges of their bins; the first lies across.
+    pub axes: [MapAxis; 2],
+    /// Mean force (N) in each bin, one row for each bin of the first feature;
+    /// none where the motion hardly ever was.
     pub force: Vec<Vec<Option<f64>>>,
+}
+
+/// One axis of a [`ForceMap`].
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct MapAxis {
+    /// Name of the feature.
+    pub name: &'static str,
+    /// Its unit.
+    pub unit: &'static str,
+    /// Edges of the bins, in that unit.
+    pub edges: Vec<f64>,
 }
 
 /// Everything about the missing force.
@@ -70,8 +84,9 @@ pub struct Gap {
     pub sentences: Vec<String>,
     /// Motion and missing force of each recording.
     pub runs: Vec<ForceSeries>,
-    /// The missing force over angle and rate.
-    pub map: ForceMap,
+    /// The missing force over the state, angle and rate, and over time, since
+    /// the last edge of the command and in the run.
+    pub maps: [ForceMap; 2],
     /// RMS of the missing force (N).
     pub rms: f64,
     /// The largest force in these runs that the model knows (N).
@@ -84,6 +99,9 @@ struct Sample {
     features: [f64; NAMES.len()],
 }
 
+/// The feature on which the runs are folded.
+pub const SINCE_LAST_EDGE: &str = "time since the last command edge";
+
 /// Name and unit of each feature.
 const NAMES: [(&str, &str); 9] = [
     ("angle", "°"),
@@ -91,13 +109,16 @@ const NAMES: [(&str, &str); 9] = [
     ("sign of angular velocity", ""),
     ("pressure", "kPa"),
     ("rate of the pressure", "kPa/s"),
-    ("time since the last command edge", "s"),
+    (SINCE_LAST_EDGE, "s"),
     ("time in the run", "s"),
     ("largest angle so far", "°"),
     ("run", "number"),
 ];
+const ANGLE: usize = 0;
 const RATE: usize = 1;
 const SIGN: usize = 2;
+const SINCE_EDGE: usize = 5;
+const IN_RUN: usize = 6;
 
 /// Estimates the force that `model` lacks and what it goes with; `noise` is the
 /// standard deviation of the measured angle (rad).
@@ -124,7 +145,10 @@ pub fn localise(model: &Model<f64>, recordings: &[Recording], noise: f64) -> Gap
     let sentences = sentences(&features, rms(&forces), known);
     Gap {
         sentences,
-        map: map(&runs),
+        maps: [
+            map(&samples, [ANGLE, RATE]),
+            map(&samples, [SINCE_EDGE, IN_RUN]),
+        ],
         rms: rms(&forces),
         known,
         features,
@@ -173,6 +197,11 @@ fn features(samples: &[Sample], forces: &[f64]) -> Vec<Feature> {
                     100.0 * share
                 ),
                 curve,
+                dots: samples
+                    .iter()
+                    .step_by(samples.len().div_ceil(DOTS))
+                    .map(|sample| (sample.features[column], sample.force))
+                    .collect(),
             };
             (share, feature)
         })
@@ -380,50 +409,65 @@ fn pressure_rate(recording: &Recording, k: usize) -> f64 {
     }
 }
 
-/// The missing force over angle and rate.
-fn map(runs: &[ForceSeries]) -> ForceMap {
-    let range = |of: fn(&ForceSeries) -> &[f64]| {
-        let values = || runs.iter().flat_map(of).filter(|value| value.is_finite());
-        let low = values().copied().fold(f64::INFINITY, f64::min);
-        let high = values().copied().fold(f64::NEG_INFINITY, f64::max);
-        (low, high)
-    };
-    let (angles, rates) = (range(|run| &run.angle), range(|run| &run.rate));
-    if !(angles.1 > angles.0 && rates.1 > rates.0) {
+/// The missing force over two features.
+fn map(samples: &[Sample], columns: [usize; 2]) -> ForceMap {
+    /// Fewer samples in a bin are chance.
+    const FEWEST: usize = 3;
+    let ranges = columns.map(|column| usual_range(samples, column));
+    if ranges.iter().any(|(low, high)| low >= high) {
         return ForceMap::default();
     }
     let bin = |value: f64, (low, high): (f64, f64)| {
-        // Within the range by construction.
+        let share = ((value - low) / (high - low)).clamp(0.0, 1.0);
+        // What is beyond the usual range goes into the outermost bins.
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-        let bin = ((value - low) / (high - low) * MAP_BINS as f64) as usize;
+        let bin = (share * MAP_BINS as f64) as usize;
         bin.min(MAP_BINS - 1)
     };
     let mut sum = [[(0.0, 0usize); MAP_BINS]; MAP_BINS];
-    for run in runs {
-        for ((angle, rate), force) in run.angle.iter().zip(&run.rate).zip(&run.force) {
-            if angle.is_finite() && rate.is_finite() && force.is_finite() {
-                let cell = &mut sum[bin(*angle, angles)][bin(*rate, rates)];
-                cell.0 += force;
-                cell.1 += 1;
-            }
-        }
+    for sample in samples {
+        let [across, up] = [0, 1].map(|k| bin(sample.features[columns[k]], ranges[k]));
+        let cell = &mut sum[across][up];
+        cell.0 += sample.force;
+        cell.1 += 1;
     }
-    let edges = |(low, high): (f64, f64)| -> Vec<f64> {
-        (0..=MAP_BINS)
-            .map(|k| (low + (high - low) * k as f64 / MAP_BINS as f64).to_degrees())
-            .collect()
+    let axis = |k: usize| {
+        let (low, high) = ranges[k];
+        let (name, unit) = NAMES[columns[k]];
+        MapAxis {
+            name,
+            unit,
+            edges: (0..=MAP_BINS)
+                .map(|k| low + (high - low) * k as f64 / MAP_BINS as f64)
+                .collect(),
+        }
     };
     ForceMap {
-        angle_deg: edges(angles),
-        rate_deg_per_s: edges(rates),
+        axes: [axis(0), axis(1)],
         force: sum
             .iter()
             .map(|row| {
                 row.iter()
-                    .map(|&(force, samples)| (samples >= 3).then(|| force / samples as f64))
+                    .map(|&(force, samples)| (samples >= FEWEST).then(|| force / samples as f64))
                     .collect()
             })
             .collect(),
+    }
+}
+
+/// The range of a feature but for its most extreme hundredth at either end: one
+/// spike of the rate would squeeze everything else into one bin.
+fn usual_range(samples: &[Sample], column: usize) -> (f64, f64) {
+    let mut values: Vec<f64> = samples
+        .iter()
+        .map(|sample| sample.features[column])
+        .filter(|value| value.is_finite())
+        .collect();
+    values.sort_by(f64::total_cmp);
+    let aside = values.len() / 100;
+    match (values.get(aside), values.iter().rev().nth(aside)) {
+        (Some(&low), Some(&high)) => (low, high),
+        _ => (0.0, 0.0),
     }
 }
 
@@ -489,6 +533,32 @@ mod tests {
         assert_eq!(features[0].name, expected, "{features:?}");
         assert!(features[0].share > 0.8, "{features:?}");
         assert!(gap.sentences.len() >= 2);
+    }
+
+    #[test]
+    fn a_map_has_its_forces_in_the_right_bins() {
+        let samples: Vec<Sample> = (0..4_000)
+            .map(|k| {
+                let (angle, rate) = (f64::from(k % 40), f64::from(k / 40));
+                let mut features = [0.0; NAMES.len()];
+                features[ANGLE] = angle;
+                features[RATE] = rate;
+                let force = if angle > 20.0 && rate > 50.0 {
+                    1.0
+                } else {
+                    -0.5
+                };
+                Sample { force, features }
+            })
+            .collect();
+        let found = map(&samples, [ANGLE, RATE]);
+        assert_eq!(found.axes[0].name, "angle");
+        assert_eq!(found.axes[1].edges.len(), MAP_BINS + 1);
+        let last = MAP_BINS - 1;
+        assert_eq!(found.force[last][last], Some(1.0));
+        assert_eq!(found.force[0][last], Some(-0.5));
+        assert_eq!(found.force[last][0], Some(-0.5));
+        assert_eq!(map(&[], [ANGLE, RATE]), ForceMap::default());
     }
 
     #[test]

@@ -38,9 +38,21 @@ pub(super) fn stroke(mark: Mark) -> u32 {
     }
 }
 
+/// What a drawing is made for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Medium {
+    /// A file of its own: a white page of a fixed size.
+    File,
+    /// Part of an HTML page: as wide as there is room, without a ground, and
+    /// with groups that say what is in them.
+    Page,
+}
+
 /// A page that is being drawn on.
-pub(super) struct Canvas<'a> {
-    backend: SVGBackend<'a>,
+pub(super) struct Canvas {
+    body: String,
+    size: (u32, u32),
+    pub(super) medium: Medium,
 }
 
 #[derive(Clone, Copy)]
@@ -59,27 +71,55 @@ pub(super) fn pixel((x, y): (f64, f64)) -> (i32, i32) {
     (tenths(x), tenths(y))
 }
 
-impl<'a> Canvas<'a> {
-    fn new(buffer: &'a mut String, width: f64, height: f64) -> Self {
-        let size = (tenths(width).unsigned_abs(), tenths(height).unsigned_abs());
-        Self {
-            backend: SVGBackend::with_string(buffer, size),
+impl Canvas {
+    /// Lets the backend draw one element.
+    fn draw<E: std::fmt::Display>(
+        &mut self,
+        element: impl FnOnce(&mut SVGBackend) -> Result<(), E>,
+    ) -> Result<(), PlotError> {
+        let mut text = String::new();
+        {
+            let mut backend = SVGBackend::with_string(&mut text, self.size);
+            element(&mut backend).map_err(refused)?;
+            backend.present().map_err(refused)?;
         }
+        // A whole document, of which the middle is the element.
+        let element = text.split_once('\n').map_or("", |(_, rest)| rest);
+        self.body
+            .push_str(element.trim_end().trim_end_matches("</svg>"));
+        Ok(())
     }
 
-    fn finish(&mut self) -> Result<(), PlotError> {
-        self.backend.present().map_err(refused)
+    /// Draws what belongs together; on a page, in a group with attributes that
+    /// a script can read.
+    pub(super) fn group(
+        &mut self,
+        attributes: &[(&str, String)],
+        draw: impl FnOnce(&mut Self) -> Result<(), PlotError>,
+    ) -> Result<(), PlotError> {
+        if self.medium == Medium::File {
+            return draw(self);
+        }
+        self.body.push_str("<g");
+        for (name, value) in attributes {
+            self.body
+                .push_str(&format!(" {name}=\"{}\"", escaped(value)));
+        }
+        self.body.push_str(">\n");
+        draw(self)?;
+        self.body.push_str("</g>\n");
+        Ok(())
     }
 
     pub(super) fn fill(&mut self, area: &Rectangle, colour: RGBColor) -> Result<(), PlotError> {
-        self.backend
-            .draw_rect(
+        self.draw(|backend| {
+            backend.draw_rect(
                 pixel((area.left, area.top)),
                 pixel((area.right, area.bottom)),
                 &ShapeStyle::from(colour).filled(),
                 true,
             )
-            .map_err(refused)
+        })
     }
 
     pub(super) fn polygon(
@@ -88,12 +128,12 @@ impl<'a> Canvas<'a> {
         colour: RGBColor,
     ) -> Result<(), PlotError> {
         use plotters::style::Color as _;
-        self.backend
-            .fill_polygon(
+        self.draw(|backend| {
+            backend.fill_polygon(
                 corners.iter().map(|corner| pixel(*corner)),
                 &colour.mix(0.22),
             )
-            .map_err(refused)
+        })
     }
 
     pub(super) fn path(
@@ -102,24 +142,24 @@ impl<'a> Canvas<'a> {
         colour: RGBColor,
         width_tenths: u32,
     ) -> Result<(), PlotError> {
-        self.backend
-            .draw_path(
+        self.draw(|backend| {
+            backend.draw_path(
                 points.iter().map(|point| pixel(*point)),
                 &ShapeStyle::from(colour).stroke_width(width_tenths),
             )
-            .map_err(refused)
+        })
     }
 
     pub(super) fn dot(&mut self, centre: (f64, f64), colour: RGBColor) -> Result<(), PlotError> {
         use plotters::style::Color as _;
-        self.backend
-            .draw_circle(
+        self.draw(|backend| {
+            backend.draw_circle(
                 pixel(centre),
                 DOT_RADIUS_TENTHS,
                 &ShapeStyle::from(&colour.mix(0.7)).filled(),
                 true,
             )
-            .map_err(refused)
+        })
     }
 
     /// Writes a text whose baseline box is centred on `at` vertically.
@@ -151,9 +191,7 @@ impl<'a> Canvas<'a> {
         if look.upwards {
             style = style.transform(FontTransform::Rotate270);
         }
-        self.backend
-            .draw_text(&clean, &style, pixel(at))
-            .map_err(refused)
+        self.draw(|backend| backend.draw_text(&clean, &style, pixel(at)))
     }
 }
 
@@ -184,32 +222,47 @@ impl TextLook {
     };
 }
 
-/// A whole document of the given size in pixels, with what `draw` puts on it.
+/// Text as the value of an attribute.
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
+        .replace('"', "&quot;")
+}
+
+/// A whole document of the given size in pixels, with what `draw` puts on it;
+/// `name` is what someone hears who does not see it.
 pub(super) fn document(
-    width: f64,
-    height: f64,
+    (width, height): (f64, f64),
+    medium: Medium,
+    name: &str,
     draw: impl FnOnce(&mut Canvas) -> Result<(), PlotError>,
 ) -> Result<String, PlotError> {
-    let mut body = String::new();
-    {
-        let mut canvas = Canvas::new(&mut body, width, height);
-        draw(&mut canvas)?;
-        canvas.finish()?;
-    }
     // The backend writes whole pixels and knows neither dashes nor joins. So it
     // is given tenths of a pixel, and the head of the document scales them.
-    let elements = body.split_once('\n').map_or("", |(_, rest)| rest);
+    let size = (tenths(width), tenths(height));
+    let mut canvas = Canvas {
+        body: String::new(),
+        size: (size.0.unsigned_abs(), size.1.unsigned_abs()),
+        medium,
+    };
+    draw(&mut canvas)?;
     let dashed = format!("stroke-width=\"{DASHED_TENTHS}\"");
-    let with_dashes = elements.replace(
+    let with_dashes = canvas.body.replace(
         &dashed,
         &format!("stroke-width=\"{LINE_TENTHS}\" stroke-dasharray=\"55 40\""),
     );
+    let place = match medium {
+        Medium::File => format!(
+            "xmlns=\"http://www.w3.org/2000/svg\" width=\"{}\" height=\"{}\"",
+            size.0 / 10,
+            size.1 / 10
+        ),
+        Medium::Page => format!("class=\"picture\" aria-label=\"{}\"", escaped(name)),
+    };
     Ok(format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{}\" height=\"{}\" viewBox=\"0 0 {} {}\" \
-         stroke-linejoin=\"round\" stroke-linecap=\"butt\" role=\"img\">\n{with_dashes}",
-        tenths(width) / 10,
-        tenths(height) / 10,
-        tenths(width),
-        tenths(height),
+        "<svg {place} viewBox=\"0 0 {} {}\" \
+         stroke-linejoin=\"round\" stroke-linecap=\"butt\" role=\"img\">\n{with_dashes}</svg>\n",
+        size.0, size.1,
     ))
 }

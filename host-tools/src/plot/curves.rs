@@ -3,13 +3,38 @@
 //! Recordings have gaps, run past the limits and hold more samples than pixels.
 //! Here a series becomes the lines, dots and areas that are left to draw.
 
+use plotters::style::RGBColor;
+
 use super::axis::drawable;
 use super::canvas::{Canvas, stroke};
 use super::panel::Placed;
+use super::rectangle::Rectangle;
 use super::thin::{runs, thin_dots, thin_line};
-use super::{Mark, PlotError, Series};
+use super::{Cell, Mark, PlotError, Series, diverging};
 
 impl Placed {
+    pub(super) fn draw_cell(&self, cell: &Cell, canvas: &mut Canvas) -> Result<(), PlotError> {
+        let corners = [(cell.x.0, cell.y.1), (cell.x.1, cell.y.0)];
+        if !corners.iter().all(|(x, y)| drawable(*x) && drawable(*y)) {
+            return Ok(());
+        }
+        let [(left, top), (right, bottom)] = corners.map(|corner| self.at(corner));
+        let area = Rectangle {
+            left: left.max(self.area.left),
+            top: top.max(self.area.top),
+            right: right.min(self.area.right),
+            bottom: bottom.min(self.area.bottom),
+        };
+        let (red, green, blue) = diverging(cell.shade);
+        let attributes = [
+            ("class", "cell".to_owned()),
+            ("data-text", cell.text.clone()),
+        ];
+        canvas.group(&attributes, |canvas| {
+            canvas.fill(&area, RGBColor(red, green, blue))
+        })
+    }
+
     pub(super) fn draw_series(
         &self,
         series: &Series,

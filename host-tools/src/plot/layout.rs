@@ -7,7 +7,7 @@
 use plotters::style::RGBColor;
 
 use super::axis::drawable;
-use super::canvas::{Anchor, Canvas, TextLook};
+use super::canvas::{Anchor, Canvas, Medium, TextLook};
 use super::panel::Placed;
 use super::rectangle::Rectangle;
 use super::text::{LEADING, SUBTITLE_PX, TITLE_PX, wrap};
@@ -120,7 +120,9 @@ impl Layout {
             right: self.width,
             bottom: self.height,
         };
-        canvas.fill(&page, RGBColor(0xFF, 0xFF, 0xFF))?;
+        if canvas.medium == Medium::File {
+            canvas.fill(&page, RGBColor(0xFF, 0xFF, 0xFF))?;
+        }
         let mut y = MARGIN;
         for (lines, size, look) in [
             (&self.title, TITLE_PX, TextLook::BOLD),

@@ -37,9 +37,10 @@ mod thin;
 use std::path::Path;
 
 use crate::error::{InputError, write_atomically};
+use canvas::Medium;
 use layout::Layout;
 
-pub use style::{Mark, Role, Style};
+pub use style::{Mark, Role, Style, css_colour, diverging};
 
 /// Why a picture could not be drawn or written.
 #[derive(Debug, thiserror::Error)]
@@ -70,6 +71,9 @@ pub struct Series {
     pub upper: Vec<f64>,
     /// How it looks.
     pub style: Style,
+    /// What a script may know it by besides its label, such as the number of a
+    /// run; may be empty.
+    pub key: String,
 }
 
 impl Series {
@@ -81,6 +85,7 @@ impl Series {
             y: y.to_vec(),
             upper: Vec::new(),
             style,
+            key: String::new(),
         }
     }
 
@@ -98,9 +103,28 @@ impl Series {
         }
     }
 
+    /// Sets what a script may know it by.
+    pub fn with_key(mut self, key: impl Into<String>) -> Self {
+        self.key = key.into();
+        self
+    }
+
     fn points(&self) -> impl Iterator<Item = (f64, f64)> {
         self.x.iter().copied().zip(self.y.iter().copied())
     }
+}
+
+/// A coloured rectangle of a map.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Cell {
+    /// From and to along the abscissa.
+    pub x: (f64, f64),
+    /// From and to along the ordinate.
+    pub y: (f64, f64),
+    /// Its value, −1 to 1 on the scale of the map.
+    pub shade: f64,
+    /// What it says in words.
+    pub text: String,
 }
 
 /// One pair of axes with its curves.
@@ -112,6 +136,8 @@ pub struct Panel {
     pub x_label: String,
     /// Quantity and unit of the ordinate, such as `angle (°)`.
     pub y_label: String,
+    /// The cells of a map, drawn before the curves.
+    pub cells: Vec<Cell>,
     /// The curves, drawn in this order.
     pub series: Vec<Series>,
     /// Limits of the abscissa; from the data if absent. Data outside is cut off.
@@ -123,6 +149,9 @@ pub struct Panel {
     pub levels: Vec<f64>,
     /// Height relative to the other rows; 1 is usual.
     pub weight: f64,
+    /// Whether the labels of the curves are listed above; not where the text
+    /// around the picture does.
+    pub legend: bool,
 }
 
 impl Panel {
@@ -132,11 +161,13 @@ impl Panel {
             title: String::new(),
             x_label: x_label.into(),
             y_label: y_label.into(),
+            cells: Vec::new(),
             series: Vec::new(),
             x_range: None,
             y_range: None,
             levels: Vec::new(),
             weight: 1.0,
+            legend: true,
         }
     }
 
@@ -149,6 +180,12 @@ impl Panel {
     /// Adds a curve.
     pub fn with_series(mut self, series: Series) -> Self {
         self.series.push(series);
+        self
+    }
+
+    /// Sets the cells of a map.
+    pub fn with_cells(mut self, cells: Vec<Cell>) -> Self {
+        self.cells = cells;
         self
     }
 
@@ -167,6 +204,12 @@ impl Panel {
     /// Adds a thin horizontal line.
     pub fn with_level(mut self, level: f64) -> Self {
         self.levels.push(level);
+        self
+    }
+
+    /// Shows or hides the labels of the curves.
+    pub fn with_legend(mut self, legend: bool) -> Self {
+        self.legend = legend;
         self
     }
 
@@ -254,8 +297,27 @@ pub fn write_svg(path: &Path, figure: &Figure) -> Result<(), PlotError> {
 /// [`PlotError::Draw`] if the backend refuses an element, which no figure is
 /// known to cause.
 pub fn to_svg_string(figure: &Figure) -> Result<String, PlotError> {
+    draw(figure, Medium::File, &figure.title)
+}
+
+/// Draws a figure as part of an HTML page: as wide as there is room, without a
+/// ground. `name` is what someone hears who does not see it.
+///
+/// Panels, series and cells stand in groups that say what is in them: the axes
+/// of a panel in tenths of a pixel and in their units (`data-area`, `data-x`,
+/// `data-y`), the label of a series, the text of a cell. So a script can read
+/// values off the drawing, and no number is there twice.
+///
+/// # Errors
+///
+/// As [`to_svg_string`].
+pub fn to_inline_svg(figure: &Figure, name: &str) -> Result<String, PlotError> {
+    draw(figure, Medium::Page, name)
+}
+
+fn draw(figure: &Figure, medium: Medium, name: &str) -> Result<String, PlotError> {
     let layout = Layout::of(figure);
-    canvas::document(layout.width, layout.height, |canvas| {
+    canvas::document((layout.width, layout.height), medium, name, |canvas| {
         layout.draw(figure, canvas)
     })
 }
@@ -358,6 +420,35 @@ mod tests {
         let svg = to_svg_string(&figure).unwrap();
         assert!(svg.len() < 300_000, "{} bytes", svg.len());
         assert!(points_of(&svg) < 2_000);
+    }
+
+    #[test]
+    fn a_picture_on_a_page_says_what_is_in_it() {
+        let (x, y) = wave(50);
+        let cell = Cell {
+            x: (0.0, 0.1),
+            y: (0.0, 20.0),
+            shade: -0.5,
+            text: "−2 N \"here\"".into(),
+        };
+        let panel = Panel::new("time (s)", "a < b (°)")
+            .with_cells(vec![cell])
+            .with_series(Series::new("measured", &x, &y, Style::MEASURED).with_key("3"));
+        let figure = Figure::new("").with_panel(panel);
+        let page = to_inline_svg(&figure, "Run \"3\" <b>").unwrap();
+        for part in [
+            "aria-label=\"Run &quot;3&quot; &lt;b&gt;\"",
+            "data-y-label=\"a &lt; b (°)\"",
+            "data-label=\"measured\" data-key=\"3\"",
+            "data-text=\"−2 N &quot;here&quot;\"",
+        ] {
+            assert!(page.contains(part), "{part} is not in {page}");
+        }
+        assert_eq!(page.matches("<g").count(), page.matches("</g>").count());
+        // No ground, and no name space that looks like an address to load.
+        assert!(!page.contains("#FFFFFF") && !page.contains("http"));
+        let file = to_svg_string(&figure).unwrap();
+        assert!(file.contains("#FFFFFF") && !file.contains("<g"));
     }
 
     #[test]

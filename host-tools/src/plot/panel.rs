@@ -7,7 +7,7 @@
 use plotters::style::RGBColor;
 
 use super::axis::{Axis, drawable};
-use super::canvas::{Anchor, Canvas, HAIR_TENTHS, TextLook};
+use super::canvas::{Anchor, Canvas, HAIR_TENTHS, TextLook, tenths};
 use super::legend::{
     LEGEND_GAP, LEGEND_SAMPLE, LegendEntry, draw_sample, legend_rows, legend_width,
 };
@@ -51,7 +51,8 @@ impl Placed {
                 .iter()
                 .flat_map(|s| s.y.iter().chain(&s.upper))
                 .chain(&panel.levels)
-                .copied(),
+                .copied()
+                .chain(panel.cells.iter().flat_map(|cell| [cell.y.0, cell.y.1])),
             panel.y_range,
             0.05,
             plot_height,
@@ -76,10 +77,13 @@ impl Placed {
             .flat_map(|p| &p.series)
             .any(|s| s.style.mark == Mark::Points);
         let x = Axis::over(
-            shares_x
-                .iter()
-                .flat_map(|p| &p.series)
-                .flat_map(|s| s.x.iter().copied()),
+            shares_x.iter().flat_map(|p| {
+                let cells = p.cells.iter().flat_map(|cell| [cell.x.0, cell.x.1]);
+                p.series
+                    .iter()
+                    .flat_map(|s| s.x.iter().copied())
+                    .chain(cells)
+            }),
             panel
                 .x_range
                 .or_else(|| shares_x.iter().find_map(|p| p.x_range)),
@@ -89,7 +93,11 @@ impl Placed {
             78.0,
         );
         let title = wrap(&panel.title, PANEL_TITLE_PX, area.right - area.left);
-        let legend = legend_rows(panel, area.right - area.left);
+        let legend = if panel.legend {
+            legend_rows(panel, area.right - area.left)
+        } else {
+            Vec::new()
+        };
         let legend_beside_title = legend.len() == 1
             && title.len() <= 1
             && title
@@ -147,10 +155,44 @@ impl Placed {
     }
 
     pub(super) fn draw(&self, panel: &Panel, canvas: &mut Canvas) -> Result<(), PlotError> {
+        canvas.group(&self.attributes(panel), |canvas| {
+            self.draw_inside(panel, canvas)
+        })
+    }
+
+    /// What a script needs to read values off the panel.
+    fn attributes(&self, panel: &Panel) -> [(&'static str, String); 6] {
+        let Rectangle {
+            left,
+            top,
+            right,
+            bottom,
+        } = self.area;
+        let edges = [left, top, right, bottom].map(|edge| tenths(edge).to_string());
+        [
+            ("class", "panel".to_owned()),
+            ("data-area", edges.join(" ")),
+            ("data-x", format!("{} {}", self.x.low, self.x.high)),
+            ("data-y", format!("{} {}", self.y.low, self.y.high)),
+            ("data-x-label", panel.x_label.clone()),
+            ("data-y-label", panel.y_label.clone()),
+        ]
+    }
+
+    fn draw_inside(&self, panel: &Panel, canvas: &mut Canvas) -> Result<(), PlotError> {
         self.draw_grid(panel, canvas)?;
         self.draw_header(canvas)?;
+        for cell in &panel.cells {
+            self.draw_cell(cell, canvas)?;
+        }
         for series in &panel.series {
-            self.draw_series(series, canvas)?;
+            let mut attributes = vec![("class", "series".to_owned())];
+            for (name, value) in [("data-label", &series.label), ("data-key", &series.key)] {
+                if !value.is_empty() {
+                    attributes.push((name, value.clone()));
+                }
+            }
+            canvas.group(&attributes, |canvas| self.draw_series(series, canvas))?;
         }
         let Rectangle {
             left,
@@ -163,10 +205,11 @@ impl Placed {
             FRAME,
             HAIR_TENTHS,
         )?;
-        let empty = panel
-            .series
-            .iter()
-            .all(|s| !s.points().any(|(x, y)| drawable(x) && drawable(y)));
+        let empty = panel.cells.is_empty()
+            && panel
+                .series
+                .iter()
+                .all(|s| !s.points().any(|(x, y)| drawable(x) && drawable(y)));
         if empty {
             canvas.text(
                 "no data",

@@ -46,6 +46,39 @@ impl Role {
     }
 }
 
+/// The colour of a role as style sheets write it.
+pub fn css_colour(role: Role) -> String {
+    let RGBColor(red, green, blue) = role.colour();
+    format!("#{red:02x}{green:02x}{blue:02x}")
+}
+
+/// Red, green and blue of a value between −1 and 1 on a scale with a neutral
+/// middle: the blue of [`Role::Nominal`] over near white to the vermilion of
+/// [`Role::Before`]. Light and dark tell sign from size without the hue.
+pub fn diverging(value: f64) -> (u8, u8, u8) {
+    const MIDDLE: RGBColor = RGBColor(0xF4, 0xF2, 0xEF);
+    let value = if value.is_finite() {
+        value.clamp(-1.0, 1.0)
+    } else {
+        0.0
+    };
+    let RGBColor(red, green, blue) = if value < 0.0 {
+        Role::Nominal.colour()
+    } else {
+        Role::Before.colour()
+    };
+    // Between two colours by construction.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    let mix = |from: u8, to: u8| {
+        (f64::from(from) + (f64::from(to) - f64::from(from)) * value.abs()).round() as u8
+    };
+    (
+        mix(MIDDLE.0, red),
+        mix(MIDDLE.1, green),
+        mix(MIDDLE.2, blue),
+    )
+}
+
 /// How a curve is drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mark {

@@ -1,0 +1,961 @@
+//! What a diagnosis says, in sentences and rounded numbers.
+//!
+//! A reader may hold the terminal's lines against the page. So every sentence
+//! and every row that both show is made here, and neither computes its own.
+
+use model_core::actuator::ParameterId;
+use model_core::catalogue::Kind;
+use model_core::effects::Place;
+use serde::Serialize;
+
+use crate::cmd::fit::number;
+use crate::diagnose::holdout::share_closed;
+use crate::diagnose::judge::Tried;
+use crate::diagnose::noise::NoiseFloor;
+use crate::diagnose::verdict::Answer;
+use crate::diagnose::{Diagnosis, Request};
+use crate::fit::Fit;
+use crate::model_file::{parameter_name, parameter_unit, to_file_units};
+
+/// Structures of one size that are listed; what is behind them is counted.
+const TRIED_LISTED: usize = 6;
+
+/// Everything that is said about a diagnosis.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Content {
+    /// The answer.
+    pub answer: Answer,
+    /// The verdict in one sentence.
+    pub sentence: String,
+    /// What it rests on, and what to do, in two or three sentences.
+    pub lede: String,
+    /// The numbers that matter most.
+    pub keys: Vec<Key>,
+    /// What is noteworthy about the recordings.
+    pub notices: Vec<Notice>,
+    /// Errors on fitted runs, and on runs that were not fitted.
+    pub errors: Vec<ErrorRow>,
+    /// Whether effects were added to the model.
+    pub named: bool,
+    /// How much of the gap the added effects close, as a sentence.
+    pub closed: Option<String>,
+    /// The added effects.
+    pub effects: Vec<Effect>,
+    /// The parameters that the model had before.
+    pub base: Vec<ParameterRow>,
+    /// Which parameters the recordings do not determine.
+    pub undetermined: Vec<String>,
+    /// Where the gap lives.
+    pub gap: Vec<String>,
+    /// Rival explanations, best first.
+    pub rivals: Vec<Rival>,
+    /// Structures that were fitted, by their number of effects.
+    pub tried: Vec<TriedGroup>,
+    /// Effects that were not tried, by the reason.
+    pub untried: Vec<Untried>,
+    /// Runs that would separate the rivals, best first.
+    pub next: Vec<NextRun>,
+    /// What these recordings leave open, in sentences.
+    pub open: Vec<String>,
+}
+
+/// A number with what it is.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Key {
+    /// What it is.
+    pub label: String,
+    /// The number with its unit.
+    pub value: String,
+    /// How to read it.
+    pub note: String,
+}
+
+/// Something that a person should know about the recordings.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Notice {
+    /// The recording; none if it is about all of them.
+    pub about: Option<String>,
+    /// What was found.
+    pub text: String,
+    /// What to do about it.
+    pub advice: String,
+}
+
+/// RMS errors in degrees.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ErrorRow {
+    /// Which runs.
+    pub name: &'static str,
+    /// How many.
+    pub runs: usize,
+    /// The model as supplied.
+    pub nominal: String,
+    /// The same structure, refitted.
+    pub refit: String,
+    /// With the named effects.
+    pub repaired: String,
+    /// What noise alone leaves.
+    pub floor: String,
+}
+
+/// An effect that was added.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Effect {
+    /// Name in files.
+    pub kind: &'static str,
+    /// Name in sentences.
+    pub title: &'static str,
+    /// Its equation.
+    pub equation: &'static str,
+    /// What it is and how it shows.
+    pub text: &'static str,
+    /// Where it acts.
+    pub place: &'static str,
+    /// Probability among the explanations that were tried.
+    pub probability: String,
+    /// Its parameters.
+    pub parameters: Vec<ParameterRow>,
+}
+
+/// A parameter with what is known about it, in the unit of files.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ParameterRow {
+    /// Name in files.
+    pub name: String,
+    /// Symbol in the equation.
+    pub symbol: &'static str,
+    /// Unit.
+    pub unit: &'static str,
+    /// The value as supplied; none for what was added.
+    pub nominal: Option<String>,
+    /// The value now.
+    pub value: String,
+    /// Whether it was fitted.
+    pub free: bool,
+    /// The ends of the 95 % interval, if there is one.
+    pub interval: Option<[String; 2]>,
+}
+
+impl ParameterRow {
+    /// The interval, or why there is none.
+    pub fn certainty(&self) -> String {
+        match &self.interval {
+            Some([low, high]) => format!("95 %: {low} … {high}"),
+            None if self.free => "not determined by these runs".to_owned(),
+            None => "held".to_owned(),
+        }
+    }
+}
+
+/// A rival explanation.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Rival {
+    /// Its effects, as in files, joined by " + ".
+    pub name: String,
+    /// Its effects, as in sentences.
+    pub title: String,
+    /// Its probability.
+    pub probability: String,
+    /// Its information criterion behind the best.
+    pub delta_bic: String,
+}
+
+/// Structures with the same number of added effects.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct TriedGroup {
+    /// "One effect added".
+    pub title: String,
+    /// The best of them.
+    pub rows: Vec<TriedRow>,
+    /// How many more there were, each with more evidence against it than the
+    /// last row.
+    pub more: usize,
+}
+
+/// A structure that was fitted.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct TriedRow {
+    /// Its effects, as in sentences.
+    pub title: String,
+    /// Its effects, as in files.
+    pub name: String,
+    /// RMS error on fitted runs (°).
+    pub fitted: String,
+    /// RMS error on runs that were not fitted (°).
+    pub held_out: String,
+    /// Share of the gap that it closes (%).
+    pub closed: String,
+    /// Evidence against it.
+    pub delta_bic: String,
+    /// Its probability among the structures of its size.
+    pub probability: String,
+    /// What became of it.
+    pub standing: Standing,
+    /// Parameters at the edge of the range that was searched.
+    pub at_bound: Vec<String>,
+}
+
+/// What became of a structure.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Standing {
+    /// It is the answer.
+    Named,
+    /// The recordings cannot reject it.
+    Rival,
+    /// It was rejected.
+    Rejected,
+}
+
+/// Effects that were not tried, with the reason.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Untried {
+    /// Names in files.
+    pub kinds: Vec<&'static str>,
+    /// The reason, as a clause.
+    pub reason: &'static str,
+}
+
+/// A run that would separate two rivals.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct NextRun {
+    /// Name of the protocol.
+    pub protocol: String,
+    /// What it is.
+    pub title: String,
+    /// How long it lasts (s).
+    pub seconds: String,
+    /// What it separates, as in files.
+    pub separates: [String; 2],
+    /// The evidence that it is expected to bring.
+    pub evidence: String,
+    /// The command that writes it as a protocol file.
+    pub command: String,
+}
+
+impl Content {
+    /// Puts a diagnosis into words.
+    pub fn of(request: &Request<'_>, diagnosis: &Diagnosis) -> Self {
+        let named = !diagnosis.repaired.added.is_empty();
+        let rivals: Vec<Rival> = diagnosis
+            .alternatives
+            .iter()
+            .map(|rival| Rival {
+                name: rival.kinds.join(" + "),
+                title: titles_of_names(&rival.kinds),
+                probability: probability(rival.probability),
+                delta_bic: format!("{:.0}", rival.delta_bic),
+            })
+            .collect();
+        Self {
+            answer: diagnosis.answer,
+            sentence: sentence(diagnosis),
+            lede: lede(diagnosis),
+            keys: keys(diagnosis),
+            notices: notices(diagnosis),
+            errors: errors(request, diagnosis),
+            named,
+            closed: named.then(|| {
+                format!(
+                    "On runs that were not fitted it closes {} of the gap to the noise; {}.",
+                    percent(diagnosis.adequacy.holdout_gap_closed),
+                    left_over(diagnosis)
+                )
+            }),
+            effects: effects(diagnosis),
+            base: base(request, diagnosis),
+            undetermined: diagnosis.identifiability[0].text.clone(),
+            gap: diagnosis.gap.sentences.clone(),
+            tried: tried(diagnosis),
+            untried: untried(diagnosis),
+            next: next(request, diagnosis),
+            open: open(diagnosis),
+            rivals,
+        }
+    }
+
+    /// Whether something is missing, named or not.
+    pub fn something_is_missing(&self) -> bool {
+        !matches!(self.answer, Answer::NoDiscrepancy | Answer::ParametersOnly)
+    }
+}
+
+/// The verdict in one sentence.
+pub fn sentence(diagnosis: &Diagnosis) -> String {
+    match diagnosis.answer {
+        Answer::NoDiscrepancy => {
+            "Nothing is missing: the model agrees with the recordings within their noise.".into()
+        }
+        Answer::ParametersOnly => {
+            "No effect is missing: the structure is right, only the parameters were off.".into()
+        }
+        Answer::EffectFound => format!("The model lacks {}.", titles(&diagnosis.repaired.added)),
+        Answer::CannotTell => {
+            let rivals: Vec<String> = diagnosis
+                .alternatives
+                .iter()
+                .map(|rival| {
+                    let kinds: Vec<&str> = rival.kinds.iter().map(|kind| title(kind)).collect();
+                    kinds.join(" with ")
+                })
+                .collect();
+            format!(
+                "Something is missing, but these recordings cannot tell apart {}.",
+                listed(&rivals)
+            )
+        }
+        Answer::Unexplained => {
+            "Something is missing, and it is none of the effects that are known.".into()
+        }
+    }
+}
+
+/// What the sentence rests on, and what to do.
+fn lede(diagnosis: &Diagnosis) -> String {
+    let held_out = &diagnosis.held_out;
+    let [nominal, refit, repaired, floor] = [
+        held_out.nominal,
+        held_out.refit,
+        held_out.repaired_on_board,
+        held_out.floor,
+    ]
+    .map(degrees);
+    match diagnosis.answer {
+        Answer::NoDiscrepancy => format!(
+            "Simulation and measurement differ by {nominal}, where noise alone leaves {floor}. \
+             There is nothing to repair: keep the model as it is."
+        ),
+        Answer::ParametersOnly => format!(
+            "With the parameters refitted, the error on runs that were not fitted falls from \
+             {nominal} to {refit}, where noise alone leaves {floor}. Use the refitted model; no \
+             physics has to be added."
+        ),
+        Answer::EffectFound => format!(
+            "On runs that were not fitted, refitting alone leaves {refit}. With {} it is \
+             {repaired}, where noise alone leaves {floor}: {}.",
+            if diagnosis.repaired.added.len() == 1 {
+                "the effect added"
+            } else {
+                "the effects added"
+            },
+            left_over(diagnosis)
+        ),
+        Answer::CannotTell => format!(
+            "Refitting the parameters leaves {refit} on runs that were not fitted, where noise \
+             alone leaves {floor}. Several explanations close that gap, and these recordings \
+             speak for none of them clearly. The run proposed below would separate them."
+        ),
+        Answer::Unexplained => {
+            let best = best_closed(diagnosis).map_or_else(String::new, |share| {
+                format!(
+                    " The best of all that was tried closes {} of the gap.",
+                    percent(share)
+                )
+            });
+            format!(
+                "Refitting the parameters leaves {refit} on runs that were not fitted, where \
+                 noise alone leaves {floor}.{best} Instead of a name, this page shows the \
+                 missing force itself: how large it is, and when."
+            )
+        }
+    }
+}
+
+/// What the repaired model leaves, as a clause.
+fn left_over(diagnosis: &Diagnosis) -> &'static str {
+    if diagnosis.adequacy.adequate {
+        "what is left is noise"
+    } else if diagnosis.held_out.at_noise() {
+        "what is left is hardly more than noise"
+    } else {
+        "what is left is still more than noise"
+    }
+}
+
+/// The largest share of the held-out gap that anything closed.
+fn best_closed(diagnosis: &Diagnosis) -> Option<f64> {
+    diagnosis
+        .tried
+        .iter()
+        .filter(|tried| !tried.kinds.is_empty())
+        .filter_map(|tried| tried.held_out)
+        .map(|(_, closed)| closed)
+        .max_by(f64::total_cmp)
+}
+
+fn key(label: &str, value: String, note: impl Into<String>) -> Key {
+    Key {
+        label: label.into(),
+        value,
+        note: note.into(),
+    }
+}
+
+/// Four numbers that carry the verdict: the error, the noise that bounds it,
+/// and two that depend on the answer.
+fn keys(diagnosis: &Diagnosis) -> Vec<Key> {
+    let held_out = &diagnosis.held_out;
+    let noise = key(
+        "noise floor",
+        degrees(held_out.floor),
+        noise_source(&diagnosis.floor),
+    );
+    let [third, fourth] = match diagnosis.answer {
+        Answer::NoDiscrepancy => [
+            key(
+                "error over noise",
+                format!(
+                    "{:.2}",
+                    held_out.nominal / held_out.floor.max(f64::MIN_POSITIVE)
+                ),
+                "1 is as good as it gets",
+            ),
+            key(
+                "runs",
+                diagnosis.nominal.residuals.len().to_string(),
+                format!("fitted, with {} samples", diagnosis.nominal.samples()),
+            ),
+        ],
+        Answer::ParametersOnly => [
+            closed_key(
+                share_closed(held_out.nominal, held_out.refit, held_out.floor),
+                "by parameters alone",
+            ),
+            key("effects needed", "0".into(), "what is left is noise"),
+        ],
+        Answer::EffectFound => [
+            closed_key(diagnosis.adequacy.holdout_gap_closed, left_over(diagnosis)),
+            probability_key(
+                diagnosis.probability.iter().copied().reduce(f64::min),
+                "among what was tried",
+            ),
+        ],
+        Answer::CannotTell => [
+            closed_key(
+                best_closed(diagnosis).unwrap_or(0.0),
+                "by the best explanation",
+            ),
+            probability_key(
+                diagnosis.alternatives.first().map(|best| best.probability),
+                "of the best explanation: too little for a name",
+            ),
+        ],
+        Answer::Unexplained => [
+            closed_key(
+                best_closed(diagnosis).unwrap_or(0.0),
+                "by the best that was tried",
+            ),
+            key(
+                "missing force",
+                format!("{} N", short(diagnosis.gap.rms)),
+                format!(
+                    "RMS; {} of the largest that the model knows",
+                    percent(diagnosis.gap.rms / diagnosis.gap.known.max(f64::MIN_POSITIVE))
+                ),
+            ),
+        ],
+    };
+    vec![error_key(diagnosis), noise, third, fourth]
+}
+
+/// The error on runs that were not fitted, before and after.
+fn error_key(diagnosis: &Diagnosis) -> Key {
+    let held_out = &diagnosis.held_out;
+    let from_to = |from: f64, to: f64| format!("{} → {}", short(from.to_degrees()), degrees(to));
+    let (value, note) = match diagnosis.answer {
+        Answer::NoDiscrepancy => (
+            degrees(held_out.nominal),
+            "RMS of the model as supplied".into(),
+        ),
+        Answer::EffectFound => (
+            from_to(held_out.refit, held_out.repaired_on_board),
+            format!(
+                "RMS, refitted → repaired; nominal {}",
+                degrees(held_out.nominal)
+            ),
+        ),
+        Answer::ParametersOnly | Answer::CannotTell | Answer::Unexplained => (
+            from_to(held_out.nominal, held_out.refit),
+            "RMS, nominal → refitted".into(),
+        ),
+    };
+    key("error on runs not fitted", value, note)
+}
+
+fn closed_key(share: f64, note: &str) -> Key {
+    key("share of the gap closed", percent(share), note)
+}
+
+fn probability_key(value: Option<f64>, note: &str) -> Key {
+    key(
+        "probability",
+        value.map_or_else(|| "–".into(), probability),
+        note,
+    )
+}
+
+/// Where the noise floor comes from.
+fn noise_source(floor: &NoiseFloor) -> &'static str {
+    if floor.repeats.is_some_and(|scatter| scatter >= floor.rms) {
+        "scatter between repeats"
+    } else if floor.white >= floor.rms {
+        "noise of the angle sensor"
+    } else {
+        "steps of the converter"
+    }
+}
+
+/// What is noteworthy about the recordings.
+fn notices(diagnosis: &Diagnosis) -> Vec<Notice> {
+    let floor = &diagnosis.floor;
+    let scatter = floor.repeats.filter(|scatter| *scatter > 2.0 * floor.white);
+    let repeats = scatter.map(|scatter| Notice {
+        about: None,
+        text: format!(
+            "the repeats differ by {} among themselves, more than the sensor's noise of {}",
+            degrees(scatter),
+            degrees(floor.white)
+        ),
+        advice: "what the rig itself does not repeat counts as noise here".into(),
+    });
+    let concerns = diagnosis.concerns.iter().map(|concern| Notice {
+        about: concern.recording.clone(),
+        text: concern.text.clone(),
+        advice: concern.advice.clone(),
+    });
+    repeats.into_iter().chain(concerns).collect()
+}
+
+/// Nominal, refit and repaired on fitted and on held-out runs.
+fn errors(request: &Request<'_>, diagnosis: &Diagnosis) -> Vec<ErrorRow> {
+    let held_out = &diagnosis.held_out;
+    let row = |name, runs, values: [f64; 4]| {
+        let [nominal, refit, repaired, floor] = values.map(|value| number(value.to_degrees()));
+        ErrorRow {
+            name,
+            runs,
+            nominal,
+            refit,
+            repaired,
+            floor,
+        }
+    };
+    let fitted = diagnosis.nominal.residuals.len();
+    let (name, runs) = if held_out.in_turn {
+        ("left out in turn", fitted)
+    } else {
+        ("held out", request.holdout.len())
+    };
+    vec![
+        row(
+            "fitted",
+            fitted,
+            [
+                diagnosis.nominal.rmse(),
+                diagnosis.refit.rmse(),
+                diagnosis.repaired.fit.rmse(),
+                diagnosis.floor.rms,
+            ],
+        ),
+        row(
+            name,
+            runs,
+            [
+                held_out.nominal,
+                held_out.refit,
+                held_out.repaired_on_board,
+                held_out.floor,
+            ],
+        ),
+    ]
+}
+
+/// Number of effects that the model had before.
+fn effects_before(diagnosis: &Diagnosis) -> usize {
+    let all = diagnosis.repaired.fit.model.effects().count();
+    all - diagnosis.repaired.added.len()
+}
+
+/// Equation and parameters of each named effect.
+fn effects(diagnosis: &Diagnosis) -> Vec<Effect> {
+    let fit = &diagnosis.repaired.fit;
+    let first = effects_before(diagnosis);
+    diagnosis
+        .repaired
+        .added
+        .iter()
+        .enumerate()
+        .map(|(offset, kind)| {
+            let info = kind.info();
+            Effect {
+                kind: info.name,
+                title: info.title,
+                equation: info.equation,
+                text: info.text,
+                place: match info.place {
+                    Place::Input => "between the pressure sensor and the chamber",
+                    Place::Force => "in the balance of forces",
+                    Place::Sensor => "between the angle and what its sensor shows",
+                },
+                probability: probability(diagnosis.probability.get(offset).copied().unwrap_or(0.0)),
+                parameters: (0..kind.parameters().len())
+                    .map(|parameter| {
+                        let id = ParameterId::Effect {
+                            slot: first + offset,
+                            parameter,
+                        };
+                        parameter_row(fit, id, None)
+                    })
+                    .collect(),
+            }
+        })
+        .collect()
+}
+
+/// The parameters that the model had before: its five, and those of its
+/// effects that were free.
+fn base(request: &Request<'_>, diagnosis: &Diagnosis) -> Vec<ParameterRow> {
+    let fit = &diagnosis.repaired.fit;
+    let first = effects_before(diagnosis);
+    let own = [
+        ParameterId::Inertia,
+        ParameterId::Damping,
+        ParameterId::Stiffness,
+        ParameterId::Exponent,
+        ParameterId::InputGain,
+    ];
+    let of_effects = fit
+        .free
+        .iter()
+        .copied()
+        .filter(|id| matches!(id, ParameterId::Effect { slot, .. } if *slot < first));
+    own.into_iter()
+        .chain(of_effects)
+        .map(|id| parameter_row(fit, id, request.file.model.value(id)))
+        .collect()
+}
+
+fn parameter_row(fit: &Fit, id: ParameterId, nominal: Option<f64>) -> ParameterRow {
+    let shown = |value: f64| number(to_file_units(&fit.model, id, value));
+    let name = parameter_name(&fit.model, id);
+    let position = fit.free.iter().position(|&free| free == id);
+    ParameterRow {
+        name: name.rsplit('.').next().unwrap_or(&name).to_owned(),
+        symbol: symbol(fit, id),
+        unit: parameter_unit(&fit.model, id),
+        nominal: nominal.map(shown),
+        value: fit.model.value(id).map_or_else(String::new, shown),
+        free: position.is_some(),
+        interval: position
+            .and_then(|index| fit.interval95(index))
+            .filter(|(low, high)| (high - low).is_finite())
+            .map(|(low, high)| [shown(low), shown(high)]),
+    }
+}
+
+/// The symbol of a parameter in its equation.
+fn symbol(fit: &Fit, id: ParameterId) -> &'static str {
+    match id {
+        ParameterId::Inertia => "M",
+        ParameterId::Damping => "C",
+        ParameterId::Stiffness => "K",
+        ParameterId::Exponent => "n",
+        ParameterId::InputGain => "g",
+        ParameterId::Effect { slot, parameter } => fit
+            .model
+            .effects()
+            .nth(slot)
+            .and_then(|effect| effect.parameters().get(parameter))
+            .map_or("", |row| row.symbol),
+    }
+}
+
+/// The structures that were fitted, by their number of effects.
+fn tried(diagnosis: &Diagnosis) -> Vec<TriedGroup> {
+    let sizes = diagnosis.tried.iter().map(|tried| tried.kinds.len()).max();
+    (0..=sizes.unwrap_or(0))
+        .filter_map(|size| {
+            let all: Vec<&Tried> = diagnosis
+                .tried
+                .iter()
+                .filter(|tried| tried.kinds.len() == size)
+                .collect();
+            let rows: Vec<TriedRow> = all
+                .iter()
+                .take(TRIED_LISTED)
+                .map(|tried| tried_row(tried, diagnosis))
+                .collect();
+            let title = match size {
+                0 => "Nothing added".to_owned(),
+                1 => "One effect added".to_owned(),
+                2 => "Two effects added".to_owned(),
+                _ => "Three effects added".to_owned(),
+            };
+            (!rows.is_empty()).then(|| TriedGroup {
+                title,
+                more: all.len() - rows.len(),
+                rows,
+            })
+        })
+        .collect()
+}
+
+fn tried_row(tried: &Tried, diagnosis: &Diagnosis) -> TriedRow {
+    let sorted = |kinds: &[Kind]| {
+        let mut names: Vec<&str> = kinds.iter().map(|kind| kind.name()).collect();
+        names.sort_unstable();
+        names.join("+")
+    };
+    let names: Vec<&str> = tried.kinds.iter().map(|kind| kind.name()).collect();
+    let is_rival = diagnosis.answer == Answer::CannotTell
+        && diagnosis.alternatives.iter().any(|rival| {
+            let kinds: Vec<Kind> = rival
+                .kinds
+                .iter()
+                .filter_map(|name| Kind::from_name(name))
+                .collect();
+            sorted(&kinds) == sorted(&tried.kinds)
+        });
+    TriedRow {
+        title: if tried.kinds.is_empty() {
+            "the refitted model".into()
+        } else {
+            titles(&tried.kinds)
+        },
+        name: names.join(" + "),
+        fitted: number(tried.rmse.to_degrees()),
+        // Not found for those far behind.
+        held_out: tried
+            .held_out
+            .map_or_else(|| "–".into(), |(error, _)| number(error.to_degrees())),
+        closed: tried
+            .held_out
+            .map_or_else(|| "–".into(), |(_, closed)| percent(closed)),
+        // The refit has no rival of its size.
+        delta_bic: if tried.kinds.is_empty() {
+            "–".into()
+        } else {
+            format!("{:.0}", tried.delta_bic)
+        },
+        probability: if tried.kinds.is_empty() {
+            "–".into()
+        } else {
+            probability(tried.probability)
+        },
+        standing: if !tried.kinds.is_empty()
+            && sorted(&tried.kinds) == sorted(&diagnosis.repaired.added)
+        {
+            Standing::Named
+        } else if is_rival {
+            Standing::Rival
+        } else {
+            Standing::Rejected
+        },
+        at_bound: tried.at_bound.clone(),
+    }
+}
+
+/// Effects that were not tried, by the reason.
+fn untried(diagnosis: &Diagnosis) -> Vec<Untried> {
+    let mut groups: Vec<Untried> = Vec::new();
+    for untried in &diagnosis.untried {
+        let name = untried.kind.name();
+        match groups
+            .iter_mut()
+            .find(|group| group.reason == untried.reason)
+        {
+            Some(group) => group.kinds.push(name),
+            None => groups.push(Untried {
+                kinds: vec![name],
+                reason: untried.reason,
+            }),
+        }
+    }
+    groups
+}
+
+/// The runs that would separate the rivals.
+fn next(request: &Request<'_>, diagnosis: &Diagnosis) -> Vec<NextRun> {
+    let files: Vec<String> = request
+        .recordings
+        .iter()
+        .enumerate()
+        .filter(|(index, _)| Some(*index) != diagnosis.left_out)
+        .map(|(_, recording)| quoted(&recording.path.to_string_lossy()))
+        .collect();
+    diagnosis
+        .proposals
+        .iter()
+        .map(|(proposal, [a, b])| NextRun {
+            protocol: proposal.protocol.name.clone(),
+            title: proposal.protocol.title.clone(),
+            seconds: format!("{:.0}", f64::from(proposal.protocol.total_ms()) / 1000.0),
+            separates: [a.join(" + "), b.join(" + ")],
+            evidence: format!("{:.0}", proposal.evidence),
+            command: format!(
+                "rig plan --model {} --between {},{} {} -o next.toml",
+                quoted(&request.file.path.to_string_lossy()),
+                a.join("+"),
+                b.join("+"),
+                files.join(" ")
+            ),
+        })
+        .collect()
+}
+
+/// What these recordings leave open.
+fn open(diagnosis: &Diagnosis) -> Vec<String> {
+    let mut open: Vec<String> = diagnosis.identifiability[0]
+        .text
+        .iter()
+        .map(|text| format!("{}.", with_capital(text)))
+        .collect();
+    match diagnosis.answer {
+        Answer::NoDiscrepancy | Answer::ParametersOnly => open.push(format!(
+            "An effect that moves the angle by less than the noise of {} does not show in these \
+             runs; nor does one that they do not excite, such as creep in short runs.",
+            degrees(diagnosis.held_out.floor)
+        )),
+        Answer::EffectFound => {
+            let alike: Vec<&str> = diagnosis
+                .repaired
+                .added
+                .iter()
+                .flat_map(|kind| kind.info().look_alikes)
+                .map(|name| title(name))
+                .collect();
+            if !alike.is_empty() {
+                open.push(format!(
+                    "The effects that look most like it are {}; these recordings tell them apart.",
+                    listed(&alike)
+                ));
+            }
+            if !diagnosis.adequacy.exact_form {
+                open.push(format!(
+                    "Whether the formula holds to the letter, or only the kind of effect: {}.",
+                    left_over(diagnosis)
+                ));
+            }
+        }
+        Answer::CannotTell => open.push(
+            "Which of the explanations is the right one. Upload none of them yet: a wrong one \
+             predicts these runs as well, and others not."
+                .into(),
+        ),
+        Answer::Unexplained => open.push(
+            "What the missing force is. Where the picture repeats from run to run it is physics \
+             that no known formula describes; where it does not, look at the rig first."
+                .into(),
+        ),
+    }
+    open.push(
+        "The gain of the angle sensor cannot be told from stiffness, damping and input gain, nor \
+         the scale of the inertia from anything: neither is fitted."
+            .into(),
+    );
+    open
+}
+
+/// The name of an effect in sentences.
+fn title(name: &str) -> &str {
+    Kind::from_name(name).map_or(name, |kind| kind.info().title)
+}
+
+fn titles(kinds: &[Kind]) -> String {
+    let titles: Vec<&str> = kinds.iter().map(|kind| kind.info().title).collect();
+    listed(&titles)
+}
+
+fn titles_of_names(names: &[String]) -> String {
+    let titles: Vec<&str> = names.iter().map(|name| title(name)).collect();
+    listed(&titles)
+}
+
+/// "a, b and c".
+fn listed(items: &[impl AsRef<str>]) -> String {
+    let items: Vec<&str> = items.iter().map(AsRef::as_ref).collect();
+    match items.as_slice() {
+        [] => String::new(),
+        [only] => (*only).to_owned(),
+        [head @ .., last] => format!("{} and {last}", head.join(", ")),
+    }
+}
+
+fn with_capital(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or_else(String::new, |first| {
+        first.to_uppercase().chain(letters).collect()
+    })
+}
+
+fn probability(value: f64) -> String {
+    if value > 0.995 {
+        "> 0.99".into()
+    } else if value < 0.005 {
+        "< 0.01".into()
+    } else {
+        format!("{value:.2}")
+    }
+}
+
+/// A share in whole percent.
+pub(crate) fn percent(share: f64) -> String {
+    if !share.is_finite() {
+        return "–".into();
+    }
+    format!("{:.0} %", 100.0 * share).replace('-', "−")
+}
+
+/// An angle (rad) in degrees with three significant digits.
+pub(crate) fn degrees(radians: f64) -> String {
+    format!("{}°", short(radians.to_degrees()))
+}
+
+/// Three significant digits, as many as a sentence can use.
+pub(crate) fn short(value: f64) -> String {
+    if !value.is_finite() {
+        return "–".into();
+    }
+    if value == 0.0 {
+        return "0".into();
+    }
+    // Decimals of three significant digits; at most six.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    let decimals = (2.0 - value.abs().log10().floor()).clamp(0.0, 6.0) as usize;
+    format!("{value:.decimals$}").replace('-', "−")
+}
+
+/// A word as a shell wants it.
+pub(crate) fn quoted(word: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./:=,+@%".contains(c);
+    if !word.is_empty() && word.chars().all(plain) {
+        word.to_owned()
+    } else {
+        format!("'{}'", word.replace('\'', "'\\''"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_and_numbers_for_people() {
+        assert_eq!(listed(&["a"]), "a");
+        assert_eq!(listed(&["a", "b", "c"]), "a, b and c");
+        assert_eq!(short(0.486_71), "0.487");
+        assert_eq!(short(-27.93), "−27.9");
+        assert_eq!(short(f64::NAN), "–");
+        assert_eq!(percent(f64::NAN), "–");
+        assert_eq!(percent(-0.12), "−12 %");
+        assert_eq!(probability(0.999), "> 0.99");
+    }
+
+    #[test]
+    fn a_command_can_be_typed_as_it_stands() {
+        assert_eq!(quoted("runs/a-1.csv"), "runs/a-1.csv");
+        assert_eq!(quoted("my run's.csv"), "'my run'\\''s.csv'");
+        assert_eq!(quoted("<b>"), "'<b>'");
+        assert_eq!(quoted(""), "''");
+    }
+}

@@ -1,0 +1,440 @@
+//! The page: one file that needs nothing else, neither a network nor whoever
+//! made it.
+//!
+//! Words come from [`super::content`], pictures from [`super::pictures`]; the
+//! template sets them. Everything that stems from a user, down to the names of
+//! files, is escaped by the template engine; only our own drawings, style and
+//! script go in as they are.
+
+use minijinja::value::Serde;
+use minijinja::{Environment, UndefinedBehavior};
+use serde::Serialize;
+
+use super::content::{Content, degrees, percent, short};
+use super::pictures::{
+    MEASURED, curves_of, feature_figure, force_figure, largest_forces, map_figure, run_figure,
+    style_of,
+};
+use super::provenance::{Provenance, Source};
+use super::runs::{RunView, runs};
+use crate::cmd::fit::number;
+use crate::diagnose::localise::{Feature, Gap, SINCE_LAST_EDGE};
+use crate::diagnose::verdict::Answer;
+use crate::diagnose::{Diagnosis, Request};
+use crate::plot::{Figure, Mark, PlotError, css_colour, diverging, to_inline_svg};
+
+const TEMPLATE: &str = include_str!("assets/template.html");
+const STYLE: &str = include_str!("assets/style.css");
+const SCRIPT: &str = include_str!("assets/script.js");
+
+/// Runs that are drawn; others stand in the table only.
+const RUNS_DRAWN: usize = 12;
+
+/// Features that are drawn besides the time since the last edge: those that
+/// explain most. An even number fills the rows.
+const FEATURES_DRAWN: usize = 4;
+
+/// A feature that explains less than this is not worth a picture, unless it
+/// is one of the first two.
+const FEATURE_WORTH: f64 = 0.1;
+
+/// Why a page could not be made.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum PageError {
+    /// A picture could not be drawn.
+    #[error(transparent)]
+    Picture(#[from] PlotError),
+    /// The template and what it is filled with do not fit together.
+    #[error("cannot fill the template of the report: {0}")]
+    Template(#[from] minijinja::Error),
+}
+
+/// A picture with its caption.
+#[derive(Debug, Serialize)]
+struct Picture {
+    svg: String,
+    title: String,
+    caption: String,
+    /// Number of the run that it shows, if it shows one.
+    run: Option<usize>,
+}
+
+/// A map with its scale.
+#[derive(Debug, Serialize)]
+struct Map {
+    picture: Picture,
+    /// The forces at the ends of the scale.
+    scale: [String; 3],
+    /// The colours of the scale.
+    colours: String,
+}
+
+/// A run as a row of the table.
+#[derive(Debug, Serialize)]
+struct RunRow {
+    name: String,
+    role: &'static str,
+    seconds: String,
+    samples: usize,
+    /// Nominal, refitted, repaired.
+    errors: [String; 3],
+    /// Refitted and repaired while the run was left out.
+    left_out: Option<[String; 2]>,
+}
+
+/// A curve that can be switched off.
+#[derive(Debug, Serialize)]
+struct Legend {
+    label: &'static str,
+    colour: String,
+    mark: &'static str,
+}
+
+/// A run that can be switched off.
+#[derive(Debug, Serialize)]
+struct Switch {
+    key: usize,
+    name: String,
+    colour: String,
+}
+
+/// What the template is filled with.
+#[derive(Debug, Serialize)]
+struct Page<'a> {
+    style: &'static str,
+    script: &'static str,
+    content: &'a Content,
+    model: &'a str,
+    simulated: bool,
+    something_is_missing: bool,
+    in_turn: bool,
+    gap_switches: Vec<Switch>,
+    force: Option<Picture>,
+    features: Vec<Picture>,
+    maps: Vec<Map>,
+    legend: Vec<Legend>,
+    run_switches: Vec<Switch>,
+    runs: Vec<Picture>,
+    runs_total: usize,
+    table: Vec<RunRow>,
+    model_text: String,
+    noise: Vec<[String; 2]>,
+    provenance: &'a Provenance,
+    files: Vec<Source>,
+    seed: u64,
+    seconds: String,
+}
+
+/// Makes the page. The same diagnosis gives the same bytes, but for the line
+/// with `seconds`, the wall time.
+///
+/// # Errors
+///
+/// None that a diagnosis is known to cause.
+pub fn page(
+    request: &Request<'_>,
+    diagnosis: &Diagnosis,
+    content: &Content,
+    provenance: &Provenance,
+    seconds: f64,
+) -> Result<String, PageError> {
+    let views = runs(request, diagnosis);
+    let drawn = most_telling(&views);
+    let missing = content.something_is_missing();
+    let shown: Vec<(usize, &str)> = largest_forces(diagnosis)
+        .into_iter()
+        .filter_map(|index| Some((index, views.get(index)?.recording.name.as_str())))
+        .collect();
+    let filled = Page {
+        style: STYLE,
+        script: SCRIPT,
+        content,
+        model: &request.file.name,
+        simulated: views
+            .iter()
+            .all(|view| view.recording.meta.simulated == Some(true)),
+        something_is_missing: missing,
+        in_turn: diagnosis.held_out.in_turn,
+        gap_switches: if missing {
+            shown
+                .iter()
+                .enumerate()
+                .map(|(place, &(key, name))| Switch {
+                    key,
+                    name: name.to_owned(),
+                    colour: css_colour(crate::plot::Role::Other(place)),
+                })
+                .collect()
+        } else {
+            Vec::new()
+        },
+        force: if missing {
+            Some(force_picture(&diagnosis.gap, &shown)?)
+        } else {
+            None
+        },
+        features: if missing {
+            features(&diagnosis.gap)?
+        } else {
+            Vec::new()
+        },
+        maps: if content.answer == Answer::Unexplained {
+            maps(&diagnosis.gap)?
+        } else {
+            Vec::new()
+        },
+        legend: legend(content.answer),
+        run_switches: drawn
+            .iter()
+            .map(|&view| Switch {
+                key: view,
+                name: views[view].recording.name.clone(),
+                colour: String::new(),
+            })
+            .collect(),
+        runs: drawn
+            .iter()
+            .map(|&view| run_picture(view, &views[view], content.answer))
+            .collect::<Result<_, _>>()?,
+        runs_total: views.len(),
+        table: views.iter().map(run_row).collect(),
+        model_text: request
+            .file
+            .text_with(&diagnosis.repaired.fit.model, "# Added by rig diagnose.\n"),
+        noise: noise(diagnosis),
+        files: files(diagnosis, provenance),
+        provenance,
+        seed: request.seed,
+        seconds: format!("{seconds:.1}"),
+    };
+    let mut environment = Environment::new();
+    environment.set_undefined_behavior(UndefinedBehavior::Strict);
+    environment.add_filter("set", set);
+    // The name decides that values are escaped.
+    environment.add_template("report.html", TEMPLATE)?;
+    Ok(environment
+        .get_template("report.html")?
+        .render(Serde(&filled))?)
+}
+
+/// Sets a text as print would: a number keeps its unit on the line, and a minus
+/// is not a hyphen.
+#[allow(clippy::needless_pass_by_value)] // the signature that a filter has
+fn set(text: String) -> String {
+    let text = text.replace(" %", "\u{a0}%").replace(" N ", "\u{a0}N ");
+    let mut set = String::with_capacity(text.len());
+    let mut before = ' ';
+    let mut letters = text.chars().peekable();
+    while let Some(letter) = letters.next() {
+        let number_follows = letters.peek().is_some_and(char::is_ascii_digit);
+        let is_minus = letter == '-' && number_follows && matches!(before, ' ' | '(' | 'e');
+        set.push(if is_minus { '−' } else { letter });
+        before = letter;
+    }
+    set
+}
+
+/// The runs that are drawn, in their order: all of them, or those on which the
+/// refit misses most.
+fn most_telling(views: &[RunView<'_>]) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..views.len()).collect();
+    order.sort_by(|&a, &b| views[b].rms()[1].total_cmp(&views[a].rms()[1]));
+    order.truncate(RUNS_DRAWN);
+    order.sort_unstable();
+    order
+}
+
+fn picture(figure: &Figure, title: String, caption: String) -> Result<Picture, PlotError> {
+    let spoken = format!("{title}. {caption}");
+    Ok(Picture {
+        svg: to_inline_svg(figure, &spoken)?,
+        title,
+        caption,
+        run: None,
+    })
+}
+
+fn force_picture(gap: &Gap, shown: &[(usize, &str)]) -> Result<Picture, PlotError> {
+    picture(
+        &force_figure(gap, shown),
+        "Over the time in each run".into(),
+        "The force that the refitted model lacks, estimated from the angle alone. Drawn are \
+         the runs that lack most."
+            .into(),
+    )
+}
+
+fn features(gap: &Gap) -> Result<Vec<Picture>, PlotError> {
+    let folded = |feature: &&Feature| feature.name == SINCE_LAST_EDGE;
+    let mut others: Vec<&Feature> = gap
+        .features
+        .iter()
+        // The number of a run is no state; the pictures of runs show it.
+        .filter(|feature| !folded(feature) && feature.unit != "number")
+        .enumerate()
+        .filter(|(place, feature)| *place < 2 || feature.share > FEATURE_WORTH)
+        .map(|(_, feature)| feature)
+        .take(FEATURES_DRAWN)
+        .collect();
+    others.truncate(others.len() / 2 * 2);
+    gap.features
+        .iter()
+        .filter(folded)
+        .chain(others)
+        .map(|feature| {
+            picture(
+                &feature_figure(feature),
+                format!("Against the {}", feature.name),
+                format!(
+                    "It goes with {} of the missing force. Dots: single samples; line and band: \
+                     their mean and scatter.",
+                    percent(feature.share)
+                ),
+            )
+        })
+        .collect()
+}
+
+fn maps(gap: &Gap) -> Result<Vec<Map>, PlotError> {
+    let titles = ["Over the state", "Over time"];
+    let colours = [-1.0, -0.5, 0.0, 0.5, 1.0]
+        .map(|shade| {
+            let (red, green, blue) = diverging(shade);
+            format!("rgb({red},{green},{blue})")
+        })
+        .join(", ");
+    gap.maps
+        .iter()
+        .zip(titles)
+        .filter_map(|(map, title)| map_figure(map).map(|drawn| (map, title, drawn)))
+        .map(|(map, title, (figure, scale))| {
+            let [across, up] = &map.axes;
+            let caption = format!(
+                "Mean missing force for each {} and {}; blank where the rig hardly ever was.",
+                across.name, up.name
+            );
+            Ok(Map {
+                picture: picture(&figure, title.to_owned(), caption)?,
+                scale: [
+                    format!("{} N", short(-scale)),
+                    "0".to_owned(),
+                    format!("+{} N", short(scale)),
+                ],
+                colours: colours.clone(),
+            })
+        })
+        .collect()
+}
+
+/// The curves of the runs' pictures.
+fn legend(answer: Answer) -> Vec<Legend> {
+    std::iter::once(MEASURED)
+        .chain(curves_of(answer)[0].iter().copied())
+        .map(|label| {
+            let style = style_of(label);
+            Legend {
+                label,
+                colour: css_colour(style.role),
+                mark: match style.mark {
+                    Mark::Dashed => "dashed",
+                    Mark::Wide => "wide",
+                    _ => "line",
+                },
+            }
+        })
+        .collect()
+}
+
+fn run_picture(place: usize, view: &RunView<'_>, answer: Answer) -> Result<Picture, PlotError> {
+    let [nominal, refit, repaired] = view.rms().map(short);
+    let errors = match answer {
+        Answer::NoDiscrepancy => format!("RMS error {nominal}°"),
+        Answer::ParametersOnly => format!("RMS error {nominal}° nominal, {refit}° refitted"),
+        Answer::EffectFound => format!("RMS error {refit}° refitted, {repaired}° repaired"),
+        Answer::CannotTell | Answer::Unexplained => format!("RMS error {refit}° refitted"),
+    };
+    let role = if view.held_out {
+        "not fitted"
+    } else {
+        "fitted"
+    };
+    Ok(Picture {
+        run: Some(place),
+        ..picture(
+            &run_figure(view, answer),
+            view.recording.name.clone(),
+            format!("{role}; {errors}."),
+        )?
+    })
+}
+
+fn run_row(view: &RunView<'_>) -> RunRow {
+    let errors = if view.held_out {
+        view.not_fitted.unwrap_or_else(|| view.rms())
+    } else {
+        view.rms()
+    };
+    RunRow {
+        name: view.recording.name.clone(),
+        role: if view.held_out { "held out" } else { "fitted" },
+        seconds: format!("{:.1}", view.recording.duration()),
+        samples: view.recording.len(),
+        errors: errors.map(number),
+        left_out: view
+            .not_fitted
+            .filter(|_| !view.held_out)
+            .map(|[_, refit, repaired]| [refit, repaired].map(number)),
+    }
+}
+
+/// The files with what became of them: the model, then the recordings.
+fn files(diagnosis: &Diagnosis, provenance: &Provenance) -> Vec<Source> {
+    let mut files = provenance.files.clone();
+    if let Some(file) = diagnosis
+        .left_out
+        .and_then(|recording| files.get_mut(1 + recording))
+    {
+        file.role = "left out";
+    }
+    files
+}
+
+/// Where the noise floor comes from.
+fn noise(diagnosis: &Diagnosis) -> Vec<[String; 2]> {
+    let floor = &diagnosis.floor;
+    let mut rows = vec![
+        [
+            "noise floor of the fitted runs".to_owned(),
+            degrees(floor.rms),
+        ],
+        ["noise of the angle sensor".to_owned(), degrees(floor.white)],
+    ];
+    if let Some(repeats) = floor.repeats {
+        rows.push([
+            format!("scatter between repeats ({} groups)", floor.groups.len()),
+            degrees(repeats),
+        ]);
+    }
+    if floor.quantum > 0.0 {
+        rows.push(["step of the converter".to_owned(), degrees(floor.quantum)]);
+    }
+    rows.push([
+        "left by the noise of the pressure".to_owned(),
+        degrees(floor.input),
+    ]);
+    rows
+}
+
+#[cfg(test)]
+mod tests {
+    use super::set;
+
+    #[test]
+    fn a_minus_is_not_a_hyphen() {
+        assert_eq!(
+            set("-0.97 and 2e-5 (-3), run-1, 5 % of 2 N RMS".into()),
+            "−0.97 and 2e−5 (−3), run-1, 5\u{a0}% of 2\u{a0}N RMS"
+        );
+    }
+}

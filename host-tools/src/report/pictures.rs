@@ -1,0 +1,303 @@
+//! The pictures of a report.
+//!
+//! Those of the page are drawn for a narrow column: side by side on a desk and
+//! on paper, one below the other on a phone, with letters that can be read on
+//! either.
+
+use super::content::{degrees, sentence, short};
+use super::runs::{RunView, runs};
+use crate::diagnose::localise::{Feature, ForceMap, Gap, MapAxis};
+use crate::diagnose::noise::NoiseFloor;
+use crate::diagnose::verdict::Answer;
+use crate::diagnose::{Diagnosis, Request};
+use crate::plot::{Cell, Figure, Mark, Panel, Role, Series, Style};
+use crate::statistics::rms;
+
+/// Height of a row of panels: low enough for a picture in a README.
+const ROW_HEIGHT_PX: f64 = 150.0;
+
+/// Width of a picture on the page.
+const COLUMN_PX: f64 = 420.0;
+
+/// Labels of the curves; the page's switches go by them.
+pub const MEASURED: &str = "measured";
+/// The model as supplied.
+pub const NOMINAL: &str = "nominal";
+/// The same structure, refitted.
+pub const REFITTED: &str = "refitted";
+/// With the effects added.
+pub const REPAIRED: &str = "repaired";
+
+/// Label, look and simulated minus measured angle of a curve.
+type Curve<'a> = (&'static str, Style, &'a [f64]);
+
+/// The picture of `--plot`: the fitted and the held-out run with the largest
+/// gap, measured, before and after, and what is left of each below.
+pub fn figure(request: &Request<'_>, diagnosis: &Diagnosis) -> Figure {
+    let gap = format!(
+        "RMS error on runs that were not fitted: {} refitted, {} repaired, {} noise",
+        degrees(diagnosis.held_out.refit),
+        degrees(diagnosis.held_out.repaired_on_board),
+        degrees(diagnosis.held_out.floor)
+    );
+    let mut figure = Figure::new(sentence(diagnosis))
+        .with_subtitle(gap)
+        .with_columns(2)
+        .with_separate_x();
+    figure.row_height_px = ROW_HEIGHT_PX;
+    let all = runs(request, diagnosis);
+    let fitted = worst(&all, |run| !run.held_out);
+    let shown: Vec<usize> = fitted.iter().map(|run| run.index).collect();
+    let other = if request.holdout.is_empty() {
+        let skip = with_repeats(&diagnosis.floor, &shown);
+        worst(&all, |run| !skip.contains(&run.index))
+    } else {
+        worst(&all, |run| run.held_out)
+    };
+    let drawn: Vec<&RunView<'_>> = [fitted, other].into_iter().flatten().collect();
+    let curves = |run: &RunView<'_>| -> Vec<(&'static str, Style)> {
+        if run.repaired == run.refit {
+            vec![(REFITTED, Style::BEFORE)]
+        } else {
+            vec![(REFITTED, Style::BEFORE), (REPAIRED, Style::AFTER)]
+        }
+    };
+    let residual = |run: &RunView<'_>, label: &str| {
+        if label == REFITTED {
+            run.refit.clone()
+        } else {
+            run.repaired.clone()
+        }
+    };
+    for run in &drawn {
+        let title = if run.held_out { "not fitted" } else { "fitted" };
+        let time = &run.recording.time;
+        let mut panel = Panel::new("time (s)", "angle (°)")
+            .with_title(format!("{} ({title})", run.recording.name))
+            .with_weight(2.0)
+            .with_series(Series::new(MEASURED, time, &run.measured, Style::MEASURED));
+        for (label, style) in curves(run) {
+            let angle = run.angle(&residual(run, label));
+            panel = panel.with_series(Series::new(label, time, &angle, style));
+        }
+        figure = figure.with_panel(panel);
+    }
+    for run in &drawn {
+        let mut panel = Panel::new("time (s)", "simulated − measured (°)");
+        for (label, style) in curves(run) {
+            let error = residual(run, label);
+            panel = panel.with_series(Series::new(label, &run.recording.time, &error, style));
+        }
+        figure = figure.with_panel(panel);
+    }
+    figure
+}
+
+/// The run on which the refit misses most, of those that are wanted.
+fn worst<'v, 'a>(
+    all: &'v [RunView<'a>],
+    wanted: impl Fn(&RunView<'a>) -> bool,
+) -> Option<&'v RunView<'a>> {
+    all.iter()
+        .filter(|run| wanted(run))
+        .max_by(|a, b| rms(&a.refit).total_cmp(&rms(&b.refit)))
+}
+
+/// The recordings in `shown` and all that repeat them.
+fn with_repeats(floor: &NoiseFloor, shown: &[usize]) -> Vec<usize> {
+    floor
+        .groups
+        .iter()
+        .filter(|group| group.iter().any(|index| shown.contains(index)))
+        .flatten()
+        .chain(shown)
+        .copied()
+        .collect()
+}
+
+fn column() -> Figure {
+    let mut figure = Figure::new("");
+    figure.width_px = COLUMN_PX;
+    figure.row_height_px = ROW_HEIGHT_PX;
+    figure
+}
+
+/// Which curves of a run are drawn, beside the measured one, above and below.
+pub fn curves_of(answer: Answer) -> [&'static [&'static str]; 2] {
+    match answer {
+        Answer::NoDiscrepancy => [&[NOMINAL], &[NOMINAL]],
+        Answer::ParametersOnly => [&[NOMINAL, REFITTED], &[NOMINAL, REFITTED]],
+        Answer::EffectFound => [&[NOMINAL, REFITTED, REPAIRED], &[REFITTED, REPAIRED]],
+        Answer::CannotTell | Answer::Unexplained => [&[NOMINAL, REFITTED], &[REFITTED]],
+    }
+}
+
+/// Look of the curve with this label.
+pub fn style_of(label: &str) -> Style {
+    match label {
+        NOMINAL => Style::NOMINAL.dashed(),
+        REFITTED => Style::BEFORE,
+        REPAIRED => Style::AFTER,
+        _ => Style::MEASURED,
+    }
+}
+
+/// One run: angles above, what each model misses below.
+pub fn run_figure(run: &RunView<'_>, answer: Answer) -> Figure {
+    let curve = |label: &'static str| -> Curve<'_> {
+        let residual = match label {
+            NOMINAL => &run.nominal,
+            REFITTED => &run.refit,
+            _ => &run.repaired,
+        };
+        (label, style_of(label), residual)
+    };
+    let [above, below] = curves_of(answer);
+    let time = &run.recording.time;
+    let mut angles = Panel::new("time (s)", "angle (°)")
+        .with_legend(false)
+        .with_series(Series::new(MEASURED, time, &run.measured, Style::MEASURED));
+    for (label, style, residual) in above.iter().map(|label| curve(label)) {
+        let angle = run.angle(residual);
+        angles = angles.with_series(Series::new(label, time, &angle, style));
+    }
+    let mut errors = Panel::new("time (s)", "simulated − measured (°)")
+        .with_legend(false)
+        .with_level(0.0)
+        .with_weight(0.75);
+    for (label, style, residual) in below.iter().map(|label| curve(label)) {
+        // Noise would fill the picture with wider lines.
+        let style = Style::new(style.role, Mark::Thin);
+        errors = errors.with_series(Series::new(label, time, residual, style));
+    }
+    column().with_panel(angles).with_panel(errors)
+}
+
+/// Runs whose missing force is drawn: as many as there are colours.
+const FORCES_DRAWN: usize = 4;
+
+/// The runs with the largest missing force, one of each group of repeats, by
+/// their index among the fitted ones.
+pub fn largest_forces(diagnosis: &Diagnosis) -> Vec<usize> {
+    let forces = &diagnosis.gap.runs;
+    let mut order: Vec<usize> = (0..forces.len()).collect();
+    order.sort_by(|&a, &b| rms(&forces[b].force).total_cmp(&rms(&forces[a].force)));
+    let mut shown = Vec::new();
+    for index in order {
+        if shown.len() < FORCES_DRAWN && !with_repeats(&diagnosis.floor, &shown).contains(&index) {
+            shown.push(index);
+        }
+    }
+    shown.sort_unstable();
+    shown
+}
+
+/// The missing force over the time in each of some runs, with their names.
+pub fn force_figure(gap: &Gap, shown: &[(usize, &str)]) -> Figure {
+    let mut panel = Panel::new("time (s)", "missing force (N)")
+        .with_legend(false)
+        .with_level(0.0);
+    for (place, &(index, name)) in shown.iter().enumerate() {
+        let Some(series) = gap.runs.get(index) else {
+            continue;
+        };
+        let style = Style::new(Role::Other(place), Mark::Line);
+        panel = panel.with_series(
+            Series::new(name, &series.time, &series.force, style).with_key(index.to_string()),
+        );
+    }
+    column().with_panel(panel)
+}
+
+/// The missing force over one feature: single samples, and the mean with its
+/// scatter.
+pub fn feature_figure(feature: &Feature) -> Figure {
+    let columns = |of: fn(&(f64, f64)) -> f64| feature.dots.iter().map(of).collect::<Vec<f64>>();
+    let at: Vec<f64> = feature.curve.iter().map(|point| point.at).collect();
+    let mean: Vec<f64> = feature.curve.iter().map(|point| point.force).collect();
+    let edge = |sign: f64| -> Vec<f64> {
+        feature
+            .curve
+            .iter()
+            .map(|point| point.force + sign * point.scatter)
+            .collect()
+    };
+    let panel = Panel::new(with_unit(feature.name, feature.unit), "missing force (N)")
+        .with_legend(false)
+        .with_level(0.0)
+        .with_series(Series::new(
+            "",
+            &columns(|dot| dot.0),
+            &columns(|dot| dot.1),
+            Style::MEASURED_POINTS,
+        ))
+        .with_series(Series::band(
+            "",
+            &at,
+            &edge(-1.0),
+            &edge(1.0),
+            Role::Emphasis,
+        ))
+        .with_series(Series::new("mean", &at, &mean, Style::EMPHASIS));
+    column().with_panel(panel)
+}
+
+/// The missing force over two features, and the force (N) of the darkest shade.
+pub fn map_figure(map: &ForceMap) -> Option<(Figure, f64)> {
+    let forces = || map.force.iter().flatten().copied().flatten();
+    let scale = forces().fold(0.0, |largest: f64, force| largest.max(force.abs()));
+    if scale <= 0.0 {
+        return None;
+    }
+    let [across, up] = &map.axes;
+    let bins = |axis: &MapAxis| -> Vec<(f64, f64)> {
+        axis.edges
+            .windows(2)
+            .map(|pair| (pair[0], pair[1]))
+            .collect()
+    };
+    let (across_bins, up_bins) = (bins(across), bins(up));
+    let mut cells = Vec::new();
+    for (row, &x) in map.force.iter().zip(&across_bins) {
+        for (force, &y) in row.iter().zip(&up_bins) {
+            let Some(force) = *force else { continue };
+            let range = |axis: &MapAxis, (from, to): (f64, f64)| {
+                format!(
+                    "{} {} … {} {}",
+                    axis.name,
+                    short(from),
+                    short(to),
+                    axis.unit
+                )
+            };
+            cells.push(Cell {
+                x,
+                y,
+                shade: force / scale,
+                text: format!("{} N\n{}\n{}", short(force), range(across, x), range(up, y)),
+            });
+        }
+    }
+    let outline = |axis: &MapAxis| {
+        let first = axis.edges.first().copied().unwrap_or(0.0);
+        (first, axis.edges.last().copied().unwrap_or(1.0))
+    };
+    let (x, y) = (outline(across), outline(up));
+    let panel = Panel::new(
+        with_unit(across.name, across.unit),
+        with_unit(up.name, up.unit),
+    )
+    .with_x_range(x.0, x.1)
+    .with_y_range(y.0, y.1)
+    .with_weight(1.5)
+    .with_cells(cells);
+    Some((column().with_panel(panel), scale))
+}
+
+fn with_unit(name: &str, unit: &str) -> String {
+    if unit.is_empty() {
+        name.to_owned()
+    } else {
+        format!("{name} ({unit})")
+    }
+}

@@ -1,0 +1,114 @@
+//! How a page was made: by which command, from which files.
+//!
+//! A page outlives the folder that it was made in. Whoever finds both later can
+//! tell from the hashes whether they belong together.
+
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+use sha2::{Digest, Sha256};
+
+use super::content::quoted;
+use crate::error::InputError;
+
+/// How a page was made.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Provenance {
+    /// The command as it was typed.
+    pub command: String,
+    /// Version of the tool.
+    pub version: &'static str,
+    /// The model, then the recordings.
+    pub files: Vec<Source>,
+}
+
+/// A file that was read.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Source {
+    /// What it was read for.
+    pub role: &'static str,
+    /// The path as it was given.
+    pub path: String,
+    /// Its size.
+    pub bytes: usize,
+    /// The SHA-256 of its bytes, in hexadecimal.
+    pub sha256: String,
+}
+
+impl Provenance {
+    /// Hashes the files of a diagnosis.
+    ///
+    /// # Errors
+    ///
+    /// A file that cannot be read any more.
+    pub fn of(
+        model: &Path,
+        recordings: &[PathBuf],
+        holdout: &[PathBuf],
+        command: String,
+    ) -> Result<Self, InputError> {
+        let fitted = recordings.iter().map(|path| ("fitted", path.as_path()));
+        let held_out = holdout.iter().map(|path| ("held out", path.as_path()));
+        let files = std::iter::once(("model", model))
+            .chain(fitted)
+            .chain(held_out)
+            .map(|(role, path)| Source::read(role, path))
+            .collect::<Result<_, _>>()?;
+        Ok(Self {
+            command,
+            version: env!("CARGO_PKG_VERSION"),
+            files,
+        })
+    }
+}
+
+impl Source {
+    fn read(role: &'static str, path: &Path) -> Result<Self, InputError> {
+        let bytes = std::fs::read(path).map_err(|error| InputError::from_io(path, &error))?;
+        Ok(Self {
+            role,
+            path: path.display().to_string(),
+            bytes: bytes.len(),
+            sha256: hexadecimal(&Sha256::digest(&bytes)),
+        })
+    }
+}
+
+fn hexadecimal(bytes: &[u8]) -> String {
+    let mut text = String::with_capacity(2 * bytes.len());
+    for byte in bytes {
+        text += &format!("{byte:02x}");
+    }
+    text
+}
+
+/// The command line of this process, so that it can be typed again.
+pub fn command_line() -> String {
+    let arguments = std::env::args_os()
+        .skip(1)
+        .map(|argument| quoted(&argument.to_string_lossy()));
+    std::iter::once("rig".to_owned())
+        .chain(arguments)
+        .collect::<Vec<_>>()
+        .join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn hashes_are_those_of_the_standard() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("m.toml");
+        std::fs::write(&path, "abc").unwrap();
+        let found = Provenance::of(&path, &[], &[], String::new()).unwrap();
+        // The test vector of FIPS 180-2.
+        assert_eq!(
+            found.files[0].sha256,
+            "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
+        );
+        let absent = folder.path().join("absent.csv");
+        assert!(Provenance::of(&path, &[absent], &[], String::new()).is_err());
+    }
+}

@@ -1,0 +1,141 @@
+//! The summary on the terminal: what the page says, in some twenty lines.
+
+use super::Outputs;
+use super::content::{Content, ErrorRow, ParameterRow};
+
+/// The summary; `seed` and `seconds` stand in its last line.
+pub fn summary(content: &Content, outputs: &Outputs<'_>, seed: u64, seconds: f64) -> String {
+    let mut lines = vec![content.sentence.clone(), String::new()];
+    lines.extend(errors(&content.errors));
+    lines.extend(content.notices.iter().map(|notice| {
+        let about = notice
+            .about
+            .as_ref()
+            .map_or_else(String::new, |name| format!("{name}: "));
+        format!("Note: {about}{}; {}.", notice.text, notice.advice)
+    }));
+    lines.extend(content.closed.clone());
+    lines.push(String::new());
+    for effect in &content.effects {
+        lines.push(format!(
+            "{}: {}   (probability {})",
+            effect.kind, effect.equation, effect.probability
+        ));
+        lines.extend(effect.parameters.iter().map(|row| {
+            // Keys of effects carry their unit already.
+            format!("  {} = {} [{}]", row.name, row.value, row.certainty())
+        }));
+    }
+    let free: Vec<&ParameterRow> = content.base.iter().filter(|row| row.free).collect();
+    if !free.is_empty() {
+        lines.push("Base parameters, nominal → fitted:".into());
+        lines.extend(free.iter().map(|row| {
+            let nominal = row
+                .nominal
+                .as_ref()
+                .map_or_else(String::new, |nominal| format!("{nominal} → "));
+            format!(
+                "  {} = {nominal}{} {} [{}]",
+                row.name,
+                row.value,
+                row.unit,
+                row.certainty()
+            )
+            .replace("  [", " [")
+        }));
+    }
+    lines.extend(content.undetermined.iter().map(|text| format!("  {text}.")));
+    lines.push(String::new());
+    if content.something_is_missing() {
+        lines.extend(evidence(content));
+    }
+    lines.extend(written(content.named, outputs));
+    lines.push(format!("{seconds:.1} s, seed {seed}"));
+    lines.join("\n") + "\n"
+}
+
+/// The table: nominal, refit and repaired on fitted and on held-out runs.
+fn errors(rows: &[ErrorRow]) -> Vec<String> {
+    let line = |cells: [&str; 6]| {
+        let [name, runs, nominal, refit, repaired, floor] = cells;
+        format!("{name:<18} {runs:>4} {nominal:>10} {refit:>10} {repaired:>10} {floor:>10}")
+    };
+    let head = line([
+        "RMS error (°)",
+        "runs",
+        "nominal",
+        "refitted",
+        "repaired",
+        "noise",
+    ]);
+    let rows = rows.iter().map(|row| {
+        line([
+            row.name,
+            &row.runs.to_string(),
+            &row.nominal,
+            &row.refit,
+            &row.repaired,
+            &row.floor,
+        ])
+    });
+    std::iter::once(head).chain(rows).collect()
+}
+
+/// Where the gap lives, what else could be, and what to do next.
+fn evidence(content: &Content) -> Vec<String> {
+    let mut lines = Vec::new();
+    if !content.gap.is_empty() {
+        lines.push(format!("Where the gap lives: {}", content.gap.join(" ")));
+    }
+    let rivals: Vec<String> = content
+        .rivals
+        .iter()
+        .map(|rival| {
+            format!(
+                "{} (probability {}, ΔBIC {})",
+                rival.name, rival.probability, rival.delta_bic
+            )
+        })
+        .collect();
+    if !rivals.is_empty() {
+        lines.push(format!("Rivals: {}", rivals.join("; ")));
+    }
+    lines.extend(content.next.first().map(|run| {
+        let [a, b] = &run.separates;
+        format!(
+            "Next experiment: {} ({}), {} s; it separates {a} from {b} by about {} in χ².",
+            run.protocol, run.title, run.seconds, run.evidence
+        )
+    }));
+    lines.extend(content.untried.iter().map(|untried| {
+        format!(
+            "Not tried: {}, because {}",
+            untried.kinds.join(", "),
+            untried.reason
+        )
+    }));
+    lines
+}
+
+/// What was written where.
+fn written(named: bool, outputs: &Outputs<'_>) -> Vec<String> {
+    let model = if named {
+        "Repaired model"
+    } else {
+        "Refitted model"
+    };
+    let lines: Vec<String> = [
+        ("Report", outputs.page),
+        ("Picture", outputs.picture),
+        (model, outputs.model),
+        ("Verdict", outputs.verdict),
+    ]
+    .into_iter()
+    .filter_map(|(what, path)| path.map(|path| format!("{what}: {}", path.display())))
+    .collect();
+    if lines.is_empty() {
+        vec!["Add --report report.html or -o repaired.toml to keep the result.".into()]
+    } else {
+        lines
+    }
+}

@@ -1,0 +1,192 @@
+//! A report of each verdict, from one small example.
+//!
+//! What hides an effect, what has only wrong parameters and what lacks nothing
+//! is diagnosed as a user would. "Cannot tell" and "unexplained" take minutes
+//! of search before they are said; here they are the first diagnosis with its
+//! answer taken back, which is all that a page can see of them.
+
+use std::path::{Path, PathBuf};
+
+use host_tools::diagnose::candidates::{Candidate, Untried};
+use host_tools::diagnose::plan::Proposal;
+use host_tools::diagnose::verdict::{Alternative, Answer};
+use host_tools::diagnose::{Diagnosis, Request};
+use host_tools::example::{Example, Hidden, make};
+use host_tools::protocol_file::ProtocolFile;
+use host_tools::report::Outputs;
+use host_tools::report::content::Content;
+use host_tools::report::html::page;
+use host_tools::report::provenance::Provenance;
+use host_tools::report::terminal::summary;
+use model_core::catalogue::Kind;
+use wire::protocol::Named;
+
+use crate::Case;
+
+/// The name of a recording that would end a page whose names are not escaped.
+pub const EVIL: &str = "step90_2 <script>alert('x')<b> & \"co\"";
+
+/// The name of the model, likewise.
+pub const EVIL_MODEL: &str = "</title><script>alert(1)</script>";
+
+/// A report with what it was made from.
+#[derive(Debug)]
+pub struct Report {
+    /// The verdict.
+    pub answer: Answer,
+    /// The page.
+    pub html: String,
+    /// The same with another wall time.
+    pub later: String,
+    /// The summary on the terminal.
+    pub summary: String,
+    /// What both say.
+    pub content: Content,
+    /// The files that were read.
+    pub files: Vec<PathBuf>,
+}
+
+/// Makes a report of each verdict from files in `folder`.
+///
+/// # Panics
+///
+/// If an example cannot be made, written, read or diagnosed.
+pub fn of_every_kind(folder: &Path) -> Vec<Report> {
+    let missing = case(Hidden::Effect(Kind::QuadraticDamping), &folder.join("drag"));
+    let found = missing.diagnose();
+    let wrong = case(Hidden::Nothing, &folder.join("parameters"));
+    let moved = wrong.diagnose();
+    let mut right = case(Hidden::Nothing, &folder.join("nothing"));
+    right.file.model = moved.refit.model;
+    let agreed = right.diagnose();
+    [
+        (&missing, cannot_tell(&found)),
+        (&missing, unexplained(&found)),
+        (&missing, found),
+        (&wrong, moved),
+        (&right, agreed),
+    ]
+    .into_iter()
+    .map(|(case, diagnosis)| report(case, &diagnosis))
+    .collect()
+}
+
+/// Three runs to fit and two to judge by; the names of one and of the model
+/// are not what a page expects.
+fn case(hidden: Hidden, folder: &Path) -> Case {
+    let mut example: Example = make(hidden, 0.4, 1).unwrap();
+    let wanted = ["step30_1", "step60_1", "step90_1", "step90_2", "triangle"];
+    example
+        .recordings
+        .retain(|(file, ..)| wanted.contains(&file.trim_end_matches(".csv")));
+    for (file, ..) in &mut example.recordings {
+        if file == "step90_2.csv" {
+            *file = format!("{EVIL}.csv");
+        }
+    }
+    example.write(folder).unwrap();
+    let mut case = Case::read(
+        folder,
+        &["step30_1", "step60_1", "step90_1"],
+        &["step90_2", "triangle"],
+    );
+    EVIL_MODEL.clone_into(&mut case.file.name);
+    case
+}
+
+fn report(case: &Case, diagnosis: &Diagnosis) -> Report {
+    let request = Request {
+        file: &case.file,
+        recordings: &case.recordings,
+        holdout: &case.holdout,
+        seed: 1,
+    };
+    let paths = |recordings: &[host_tools::recording::Recording]| -> Vec<PathBuf> {
+        recordings.iter().map(|run| run.path.clone()).collect()
+    };
+    let (fitted, held_out) = (paths(&case.recordings), paths(&case.holdout));
+    let command = "rig diagnose --model model.toml".to_owned();
+    let provenance = Provenance::of(&case.file.path, &fitted, &held_out, command).unwrap();
+    let content = Content::of(&request, diagnosis);
+    let with = |seconds| page(&request, diagnosis, &content, &provenance, seconds).unwrap();
+    let report = Path::new("report.html");
+    let outputs = Outputs {
+        page: Some(report),
+        verdict: Some(report),
+        picture: Some(report),
+        model: Some(report),
+    };
+    Report {
+        answer: diagnosis.answer,
+        html: with(1.0),
+        later: with(2.0),
+        summary: summary(&content, &outputs, 1, 1.0),
+        files: [vec![case.file.path.clone()], fitted, held_out].concat(),
+        content,
+    }
+}
+
+/// The diagnosis with nothing named.
+fn without_a_name(found: &Diagnosis) -> Diagnosis {
+    let mut other = found.clone();
+    other.repaired = Candidate {
+        added: Vec::new(),
+        fit: found.refit.clone(),
+    };
+    other.probability = Vec::new();
+    other.held_out.repaired = found.held_out.refit;
+    other.held_out.repaired_on_board = found.held_out.refit;
+    for run in &mut other.held_out.runs {
+        run.repaired_on_board = run.refit;
+    }
+    other.adequacy.adequate = false;
+    other.adequacy.exact_form = false;
+    other.adequacy.holdout_gap_closed = 0.0;
+    other.untried = vec![
+        Untried {
+            kind: Kind::Leak,
+            reason: "the pressure never changes in these recordings",
+        },
+        Untried {
+            kind: Kind::DeadTime,
+            reason: "the pressure never changes in these recordings",
+        },
+    ];
+    other
+}
+
+fn cannot_tell(found: &Diagnosis) -> Diagnosis {
+    let rivals = ["quadratic_damping", "angle_dependent_damping"].map(|kind| vec![kind.to_owned()]);
+    Diagnosis {
+        answer: Answer::CannotTell,
+        alternatives: rivals
+            .iter()
+            .zip([0.7, 0.3])
+            .map(|(kinds, probability)| Alternative {
+                kinds: kinds.clone(),
+                probability,
+                delta_bic: 2.0,
+            })
+            .collect(),
+        proposals: vec![(
+            Proposal {
+                protocol: ProtocolFile::named(Named::Steps),
+                separates: (0, 1),
+                evidence: 120.0,
+            },
+            rivals,
+        )],
+        ..without_a_name(found)
+    }
+}
+
+fn unexplained(found: &Diagnosis) -> Diagnosis {
+    let mut other = without_a_name(found);
+    other.answer = Answer::Unexplained;
+    for tried in &mut other.tried {
+        tried.held_out = tried
+            .held_out
+            .map(|(error, closed)| (error, closed.min(0.2)));
+    }
+    other
+}

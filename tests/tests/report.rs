@@ -1,0 +1,207 @@
+//! The page that `rig diagnose --report` writes, read back by a parser: every
+//! verdict makes a whole page, nothing is loaded from elsewhere, and names of
+//! files stay text. What it looks like is seen in `report_in_browser.rs`.
+
+use std::fs;
+use std::path::Path;
+use std::sync::LazyLock;
+
+use host_tools::diagnose::verdict::Answer;
+use scraper::{ElementRef, Html, Selector};
+use softrig_tests::reports::{EVIL, EVIL_MODEL, Report, of_every_kind};
+
+static REPORTS: LazyLock<Vec<Report>> = LazyLock::new(|| {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("reports");
+    of_every_kind(&folder)
+});
+
+fn all<'a>(page: &'a Html, selector: &str) -> Vec<ElementRef<'a>> {
+    page.select(&Selector::parse(selector).unwrap()).collect()
+}
+
+fn text(element: ElementRef<'_>) -> String {
+    let text: String = element.text().collect();
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+#[test]
+fn every_verdict_makes_a_whole_page() {
+    let answers: Vec<Answer> = REPORTS.iter().map(|report| report.answer).collect();
+    for answer in [
+        Answer::EffectFound,
+        Answer::ParametersOnly,
+        Answer::NoDiscrepancy,
+        Answer::CannotTell,
+        Answer::Unexplained,
+    ] {
+        assert!(
+            answers.contains(&answer),
+            "{answer:?} is not in {answers:?}"
+        );
+    }
+    for report in REPORTS.iter() {
+        let page = Html::parse_document(&report.html);
+        let what = report.answer;
+        assert_eq!(page.errors, Vec::<String>::new(), "{what:?}");
+        assert_eq!(all(&page, "h1").len(), 1);
+        assert_eq!(text(all(&page, "h1")[0]), report.content.sentence);
+        assert_eq!(all(&page, "dl.keys > div").len(), 4, "{what:?}");
+        let sections: Vec<&str> = all(&page, "section")
+            .iter()
+            .filter_map(|section| section.attr("id"))
+            .collect();
+        let expected: &[&str] = match what {
+            Answer::NoDiscrepancy | Answer::ParametersOnly => &["model", "runs", "open", "made"],
+            _ => &["where", "tried", "model", "runs", "open", "made"],
+        };
+        assert_eq!(sections, expected, "{what:?}");
+        // Each section has a heading and says something.
+        for section in all(&page, "section") {
+            let heading = Selector::parse("h2").unwrap();
+            assert_eq!(section.select(&heading).count(), 1);
+            assert!(text(section).len() > 40, "{what:?}");
+        }
+        assert_eq!(all(&page, "#run-pictures svg").len(), 5);
+        let maps = if what == Answer::Unexplained { 2 } else { 0 };
+        assert_eq!(all(&page, ".map svg").len(), maps, "{what:?}");
+        let named = usize::from(what == Answer::EffectFound);
+        assert_eq!(all(&page, ".effect").len(), named);
+        let next = usize::from(what == Answer::CannotTell);
+        assert_eq!(all(&page, "pre.command").len(), next);
+        assert!(!report.html.contains("NaN") && !report.html.contains("inf<"));
+        assert!(report.html.len() < 700_000, "{} bytes", report.html.len());
+    }
+}
+
+#[test]
+fn a_page_can_be_read_without_seeing_it() {
+    for report in REPORTS.iter() {
+        let page = Html::parse_document(&report.html);
+        assert_eq!(all(&page, "html")[0].attr("lang"), Some("en"));
+        assert_eq!(all(&page, "meta[name=viewport]").len(), 1);
+        for picture in all(&page, "svg") {
+            let spoken = picture.attr("aria-label").unwrap_or_default();
+            assert!(spoken.len() > 20, "{spoken:?}");
+            assert_eq!(picture.attr("role"), Some("img"));
+        }
+        for table in all(&page, "table") {
+            let caption = Selector::parse("caption").unwrap();
+            assert_eq!(table.select(&caption).count(), 1);
+        }
+        // Without a script no switch is offered that does nothing.
+        let live = all(&page, "input:not([hidden])");
+        assert!(live.iter().all(|input| {
+            input
+                .ancestors()
+                .filter_map(ElementRef::wrap)
+                .any(|above| above.attr("hidden").is_some())
+        }));
+    }
+}
+
+#[test]
+fn nothing_is_loaded_from_elsewhere() {
+    for report in REPORTS.iter() {
+        let page = Html::parse_document(&report.html);
+        for element in all(&page, "*") {
+            for attribute in [
+                "src",
+                "href",
+                "srcset",
+                "data",
+                "action",
+                "poster",
+                "xlink:href",
+            ] {
+                assert_eq!(element.attr(attribute), None, "{}", element.value().name());
+            }
+        }
+        for style in all(&page, "style") {
+            let style = text(style);
+            assert!(!style.contains("url(") && !style.contains("@import"));
+        }
+        let policy = all(&page, "meta[http-equiv=Content-Security-Policy]");
+        let policy = policy[0].attr("content").unwrap();
+        assert!(policy.starts_with("default-src 'none'"), "{policy}");
+    }
+}
+
+#[test]
+fn names_of_files_and_models_stay_text() {
+    for report in REPORTS.iter() {
+        let page = Html::parse_document(&report.html);
+        assert_eq!(all(&page, "script").len(), 1);
+        assert_eq!(
+            text(all(&page, "title")[0]),
+            format!("Diagnosis of {EVIL_MODEL}")
+        );
+        let headings: Vec<String> = all(&page, "#run-pictures h3")
+            .into_iter()
+            .map(text)
+            .collect();
+        assert!(headings.contains(&EVIL.to_owned()), "{headings:?}");
+        let files: Vec<String> = all(&page, ".files tbody th")
+            .into_iter()
+            .map(text)
+            .collect();
+        assert!(files.iter().any(|file| file.contains(EVIL)), "{files:?}");
+        if report.answer == Answer::CannotTell {
+            let command = text(all(&page, "pre.command")[0]);
+            assert!(
+                command.contains("rig plan --model ")
+                    && command.contains(" --between quadratic_damping,angle_dependent_damping "),
+                "{command}"
+            );
+        }
+    }
+}
+
+#[test]
+fn hashes_are_those_of_the_files() {
+    use sha2::{Digest, Sha256};
+    for report in REPORTS.iter() {
+        let page = Html::parse_document(&report.html);
+        let shown: Vec<String> = all(&page, ".files .hash").into_iter().map(text).collect();
+        let found: Vec<String> = report
+            .files
+            .iter()
+            .map(|path| {
+                let digest = Sha256::digest(fs::read(path).unwrap());
+                digest
+                    .iter()
+                    .fold(String::new(), |text, byte| text + &format!("{byte:02x}"))
+            })
+            .collect();
+        assert_eq!(shown, found);
+    }
+}
+
+#[test]
+fn the_same_diagnosis_gives_the_same_bytes_but_for_the_wall_time() {
+    for report in REPORTS.iter() {
+        let different: Vec<(&str, &str)> = report
+            .html
+            .lines()
+            .zip(report.later.lines())
+            .filter(|(a, b)| a != b)
+            .collect();
+        assert_eq!(different.len(), 1, "{different:?}");
+        assert!(different[0].0.contains("wall time"));
+        assert_eq!(report.html.lines().count(), report.later.lines().count());
+    }
+}
+
+#[test]
+fn the_terminal_says_the_same_in_25_lines() {
+    for report in REPORTS.iter() {
+        let lines: Vec<&str> = report.summary.lines().collect();
+        assert!(lines.len() <= 25, "{}\n{}", lines.len(), report.summary);
+        assert_eq!(lines[0], report.content.sentence);
+        let page = Html::parse_document(&report.html);
+        let cells: Vec<String> = all(&page, ".totals td").into_iter().map(text).collect();
+        for row in &report.content.errors {
+            assert!(report.summary.contains(&row.refit) && cells.contains(&row.refit));
+        }
+        assert!(report.summary.contains("Report: report.html"));
+    }
+}
