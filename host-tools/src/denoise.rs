@@ -226,11 +226,10 @@ mod tests {
     #[test]
     fn nothing_is_averaged_across_a_gap() {
         let (mut recording, mut clean) = step(NOISE);
-        for k in 500..recording.len() {
-            recording.time[k] += 3.0;
-            recording.pressure[k] += 3e3;
-            clean[k] += 3e3;
-        }
+        let shift = |values: &mut [f64], by: f64| values.iter_mut().for_each(|v| *v += by);
+        shift(&mut recording.time[500..], 3.0);
+        shift(&mut recording.pressure[500..], 3e3);
+        shift(&mut clean[500..], 3e3);
         let found = pressure(&recording);
         assert!(error(&found, &clean, 490..510) < NOISE);
     }

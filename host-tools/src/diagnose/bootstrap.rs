@@ -15,7 +15,7 @@
 //! only on the side on which it can be.
 
 use model_core::actuator::ParameterId;
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, DVectorView};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
@@ -53,19 +53,15 @@ pub fn chance(
         .map(|rival| Direction::of(fitter, smaller, rival, &base, &blocks))
         .collect();
     let mut random = Pcg64Mcg::seed_from_u64(seed);
-    let mut as_much = 0;
-    for _ in 0..DRAWS {
-        let signs: Vec<f64> = (0..blocks.count())
-            .map(|_| if random.random_bool(0.5) { 1.0 } else { -1.0 })
-            .collect();
-        let gain = directions
-            .iter()
-            .map(|direction| direction.gain(&signs))
-            .fold(0.0, f64::max);
-        if gain >= gained {
-            as_much += 1;
-        }
-    }
+    let as_much = (0..DRAWS)
+        .filter(|_| {
+            let signs: Vec<f64> = (0..blocks.count())
+                .map(|_| if random.random_bool(0.5) { 1.0 } else { -1.0 })
+                .collect();
+            let gains = directions.iter().map(|direction| direction.gain(&signs));
+            gains.fold(0.0, f64::max) >= gained
+        })
+        .count();
     (1 + as_much) as f64 / (1 + DRAWS) as f64
 }
 
@@ -126,10 +122,8 @@ impl Basis {
     /// The part of `columns` that is perpendicular to `other` and to each other;
     /// columns of which next to nothing is left are dropped.
     fn of(columns: &DMatrix<f64>, other: &DMatrix<f64>) -> Self {
-        let mut found: Vec<DVector<f64>> = other
-            .column_iter()
-            .map(|column| column.into_owned())
-            .collect();
+        let mut found: Vec<DVector<f64>> =
+            other.column_iter().map(DVectorView::into_owned).collect();
         let given = found.len();
         for column in columns.column_iter() {
             extend(&mut found, column.into_owned());

@@ -118,154 +118,154 @@ macro_rules! formulas {
 }
 
 formulas! {
-    /// Q = T tanh(ω/ω_s) [T, ω_s].
+    /// Q = T tanh(ω/ω_s) (T, ω_s).
     CoulombTanh "coulomb_tanh" Some("coulomb_friction"), true, [q("force_n"), q("smoothing_rad_per_s")], [(0, 1.0)];
     /// LuGre without Stribeck effect: ż = ω − |ω|z/s, Q = T(z/s) + σ₁ż with σ₁
-    /// = 0.3 √(T M/s) [T, s] (Canudas de Wit et al. 1995).
+    /// = 0.3 √(T M/s) (T, s) (Canudas de Wit et al. 1995).
     CoulombLugre "coulomb_lugre" Some("coulomb_friction"), false, [q("force_n"), q("presliding_rad")], [(0, 1.0)];
-    /// Q = T ω/√(ω² + ω_s²) [T, ω_s].
+    /// Q = T ω/√(ω² + ω_s²) (T, ω_s).
     CoulombRoot "coulomb_root" Some("coulomb_friction"), false, [q("force_n"), q("smoothing_rad_per_s")], [(0, 1.0)];
-    /// Q = [T + ΔT e^{−(ω/ω_S)²}] tanh(ω/ω_s) [T, ΔT, ω_S, ω_s].
+    /// Q = (T + ΔT e^{−(ω/ω_S)²}) tanh(ω/ω_s) (T, ΔT, ω_S, ω_s).
     StribeckGauss "stribeck_gauss" Some("stribeck_friction"), true, [q("force_n"), q("extra_force_n"), q("stribeck_rad_per_s"), q("smoothing_rad_per_s")], [(0, 1.0), (1, 1.0)];
     /// The same with e^{−|ω|/ω_S} (Tustin 1947) and ω/√(ω² + ω_s²).
     StribeckExponential "stribeck_exponential" Some("stribeck_friction"), false, [q("force_n"), q("extra_force_n"), q("stribeck_rad_per_s"), q("smoothing_rad_per_s")], [(0, 1.0), (1, 1.0)];
-    /// LuGre: ż = ω − |ω|σ₀z/(T + ΔT e^{−(ω/ω_S)²}), σ₀ = (T + ΔT)/s [T, ΔT, ω_S, s].
+    /// LuGre: ż = ω − |ω|σ₀z/(T + ΔT e^{−(ω/ω_S)²}), σ₀ = (T + ΔT)/s (T, ΔT, ω_S, s).
     StribeckLugre "stribeck_lugre" Some("stribeck_friction"), false, [q("force_n"), q("extra_force_n"), q("stribeck_rad_per_s"), q("presliding_rad")], [(0, 1.0), (1, 1.0)];
-    /// Q = d ω|ω| [d].
+    /// Q = d ω|ω| (d).
     QuadraticDrag "quadratic_drag" Some("quadratic_damping"), true, [q("damping_n_s2_per_rad2")], [(0, 1.0)];
-    /// Turbulent flow in a smooth tube, Q = d ω|ω|^0.75 [d] (Blasius 1913).
+    /// Turbulent flow in a smooth tube, Q = d ω|ω|^0.75 (d) (Blasius 1913).
     QuadraticBlasius "quadratic_blasius" Some("quadratic_damping"), false, [q("drag")], [(0, 1.0)];
-    /// C → C(1 + c₁|θ|) [c₁].
+    /// C → C(1 + c₁|θ|) (c₁).
     AngleDamping "angle_damping" Some("angle_dependent_damping"), true, [q("slope_per_rad")], [(0, 1.0)];
-    /// C → C(1 + c₂θ²) [c₂].
+    /// C → C(1 + c₂θ²) (c₂).
     AngleDampingSquare "angle_damping_square" Some("angle_dependent_damping"), false, [q("curvature_per_rad2")], [(0, 1.0)];
-    /// C → C(1 + a) where ω < 0 [a].
+    /// C → C(1 + a) where ω < 0 (a).
     AsymmetricDamping "asymmetric_damping" Some("asymmetric_damping"), true, [q("ratio")], [(0, 1.0)];
-    /// The same with a smooth change, ½[1 − tanh(ω/ω_a)] [a, ω_a].
+    /// The same with a smooth change, ½(1 − tanh(ω/ω_a)) (a, ω_a).
     AsymmetricSmooth "asymmetric_smooth" Some("asymmetric_damping"), false, [q("ratio"), q("width_rad_per_s")], [(0, 1.0)];
-    /// Q = k₁(θ − z), ż = (θ − z)/τ [k₁, τ].
+    /// Q = k₁(θ − z), ż = (θ − z)/τ (k₁, τ).
     MaxwellOne "maxwell_one" Some("maxwell_branch"), true, [q("stiffness_n_per_rad"), q("time_constant_s")], [(0, 1.0)];
-    /// Two such branches [k₁, τ₁, k₂, τ₂].
+    /// Two such branches (k₁, τ₁, k₂, τ₂).
     MaxwellTwo "maxwell_two" Some("maxwell_branch"), false, [q("stiffness_n_per_rad"), q("time_constant_s"), q("stiffness_2_n_per_rad"), q("time_constant_2_s")], [(0, 1.0), (2, 1.0)];
     /// Creep that goes as a power of time: branches at τ/4, τ, 4τ, 16τ whose
-    /// stiffness falls as τ^−0.3 [k, τ].
+    /// stiffness falls as τ^−0.3 (k, τ).
     MaxwellPower "maxwell_power" Some("maxwell_branch"), false, [q("stiffness_n_per_rad"), q("time_constant_s")], [(0, 1.0)];
-    /// Q = a w, D ẇ = ω − ½|ω|w − ½ω|w| [a, D].
+    /// Q = a w, D ẇ = ω − ½|ω|w − ½ω|w| (a, D).
     BoucWen "bouc_wen" Some("bouc_wen_hysteresis"), true, [q("force_n"), q("yield_rad")], [(0, 1.0)];
-    /// Dahl: D ẇ = ω |1 − w sign ω|^1.5 sign(1 − w sign ω), Q = a w [a, D] (Dahl 1968).
+    /// Dahl: D ẇ = ω |1 − w sign ω|^1.5 sign(1 − w sign ω), Q = a w (a, D) (Dahl 1968).
     HysteresisDahl "hysteresis_dahl" Some("bouc_wen_hysteresis"), false, [q("force_n"), q("yield_rad")], [(0, 1.0)];
-    /// Prandtl–Ishlinskii: six stops with radii from D/4 to 3D/2, in sum a [a, D].
+    /// Prandtl–Ishlinskii: six stops with radii from D/4 to 3D/2, in sum a (a, D).
     HysteresisStops "hysteresis_stops" Some("bouc_wen_hysteresis"), false, [q("force_n"), q("yield_rad")], [(0, 1.0)];
-    /// Q = G [sin(θ + θ₀) − sin θ₀] [G, θ₀].
+    /// Q = G (sin(θ + θ₀) − sin θ₀) (G, θ₀).
     Gravity "gravity" Some("gravity"), true, [q("force_n"), q("tilt_rad")], [(0, 1.0)];
     /// Weight spread along an arc: the mean of sin over it,
-    /// Q = 2G {[cos θ₀ − cos(θ + θ₀)]/θ − sin θ₀} [G, θ₀].
+    /// Q = 2G {(cos θ₀ − cos(θ + θ₀))/θ − sin θ₀} (G, θ₀).
     GravityArc "gravity_arc" Some("gravity"), false, [q("force_n"), q("tilt_rad")], [(0, 1.0)];
-    /// n → n + Δn [Δn].
+    /// n → n + Δn (Δn).
     ExponentShift "exponent_shift" Some("exponent_shift"), true, [q("delta")], [(0, 1.0)];
-    /// Q = k₃θ³ [k₃].
+    /// Q = k₃θ³ (k₃).
     Cubic "cubic" Some("cubic_stiffness"), true, [q("stiffness_n_per_rad3")], [(0, 1.0)];
-    /// Hardening without a linear part: Q = k [sinh(βθ)/β − θ] [k, β].
+    /// Hardening without a linear part: Q = k (sinh(βθ)/β − θ) (k, β).
     CubicSinh "cubic_sinh" Some("cubic_stiffness"), false, [q("stiffness_n_per_rad"), q("rate_per_rad")], [(0, 1.0)];
-    /// Q = k θ [k].
+    /// Q = k θ (k).
     LinearStiffness "linear_stiffness" Some("linear_stiffness"), true, [q("stiffness_n_per_rad")], [(0, 1.0)];
-    /// A spring that softens: Q = k θ₁ tanh(θ/θ₁) [k, θ₁].
+    /// A spring that softens: Q = k θ₁ tanh(θ/θ₁) (k, θ₁).
     LinearSoftening "linear_softening" Some("linear_stiffness"), false, [q("stiffness_n_per_rad"), q("angle_rad")], [(0, 1.0)];
-    /// Q = k_s max(θ − θ_s, 0) [k_s, θ_s].
+    /// Q = k_s max(θ − θ_s, 0) (k_s, θ_s).
     EndStop "end_stop" Some("end_stop"), true, [q("stiffness_n_per_rad"), q("angle_rad")], [(0, 1.0)];
     /// Progressive contact with loss: Q = k_s x^1.5 (1 + 0.2 ω), x = max(θ − θ_s, 0)
-    /// [k_s, θ_s] (Hunt and Crossley 1975).
+    /// (k_s, θ_s) (Hunt and Crossley 1975).
     EndStopProgressive "end_stop_progressive" Some("end_stop"), false, [q("stiffness"), q("angle_rad")], [(0, 1.0)];
-    /// K → K(1 + ρt) [ρ].
+    /// K → K(1 + ρt) (ρ).
     StiffnessDrift "stiffness_drift" Some("stiffness_drift"), true, [q("rate_per_s")], [(0, 1.0)];
-    /// K → K[1 + ρ t₀ ln(1 + t/t₀)] [ρ, t₀].
+    /// K → K(1 + ρ t₀ ln(1 + t/t₀)) (ρ, t₀).
     StiffnessDriftLog "stiffness_drift_log" Some("stiffness_drift"), false, [q("rate_per_s"), q("time_s")], [(0, 1.0)];
-    /// K → K[1 − δ(1 − e^{−θ_max/θ_m})] [δ, θ_m].
+    /// K → K(1 − δ(1 − e^{−θ_max/θ_m})) (δ, θ_m).
     Mullins "mullins" Some("mullins_softening"), true, [q("loss"), q("angle_rad")], [(0, 1.0)];
-    /// K → K[1 − δ tanh(θ_max²/θ_m²)] [δ, θ_m].
+    /// K → K(1 − δ tanh(θ_max²/θ_m²)) (δ, θ_m).
     MullinsSquare "mullins_square" Some("mullins_softening"), false, [q("loss"), q("angle_rad")], [(0, 1.0)];
-    /// ξ̈ + 2ζ₂ω₂ξ̇ + ω₂²ξ = −b θ̈, y = θ + ξ [f₂, ζ₂, b].
+    /// ξ̈ + 2ζ₂ω₂ξ̇ + ω₂²ξ = −b θ̈, y = θ + ξ (f₂, ζ₂, b).
     SecondMode "second_mode" Some("second_mode"), true, [q("frequency_hz"), q("damping_ratio"), q("coupling")], [(2, 1.0)];
     /// The same and a third mode at 2.7 f₂ with b/3.
     SecondModePair "second_mode_pair" Some("second_mode"), false, [q("frequency_hz"), q("damping_ratio"), q("coupling")], [(2, 1.0)];
-    /// τ ṗ_c = p − p_c [τ].
+    /// τ ṗ_c = p − p_c (τ).
     Lag "lag" Some("pneumatic_lag"), true, [q("time_constant_s")], [(0, 1.0)];
-    /// A line of second order with the same delay: p̈_c = ω²(p − p_c) − 2ζωṗ_c, ω = 2ζ/τ [τ, ζ].
+    /// A line of second order with the same delay: p̈_c = ω²(p − p_c) − 2ζωṗ_c, ω = 2ζ/τ (τ, ζ).
     LagSecondOrder "lag_second_order" Some("pneumatic_lag"), false, [q("time_constant_s"), q("damping_ratio")], [(0, 1.0)];
-    /// A distributed line: two lags, ⅔τ and ⅓τ [τ].
+    /// A distributed line: two lags, ⅔τ and ⅓τ (τ).
     LagDistributed "lag_distributed" Some("pneumatic_lag"), false, [q("time_constant_s")], [(0, 1.0)];
-    /// p_c(t) = p(t − t_d) [t_d].
+    /// p_c(t) = p(t − t_d) (t_d).
     DeadTime "dead_time" Some("dead_time"), true, [q("delay_s")], [(0, 1.0)];
-    /// Transport with dispersion: eight lags of t_d/8 [t_d].
+    /// Transport with dispersion: eight lags of t_d/8 (t_d).
     DeadTimeDispersed "dead_time_dispersed" Some("dead_time"), false, [q("delay_s")], [(0, 1.0)];
-    /// Lag with τ_fill where p > p_c, else τ_vent [τ_fill, τ_vent].
+    /// Lag with τ_fill where p > p_c, else τ_vent (τ_fill, τ_vent).
     VentAsymmetry "vent_asymmetry" Some("vent_asymmetry"), true, [q("fill_s"), q("vent_s")], [(1, 1.0)];
     /// Lag while filling, an orifice while venting: ṗ_c = −√(p_v (p_c − p))/τ_vent,
-    /// p_v = 40 kPa [τ_fill, τ_vent].
+    /// p_v = 40 kPa (τ_fill, τ_vent).
     VentOrifice "vent_orifice" Some("vent_asymmetry"), false, [q("fill_s"), q("vent_s")], [(1, 1.0)];
-    /// F = g max(p − p₀, 0) [p₀].
+    /// F = g max(p − p₀, 0) (p₀).
     Threshold "threshold" Some("pressure_threshold"), true, [kpa("pressure_kpa")], [(0, 1.0)];
     /// The same with a smooth corner: w ln(1 + e^{(p − p₀)/w}), less its value
-    /// without pressure [p₀, w].
+    /// without pressure (p₀, w).
     ThresholdSmooth "threshold_smooth" Some("pressure_threshold"), false, [kpa("pressure_kpa"), kpa("width_kpa")], [(0, 1.0), (1, 1.0)];
-    /// K → K(1 + k_p p_c) [k_p].
+    /// K → K(1 + k_p p_c) (k_p).
     PressureStiffening "pressure_stiffening" Some("pressure_stiffening"), true, [Quantity { key: "per_kpa", per_si: 1e3 }], [(0, 1.0)];
-    /// K → K[1 + k_p p_c/(1 + p_c/p_s)] [k_p, p_s].
+    /// K → K(1 + k_p p_c/(1 + p_c/p_s)) (k_p, p_s).
     PressureStiffeningSaturating "pressure_stiffening_saturating" Some("pressure_stiffening"), false, [Quantity { key: "per_kpa", per_si: 1e3 }, kpa("saturation_kpa")], [(0, 1.0)];
-    /// Play of half-width b on p [b].
+    /// Play of half-width b on p (b).
     Backlash "backlash" Some("input_backlash"), true, [kpa("half_width_kpa")], [(0, 1.0)];
-    /// The mean of three plays of b/2, b and 3b/2 (Prandtl–Ishlinskii) [b].
+    /// The mean of three plays of b/2, b and 3b/2 (Prandtl–Ishlinskii) (b).
     BacklashPlays "backlash_plays" Some("input_backlash"), false, [kpa("half_width_kpa")], [(0, 1.0)];
-    /// The chamber loses air behind the sensor: ṗ_c = ṗ − p_c/τ [τ].
+    /// The chamber loses air behind the sensor: ṗ_c = ṗ − p_c/τ (τ).
     Leak "leak" Some("leak"), true, [q("time_constant_s")], [(0, -1.0)];
-    /// The same through an orifice: ṗ_c = ṗ − √(p_v p_c)/τ, p_v = 40 kPa [τ].
+    /// The same through an orifice: ṗ_c = ṗ − √(p_v p_c)/τ, p_v = 40 kPa (τ).
     LeakOrifice "leak_orifice" Some("leak"), false, [q("time_constant_s")], [(0, -1.0)];
-    /// τ ẏ = θ − y [τ].
+    /// τ ẏ = θ − y (τ).
     SensorLag "sensor_lag" Some("sensor_lag"), true, [q("time_constant_s")], [(0, 1.0)];
-    /// ÿ = ω²(θ − y) − 2ζωẏ, ω = 2ζ/τ [τ, ζ].
+    /// ÿ = ω²(θ − y) − 2ζωẏ, ω = 2ζ/τ (τ, ζ).
     SensorLagSecondOrder "sensor_lag_second_order" Some("sensor_lag"), false, [q("time_constant_s"), q("damping_ratio")], [(0, 1.0)];
-    /// y = θ + b [b].
+    /// y = θ + b (b).
     SensorOffset "sensor_offset" Some("sensor_offset"), true, [q("offset_rad")], [(0, 1.0)];
-    /// y = θ + cθ² [c].
+    /// y = θ + cθ² (c).
     SensorNonlinearity "sensor_nonlinearity" Some("sensor_nonlinearity"), true, [q("curvature_per_rad")], [(0, 1.0)];
-    /// y = θ + cθ²/(1 + s|θ|) [c, s].
+    /// y = θ + cθ²/(1 + s|θ|) (c, s).
     SensorNonlinearitySaturating "sensor_nonlinearity_saturating" Some("sensor_nonlinearity"), false, [q("curvature_per_rad"), q("saturation_per_rad")], [(0, 1.0)];
-    /// y = θ + rt [r].
+    /// y = θ + rt (r).
     SensorDrift "sensor_drift" Some("sensor_drift"), true, [q("rate_rad_per_s")], [(0, 1.0)];
-    /// y = θ + rτ(1 − e^{−t/τ}) [r, τ].
+    /// y = θ + rτ(1 − e^{−t/τ}) (r, τ).
     SensorDriftSettling "sensor_drift_settling" Some("sensor_drift"), false, [q("rate_rad_per_s"), q("time_constant_s")], [(0, 1.0)];
-    /// Q = A sin(2πft + φ) [A, f, φ].
+    /// Q = A sin(2πft + φ) (A, f, φ).
     Periodic "periodic" Some("periodic_disturbance"), true, [q("force_n"), q("frequency_hz"), q("phase_rad")], [(0, 1.0)];
-    /// A triangular wave, (2/π) arcsin sin [A, f, φ].
+    /// A triangular wave, (2/π) arcsin sin (A, f, φ).
     PeriodicTriangle "periodic_triangle" Some("periodic_disturbance"), false, [q("force_n"), q("frequency_hz"), q("phase_rad")], [(0, 1.0)];
-    /// A sine whose phase is another one in every run [A, f, φ].
+    /// A sine whose phase is another one in every run (A, f, φ).
     PeriodicUnsynchronised "periodic_unsynchronised" Some("periodic_disturbance"), false, [q("force_n"), q("frequency_hz"), q("phase_rad")], [(0, 1.0)];
 
     /// Outside the catalogue: stiffer by a once θ > θ₁ until θ < θ₂, as shape
-    /// memory or a fold that has opened [a, θ₁, θ₂].
+    /// memory or a fold that has opened (a, θ₁, θ₂).
     TwoStepStiffness "two_step_stiffness" None, false, [q("ratio"), q("on_rad"), q("off_rad")], [(0, 1.0)];
-    /// Outside: a relief valve behind the sensor, p_c = min(p, p_r) [p_r].
+    /// Outside: a relief valve behind the sensor, p_c = min(p, p_r) (p_r).
     ReliefValve "relief_valve" None, false, [kpa("limit_kpa")], [(0, -1.0)];
-    /// Outside: a delay that vanishes as pressure builds up, t_d e^{−p/p_d} [t_d, p_d].
+    /// Outside: a delay that vanishes as pressure builds up, t_d e^{−p/p_d} (t_d, p_d).
     PressureDependentDelay "pressure_dependent_delay" None, false, [q("delay_s"), kpa("decay_kpa")], [(0, 1.0)];
-    /// Outside: coupling to torsion, Q = A θ sin(kθ) [A, k].
+    /// Outside: coupling to torsion, Q = A θ sin(kθ) (A, k).
     Torsion "torsion" None, false, [q("force_n_per_rad"), q("wave_per_rad")], [(0, 1.0)];
-    /// Outside: bellows, Q = A sin(2πθ/λ) [A, λ].
+    /// Outside: bellows, Q = A sin(2πθ/λ) (A, λ).
     PeriodicStiffness "periodic_stiffness" None, false, [q("force_n"), q("period_rad")], [(0, 1.0)];
     /// Outside: stiction with break-away and ageing. LuGre whose level is
-    /// T(1 + r s), where s grows with τ at rest and is lost in sliding [T, r, τ].
+    /// T(1 + r s), where s grows with τ at rest and is lost in sliding (T, r, τ).
     StictionAgeing "stiction_ageing" None, false, [q("force_n"), q("ratio"), q("time_constant_s")], [(0, 1.0)];
-    /// Outside: warming, C → C[1 − a(1 − e^{−t/τ})] [a, τ].
+    /// Outside: warming, C → C(1 − a(1 − e^{−t/τ})) (a, τ).
     WarmingDamping "warming_damping" None, false, [q("ratio"), q("time_constant_s")], [(0, 1.0)];
     /// Outside: snap-through, Q = −A u e^{½ − u²/2}, u = (θ − θ_c)/w, with its
-    /// value at rest removed [A, θ_c, w].
+    /// value at rest removed (A, θ_c, w).
     SnapThrough "snap_through" None, false, [q("force_n"), q("angle_rad"), q("width_rad")], [(0, 1.0)];
-    /// Outside: a lag that grows with the bend, τ(0.1 + θ²) ṗ_c = p − p_c [τ].
+    /// Outside: a lag that grows with the bend, τ(0.1 + θ²) ṗ_c = p − p_c (τ).
     AmplitudeLag "amplitude_lag" None, false, [q("time_constant_s")], [(0, 1.0)];
-    /// Outside: a sensor that does not move between θ_c − w and θ_c + w [w, θ_c].
+    /// Outside: a sensor that does not move between θ_c − w and θ_c + w (w, θ_c).
     SensorDeadZone "sensor_dead_zone" None, false, [q("half_width_rad"), q("angle_rad")], [(0, 1.0)];
     /// Outside: a force without any rule, twelve sines between 0.15 and 4 Hz whose
-    /// phases are others in every run [A, seed].
+    /// phases are others in every run (A, seed).
     RandomForce "random_force" None, false, [q("force_n"), q("seed")], [(0, 1.0)];
 }
 
