@@ -122,12 +122,27 @@ impl<'a> Scoring<'a> {
         (evidence, separation)
     }
 
-    /// Ranks the structures of `size` effects, best first.
+    /// Whether a structure lives on forces that cancel: with an effect many
+    /// times larger than anything in the recordings it can follow any curve.
+    fn is_strained(&self, candidate: &Candidate) -> bool {
+        /// Times the natural size.
+        const MANY: f64 = 10.0;
+        relative_sizes(candidate, self.scales).any(|size| size > MANY)
+    }
+
+    /// Ranks the structures of `size` effects, best first. Where one leaves only
+    /// noise without forces that cancel, those that need them are left out.
     pub fn rank(&self, pool: &[Candidate], size: usize) -> Vec<Ranked> {
-        let mut scored: Vec<(usize, f64)> = pool
-            .iter()
-            .enumerate()
-            .filter(|(_, candidate)| candidate.added.len() == size)
+        let of_size = || {
+            pool.iter()
+                .enumerate()
+                .filter(|(_, candidate)| candidate.added.len() == size)
+        };
+        let settled = of_size().any(|(_, candidate)| {
+            adequate(&candidate.fit, self.floor) && !self.is_strained(candidate)
+        });
+        let mut scored: Vec<(usize, f64)> = of_size()
+            .filter(|(_, candidate)| !(settled && self.is_strained(candidate)))
             .map(|(index, candidate)| (index, self.score(candidate)))
             .collect();
         scored.sort_by(|a, b| a.1.total_cmp(&b.1));
@@ -190,24 +205,33 @@ fn is_special_case(narrow: &[Kind], wide: &[Kind]) -> bool {
     }
 }
 
+/// The sizes of the added effects' parameters, relative to what is natural.
+fn relative_sizes<'a>(
+    candidate: &'a Candidate,
+    scales: &'a Scales,
+) -> impl Iterator<Item = f64> + 'a {
+    let model = &candidate.fit.model;
+    let first = model.effects().count() - candidate.added.len();
+    candidate
+        .added
+        .iter()
+        .enumerate()
+        .flat_map(move |(offset, kind)| {
+            let slot = first + offset;
+            let rows = kind.parameters().iter().enumerate();
+            rows.filter_map(move |(parameter, row)| {
+                let value = model.value(ParameterId::Effect { slot, parameter })?;
+                Some((value / scales.plausible(row)?).abs())
+            })
+        })
+}
+
 /// The price of effects larger than anything in the recordings: −2 ln of a
 /// Cauchy prior whose width is the natural size of the parameter.
 fn implausibility(candidate: &Candidate, scales: &Scales) -> f64 {
-    let model = &candidate.fit.model;
-    let first = model.effects().count() - candidate.added.len();
-    let mut price = 0.0;
-    for (offset, kind) in candidate.added.iter().enumerate() {
-        for (parameter, row) in kind.parameters().iter().enumerate() {
-            let id = ParameterId::Effect {
-                slot: first + offset,
-                parameter,
-            };
-            if let (Some(value), Some(size)) = (model.value(id), scales.plausible(row)) {
-                price += 2.0 * (value / size).powi(2).ln_1p();
-            }
-        }
-    }
-    price
+    relative_sizes(candidate, scales)
+        .map(|size| 2.0 * size.powi(2).ln_1p())
+        .sum()
 }
 
 /// How far the squares of two residuals are apart, in standard errors: the test
@@ -280,16 +304,20 @@ pub struct Growth {
 impl Growth {
     /// Whether the errors pay for more effects.
     ///
-    /// A second effect that neither removes a good part of the gap nor all that
-    /// is left of it only mends the formula of the first.
+    /// A second effect that removes neither a good part of the gap, nor much of the
+    /// error that is left, nor all of it, only mends the formula of the first.
     pub fn pays(&self) -> bool {
         /// A good part of the gap.
         const GOOD_PART: f64 = 0.15;
+        /// Much of the error is gone if it is less than this factor.
+        const MUCH: f64 = 0.6;
         if self.before == 0 {
             return self.larger < FIRST_EFFECT * self.smaller;
         }
         self.larger < FURTHER_EFFECTS * self.smaller
-            && (self.adequate || self.closed - self.closed_before >= GOOD_PART)
+            && (self.adequate
+                || self.larger < MUCH * self.smaller
+                || self.closed - self.closed_before >= GOOD_PART)
     }
 }
 
@@ -331,6 +359,7 @@ mod tests {
         assert!(Growth { adequate, ..mends }.pays());
         let closed = 0.97;
         assert!(Growth { closed, ..mends }.pays());
+        assert!(growth(1, 0.5).pays());
     }
 
     #[test]
