@@ -25,8 +25,8 @@ const HALF_WIDTHS: [usize; 5] = [2, 4, 8, 16, 32];
 /// Half the width of confidence intervals, in standard errors.
 const CONFIDENCE: f64 = 2.5;
 
-/// Half width of the window of what is given back.
-const GIVEN_BACK: usize = 16;
+/// Half width (s) of the window of what is given back.
+const GIVEN_BACK: f64 = 0.16;
 
 /// Noise is white if differences of all orders agree on it within this share.
 const AGREEMENT: f64 = 0.2;
@@ -56,7 +56,11 @@ pub fn pressure(recording: &Recording) -> Vec<f64> {
         })
         .collect();
     let taken: Vec<f64> = values.iter().zip(&calm).map(|(a, b)| a - b).collect();
-    let given_back = smoothed(&taken, &even, GIVEN_BACK);
+    let samples = (GIVEN_BACK / interval).round();
+    // Clamped to the length of the recording.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    let half = samples.clamp(HALF_WIDTHS[0] as f64, values.len() as f64) as usize;
+    let given_back = smoothed(&taken, &even, half);
     calm.iter().zip(&given_back).map(|(a, b)| a + b).collect()
 }
 

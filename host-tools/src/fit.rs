@@ -25,7 +25,7 @@ use crate::information::{Block, Information};
 use crate::recording::Recording;
 use crate::simulate::{Signal, Start, run, substeps};
 use crate::smooth::{half_window, motion};
-use crate::statistics::{clipped, correlation_time, mean, noise_by_differences, rms};
+use crate::statistics::{clipped, correlation_time, mean, noise_by_differences, rms, scatter};
 
 /// A recording prepared for fitting.
 #[derive(Clone, Debug)]
@@ -77,9 +77,12 @@ impl<'a> Run<'a> {
     /// Simulated minus measured angle (rad).
     fn residual(&self, model: &Model<f64>, start: Start<f64>) -> Vec<f64> {
         let steps = substeps(model, self.interval, self.reach);
-        let simulated = run(model, &self.signal, start, steps);
+        self.residual_of(&run(model, &self.signal, start, steps).reading)
+    }
+
+    /// A simulated angle minus the measured one (rad).
+    pub fn residual_of(&self, simulated: &[f64]) -> Vec<f64> {
         let mut residual: Vec<f64> = simulated
-            .reading
             .iter()
             .zip(&self.recording.angle)
             .map(|(simulated, measured)| simulated - measured)
@@ -131,12 +134,16 @@ fn find_start(recording: &Recording) -> (Start<f64>, bool) {
 }
 
 /// Samples, of the first second, before pressure or angle move; zero if the
-/// recording starts in motion.
+/// recording starts in motion, or if something shakes it while it rests.
 pub fn rest_at_start(recording: &Recording) -> usize {
     /// Fewer samples than this do not show a rest.
     const FEWEST: usize = 5;
     /// A rest longer than this (s) adds nothing.
     const LONGEST: f64 = 1.0;
+    /// So many samples show more than noise, …
+    const ENOUGH: usize = 30;
+    /// … if they scatter by more than this factor of it.
+    const SHAKEN: f64 = 1.3;
     let noise = noise_by_differences(&recording.angle).max(1e-9);
     let pressure_noise = noise_by_differences(&recording.pressure);
     let swing = |values: &[f64]| {
@@ -154,7 +161,8 @@ pub fn rest_at_start(recording: &Recording) -> usize {
                 && (recording.angle[k] - first_angle).abs() <= 5.0 * noise
         })
         .count();
-    if rest >= FEWEST { rest } else { 0 }
+    let shaken = rest >= ENOUGH && scatter(&recording.angle[..rest]) > SHAKEN * noise;
+    if rest >= FEWEST && !shaken { rest } else { 0 }
 }
 
 /// Angle and rate at the first sample, from a parabola through the first ten.
@@ -657,19 +665,14 @@ impl Fitter<'_, '_> {
         let version = env!("CARGO_PKG_VERSION");
         let text = format!("{version} {:?} {start:?} {free:?} {effort:?}", self.nominal);
         let samples = self.runs.iter().flat_map(|run| {
-            let Recording {
-                time,
-                pressure,
-                angle,
-                ..
-            } = run.recording;
+            let Recording { time, angle, .. } = run.recording;
             let own = [
                 run.start.angle,
                 run.start.rate,
                 f64::from(u8::from(run.moving)),
             ];
             time.iter()
-                .chain(pressure)
+                .chain(run.signal.values())
                 .chain(angle)
                 .copied()
                 .chain(own)

@@ -45,11 +45,16 @@ impl Information {
     ) -> Self {
         /// Slopes are summed over blocks of so many correlation times, …
         const CORRELATION_TIMES: f64 = 4.0;
-        /// … and of so many samples at least.
-        const SHORTEST: f64 = 50.0;
+        /// … of so many samples at least, …
+        const SHORTEST: usize = 50;
+        /// … and of such a part of the recording. What the noise of the pressure
+        /// leaves is small beside the noise of the angle and lasts for seconds: the
+        /// correlation time does not show it, and it moves parameters most.
+        const PART: usize = 4;
         // A correlation time is at most some thousand samples.
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-        let length = (CORRELATION_TIMES * correlation).max(SHORTEST) as usize;
+        let correlated = (CORRELATION_TIMES * correlation) as usize;
+        let mut count = 0_u32;
         let mut this = Self {
             scatter: DMatrix::zeros(unknowns, unknowns),
             ..Self::default()
@@ -66,17 +71,23 @@ impl Information {
             this.curvature.push(projected.tr_mul(&projected));
             this.slope.push(projected.tr_mul(&residual));
             let rows = residual.len();
+            let length = correlated.max(rows.div_ceil(PART)).max(SHORTEST);
             let mut first = 0;
             while first < rows {
-                let count = length.min(rows - first);
+                let height = length.min(rows - first);
                 let sum = projected
-                    .rows(first, count)
-                    .tr_mul(&residual.rows(first, count));
+                    .rows(first, height)
+                    .tr_mul(&residual.rows(first, height));
                 this.scatter += &sum * sum.transpose();
-                first += count;
+                first += height;
+                count += 1;
             }
             squares += residual.norm_squared();
             samples += rows;
+        }
+        // Each parameter takes the scatter of one block away.
+        if f64::from(count) > unknowns as f64 {
+            this.scatter *= f64::from(count) / (f64::from(count) - unknowns as f64);
         }
         this.variance = squares / samples.saturating_sub(unknowns).max(1) as f64;
         this

@@ -55,6 +55,11 @@ impl Signal {
         }
     }
 
+    /// The signal at its samples.
+    pub fn values(&self) -> &[f64] {
+        &self.value
+    }
+
     /// The usual time between samples (s): the median.
     fn usual_interval(&self) -> f64 {
         self.interval
@@ -219,6 +224,20 @@ pub fn substeps<R: FromF64, P: Power<R>>(model: &Model<R, P>, interval: f64, ang
     }
 }
 
+/// Integration steps for an interval between samples that is usually divided
+/// into `substeps`: a gap is crossed in steps of the same length.
+pub fn across(interval: f64, usual: f64, substeps: usize) -> usize {
+    if interval <= 1.5 * usual {
+        return substeps;
+    }
+    // Clamped before.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    let more = (substeps as f64 * interval / usual)
+        .ceil()
+        .clamp(1.0, LONGEST_GAP) as usize;
+    more
+}
+
 /// Simulates `model` over the pressure in `signal`, from `start`, with
 /// `substeps` RK4 steps between samples.
 pub fn run<R: FromF64, P: Power<R>>(
@@ -236,14 +255,7 @@ pub fn run<R: FromF64, P: Power<R>>(
     for sample in 1..signal.time.len() {
         if !diverged {
             let interval = signal.time[sample] - signal.time[sample - 1];
-            let substeps = if interval > 1.5 * usual {
-                // A gap is crossed in steps of the same length.
-                (substeps as f64 * interval / usual).ceil().min(LONGEST_GAP)
-            } else {
-                substeps as f64
-            };
-            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-            let substeps = substeps as usize;
+            let substeps = across(interval, usual, substeps);
             let dt = R::from_f64(interval / substeps as f64);
             for part in 0..substeps {
                 let around = Around {

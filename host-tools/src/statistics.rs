@@ -33,6 +33,16 @@ pub fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
+/// The standard deviation about the mean; zero for fewer than two values.
+pub fn scatter(values: &[f64]) -> f64 {
+    if values.len() < 2 {
+        return 0.0;
+    }
+    let middle = mean(values);
+    let squares: f64 = values.iter().map(|value| (value - middle).powi(2)).sum();
+    (squares / (values.len() - 1) as f64).sqrt()
+}
+
 /// Sum of products of samples `lag` apart.
 fn lagged(values: &[f64], lag: usize) -> f64 {
     values

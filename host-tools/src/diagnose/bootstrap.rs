@@ -28,14 +28,21 @@ const DRAWS: usize = 499;
 /// Blocks are so many correlation times long, …
 const CORRELATION_TIMES: f64 = 4.0;
 
-/// … and at least so many samples.
+/// … at least so many samples, …
 const SHORTEST: usize = 50;
+
+/// … and at most this part of a recording.
+const LONGEST: usize = 4;
+
+/// Fewer blocks cannot show a chance of one in a hundred.
+const FEWEST: usize = 8;
 
 /// A larger structure is not believed if chance does as well more often.
 pub const SIGNIFICANT: f64 = 0.01;
 
 /// The probability that noise alone lets the best of `rivals` gain on `smaller` as
-/// much as the first of them does. At least 1/500.
+/// much as the first of them does. At least 1/500; 1 where the recordings are too
+/// short to say.
 pub fn chance(
     fitter: &Fitter<'_, '_>,
     smaller: &Candidate,
@@ -47,7 +54,10 @@ pub fn chance(
     };
     let gained = smaller.fit.sse() - best.fit.sse();
     let blocks = Blocks::of(&best.fit);
-    let base = Basis::of(&fitter.derivatives(&smaller.fit), &DMatrix::zeros(0, 0));
+    if blocks.count() < FEWEST {
+        return 1.0;
+    }
+    let base = fitter.derivatives(&smaller.fit);
     let directions: Vec<Direction> = rivals
         .iter()
         .map(|rival| Direction::of(fitter, smaller, rival, &base, &blocks))
@@ -76,10 +86,11 @@ impl Blocks {
     fn of(fit: &Fit) -> Self {
         // A correlation time is at most some thousand samples.
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-        let length = ((CORRELATION_TIMES * fit.correlation_time()) as usize).max(SHORTEST);
+        let correlated = (CORRELATION_TIMES * fit.correlation_time()) as usize;
         let mut ends = Vec::new();
         let mut first = 0;
         for run in &fit.residuals {
+            let length = correlated.min(run.len() / LONGEST).max(SHORTEST);
             let mut end = 0;
             while end < run.len() {
                 end = (end + length).min(run.len());
@@ -115,49 +126,33 @@ impl Blocks {
     }
 }
 
-/// Orthonormal columns.
-struct Basis(Vec<DVector<f64>>);
-
-impl Basis {
-    /// The part of `columns` that is perpendicular to `other` and to each other;
-    /// columns of which next to nothing is left are dropped.
-    fn of(columns: &DMatrix<f64>, other: &DMatrix<f64>) -> Self {
-        let mut found: Vec<DVector<f64>> =
-            other.column_iter().map(DVectorView::into_owned).collect();
-        let given = found.len();
-        for column in columns.column_iter() {
-            extend(&mut found, column.into_owned());
-        }
-        Self(found.split_off(given))
-    }
-
-    fn matrix(&self) -> DMatrix<f64> {
-        if self.0.is_empty() {
-            DMatrix::zeros(0, 0)
-        } else {
-            DMatrix::from_columns(&self.0)
-        }
-    }
-}
-
-fn extend(basis: &mut Vec<DVector<f64>>, mut column: DVector<f64>) {
+/// The part of `columns` that is perpendicular to `known` and to each other, as
+/// orthonormal columns; those of which next to nothing is left are dropped.
+fn perpendicular(columns: &[DVector<f64>], known: &[DVector<f64>]) -> Vec<DVector<f64>> {
     /// A smaller part that is new is rounding.
     const NEW: f64 = 1e-6;
-    let before = column.norm();
-    // Twice is enough (Kahan).
-    for _ in 0..2 {
-        for known in basis.iter() {
-            let along = known.dot(&column);
-            column.axpy(-along, known, 1.0);
+    let mut basis: Vec<DVector<f64>> = Vec::new();
+    let mut given = 0;
+    for (index, column) in known.iter().chain(columns).enumerate() {
+        let mut left = column.clone();
+        // Twice is enough (Kahan).
+        for _ in 0..2 {
+            for other in &basis {
+                let along = other.dot(&left);
+                left.axpy(-along, other, 1.0);
+            }
+        }
+        let size = left.norm();
+        if size.is_finite() && size > NEW * column.norm() {
+            basis.push(left / size);
+            given += usize::from(index < known.len());
         }
     }
-    let left = column.norm();
-    if left.is_finite() && left > NEW * before {
-        basis.push(column / left);
-    }
+    basis.split_off(given)
 }
 
-/// The directions in which a structure can move away from a smaller one.
+/// The directions in which a structure can move away from a smaller one: those
+/// of the parameters of its new effects, as far as the others cannot follow.
 struct Direction {
     /// For each column, what each stretch of noise adds to its product.
     products: Vec<Vec<f64>>,
@@ -171,12 +166,26 @@ impl Direction {
         fitter: &Fitter<'_, '_>,
         smaller: &Candidate,
         rival: &Candidate,
-        base: &Basis,
+        base: &DMatrix<f64>,
         blocks: &Blocks,
     ) -> Self {
-        let own = Basis::of(&fitter.derivatives(&rival.fit), &base.matrix());
-        let products: Vec<Vec<f64>> = own
-            .0
+        let is_new = |id: &ParameterId| parameter_is_new(smaller, rival, *id);
+        let (new, old): (Vec<_>, Vec<_>) = fitter
+            .derivatives(&rival.fit)
+            .column_iter()
+            .map(DVectorView::into_owned)
+            .zip(&rival.fit.free)
+            .partition(|(_, id)| is_new(id));
+        let columns = |list: Vec<(DVector<f64>, &ParameterId)>| {
+            list.into_iter().map(|(column, _)| column).collect()
+        };
+        let known: Vec<DVector<f64>> = base
+            .column_iter()
+            .map(DVectorView::into_owned)
+            .chain::<Vec<_>>(columns(old))
+            .collect();
+        let new: Vec<DVector<f64>> = columns(new);
+        let products: Vec<Vec<f64>> = perpendicular(&new, &known)
             .iter()
             .map(|column| blocks.products(column.as_slice()))
             .collect();
@@ -205,6 +214,18 @@ impl Direction {
     }
 }
 
+/// Whether a parameter belongs to an effect that the smaller structure lacks.
+fn parameter_is_new(smaller: &Candidate, rival: &Candidate, id: ParameterId) -> bool {
+    let first = rival.fit.model.effects().count() - rival.added.len();
+    match id {
+        ParameterId::Effect { slot, .. } => slot
+            .checked_sub(first)
+            .and_then(|added| rival.added.get(added))
+            .is_some_and(|kind| !smaller.added.contains(kind)),
+        _ => false,
+    }
+}
+
 /// Whether the only new parameter is bounded by its neutral value, zero.
 fn is_one_sided(smaller: &Candidate, rival: &Candidate) -> bool {
     let new: Vec<ParameterId> = rival
@@ -212,7 +233,7 @@ fn is_one_sided(smaller: &Candidate, rival: &Candidate) -> bool {
         .free
         .iter()
         .copied()
-        .filter(|id| !smaller.fit.free.contains(id))
+        .filter(|&id| parameter_is_new(smaller, rival, id))
         .collect();
     let [ParameterId::Effect { slot, parameter }] = new.as_slice() else {
         return false;
@@ -276,14 +297,20 @@ mod tests {
     }
 
     #[test]
-    fn bases_are_orthonormal_and_leave_out_what_is_known() {
-        let known = DMatrix::from_row_slice(3, 1, &[1.0, 0.0, 0.0]);
-        let columns = DMatrix::from_row_slice(3, 3, &[2.0, 5.0, 1.0, 0.0, 1.0, 1.0, 0.0, 0.0, 2.0]);
-        let basis = Basis::of(&columns, &known);
-        assert_eq!(basis.0.len(), 2);
-        let gram = basis.matrix().transpose() * basis.matrix();
-        assert!((gram - DMatrix::identity(2, 2)).norm() < 1e-12);
-        assert!(basis.0.iter().all(|column| column[0].abs() < 1e-12));
+    fn what_is_perpendicular_is_orthonormal_and_leaves_out_what_is_known() {
+        let vector = |entries: [f64; 3]| DVector::from_column_slice(&entries);
+        let known = [vector([1.0, 0.0, 0.0]), vector([2.0, 0.0, 0.0])];
+        let columns = [
+            vector([2.0, 0.0, 0.0]),
+            vector([5.0, 1.0, 0.0]),
+            vector([1.0, 1.0, 2.0]),
+        ];
+        let found = perpendicular(&columns, &known);
+        assert_eq!(found.len(), 2);
+        assert!(found[0].dot(&found[1]).abs() < 1e-12);
+        for column in found {
+            assert!((column.norm() - 1.0).abs() < 1e-12 && column[0].abs() < 1e-12);
+        }
     }
 
     #[test]

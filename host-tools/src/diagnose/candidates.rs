@@ -85,13 +85,7 @@ impl Scales {
                 .iter()
                 .map(|run| run.recording.duration())
                 .fold(0.0, f64::max),
-            lines: spectral_lines(
-                &refit.residuals,
-                fitter
-                    .runs
-                    .first()
-                    .map_or(0.01, |run| run.recording.interval()),
-            ),
+            lines: spectral_lines(fitter, refit),
         }
     }
 
@@ -148,7 +142,7 @@ fn fastest_rate(fitter: &Fitter<'_, '_>) -> f64 {
 /// The frequencies (Hz) at which residuals stand out most from their
 /// surroundings. An oscillation of which a run shows twenty periods is only
 /// found from within a twentieth of its frequency, so fits have to start there.
-fn spectral_lines(residuals: &[Vec<f64>], interval: f64) -> Vec<f64> {
+fn spectral_lines(fitter: &Fitter<'_, '_>, refit: &Fit) -> Vec<f64> {
     /// Distance of the frequencies that are looked at (Hz).
     const STEP: f64 = 0.05;
     /// Lines closer than this are one (Hz).
@@ -157,17 +151,25 @@ fn spectral_lines(residuals: &[Vec<f64>], interval: f64) -> Vec<f64> {
     const AROUND: usize = 24;
     /// As many lines as fits can try.
     const COUNT: usize = 4;
-    let highest = (0.4 / interval).min(30.0);
+    let intervals: Vec<f64> = fitter
+        .runs
+        .iter()
+        .map(|run| run.recording.interval())
+        .collect();
+    let slowest = intervals.iter().copied().fold(0.0, f64::max);
+    let highest = (0.4 / slowest).min(30.0);
     // At most some hundred.
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     let count = (highest / STEP) as usize;
     let power: Vec<f64> = (1..=count)
         .map(|k| {
-            let turn = std::f64::consts::TAU * STEP * k as f64 * interval;
-            let (sin, cos) = turn.sin_cos();
-            residuals
+            let angular = std::f64::consts::TAU * STEP * k as f64;
+            refit
+                .residuals
                 .iter()
-                .map(|series| {
+                .zip(&intervals)
+                .map(|(series, interval)| {
+                    let (sin, cos) = (angular * interval).sin_cos();
                     let (mut c, mut s, mut re, mut im) = (1.0, 0.0, 0.0, 0.0);
                     for value in series {
                         re += value * c;

@@ -321,10 +321,9 @@ fn board_squares(fitter: &Fitter<'_, '_>, model: &Model<f64>) -> Vec<f64> {
         .iter()
         .zip(starts)
         .map(|(run, start)| {
-            run.simulate(&board, start)
+            run.residual_of(&run.simulate(&board, start))
                 .iter()
-                .zip(&run.recording.angle)
-                .map(|(simulated, measured)| (simulated - measured).powi(2))
+                .map(|residual| residual * residual)
                 .sum::<f64>()
         })
         .collect()

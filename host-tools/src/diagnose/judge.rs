@@ -15,7 +15,7 @@ use super::bootstrap::{SIGNIFICANT, chance};
 use super::candidates::{Candidate, Ground};
 use super::holdout::Judge;
 use super::noise::NoiseFloor;
-use super::select::{Growth, REJECTED, Ranked, Scoring, required_evidence};
+use super::select::{Growth, Ranked, Scoring, required_evidence};
 use super::verdict::{Alternative, Answer};
 use super::{RMS_FACTOR, adequate};
 use crate::model_file::parameter_name;
@@ -217,10 +217,7 @@ impl Court<'_, '_> {
                 ..Findings::nothing(Answer::Unexplained, refit)
             };
         }
-        let surviving: Vec<&Ranked> = ranked
-            .iter()
-            .filter(|entry| entry.probability >= REJECTED)
-            .collect();
+        let surviving: Vec<&Ranked> = ranked.iter().filter(|entry| !entry.rejected).collect();
         let probability_of = |kind: Kind| {
             ranked
                 .iter()

@@ -27,7 +27,8 @@ pub struct NoiseFloor {
     pub repeats: Option<f64>,
     /// Scatter about a straight line (rad) while the recordings have not begun to
     /// move, where they start with a rest that is long enough. Unlike differences
-    /// it also sees noise that is slow.
+    /// it also sees noise that is slow; a rest that scatters much more than its
+    /// neighbouring samples is shaken, and none.
     pub rest: Option<f64>,
     /// Step of the converter (rad); zero if none shows.
     pub quantum: f64,

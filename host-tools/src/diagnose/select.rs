@@ -31,9 +31,9 @@ const FIRST_EFFECT: f64 = 0.97;
 /// … and each further structure better than this factor: no term without need.
 const FURTHER_EFFECTS: f64 = 0.9;
 
-/// Structures less probable than this, relative to all of their size, are
+/// Structures less probable than this, relative to the best of their size, are
 /// rejected.
-pub const REJECTED: f64 = 0.05;
+const REJECTED: f64 = 0.05;
 
 /// A structure that leaves so many times as much beyond the noise as another, in
 /// squares, is worse than the choice of a formula can make it. The right
@@ -41,8 +41,9 @@ pub const REJECTED: f64 = 0.05;
 const FAR_WORSE: f64 = 4.0;
 
 /// Beyond the noise counts from this share of its square on: below, what is
-/// left is known no better.
-const NOISE_SHARE: f64 = 0.05;
+/// left is known no better. With [`FAR_WORSE`] it says that a rival of a fit at
+/// the noise is far worse if it leaves a fifth more.
+const NOISE_SHARE: f64 = 0.11;
 
 /// Two structures that both leave only noise are told apart from this
 /// difference of scores on. The same phenomenon by another formula was seen to
@@ -105,19 +106,18 @@ impl<'a> Scoring<'a> {
     /// large. Where the rival leaves far more beyond the noise than the best, no
     /// other formula would save it, and the score is believed. In between the
     /// best may be right only in kind: its residual is correlated, the score
-    /// over-confident, and the evidence is no more than the separation squared.
+    /// over-confident, and what the residuals say is no more than the separation
+    /// squared, one way or the other. What parameters cost is not in doubt.
     fn against(&self, best: &Fit, rival: &Fit, delta: f64) -> (f64, f64) {
         let separation = separation(best, rival);
-        if separation <= 0.0 {
-            return (delta, separation);
-        }
-        let cautious = delta.min(separation.powi(2));
         let evidence = if delta < FORMULA && adequate(rival, self.floor) {
-            cautious.min(DOUBT)
+            delta.min(DOUBT)
         } else if self.excess(rival) > FAR_WORSE * self.excess(best) {
             delta
         } else {
-            cautious
+            let by_residuals = self.independent * (rival.sse() / best.sse()).ln();
+            let most = separation.powi(2);
+            delta - by_residuals + by_residuals.clamp(-most, most)
         };
         (evidence, separation)
     }
@@ -159,12 +159,17 @@ impl<'a> Scoring<'a> {
                     delta,
                     separation,
                     probability: (-evidence / 2.0).exp(),
+                    rejected: false,
                 }
             })
             .collect();
         self.prefer_special_cases(pool, &mut ranked);
         let total: f64 = ranked.iter().map(|entry| entry.probability).sum();
+        let most = ranked
+            .iter()
+            .fold(0.0, |most: f64, entry| most.max(entry.probability));
         for entry in &mut ranked {
+            entry.rejected = entry.probability < REJECTED * most;
             entry.probability /= total;
         }
         ranked.sort_by(|a, b| b.probability.total_cmp(&a.probability));
@@ -237,7 +242,7 @@ fn implausibility(candidate: &Candidate, scales: &Scales) -> f64 {
 /// How far the squares of two residuals are apart, in standard errors: the test
 /// of Vuong (Econometrica 57, 1989) for models of which none has to be true,
 /// with the scatter of sums over blocks that are longer than the correlation.
-/// Positive where `rival` is worse.
+/// Positive where `rival` is worse; zero where there are too few blocks to say.
 pub fn separation(best: &Fit, rival: &Fit) -> f64 {
     /// Blocks are so many correlation times long, …
     const CORRELATION_TIMES: f64 = 4.0;
@@ -275,6 +280,8 @@ pub struct Ranked {
     pub separation: f64,
     /// Probability among the structures of the same size.
     pub probability: f64,
+    /// Whether the recordings reject it against the best of its size.
+    pub rejected: bool,
 }
 
 /// The evidence that `effects` more effects have to bring when the best of

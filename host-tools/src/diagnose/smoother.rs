@@ -14,7 +14,7 @@ use nalgebra::{Matrix3, RowVector3, Vector3};
 
 use crate::dual::Dual;
 use crate::recording::Recording;
-use crate::simulate::{FromF64, Signal, substeps};
+use crate::simulate::{FromF64, Signal, across, substeps};
 
 /// Estimated motion and missing force of one run.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -155,6 +155,7 @@ impl Smoother<'_> {
                 let interval = recording.time[sample] - recording.time[sample - 1];
                 whole.angle = Dual::variable(state[0], 0, 1.0);
                 whole.rate = Dual::variable(state[1], 1, 1.0);
+                let parts = across(interval, recording.interval(), parts);
                 let dt = Dual::from_f64(interval / parts as f64);
                 for part in 0..parts {
                     let begin = interval * part as f64 / parts as f64;
