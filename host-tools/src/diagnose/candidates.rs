@@ -261,13 +261,13 @@ pub fn applicable(nominal: &Model<f64>, fitter: &Fitter<'_, '_>) -> (Vec<Kind>, 
 }
 
 /// The free parameters of a structure: those of the nominal model, and those
-/// of the added effects that are fitted.
+/// of the added effects that are not held.
 pub fn free_parameters(file: &ModelFile, added: &[Kind]) -> Vec<ParameterId> {
     let first = file.model.effects().count();
     let mut free = file.free.clone();
     for (offset, kind) in added.iter().enumerate() {
         for (parameter, row) in kind.parameters().iter().enumerate() {
-            if !row.starts.is_empty() {
+            if row.held.is_none() {
                 free.push(ParameterId::Effect {
                     slot: first + offset,
                     parameter,
@@ -419,14 +419,13 @@ pub fn finish(ground: &Ground<'_, '_>, candidate: &Candidate) -> Candidate {
 fn starts(file: &ModelFile, scales: &Scales, base: &Candidate, kind: Kind) -> Starts {
     let mut values: Vec<Vec<f64>> = vec![Vec::new()];
     for row in kind.parameters() {
-        let own = row
-            .starts
-            .iter()
-            .map(|start| f64::from(*start) * scales.size(row));
         let choices: Vec<f64> = match row.held {
-            Some(held) => own.chain([held_value(row, held, scales)]).collect(),
+            Some(held) => vec![held_value(row, held, scales)],
             None if row.unit == Unit::Hertz => scales.lines.clone(),
-            None => own
+            None => row
+                .starts
+                .iter()
+                .map(|start| f64::from(*start) * scales.size(row))
                 // A delay that is hardly there is a start as well.
                 .chain((kind.info().place == Place::Input).then_some(scales.interval))
                 .collect(),
@@ -485,4 +484,36 @@ fn held_value(row: &Parameter, held: f32, scales: &Scales) -> f64 {
     } else {
         held
     }
+}
+
+/// Frees the held parameters of the added effects that have starts of their
+/// own (the tilt of gravity), one variant for each start.
+pub fn released(ground: &Ground<'_, '_>, candidate: &Candidate) -> Option<Candidate> {
+    let first = ground.file.model.effects().count();
+    let mut free = candidate.fit.free.clone();
+    let mut models = Vec::new();
+    for (offset, kind) in candidate.added.iter().enumerate() {
+        for (parameter, row) in kind.parameters().iter().enumerate() {
+            if row.held.is_some() && !row.starts.is_empty() {
+                let id = ParameterId::Effect {
+                    slot: first + offset,
+                    parameter,
+                };
+                free.push(id);
+                models.push(candidate.fit.model);
+                models.extend(
+                    row.starts
+                        .iter()
+                        .map(|start| candidate.fit.model.with_value(id, f64::from(*start))),
+                );
+            }
+        }
+    }
+    let fit = ground
+        .fitter
+        .best_of_kept(&models, &free, Effort::Full, ground.checkpoint)?;
+    Some(Candidate {
+        added: candidate.added.clone(),
+        fit,
+    })
 }

@@ -12,7 +12,7 @@ use model_core::catalogue::Kind;
 use rayon::prelude::*;
 
 use super::bootstrap::{SIGNIFICANT, chance};
-use super::candidates::{Candidate, Ground};
+use super::candidates::{Candidate, Ground, released};
 use super::holdout::Judge;
 use super::noise::NoiseFloor;
 use super::select::{Growth, Ranked, Scoring, required_evidence};
@@ -240,13 +240,14 @@ impl Court<'_, '_> {
             self.common_core(pool, &surviving, scoring)
                 .filter(|core| self.explains(refit, core))
         };
-        let Some(repaired) = named else {
+        let Some(named) = named else {
             return Findings {
                 alternatives: surviving.iter().map(|entry| alternative(entry)).collect(),
                 rivals,
                 ..Findings::nothing(Answer::CannotTell, refit)
             };
         };
+        let repaired = self.with_released(named, scoring);
         Findings {
             answer: Answer::EffectFound,
             probability: repaired
@@ -328,5 +329,22 @@ impl Court<'_, '_> {
             .find(|candidate| !core.is_empty() && candidate.set() == core)?;
         let evidence = scoring.score(pool.first()?) - scoring.score(candidate);
         (evidence >= required_evidence(core.len(), self.kinds.len())).then(|| candidate.clone())
+    }
+
+    /// Frees parameters that are held at first, where the evidence asks for it.
+    fn with_released(&self, candidate: Candidate, scoring: &Scoring<'_>) -> Candidate {
+        /// A freed parameter has to make held-out errors smaller by this factor.
+        const BETTER: f64 = 0.9;
+        let Some(freed) = released(&self.ground, &candidate) else {
+            return candidate;
+        };
+        let evidence = scoring.score(&candidate) - scoring.score(&freed);
+        if evidence >= required_evidence(1, 1)
+            && self.judge.error_of(&freed) < BETTER * self.judge.error_of(&candidate)
+        {
+            freed
+        } else {
+            candidate
+        }
     }
 }

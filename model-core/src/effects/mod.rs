@@ -249,12 +249,12 @@ pub struct Parameter {
     pub lower: f32,
     /// Largest value allowed, in SI units.
     pub upper: f32,
-    /// Value that a file may leave out; none for a parameter that has to be
-    /// given.
+    /// Value that a file may leave out and that a first fit holds; none for a
+    /// parameter that has to be found.
     pub held: Option<f32>,
     /// Where fits start: seconds, hertz, radians and dimensionless numbers as
     /// they are, other units relative to the size that the recordings suggest. A
-    /// parameter without starts is never fitted.
+    /// held parameter without starts is never fitted.
     pub starts: &'static [f32],
 }
 
