@@ -254,19 +254,17 @@ mod tests {
                     wander = 0.9 * wander + amplitude * (1.0_f64 - 0.81).sqrt() * draw;
                     *angle += wander;
                     // The motion begins with the pressure.
-                    if *time <= 0.5 {
-                        *angle -= 1.0 - (-time).exp();
-                    }
+                    *angle -= 1.0 - (-time.min(0.5)).exp();
                 }
             }
             NoiseFloor::of(&recordings)
         };
         let calm = wandering(0.0);
         assert!((calm.rest.unwrap() / 0.01 - 1.0).abs() < 0.15, "{calm:?}");
-        let uneasy = wandering(0.02);
-        assert!(uneasy.white < 0.015, "{uneasy:?}");
+        let uneasy = wandering(0.007);
+        assert!(uneasy.white < 0.0112, "{uneasy:?}");
         assert!(
-            (uneasy.rest.unwrap() / 0.0224 - 1.0).abs() < 0.3,
+            (uneasy.rest.unwrap() / 0.0122 - 1.0).abs() < 0.15,
             "{uneasy:?}"
         );
     }
