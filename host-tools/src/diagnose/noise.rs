@@ -74,8 +74,9 @@ impl NoiseFloor {
     /// the recorded pressure and by the same with as much white noise once
     /// more, and the difference of the angles is what it leaves.
     ///
-    /// A fit takes the pressure as it was measured, so a right model has this
-    /// error, and it is correlated: the actuator filters it.
+    /// A fit takes the pressure as it was measured, but for its fastest part
+    /// ([`crate::denoise`]), so a right model has this error, and it is correlated:
+    /// the actuator filters it.
     pub fn with_input(self, fitter: &Fitter<'_, '_>, model: &Model<f64>, seed: u64) -> Self {
         let mut random = Pcg64Mcg::seed_from_u64(seed);
         let again: Vec<Recording> = fitter
