@@ -193,7 +193,9 @@ fn diagnose_all(
     let floor = NoiseFloor::of(recordings);
     let mut concerns = quality::examine(recordings, &floor)?;
     if !holdout.is_empty() {
-        quality::examine(holdout, &NoiseFloor::of(holdout))?;
+        let found = quality::examine(holdout, &NoiseFloor::of(holdout))?;
+        // That none is repeated, or all are short, matters for what is fitted.
+        concerns.extend(found.into_iter().filter(|it| it.recording.is_some()));
     }
     quality::refuse_other_units(file, recordings)?;
     let runs = Run::all(recordings);
@@ -246,7 +248,7 @@ fn diagnose_all(
         },
         exact_form: is_adequate && held_out.at_noise(),
     };
-    let odd = if is_adequate || holdout_is_enough(recordings, holdout) {
+    let odd = if is_adequate || too_few_to_leave_one_out(recordings, holdout) {
         None
     } else {
         found
@@ -333,7 +335,7 @@ fn search_and_judge(
 }
 
 /// Whether leaving a recording out would leave too few.
-fn holdout_is_enough(recordings: &[Recording], holdout: &[Recording]) -> bool {
+fn too_few_to_leave_one_out(recordings: &[Recording], holdout: &[Recording]) -> bool {
     recordings.len() + holdout.len() < 3
 }
 
