@@ -15,7 +15,7 @@ use super::pictures::{
     MEASURED, curves_of, feature_figure, force_figure, largest_forces, map_figure, run_figure,
     style_of,
 };
-use super::provenance::{Provenance, Source};
+use super::provenance::{FITTED, Provenance, Source};
 use super::runs::{RunView, runs};
 use crate::cmd::fit::number;
 use crate::diagnose::localise::{Feature, Gap, SINCE_LAST_EDGE};
@@ -203,7 +203,7 @@ pub fn page(
             .file
             .text_with(&diagnosis.repaired.fit.model, "# Added by rig diagnose.\n"),
         noise: noise(diagnosis),
-        files: files(diagnosis, provenance),
+        files: files(diagnosis.left_out, provenance),
         provenance,
         seed: request.seed,
         seconds: format!("{seconds:.1}"),
@@ -389,12 +389,13 @@ fn run_row(view: &RunView<'_>) -> RunRow {
 }
 
 /// The files with what became of them: the model, then the recordings.
-fn files(diagnosis: &Diagnosis, provenance: &Provenance) -> Vec<Source> {
+fn files(left_out: Option<usize>, provenance: &Provenance) -> Vec<Source> {
     let mut files = provenance.files.clone();
-    if let Some(file) = diagnosis
-        .left_out
-        .and_then(|recording| files.get_mut(1 + recording))
-    {
+    let left_out = left_out.and_then(|recording| {
+        let mut fitted = files.iter_mut().filter(|file| file.role == FITTED);
+        fitted.nth(recording)
+    });
+    if let Some(file) = left_out {
         file.role = "left out";
     }
     files
@@ -428,7 +429,31 @@ fn noise(diagnosis: &Diagnosis) -> Vec<[String; 2]> {
 
 #[cfg(test)]
 mod tests {
-    use super::set;
+    use super::*;
+    use crate::report::provenance::METADATA;
+
+    #[test]
+    fn the_file_of_a_recording_that_was_left_out_says_so() {
+        let source = |role| Source {
+            role,
+            path: String::new(),
+            bytes: 0,
+            sha256: String::new(),
+        };
+        let provenance = Provenance {
+            files: ["model", FITTED, METADATA, FITTED, METADATA, "held out"]
+                .map(source)
+                .to_vec(),
+            ..Provenance::default()
+        };
+        let roles = |left_out| -> Vec<&str> {
+            let files = files(left_out, &provenance);
+            files.iter().map(|file| file.role).collect()
+        };
+        assert_eq!(roles(Some(1))[3], "left out");
+        assert_eq!(roles(Some(1))[1], FITTED);
+        assert!(!roles(None).contains(&"left out"));
+    }
 
     #[test]
     fn a_minus_is_not_a_hyphen() {
