@@ -398,7 +398,7 @@ fn keys(diagnosis: &Diagnosis) -> Vec<Key> {
     let noise = key(
         "noise floor",
         degrees(held_out.floor),
-        noise_source(&diagnosis.floor),
+        noise_note(&diagnosis.floor, held_out.floor),
     );
     let [third, fourth] = match diagnosis.answer {
         Answer::NoDiscrepancy => [
@@ -494,10 +494,24 @@ fn probability_key(value: Option<f64>, note: &str) -> Key {
     )
 }
 
-/// Where the noise floor comes from.
+/// What a noise floor of `shown` (rad) consists of.
+fn noise_note(floor: &NoiseFloor, shown: f64) -> String {
+    let source = noise_source(floor);
+    if 3.0 * floor.input > shown {
+        let input = degrees(floor.input);
+        format!("{source}, and the {input} that noise of the pressure leaves")
+    } else {
+        source.to_owned()
+    }
+}
+
+/// Where the noise floor comes from: the largest of its sources.
 fn noise_source(floor: &NoiseFloor) -> &'static str {
-    if floor.repeats.is_some_and(|scatter| scatter >= floor.rms) {
+    let is_it = |source: Option<f64>| source.is_some_and(|source| source >= floor.rms);
+    if is_it(floor.repeats) {
         "scatter between repeats"
+    } else if is_it(floor.rest) && floor.white < floor.rms {
+        "scatter at rest"
     } else if floor.white >= floor.rms {
         "noise of the angle sensor"
     } else {
@@ -949,6 +963,30 @@ mod tests {
         assert_eq!(percent(f64::NAN), "–");
         assert_eq!(percent(-0.12), "−12 %");
         assert_eq!(probability(0.999), "> 0.99");
+    }
+
+    #[test]
+    fn the_largest_source_is_that_of_the_noise_floor() {
+        let floor = NoiseFloor {
+            rms: 0.02,
+            white: 0.01,
+            repeats: Some(0.015),
+            rest: Some(0.02),
+            quantum: 0.001,
+            input: 0.001,
+            groups: Vec::new(),
+        };
+        assert_eq!(noise_note(&floor, 0.02), "scatter at rest");
+        let floor = NoiseFloor {
+            repeats: Some(0.03),
+            rms: 0.03,
+            input: 0.02,
+            ..floor
+        };
+        assert_eq!(
+            noise_note(&floor, 0.036),
+            "scatter between repeats, and the 1.15° that noise of the pressure leaves"
+        );
     }
 
     #[test]

@@ -417,11 +417,14 @@ fn noise(diagnosis: &Diagnosis) -> Vec<[String; 2]> {
             degrees(repeats),
         ]);
     }
+    if let Some(rest) = floor.rest {
+        rows.push(["scatter at rest, about a line".to_owned(), degrees(rest)]);
+    }
     if floor.quantum > 0.0 {
         rows.push(["step of the converter".to_owned(), degrees(floor.quantum)]);
     }
     rows.push([
-        "left by the noise of the pressure".to_owned(),
+        "left by the noise of the pressure, on top of the floor".to_owned(),
         degrees(floor.input),
     ]);
     rows
