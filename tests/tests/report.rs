@@ -68,6 +68,12 @@ fn every_verdict_makes_a_whole_page() {
         assert_eq!(all(&page, ".effect").len(), named);
         let next = usize::from(what == Answer::CannotTell);
         assert_eq!(all(&page, "pre.command").len(), next);
+        let heads: Vec<String> = all(&page, ".parameters th.number")
+            .into_iter()
+            .map(text)
+            .collect();
+        let kept = what == Answer::NoDiscrepancy;
+        assert_eq!(heads.contains(&"refit".to_owned()), kept, "{heads:?}");
         assert!(!report.html.contains("NaN") && !report.html.contains("inf<"));
         assert!(report.html.len() < 700_000, "{} bytes", report.html.len());
     }
@@ -210,5 +216,7 @@ fn the_terminal_says_the_same_in_25_lines() {
             assert!(report.summary.contains(&row.refit) && cells.contains(&row.refit));
         }
         assert!(report.summary.contains("Report: report.html"));
+        let named = report.answer == Answer::EffectFound;
+        assert_eq!(lines[2].contains("repaired"), named, "{}", report.summary);
     }
 }

@@ -32,7 +32,7 @@ pub mod select;
 pub mod smoother;
 pub mod verdict;
 
-use model_core::actuator::ParameterId;
+use model_core::actuator::{Model, ParameterId};
 
 use crate::checkpoint::Checkpoint;
 use crate::error::InputError;
@@ -341,7 +341,7 @@ fn too_few_to_leave_one_out(recordings: &[Recording], holdout: &[Recording]) -> 
 
 /// The runs that separate rivals best, with their names.
 fn propose(
-    believed: &model_core::actuator::Model<f64>,
+    believed: &Model<f64>,
     rivals: &[Candidate],
     floor: &NoiseFloor,
 ) -> Vec<(Proposal, [Vec<String>; 2])> {
@@ -378,6 +378,15 @@ fn adequate(fit: &Fit, floor: &NoiseFloor) -> bool {
 }
 
 impl Diagnosis {
+    /// The model to go on with: where nothing is wrong with the nominal one, that.
+    pub fn model_to_keep<'a>(&'a self, nominal: &'a ModelFile) -> &'a Model<f64> {
+        if self.answer == Answer::NoDiscrepancy {
+            &nominal.model
+        } else {
+            &self.repaired.fit.model
+        }
+    }
+
     /// The verdict as it is written to JSON.
     pub fn verdict(&self, request: &Request<'_>, seconds: f64) -> Verdict {
         let degrees = |radians: f64| tidy(radians.to_degrees());

@@ -199,9 +199,10 @@ pub fn page(
             .collect::<Result<_, _>>()?,
         runs_total: views.len(),
         table: views.iter().map(run_row).collect(),
-        model_text: request
-            .file
-            .text_with(&diagnosis.repaired.fit.model, "# Added by rig diagnose.\n"),
+        model_text: request.file.text_with(
+            diagnosis.model_to_keep(request.file),
+            "# Added by rig diagnose.\n",
+        ),
         noise: noise(diagnosis),
         files: files(diagnosis.left_out, provenance),
         provenance,

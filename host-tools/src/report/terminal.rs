@@ -1,12 +1,13 @@
 //! The summary on the terminal: what the page says, in some twenty lines.
 
 use super::Outputs;
-use super::content::{Content, ErrorRow, ParameterRow};
+use super::content::{Content, ParameterRow};
+use crate::diagnose::verdict::Answer;
 
 /// The summary; `seed` and `seconds` stand in its last line.
 pub fn summary(content: &Content, outputs: &Outputs<'_>, seed: u64, seconds: f64) -> String {
     let mut lines = vec![content.sentence.clone(), String::new()];
-    lines.extend(errors(&content.errors));
+    lines.extend(errors(content));
     lines.extend(content.notices.iter().map(|notice| {
         let about = notice
             .about
@@ -28,7 +29,7 @@ pub fn summary(content: &Content, outputs: &Outputs<'_>, seed: u64, seconds: f64
     }
     let free: Vec<&ParameterRow> = content.base.iter().filter(|row| row.free).collect();
     if !free.is_empty() {
-        lines.push("Base parameters, nominal → fitted:".into());
+        lines.push(base_title(content.answer).into());
         lines.extend(free.iter().map(|row| {
             let nominal = row
                 .nominal
@@ -49,16 +50,31 @@ pub fn summary(content: &Content, outputs: &Outputs<'_>, seed: u64, seconds: f64
     if content.something_is_missing() {
         lines.extend(evidence(content));
     }
-    lines.extend(written(content.named, outputs));
+    lines.extend(written(content, outputs));
     lines.push(format!("{seconds:.1} s, seed {seed}"));
     lines.join("\n") + "\n"
 }
 
-/// The table: nominal, refit and repaired on fitted and on held-out runs.
-fn errors(rows: &[ErrorRow]) -> Vec<String> {
+/// What stands above the base parameters.
+fn base_title(answer: Answer) -> &'static str {
+    if answer == Answer::NoDiscrepancy {
+        "Base parameters, which are kept → what a refit would make of them:"
+    } else {
+        "Base parameters, nominal → fitted:"
+    }
+}
+
+/// The table: nominal, refit and, where something is named, repaired on fitted
+/// and on held-out runs.
+fn errors(content: &Content) -> Vec<String> {
     let line = |cells: [&str; 6]| {
         let [name, runs, nominal, refit, repaired, floor] = cells;
-        format!("{name:<18} {runs:>4} {nominal:>10} {refit:>10} {repaired:>10} {floor:>10}")
+        let repaired = if content.named {
+            format!("{repaired:>10} ")
+        } else {
+            String::new()
+        };
+        format!("{name:<18} {runs:>4} {nominal:>10} {refit:>10} {repaired}{floor:>10}")
     };
     let head = line([
         "RMS error (°)",
@@ -68,7 +84,7 @@ fn errors(rows: &[ErrorRow]) -> Vec<String> {
         "repaired",
         "noise",
     ]);
-    let rows = rows.iter().map(|row| {
+    let rows = content.errors.iter().map(|row| {
         line([
             row.name,
             &row.runs.to_string(),
@@ -118,11 +134,11 @@ fn evidence(content: &Content) -> Vec<String> {
 }
 
 /// What was written where.
-fn written(named: bool, outputs: &Outputs<'_>) -> Vec<String> {
-    let model = if named {
-        "Repaired model"
-    } else {
-        "Refitted model"
+fn written(content: &Content, outputs: &Outputs<'_>) -> Vec<String> {
+    let model = match content.answer {
+        Answer::EffectFound => "Repaired model",
+        Answer::NoDiscrepancy => "Model, unchanged",
+        _ => "Refitted model",
     };
     let lines: Vec<String> = [
         ("Report", outputs.page),
