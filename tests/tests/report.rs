@@ -7,6 +7,8 @@ use std::path::Path;
 use std::sync::LazyLock;
 
 use host_tools::diagnose::verdict::Answer;
+use host_tools::report::Outputs;
+use host_tools::report::terminal::summary;
 use scraper::{ElementRef, Html, Selector};
 use softrig_tests::reports::{EVIL, EVIL_MODEL, Report, of_every_kind};
 
@@ -202,6 +204,23 @@ fn the_same_diagnosis_gives_the_same_bytes_but_for_the_wall_time() {
         assert!(different[0].0.contains("wall time"));
         assert_eq!(report.html.lines().count(), report.later.lines().count());
     }
+}
+
+#[test]
+fn a_run_is_promised_only_where_it_is_expected_to_separate() {
+    let report = REPORTS
+        .iter()
+        .find(|report| report.answer == Answer::CannotTell)
+        .unwrap();
+    assert!(report.content.lede.contains("The run proposed below"));
+    assert!(report.summary.contains("Next experiment: steps"));
+    let mut weak = report.content.clone();
+    weak.next_suffices = false;
+    let said = summary(&weak, &Outputs::default(), 1, 1.0);
+    assert!(said.contains("a different measurement"), "{said}");
+    weak.next.clear();
+    let said = summary(&weak, &Outputs::default(), 1, 1.0);
+    assert!(said.contains("none that the board can make"), "{said}");
 }
 
 #[test]

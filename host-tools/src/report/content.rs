@@ -20,6 +20,9 @@ use crate::model_file::{parameter_name, parameter_unit, to_file_units};
 /// Structures of one size that are listed; what is behind them is counted.
 const TRIED_LISTED: usize = 6;
 
+/// Evidence (Δχ²) from which on a run is expected to separate two rivals.
+const VERY_STRONG: f64 = 20.0;
+
 /// Everything that is said about a diagnosis.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Content {
@@ -55,6 +58,8 @@ pub struct Content {
     pub untried: Vec<Untried>,
     /// Runs that would separate the rivals, best first.
     pub next: Vec<NextRun>,
+    /// Whether the first of them can be expected to.
+    pub next_suffices: bool,
     /// What these recordings leave open, in sentences.
     pub open: Vec<String>,
 }
@@ -269,6 +274,7 @@ impl Content {
             tried: tried(diagnosis),
             untried: untried(diagnosis),
             next: next(request, diagnosis),
+            next_suffices: next_suffices(diagnosis),
             open: open(diagnosis),
             rivals,
         }
@@ -343,7 +349,8 @@ fn lede(diagnosis: &Diagnosis) -> String {
         Answer::CannotTell => format!(
             "Refitting the parameters leaves {refit} on runs that were not fitted, where noise \
              alone leaves {floor}. Several explanations close that gap, and these recordings \
-             speak for none of them clearly. The run proposed below would separate them."
+             speak for none of them clearly. {}",
+            what_separates(diagnosis)
         ),
         Answer::Unexplained => {
             let best = best_closed(diagnosis).map_or_else(String::new, |share| {
@@ -381,6 +388,45 @@ fn best_closed(diagnosis: &Diagnosis) -> Option<f64> {
         .filter_map(|tried| tried.held_out)
         .map(|(_, closed)| closed)
         .max_by(f64::total_cmp)
+}
+
+/// The share of the held-out gap that the best of the rivals closes.
+fn likeliest_closes(diagnosis: &Diagnosis) -> Option<f64> {
+    let best = diagnosis.alternatives.first()?;
+    let tried = fitted_as(diagnosis, &best.kinds)?;
+    tried.held_out.map(|(_, closed)| closed)
+}
+
+/// The structure that adds these effects, as it was fitted.
+fn fitted_as<'a>(diagnosis: &'a Diagnosis, names: &[String]) -> Option<&'a Tried> {
+    let mut all = diagnosis.tried.iter();
+    all.find(|tried| are_the_same(&tried.kinds, names))
+}
+
+/// Whether effects are those with these names, in any order.
+fn are_the_same(kinds: &[Kind], names: &[String]) -> bool {
+    let has = |kind: &Kind| names.iter().any(|name| name == kind.name());
+    kinds.len() == names.len() && kinds.iter().all(has)
+}
+
+/// What would separate the rivals, as a sentence.
+fn what_separates(diagnosis: &Diagnosis) -> &'static str {
+    /// A run is planned for so many of them.
+    const PLANNED: usize = 3;
+    if !next_suffices(diagnosis) {
+        "No run that the board can make is expected to separate them: a different measurement \
+         is needed."
+    } else if diagnosis.alternatives.len() > PLANNED {
+        "The run proposed below would separate the likeliest of them."
+    } else {
+        "The run proposed below would separate them."
+    }
+}
+
+/// Whether the proposed run can be expected to separate the rivals.
+fn next_suffices(diagnosis: &Diagnosis) -> bool {
+    let mut all = diagnosis.proposals.iter();
+    all.any(|(proposal, _)| proposal.evidence >= VERY_STRONG)
 }
 
 fn key(label: &str, value: String, note: impl Into<String>) -> Key {
@@ -432,7 +478,7 @@ fn keys(diagnosis: &Diagnosis) -> Vec<Key> {
         ],
         Answer::CannotTell => [
             closed_key(
-                best_closed(diagnosis).unwrap_or(0.0),
+                likeliest_closes(diagnosis).unwrap_or(f64::NAN),
                 "by the best explanation",
             ),
             probability_key(

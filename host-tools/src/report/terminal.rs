@@ -116,13 +116,7 @@ fn evidence(content: &Content) -> Vec<String> {
     if !rivals.is_empty() {
         lines.push(format!("Rivals: {}", rivals.join("; ")));
     }
-    lines.extend(content.next.first().map(|run| {
-        let [a, b] = &run.separates;
-        format!(
-            "Next experiment: {} ({}), {} s; it separates {a} from {b} by about {} in χ².",
-            run.protocol, run.title, run.seconds, run.evidence
-        )
-    }));
+    lines.extend(next(content));
     lines.extend(content.untried.iter().map(|untried| {
         format!(
             "Not tried: {}, because {}",
@@ -131,6 +125,30 @@ fn evidence(content: &Content) -> Vec<String> {
         )
     }));
     lines
+}
+
+/// The run to do next, or that there is none.
+fn next(content: &Content) -> Option<String> {
+    let Some(run) = content.next.first() else {
+        return (content.answer == Answer::CannotTell).then(|| {
+            "Next experiment: none that the board can make; a different measurement is needed."
+                .into()
+        });
+    };
+    let [a, b] = &run.separates;
+    let run_is = format!("{} ({}), {} s", run.protocol, run.title, run.seconds);
+    Some(if content.next_suffices {
+        format!(
+            "Next experiment: {run_is}; it separates {a} from {b} by about {} in χ².",
+            run.evidence
+        )
+    } else {
+        format!(
+            "Next experiment: a different measurement. The best run, {run_is}, separates {a} \
+             from {b} by no more than {} in χ².",
+            run.evidence
+        )
+    })
 }
 
 /// What was written where.
