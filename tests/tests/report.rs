@@ -207,6 +207,24 @@ fn the_same_diagnosis_gives_the_same_bytes_but_for_the_wall_time() {
 }
 
 #[test]
+fn what_explains_too_little_has_no_probability() {
+    for report in REPORTS.iter() {
+        let page = Html::parse_document(&report.html);
+        let unexplained = report.answer == Answer::Unexplained;
+        let line = "Closest, but not good enough:";
+        assert_eq!(report.summary.contains(line), unexplained);
+        assert_eq!(all(&page, "p.closest").len(), usize::from(unexplained));
+        if unexplained {
+            assert!(text(all(&page, "p.closest")[0]).starts_with(line));
+            assert!(!report.summary.contains("probability"));
+            assert!(all(&page, "[data-label=probability]").is_empty());
+            assert!(!all(&page, "tr.closest .tag").is_empty());
+            assert!(report.content.lede.contains("That is not enough"));
+        }
+    }
+}
+
+#[test]
 fn a_run_is_promised_only_where_it_is_expected_to_separate() {
     let report = REPORTS
         .iter()

@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use crate::cmd::fit::number;
 use crate::diagnose::holdout::share_closed;
-use crate::diagnose::judge::Tried;
+use crate::diagnose::judge::{self, Tried};
 use crate::diagnose::noise::NoiseFloor;
 use crate::diagnose::verdict::Answer;
 use crate::diagnose::{Diagnosis, Request};
@@ -19,6 +19,9 @@ use crate::model_file::{parameter_name, parameter_unit, to_file_units};
 
 /// Structures of one size that are listed; what is behind them is counted.
 const TRIED_LISTED: usize = 6;
+
+/// What stands above rivals that explain too little.
+pub const CLOSEST: &str = "Closest, but not good enough";
 
 /// Evidence (Δχ²) from which on a run is expected to separate two rivals.
 const VERY_STRONG: f64 = 20.0;
@@ -152,15 +155,19 @@ impl ParameterRow {
     }
 }
 
-/// A rival explanation.
+/// A rival explanation; where nothing is explained, one of those that come
+/// closest.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Rival {
     /// Its effects, as in files, joined by " + ".
     pub name: String,
     /// Its effects, as in sentences.
     pub title: String,
-    /// Its probability.
-    pub probability: String,
+    /// Its probability; none where all of them explain too little, for it is
+    /// relative to the others only.
+    pub probability: Option<String>,
+    /// Share of the held-out gap that it closes, where that was found.
+    pub closed: Option<String>,
     /// Its information criterion behind the best.
     pub delta_bic: String,
 }
@@ -208,6 +215,8 @@ pub enum Standing {
     Named,
     /// The recordings cannot reject it.
     Rival,
+    /// It comes closest, and explains too little.
+    Closest,
     /// It was rejected.
     Rejected,
 }
@@ -242,16 +251,6 @@ impl Content {
     /// Puts a diagnosis into words.
     pub fn of(request: &Request<'_>, diagnosis: &Diagnosis) -> Self {
         let named = !diagnosis.repaired.added.is_empty();
-        let rivals: Vec<Rival> = diagnosis
-            .alternatives
-            .iter()
-            .map(|rival| Rival {
-                name: rival.kinds.join(" + "),
-                title: titles_of_names(&rival.kinds),
-                probability: probability(rival.probability),
-                delta_bic: format!("{:.0}", rival.delta_bic),
-            })
-            .collect();
         Self {
             answer: diagnosis.answer,
             sentence: sentence(diagnosis),
@@ -276,13 +275,22 @@ impl Content {
             next: next(request, diagnosis),
             next_suffices: next_suffices(diagnosis),
             open: open(diagnosis),
-            rivals,
+            rivals: rivals(diagnosis),
         }
     }
 
     /// Whether something is missing, named or not.
     pub fn something_is_missing(&self) -> bool {
         !matches!(self.answer, Answer::NoDiscrepancy | Answer::ParametersOnly)
+    }
+
+    /// What the rivals are.
+    pub fn rivals_title(&self) -> &'static str {
+        if self.answer == Answer::Unexplained {
+            CLOSEST
+        } else {
+            "Rivals"
+        }
     }
 }
 
@@ -352,19 +360,12 @@ fn lede(diagnosis: &Diagnosis) -> String {
              speak for none of them clearly. {}",
             what_separates(diagnosis)
         ),
-        Answer::Unexplained => {
-            let best = best_closed(diagnosis).map_or_else(String::new, |share| {
-                format!(
-                    " The best of all that was tried closes {} of the gap.",
-                    percent(share)
-                )
-            });
-            format!(
-                "Refitting the parameters leaves {refit} on runs that were not fitted, where \
-                 noise alone leaves {floor}.{best} Instead of a name, this page shows the \
-                 missing force itself: how large it is, and when."
-            )
-        }
+        Answer::Unexplained => format!(
+            "Refitting the parameters leaves {refit} on runs that were not fitted, where noise \
+             alone leaves {floor}. {}Instead of a name, this page shows the missing force \
+             itself: how large it is, and when.",
+            why_no_name(diagnosis)
+        ),
     }
 }
 
@@ -379,15 +380,79 @@ fn left_over(diagnosis: &Diagnosis) -> &'static str {
     }
 }
 
-/// The largest share of the held-out gap that anything closed.
-fn best_closed(diagnosis: &Diagnosis) -> Option<f64> {
+/// The structure that closed most of the held-out gap, its error (rad) there,
+/// and the share that it closed.
+fn closed_most(diagnosis: &Diagnosis) -> Option<(&Tried, f64, f64)> {
     diagnosis
         .tried
         .iter()
         .filter(|tried| !tried.kinds.is_empty())
-        .filter_map(|tried| tried.held_out)
-        .map(|(_, closed)| closed)
-        .max_by(f64::total_cmp)
+        .filter_map(|tried| tried.held_out.map(|(error, closed)| (tried, error, closed)))
+        .max_by(|a, b| a.2.total_cmp(&b.2))
+}
+
+/// The largest share of the held-out gap that anything closed.
+fn best_closed(diagnosis: &Diagnosis) -> Option<f64> {
+    closed_most(diagnosis).map(|(_, _, closed)| closed)
+}
+
+/// Why the structure that closed most of the gap is not named, as sentences.
+fn why_no_name(diagnosis: &Diagnosis) -> String {
+    let Some((best, error, closed)) = closed_most(diagnosis) else {
+        return String::new();
+    };
+    if closed < 0.005 {
+        return "Nothing that was tried closes any of that gap. ".into();
+    }
+    format!(
+        "The best of all that was tried closes {} of that gap. {} ",
+        percent(closed),
+        shortfall(best.kinds.len(), error / diagnosis.held_out.floor, closed)
+    )
+}
+
+/// What a structure of `effects` effects lacks for a name that leaves `left`
+/// times the noise on runs that were not fitted, and closes `closed` of the gap.
+fn shortfall(effects: usize, left: f64, closed: f64) -> &'static str {
+    // The thresholds of `diagnose::judge`.
+    let (needed, said) = if left > 1.45 {
+        (
+            0.9,
+            "That is not enough: where more than 1.45 times the noise is left, a name needs at \
+             least 90 %.",
+        )
+    } else if effects > 1 {
+        (
+            0.8,
+            "That is not enough: several effects together need at least 80 % for a name.",
+        )
+    } else {
+        (0.75, "That is not enough: a name needs at least 75 %.")
+    };
+    if closed < needed {
+        said
+    } else {
+        "That share would do for a name, but the rest of the evidence does not: what it gains \
+         over simpler explanations could be chance, or is too little on runs that were not fitted."
+    }
+}
+
+/// The rivals, or what comes closest.
+fn rivals(diagnosis: &Diagnosis) -> Vec<Rival> {
+    let explained = diagnosis.answer != Answer::Unexplained;
+    diagnosis
+        .alternatives
+        .iter()
+        .map(|rival| Rival {
+            name: rival.kinds.join(" + "),
+            title: titles_of_names(&rival.kinds),
+            probability: explained.then(|| probability(rival.probability)),
+            closed: fitted_as(diagnosis, &rival.kinds)
+                .and_then(|tried| tried.held_out)
+                .map(|(_, closed)| percent(closed)),
+            delta_bic: format!("{:.0}", rival.delta_bic),
+        })
+        .collect()
 }
 
 /// The share of the held-out gap that the best of the rivals closes.
@@ -761,21 +826,7 @@ fn tried(diagnosis: &Diagnosis) -> Vec<TriedGroup> {
 }
 
 fn tried_row(tried: &Tried, diagnosis: &Diagnosis) -> TriedRow {
-    let sorted = |kinds: &[Kind]| {
-        let mut names: Vec<&str> = kinds.iter().map(|kind| kind.name()).collect();
-        names.sort_unstable();
-        names.join("+")
-    };
     let names: Vec<&str> = tried.kinds.iter().map(|kind| kind.name()).collect();
-    let is_rival = diagnosis.answer == Answer::CannotTell
-        && diagnosis.alternatives.iter().any(|rival| {
-            let kinds: Vec<Kind> = rival
-                .kinds
-                .iter()
-                .filter_map(|name| Kind::from_name(name))
-                .collect();
-            sorted(&kinds) == sorted(&tried.kinds)
-        });
     TriedRow {
         title: if tried.kinds.is_empty() {
             "the refitted model".into()
@@ -802,16 +853,23 @@ fn tried_row(tried: &Tried, diagnosis: &Diagnosis) -> TriedRow {
         } else {
             probability(tried.probability)
         },
-        standing: if !tried.kinds.is_empty()
-            && sorted(&tried.kinds) == sorted(&diagnosis.repaired.added)
-        {
-            Standing::Named
-        } else if is_rival {
-            Standing::Rival
-        } else {
-            Standing::Rejected
-        },
+        standing: standing(tried, diagnosis),
         at_bound: tried.at_bound.clone(),
+    }
+}
+
+/// What became of a structure.
+fn standing(tried: &Tried, diagnosis: &Diagnosis) -> Standing {
+    let alternatives = &diagnosis.alternatives;
+    let listed = alternatives
+        .iter()
+        .any(|rival| are_the_same(&tried.kinds, &rival.kinds));
+    let added = judge::names(&diagnosis.repaired.added);
+    match diagnosis.answer {
+        _ if !added.is_empty() && are_the_same(&tried.kinds, &added) => Standing::Named,
+        Answer::Unexplained if listed => Standing::Closest,
+        Answer::CannotTell if listed => Standing::Rival,
+        _ => Standing::Rejected,
     }
 }
 
@@ -1009,6 +1067,14 @@ mod tests {
         assert_eq!(percent(f64::NAN), "–");
         assert_eq!(percent(-0.12), "−12 %");
         assert_eq!(probability(0.999), "> 0.99");
+    }
+
+    #[test]
+    fn what_a_name_needs_depends_on_what_is_left() {
+        assert!(shortfall(1, 1.2, 0.7).contains("75 %"));
+        assert!(shortfall(2, 1.2, 0.78).contains("80 %"));
+        assert!(shortfall(1, 1.6, 0.85).contains("90 %"));
+        assert!(shortfall(1, 1.2, 0.78).contains("chance"));
     }
 
     #[test]

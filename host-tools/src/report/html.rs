@@ -10,7 +10,7 @@ use minijinja::value::Serde;
 use minijinja::{Environment, UndefinedBehavior};
 use serde::Serialize;
 
-use super::content::{Content, degrees, percent, short};
+use super::content::{CLOSEST, Content, degrees, percent, short};
 use super::pictures::{
     MEASURED, curves_of, feature_figure, force_figure, largest_forces, map_figure, run_figure,
     style_of,
@@ -108,6 +108,7 @@ struct Page<'a> {
     model: &'a str,
     simulated: bool,
     something_is_missing: bool,
+    closest: &'static str,
     in_turn: bool,
     gap_switches: Vec<Switch>,
     force: Option<Picture>,
@@ -155,6 +156,7 @@ pub fn page(
             .iter()
             .all(|view| view.recording.meta.simulated == Some(true)),
         something_is_missing: missing,
+        closest: CLOSEST,
         in_turn: diagnosis.held_out.in_turn,
         gap_switches: if missing {
             shown

@@ -1,7 +1,7 @@
 //! The summary on the terminal: what the page says, in some twenty lines.
 
 use super::Outputs;
-use super::content::{Content, ParameterRow};
+use super::content::{Content, ParameterRow, Rival};
 use crate::diagnose::verdict::Answer;
 
 /// The summary; `seed` and `seconds` stand in its last line.
@@ -103,18 +103,9 @@ fn evidence(content: &Content) -> Vec<String> {
     if !content.gap.is_empty() {
         lines.push(format!("Where the gap lives: {}", content.gap.join(" ")));
     }
-    let rivals: Vec<String> = content
-        .rivals
-        .iter()
-        .map(|rival| {
-            format!(
-                "{} (probability {}, ΔBIC {})",
-                rival.name, rival.probability, rival.delta_bic
-            )
-        })
-        .collect();
+    let rivals: Vec<String> = content.rivals.iter().map(rival).collect();
     if !rivals.is_empty() {
-        lines.push(format!("Rivals: {}", rivals.join("; ")));
+        lines.push(format!("{}: {}", content.rivals_title(), rivals.join("; ")));
     }
     lines.extend(next(content));
     lines.extend(content.untried.iter().map(|untried| {
@@ -125,6 +116,20 @@ fn evidence(content: &Content) -> Vec<String> {
         )
     }));
     lines
+}
+
+fn rival(rival: &Rival) -> String {
+    let name = &rival.name;
+    match (&rival.probability, &rival.closed) {
+        (Some(probability), _) => {
+            format!(
+                "{name} (probability {probability}, ΔBIC {})",
+                rival.delta_bic
+            )
+        }
+        (None, Some(closed)) => format!("{name} (closes {closed} of the gap)"),
+        (None, None) => name.clone(),
+    }
 }
 
 /// The run to do next, or that there is none.
