@@ -12,6 +12,7 @@ use crate::cmd::fit::number;
 use crate::diagnose::holdout::share_closed;
 use crate::diagnose::judge::{self, Tried};
 use crate::diagnose::noise::NoiseFloor;
+use crate::diagnose::select::REJECTED;
 use crate::diagnose::verdict::Answer;
 use crate::diagnose::{Diagnosis, Request};
 use crate::fit::Fit;
@@ -869,6 +870,8 @@ fn standing(tried: &Tried, diagnosis: &Diagnosis) -> Standing {
         _ if !added.is_empty() && are_the_same(&tried.kinds, &added) => Standing::Named,
         Answer::Unexplained if listed => Standing::Closest,
         Answer::CannotTell if listed => Standing::Rival,
+        _ if is_to_be_separated(tried, diagnosis) => Standing::Rival,
+        _ if shares_the_named(tried, diagnosis) => Standing::Rival,
         _ => Standing::Rejected,
     }
 }
@@ -935,19 +938,7 @@ fn open(diagnosis: &Diagnosis) -> Vec<String> {
             degrees(diagnosis.held_out.floor)
         )),
         Answer::EffectFound => {
-            let alike: Vec<&str> = diagnosis
-                .repaired
-                .added
-                .iter()
-                .flat_map(|kind| kind.info().look_alikes)
-                .map(|name| title(name))
-                .collect();
-            if !alike.is_empty() {
-                open.push(format!(
-                    "The effects that look most like it are {}; these recordings tell them apart.",
-                    listed(&alike)
-                ));
-            }
+            open.extend(look_alikes(diagnosis));
             if !diagnosis.adequacy.exact_form {
                 open.push(format!(
                     "Whether the formula holds to the letter, or only the kind of effect: {}.",
@@ -972,6 +963,116 @@ fn open(diagnosis: &Diagnosis) -> Vec<String> {
             .into(),
     );
     open
+}
+
+/// What became of an effect that looks like a named one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Alike {
+    /// The recordings reject it.
+    ToldApart,
+    /// They do not.
+    NotSeparated,
+    /// The named effect is a special case of it, and leaves as little.
+    MoreGeneral,
+    /// It was not fitted to the end in place of the named one.
+    NotTried,
+}
+
+impl Alike {
+    const ALL: [Self; 4] = [
+        Self::ToldApart,
+        Self::NotSeparated,
+        Self::MoreGeneral,
+        Self::NotTried,
+    ];
+
+    /// What is said about all of them.
+    fn text(self) -> &'static str {
+        match self {
+            Self::ToldApart => "These recordings tell what is named from its look-alikes",
+            Self::NotSeparated => "Look-alikes that these recordings do not separate from it",
+            Self::MoreGeneral => {
+                "More general effects, of which it is a special case and which bring nothing beyond it"
+            }
+            Self::NotTried => "Look-alikes that were not fitted to the end in its place",
+        }
+    }
+}
+
+/// What the effects that look like the named ones came to, as sentences.
+fn look_alikes(diagnosis: &Diagnosis) -> Vec<String> {
+    let added = &diagnosis.repaired.added;
+    let size = judged_size(diagnosis);
+    let fates: Vec<(&str, Alike)> = added
+        .iter()
+        .flat_map(|&named| {
+            let others = named.info().look_alikes.iter();
+            let others = others.filter_map(|name| Kind::from_name(name));
+            others
+                .filter(|other| !added.contains(other))
+                .map(move |other| {
+                    (
+                        other.info().title,
+                        fate(named, other, size, &diagnosis.tried),
+                    )
+                })
+        })
+        .collect();
+    Alike::ALL
+        .iter()
+        .filter_map(|&wanted| {
+            let mut titles: Vec<&str> = fates
+                .iter()
+                .filter(|(_, fate)| *fate == wanted)
+                .map(|(title, _)| *title)
+                .collect();
+            titles.sort_unstable();
+            titles.dedup();
+            let text = wanted.text();
+            (!titles.is_empty()).then(|| format!("{text}: {}.", listed(&titles)))
+        })
+        .collect()
+}
+
+/// What became of `other`, which looks like `named`, among structures of `size`
+/// effects: the best of those that have it instead decides.
+fn fate(named: Kind, other: Kind, size: usize, tried: &[Tried]) -> Alike {
+    let probability = tried
+        .iter()
+        .filter(|tried| tried.kinds.len() == size)
+        .filter(|tried| tried.kinds.contains(&other) && !tried.kinds.contains(&named))
+        .map(|tried| tried.probability)
+        .max_by(f64::total_cmp);
+    match probability {
+        None => Alike::NotTried,
+        Some(probability) if probability >= REJECTED => Alike::NotSeparated,
+        // Its probability was given to the special case.
+        Some(_) if other.special_case() == Some(named) => Alike::MoreGeneral,
+        Some(_) => Alike::ToldApart,
+    }
+}
+
+/// How many effects the structures have among which was chosen: as many as are
+/// named, or more where the named ones are what several have in common.
+fn judged_size(diagnosis: &Diagnosis) -> usize {
+    let rival = diagnosis.alternatives.first();
+    rival.map_or(diagnosis.repaired.added.len(), |rival| rival.kinds.len())
+}
+
+/// Whether a structure is one of several that are not rejected and have the
+/// named effects in common.
+fn shares_the_named(tried: &Tried, diagnosis: &Diagnosis) -> bool {
+    let (named, size) = (diagnosis.repaired.added.len(), judged_size(diagnosis));
+    diagnosis.answer == Answer::EffectFound
+        && size > named
+        && tried.kinds.len() == size
+        && tried.probability >= REJECTED
+}
+
+/// Whether a run is proposed that separates a structure from another.
+fn is_to_be_separated(tried: &Tried, diagnosis: &Diagnosis) -> bool {
+    let mut pairs = diagnosis.proposals.iter().flat_map(|(_, pair)| pair);
+    pairs.any(|names| are_the_same(&tried.kinds, names))
 }
 
 /// The name of an effect in sentences.
@@ -1075,6 +1176,32 @@ mod tests {
         assert!(shortfall(2, 1.2, 0.78).contains("80 %"));
         assert!(shortfall(1, 1.6, 0.85).contains("90 %"));
         assert!(shortfall(1, 1.2, 0.78).contains("chance"));
+    }
+
+    #[test]
+    fn look_alikes_are_told_apart_only_where_they_were_rejected() {
+        use Kind::{BoucWenHysteresis, CoulombFriction, InputBacklash};
+        let tried = |kinds: &[Kind], probability| Tried {
+            kinds: kinds.to_vec(),
+            rmse: 0.01,
+            held_out: None,
+            delta_bic: 0.0,
+            separation: 0.0,
+            probability,
+            at_bound: Vec::new(),
+        };
+        let all = [
+            tried(&[CoulombFriction], 0.9),
+            tried(&[InputBacklash], 0.01),
+            tried(&[BoucWenHysteresis], 0.0),
+            tried(&[CoulombFriction, InputBacklash], 0.5),
+            tried(&[InputBacklash, BoucWenHysteresis], 0.3),
+        ];
+        let fate = |other, size| fate(CoulombFriction, other, size, &all);
+        assert_eq!(fate(InputBacklash, 1), Alike::ToldApart);
+        assert_eq!(fate(BoucWenHysteresis, 1), Alike::MoreGeneral);
+        assert_eq!(fate(Kind::Gravity, 1), Alike::NotTried);
+        assert_eq!(fate(InputBacklash, 2), Alike::NotSeparated);
     }
 
     #[test]
