@@ -180,8 +180,7 @@ pub struct TriedGroup {
     pub title: String,
     /// The best of them.
     pub rows: Vec<TriedRow>,
-    /// How many more there were, each with more evidence against it than the
-    /// last row.
+    /// How many more there were, further behind.
     pub more: usize,
 }
 
