@@ -8,6 +8,7 @@ use std::sync::LazyLock;
 
 use host_tools::diagnose::verdict::Answer;
 use host_tools::report::Outputs;
+use host_tools::report::content::Notice;
 use host_tools::report::terminal::summary;
 use scraper::{ElementRef, Html, Selector};
 use softrig_tests::reports::{EVIL, EVIL_MODEL, Report, of_every_kind};
@@ -253,6 +254,17 @@ fn the_terminal_says_the_same_in_25_lines() {
             assert!(report.summary.contains(&row.refit) && cells.contains(&row.refit));
         }
         assert!(report.summary.contains("Report: report.html"));
+        // Also where much is to be said about many recordings.
+        let mut noted = report.content.clone();
+        let notice = Notice {
+            about: Some("run".to_owned()),
+            text: "samples are missing".to_owned(),
+            advice: "record it again".to_owned(),
+        };
+        noted.notices = vec![notice; 30];
+        let said = summary(&noted, &Outputs::default(), 1, 1.0);
+        assert_eq!(said.lines().count(), 25, "{said}");
+        assert!(said.contains("more notes on the page"), "{said}");
         let named = report.answer == Answer::EffectFound;
         assert_eq!(lines[2].contains("repaired"), named, "{}", report.summary);
     }

@@ -1,20 +1,17 @@
 //! The summary on the terminal: what the page says, in some twenty lines.
 
 use super::Outputs;
-use super::content::{Content, ParameterRow, Rival};
+use super::content::{Content, Notice, ParameterRow, Rival};
 use crate::diagnose::verdict::Answer;
+
+/// As many lines are read at a glance.
+const LINES: usize = 25;
 
 /// The summary; `seed` and `seconds` stand in its last line.
 pub fn summary(content: &Content, outputs: &Outputs<'_>, seed: u64, seconds: f64) -> String {
     let mut lines = vec![content.sentence.clone(), String::new()];
     lines.extend(errors(content));
-    lines.extend(content.notices.iter().map(|notice| {
-        let about = notice
-            .about
-            .as_ref()
-            .map_or_else(String::new, |name| format!("{name}: "));
-        format!("Note: {about}{}; {}.", notice.text, notice.advice)
-    }));
+    let table = lines.len();
     lines.extend(content.closed.clone());
     lines.push(String::new());
     for effect in &content.effects {
@@ -52,7 +49,33 @@ pub fn summary(content: &Content, outputs: &Outputs<'_>, seed: u64, seconds: f64
     }
     lines.extend(written(content, outputs));
     lines.push(format!("{seconds:.1} s, seed {seed}"));
+    let room = LINES.saturating_sub(lines.len());
+    lines.splice(table..table, notes(&content.notices, room));
     lines.join("\n") + "\n"
+}
+
+/// What is noteworthy about the recordings, in `room` lines or, if there are
+/// more, in two at least.
+fn notes(notices: &[Notice], room: usize) -> Vec<String> {
+    let room = room.max(2);
+    let shown = if notices.len() > room {
+        room - 1
+    } else {
+        notices.len()
+    };
+    let line = |notice: &Notice| {
+        let about = notice
+            .about
+            .as_ref()
+            .map_or_else(String::new, |name| format!("{name}: "));
+        format!("Note: {about}{}; {}.", notice.text, notice.advice)
+    };
+    let mut lines: Vec<String> = notices[..shown].iter().map(line).collect();
+    let more = notices.len() - shown;
+    if more > 0 {
+        lines.push(format!("{more} more notes on the page of --report."));
+    }
+    lines
 }
 
 /// What stands above the base parameters.
