@@ -974,7 +974,11 @@ fn a_diagnosis_writes_the_verdict_and_the_repaired_model() {
             row.key
         );
     }
-    diagnose("repaired.toml", "--json again.json");
+    let said = diagnose("repaired.toml", "--json again.json -o kept.toml");
+    // Nothing is wrong with it, so it is kept: no refit, which would differ.
+    assert!(said.contains("Model, unchanged: kept.toml"), "{said}");
+    let kept = ModelFile::read(&bench.path("kept.toml")).unwrap();
+    assert_eq!(kept.model, repaired.model);
     let again = verdict("again.json");
     assert_verdict(&again, &schema);
     assert_eq!(again["verdict"], "no_discrepancy");

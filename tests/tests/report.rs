@@ -7,6 +7,9 @@ use std::path::Path;
 use std::sync::LazyLock;
 
 use host_tools::diagnose::verdict::Answer;
+use host_tools::report::Outputs;
+use host_tools::report::content::Notice;
+use host_tools::report::terminal::summary;
 use scraper::{ElementRef, Html, Selector};
 use softrig_tests::reports::{EVIL, EVIL_MODEL, Report, of_every_kind};
 
@@ -68,6 +71,12 @@ fn every_verdict_makes_a_whole_page() {
         assert_eq!(all(&page, ".effect").len(), named);
         let next = usize::from(what == Answer::CannotTell);
         assert_eq!(all(&page, "pre.command").len(), next);
+        let heads: Vec<String> = all(&page, ".parameters th.number")
+            .into_iter()
+            .map(text)
+            .collect();
+        let kept = what == Answer::NoDiscrepancy;
+        assert_eq!(heads.contains(&"refit".to_owned()), kept, "{heads:?}");
         assert!(!report.html.contains("NaN") && !report.html.contains("inf<"));
         assert!(report.html.len() < 700_000, "{} bytes", report.html.len());
     }
@@ -162,9 +171,16 @@ fn hashes_are_those_of_the_files() {
     for report in REPORTS.iter() {
         let page = Html::parse_document(&report.html);
         let shown: Vec<String> = all(&page, ".files .hash").into_iter().map(text).collect();
+        // Each recording of the example has its metadata beside it.
         let found: Vec<String> = report
             .files
             .iter()
+            .flat_map(|path| {
+                let meta = path.to_string_lossy().replace(".csv", ".meta.toml");
+                let meta = Path::new(&meta).to_owned();
+                let meta = (meta != *path).then_some(meta);
+                std::iter::once(path.clone()).chain(meta)
+            })
             .map(|path| {
                 let digest = Sha256::digest(fs::read(path).unwrap());
                 digest
@@ -192,6 +208,41 @@ fn the_same_diagnosis_gives_the_same_bytes_but_for_the_wall_time() {
 }
 
 #[test]
+fn what_explains_too_little_has_no_probability() {
+    for report in REPORTS.iter() {
+        let page = Html::parse_document(&report.html);
+        let unexplained = report.answer == Answer::Unexplained;
+        let line = "Closest, but not good enough:";
+        assert_eq!(report.summary.contains(line), unexplained);
+        assert_eq!(all(&page, "p.closest").len(), usize::from(unexplained));
+        if unexplained {
+            assert!(text(all(&page, "p.closest")[0]).starts_with(line));
+            assert!(!report.summary.contains("probability"));
+            assert!(all(&page, "[data-label=probability]").is_empty());
+            assert!(!all(&page, "tr.closest .tag").is_empty());
+            assert!(report.content.lede.contains("That is not enough"));
+        }
+    }
+}
+
+#[test]
+fn a_run_is_promised_only_where_it_is_expected_to_separate() {
+    let report = REPORTS
+        .iter()
+        .find(|report| report.answer == Answer::CannotTell)
+        .unwrap();
+    assert!(report.content.lede.contains("The run proposed below"));
+    assert!(report.summary.contains("Next experiment: steps"));
+    let mut weak = report.content.clone();
+    weak.next_suffices = false;
+    let said = summary(&weak, &Outputs::default(), 1, 1.0);
+    assert!(said.contains("a different measurement"), "{said}");
+    weak.next.clear();
+    let said = summary(&weak, &Outputs::default(), 1, 1.0);
+    assert!(said.contains("none that the board can make"), "{said}");
+}
+
+#[test]
 fn the_terminal_says_the_same_in_25_lines() {
     for report in REPORTS.iter() {
         let lines: Vec<&str> = report.summary.lines().collect();
@@ -203,5 +254,18 @@ fn the_terminal_says_the_same_in_25_lines() {
             assert!(report.summary.contains(&row.refit) && cells.contains(&row.refit));
         }
         assert!(report.summary.contains("Report: report.html"));
+        // Also where much is to be said about many recordings.
+        let mut noted = report.content.clone();
+        let notice = Notice {
+            about: Some("run".to_owned()),
+            text: "samples are missing".to_owned(),
+            advice: "record it again".to_owned(),
+        };
+        noted.notices = vec![notice; 30];
+        let said = summary(&noted, &Outputs::default(), 1, 1.0);
+        assert_eq!(said.lines().count(), 25, "{said}");
+        assert!(said.contains("more notes on the page"), "{said}");
+        let named = report.answer == Answer::EffectFound;
+        assert_eq!(lines[2].contains("repaired"), named, "{}", report.summary);
     }
 }

@@ -50,7 +50,7 @@ pub struct Args {
     /// Draw measured, before and after, and what is left
     #[arg(long, value_name = "GAP.svg")]
     plot: Option<PathBuf>,
-    /// Write the model with the effect added
+    /// Write the model to go on with: with the effect added, refitted, or as it is
     #[arg(short, long, value_name = "REPAIRED.toml")]
     output: Option<PathBuf>,
     /// Keep finished fits in this folder, and take up those that are there
@@ -119,7 +119,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     }
     if let Some(path) = &args.output {
         let comment = "# Added by rig diagnose.\n";
-        let text = file.text_with(&diagnosis.repaired.fit.model, comment);
+        let text = file.text_with(diagnosis.model_to_keep(&file), comment);
         write_atomically(path, text.as_bytes())?;
         outputs.model = Some(path);
     }

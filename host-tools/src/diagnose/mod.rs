@@ -32,7 +32,7 @@ pub mod select;
 pub mod smoother;
 pub mod verdict;
 
-use model_core::actuator::ParameterId;
+use model_core::actuator::{Model, ParameterId};
 
 use crate::checkpoint::Checkpoint;
 use crate::error::InputError;
@@ -193,7 +193,9 @@ fn diagnose_all(
     let floor = NoiseFloor::of(recordings);
     let mut concerns = quality::examine(recordings, &floor)?;
     if !holdout.is_empty() {
-        quality::examine(holdout, &NoiseFloor::of(holdout))?;
+        let found = quality::examine(holdout, &NoiseFloor::of(holdout))?;
+        // That none is repeated, or all are short, matters for what is fitted.
+        concerns.extend(found.into_iter().filter(|it| it.recording.is_some()));
     }
     quality::refuse_other_units(file, recordings)?;
     let runs = Run::all(recordings);
@@ -246,7 +248,7 @@ fn diagnose_all(
         },
         exact_form: is_adequate && held_out.at_noise(),
     };
-    let odd = if is_adequate || holdout_is_enough(recordings, holdout) {
+    let odd = if is_adequate || too_few_to_leave_one_out(recordings, holdout) {
         None
     } else {
         found
@@ -333,13 +335,13 @@ fn search_and_judge(
 }
 
 /// Whether leaving a recording out would leave too few.
-fn holdout_is_enough(recordings: &[Recording], holdout: &[Recording]) -> bool {
+fn too_few_to_leave_one_out(recordings: &[Recording], holdout: &[Recording]) -> bool {
     recordings.len() + holdout.len() < 3
 }
 
 /// The runs that separate rivals best, with their names.
 fn propose(
-    believed: &model_core::actuator::Model<f64>,
+    believed: &Model<f64>,
     rivals: &[Candidate],
     floor: &NoiseFloor,
 ) -> Vec<(Proposal, [Vec<String>; 2])> {
@@ -376,6 +378,15 @@ fn adequate(fit: &Fit, floor: &NoiseFloor) -> bool {
 }
 
 impl Diagnosis {
+    /// The model to go on with: where nothing is wrong with the nominal one, that.
+    pub fn model_to_keep<'a>(&'a self, nominal: &'a ModelFile) -> &'a Model<f64> {
+        if self.answer == Answer::NoDiscrepancy {
+            &nominal.model
+        } else {
+            &self.repaired.fit.model
+        }
+    }
+
     /// The verdict as it is written to JSON.
     pub fn verdict(&self, request: &Request<'_>, seconds: f64) -> Verdict {
         let degrees = |radians: f64| tidy(radians.to_degrees());

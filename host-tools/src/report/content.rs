@@ -10,8 +10,9 @@ use serde::Serialize;
 
 use crate::cmd::fit::number;
 use crate::diagnose::holdout::share_closed;
-use crate::diagnose::judge::Tried;
+use crate::diagnose::judge::{self, Tried};
 use crate::diagnose::noise::NoiseFloor;
+use crate::diagnose::select::REJECTED;
 use crate::diagnose::verdict::Answer;
 use crate::diagnose::{Diagnosis, Request};
 use crate::fit::Fit;
@@ -19,6 +20,12 @@ use crate::model_file::{parameter_name, parameter_unit, to_file_units};
 
 /// Structures of one size that are listed; what is behind them is counted.
 const TRIED_LISTED: usize = 6;
+
+/// What stands above rivals that explain too little.
+pub const CLOSEST: &str = "Closest, but not good enough";
+
+/// Evidence (Δχ²) from which on a run is expected to separate two rivals.
+const VERY_STRONG: f64 = 20.0;
 
 /// Everything that is said about a diagnosis.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -55,6 +62,8 @@ pub struct Content {
     pub untried: Vec<Untried>,
     /// Runs that would separate the rivals, best first.
     pub next: Vec<NextRun>,
+    /// Whether the first of them can be expected to.
+    pub next_suffices: bool,
     /// What these recordings leave open, in sentences.
     pub open: Vec<String>,
 }
@@ -147,15 +156,19 @@ impl ParameterRow {
     }
 }
 
-/// A rival explanation.
+/// A rival explanation; where nothing is explained, one of those that come
+/// closest.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Rival {
     /// Its effects, as in files, joined by " + ".
     pub name: String,
     /// Its effects, as in sentences.
     pub title: String,
-    /// Its probability.
-    pub probability: String,
+    /// Its probability; none where all of them explain too little, for it is
+    /// relative to the others only.
+    pub probability: Option<String>,
+    /// Share of the held-out gap that it closes, where that was found.
+    pub closed: Option<String>,
     /// Its information criterion behind the best.
     pub delta_bic: String,
 }
@@ -167,8 +180,7 @@ pub struct TriedGroup {
     pub title: String,
     /// The best of them.
     pub rows: Vec<TriedRow>,
-    /// How many more there were, each with more evidence against it than the
-    /// last row.
+    /// How many more there were, further behind.
     pub more: usize,
 }
 
@@ -203,6 +215,8 @@ pub enum Standing {
     Named,
     /// The recordings cannot reject it.
     Rival,
+    /// It comes closest, and explains too little.
+    Closest,
     /// It was rejected.
     Rejected,
 }
@@ -237,16 +251,6 @@ impl Content {
     /// Puts a diagnosis into words.
     pub fn of(request: &Request<'_>, diagnosis: &Diagnosis) -> Self {
         let named = !diagnosis.repaired.added.is_empty();
-        let rivals: Vec<Rival> = diagnosis
-            .alternatives
-            .iter()
-            .map(|rival| Rival {
-                name: rival.kinds.join(" + "),
-                title: titles_of_names(&rival.kinds),
-                probability: probability(rival.probability),
-                delta_bic: format!("{:.0}", rival.delta_bic),
-            })
-            .collect();
         Self {
             answer: diagnosis.answer,
             sentence: sentence(diagnosis),
@@ -269,14 +273,24 @@ impl Content {
             tried: tried(diagnosis),
             untried: untried(diagnosis),
             next: next(request, diagnosis),
+            next_suffices: next_suffices(diagnosis),
             open: open(diagnosis),
-            rivals,
+            rivals: rivals(diagnosis),
         }
     }
 
     /// Whether something is missing, named or not.
     pub fn something_is_missing(&self) -> bool {
         !matches!(self.answer, Answer::NoDiscrepancy | Answer::ParametersOnly)
+    }
+
+    /// What the rivals are.
+    pub fn rivals_title(&self) -> &'static str {
+        if self.answer == Answer::Unexplained {
+            CLOSEST
+        } else {
+            "Rivals"
+        }
     }
 }
 
@@ -343,21 +357,15 @@ fn lede(diagnosis: &Diagnosis) -> String {
         Answer::CannotTell => format!(
             "Refitting the parameters leaves {refit} on runs that were not fitted, where noise \
              alone leaves {floor}. Several explanations close that gap, and these recordings \
-             speak for none of them clearly. The run proposed below would separate them."
+             speak for none of them clearly. {}",
+            what_separates(diagnosis)
         ),
-        Answer::Unexplained => {
-            let best = best_closed(diagnosis).map_or_else(String::new, |share| {
-                format!(
-                    " The best of all that was tried closes {} of the gap.",
-                    percent(share)
-                )
-            });
-            format!(
-                "Refitting the parameters leaves {refit} on runs that were not fitted, where \
-                 noise alone leaves {floor}.{best} Instead of a name, this page shows the \
-                 missing force itself: how large it is, and when."
-            )
-        }
+        Answer::Unexplained => format!(
+            "Refitting the parameters leaves {refit} on runs that were not fitted, where noise \
+             alone leaves {floor}. {}Instead of a name, this page shows the missing force \
+             itself: how large it is, and when.",
+            why_no_name(diagnosis)
+        ),
     }
 }
 
@@ -372,15 +380,118 @@ fn left_over(diagnosis: &Diagnosis) -> &'static str {
     }
 }
 
-/// The largest share of the held-out gap that anything closed.
-fn best_closed(diagnosis: &Diagnosis) -> Option<f64> {
+/// The structure that closed most of the held-out gap, its error (rad) there,
+/// and the share that it closed.
+fn closed_most(diagnosis: &Diagnosis) -> Option<(&Tried, f64, f64)> {
     diagnosis
         .tried
         .iter()
         .filter(|tried| !tried.kinds.is_empty())
-        .filter_map(|tried| tried.held_out)
-        .map(|(_, closed)| closed)
-        .max_by(f64::total_cmp)
+        .filter_map(|tried| tried.held_out.map(|(error, closed)| (tried, error, closed)))
+        .max_by(|a, b| a.2.total_cmp(&b.2))
+}
+
+/// The largest share of the held-out gap that anything closed.
+fn best_closed(diagnosis: &Diagnosis) -> Option<f64> {
+    closed_most(diagnosis).map(|(_, _, closed)| closed)
+}
+
+/// Why the structure that closed most of the gap is not named, as sentences.
+fn why_no_name(diagnosis: &Diagnosis) -> String {
+    let Some((best, error, closed)) = closed_most(diagnosis) else {
+        return String::new();
+    };
+    if closed < 0.005 {
+        return "Nothing that was tried closes any of that gap. ".into();
+    }
+    format!(
+        "The best of all that was tried closes {} of that gap. {} ",
+        percent(closed),
+        shortfall(best.kinds.len(), error / diagnosis.held_out.floor, closed)
+    )
+}
+
+/// What a structure of `effects` effects lacks for a name that leaves `left`
+/// times the noise on runs that were not fitted, and closes `closed` of the gap.
+fn shortfall(effects: usize, left: f64, closed: f64) -> &'static str {
+    // The thresholds of `diagnose::judge`.
+    let (needed, said) = if left > 1.45 {
+        (
+            0.9,
+            "That is not enough: where more than 1.45 times the noise is left, a name needs at \
+             least 90 %.",
+        )
+    } else if effects > 1 {
+        (
+            0.8,
+            "That is not enough: several effects together need at least 80 % for a name.",
+        )
+    } else {
+        (0.75, "That is not enough: a name needs at least 75 %.")
+    };
+    if closed < needed {
+        said
+    } else {
+        "That share would do for a name, but the rest of the evidence does not: what it gains \
+         over simpler explanations could be chance, or is too little on runs that were not fitted."
+    }
+}
+
+/// The rivals, or what comes closest.
+fn rivals(diagnosis: &Diagnosis) -> Vec<Rival> {
+    let explained = diagnosis.answer != Answer::Unexplained;
+    diagnosis
+        .alternatives
+        .iter()
+        .map(|rival| Rival {
+            name: rival.kinds.join(" + "),
+            title: titles_of_names(&rival.kinds),
+            probability: explained.then(|| probability(rival.probability)),
+            closed: fitted_as(diagnosis, &rival.kinds)
+                .and_then(|tried| tried.held_out)
+                .map(|(_, closed)| percent(closed)),
+            delta_bic: format!("{:.0}", rival.delta_bic),
+        })
+        .collect()
+}
+
+/// The share of the held-out gap that the best of the rivals closes.
+fn likeliest_closes(diagnosis: &Diagnosis) -> Option<f64> {
+    let best = diagnosis.alternatives.first()?;
+    let tried = fitted_as(diagnosis, &best.kinds)?;
+    tried.held_out.map(|(_, closed)| closed)
+}
+
+/// The structure that adds these effects, as it was fitted.
+fn fitted_as<'a>(diagnosis: &'a Diagnosis, names: &[String]) -> Option<&'a Tried> {
+    let mut all = diagnosis.tried.iter();
+    all.find(|tried| are_the_same(&tried.kinds, names))
+}
+
+/// Whether effects are those with these names, in any order.
+fn are_the_same(kinds: &[Kind], names: &[String]) -> bool {
+    let has = |kind: &Kind| names.iter().any(|name| name == kind.name());
+    kinds.len() == names.len() && kinds.iter().all(has)
+}
+
+/// What would separate the rivals, as a sentence.
+fn what_separates(diagnosis: &Diagnosis) -> &'static str {
+    /// A run is planned for so many of them.
+    const PLANNED: usize = 3;
+    if !next_suffices(diagnosis) {
+        "No run that the board can make is expected to separate them: a different measurement \
+         is needed."
+    } else if diagnosis.alternatives.len() > PLANNED {
+        "The run proposed below would separate the likeliest of them."
+    } else {
+        "The run proposed below would separate them."
+    }
+}
+
+/// Whether the proposed run can be expected to separate the rivals.
+fn next_suffices(diagnosis: &Diagnosis) -> bool {
+    let mut all = diagnosis.proposals.iter();
+    all.any(|(proposal, _)| proposal.evidence >= VERY_STRONG)
 }
 
 fn key(label: &str, value: String, note: impl Into<String>) -> Key {
@@ -398,7 +509,7 @@ fn keys(diagnosis: &Diagnosis) -> Vec<Key> {
     let noise = key(
         "noise floor",
         degrees(held_out.floor),
-        noise_source(&diagnosis.floor),
+        noise_note(&diagnosis.floor, held_out.floor),
     );
     let [third, fourth] = match diagnosis.answer {
         Answer::NoDiscrepancy => [
@@ -432,7 +543,7 @@ fn keys(diagnosis: &Diagnosis) -> Vec<Key> {
         ],
         Answer::CannotTell => [
             closed_key(
-                best_closed(diagnosis).unwrap_or(0.0),
+                likeliest_closes(diagnosis).unwrap_or(f64::NAN),
                 "by the best explanation",
             ),
             probability_key(
@@ -494,10 +605,24 @@ fn probability_key(value: Option<f64>, note: &str) -> Key {
     )
 }
 
-/// Where the noise floor comes from.
+/// What a noise floor of `shown` (rad) consists of.
+fn noise_note(floor: &NoiseFloor, shown: f64) -> String {
+    let source = noise_source(floor);
+    if 3.0 * floor.input > shown {
+        let input = degrees(floor.input);
+        format!("{source}, and the {input} that noise of the pressure leaves")
+    } else {
+        source.to_owned()
+    }
+}
+
+/// Where the noise floor comes from: the largest of its sources.
 fn noise_source(floor: &NoiseFloor) -> &'static str {
-    if floor.repeats.is_some_and(|scatter| scatter >= floor.rms) {
+    let is_it = |source: Option<f64>| source.is_some_and(|source| source >= floor.rms);
+    if is_it(floor.repeats) {
         "scatter between repeats"
+    } else if is_it(floor.rest) && floor.white < floor.rms {
+        "scatter at rest"
     } else if floor.white >= floor.rms {
         "noise of the angle sensor"
     } else {
@@ -701,21 +826,7 @@ fn tried(diagnosis: &Diagnosis) -> Vec<TriedGroup> {
 }
 
 fn tried_row(tried: &Tried, diagnosis: &Diagnosis) -> TriedRow {
-    let sorted = |kinds: &[Kind]| {
-        let mut names: Vec<&str> = kinds.iter().map(|kind| kind.name()).collect();
-        names.sort_unstable();
-        names.join("+")
-    };
     let names: Vec<&str> = tried.kinds.iter().map(|kind| kind.name()).collect();
-    let is_rival = diagnosis.answer == Answer::CannotTell
-        && diagnosis.alternatives.iter().any(|rival| {
-            let kinds: Vec<Kind> = rival
-                .kinds
-                .iter()
-                .filter_map(|name| Kind::from_name(name))
-                .collect();
-            sorted(&kinds) == sorted(&tried.kinds)
-        });
     TriedRow {
         title: if tried.kinds.is_empty() {
             "the refitted model".into()
@@ -742,16 +853,25 @@ fn tried_row(tried: &Tried, diagnosis: &Diagnosis) -> TriedRow {
         } else {
             probability(tried.probability)
         },
-        standing: if !tried.kinds.is_empty()
-            && sorted(&tried.kinds) == sorted(&diagnosis.repaired.added)
-        {
-            Standing::Named
-        } else if is_rival {
-            Standing::Rival
-        } else {
-            Standing::Rejected
-        },
+        standing: standing(tried, diagnosis),
         at_bound: tried.at_bound.clone(),
+    }
+}
+
+/// What became of a structure.
+fn standing(tried: &Tried, diagnosis: &Diagnosis) -> Standing {
+    let alternatives = &diagnosis.alternatives;
+    let listed = alternatives
+        .iter()
+        .any(|rival| are_the_same(&tried.kinds, &rival.kinds));
+    let added = judge::names(&diagnosis.repaired.added);
+    match diagnosis.answer {
+        _ if !added.is_empty() && are_the_same(&tried.kinds, &added) => Standing::Named,
+        Answer::Unexplained if listed => Standing::Closest,
+        Answer::CannotTell if listed => Standing::Rival,
+        _ if is_to_be_separated(tried, diagnosis) => Standing::Rival,
+        _ if shares_the_named(tried, diagnosis) => Standing::Rival,
+        _ => Standing::Rejected,
     }
 }
 
@@ -817,19 +937,7 @@ fn open(diagnosis: &Diagnosis) -> Vec<String> {
             degrees(diagnosis.held_out.floor)
         )),
         Answer::EffectFound => {
-            let alike: Vec<&str> = diagnosis
-                .repaired
-                .added
-                .iter()
-                .flat_map(|kind| kind.info().look_alikes)
-                .map(|name| title(name))
-                .collect();
-            if !alike.is_empty() {
-                open.push(format!(
-                    "The effects that look most like it are {}; these recordings tell them apart.",
-                    listed(&alike)
-                ));
-            }
+            open.extend(look_alikes(diagnosis));
             if !diagnosis.adequacy.exact_form {
                 open.push(format!(
                     "Whether the formula holds to the letter, or only the kind of effect: {}.",
@@ -854,6 +962,116 @@ fn open(diagnosis: &Diagnosis) -> Vec<String> {
             .into(),
     );
     open
+}
+
+/// What became of an effect that looks like a named one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Alike {
+    /// The recordings reject it.
+    ToldApart,
+    /// They do not.
+    NotSeparated,
+    /// The named effect is a special case of it, and leaves as little.
+    MoreGeneral,
+    /// It was not fitted to the end in place of the named one.
+    NotTried,
+}
+
+impl Alike {
+    const ALL: [Self; 4] = [
+        Self::ToldApart,
+        Self::NotSeparated,
+        Self::MoreGeneral,
+        Self::NotTried,
+    ];
+
+    /// What is said about all of them.
+    fn text(self) -> &'static str {
+        match self {
+            Self::ToldApart => "These recordings tell what is named from its look-alikes",
+            Self::NotSeparated => "Look-alikes that these recordings do not separate from it",
+            Self::MoreGeneral => {
+                "More general effects, of which it is a special case and which bring nothing beyond it"
+            }
+            Self::NotTried => "Look-alikes that were not fitted to the end in its place",
+        }
+    }
+}
+
+/// What the effects that look like the named ones came to, as sentences.
+fn look_alikes(diagnosis: &Diagnosis) -> Vec<String> {
+    let added = &diagnosis.repaired.added;
+    let size = judged_size(diagnosis);
+    let fates: Vec<(&str, Alike)> = added
+        .iter()
+        .flat_map(|&named| {
+            let others = named.info().look_alikes.iter();
+            let others = others.filter_map(|name| Kind::from_name(name));
+            others
+                .filter(|other| !added.contains(other))
+                .map(move |other| {
+                    (
+                        other.info().title,
+                        fate(named, other, size, &diagnosis.tried),
+                    )
+                })
+        })
+        .collect();
+    Alike::ALL
+        .iter()
+        .filter_map(|&wanted| {
+            let mut titles: Vec<&str> = fates
+                .iter()
+                .filter(|(_, fate)| *fate == wanted)
+                .map(|(title, _)| *title)
+                .collect();
+            titles.sort_unstable();
+            titles.dedup();
+            let text = wanted.text();
+            (!titles.is_empty()).then(|| format!("{text}: {}.", listed(&titles)))
+        })
+        .collect()
+}
+
+/// What became of `other`, which looks like `named`, among structures of `size`
+/// effects: the best of those that have it instead decides.
+fn fate(named: Kind, other: Kind, size: usize, tried: &[Tried]) -> Alike {
+    let probability = tried
+        .iter()
+        .filter(|tried| tried.kinds.len() == size)
+        .filter(|tried| tried.kinds.contains(&other) && !tried.kinds.contains(&named))
+        .map(|tried| tried.probability)
+        .max_by(f64::total_cmp);
+    match probability {
+        None => Alike::NotTried,
+        Some(probability) if probability >= REJECTED => Alike::NotSeparated,
+        // Its probability was given to the special case.
+        Some(_) if other.special_case() == Some(named) => Alike::MoreGeneral,
+        Some(_) => Alike::ToldApart,
+    }
+}
+
+/// How many effects the structures have among which was chosen: as many as are
+/// named, or more where the named ones are what several have in common.
+fn judged_size(diagnosis: &Diagnosis) -> usize {
+    let rival = diagnosis.alternatives.first();
+    rival.map_or(diagnosis.repaired.added.len(), |rival| rival.kinds.len())
+}
+
+/// Whether a structure is one of several that are not rejected and have the
+/// named effects in common.
+fn shares_the_named(tried: &Tried, diagnosis: &Diagnosis) -> bool {
+    let (named, size) = (diagnosis.repaired.added.len(), judged_size(diagnosis));
+    diagnosis.answer == Answer::EffectFound
+        && size > named
+        && tried.kinds.len() == size
+        && tried.probability >= REJECTED
+}
+
+/// Whether a run is proposed that separates a structure from another.
+fn is_to_be_separated(tried: &Tried, diagnosis: &Diagnosis) -> bool {
+    let mut pairs = diagnosis.proposals.iter().flat_map(|(_, pair)| pair);
+    pairs.any(|names| are_the_same(&tried.kinds, names))
 }
 
 /// The name of an effect in sentences.
@@ -949,6 +1167,64 @@ mod tests {
         assert_eq!(percent(f64::NAN), "–");
         assert_eq!(percent(-0.12), "−12 %");
         assert_eq!(probability(0.999), "> 0.99");
+    }
+
+    #[test]
+    fn what_a_name_needs_depends_on_what_is_left() {
+        assert!(shortfall(1, 1.2, 0.7).contains("75 %"));
+        assert!(shortfall(2, 1.2, 0.78).contains("80 %"));
+        assert!(shortfall(1, 1.6, 0.85).contains("90 %"));
+        assert!(shortfall(1, 1.2, 0.78).contains("chance"));
+    }
+
+    #[test]
+    fn look_alikes_are_told_apart_only_where_they_were_rejected() {
+        use Kind::{BoucWenHysteresis, CoulombFriction, InputBacklash};
+        let tried = |kinds: &[Kind], probability| Tried {
+            kinds: kinds.to_vec(),
+            rmse: 0.01,
+            held_out: None,
+            delta_bic: 0.0,
+            separation: 0.0,
+            probability,
+            at_bound: Vec::new(),
+        };
+        let all = [
+            tried(&[CoulombFriction], 0.9),
+            tried(&[InputBacklash], 0.01),
+            tried(&[BoucWenHysteresis], 0.0),
+            tried(&[CoulombFriction, InputBacklash], 0.5),
+            tried(&[InputBacklash, BoucWenHysteresis], 0.3),
+        ];
+        let fate = |other, size| fate(CoulombFriction, other, size, &all);
+        assert_eq!(fate(InputBacklash, 1), Alike::ToldApart);
+        assert_eq!(fate(BoucWenHysteresis, 1), Alike::MoreGeneral);
+        assert_eq!(fate(Kind::Gravity, 1), Alike::NotTried);
+        assert_eq!(fate(InputBacklash, 2), Alike::NotSeparated);
+    }
+
+    #[test]
+    fn the_largest_source_is_that_of_the_noise_floor() {
+        let floor = NoiseFloor {
+            rms: 0.02,
+            white: 0.01,
+            repeats: Some(0.015),
+            rest: Some(0.02),
+            quantum: 0.001,
+            input: 0.001,
+            groups: Vec::new(),
+        };
+        assert_eq!(noise_note(&floor, 0.02), "scatter at rest");
+        let floor = NoiseFloor {
+            repeats: Some(0.03),
+            rms: 0.03,
+            input: 0.02,
+            ..floor
+        };
+        assert_eq!(
+            noise_note(&floor, 0.036),
+            "scatter between repeats, and the 1.15° that noise of the pressure leaves"
+        );
     }
 
     #[test]

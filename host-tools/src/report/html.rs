@@ -10,12 +10,12 @@ use minijinja::value::Serde;
 use minijinja::{Environment, UndefinedBehavior};
 use serde::Serialize;
 
-use super::content::{Content, degrees, percent, short};
+use super::content::{CLOSEST, Content, degrees, percent, short};
 use super::pictures::{
     MEASURED, curves_of, feature_figure, force_figure, largest_forces, map_figure, run_figure,
     style_of,
 };
-use super::provenance::{Provenance, Source};
+use super::provenance::{FITTED, Provenance, Source};
 use super::runs::{RunView, runs};
 use crate::cmd::fit::number;
 use crate::diagnose::localise::{Feature, Gap, SINCE_LAST_EDGE};
@@ -108,6 +108,7 @@ struct Page<'a> {
     model: &'a str,
     simulated: bool,
     something_is_missing: bool,
+    closest: &'static str,
     in_turn: bool,
     gap_switches: Vec<Switch>,
     force: Option<Picture>,
@@ -155,6 +156,7 @@ pub fn page(
             .iter()
             .all(|view| view.recording.meta.simulated == Some(true)),
         something_is_missing: missing,
+        closest: CLOSEST,
         in_turn: diagnosis.held_out.in_turn,
         gap_switches: if missing {
             shown
@@ -199,11 +201,12 @@ pub fn page(
             .collect::<Result<_, _>>()?,
         runs_total: views.len(),
         table: views.iter().map(run_row).collect(),
-        model_text: request
-            .file
-            .text_with(&diagnosis.repaired.fit.model, "# Added by rig diagnose.\n"),
+        model_text: request.file.text_with(
+            diagnosis.model_to_keep(request.file),
+            "# Added by rig diagnose.\n",
+        ),
         noise: noise(diagnosis),
-        files: files(diagnosis, provenance),
+        files: files(diagnosis.left_out, provenance),
         provenance,
         seed: request.seed,
         seconds: format!("{seconds:.1}"),
@@ -389,12 +392,13 @@ fn run_row(view: &RunView<'_>) -> RunRow {
 }
 
 /// The files with what became of them: the model, then the recordings.
-fn files(diagnosis: &Diagnosis, provenance: &Provenance) -> Vec<Source> {
+fn files(left_out: Option<usize>, provenance: &Provenance) -> Vec<Source> {
     let mut files = provenance.files.clone();
-    if let Some(file) = diagnosis
-        .left_out
-        .and_then(|recording| files.get_mut(1 + recording))
-    {
+    let left_out = left_out.and_then(|recording| {
+        let mut fitted = files.iter_mut().filter(|file| file.role == FITTED);
+        fitted.nth(recording)
+    });
+    if let Some(file) = left_out {
         file.role = "left out";
     }
     files
@@ -416,11 +420,14 @@ fn noise(diagnosis: &Diagnosis) -> Vec<[String; 2]> {
             degrees(repeats),
         ]);
     }
+    if let Some(rest) = floor.rest {
+        rows.push(["scatter at rest, about a line".to_owned(), degrees(rest)]);
+    }
     if floor.quantum > 0.0 {
         rows.push(["step of the converter".to_owned(), degrees(floor.quantum)]);
     }
     rows.push([
-        "left by the noise of the pressure".to_owned(),
+        "left by the noise of the pressure, on top of the floor".to_owned(),
         degrees(floor.input),
     ]);
     rows
@@ -428,7 +435,31 @@ fn noise(diagnosis: &Diagnosis) -> Vec<[String; 2]> {
 
 #[cfg(test)]
 mod tests {
-    use super::set;
+    use super::*;
+    use crate::report::provenance::METADATA;
+
+    #[test]
+    fn the_file_of_a_recording_that_was_left_out_says_so() {
+        let source = |role| Source {
+            role,
+            path: String::new(),
+            bytes: 0,
+            sha256: String::new(),
+        };
+        let provenance = Provenance {
+            files: ["model", FITTED, METADATA, FITTED, METADATA, "held out"]
+                .map(source)
+                .to_vec(),
+            ..Provenance::default()
+        };
+        let roles = |left_out| -> Vec<&str> {
+            let files = files(left_out, &provenance);
+            files.iter().map(|file| file.role).collect()
+        };
+        assert_eq!(roles(Some(1))[3], "left out");
+        assert_eq!(roles(Some(1))[1], FITTED);
+        assert!(!roles(None).contains(&"left out"));
+    }
 
     #[test]
     fn a_minus_is_not_a_hyphen() {

@@ -34,10 +34,17 @@ type Curve<'a> = (&'static str, Style, &'a [f64]);
 /// The picture of `--plot`: the fitted and the held-out run with the largest
 /// gap, measured, before and after, and what is left of each below.
 pub fn figure(request: &Request<'_>, diagnosis: &Diagnosis) -> Figure {
+    let repaired = if diagnosis.repaired.added.is_empty() {
+        String::new()
+    } else {
+        format!(
+            "{} repaired, ",
+            degrees(diagnosis.held_out.repaired_on_board)
+        )
+    };
     let gap = format!(
-        "RMS error on runs that were not fitted: {} refitted, {} repaired, {} noise",
+        "RMS error on runs that were not fitted: {} refitted, {repaired}{} noise",
         degrees(diagnosis.held_out.refit),
-        degrees(diagnosis.held_out.repaired_on_board),
         degrees(diagnosis.held_out.floor)
     );
     let mut figure = Figure::new(sentence(diagnosis))

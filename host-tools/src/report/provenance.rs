@@ -11,6 +11,12 @@ use sha2::{Digest, Sha256};
 use super::content::quoted;
 use crate::error::InputError;
 
+/// Role of a recording that was fitted.
+pub const FITTED: &str = "fitted";
+
+/// Role of the file that says which run a recording is.
+pub const METADATA: &str = "metadata";
+
 /// How a page was made.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Provenance {
@@ -18,7 +24,7 @@ pub struct Provenance {
     pub command: String,
     /// Version of the tool.
     pub version: &'static str,
-    /// The model, then the recordings.
+    /// The model, then the recordings, each with its metadata behind it.
     pub files: Vec<Source>,
 }
 
@@ -47,13 +53,16 @@ impl Provenance {
         holdout: &[PathBuf],
         command: String,
     ) -> Result<Self, InputError> {
-        let fitted = recordings.iter().map(|path| ("fitted", path.as_path()));
+        let fitted = recordings.iter().map(|path| (FITTED, path.as_path()));
         let held_out = holdout.iter().map(|path| ("held out", path.as_path()));
-        let files = std::iter::once(("model", model))
-            .chain(fitted)
-            .chain(held_out)
-            .map(|(role, path)| Source::read(role, path))
-            .collect::<Result<_, _>>()?;
+        let mut files = vec![Source::read("model", model)?];
+        for (role, path) in fitted.chain(held_out) {
+            files.push(Source::read(role, path)?);
+            let meta = metadata(path);
+            if meta.exists() {
+                files.push(Source::read(METADATA, &meta)?);
+            }
+        }
         Ok(Self {
             command,
             version: env!("CARGO_PKG_VERSION"),
@@ -72,6 +81,16 @@ impl Source {
             sha256: hexadecimal(&Sha256::digest(&bytes)),
         })
     }
+}
+
+/// Where the metadata of a recording stand: they decide what repeats what.
+fn metadata(recording: &Path) -> PathBuf {
+    let name = recording
+        .file_name()
+        .map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+    let name = name.strip_suffix(".gz").unwrap_or(&name);
+    let name = name.strip_suffix(".csv").unwrap_or(name);
+    recording.with_file_name(format!("{name}.meta.toml"))
 }
 
 fn hexadecimal(bytes: &[u8]) -> String {
@@ -108,6 +127,13 @@ mod tests {
             found.files[0].sha256,
             "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
         );
+        for path in ["a.b.csv", "a.b.csv.gz", "c.csv", "a.b.meta.toml"] {
+            std::fs::write(folder.path().join(path), path).unwrap();
+        }
+        let recordings = ["a.b.csv", "a.b.csv.gz", "c.csv"].map(|name| folder.path().join(name));
+        let found = Provenance::of(&path, &recordings, &[], String::new()).unwrap();
+        let roles: Vec<&str> = found.files.iter().map(|file| file.role).collect();
+        assert_eq!(roles, ["model", FITTED, METADATA, FITTED, METADATA, FITTED]);
         let absent = folder.path().join("absent.csv");
         assert!(Provenance::of(&path, &[absent], &[], String::new()).is_err());
     }

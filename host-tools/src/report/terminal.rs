@@ -1,19 +1,17 @@
 //! The summary on the terminal: what the page says, in some twenty lines.
 
 use super::Outputs;
-use super::content::{Content, ErrorRow, ParameterRow};
+use super::content::{Content, Notice, ParameterRow, Rival};
+use crate::diagnose::verdict::Answer;
+
+/// As many lines are read at a glance.
+const LINES: usize = 25;
 
 /// The summary; `seed` and `seconds` stand in its last line.
 pub fn summary(content: &Content, outputs: &Outputs<'_>, seed: u64, seconds: f64) -> String {
     let mut lines = vec![content.sentence.clone(), String::new()];
-    lines.extend(errors(&content.errors));
-    lines.extend(content.notices.iter().map(|notice| {
-        let about = notice
-            .about
-            .as_ref()
-            .map_or_else(String::new, |name| format!("{name}: "));
-        format!("Note: {about}{}; {}.", notice.text, notice.advice)
-    }));
+    lines.extend(errors(content));
+    let table = lines.len();
     lines.extend(content.closed.clone());
     lines.push(String::new());
     for effect in &content.effects {
@@ -28,7 +26,7 @@ pub fn summary(content: &Content, outputs: &Outputs<'_>, seed: u64, seconds: f64
     }
     let free: Vec<&ParameterRow> = content.base.iter().filter(|row| row.free).collect();
     if !free.is_empty() {
-        lines.push("Base parameters, nominal → fitted:".into());
+        lines.push(base_title(content.answer).into());
         lines.extend(free.iter().map(|row| {
             let nominal = row
                 .nominal
@@ -49,16 +47,57 @@ pub fn summary(content: &Content, outputs: &Outputs<'_>, seed: u64, seconds: f64
     if content.something_is_missing() {
         lines.extend(evidence(content));
     }
-    lines.extend(written(content.named, outputs));
+    lines.extend(written(content, outputs));
     lines.push(format!("{seconds:.1} s, seed {seed}"));
+    let room = LINES.saturating_sub(lines.len());
+    lines.splice(table..table, notes(&content.notices, room));
     lines.join("\n") + "\n"
 }
 
-/// The table: nominal, refit and repaired on fitted and on held-out runs.
-fn errors(rows: &[ErrorRow]) -> Vec<String> {
+/// What is noteworthy about the recordings, in `room` lines or, if there are
+/// more, in two at least.
+fn notes(notices: &[Notice], room: usize) -> Vec<String> {
+    let room = room.max(2);
+    let shown = if notices.len() > room {
+        room - 1
+    } else {
+        notices.len()
+    };
+    let line = |notice: &Notice| {
+        let about = notice
+            .about
+            .as_ref()
+            .map_or_else(String::new, |name| format!("{name}: "));
+        format!("Note: {about}{}; {}.", notice.text, notice.advice)
+    };
+    let mut lines: Vec<String> = notices[..shown].iter().map(line).collect();
+    let more = notices.len() - shown;
+    if more > 0 {
+        lines.push(format!("{more} more notes on the page of --report."));
+    }
+    lines
+}
+
+/// What stands above the base parameters.
+fn base_title(answer: Answer) -> &'static str {
+    if answer == Answer::NoDiscrepancy {
+        "Base parameters, which are kept → what a refit would make of them:"
+    } else {
+        "Base parameters, nominal → fitted:"
+    }
+}
+
+/// The table: nominal, refit and, where something is named, repaired on fitted
+/// and on held-out runs.
+fn errors(content: &Content) -> Vec<String> {
     let line = |cells: [&str; 6]| {
         let [name, runs, nominal, refit, repaired, floor] = cells;
-        format!("{name:<18} {runs:>4} {nominal:>10} {refit:>10} {repaired:>10} {floor:>10}")
+        let repaired = if content.named {
+            format!("{repaired:>10} ")
+        } else {
+            String::new()
+        };
+        format!("{name:<18} {runs:>4} {nominal:>10} {refit:>10} {repaired}{floor:>10}")
     };
     let head = line([
         "RMS error (°)",
@@ -68,7 +107,7 @@ fn errors(rows: &[ErrorRow]) -> Vec<String> {
         "repaired",
         "noise",
     ]);
-    let rows = rows.iter().map(|row| {
+    let rows = content.errors.iter().map(|row| {
         line([
             row.name,
             &row.runs.to_string(),
@@ -87,26 +126,11 @@ fn evidence(content: &Content) -> Vec<String> {
     if !content.gap.is_empty() {
         lines.push(format!("Where the gap lives: {}", content.gap.join(" ")));
     }
-    let rivals: Vec<String> = content
-        .rivals
-        .iter()
-        .map(|rival| {
-            format!(
-                "{} (probability {}, ΔBIC {})",
-                rival.name, rival.probability, rival.delta_bic
-            )
-        })
-        .collect();
+    let rivals: Vec<String> = content.rivals.iter().map(rival).collect();
     if !rivals.is_empty() {
-        lines.push(format!("Rivals: {}", rivals.join("; ")));
+        lines.push(format!("{}: {}", content.rivals_title(), rivals.join("; ")));
     }
-    lines.extend(content.next.first().map(|run| {
-        let [a, b] = &run.separates;
-        format!(
-            "Next experiment: {} ({}), {} s; it separates {a} from {b} by about {} in χ².",
-            run.protocol, run.title, run.seconds, run.evidence
-        )
-    }));
+    lines.extend(next(content));
     lines.extend(content.untried.iter().map(|untried| {
         format!(
             "Not tried: {}, because {}",
@@ -117,12 +141,50 @@ fn evidence(content: &Content) -> Vec<String> {
     lines
 }
 
-/// What was written where.
-fn written(named: bool, outputs: &Outputs<'_>) -> Vec<String> {
-    let model = if named {
-        "Repaired model"
+fn rival(rival: &Rival) -> String {
+    let name = &rival.name;
+    match (&rival.probability, &rival.closed) {
+        (Some(probability), _) => {
+            format!(
+                "{name} (probability {probability}, ΔBIC {})",
+                rival.delta_bic
+            )
+        }
+        (None, Some(closed)) => format!("{name} (closes {closed} of the gap)"),
+        (None, None) => name.clone(),
+    }
+}
+
+/// The run to do next, or that there is none.
+fn next(content: &Content) -> Option<String> {
+    let Some(run) = content.next.first() else {
+        return (content.answer == Answer::CannotTell).then(|| {
+            "Next experiment: none that the board can make; a different measurement is needed."
+                .into()
+        });
+    };
+    let [a, b] = &run.separates;
+    let run_is = format!("{} ({}), {} s", run.protocol, run.title, run.seconds);
+    Some(if content.next_suffices {
+        format!(
+            "Next experiment: {run_is}; it separates {a} from {b} by about {} in χ².",
+            run.evidence
+        )
     } else {
-        "Refitted model"
+        format!(
+            "Next experiment: a different measurement. The best run, {run_is}, separates {a} \
+             from {b} by no more than {} in χ².",
+            run.evidence
+        )
+    })
+}
+
+/// What was written where.
+fn written(content: &Content, outputs: &Outputs<'_>) -> Vec<String> {
+    let model = match content.answer {
+        Answer::EffectFound => "Repaired model",
+        Answer::NoDiscrepancy => "Model, unchanged",
+        _ => "Refitted model",
     };
     let lines: Vec<String> = [
         ("Report", outputs.page),
