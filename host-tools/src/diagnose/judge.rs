@@ -30,10 +30,22 @@ const GAP_CUT_SEVERAL: f64 = 0.8;
 
 /// What is left may be so many times the noise: the right effect by another
 /// formula left up to 1.4 times …
-const LEFT: f64 = 1.45;
+pub const LEFT: f64 = 1.45;
 
 /// … unless the gap was so large that this share of it is removed.
 const GAP_CUT_LARGE: f64 = 0.9;
+
+/// The share of the held-out gap that so many effects have to remove for a name
+/// if they leave `left` times the noise.
+pub fn share_needed(effects: usize, left: f64) -> f64 {
+    if left > LEFT {
+        GAP_CUT_LARGE
+    } else if effects > 1 {
+        GAP_CUT_SEVERAL
+    } else {
+        GAP_CUT
+    }
+}
 
 /// As many rivals are shown.
 const RIVALS_SHOWN: usize = 3;
@@ -42,7 +54,7 @@ const RIVALS_SHOWN: usize = 3;
 const RIVALS_DRAWN: usize = 8;
 
 /// As many rivals are held against each other when a run is planned.
-const RIVALS_PLANNED: usize = 3;
+pub const RIVALS_PLANNED: usize = 3;
 
 /// A structure that was fitted to the end.
 #[derive(Clone, Debug, PartialEq)]
@@ -61,6 +73,8 @@ pub struct Tried {
     pub separation: f64,
     /// Probability among the structures of its size.
     pub probability: f64,
+    /// Whether the recordings reject it against the best of its size.
+    pub rejected: bool,
     /// Parameters that ended at the edge of the range that was searched.
     pub at_bound: Vec<String>,
 }
@@ -175,6 +189,7 @@ impl Court<'_, '_> {
             delta_bic: entry.delta,
             separation: entry.separation,
             probability: entry.probability,
+            rejected: entry.rejected,
             at_bound: fit
                 .free
                 .iter()
@@ -187,14 +202,8 @@ impl Court<'_, '_> {
 
     /// Whether a structure explains enough of the gap to be given as a cause.
     fn explains(&self, refit: &Candidate, candidate: &Candidate) -> bool {
-        let cut = if self.judge.error_of(candidate) > LEFT * self.judge.floor() {
-            GAP_CUT_LARGE
-        } else if candidate.added.len() > 1 {
-            GAP_CUT_SEVERAL
-        } else {
-            GAP_CUT
-        };
-        self.judge.gap_closed(refit, candidate) >= cut
+        let left = self.judge.error_of(candidate) / self.judge.floor();
+        self.judge.gap_closed(refit, candidate) >= share_needed(candidate.added.len(), left)
     }
 
     fn decide(&self, refit: &Candidate, pool: &[Candidate], scoring: &Scoring<'_>) -> Findings {

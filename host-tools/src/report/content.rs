@@ -12,7 +12,6 @@ use crate::cmd::fit::number;
 use crate::diagnose::holdout::share_closed;
 use crate::diagnose::judge::{self, Tried};
 use crate::diagnose::noise::NoiseFloor;
-use crate::diagnose::select::REJECTED;
 use crate::diagnose::verdict::Answer;
 use crate::diagnose::{Diagnosis, Request};
 use crate::fit::Fit;
@@ -413,27 +412,27 @@ fn why_no_name(diagnosis: &Diagnosis) -> String {
 
 /// What a structure of `effects` effects lacks for a name that leaves `left`
 /// times the noise on runs that were not fitted, and closes `closed` of the gap.
-fn shortfall(effects: usize, left: f64, closed: f64) -> &'static str {
-    // The thresholds of `diagnose::judge`.
-    let (needed, said) = if left > 1.45 {
-        (
-            0.9,
-            "That is not enough: where more than 1.45 times the noise is left, a name needs at \
-             least 90 %.",
+fn shortfall(effects: usize, left: f64, closed: f64) -> String {
+    let needed = judge::share_needed(effects, left);
+    if closed >= needed {
+        return "That share would do for a name, but the rest of the evidence does not: what it \
+                gains over simpler explanations could be chance, or is too little on runs that \
+                were not fitted."
+            .into();
+    }
+    let percent = 100.0 * needed;
+    if left > judge::LEFT {
+        format!(
+            "That is not enough: where more than {} times the noise is left, a name needs at \
+             least {percent:.0} %.",
+            judge::LEFT
         )
     } else if effects > 1 {
-        (
-            0.8,
-            "That is not enough: several effects together need at least 80 % for a name.",
+        format!(
+            "That is not enough: several effects together need at least {percent:.0} % for a name."
         )
     } else {
-        (0.75, "That is not enough: a name needs at least 75 %.")
-    };
-    if closed < needed {
-        said
-    } else {
-        "That share would do for a name, but the rest of the evidence does not: what it gains \
-         over simpler explanations could be chance, or is too little on runs that were not fitted."
+        format!("That is not enough: a name needs at least {percent:.0} %.")
     }
 }
 
@@ -476,12 +475,10 @@ fn are_the_same(kinds: &[Kind], names: &[String]) -> bool {
 
 /// What would separate the rivals, as a sentence.
 fn what_separates(diagnosis: &Diagnosis) -> &'static str {
-    /// A run is planned for so many of them.
-    const PLANNED: usize = 3;
     if !next_suffices(diagnosis) {
         "No run that the board can make is expected to separate them: a different measurement \
          is needed."
-    } else if diagnosis.alternatives.len() > PLANNED {
+    } else if diagnosis.alternatives.len() > judge::RIVALS_PLANNED {
         "The run proposed below would separate the likeliest of them."
     } else {
         "The run proposed below would separate them."
@@ -1036,15 +1033,14 @@ fn look_alikes(diagnosis: &Diagnosis) -> Vec<String> {
 /// What became of `other`, which looks like `named`, among structures of `size`
 /// effects: the best of those that have it instead decides.
 fn fate(named: Kind, other: Kind, size: usize, tried: &[Tried]) -> Alike {
-    let probability = tried
+    let best = tried
         .iter()
         .filter(|tried| tried.kinds.len() == size)
         .filter(|tried| tried.kinds.contains(&other) && !tried.kinds.contains(&named))
-        .map(|tried| tried.probability)
-        .max_by(f64::total_cmp);
-    match probability {
+        .max_by(|a, b| a.probability.total_cmp(&b.probability));
+    match best {
         None => Alike::NotTried,
-        Some(probability) if probability >= REJECTED => Alike::NotSeparated,
+        Some(best) if !best.rejected => Alike::NotSeparated,
         // Its probability was given to the special case.
         Some(_) if other.special_case() == Some(named) => Alike::MoreGeneral,
         Some(_) => Alike::ToldApart,
@@ -1065,7 +1061,7 @@ fn shares_the_named(tried: &Tried, diagnosis: &Diagnosis) -> bool {
     diagnosis.answer == Answer::EffectFound
         && size > named
         && tried.kinds.len() == size
-        && tried.probability >= REJECTED
+        && !tried.rejected
 }
 
 /// Whether a run is proposed that separates a structure from another.
@@ -1187,6 +1183,7 @@ mod tests {
             delta_bic: 0.0,
             separation: 0.0,
             probability,
+            rejected: probability < 0.05,
             at_bound: Vec::new(),
         };
         let all = [
