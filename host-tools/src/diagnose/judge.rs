@@ -29,16 +29,25 @@ const GAP_CUT: f64 = 0.75;
 const GAP_CUT_SEVERAL: f64 = 0.8;
 
 /// What is left may be so many times the noise: the right effect by another
-/// formula left up to 1.4 times …
-pub const LEFT: f64 = 1.45;
+/// formula left up to 1.6 times …
+const LEFT: f64 = 1.6;
+
+/// … and several effects that were right up to 1.4 times …
+const LEFT_BY_SEVERAL: f64 = 1.45;
 
 /// … unless the gap was so large that this share of it is removed.
 const GAP_CUT_LARGE: f64 = 0.9;
 
+/// How many times the noise so many effects may leave before more is asked of
+/// them.
+pub fn left_allowed(effects: usize) -> f64 {
+    if effects > 1 { LEFT_BY_SEVERAL } else { LEFT }
+}
+
 /// The share of the held-out gap that so many effects have to remove for a name
 /// if they leave `left` times the noise.
 pub fn share_needed(effects: usize, left: f64) -> f64 {
-    if left > LEFT {
+    if left > left_allowed(effects) {
         GAP_CUT_LARGE
     } else if effects > 1 {
         GAP_CUT_SEVERAL

@@ -107,7 +107,8 @@ impl<'a> Scoring<'a> {
     /// other formula would save it, and the score is believed. In between the
     /// best may be right only in kind: its residual is correlated, the score
     /// over-confident, and what the residuals say is no more than the separation
-    /// squared, one way or the other. What parameters cost is not in doubt.
+    /// squared, one way or the other. What parameters cost is not in doubt, but
+    /// does not put the rival before the best.
     fn against(&self, best: &Fit, rival: &Fit, delta: f64) -> (f64, f64) {
         let separation = separation(best, rival);
         let evidence = if delta < FORMULA && adequate(rival, self.floor) {
@@ -117,7 +118,7 @@ impl<'a> Scoring<'a> {
         } else {
             let by_residuals = self.independent * (rival.sse() / best.sse()).ln();
             let most = separation.powi(2);
-            delta - by_residuals + by_residuals.clamp(-most, most)
+            (delta - by_residuals + by_residuals.clamp(-most, most)).max(0.0)
         };
         (evidence, separation)
     }

@@ -421,11 +421,11 @@ fn shortfall(effects: usize, left: f64, closed: f64) -> String {
             .into();
     }
     let percent = 100.0 * needed;
-    if left > judge::LEFT {
+    let allowed = judge::left_allowed(effects);
+    if left > allowed {
         format!(
-            "That is not enough: where more than {} times the noise is left, a name needs at \
-             least {percent:.0} %.",
-            judge::LEFT
+            "That is not enough: where more than {allowed} times the noise is left, a name needs \
+             at least {percent:.0} %."
         )
     } else if effects > 1 {
         format!(
@@ -1169,7 +1169,7 @@ mod tests {
     fn what_a_name_needs_depends_on_what_is_left() {
         assert!(shortfall(1, 1.2, 0.7).contains("75 %"));
         assert!(shortfall(2, 1.2, 0.78).contains("80 %"));
-        assert!(shortfall(1, 1.6, 0.85).contains("90 %"));
+        assert!(shortfall(1, 1.7, 0.85).contains("90 %"));
         assert!(shortfall(1, 1.2, 0.78).contains("chance"));
     }
 
