@@ -11,6 +11,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use crate::statistics::independent_stretch;
+
 /// Curvature and slope of the sum of squares of each recording, in the
 /// coordinates in which the solver moves.
 #[derive(Clone, Debug, Default)]
@@ -43,17 +45,12 @@ impl Information {
         blocks: impl Iterator<Item = Block<'a>>,
         correlation: f64,
     ) -> Self {
-        /// Slopes are summed over blocks of so many correlation times, …
-        const CORRELATION_TIMES: f64 = 4.0;
-        /// … of so many samples at least, …
-        const SHORTEST: usize = 50;
-        /// … and of such a part of the recording. What the noise of the pressure
-        /// leaves is small beside the noise of the angle and lasts for seconds: the
-        /// correlation time does not show it, and it moves parameters most.
+        /// Slopes are summed over independent stretches, and over such a part of
+        /// the recording at least. What the noise of the pressure leaves is small
+        /// beside the noise of the angle and lasts for seconds: the correlation time
+        /// does not show it, and it moves parameters most.
         const PART: usize = 4;
-        // A correlation time is at most some thousand samples.
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-        let correlated = (CORRELATION_TIMES * correlation) as usize;
+        let independent = independent_stretch(correlation);
         let mut count = 0_u32;
         let mut this = Self {
             scatter: DMatrix::zeros(unknowns, unknowns),
@@ -71,7 +68,7 @@ impl Information {
             this.curvature.push(projected.tr_mul(&projected));
             this.slope.push(projected.tr_mul(&residual));
             let rows = residual.len();
-            let length = correlated.max(rows.div_ceil(PART)).max(SHORTEST);
+            let length = independent.max(rows.div_ceil(PART));
             let mut first = 0;
             while first < rows {
                 let height = length.min(rows - first);

@@ -80,6 +80,16 @@ pub fn correlation_time(runs: &[Vec<f64>]) -> f64 {
     time
 }
 
+/// Samples of a stretch that is independent of its neighbours, for series that
+/// are correlated over `correlation_time` samples: four times that, and at least
+/// 50. Sums over such stretches scatter as independent numbers do.
+pub fn independent_stretch(correlation_time: f64) -> usize {
+    // A correlation time is at most some thousand samples.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    let correlated = (4.0 * correlation_time) as usize;
+    correlated.max(50)
+}
+
 /// The standard deviation of the part of a residual that is *not* white: the
 /// root of the mean autocovariance at lags 1 to 5, where white noise has none.
 pub fn correlated_rms(runs: &[Vec<f64>]) -> f64 {

@@ -21,18 +21,16 @@ use rand_pcg::Pcg64Mcg;
 
 use super::candidates::Candidate;
 use crate::fit::{Fit, Fitter};
+use crate::statistics::independent_stretch;
 
 /// How often noise is dealt out again.
 const DRAWS: usize = 499;
 
-/// Blocks are so many correlation times long, …
-const CORRELATION_TIMES: f64 = 4.0;
-
-/// … at least so many samples, …
-const SHORTEST: usize = 50;
-
-/// … and at most this part of a recording.
+/// A block is at most this part of a recording, …
 const LONGEST: usize = 4;
+
+/// … and at least so many samples.
+const SHORTEST: usize = 50;
 
 /// Fewer blocks cannot show a chance of one in a hundred.
 const FEWEST: usize = 8;
@@ -84,13 +82,11 @@ struct Blocks {
 
 impl Blocks {
     fn of(fit: &Fit) -> Self {
-        // A correlation time is at most some thousand samples.
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-        let correlated = (CORRELATION_TIMES * fit.correlation_time()) as usize;
+        let independent = independent_stretch(fit.correlation_time());
         let mut ends = Vec::new();
         let mut first = 0;
         for run in &fit.residuals {
-            let length = correlated.min(run.len() / LONGEST).max(SHORTEST);
+            let length = independent.min(run.len() / LONGEST).max(SHORTEST);
             let mut end = 0;
             while end < run.len() {
                 end = (end + length).min(run.len());

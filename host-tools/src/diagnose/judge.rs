@@ -127,11 +127,6 @@ pub fn names(kinds: &[Kind]) -> Vec<String> {
     kinds.iter().map(|kind| kind.name().to_owned()).collect()
 }
 
-/// Whether the catalogue lists two effects as look-alikes, either way.
-pub fn look_alike(a: Kind, b: Kind) -> bool {
-    a.info().look_alikes.contains(&b.name()) || b.info().look_alikes.contains(&a.name())
-}
-
 /// What a judgement rests on.
 pub struct Court<'a, 'r> {
     /// What candidates were fitted to.
@@ -174,7 +169,7 @@ impl Court<'_, '_> {
         Findings {
             tried,
             best,
-            ..self.decide(refit, pool, &scoring)
+            ..self.decide(refit, pool, &scoring, &ranked)
         }
     }
 
@@ -215,10 +210,17 @@ impl Court<'_, '_> {
         self.judge.gap_closed(refit, candidate) >= share_needed(candidate.added.len(), left)
     }
 
-    fn decide(&self, refit: &Candidate, pool: &[Candidate], scoring: &Scoring<'_>) -> Findings {
-        let chosen = self.choose(refit, pool, scoring);
+    /// Decides from the standing of the structures of each size in `ranked`.
+    fn decide(
+        &self,
+        refit: &Candidate,
+        pool: &[Candidate],
+        scoring: &Scoring<'_>,
+        ranked: &[Vec<Ranked>],
+    ) -> Findings {
+        let chosen = self.choose(refit, pool, scoring, ranked);
         let size = pool[chosen].added.len();
-        let ranked = scoring.rank(pool, size.max(1));
+        let ranked = &ranked[size.max(1)];
         let alternative = |entry: &Ranked| Alternative {
             kinds: names(&pool[entry.index].added),
             probability: entry.probability,
@@ -287,10 +289,15 @@ impl Court<'_, '_> {
     /// The structure that the evidence asks for: from none upwards, a larger
     /// one replaces a smaller one if it brings what its effects cost and is
     /// better on runs that were not fitted.
-    fn choose(&self, refit: &Candidate, pool: &[Candidate], scoring: &Scoring<'_>) -> usize {
+    fn choose(
+        &self,
+        refit: &Candidate,
+        pool: &[Candidate],
+        scoring: &Scoring<'_>,
+        ranked: &[Vec<Ranked>],
+    ) -> usize {
         let mut chosen = 0;
-        for size in 1..=MAX_EFFECTS {
-            let ranked = scoring.rank(pool, size);
+        for (size, ranked) in ranked.iter().enumerate().skip(1) {
             let Some(best) = ranked.first().map(|first| first.index) else {
                 break;
             };
@@ -299,7 +306,7 @@ impl Court<'_, '_> {
             let evidence = scoring.score(smaller) - scoring.score(larger);
             if evidence >= required_evidence(more, self.kinds.len())
                 && self.growth(refit, smaller, larger).pays()
-                && self.chance(pool, smaller, &ranked) <= SIGNIFICANT
+                && self.chance(pool, smaller, ranked) <= SIGNIFICANT
             {
                 chosen = best;
             }

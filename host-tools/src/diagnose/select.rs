@@ -18,6 +18,7 @@ use super::adequate;
 use super::candidates::{Candidate, Scales};
 use super::noise::NoiseFloor;
 use crate::fit::Fit;
+use crate::statistics::independent_stretch;
 
 /// Evidence that a larger structure has to bring for each effect, on top of
 /// the cost of its parameters: 10 is "very strong" on the scale of Kass and
@@ -183,10 +184,10 @@ impl<'a> Scoring<'a> {
         for general in 0..ranked.len() {
             let special = ranked.iter().position(|entry| {
                 let (wide, narrow) = (&pool[ranked[general].index], &pool[entry.index]);
-                narrow.fit.free.len() < wide.fit.free.len()
+                is_special_case(&narrow.added, &wide.added)
+                    && narrow.fit.free.len() < wide.fit.free.len()
                     && entry.delta - ranked[general].delta < VERY_STRONG
                     && adequate(&narrow.fit, self.floor)
-                    && is_special_case(&narrow.added, &wide.added)
             });
             if let Some(special) = special {
                 let moved = std::mem::take(&mut ranked[general].probability);
@@ -245,14 +246,8 @@ fn implausibility(candidate: &Candidate, scales: &Scales) -> f64 {
 /// with the scatter of sums over blocks that are longer than the correlation.
 /// Positive where `rival` is worse; zero where there are too few blocks to say.
 pub fn separation(best: &Fit, rival: &Fit) -> f64 {
-    /// Blocks are so many correlation times long, …
-    const CORRELATION_TIMES: f64 = 4.0;
-    /// … and at least so many samples.
-    const SHORTEST: f64 = 50.0;
     let correlation = best.correlation_time().max(rival.correlation_time());
-    // A correlation time is at most some thousand samples.
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-    let length = (CORRELATION_TIMES * correlation).max(SHORTEST) as usize;
+    let length = independent_stretch(correlation);
     let mut sums: Vec<f64> = Vec::new();
     for (best, rival) in best.residuals.iter().zip(&rival.residuals) {
         for (best, rival) in best.chunks(length).zip(rival.chunks(length)) {
