@@ -704,11 +704,8 @@ impl Fitter<'_, '_> {
     /// a score test at the price of a single simulation with derivatives. Not
     /// finite where the model cannot be simulated.
     pub fn promise(&self, start: &Model<f64>, free: &[ParameterId]) -> f64 {
-        let problem = Problem::new(self, start, free);
-        let Some(residuals) = problem.residuals() else {
-            return f64::INFINITY;
-        };
-        let Some(jacobian) = problem.jacobian() else {
+        let starts: Vec<Start<f64>> = self.runs.iter().map(|run| run.start).collect();
+        let Some((residuals, jacobian)) = self.linearised(start, free, &starts) else {
             return f64::INFINITY;
         };
         let mut normal = jacobian.tr_mul(&jacobian);
@@ -722,6 +719,26 @@ impl Fitter<'_, '_> {
         normal
             .cholesky()
             .map_or(whole, |factor| whole - slope.dot(&factor.solve(&slope)))
+    }
+
+    /// Residuals (rad) of a model, and their derivatives in the coordinates in
+    /// which the solver moves: the parameters in `free`, then the starts of
+    /// recordings that begin in motion, about `starts`. None where it cannot be
+    /// simulated.
+    pub fn linearised(
+        &self,
+        model: &Model<f64>,
+        free: &[ParameterId],
+        starts: &[Start<f64>],
+    ) -> Option<(DVector<f64>, DMatrix<f64>)> {
+        let mut problem = Problem::new(self, model, free);
+        for (own, start) in problem.own.clone().into_iter().zip(starts) {
+            if let Some(column) = own {
+                problem.position[column.get() - 1] = start.angle;
+                problem.position[column.get()] = start.rate;
+            }
+        }
+        Some((problem.residuals()?, problem.jacobian()?))
     }
 
     /// The `count` starts that promise most.

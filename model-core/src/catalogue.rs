@@ -239,6 +239,18 @@ impl Kind {
             _ => None,
         }
     }
+
+    /// Effects that this one can follow better than their own formulas here, where
+    /// the actuator has them by another: many small lags in a row make a dead
+    /// time, and bristles that bend before they slip (LuGre) a hysteresis with a
+    /// small yield angle.
+    pub const fn imitates(self) -> &'static [Self] {
+        match self {
+            Self::DeadTime => &[Self::PneumaticLag, Self::SensorLag],
+            Self::BoucWenHysteresis => &[Self::CoulombFriction],
+            _ => &[],
+        }
+    }
 }
 
 #[cfg(test)]

@@ -309,6 +309,15 @@ pub struct Promise {
 }
 
 impl Promise {
+    /// What two effects beside those of `base` promise from one start.
+    pub fn of_start(base: &Candidate, pair: [Kind; 2], sse: f64, start: Model<f64>) -> Self {
+        Self {
+            added: base.added.iter().copied().chain(pair).collect(),
+            sse,
+            starts: vec![start],
+        }
+    }
+
     /// The effects in the order of the catalogue.
     pub fn set(&self) -> Vec<Kind> {
         let mut set = self.added.clone();
@@ -411,6 +420,11 @@ pub fn finish(ground: &Ground<'_, '_>, candidate: &Candidate) -> Candidate {
             .fitter
             .fit_kept(&candidate.fit.model, &free, Effort::Full, ground.checkpoint),
     }
+}
+
+/// Where `base`, as it was fitted, can start with `kind` added.
+pub fn starts_from(ground: &Ground<'_, '_>, base: &Candidate, kind: Kind) -> Vec<Model<f64>> {
+    starts(ground.file, ground.scales, base, kind).from_fitted
 }
 
 /// Where fits of `base` with `kind` added start: at every combination of the

@@ -46,6 +46,8 @@ pub struct HeldOut {
     pub floor: f64,
     /// Whether they were left out in turn rather than given.
     pub in_turn: bool,
+    /// Whether all of them are repeats of runs that were fitted.
+    pub only_repeats: bool,
     /// The same for each held-out run.
     pub runs: Vec<HeldOutRun>,
 }
@@ -97,6 +99,8 @@ pub struct Judge<'a, 'r> {
     folds: Vec<Vec<usize>>,
     /// Noise floor of the held-out runs (rad).
     floor: f64,
+    /// Whether every held-out run repeats one that was fitted.
+    only_repeats: bool,
     /// Squared errors of each run that were found before: several steps ask for
     /// the same ones.
     memo: Mutex<BTreeMap<Key, Vec<f64>>>,
@@ -112,13 +116,20 @@ impl<'a, 'r> Judge<'a, 'r> {
         given: &'a [Run<'r>],
         input: f64,
     ) -> Self {
-        let runs = if given.is_empty() { fitter.runs } else { given };
-        let recordings: Vec<Recording> = runs.iter().map(|run| run.recording.clone()).collect();
-        let floor = NoiseFloor::of(&recordings);
-        let folds = if given.is_empty() {
-            folds(runs.len(), &floor.groups)
+        let recordings = |runs: &[Run<'_>]| -> Vec<Recording> {
+            runs.iter().map(|run| run.recording.clone()).collect()
+        };
+        let (floor, folds, only_repeats) = if given.is_empty() {
+            let floor = NoiseFloor::of(&recordings(fitter.runs));
+            let folds = folds(fitter.runs.len(), &floor.groups);
+            let only_repeats = fold_repeats(&folds, &floor.groups);
+            (floor, folds, only_repeats)
         } else {
-            Vec::new()
+            let floor = NoiseFloor::of(&recordings(given));
+            let all = [recordings(fitter.runs), recordings(given)].concat();
+            let fitted = fitter.runs.len();
+            let only_repeats = are_repeats(fitted, all.len(), &NoiseFloor::of(&all).groups);
+            (floor, Vec::new(), only_repeats)
         };
         Self {
             file,
@@ -126,6 +137,7 @@ impl<'a, 'r> Judge<'a, 'r> {
             given,
             folds,
             floor: floor.rms.hypot(input),
+            only_repeats,
             memo: Mutex::default(),
         }
     }
@@ -152,6 +164,11 @@ impl<'a, 'r> Judge<'a, 'r> {
     /// What nothing can remove from the error on the held-out runs (rad).
     pub fn floor(&self) -> f64 {
         self.floor
+    }
+
+    /// Whether every held-out run repeats one that was fitted.
+    pub fn has_only_repeats(&self) -> bool {
+        self.only_repeats
     }
 
     /// RMS error (rad) over all runs from the sums of each.
@@ -191,6 +208,7 @@ impl<'a, 'r> Judge<'a, 'r> {
             repaired_on_board: self.rms(&after),
             floor: self.floor,
             in_turn: self.given.is_empty(),
+            only_repeats: self.only_repeats,
             runs: nominal
                 .residuals
                 .iter()
@@ -300,6 +318,26 @@ fn folds(runs: usize, repeats: &[Vec<usize>]) -> Vec<Vec<usize>> {
     (0..count)
         .map(|fold| (fold..runs).step_by(count).collect())
         .collect()
+}
+
+/// Whether each run has a repeat in another fold.
+fn fold_repeats(folds: &[Vec<usize>], repeats: &[Vec<usize>]) -> bool {
+    folds.iter().all(|fold| {
+        fold.iter().all(|run| {
+            repeats
+                .iter()
+                .any(|group| group.contains(run) && group.iter().any(|other| !fold.contains(other)))
+        })
+    })
+}
+
+/// Whether each run from `fitted` to `all` has a repeat among the first `fitted`.
+fn are_repeats(fitted: usize, all: usize, repeats: &[Vec<usize>]) -> bool {
+    (fitted..all).all(|run| {
+        repeats
+            .iter()
+            .any(|group| group.contains(&run) && group.iter().any(|&other| other < fitted))
+    })
 }
 
 /// Sum of squares of each run.

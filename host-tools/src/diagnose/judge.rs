@@ -32,22 +32,32 @@ const GAP_CUT_SEVERAL: f64 = 0.8;
 /// formula left up to 1.6 times …
 const LEFT: f64 = 1.6;
 
-/// … and several effects that were right up to 1.4 times …
+/// … and several effects that were right up to 1.4 times, …
 const LEFT_BY_SEVERAL: f64 = 1.45;
 
-/// … unless the gap was so large that this share of it is removed.
+/// … and less where all that is held out repeats what was fitted: repeats show
+/// how large the noise is, not whether a formula holds where it was not fitted.
+const LEFT_ON_REPEATS: f64 = 1.2;
+
+/// More may be left if the gap was so large that this share of it is removed.
 const GAP_CUT_LARGE: f64 = 0.9;
 
 /// How many times the noise so many effects may leave before more is asked of
 /// them.
-pub fn left_allowed(effects: usize) -> f64 {
-    if effects > 1 { LEFT_BY_SEVERAL } else { LEFT }
+pub fn left_allowed(effects: usize, only_repeats: bool) -> f64 {
+    if only_repeats {
+        LEFT_ON_REPEATS
+    } else if effects > 1 {
+        LEFT_BY_SEVERAL
+    } else {
+        LEFT
+    }
 }
 
 /// The share of the held-out gap that so many effects have to remove for a name
 /// if they leave `left` times the noise.
-pub fn share_needed(effects: usize, left: f64) -> f64 {
-    if left > left_allowed(effects) {
+pub fn share_needed(effects: usize, left: f64, only_repeats: bool) -> f64 {
+    if left > left_allowed(effects, only_repeats) {
         GAP_CUT_LARGE
     } else if effects > 1 {
         GAP_CUT_SEVERAL
@@ -55,6 +65,10 @@ pub fn share_needed(effects: usize, left: f64) -> f64 {
         GAP_CUT
     }
 }
+
+/// What could not be named itself and removes so much less of the gap than the
+/// best is no rival.
+const FALLS_SHORT: f64 = 0.2;
 
 /// As many rivals are shown.
 const RIVALS_SHOWN: usize = 3;
@@ -207,7 +221,8 @@ impl Court<'_, '_> {
     /// Whether a structure explains enough of the gap to be given as a cause.
     fn explains(&self, refit: &Candidate, candidate: &Candidate) -> bool {
         let left = self.judge.error_of(candidate) / self.judge.floor();
-        self.judge.gap_closed(refit, candidate) >= share_needed(candidate.added.len(), left)
+        let needed = share_needed(candidate.added.len(), left, self.judge.has_only_repeats());
+        self.judge.gap_closed(refit, candidate) >= needed
     }
 
     /// Decides from the standing of the structures of each size in `ranked`.
@@ -237,7 +252,16 @@ impl Court<'_, '_> {
                 ..Findings::nothing(Answer::Unexplained, refit)
             };
         }
-        let surviving: Vec<&Ranked> = ranked.iter().filter(|entry| !entry.rejected).collect();
+        let closed = self.judge.gap_closed(refit, &pool[chosen]);
+        let surviving: Vec<&Ranked> = ranked
+            .iter()
+            .filter(|entry| !entry.rejected)
+            .filter(|entry| {
+                let rival = &pool[entry.index];
+                closed - self.judge.gap_closed(refit, rival) < FALLS_SHORT
+                    || self.explains(refit, rival)
+            })
+            .collect();
         let probability_of = |kind: Kind| {
             ranked
                 .iter()
@@ -288,7 +312,8 @@ impl Court<'_, '_> {
 
     /// The structure that the evidence asks for: from none upwards, a larger
     /// one replaces a smaller one if it brings what its effects cost and is
-    /// better on runs that were not fitted.
+    /// better on runs that were not fitted. Where two explain the gap, a third would
+    /// only mend their formulas.
     fn choose(
         &self,
         refit: &Candidate,
@@ -302,10 +327,13 @@ impl Court<'_, '_> {
                 break;
             };
             let (smaller, larger) = (&pool[chosen], &pool[best]);
+            if smaller.added.len() > 1 && self.explains(refit, smaller) {
+                break;
+            }
             let more = size - smaller.added.len();
             let evidence = scoring.score(smaller) - scoring.score(larger);
             if evidence >= required_evidence(more, self.kinds.len())
-                && self.growth(refit, smaller, larger).pays()
+                && self.growth(smaller, larger).pays()
                 && self.chance(pool, smaller, ranked) <= SIGNIFICANT
             {
                 chosen = best;
@@ -324,14 +352,14 @@ impl Court<'_, '_> {
         chance(self.ground.fitter, smaller, &rivals, self.seed)
     }
 
-    fn growth(&self, refit: &Candidate, smaller: &Candidate, larger: &Candidate) -> Growth {
+    fn growth(&self, smaller: &Candidate, larger: &Candidate) -> Growth {
         Growth {
             before: smaller.added.len(),
             smaller: self.judge.error_of(smaller),
             larger: self.judge.error_of(larger),
-            closed_before: self.judge.gap_closed(refit, smaller),
-            closed: self.judge.gap_closed(refit, larger),
+            floor: self.judge.floor(),
             adequate: adequate(&larger.fit, self.floor),
+            only_repeats: self.judge.has_only_repeats(),
         }
     }
 

@@ -30,6 +30,7 @@ pub mod quality;
 pub mod search;
 pub mod select;
 pub mod smoother;
+pub mod together;
 pub mod verdict;
 
 use model_core::actuator::{Model, ParameterId};

@@ -14,9 +14,9 @@ use model_core::actuator::MAX_EFFECTS;
 use model_core::catalogue::Kind;
 use rayon::prelude::*;
 
-use super::candidates::{Candidate, Ground, finish, glance, promise, without};
+use super::candidates::{Candidate, Ground, Promise, finish, glance, promise, without};
 use super::noise::NoiseFloor;
-use super::{Progress, adequate};
+use super::{Progress, adequate, together};
 
 /// Structures that are expanded at the first, second and third effect.
 const BEAM: [usize; MAX_EFFECTS] = [1, 4, 3];
@@ -36,6 +36,9 @@ const RIVALS_SHOWN: usize = 3;
 
 /// Structures that are fitted to the end in the place of one effect of the best.
 const SWAPPED: usize = 3;
+
+/// Two effects that promise most together are followed so many times.
+const JOINED: usize = 12;
 
 /// Where no combination removes this share of the gap at a glance, none will be
 /// named, …
@@ -93,6 +96,9 @@ pub fn search(
             let finished = SWAPPED;
             let swapped = swap(ground, kinds, &pool, size, Width { finished, ..width });
             pool.extend(swapped);
+            let joined = join(ground, kinds, &pool, size, width);
+            pool.extend(joined);
+            look_back(ground, &mut pool, size);
         }
     }
     pool
@@ -137,6 +143,56 @@ fn swap(
         found.extend(better);
     }
     found
+}
+
+/// Fits what the best structure of `size` effects has without each of them again,
+/// from where it stands: with an effect too many, a fit sometimes finds the
+/// valley that it missed without.
+fn look_back(ground: &Ground<'_, '_>, pool: &mut Pool, size: usize) {
+    let Some(best) = smallest(pool, size, 1).first().map(|&k| pool[k].clone()) else {
+        return;
+    };
+    let rests: Vec<Candidate> = best
+        .added
+        .par_iter()
+        .filter_map(|&out| without(ground, &best, out))
+        .collect();
+    for rest in rests {
+        match pool
+            .iter_mut()
+            .find(|candidate| candidate.set() == rest.set())
+        {
+            Some(known) if known.fit.sse() <= rest.fit.sse() => {}
+            Some(known) => *known = rest,
+            None => pool.push(rest),
+        }
+    }
+}
+
+/// What the best structure of two effects less becomes with two that promise
+/// most together, as far as it was not fitted before.
+fn join(
+    ground: &Ground<'_, '_>,
+    kinds: &[Kind],
+    pool: &[Candidate],
+    size: usize,
+    width: Width,
+) -> Vec<Candidate> {
+    let Some(base) = smallest(pool, size - 2, 1).first().map(|&k| &pool[k]) else {
+        return Vec::new();
+    };
+    let known: BTreeSet<Vec<Kind>> = pool.iter().map(Candidate::set).collect();
+    let mut promises = together::promises(ground, base, kinds);
+    promises.retain(|promise| !known.contains(&promise.set()));
+    follow(
+        ground,
+        promises,
+        Width {
+            followed: JOINED,
+            finished: SWAPPED,
+            ..width
+        },
+    )
 }
 
 /// Whether a structure removes enough of the gap to be extended.
@@ -187,6 +243,12 @@ fn extend(
     promises.sort_by(|a, b| a.sse.total_cmp(&b.sse));
     let mut seen = BTreeSet::new();
     promises.retain(|promise| seen.insert(promise.set()));
+    follow(ground, promises, width)
+}
+
+/// Fits the best of some promises, sorted, at a glance, and the best of those
+/// to the end.
+fn follow(ground: &Ground<'_, '_>, mut promises: Vec<Promise>, width: Width) -> Vec<Candidate> {
     promises.truncate(width.followed);
     let mut glances: Vec<Candidate> = promises
         .par_iter()

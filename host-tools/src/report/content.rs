@@ -406,14 +406,19 @@ fn why_no_name(diagnosis: &Diagnosis) -> String {
     format!(
         "The best of all that was tried closes {} of that gap. {} ",
         percent(closed),
-        shortfall(best.kinds.len(), error / diagnosis.held_out.floor, closed)
+        shortfall(
+            best.kinds.len(),
+            error / diagnosis.held_out.floor,
+            closed,
+            diagnosis.held_out.only_repeats
+        )
     )
 }
 
 /// What a structure of `effects` effects lacks for a name that leaves `left`
 /// times the noise on runs that were not fitted, and closes `closed` of the gap.
-fn shortfall(effects: usize, left: f64, closed: f64) -> String {
-    let needed = judge::share_needed(effects, left);
+fn shortfall(effects: usize, left: f64, closed: f64, only_repeats: bool) -> String {
+    let needed = judge::share_needed(effects, left, only_repeats);
     if closed >= needed {
         return "That share would do for a name, but the rest of the evidence does not: what it \
                 gains over simpler explanations could be chance, or is too little on runs that \
@@ -421,11 +426,16 @@ fn shortfall(effects: usize, left: f64, closed: f64) -> String {
             .into();
     }
     let percent = 100.0 * needed;
-    let allowed = judge::left_allowed(effects);
+    let allowed = judge::left_allowed(effects, only_repeats);
     if left > allowed {
+        let because = if only_repeats {
+            ", because every run that was held out repeats one that was fitted"
+        } else {
+            ""
+        };
         format!(
             "That is not enough: where more than {allowed} times the noise is left, a name needs \
-             at least {percent:.0} %."
+             at least {percent:.0} %{because}."
         )
     } else if effects > 1 {
         format!(
@@ -1167,10 +1177,11 @@ mod tests {
 
     #[test]
     fn what_a_name_needs_depends_on_what_is_left() {
-        assert!(shortfall(1, 1.2, 0.7).contains("75 %"));
-        assert!(shortfall(2, 1.2, 0.78).contains("80 %"));
-        assert!(shortfall(1, 1.7, 0.85).contains("90 %"));
-        assert!(shortfall(1, 1.2, 0.78).contains("chance"));
+        assert!(shortfall(1, 1.2, 0.7, false).contains("75 %"));
+        assert!(shortfall(2, 1.2, 0.78, false).contains("80 %"));
+        assert!(shortfall(1, 1.7, 0.85, false).contains("90 %"));
+        assert!(shortfall(1, 1.3, 0.85, true).contains("90 %"));
+        assert!(shortfall(1, 1.2, 0.78, false).contains("chance"));
     }
 
     #[test]

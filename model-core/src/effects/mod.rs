@@ -217,6 +217,15 @@ impl Unit {
         }
     }
 
+    /// Whether it measures a force, or a force by something: an effect is twice as
+    /// strong with twice as much.
+    pub const fn is_force(self) -> bool {
+        matches!(
+            self,
+            Self::Newton | Self::NewtonPerRad | Self::NewtonPerRad3 | Self::NewtonSecond2PerRad2
+        )
+    }
+
     /// Converts a value from a file to SI units.
     pub fn to_si<R: Real>(self, value: R) -> R {
         match self {

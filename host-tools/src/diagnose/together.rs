@@ -1,0 +1,216 @@
+//! Effects that help only together.
+//!
+//! Drag and dry friction each bend the decay of a pendulum the wrong way, and
+//! neither alone brings anything; a search that adds one effect at a time never
+//! sees the two. Their promise together is linear algebra: what each effect does
+//! to the simulated angle, to first order, is known from one simulation with
+//! derivatives, and every two of them can be set against the residual at once
+//! without another one.
+
+use std::collections::BTreeSet;
+
+use model_core::actuator::{MAX_EFFECTS, Model, ParameterId};
+use model_core::catalogue::Kind;
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+use crate::fit::Fitter;
+use crate::simulate::Start;
+
+use super::candidates::{Candidate, Ground, Promise, free_parameters, starts_from};
+
+/// Starts of each effect that are set against those of every other.
+const STARTS: usize = 2;
+
+/// Relative weight that keeps columns that say the same from cancelling.
+const RIDGE: f64 = 1e-6;
+
+/// What one effect does at one of its starts.
+struct Direction {
+    kind: Kind,
+    start: Model<f64>,
+    /// The change of the residual, and its derivatives by the effect's own
+    /// parameters, a column each; without what the base can do itself.
+    columns: DMatrix<f64>,
+}
+
+/// What every two effects promise beside those of `base`, the best first. Empty
+/// where the model has no room for two more.
+pub fn promises(ground: &Ground<'_, '_>, base: &Candidate, kinds: &[Kind]) -> Vec<Promise> {
+    let known = ground.file.model.effects().count() + base.added.len();
+    if known + 2 > MAX_EFFECTS {
+        return Vec::new();
+    }
+    let Some(at) = Point::of(ground, base) else {
+        return Vec::new();
+    };
+    let directions: Vec<Direction> = kinds
+        .par_iter()
+        .filter(|kind| !base.added.contains(kind))
+        .flat_map_iter(|&kind| directions(ground, base, kind, &at))
+        .collect();
+    let mut promised: Vec<(f64, usize, usize)> = (0..directions.len())
+        .into_par_iter()
+        .flat_map_iter(|a| (0..a).map(move |b| (a, b)))
+        .filter(|&(a, b)| directions[a].kind != directions[b].kind)
+        .filter_map(|(a, b)| {
+            let [first, second] = [a, b].map(|index| &directions[index].columns);
+            Some((left_by(&at.residual, first, second)?, a, b))
+        })
+        .collect();
+    promised.sort_by(|x, y| x.0.total_cmp(&y.0));
+    let mut seen = BTreeSet::new();
+    promised
+        .into_iter()
+        .filter_map(|(sse, a, b)| {
+            let (a, b) = (&directions[a], &directions[b]);
+            let promise = Promise::of_start(base, [a.kind, b.kind], sse, both(base, a, b)?);
+            seen.insert(promise.set()).then_some(promise)
+        })
+        .collect()
+}
+
+/// What an effect does at its most promising starts.
+fn directions(ground: &Ground<'_, '_>, base: &Candidate, kind: Kind, at: &Point) -> Vec<Direction> {
+    let mut added = base.added.clone();
+    added.push(kind);
+    let own = free_parameters(ground.file, &added).split_off(base.fit.free.len());
+    let free = [at.free.as_slice(), &own].concat();
+    let mut found: Vec<(f64, Direction)> = starts_from(ground, base, kind)
+        .par_iter()
+        .filter_map(|start| {
+            let direction = at.direction(ground.excerpt, kind, *start, &free)?;
+            let none = DMatrix::zeros(at.residual.nrows(), 0);
+            Some((left_by(&at.residual, &direction.columns, &none)?, direction))
+        })
+        .collect();
+    found.sort_by(|a, b| a.0.total_cmp(&b.0));
+    found.truncate(STARTS);
+    found.into_iter().map(|(_, direction)| direction).collect()
+}
+
+/// The base about which effects are set against its residual.
+struct Point {
+    /// Starts of the recordings, as fitted.
+    starts: Vec<Start<f64>>,
+    /// Free parameters of the base, but for those at the edge of their range.
+    free: Vec<ParameterId>,
+    /// The residual.
+    whole: DVector<f64>,
+    /// An orthonormal basis of what the base's own parameters can do: not the
+    /// effects' merit.
+    reachable: DMatrix<f64>,
+    /// What they leave of the residual.
+    residual: DMatrix<f64>,
+}
+
+impl Point {
+    fn of(ground: &Ground<'_, '_>, base: &Candidate) -> Option<Self> {
+        let movable = |(index, &id)| (!base.fit.at_bound(index)).then_some(id);
+        let free: Vec<ParameterId> = base
+            .fit
+            .free
+            .iter()
+            .enumerate()
+            .filter_map(movable)
+            .collect();
+        let starts = ground.excerpt.compare(&base.fit.model).starts;
+        let (whole, jacobian) = ground.excerpt.linearised(&base.fit.model, &free, &starts)?;
+        let reachable = jacobian.qr().q();
+        let residual = beyond(&reachable, &DMatrix::from_columns(&[whole.clone()]));
+        Some(Self {
+            starts,
+            free,
+            whole,
+            reachable,
+            residual,
+        })
+    }
+
+    /// What an effect does. Forces are made so small that they change no more
+    /// than what is missing: beyond that nothing is linear.
+    fn direction(
+        &self,
+        fitter: &Fitter<'_, '_>,
+        kind: Kind,
+        start: Model<f64>,
+        free: &[ParameterId],
+    ) -> Option<Direction> {
+        /// How often a force is made smaller.
+        const ATTEMPTS: usize = 4;
+        let mut start = start;
+        for attempt in 1.. {
+            let (changed, jacobian) = fitter.linearised(&start, free, &self.starts)?;
+            let change = changed - &self.whole;
+            let excess = change.norm() / self.whole.norm();
+            if excess > 1.0 && attempt < ATTEMPTS {
+                start = weaker(&start, 1.0 / excess)?;
+                continue;
+            }
+            let own = jacobian.columns(self.free.len(), free.len() - self.free.len());
+            let mut columns = DMatrix::zeros(change.len(), own.ncols() + 1);
+            columns.set_column(0, &change);
+            columns.columns_mut(1, own.ncols()).copy_from(&own);
+            return Some(Direction {
+                kind,
+                start,
+                columns: beyond(&self.reachable, &columns),
+            });
+        }
+        None
+    }
+}
+
+/// The part of columns that is orthogonal to a basis.
+fn beyond(basis: &DMatrix<f64>, columns: &DMatrix<f64>) -> DMatrix<f64> {
+    columns - basis * basis.tr_mul(columns)
+}
+
+/// A model with the forces of its last effect multiplied by `factor`.
+fn weaker(model: &Model<f64>, factor: f64) -> Option<Model<f64>> {
+    let last = model.effects().last()?;
+    let slot = model.effects().count() - 1;
+    let mut weaker = *model;
+    for (parameter, row) in last.parameters().iter().enumerate() {
+        let id = ParameterId::Effect { slot, parameter };
+        if row.held.is_none() && row.unit.is_force() {
+            weaker = weaker.with_value(id, factor * model.value(id)?);
+        }
+    }
+    Some(weaker)
+}
+
+/// The sum of squares that the columns of two effects leave of a residual.
+fn left_by(residual: &DMatrix<f64>, a: &DMatrix<f64>, b: &DMatrix<f64>) -> Option<f64> {
+    let (n, m) = (a.ncols(), b.ncols());
+    let mut normal = DMatrix::zeros(n + m, n + m);
+    normal.view_mut((0, 0), (n, n)).copy_from(&a.tr_mul(a));
+    normal.view_mut((n, n), (m, m)).copy_from(&b.tr_mul(b));
+    let mixed = a.tr_mul(b);
+    normal.view_mut((0, n), (n, m)).copy_from(&mixed);
+    normal
+        .view_mut((n, 0), (m, n))
+        .copy_from(&mixed.transpose());
+    for k in 0..n + m {
+        normal[(k, k)] += RIDGE * normal[(k, k)] + f64::MIN_POSITIVE;
+    }
+    let mut slope = DVector::zeros(n + m);
+    slope.rows_mut(0, n).copy_from(&a.tr_mul(residual));
+    slope.rows_mut(n, m).copy_from(&b.tr_mul(residual));
+    let step = normal.cholesky()?.solve(&slope);
+    let left = residual.norm_squared() - slope.dot(&step);
+    left.is_finite().then_some(left)
+}
+
+/// The base with both effects at their starts.
+fn both(base: &Candidate, a: &Direction, b: &Direction) -> Option<Model<f64>> {
+    let last = |model: &Model<f64>| model.effects().last().copied();
+    let effects: Vec<_> = base
+        .fit
+        .model
+        .effects()
+        .copied()
+        .chain([last(&a.start)?, last(&b.start)?])
+        .collect();
+    Model::new(*base.fit.model.dynamics(), &effects).ok()
+}
