@@ -17,6 +17,7 @@ use model_core::actuator::{Model, ParameterId};
 use nalgebra::storage::Owned;
 use nalgebra::{DMatrix, DVector, Dyn};
 use rayon::prelude::*;
+use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use crate::checkpoint::{Checkpoint, fingerprint};
 use crate::denoise;
@@ -553,12 +554,13 @@ impl Fit {
             .is_some_and(|(coordinate, &u)| coordinate.is_at_edge(u))
     }
 
-    /// 95 % interval of the free parameter at `index` in SI units, cut at the
-    /// parameter's bounds.
+    /// 95 % interval of the free parameter at `index` in SI units, by Student's
+    /// distribution, cut at the parameter's bounds.
     pub fn interval95(&self, index: usize) -> Option<(f64, f64)> {
         let id = *self.free.get(index)?;
         let value = self.model.value(id)?;
-        let half = 1.96 * self.standard_errors.get(index)?;
+        let half =
+            student95(self.information.degrees_of_freedom()) * self.standard_errors.get(index)?;
         let (lower, upper) = bounds(&self.model, id);
         Some(((value - half).max(lower), (value + half).min(upper)))
     }
@@ -679,6 +681,18 @@ impl Fitter<'_, '_> {
                 .flat_map(f64::to_le_bytes)
         });
         fingerprint(text.into_bytes().into_iter().chain(samples))
+    }
+
+    /// Widens the standard errors of a fit by what is not known about parameters
+    /// that it held.
+    pub fn allow_for(&self, fit: &mut Fit, held: &[ParameterId]) {
+        let free = [fit.free.as_slice(), held].concat();
+        let wider = Problem::new(self, &fit.model, &free).finish(fit.converged, Effort::Full);
+        for (error, wider) in fit.standard_errors.iter_mut().zip(wider.standard_errors) {
+            if wider.is_finite() {
+                *error = error.max(wider);
+            }
+        }
     }
 
     /// Simulates `model` as it is and compares.
@@ -1045,6 +1059,12 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_, '_> {
             .all(|entry| entry.is_finite())
             .then_some(jacobian)
     }
+}
+
+/// The quantile of Student's distribution between whose two values 95 % lie.
+fn student95(degrees_of_freedom: usize) -> f64 {
+    StudentsT::new(0.0, 1.0, degrees_of_freedom.max(1) as f64)
+        .map_or(f64::INFINITY, |student| student.inverse_cdf(0.975))
 }
 
 /// RMS of each recording's residual (rad), in order.

@@ -23,9 +23,14 @@ pub struct Information {
     slope: Vec<DVector<f64>>,
     /// Σ (Jᵀr)(Jᵀr)ᵀ over blocks of samples: how much the slope scatters.
     scatter: DMatrix<f64>,
+    /// Number of those blocks.
+    blocks: usize,
     /// Mean square of the residual (rad²).
     variance: f64,
 }
+
+/// Fewer recordings say little about their own scatter.
+const FEWEST_RECORDINGS: usize = 5;
 
 /// Derivatives and residuals of one recording.
 pub struct Block<'a> {
@@ -51,7 +56,6 @@ impl Information {
         /// does not show it, and it moves parameters most.
         const PART: usize = 4;
         let independent = independent_stretch(correlation);
-        let mut count = 0_u32;
         let mut this = Self {
             scatter: DMatrix::zeros(unknowns, unknowns),
             ..Self::default()
@@ -77,14 +81,14 @@ impl Information {
                     .tr_mul(&residual.rows(first, height));
                 this.scatter += &sum * sum.transpose();
                 first += height;
-                count += 1;
+                this.blocks += 1;
             }
             squares += residual.norm_squared();
             samples += rows;
         }
         // Each parameter takes the scatter of one block away.
-        if f64::from(count) > unknowns as f64 {
-            this.scatter *= f64::from(count) / (f64::from(count) - unknowns as f64);
+        if this.blocks > unknowns {
+            this.scatter *= this.blocks as f64 / (this.blocks - unknowns) as f64;
         }
         this.variance = squares / samples.saturating_sub(unknowns).max(1) as f64;
         this
@@ -93,6 +97,17 @@ impl Information {
     /// Number of free parameters.
     pub fn unknowns(&self) -> usize {
         self.scatter.nrows()
+    }
+
+    /// How many independent differences the covariance rests on: of recordings,
+    /// or of blocks where there are few recordings.
+    pub fn degrees_of_freedom(&self) -> usize {
+        let recordings = self.curvature.len();
+        if recordings < FEWEST_RECORDINGS {
+            self.blocks.saturating_sub(self.unknowns()).max(1)
+        } else {
+            recordings - 1
+        }
     }
 
     /// JᵀJ of all recordings but those in `left_out`.
@@ -112,14 +127,19 @@ impl Information {
     ///
     /// Correlated residuals and residuals that are larger here than there are
     /// allowed for by their own scatter (the sandwich estimate, summed over
-    /// blocks); white noise of the same size sets the least.
+    /// blocks). No variance is less than white noise of the same size would give,
+    /// nor less than the fits without one recording each scatter (the jackknife):
+    /// what a wrong formula or the pressure's noise does to a recording as a whole
+    /// shows only there.
     pub fn covariance(&self) -> Option<DMatrix<f64>> {
         let bread = inverse(&self.total(&[]))?;
         let white = &bread * self.variance;
         let robust = &bread * &self.scatter * &bread;
+        let jackknife = self.jackknife();
         let mut covariance = robust;
         for k in 0..covariance.nrows() {
-            let (least, found) = (white[(k, k)], covariance[(k, k)]);
+            let found = covariance[(k, k)];
+            let least = white[(k, k)].max(jackknife.as_ref().map_or(0.0, |variance| variance[k]));
             if found < least && found > 0.0 {
                 let factor = (least / found).sqrt();
                 covariance.row_mut(k).scale_mut(factor);
@@ -127,6 +147,29 @@ impl Information {
             }
         }
         Some(covariance)
+    }
+
+    /// Variance of the free parameters from the fits without one recording each
+    /// (Tukey 1958). None if there are too few recordings, or one without which
+    /// nothing determines them.
+    fn jackknife(&self) -> Option<DVector<f64>> {
+        let count = self.curvature.len();
+        if count < FEWEST_RECORDINGS {
+            return None;
+        }
+        let whole = self.total(&[]);
+        let moved: Vec<DVector<f64>> = self
+            .curvature
+            .iter()
+            .zip(&self.slope)
+            .map(|(curvature, slope)| Some(inverse(&(&whole - curvature))? * slope))
+            .collect::<Option<_>>()?;
+        let mean = moved.iter().sum::<DVector<f64>>() / count as f64;
+        let scatter = moved
+            .iter()
+            .map(|step| (step - &mean).map(|by| by * by))
+            .sum::<DVector<f64>>();
+        Some(scatter * ((count - 1) as f64 / count as f64))
     }
 
     /// Directions in which the parameters can move by more than `limit` times

@@ -384,20 +384,21 @@ impl Court<'_, '_> {
         (evidence >= required_evidence(core.len(), self.kinds.len())).then(|| candidate.clone())
     }
 
-    /// Frees parameters that are held at first, where the evidence asks for it.
-    fn with_released(&self, candidate: Candidate, scoring: &Scoring<'_>) -> Candidate {
-        /// A freed parameter has to make held-out errors smaller by this factor.
-        const BETTER: f64 = 0.9;
+    /// Frees parameters that are held at first, where that pays for itself and runs
+    /// that were not fitted do not speak against it. Where it does not, they stay as
+    /// they are, and the intervals of all others allow for it: nobody knows that
+    /// gravity pulls just so.
+    fn with_released(&self, mut candidate: Candidate, scoring: &Scoring<'_>) -> Candidate {
         let Some(freed) = released(&self.ground, &candidate) else {
             return candidate;
         };
-        let evidence = scoring.score(&candidate) - scoring.score(&freed);
-        if evidence >= required_evidence(1, 1)
-            && self.judge.error_of(&freed) < BETTER * self.judge.error_of(&candidate)
+        if scoring.score(&freed) <= scoring.score(&candidate)
+            && self.judge.error_of(&freed) < self.judge.error_of(&candidate)
         {
-            freed
-        } else {
-            candidate
+            return freed;
         }
+        let held = &freed.fit.free[candidate.fit.free.len()..];
+        self.ground.fitter.allow_for(&mut candidate.fit, held);
+        candidate
     }
 }

@@ -117,7 +117,10 @@ impl Point {
         let starts = ground.excerpt.compare(&base.fit.model).starts;
         let (whole, jacobian) = ground.excerpt.linearised(&base.fit.model, &free, &starts)?;
         let reachable = jacobian.qr().q();
-        let residual = beyond(&reachable, &DMatrix::from_columns(&[whole.clone()]));
+        let residual = beyond(
+            &reachable,
+            &DMatrix::from_columns(std::slice::from_ref(&whole)),
+        );
         Some(Self {
             starts,
             free,
