@@ -2,14 +2,15 @@
 //!
 //! The steps, each a module whose output is data that reports can show:
 //!
-//! 1. [`quality`]: recordings that cannot be used are refused, others noted.
+//! 1. [`quality`] and [`slips`]: recordings that cannot be used are refused, others
+//!    noted.
 //! 2. [`noise`]: how small a residual can get.
 //! 3. [`identify`]: refit, for a wrong parameter is not a missing effect, and
 //!    which parameters the recordings determine.
 //! 4. Adequate? If what is left cannot be told from noise, stop and say so.
 //! 5. [`mod@localise`]: where the gap lives, by a [`smoother`].
 //! 6. [`mod@search`]: simulate and fit the [`candidates`] of the catalogue, alone
-//!    and together.
+//!    and [`together`].
 //! 7. [`select`]: which structure the recordings ask for, with rivals that
 //!    cannot be rejected kept; [`mod@bootstrap`]: could chance have asked for it?
 //!    [`holdout`]: does it also hold on runs that were not fitted?
@@ -29,6 +30,7 @@ pub mod plan;
 pub mod quality;
 pub mod search;
 pub mod select;
+pub mod slips;
 pub mod smoother;
 pub mod together;
 pub mod verdict;
@@ -198,7 +200,7 @@ fn diagnose_all(
         // That none is repeated, or all are short, matters for what is fitted.
         concerns.extend(found.into_iter().filter(|it| it.recording.is_some()));
     }
-    quality::refuse_other_units(file, recordings)?;
+    slips::refuse(file, recordings)?;
     let runs = Run::all(recordings);
     let fitter = Fitter {
         nominal: &file.model,

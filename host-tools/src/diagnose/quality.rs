@@ -9,7 +9,7 @@
 //! | one recording, none to judge by | refused |
 //! | no motion in any recording, or hardly any samples | refused |
 //! | no motion in one of them | said |
-//! | units mixed up | refused, with the unit that fits |
+//! | units mixed up, columns exchanged | refused, with what fits ([`super::slips`]) |
 //! | pressure at the end of its range | refused: the input is not known |
 //! | more than a fifth of the samples missing | refused |
 //! | angle at the end of its range | those samples are not fitted |
@@ -274,124 +274,6 @@ fn timing(recording: &Recording) -> Result<Option<Concern>, InputError> {
     }))
 }
 
-/// A slip of units: what the column would have to be multiplied by.
-struct Slip {
-    column: &'static str,
-    read_as: &'static str,
-    factor: f64,
-}
-
-const SLIPS: [Slip; 5] = [
-    Slip {
-        column: "pressure_kpa",
-        read_as: "psi",
-        factor: 6.894_757,
-    },
-    Slip {
-        column: "pressure_kpa",
-        read_as: "bar",
-        factor: 100.0,
-    },
-    Slip {
-        column: "pressure_kpa",
-        read_as: "MPa",
-        factor: 1000.0,
-    },
-    Slip {
-        column: "pressure_kpa",
-        read_as: "Pa",
-        factor: 0.001,
-    },
-    Slip {
-        column: "angle_deg",
-        read_as: "radians",
-        factor: 57.295_78,
-    },
-];
-
-/// Refuses recordings with which the nominal model agrees far better if one of
-/// their columns is read in another unit. Data sheets are right to a third, so
-/// a factor of six or more is not a matter of parameters.
-///
-/// # Errors
-///
-/// Names the recordings, the column and the unit.
-pub fn refuse_other_units(file: &ModelFile, recordings: &[Recording]) -> Result<(), InputError> {
-    /// A nominal model that misses by less, relative to the motion, is in the
-    /// right units.
-    const WRONG: f64 = 0.6;
-    /// One that misses by no more than this with the other unit is convincing.
-    const RIGHT: f64 = 0.35;
-    let mut found: Vec<(usize, &Recording)> = Vec::new();
-    for recording in recordings {
-        if miss(file, recording, None) < WRONG {
-            continue;
-        }
-        let best = SLIPS
-            .iter()
-            .enumerate()
-            .map(|(index, slip)| (miss(file, recording, Some(slip)), index))
-            .filter(|(miss, _)| *miss < RIGHT)
-            .min_by(|a, b| a.0.total_cmp(&b.0));
-        if let Some((_, slip)) = best {
-            found.push((slip, recording));
-        }
-    }
-    let Some(&(slip, first)) = found.first() else {
-        return Ok(());
-    };
-    let slip = &SLIPS[slip];
-    let names: Vec<&str> = found
-        .iter()
-        .map(|(_, recording)| recording.name.as_str())
-        .collect();
-    let whole = if names.len() == recordings.len() {
-        "every recording".to_owned()
-    } else {
-        names.join(", ")
-    };
-    Err(InputError::new(
-        format!(
-            "the units look mixed up: the model agrees with {whole} only if {} is read as {}",
-            slip.column, slip.read_as
-        ),
-        format!(
-            "multiply the column by {} and try again, or correct the model",
-            slip.factor
-        ),
-    )
-    .in_file(&first.path))
-}
-
-/// RMS error of the nominal model relative to the motion, with a column read in
-/// another unit.
-fn miss(file: &ModelFile, recording: &Recording, slip: Option<&Slip>) -> f64 {
-    /// Samples that are enough to see it.
-    const ENOUGH: usize = 1_500;
-    let count = recording.len().min(ENOUGH);
-    let by = |column: &str| match slip {
-        Some(slip) if slip.column == column => slip.factor,
-        _ => 1.0,
-    };
-    let (pressure, angle) = (by("pressure_kpa"), by("angle_deg"));
-    let read = Recording {
-        time: recording.time[..count].to_vec(),
-        pressure: recording.pressure[..count]
-            .iter()
-            .map(|p| p * pressure)
-            .collect(),
-        angle: recording.angle[..count].iter().map(|a| a * angle).collect(),
-        ..Recording::default()
-    };
-    let motion = rms(&read.angle);
-    let runs = [Run::new(&read)];
-    let fitter = Fitter {
-        nominal: &file.model,
-        runs: &runs,
-    };
-    fitter.compare(&file.model).rmse() / motion.max(f64::MIN_POSITIVE)
-}
-
 /// A recording that seems to be of another actuator.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Odd {
@@ -557,37 +439,8 @@ mod tests {
 
     #[test]
     fn good_recordings_raise_no_concern() {
-        let (file, recordings) = example(21);
+        let (_, recordings) = example(21);
         assert_eq!(concerns(&recordings), []);
-        assert_eq!(refuse_other_units(&file, &recordings), Ok(()));
-    }
-
-    #[test]
-    fn other_units_are_named_with_the_recordings() {
-        let (file, mut recordings) = example(22);
-        for recording in &mut recordings {
-            for pressure in &mut recording.pressure {
-                *pressure /= 6.894_757;
-            }
-        }
-        let all = refuse_other_units(&file, &recordings)
-            .unwrap_err()
-            .to_string();
-        assert!(
-            all.contains("psi") && all.contains("every recording"),
-            "{all}"
-        );
-        let (_, mut recordings) = example(22);
-        for angle in &mut recordings[3].angle {
-            *angle = angle.to_radians();
-        }
-        let one = refuse_other_units(&file, &recordings)
-            .unwrap_err()
-            .to_string();
-        assert!(
-            one.contains("radians") && one.contains(&recordings[3].name),
-            "{one}"
-        );
     }
 
     #[test]
