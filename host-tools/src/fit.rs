@@ -686,8 +686,14 @@ impl Fitter<'_, '_> {
     /// Widens the standard errors of a fit by what is not known about parameters
     /// that it held.
     pub fn allow_for(&self, fit: &mut Fit, held: &[ParameterId]) {
+        // From the edge of a range the derivatives of the fit lie elsewhere.
+        if (0..fit.free.len()).any(|index| fit.at_bound(index)) {
+            return;
+        }
         let free = [fit.free.as_slice(), held].concat();
-        let wider = Problem::new(self, &fit.model, &free).finish(fit.converged, Effort::Full);
+        let wider = Problem::new(self, &fit.model, &free)
+            .starting(&fit.starts)
+            .finish(fit.converged, Effort::Full);
         for (error, wider) in fit.standard_errors.iter_mut().zip(wider.standard_errors) {
             if wider.is_finite() {
                 *error = error.max(wider);
@@ -745,13 +751,7 @@ impl Fitter<'_, '_> {
         free: &[ParameterId],
         starts: &[Start<f64>],
     ) -> Option<(DVector<f64>, DMatrix<f64>)> {
-        let mut problem = Problem::new(self, model, free);
-        for (own, start) in problem.own.clone().into_iter().zip(starts) {
-            if let Some(column) = own {
-                problem.position[column.get() - 1] = start.angle;
-                problem.position[column.get()] = start.rate;
-            }
-        }
+        let problem = Problem::new(self, model, free).starting(starts);
         Some((problem.residuals()?, problem.jacobian()?))
     }
 
@@ -843,6 +843,17 @@ impl<'a, 'r> Problem<'a, 'r> {
             own,
             position: DVector::from_vec(position),
         }
+    }
+
+    /// The same with other starts of the recordings that begin in motion.
+    fn starting(mut self, starts: &[Start<f64>]) -> Self {
+        for (own, start) in self.own.iter().zip(starts) {
+            if let Some(column) = own {
+                self.position[column.get() - 1] = start.angle;
+                self.position[column.get()] = start.rate;
+            }
+        }
+        self
     }
 
     fn unknowns(&self) -> usize {

@@ -357,7 +357,7 @@ impl Growth {
     pub fn pays(&self) -> bool {
         /// Most of it is gone, in squares, if no more than this part is left. Right
         /// pairs left up to 0.21, effects that mended a formula 0.37 and more.
-        const PART_LEFT: f64 = 0.25;
+        const PART_LEFT: f64 = 0.3;
         if self.before == 0 {
             return self.larger < FIRST_EFFECT * self.smaller;
         }
