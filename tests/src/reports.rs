@@ -176,6 +176,8 @@ fn cannot_tell(found: &Diagnosis) -> Diagnosis {
             },
             rivals,
         )],
+        // Their curves; that both are those of the same fit shows nowhere.
+        rivals: vec![found.repaired.clone(), found.repaired.clone()],
         ..without_a_name(found)
     }
 }

@@ -166,6 +166,22 @@ fn names_of_files_and_models_stay_text() {
 }
 
 #[test]
+fn what_cannot_be_told_apart_is_drawn_with_letters() {
+    for report in REPORTS.iter() {
+        let page = Html::parse_document(&report.html);
+        let switches: Vec<String> = all(&page, "[data-switches=curves] label")
+            .into_iter()
+            .map(text)
+            .collect();
+        let lettered = report.answer == Answer::CannotTell;
+        assert_eq!(switches.iter().any(|label| label == "with A"), lettered);
+        assert_eq!(switches.iter().any(|label| label == "with B"), lettered);
+        let said = text(all(&page, "#runs")[0]);
+        assert_eq!(said.contains("A is "), lettered, "{said}");
+    }
+}
+
+#[test]
 fn hashes_are_those_of_the_files() {
     use sha2::{Digest, Sha256};
     for report in REPORTS.iter() {

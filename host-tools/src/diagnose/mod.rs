@@ -109,6 +109,8 @@ pub struct Diagnosis {
     pub held_out: HeldOut,
     /// Rivals, best first.
     pub alternatives: Vec<Alternative>,
+    /// The best of the rivals that remain, as fitted.
+    pub rivals: Vec<Candidate>,
     /// Every structure that was fitted to the end, with its evidence.
     pub tried: Vec<Tried>,
     /// Runs that would separate the surviving rivals, best first.
@@ -278,6 +280,7 @@ fn diagnose_all(
         probability: found.probability,
         held_out,
         alternatives: found.alternatives,
+        rivals: found.rivals,
         tried: found.tried,
         proposals,
         adequacy,

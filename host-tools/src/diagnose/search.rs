@@ -3,10 +3,11 @@
 //! Three sieves, from cheap to dear. A score test of every effect at each of
 //! its starts on an excerpt (one simulation with derivatives each); a fit at a
 //! glance of the promising ones on the excerpt; a fit to everything of the
-//! best. Effects are added to the best structures of one effect less, so that a
-//! pair that only helps together is found as long as one of the two is among
-//! the best single effects. Then the search goes backward: each effect of the
-//! best structure is taken out, and every other one tried in its place.
+//! best. Effects are added to the best structures of one effect less; each effect
+//! of the best structure is exchanged for every other one; and two effects that
+//! promise most together are added to the best structure of two less, for some help
+//! only beside each other ([`together`]). Then the search looks back: what is left
+//! of the best structure without each of its effects is fitted once more.
 
 use std::collections::BTreeSet;
 

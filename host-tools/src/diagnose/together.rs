@@ -217,3 +217,118 @@ fn both(base: &Candidate, a: &Direction, b: &Direction) -> Option<Model<f64>> {
         .collect();
     Model::new(*base.fit.model.dynamics(), &effects).ok()
 }
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::super::candidates::Scales;
+    use super::*;
+    use crate::checkpoint::Checkpoint;
+    use crate::fit::{Effort, Run};
+    use crate::model_file::ModelFile;
+    use crate::recording::Recording;
+    use crate::simulate::{Signal, run};
+
+    const SWING: &str = r#"
+        schema = 1
+        name = "swing"
+        [dynamics]
+        inertia_kg_m = 1.0
+        damping_n_s_per_rad = 0.2
+        stiffness_n_per_rad_n = 60.0
+        exponent = 1.0
+        input_gain_n_per_kpa = 0.1
+        [fit]
+        free = ["damping", "stiffness"]
+    "#;
+
+    /// A free swing from each angle (rad), of which the model does not know the
+    /// effects.
+    fn swings(file: &ModelFile, effects: &[(Kind, &[f64])], from: &[f64]) -> Vec<Recording> {
+        let effects: Vec<_> = effects
+            .iter()
+            .map(|(kind, values)| kind.build(values).unwrap())
+            .collect();
+        let truth: Model<f64> = Model::new(*file.model.dynamics(), &effects).unwrap();
+        let time: Vec<f64> = (0..600).map(|k| f64::from(k) * 0.01).collect();
+        let pressure = vec![0.0; time.len()];
+        from.iter()
+            .map(|&angle| Recording {
+                angle: run(
+                    &truth,
+                    &Signal::new(time.clone(), pressure.clone()),
+                    Start { angle, rate: 0.0 },
+                    8,
+                )
+                .reading,
+                time: time.clone(),
+                pressure: pressure.clone(),
+                ..Recording::default()
+            })
+            .collect()
+    }
+
+    /// The sets of effects that are promised to the refit of a spring, best first.
+    fn promised(effects: &[(Kind, &[f64])]) -> Vec<Vec<Kind>> {
+        let file = ModelFile::parse(SWING, Path::new("swing.toml")).unwrap();
+        let recordings = swings(&file, effects, &[1.1, 0.7, 0.3]);
+        let runs = Run::all(&recordings);
+        let fitter = Fitter {
+            nominal: &file.model,
+            runs: &runs,
+        };
+        let base = Candidate {
+            added: Vec::new(),
+            fit: fitter.fit(&file.model, &file.free, Effort::Full),
+        };
+        let ground = Ground {
+            file: &file,
+            fitter: &fitter,
+            pieces: None,
+            excerpt: &fitter,
+            scales: &Scales::of(&fitter, &base.fit),
+            checkpoint: &Checkpoint::default(),
+        };
+        let kinds = [
+            Kind::CoulombFriction,
+            Kind::QuadraticDamping,
+            Kind::AngleDependentDamping,
+            Kind::CubicStiffness,
+            Kind::SensorOffset,
+            Kind::AsymmetricDamping,
+        ];
+        promises(&ground, &base, &kinds)
+            .iter()
+            .map(Promise::set)
+            .collect()
+    }
+
+    /// The decay that friction makes straight and drag steep looks viscous: each
+    /// alone leaves what the other does.
+    #[test]
+    fn drag_and_dry_friction_are_promised_together() {
+        let promised = promised(&[
+            (Kind::CoulombFriction, &[0.4, 0.05]),
+            (Kind::QuadraticDamping, &[0.05]),
+        ]);
+        assert_eq!(
+            promised[0],
+            [Kind::CoulombFriction, Kind::QuadraticDamping],
+            "{promised:?}"
+        );
+    }
+
+    #[test]
+    fn every_two_are_promised_once() {
+        let mut promised = promised(&[
+            (Kind::CubicStiffness, &[-6.0]),
+            (Kind::SensorOffset, &[0.05]),
+        ]);
+        assert_eq!(promised[0], [Kind::CubicStiffness, Kind::SensorOffset]);
+        assert_eq!(promised.len(), 15);
+        promised.sort();
+        promised.dedup();
+        assert_eq!(promised.len(), 15);
+    }
+}

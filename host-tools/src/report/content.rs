@@ -55,6 +55,8 @@ pub struct Content {
     pub gap: Vec<String>,
     /// Rival explanations, best first.
     pub rivals: Vec<Rival>,
+    /// Which explanation is which curve, where several remain.
+    pub lettered: Option<String>,
     /// Structures that were fitted, by their number of effects.
     pub tried: Vec<TriedGroup>,
     /// Effects that were not tried, by the reason.
@@ -275,6 +277,7 @@ impl Content {
             next_suffices: next_suffices(diagnosis),
             open: open(diagnosis),
             rivals: rivals(diagnosis),
+            lettered: lettered(diagnosis),
         }
     }
 
@@ -462,6 +465,21 @@ fn rivals(diagnosis: &Diagnosis) -> Vec<Rival> {
             delta_bic: format!("{:.0}", rival.delta_bic),
         })
         .collect()
+}
+
+/// "A is dead time, B is pneumatic lag", and where to look.
+fn lettered(diagnosis: &Diagnosis) -> Option<String> {
+    if diagnosis.answer != Answer::CannotTell || diagnosis.rivals.len() < 2 {
+        return None;
+    }
+    let letters: Vec<String> = ('A'..)
+        .zip(&diagnosis.rivals)
+        .map(|(letter, rival)| format!("{letter} is {}", titles(&rival.added)))
+        .collect();
+    Some(format!(
+        "{}. A run that tells them apart is one on which their curves part.",
+        letters.join(", ")
+    ))
 }
 
 /// The share of the held-out gap that the best of the rivals closes.

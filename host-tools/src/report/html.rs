@@ -12,8 +12,8 @@ use serde::Serialize;
 
 use super::content::{CLOSEST, Content, degrees, percent, short};
 use super::pictures::{
-    MEASURED, curves_of, feature_figure, force_figure, largest_forces, map_figure, run_figure,
-    style_of,
+    MEASURED, RIVALS, curves_of, feature_figure, force_figure, largest_forces, map_figure,
+    run_figure, style_of,
 };
 use super::provenance::{FITTED, Provenance, Source};
 use super::runs::{RunView, runs};
@@ -22,6 +22,7 @@ use crate::diagnose::localise::{Feature, Gap, SINCE_LAST_EDGE};
 use crate::diagnose::verdict::Answer;
 use crate::diagnose::{Diagnosis, Request};
 use crate::plot::{Figure, Mark, PlotError, css_colour, diverging, to_inline_svg};
+use crate::statistics::rms;
 
 const TEMPLATE: &str = include_str!("assets/template.html");
 const STYLE: &str = include_str!("assets/style.css");
@@ -186,7 +187,7 @@ pub fn page(
         } else {
             Vec::new()
         },
-        legend: legend(content.answer),
+        legend: legend(content.answer, diagnosis.rivals.len()),
         run_switches: drawn
             .iter()
             .map(|&view| Switch {
@@ -331,9 +332,9 @@ fn maps(gap: &Gap) -> Result<Vec<Map>, PlotError> {
 }
 
 /// The curves of the runs' pictures.
-fn legend(answer: Answer) -> Vec<Legend> {
+fn legend(answer: Answer, rivals: usize) -> Vec<Legend> {
     std::iter::once(MEASURED)
-        .chain(curves_of(answer)[0].iter().copied())
+        .chain(curves_of(answer, rivals)[0].iter().copied())
         .map(|label| {
             let style = style_of(label);
             Legend {
@@ -355,7 +356,11 @@ fn run_picture(place: usize, view: &RunView<'_>, answer: Answer) -> Result<Pictu
         Answer::NoDiscrepancy => format!("RMS error {nominal}°"),
         Answer::ParametersOnly => format!("RMS error {nominal}° nominal, {refit}° refitted"),
         Answer::EffectFound => format!("RMS error {refit}° refitted, {repaired}° repaired"),
-        Answer::CannotTell | Answer::Unexplained => format!("RMS error {refit}° refitted"),
+        Answer::CannotTell => RIVALS.iter().zip(&view.rivals).fold(
+            format!("RMS error {refit}° refitted"),
+            |said, (label, residual)| format!("{said}, {}° {label}", short(rms(residual))),
+        ),
+        Answer::Unexplained => format!("RMS error {refit}° refitted"),
     };
     let role = if view.held_out {
         "not fitted"

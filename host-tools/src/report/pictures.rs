@@ -28,6 +28,10 @@ pub const REFITTED: &str = "refitted";
 /// With the effects added.
 pub const REPAIRED: &str = "repaired";
 
+/// With the first, second and third explanation that these recordings cannot tell
+/// apart.
+pub const RIVALS: [&str; 3] = ["with A", "with B", "with C"];
+
 /// Label, look and simulated minus measured angle of a curve.
 type Curve<'a> = (&'static str, Style, &'a [f64]);
 
@@ -129,14 +133,21 @@ fn column() -> Figure {
     figure
 }
 
-/// Which curves of a run are drawn, beside the measured one, above and below.
-pub fn curves_of(answer: Answer) -> [&'static [&'static str]; 2] {
-    match answer {
+/// Which curves of a run are drawn, beside the measured one, above and below, if
+/// so many explanations cannot be told apart.
+pub fn curves_of(answer: Answer, rivals: usize) -> [Vec<&'static str>; 2] {
+    let curves: [&[&str]; 2] = match answer {
         Answer::NoDiscrepancy => [&[NOMINAL], &[NOMINAL]],
         Answer::ParametersOnly => [&[NOMINAL, REFITTED], &[NOMINAL, REFITTED]],
         Answer::EffectFound => [&[NOMINAL, REFITTED, REPAIRED], &[REFITTED, REPAIRED]],
-        Answer::CannotTell | Answer::Unexplained => [&[NOMINAL, REFITTED], &[REFITTED]],
-    }
+        Answer::CannotTell => {
+            let rivals = &RIVALS[..rivals.min(RIVALS.len())];
+            let curves = || [&[REFITTED], rivals].concat();
+            return [curves(), curves()];
+        }
+        Answer::Unexplained => [&[NOMINAL, REFITTED], &[REFITTED]],
+    };
+    curves.map(<[&str]>::to_vec)
 }
 
 /// Look of the curve with this label.
@@ -145,7 +156,12 @@ pub fn style_of(label: &str) -> Style {
         NOMINAL => Style::NOMINAL.dashed(),
         REFITTED => Style::BEFORE,
         REPAIRED => Style::AFTER,
-        _ => Style::MEASURED,
+        _ => match RIVALS.iter().position(|rival| *rival == label) {
+            Some(0) => Style::AFTER,
+            Some(1) => Style::EMPHASIS.dashed(),
+            Some(_) => Style::NOMINAL.dashed(),
+            None => Style::MEASURED,
+        },
     }
 }
 
@@ -155,11 +171,16 @@ pub fn run_figure(run: &RunView<'_>, answer: Answer) -> Figure {
         let residual = match label {
             NOMINAL => &run.nominal,
             REFITTED => &run.refit,
-            _ => &run.repaired,
+            REPAIRED => &run.repaired,
+            _ => RIVALS
+                .iter()
+                .position(|rival| *rival == label)
+                .and_then(|place| run.rivals.get(place))
+                .unwrap_or(&run.repaired),
         };
         (label, style_of(label), residual)
     };
-    let [above, below] = curves_of(answer);
+    let [above, below] = curves_of(answer, run.rivals.len());
     let time = &run.recording.time;
     let mut angles = Panel::new("time (s)", "angle (°)")
         .with_legend(false)

@@ -26,6 +26,8 @@ pub struct RunView<'a> {
     pub refit: Vec<f64>,
     /// The same of the repaired model.
     pub repaired: Vec<f64>,
+    /// The same of each rival that remains.
+    pub rivals: Vec<Vec<f64>>,
     /// RMS errors of the three while the run was not fitted; none for a run
     /// that always was.
     pub not_fitted: Option<[f64; 3]>,
@@ -61,33 +63,36 @@ pub fn runs<'a>(request: &Request<'a>, diagnosis: &Diagnosis) -> Vec<RunView<'a>
         let run = diagnosis.held_out.runs.get(index)?;
         Some([run.nominal, run.refit, run.repaired_on_board].map(f64::to_degrees))
     };
-    let views = |recordings: Vec<&'a Recording>, fits: [&Fit; 3], held_out: bool| {
-        recordings
-            .into_iter()
-            .enumerate()
-            .map(|(index, recording)| {
-                let [nominal, refit, repaired] = fits.map(|fit| {
-                    fit.residuals
-                        .get(index)
-                        .map_or_else(Vec::new, |r| degrees(r))
-                });
-                RunView {
-                    recording,
-                    held_out,
-                    index,
-                    measured: degrees(&recording.angle),
-                    nominal,
-                    refit,
-                    repaired,
-                    not_fitted: if held_out || diagnosis.held_out.in_turn {
-                        errors(index)
-                    } else {
-                        None
-                    },
-                }
-            })
-            .collect::<Vec<_>>()
-    };
+    let views =
+        |recordings: Vec<&'a Recording>, fits: [&Fit; 3], rivals: &[&Fit], held_out: bool| {
+            recordings
+                .into_iter()
+                .enumerate()
+                .map(|(index, recording)| {
+                    let residual = |fit: &Fit| {
+                        fit.residuals
+                            .get(index)
+                            .map_or_else(Vec::new, |r| degrees(r))
+                    };
+                    let [nominal, refit, repaired] = fits.map(residual);
+                    RunView {
+                        recording,
+                        held_out,
+                        index,
+                        measured: degrees(&recording.angle),
+                        nominal,
+                        refit,
+                        repaired,
+                        rivals: rivals.iter().map(|fit| residual(fit)).collect(),
+                        not_fitted: if held_out || diagnosis.held_out.in_turn {
+                            errors(index)
+                        } else {
+                            None
+                        },
+                    }
+                })
+                .collect::<Vec<_>>()
+        };
     let mut all = views(
         fitted,
         [
@@ -95,6 +100,11 @@ pub fn runs<'a>(request: &Request<'a>, diagnosis: &Diagnosis) -> Vec<RunView<'a>
             &diagnosis.refit,
             &diagnosis.repaired.fit,
         ],
+        &diagnosis
+            .rivals
+            .iter()
+            .map(|rival| &rival.fit)
+            .collect::<Vec<_>>(),
         false,
     );
     if !request.holdout.is_empty() {
@@ -109,9 +119,15 @@ pub fn runs<'a>(request: &Request<'a>, diagnosis: &Diagnosis) -> Vec<RunView<'a>
             &diagnosis.repaired.fit.model,
         ]
         .map(|model| fitter.compare(model));
+        let rivals: Vec<Fit> = diagnosis
+            .rivals
+            .iter()
+            .map(|rival| fitter.compare(&rival.fit.model))
+            .collect();
         all.extend(views(
             request.holdout.iter().collect(),
             [&fits[0], &fits[1], &fits[2]],
+            &rivals.iter().collect::<Vec<_>>(),
             true,
         ));
     }
