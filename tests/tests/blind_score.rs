@@ -97,7 +97,6 @@ fn the_gate_names_what_got_worse() {
         wrong_at_most: 1,
         false_names_at_most: 0,
         outside_names_at_most: 1,
-        not_yet_names_at_most: 0,
         held_out_at_most: 1.2,
     };
     assert_eq!(gate.check(&five()), Vec::<String>::new());

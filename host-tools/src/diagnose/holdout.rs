@@ -31,6 +31,10 @@ const FEWEST_UNITS: usize = 4;
 /// Folds into which repeats are dealt where they are not kept together.
 const FOLDS: usize = 4;
 
+/// A fit without some recordings is found by one step, unless they are missed by so
+/// many times the squares with which the fit to all of them misses them.
+const TRUSTED: f64 = 1.2;
+
 /// Held-out errors (rad).
 #[derive(Clone, Debug, PartialEq)]
 pub struct HeldOut {
@@ -275,28 +279,43 @@ impl<'a, 'r> Judge<'a, 'r> {
                 .collect()
         };
         let nominal = &self.file.model;
-        let model = candidate.fit.without(fold).unwrap_or_else(|| {
+        let left_out = pick(true);
+        let squares_of = |model: &Model<f64>| {
+            let fitter = Fitter {
+                nominal,
+                runs: &left_out,
+            };
+            squares(&fitter, model)
+        };
+        // A step that leads far worse may have left the parabola it was taken on.
+        let by_step = candidate
+            .fit
+            .without(fold)
+            .map(|model| squares_of(&model))
+            .filter(|found| {
+                let fitted: f64 = self
+                    .left_out(fold)
+                    .filter_map(|run| candidate.fit.residuals.get(run))
+                    .flatten()
+                    .map(|residual| residual * residual)
+                    .sum();
+                found.iter().sum::<f64>() <= TRUSTED * fitted
+            });
+        by_step.unwrap_or_else(|| {
             let free = if candidate.fit.free.is_empty() {
                 free_parameters(self.file, &candidate.added)
             } else {
                 candidate.fit.free.clone()
             };
-            Fitter {
+            let refitted = Fitter {
                 nominal,
                 runs: &pick(false),
             }
             // From the whole fit it is not far, and a thousandth of the error
             // decides nothing.
-            .fit(&candidate.fit.model, &free, Effort::Glance)
-            .model
-        });
-        squares(
-            &Fitter {
-                nominal,
-                runs: &pick(true),
-            },
-            &model,
-        )
+            .fit(&candidate.fit.model, &free, Effort::Glance);
+            squares_of(&refitted.model)
+        })
     }
 }
 

@@ -57,7 +57,7 @@ const DOUBT: f64 = 4.0;
 
 /// An effect by another formula than here leaves up to this share of the gap, in
 /// squares, where one that imitates it leaves less.
-const BY_ANOTHER_FORMULA: f64 = 0.06;
+const BY_ANOTHER_FORMULA: f64 = 0.08;
 
 /// What structures are compared by.
 #[derive(Clone, Copy, Debug)]

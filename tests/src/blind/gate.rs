@@ -26,8 +26,6 @@ pub struct Gate {
     pub false_names_at_most: u32,
     /// Most names on effects outside the catalogue.
     pub outside_names_at_most: u32,
-    /// Most names on kinds that the catalogue does not have yet.
-    pub not_yet_names_at_most: u32,
     /// Largest median of the held-out error over the oracle's.
     pub held_out_at_most: f64,
 }
@@ -93,11 +91,6 @@ impl Gate {
             "names on effects outside the catalogue",
             figures.outside,
             self.outside_names_at_most,
-        );
-        at_most(
-            "names on kinds that the catalogue does not have yet",
-            figures.not_yet,
-            self.not_yet_names_at_most,
         );
         match figures.held_out {
             Some(ratio) if ratio > self.held_out_at_most => failures.push(format!(

@@ -13,16 +13,12 @@
 //! - **a name**: the verdict is `effect_found`. On data that hide nothing, or
 //!   only parameters, or an effect that the catalogue does not hold, every name
 //!   is false.
-//!
-//! A kind that the tool under test does not have yet is scored like an effect
-//! outside the catalogue, in rows of its own.
 
 use std::collections::BTreeSet;
 use std::path::Path;
 
 use host_tools::fit::{Fitter, Run};
 use host_tools::model_file::ModelFile;
-use model_core::catalogue::Kind;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{ContinuousCDF, Normal};
@@ -175,21 +171,14 @@ pub enum Class {
     EffectFree,
     /// An effect outside EFFECTS.md.
     Outside,
-    /// A kind that the tool's catalogue does not have yet.
-    NotYet,
 }
 
 impl Class {
-    /// The class of an answer for the catalogue of the tool under test.
+    /// The class of an answer.
     pub fn of(answer: &Answer) -> Self {
-        let known = answer
-            .kinds
-            .iter()
-            .all(|kind| Kind::from_name(kind).is_some());
         match answer.hidden {
             Hidden::Nothing | Hidden::Parameters => Self::EffectFree,
             Hidden::Outside => Self::Outside,
-            Hidden::One | Hidden::Two if !known => Self::NotYet,
             Hidden::One => Self::One,
             Hidden::Two => Self::Two,
         }
@@ -434,8 +423,6 @@ pub struct Figures {
     pub false_names: Rate,
     /// Outside the catalogue: a name.
     pub outside: Rate,
-    /// Not in the tool's catalogue yet: a name.
-    pub not_yet: Rate,
     /// Two effects: both and nothing else named.
     pub pair: Rate,
     /// Two effects: everything that is named is hidden.
@@ -513,7 +500,6 @@ impl Figures {
             ),
             false_names: Rate::count(of(Class::EffectFree).map(|case| case.said.names())),
             outside: Rate::count(of(Class::Outside).map(|case| case.said.names())),
-            not_yet: Rate::count(of(Class::NotYet).map(|case| case.said.names())),
             pair: Rate::count(
                 of(Class::Two).map(|case| case.said.names_exactly(&case.answer.kinds)),
             ),

@@ -76,11 +76,6 @@ fn rows(figures: &Figures) -> Vec<(&'static str, &'static str, String)> {
             shown(figures.outside),
         ),
         (
-            "not in this catalogue yet: a name",
-            "",
-            shown(figures.not_yet),
-        ),
-        (
             "two effects: exact pair",
             asked("≥ 70 %", "–"),
             shown(figures.pair),
@@ -232,13 +227,8 @@ fn kind_rows(set: Set, scored: &[Scored]) -> Vec<[String; 6]> {
                     String::new()
                 }
             };
-            let note = if first.class == Class::NotYet && first.answer.hidden == Hidden::One {
-                " *"
-            } else {
-                ""
-            };
             Some([
-                format!("{label}{note}"),
+                label.to_owned(),
                 cases.len().to_string(),
                 rate(strict),
                 rate(lenient),
@@ -319,8 +309,7 @@ pub fn terminal(scored: &[Scored]) -> String {
         let _ = writeln!(text);
         text += &aligned(&table);
     }
-    text += "\n  * not in this catalogue: scored as an effect outside it\n";
-    let _ = writeln!(text, "  {}", faint(scored));
+    let _ = writeln!(text, "\n  {}", faint(scored));
     text
 }
 
@@ -348,7 +337,6 @@ pub fn markdown(scored: &[Scored], command: &str, tool: &str) -> String {
             let _ = writeln!(text, "| {} |", row.join(" | "));
         }
     }
-    text += "\n\\* not in this catalogue: scored as an effect outside it.\n";
     let _ = writeln!(text, "\n{}.", faint(scored));
     text
 }
