@@ -228,7 +228,7 @@ fn kind_rows(set: Set, scored: &[Scored]) -> Vec<[String; 6]> {
                 }
             };
             Some([
-                label.to_owned(),
+                label,
                 cases.len().to_string(),
                 rate(strict),
                 rate(lenient),
