@@ -1,0 +1,49 @@
+//! Whether runs that were held out only repeat what was fitted: there, less is
+//! believed of an explanation.
+
+use std::path::Path;
+
+use host_tools::diagnose::holdout::Judge;
+use host_tools::example::{Hidden, make};
+use host_tools::fit::{Fitter, Run};
+use host_tools::model_file::ModelFile;
+use host_tools::recording::Recording;
+
+/// Whether a judge that holds out `held_out`, or else `fitted` in turn, sees only
+/// repeats.
+fn sees_only_repeats(file: &ModelFile, fitted: &[Recording], held_out: &[Recording]) -> bool {
+    let (runs, given) = (Run::all(fitted), Run::all(held_out));
+    let fitter = Fitter {
+        nominal: &file.model,
+        runs: &runs,
+    };
+    Judge::new(file, &fitter, &given, 0.0).has_only_repeats()
+}
+
+#[test]
+fn repeats_are_told_from_other_runs() {
+    let example = make(Hidden::Nothing, 0.3, 5).unwrap();
+    let file = ModelFile::parse(&example.model, Path::new("model.toml")).unwrap();
+    let of = |prefix: &str| -> Vec<Recording> {
+        example
+            .recordings
+            .iter()
+            .filter(|(name, ..)| name.starts_with(prefix))
+            .map(|(_, recording, _)| recording.clone())
+            .collect()
+    };
+    let (low, high) = (of("step60_"), of("step90_"));
+    assert!(low.len() >= 2 && high.len() >= 2);
+    let both = [low.clone(), high.clone()].concat();
+
+    // In turn: two amplitudes are too few to leave one out with its repeats.
+    assert!(sees_only_repeats(&file, &both, &[]));
+    let alone = [low.clone(), high[..1].to_vec()].concat();
+    assert!(!sees_only_repeats(&file, &alone, &[]));
+
+    // Given: a repeat of what was fitted, and another amplitude.
+    assert!(sees_only_repeats(&file, &low[1..], &low[..1]));
+    assert!(!sees_only_repeats(&file, &low, &high));
+    let mixed = [low[..1].to_vec(), high].concat();
+    assert!(!sees_only_repeats(&file, &low[1..], &mixed));
+}
