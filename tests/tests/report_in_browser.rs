@@ -17,6 +17,7 @@ use headless_chrome::protocol::cdp::Page::CaptureScreenshot;
 use headless_chrome::protocol::cdp::types::Event;
 use headless_chrome::{Browser, LaunchOptions, Tab};
 use host_tools::diagnose::verdict::Answer;
+use host_tools::report::pictures::{NOMINAL, REFITTED};
 use serde_json::{Value, json};
 use softrig_tests::reports::{Report, of_every_kind};
 
@@ -179,7 +180,7 @@ fn look_at(browser: &Browser, report: &Report, folder: &Path) {
         );
         page.shoot(&folder.join(format!("{name}_{width}.png")));
         hovering_reads_values(&page, report);
-        switches_hide_what_they_name(&page);
+        switches_hide_what_they_name(&page, report);
     }
     let printed = page.tab.print_to_pdf(None).expect("a print");
     let pages = printed
@@ -203,8 +204,8 @@ fn hovering_reads_values(page: &Page, report: &Report) {
     let said = page.text("readout.textContent");
     assert_eq!(page.value("readout.hidden"), Value::Bool(false));
     assert!(said.starts_with("time (s): "), "{said:?}");
-    for curve in ["measured: ", "nominal: "] {
-        assert!(said.contains(curve), "{said:?}");
+    for curve in ["measured", a_curve(report)] {
+        assert!(said.contains(&format!("{curve}: ")), "{said:?}");
     }
     // What is read off is what was drawn: the last sample of the curve.
     let outside = page.value("document.querySelectorAll('.hair').length");
@@ -220,15 +221,28 @@ fn hovering_reads_values(page: &Page, report: &Report) {
     assert_eq!(page.value("readout.hidden"), Value::Bool(true));
 }
 
-fn switches_hide_what_they_name(page: &Page) {
+/// The label of a curve that every run of a report has.
+fn a_curve(report: &Report) -> &'static str {
+    if report.answer == Answer::CannotTell {
+        REFITTED
+    } else {
+        NOMINAL
+    }
+}
+
+fn switches_hide_what_they_name(page: &Page, report: &Report) {
+    let curve = a_curve(report);
     let drawn = "[...document.querySelectorAll('#run-pictures figure')]\
                  .filter((figure) => figure.offsetHeight > 0).length";
-    let lines = "[...document.querySelectorAll('#run-pictures .series[data-label=nominal]')]\
-                 .filter((series) => series.getBoundingClientRect().height > 0).length";
+    let lines = format!(
+        "[...document.querySelectorAll('#run-pictures .series[data-label={curve}]')]\
+         .filter((series) => series.getBoundingClientRect().height > 0).length"
+    );
+    let lines = lines.as_str();
     let click = |kind: &str| {
         let switch =
             format!("document.querySelector('[data-switches={kind}] input[value=KEY]').click()");
-        let key = if kind == "runs" { "'0'" } else { "nominal" };
+        let key = if kind == "runs" { "'0'" } else { curve };
         page.value(&switch.replace("KEY", &key.replace('\'', "\"")));
     };
     let before = (page.number(drawn), page.number(lines));
