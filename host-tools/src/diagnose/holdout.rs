@@ -18,7 +18,7 @@ use model_core::catalogue::Kind;
 use model_core::power::Minimax;
 
 use super::candidates::{Candidate, free_parameters};
-use super::noise::NoiseFloor;
+use super::noise::{NoiseFloor, repeats};
 use crate::fit::{Effort, Fitter, Run};
 use crate::model_file::ModelFile;
 use crate::recording::Recording;
@@ -126,13 +126,19 @@ impl<'a, 'r> Judge<'a, 'r> {
         let (floor, folds, only_repeats) = if given.is_empty() {
             let floor = NoiseFloor::of(&recordings(fitter.runs));
             let folds = folds(fitter.runs.len(), &floor.groups);
-            let only_repeats = fold_repeats(&folds, &floor.groups);
+            let only_repeats = folds.iter().all(|fold| {
+                let fitted = |other: &usize| !fold.contains(other);
+                fold.iter()
+                    .all(|&run| repeats_one(run, &floor.groups, fitted))
+            });
             (floor, folds, only_repeats)
         } else {
             let floor = NoiseFloor::of(&recordings(given));
             let all = [recordings(fitter.runs), recordings(given)].concat();
-            let fitted = fitter.runs.len();
-            let only_repeats = are_repeats(fitted, all.len(), &NoiseFloor::of(&all).groups);
+            let count = fitter.runs.len();
+            let groups = repeats(&all);
+            let only_repeats =
+                (count..all.len()).all(|run| repeats_one(run, &groups, |&other| other < count));
             (floor, Vec::new(), only_repeats)
         };
         Self {
@@ -339,24 +345,11 @@ fn folds(runs: usize, repeats: &[Vec<usize>]) -> Vec<Vec<usize>> {
         .collect()
 }
 
-/// Whether each run has a repeat in another fold.
-fn fold_repeats(folds: &[Vec<usize>], repeats: &[Vec<usize>]) -> bool {
-    folds.iter().all(|fold| {
-        fold.iter().all(|run| {
-            repeats
-                .iter()
-                .any(|group| group.contains(run) && group.iter().any(|other| !fold.contains(other)))
-        })
-    })
-}
-
-/// Whether each run from `fitted` to `all` has a repeat among the first `fitted`.
-fn are_repeats(fitted: usize, all: usize, repeats: &[Vec<usize>]) -> bool {
-    (fitted..all).all(|run| {
-        repeats
-            .iter()
-            .any(|group| group.contains(&run) && group.iter().any(|&other| other < fitted))
-    })
+/// Whether a run repeats one of those for which `fitted` holds.
+fn repeats_one(run: usize, repeats: &[Vec<usize>], fitted: impl Fn(&usize) -> bool) -> bool {
+    repeats
+        .iter()
+        .any(|group| group.contains(&run) && group.iter().any(&fitted))
 }
 
 /// Sum of squares of each run.

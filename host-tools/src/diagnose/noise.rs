@@ -114,7 +114,7 @@ impl NoiseFloor {
 }
 
 /// Groups recordings whose pressure is the same within its noise.
-fn repeats(recordings: &[Recording]) -> Vec<Vec<usize>> {
+pub fn repeats(recordings: &[Recording]) -> Vec<Vec<usize>> {
     let mut groups: Vec<Vec<usize>> = Vec::new();
     for (index, recording) in recordings.iter().enumerate() {
         let found = groups.iter_mut().find(|group| {

@@ -397,7 +397,7 @@ pub fn slow_effects(candidate: &Candidate, recordings: &[Recording]) -> Vec<Conc
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use std::path::Path;
 
     use rand::{RngExt, SeedableRng};
@@ -406,7 +406,7 @@ mod tests {
     use crate::example::{Hidden, make};
 
     /// A model and its recordings, of which nothing is missing.
-    fn example(seed: u64) -> (ModelFile, Vec<Recording>) {
+    pub fn example(seed: u64) -> (ModelFile, Vec<Recording>) {
         let example = make(Hidden::Nothing, 0.4, seed).unwrap();
         let file = ModelFile::parse(&example.model, Path::new("model.toml")).unwrap();
         let recordings = example

@@ -98,9 +98,14 @@ impl<'a> Scoring<'a> {
             + implausibility(candidate, self.scales)
     }
 
+    /// The mean square that noise leaves (rad²), that of the pressure included.
+    fn noise(&self) -> f64 {
+        self.floor.rms.hypot(self.floor.input).powi(2)
+    }
+
     /// What a fit leaves beyond the noise (rad²).
     fn excess(&self, fit: &Fit) -> f64 {
-        let noise = self.floor.rms.hypot(self.floor.input).powi(2);
+        let noise = self.noise();
         (fit.rmse().powi(2) - noise).max(NOISE_SHARE * noise)
     }
 
@@ -193,8 +198,7 @@ impl<'a> Scoring<'a> {
             return;
         };
         let (most, imitator) = (best.probability, &pool[best.index]);
-        let noise = self.floor.rms.hypot(self.floor.input).powi(2);
-        let beyond = |candidate: &Candidate| candidate.fit.rmse().powi(2) - noise;
+        let beyond = |candidate: &Candidate| candidate.fit.rmse().powi(2) - self.noise();
         let allowed = pool
             .first()
             .map_or(0.0, |refit| BY_ANOTHER_FORMULA * beyond(refit));

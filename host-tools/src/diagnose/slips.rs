@@ -174,22 +174,8 @@ fn miss(file: &ModelFile, recording: &Recording) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use std::path::Path;
-
+    use super::super::quality::tests::example;
     use super::*;
-    use crate::example::{Hidden, make};
-
-    /// A model and its recordings, of which nothing is missing.
-    fn example(seed: u64) -> (ModelFile, Vec<Recording>) {
-        let example = make(Hidden::Nothing, 0.4, seed).unwrap();
-        let file = ModelFile::parse(&example.model, Path::new("model.toml")).unwrap();
-        let recordings = example
-            .recordings
-            .into_iter()
-            .map(|(name, recording, _)| Recording { name, ..recording })
-            .collect();
-        (file, recordings)
-    }
 
     fn refusal(file: &ModelFile, recordings: &[Recording]) -> String {
         refuse(file, recordings).unwrap_err().to_string()
