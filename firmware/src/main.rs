@@ -38,7 +38,7 @@ fn main() -> ! {
     let mut assembler = Assembler::<{ MAX_LINE }>::new();
     let mut health = Health::new();
     let mut watchdog = Watchdog::start(board.watchdog);
-    board::start();
+    board::start(&mut board.clock);
     // The serial port cannot fail: its error type has no values.
     let Ok(()) = app.banner(&mut board.serial);
 

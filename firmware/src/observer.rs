@@ -3,6 +3,12 @@
 //! The recurrence itself is [`model_core::observer`], where a computer that
 //! reads the log finds it too. Here is when it starts anew, and when a gap
 //! between prediction and measurement is a mismatch.
+//!
+//! It starts from one line of telemetry, noise and all: 0.1° and 0.08 kPa rms
+//! after sixteen conversions, a fiftieth of the shipped band, and the model
+//! relaxes from it. A mean of the last second would be quieter, but then a log
+//! that begins at a run, or that lost a line before it, could no longer be
+//! repeated to the bit.
 
 use model_core::{
     actuator::Model,

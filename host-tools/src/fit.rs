@@ -7,10 +7,10 @@
 //! run through the shared core ([`crate::dual`]), and a library solves the
 //! least-squares problem (Levenberg–Marquardt, the MINPACK algorithm).
 //!
-//! A recording that does not start at rest brings two unknowns of its own: the
-//! angle and the rate with which it starts.
+//! Each session brings unknowns of its own, the zeros of its sensors and its
+//! start ([`crate::estimate::nuisance`]); they are found in the same fit.
 
-use std::num::NonZeroUsize;
+use std::ops::Range;
 
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use model_core::actuator::{Model, ParameterId};
@@ -20,275 +20,12 @@ use rayon::prelude::*;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use crate::checkpoint::{Checkpoint, fingerprint};
-use crate::denoise;
 use crate::dual::Dual;
+use crate::estimate::nuisance::{Nuisance, UNKNOWNS};
+use crate::estimate::{Dataset, Session};
 use crate::information::{Block, Information};
-use crate::recording::Recording;
-use crate::simulate::{Signal, Start, run, substeps};
-use crate::smooth::{half_window, motion};
-use crate::statistics::{clipped, correlation_time, mean, noise_by_differences, rms, scatter};
-
-/// A recording prepared for fitting.
-#[derive(Clone, Debug)]
-pub struct Run<'a> {
-    /// The recording.
-    pub recording: &'a Recording,
-    signal: Signal,
-    /// Best knowledge of the start before any fit.
-    start: Start<f64>,
-    /// Whether the start has to be estimated.
-    moving: bool,
-    interval: f64,
-    /// Largest angle measured (rad), which bounds the step length.
-    reach: f64,
-    /// Samples at which the sensor was at the end of its range.
-    clipped: Vec<std::ops::Range<usize>>,
-}
-
-impl<'a> Run<'a> {
-    /// Prepares a recording: decides from its first samples whether it starts
-    /// at rest, takes the noise from its pressure and interpolates that.
-    pub fn new(recording: &'a Recording) -> Self {
-        let (start, moving) = find_start(recording);
-        let pressure = denoise::pressure(recording);
-        Self {
-            recording,
-            signal: Signal::new(recording.time.clone(), pressure),
-            start,
-            moving,
-            interval: recording.interval(),
-            reach: recording
-                .angle
-                .iter()
-                .fold(0.0, |reach, angle| angle.abs().max(reach)),
-            clipped: clipped(&recording.angle),
-        }
-    }
-
-    /// Prepares several recordings.
-    pub fn all(recordings: &'a [Recording]) -> Vec<Self> {
-        recordings.iter().map(Self::new).collect()
-    }
-
-    /// Largest angle measured (rad).
-    pub fn reach(&self) -> f64 {
-        self.reach
-    }
-
-    /// Simulated minus measured angle (rad).
-    fn residual(&self, model: &Model<f64>, start: Start<f64>) -> Vec<f64> {
-        let steps = substeps(model, self.interval, self.reach);
-        self.residual_of(&run(model, &self.signal, start, steps).reading)
-    }
-
-    /// A simulated angle minus the measured one (rad).
-    pub fn residual_of(&self, simulated: &[f64]) -> Vec<f64> {
-        let mut residual: Vec<f64> = simulated
-            .iter()
-            .zip(&self.recording.angle)
-            .map(|(simulated, measured)| simulated - measured)
-            .collect();
-        // Beyond the end of its range the sensor says nothing.
-        for range in &self.clipped {
-            residual[range.clone()].fill(0.0);
-        }
-        residual
-    }
-
-    /// Simulates the recording with another scalar or power function, from the
-    /// given start: the firmware's own arithmetic, for one.
-    pub fn simulate<R, P>(&self, model: &Model<R, P>, start: Start<f64>) -> Vec<f64>
-    where
-        R: crate::simulate::FromF64,
-        P: model_core::power::Power<R>,
-    {
-        let steps = substeps(model, self.interval, self.reach);
-        let start = Start {
-            angle: R::from_f64(start.angle),
-            rate: R::from_f64(start.rate),
-        };
-        run(model, &self.signal, start, steps)
-            .reading
-            .into_iter()
-            .map(crate::simulate::FromF64::to_f64)
-            .collect()
-    }
-}
-
-/// Decides how a recording starts: at rest, from the samples before anything
-/// moves, or in motion, from a parabola through its first samples.
-fn find_start(recording: &Recording) -> (Start<f64>, bool) {
-    let noise = noise_by_differences(&recording.angle).max(1e-9);
-    let rest = rest_at_start(recording);
-    if rest == 0 {
-        return (initial_motion(recording), true);
-    }
-    let angle = mean(&recording.angle[..rest]);
-    let uncertainty = noise / (rest as f64).sqrt();
-    // The zero is a tare at rest; a mean that does not contradict it is it.
-    let angle = if angle.abs() < 4.0 * uncertainty {
-        0.0
-    } else {
-        angle
-    };
-    (Start { angle, rate: 0.0 }, false)
-}
-
-/// Samples, of the first second, before pressure or angle move; zero if the
-/// recording starts in motion, or if something shakes it while it rests.
-pub fn rest_at_start(recording: &Recording) -> usize {
-    /// Fewer samples than this do not show a rest.
-    const FEWEST: usize = 5;
-    /// A rest longer than this (s) adds nothing.
-    const LONGEST: f64 = 1.0;
-    /// So many samples show more than noise, …
-    const ENOUGH: usize = 30;
-    /// … if they scatter by more than this factor of it.
-    const SHAKEN: f64 = 1.3;
-    let noise = noise_by_differences(&recording.angle).max(1e-9);
-    let pressure_noise = noise_by_differences(&recording.pressure);
-    let swing = |values: &[f64]| {
-        let low = values.iter().copied().fold(f64::INFINITY, f64::min);
-        let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        high - low
-    };
-    let still = 0.01 * swing(&recording.pressure) + 5.0 * pressure_noise;
-    let first_pressure = mean(&recording.pressure[..FEWEST.min(recording.len())]);
-    let first_angle = mean(&recording.angle[..FEWEST.min(recording.len())]);
-    let rest = (0..recording.len())
-        .take_while(|&k| {
-            recording.time[k] - recording.time[0] <= LONGEST
-                && (recording.pressure[k] - first_pressure).abs() <= still
-                && (recording.angle[k] - first_angle).abs() <= 5.0 * noise
-        })
-        .count();
-    let shaken = rest >= ENOUGH && scatter(&recording.angle[..rest]) > SHAKEN * noise;
-    if rest >= FEWEST && !shaken { rest } else { 0 }
-}
-
-/// Angle and rate at the first sample, from a parabola through the first ten.
-fn initial_motion(recording: &Recording) -> Start<f64> {
-    let first = motion(recording, 0, 10, 0);
-    Start {
-        angle: first.map_or(recording.angle[0], |motion| motion.angle),
-        rate: first.map_or(0.0, |motion| motion.rate),
-    }
-}
-
-/// Recordings cut into short pieces that each start where the measured motion
-/// is: the ground on which fits find their way.
-///
-/// Over a whole recording a small error of frequency puts simulation and
-/// measurement out of phase, and the sum of squares is full of valleys that
-/// lead nowhere. Over half a swing it has one. Fitting the pieces is biased by
-/// the noise of their starts and by hidden states that had no time to build
-/// up, so it gives starts for fits and nothing else.
-#[derive(Clone, Debug)]
-pub struct Pieces {
-    pieces: Vec<(Recording, Start<f64>)>,
-}
-
-impl Pieces {
-    /// Cuts the recordings of `fitter` into pieces of about half a swing of
-    /// its nominal model, between 10 samples and 1 s, and takes enough of them
-    /// at even distances.
-    pub fn of(fitter: &Fitter<'_, '_>) -> Self {
-        const FEWEST: f64 = 10.0;
-        const LONGEST_S: f64 = 1.0;
-        /// Samples that are enough to find a start.
-        const ENOUGH: usize = 2_000;
-        let mut pieces = Vec::new();
-        for run in fitter.runs {
-            let stiffness = fitter.nominal.fastest_rate(run.reach).stiffness;
-            let half_swing = std::f64::consts::PI / stiffness.sqrt();
-            let samples = (half_swing.min(LONGEST_S) / run.interval).max(FEWEST);
-            // At most a second of samples.
-            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-            let length = samples as usize;
-            let recording = run.recording;
-            let half = half_window(recording);
-            let mut begin = half;
-            while begin + length < recording.len() {
-                let at = motion(recording, begin - half, begin + half + 1, begin);
-                if let Some(motion) = at {
-                    let range = begin..begin + length;
-                    let piece = Recording {
-                        time: recording.time[range.clone()].to_vec(),
-                        pressure: recording.pressure[range.clone()].to_vec(),
-                        angle: recording.angle[range].to_vec(),
-                        ..Recording::default()
-                    };
-                    let start = Start {
-                        angle: motion.angle,
-                        rate: motion.rate,
-                    };
-                    pieces.push((piece, start));
-                }
-                begin += length;
-            }
-        }
-        let samples: usize = pieces.iter().map(|(piece, _)| piece.len()).sum();
-        let stride = samples.div_ceil(ENOUGH).max(1);
-        let pieces = pieces.into_iter().step_by(stride).collect();
-        Self { pieces }
-    }
-
-    /// The pieces as runs whose starts are known.
-    pub fn runs(&self) -> Vec<Run<'_>> {
-        self.pieces
-            .iter()
-            .map(|(recording, start)| Run {
-                start: *start,
-                moving: false,
-                ..Run::new(recording)
-            })
-            .collect()
-    }
-}
-
-/// A part of the recordings, whole runs where they are short: enough to rank
-/// starts and candidates before the best are fitted to everything.
-#[derive(Clone, Debug)]
-pub struct Excerpt {
-    recordings: Vec<Recording>,
-}
-
-impl Excerpt {
-    /// Takes runs at even distances in the list until there are enough
-    /// samples, and cuts the last one.
-    pub fn of(fitter: &Fitter<'_, '_>) -> Self {
-        /// Samples that are enough to rank.
-        const ENOUGH: usize = 4_000;
-        let all: usize = fitter.runs.iter().map(|run| run.recording.len()).sum();
-        let stride = all.div_ceil(ENOUGH).max(1);
-        let count = fitter.runs.len();
-        let mut order: Vec<usize> = (0..count).collect();
-        order.sort_by_key(|index| (index % stride, *index));
-        let mut recordings = Vec::new();
-        let mut room = ENOUGH;
-        for index in order {
-            let recording = fitter.runs[index].recording;
-            let length = recording.len().min(room);
-            // The rest of a run that is nearly over shows nothing new.
-            if length < recording.len().min(100) {
-                break;
-            }
-            recordings.push(Recording {
-                time: recording.time[..length].to_vec(),
-                pressure: recording.pressure[..length].to_vec(),
-                angle: recording.angle[..length].to_vec(),
-                ..Recording::default()
-            });
-            room -= length;
-        }
-        Self { recordings }
-    }
-
-    /// The runs of the excerpt.
-    pub fn runs(&self) -> Vec<Run<'_>> {
-        Run::all(&self.recordings)
-    }
-}
+use crate::simulate::{Origin, Start, run_from};
+use crate::statistics::{correlation_time, rms};
 
 /// How a parameter maps to the unbounded coordinate that the solver moves.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -424,18 +161,19 @@ pub struct Fit {
     pub model: Model<f64>,
     /// Which parameters were free.
     pub free: Vec<ParameterId>,
-    /// Start of each recording, estimated where it was unknown.
-    pub starts: Vec<Start<f64>>,
-    /// Simulated minus measured angle (rad), a series a recording.
+    /// Zeros and start of each session; guesses where nothing of it was fitted.
+    pub nuisances: Vec<Nuisance>,
+    /// What zeros and starts cost: the squares of their departures from what was
+    /// known before, in standard deviations, summed over the sessions.
+    pub departure: f64,
+    /// Simulated minus measured angle (rad), a series a fitted segment.
     pub residuals: Vec<Vec<f64>>,
     /// Standard error of each free parameter, in SI units; infinite for a
     /// parameter that the recordings do not determine.
     pub standard_errors: Vec<f64>,
     /// Whether the solver met its tolerance.
     pub converged: bool,
-    /// Number of starts that were estimated.
-    moving: usize,
-    /// What each recording says about the free parameters; empty after a
+    /// What each segment says about the free parameters; empty after a
     /// glance.
     information: Information,
     coordinates: Vec<Coordinate>,
@@ -469,11 +207,6 @@ impl Fit {
         self.residuals.iter().map(Vec::len).sum()
     }
 
-    /// Number of numbers that were estimated.
-    pub fn estimated(&self) -> usize {
-        self.free.len() + 2 * self.moving
-    }
-
     /// RMS residual (rad).
     pub fn rmse(&self) -> f64 {
         (self.sse() / self.samples().max(1) as f64).sqrt()
@@ -484,8 +217,8 @@ impl Fit {
         correlation_time(&self.residuals)
     }
 
-    /// The model as it would have been fitted without the recordings in
-    /// `left_out`, to second order; none where that cannot be trusted.
+    /// The model as it would have been fitted without the segments at the places
+    /// in `left_out`, to second order; none where that cannot be trusted.
     pub fn without(&self, left_out: &[usize]) -> Option<Model<f64>> {
         if self.free.is_empty() {
             return Some(self.model);
@@ -606,20 +339,19 @@ impl Effort {
     }
 }
 
-/// Fits models to a set of recordings.
+/// Fits models to data.
 #[derive(Clone, Copy, Debug)]
-pub struct Fitter<'a, 'r> {
+pub struct Fitter<'a> {
     /// The model before any fit, around which base parameters are searched.
     pub nominal: &'a Model<f64>,
-    /// The recordings.
-    pub runs: &'a [Run<'r>],
+    /// The sessions and their segments.
+    pub data: &'a Dataset,
 }
 
-impl Fitter<'_, '_> {
+impl Fitter<'_> {
     /// Fits the parameters in `free`, starting from their values in `start`.
     ///
-    /// With nothing free it estimates only the starts of recordings that begin
-    /// in motion: a plain comparison.
+    /// With nothing free it estimates only zeros and starts: a plain comparison.
     pub fn fit(&self, start: &Model<f64>, free: &[ParameterId], effort: Effort) -> Fit {
         self.fit_kept(start, free, effort, &Checkpoint::default())
     }
@@ -632,7 +364,7 @@ impl Fitter<'_, '_> {
         effort: Effort,
         checkpoint: &Checkpoint,
     ) -> Fit {
-        let mut problem = Problem::new(self, start, free);
+        let mut problem = Problem::new(self, start, free, Compared::Fitted);
         let key = if checkpoint.is_used() {
             self.fingerprint(start, free, effort)
         } else {
@@ -641,14 +373,11 @@ impl Fitter<'_, '_> {
         if let Some(ended) = checkpoint.recall(key)
             && ended.position.len() == problem.unknowns()
         {
-            problem.position = DVector::from_column_slice(&ended.position);
+            problem.set_params(&DVector::from_column_slice(&ended.position));
             return problem.finish(ended.converged, effort);
         }
-        let mut converged = true;
+        let (problem, converged) = problem.solved(effort);
         if problem.unknowns() > 0 {
-            let (solved, report) = effort.solver().minimize(problem);
-            converged = report.termination.was_successful();
-            problem = solved;
             let position = problem.position.iter().copied().collect();
             checkpoint.keep(
                 key,
@@ -661,26 +390,54 @@ impl Fitter<'_, '_> {
         problem.finish(converged, effort)
     }
 
-    /// Tells fits apart: by recordings, model, start, free parameters, effort
-    /// and version.
+    /// Tells fits apart: by data, model, start, free parameters, effort and
+    /// version.
     fn fingerprint(&self, start: &Model<f64>, free: &[ParameterId], effort: Effort) -> u64 {
         let version = env!("CARGO_PKG_VERSION");
         let text = format!("{version} {:?} {start:?} {free:?} {effort:?}", self.nominal);
-        let samples = self.runs.iter().flat_map(|run| {
-            let Recording { time, angle, .. } = run.recording;
+        let sessions = self.data.sessions();
+        let samples = sessions.iter().enumerate().flat_map(|(index, session)| {
+            let recording = session.recording();
+            let guess = session.guess();
             let own = [
-                run.start.angle,
-                run.start.rate,
-                f64::from(u8::from(run.moving)),
+                guess.pressure_zero,
+                guess.angle_zero,
+                guess.start.angle,
+                guess.start.rate,
+                session.prior().deviation.pressure_zero,
+                session.prior().deviation.angle_zero,
+                session.clock(),
+                f64::from(u8::from(session.is_estimated())),
             ];
-            time.iter()
-                .chain(run.signal.values())
-                .chain(angle)
+            let ranges = self.data.fitted_ranges(index);
+            recording
+                .time
+                .iter()
+                .chain(session.signal().values())
+                .chain(&recording.angle)
                 .copied()
                 .chain(own)
+                .chain(
+                    ranges
+                        .into_iter()
+                        .flat_map(|range| [range.start as f64, range.end as f64]),
+                )
                 .flat_map(f64::to_le_bytes)
         });
         fingerprint(text.into_bytes().into_iter().chain(samples))
+    }
+
+    /// Simulates a model over the segments that are held out: zeros and start are
+    /// those of the fitted segments of the same session, or if there are none,
+    /// those that suit the session best. Series in the order of
+    /// [`Dataset::held_out`].
+    pub fn validate(&self, model: &Model<f64>) -> Validation {
+        let (problem, _) =
+            Problem::new(self, model, &[], Compared::Validated).solved(Effort::Glance);
+        Validation {
+            residuals: problem.residual_series(false),
+            nuisances: problem.nuisances(),
+        }
     }
 
     /// Widens the standard errors of a fit by what is not known about parameters
@@ -691,8 +448,8 @@ impl Fitter<'_, '_> {
             return;
         }
         let free = [fit.free.as_slice(), held].concat();
-        let wider = Problem::new(self, &fit.model, &free)
-            .starting(&fit.starts)
+        let wider = Problem::new(self, &fit.model, &free, Compared::Fitted)
+            .with_nuisances(&fit.nuisances)
             .finish(fit.converged, Effort::Full);
         for (error, wider) in fit.standard_errors.iter_mut().zip(wider.standard_errors) {
             if wider.is_finite() {
@@ -707,25 +464,33 @@ impl Fitter<'_, '_> {
     }
 
     /// Derivatives of the simulated angles by the free parameters of a fit to
-    /// other recordings, in the coordinates in which that was solved.
+    /// other recordings, in the coordinates in which that was solved, without
+    /// what zeros and starts can follow. A row a fitted sample.
     pub fn derivatives(&self, fit: &Fit) -> DMatrix<f64> {
-        let mut problem = Problem::new(self, &fit.model, &fit.free);
+        let mut problem = Problem::new(self, &fit.model, &fit.free, Compared::Fitted);
         problem.coordinates.clone_from(&fit.coordinates);
         for (to, from) in problem.position.iter_mut().zip(&fit.position) {
             *to = *from;
         }
-        problem
-            .exact_jacobian()
-            .columns(0, fit.free.len())
-            .into_owned()
+        let problem = problem.with_nuisances(&fit.nuisances);
+        let blocks = problem.projected();
+        let free = fit.free.len();
+        let rows = blocks.iter().map(|(block, _)| block.nrows()).sum();
+        let mut all = DMatrix::zeros(rows, free);
+        let mut first = 0;
+        for (block, _) in &blocks {
+            all.rows_mut(first, block.nrows()).copy_from(block);
+            first += block.nrows();
+        }
+        all
     }
 
     /// The sum of squares (rad²) that one Gauss–Newton step from `start` promises:
     /// a score test at the price of a single simulation with derivatives. Not
     /// finite where the model cannot be simulated.
     pub fn promise(&self, start: &Model<f64>, free: &[ParameterId]) -> f64 {
-        let starts: Vec<Start<f64>> = self.runs.iter().map(|run| run.start).collect();
-        let Some((residuals, jacobian)) = self.linearised(start, free, &starts) else {
+        let problem = Problem::new(self, start, free, Compared::Fitted);
+        let (Some(residuals), Some(jacobian)) = (problem.residuals(), problem.jacobian()) else {
             return f64::INFINITY;
         };
         let mut normal = jacobian.tr_mul(&jacobian);
@@ -741,18 +506,19 @@ impl Fitter<'_, '_> {
             .map_or(whole, |factor| whole - slope.dot(&factor.solve(&slope)))
     }
 
-    /// Residuals (rad) of a model, and their derivatives in the coordinates in
-    /// which the solver moves: the parameters in `free`, then the starts of
-    /// recordings that begin in motion, about `starts`. None where it cannot be
-    /// simulated.
+    /// Residuals (rad) of a model at every fitted sample, and their derivatives in
+    /// the coordinates in which the solver moves: the parameters in `free`, then
+    /// zeros and starts of the sessions, about `nuisances`. None where it cannot
+    /// be simulated.
     pub fn linearised(
         &self,
         model: &Model<f64>,
         free: &[ParameterId],
-        starts: &[Start<f64>],
+        nuisances: &[Nuisance],
     ) -> Option<(DVector<f64>, DMatrix<f64>)> {
-        let problem = Problem::new(self, model, free).starting(starts);
-        Some((problem.residuals()?, problem.jacobian()?))
+        Problem::new(self, model, free, Compared::Fitted)
+            .with_nuisances(nuisances)
+            .dense()
     }
 
     /// The `count` starts that promise most.
@@ -801,21 +567,76 @@ impl Fitter<'_, '_> {
     }
 }
 
-/// The least-squares problem in the solver's coordinates: the free parameters,
-/// then angle and rate of every recording that starts in motion.
-struct Problem<'a, 'r> {
-    model: Model<f64>,
-    free: Vec<ParameterId>,
-    coordinates: Vec<Coordinate>,
-    runs: &'a [Run<'r>],
-    /// First column of each recording's own unknowns.
-    own: Vec<Option<NonZeroUsize>>,
-    position: DVector<f64>,
+/// What a model made of the segments that were held out.
+#[derive(Clone, Debug)]
+pub struct Validation {
+    /// Simulated minus measured angle (rad), a series a held-out segment.
+    pub residuals: Vec<Vec<f64>>,
+    /// Zeros and start of each session.
+    pub nuisances: Vec<Nuisance>,
 }
 
-impl<'a, 'r> Problem<'a, 'r> {
-    fn new(fitter: &Fitter<'a, 'r>, model: &Model<f64>, free: &[ParameterId]) -> Self {
-        let runs = fitter.runs;
+/// Which samples of a session are compared.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Compared {
+    /// Those that are fitted; sessions without any take no part.
+    Fitted,
+    /// Only sessions that hold something out: their fitted samples, or all if
+    /// there are none.
+    Validated,
+}
+
+/// A session as it takes part in a problem.
+struct Part<'a> {
+    session: &'a Session,
+    /// Its index in the data.
+    index: usize,
+    /// The samples that are compared.
+    ranges: Vec<Range<usize>>,
+    /// Column of its first own unknown; none if zeros and start are known.
+    own: Option<usize>,
+}
+
+impl Part<'_> {
+    fn rows(&self) -> usize {
+        self.ranges.iter().map(ExactSizeIterator::len).sum()
+    }
+}
+
+/// Residuals of one session and their derivatives by the free parameters and by
+/// its own unknowns, a row a compared sample.
+struct Linear {
+    jacobian: DMatrix<f64>,
+    residual: DVector<f64>,
+}
+
+/// The least-squares problem in the solver's coordinates: the free parameters,
+/// then zeros and start of every session.
+///
+/// A session has thousands of samples and a dozen unknowns. What the solver needs
+/// of it is the triangle of a QR decomposition of its derivatives and residuals,
+/// which has the same normal equations and the same sum of squares; it is found
+/// whenever the position moves, with one simulation on dual numbers.
+struct Problem<'a> {
+    model: Model<f64>,
+    data: &'a Dataset,
+    free: Vec<ParameterId>,
+    coordinates: Vec<Coordinate>,
+    parts: Vec<Part<'a>>,
+    position: DVector<f64>,
+    /// The triangle of each part at `position`: derivatives, residuals last. None
+    /// where the model cannot be simulated.
+    triangles: Option<Vec<DMatrix<f64>>>,
+}
+
+impl<'a> Problem<'a> {
+    fn new(
+        fitter: &Fitter<'a>,
+        model: &Model<f64>,
+        free: &[ParameterId],
+        compared: Compared,
+    ) -> Self {
+        let data = fitter.data;
         let coordinates: Vec<Coordinate> = free
             .iter()
             .map(|&id| Coordinate::of(fitter.nominal, model, id))
@@ -825,35 +646,71 @@ impl<'a, 'r> Problem<'a, 'r> {
             .zip(&coordinates)
             .map(|(&id, coordinate)| coordinate.position(model.value(id).unwrap_or(0.0)))
             .collect();
-        let own = runs
-            .iter()
-            .map(|run| {
-                run.moving.then(|| {
-                    position.extend([run.start.angle, run.start.rate]);
-                    // Counted from 1, so that a column can be absent.
-                    NonZeroUsize::new(position.len() - 1).unwrap_or(NonZeroUsize::MIN)
-                })
-            })
-            .collect();
-        Self {
+        let mut parts = Vec::new();
+        for (index, session) in data.sessions().iter().enumerate() {
+            let mut ranges = data.fitted_ranges(index);
+            if compared == Compared::Validated {
+                let held_out = data.ranges(index, false);
+                if held_out.is_empty() {
+                    continue;
+                }
+                if ranges.is_empty() {
+                    ranges = held_out;
+                }
+            }
+            if ranges.is_empty() {
+                continue;
+            }
+            let own = session.is_estimated().then(|| {
+                position.extend(session.prior().position(&session.guess()));
+                position.len() - UNKNOWNS
+            });
+            parts.push(Part {
+                session,
+                index,
+                ranges,
+                own,
+            });
+        }
+        let mut this = Self {
             model: *model,
+            data,
             free: free.to_vec(),
             coordinates,
-            runs,
-            own,
+            parts,
             position: DVector::from_vec(position),
-        }
+            triangles: None,
+        };
+        this.triangles = this.triangulated();
+        this
     }
 
-    /// The same with other starts of the recordings that begin in motion.
-    fn starting(mut self, starts: &[Start<f64>]) -> Self {
-        for (own, start) in self.own.iter().zip(starts) {
-            if let Some(column) = own {
-                self.position[column.get() - 1] = start.angle;
-                self.position[column.get()] = start.rate;
+    /// The same with zeros and starts as given, one set a session.
+    fn with_nuisances(mut self, nuisances: &[Nuisance]) -> Self {
+        for part in &self.parts {
+            if let (Some(first), Some(nuisance)) = (part.own, nuisances.get(part.index)) {
+                let position = part.session.prior().position(nuisance);
+                for (offset, value) in position.into_iter().enumerate() {
+                    self.position[first + offset] = value;
+                }
             }
         }
+        self.triangles = self.triangulated();
         self
+    }
+
+    /// Lets the solver find the position; whether it met its tolerance.
+    fn solved(self, effort: Effort) -> (Self, bool) {
+        if self.unknowns() == 0 {
+            return (self, true);
+        }
+        let mut solver = effort.solver();
+        if self.free.is_empty() {
+            // Zeros and starts alone are nearly linear: full steps.
+            solver = solver.with_stepbound(100.0);
+        }
+        let (solved, report) = solver.minimize(self);
+        (solved, report.termination.was_successful())
     }
 
     fn unknowns(&self) -> usize {
@@ -868,30 +725,81 @@ impl<'a, 'r> Problem<'a, 'r> {
         model
     }
 
-    fn start(&self, index: usize) -> Start<f64> {
-        match self.own[index] {
-            Some(column) => Start {
-                angle: self.position[column.get() - 1],
-                rate: self.position[column.get()],
-            },
-            None => self.runs[index].start,
+    fn own_position(&self, first: usize) -> [f64; UNKNOWNS] {
+        std::array::from_fn(|offset| self.position[first + offset])
+    }
+
+    fn nuisance(&self, part: &Part<'_>) -> Nuisance {
+        match part.own {
+            Some(first) => part.session.prior().at(self.own_position(first)),
+            None => part.session.guess(),
         }
     }
 
-    fn residual_series(&self) -> Vec<Vec<f64>> {
-        let model = self.model();
-        self.runs
-            .par_iter()
-            .enumerate()
-            .map(|(index, run)| run.residual(&model, self.start(index)))
-            .collect()
+    /// Zeros and start of every session of the data.
+    fn nuisances(&self) -> Vec<Nuisance> {
+        let mut all: Vec<Nuisance> = self
+            .data
+            .sessions()
+            .iter()
+            .map(|session| session.guess())
+            .collect();
+        for part in &self.parts {
+            all[part.index] = self.nuisance(part);
+        }
+        all
     }
 
-    /// Derivatives of one recording's samples: by the free parameters, then by
-    /// its own start. `N` is at least the number of columns.
-    fn sensitivities<const N: usize>(&self, model: &Model<f64>, index: usize) -> Vec<[f64; N]> {
-        let recording = &self.runs[index];
-        let steps = substeps(model, recording.interval, recording.reach);
+    /// What was known before about the unknowns of a part, as residuals (rad):
+    /// departures in standard deviations times the noise of the angle.
+    fn prior_rows(&self, part: &Part<'_>) -> [f64; UNKNOWNS] {
+        let prior = part.session.prior();
+        prior
+            .departures(&self.nuisance(part))
+            .map(|departure| prior.noise * departure)
+    }
+
+    /// Their derivatives by the solver's coordinates.
+    fn prior_slopes(&self, part: &Part<'_>) -> [f64; UNKNOWNS] {
+        let prior = part.session.prior();
+        let Some(first) = part.own else {
+            return [0.0; UNKNOWNS];
+        };
+        let slopes = prior.slopes(self.own_position(first));
+        let sd = &prior.deviation;
+        let deviations = [
+            sd.pressure_zero,
+            sd.angle_zero,
+            sd.start.angle,
+            sd.start.rate,
+        ];
+        std::array::from_fn(|k| prior.noise * slopes[k] / deviations[k])
+    }
+
+    /// Residuals of the segments that are fitted, or of those held out; only of
+    /// sessions that take part.
+    fn residual_series(&self, fitted: bool) -> Vec<Vec<f64>> {
+        let model = self.model();
+        let series: Vec<Vec<Vec<f64>>> = self
+            .parts
+            .par_iter()
+            .map(|part| {
+                let simulated = part.session.simulate(&model, &self.nuisance(part));
+                let residual = part.session.residual_of(&simulated);
+                self.data
+                    .ranges(part.index, fitted)
+                    .into_iter()
+                    .map(|range| residual[range].to_vec())
+                    .collect()
+            })
+            .collect();
+        series.into_iter().flatten().collect()
+    }
+
+    /// One session on dual numbers with `N` derivatives: at least the free
+    /// parameters, the pressure's zero and the start.
+    fn linear<const N: usize>(&self, model: &Model<f64>, part: &Part<'_>) -> Linear {
+        let session = part.session;
         let mut dual: Model<Dual<N>> = model.map(Dual::constant);
         for (column, ((&id, coordinate), &u)) in self
             .free
@@ -903,76 +811,143 @@ impl<'a, 'r> Problem<'a, 'r> {
             let value = coordinate.to_value(u);
             dual = dual.with_value(id, Dual::variable(value, column, coordinate.slope(u)));
         }
-        let start = self.start(index);
-        let columns = self.free.len();
-        let start = if self.own[index].is_some() {
-            Start {
-                angle: Dual::variable(start.angle, columns, 1.0),
-                rate: Dual::variable(start.rate, columns + 1, 1.0),
-            }
-        } else {
-            Start {
-                angle: Dual::constant(start.angle),
-                rate: Dual::constant(start.rate),
-            }
+        let free = self.free.len();
+        let nuisance = self.nuisance(part);
+        let unknown = |value: f64, column: usize| match part.own {
+            Some(_) => Dual::variable(value, free + column, 1.0),
+            None => Dual::constant(value),
         };
-        let mut partials: Vec<[f64; N]> = run(&dual, &recording.signal, start, steps)
-            .reading
-            .into_iter()
-            .map(|reading| reading.partials())
-            .collect();
-        for range in &recording.clipped {
-            partials[range.clone()].fill([0.0; N]);
+        let origin = Origin {
+            start: Start {
+                angle: unknown(nuisance.start.angle - nuisance.angle_zero, 1),
+                rate: unknown(nuisance.start.rate, 2),
+            },
+            pressure_zero: unknown(nuisance.pressure_zero, 0),
+            clock: Dual::constant(session.clock()),
+        };
+        let steps = session.substeps(model);
+        let reading = run_from(&dual, session.signal(), origin, steps).reading;
+        let columns = free + if part.own.is_some() { UNKNOWNS } else { 0 };
+        let slopes = part.own.map_or([0.0; UNKNOWNS], |first| {
+            session.prior().slopes(self.own_position(first))
+        });
+        let mut jacobian = DMatrix::zeros(part.rows(), columns);
+        let mut residual = DVector::zeros(part.rows());
+        let measured = &session.recording().angle;
+        let silent = |sample: usize| session.silent().iter().any(|range| range.contains(&sample));
+        for (row, sample) in part.ranges.iter().cloned().flatten().enumerate() {
+            if silent(sample) {
+                continue;
+            }
+            let partials = reading[sample].partials();
+            residual[row] = reading[sample].value() + nuisance.angle_zero - measured[sample];
+            for column in 0..free {
+                jacobian[(row, column)] = partials[column];
+            }
+            if part.own.is_some() {
+                let by_start = partials[free + 1];
+                // The zero of the angle moves the reading, and the start behind it.
+                let own = [partials[free], 1.0 - by_start, by_start, partials[free + 2]];
+                for (column, (by, slope)) in own.into_iter().zip(slopes).enumerate() {
+                    jacobian[(row, free + column)] = by * slope;
+                }
+            }
         }
-        partials
+        Linear { jacobian, residual }
     }
 
-    /// The Jacobian, with the derivatives carried in arrays of size `N`.
-    fn jacobian_in<const N: usize>(&self) -> DMatrix<f64> {
+    /// Every session, with the derivatives carried in arrays of a size that
+    /// suffices.
+    fn linears(&self) -> Vec<Linear> {
         let model = self.model();
-        let blocks: Vec<Vec<[f64; N]>> = (0..self.runs.len())
+        self.parts
+            .par_iter()
+            .map(|part| match self.free.len() + 3 {
+                0..=4 => self.linear::<4>(&model, part),
+                5..=6 => self.linear::<6>(&model, part),
+                7..=8 => self.linear::<8>(&model, part),
+                9..=12 => self.linear::<12>(&model, part),
+                // Five base parameters and three effects of four each.
+                _ => self.linear::<20>(&model, part),
+            })
+            .collect()
+    }
+
+    fn triangulated(&self) -> Option<Vec<DMatrix<f64>>> {
+        self.linears()
             .into_par_iter()
-            .map(|index| self.sensitivities::<N>(&model, index))
-            .collect();
-        let rows = blocks.iter().map(Vec::len).sum();
+            .map(|Linear { jacobian, residual }| {
+                let columns = jacobian.ncols();
+                let mut both = jacobian.resize_horizontally(columns + 1, 0.0);
+                both.set_column(columns, &residual);
+                both.iter()
+                    .all(|entry| entry.is_finite())
+                    .then(|| both.qr().r())
+            })
+            .collect()
+    }
+
+    /// The residuals and derivatives of all fitted samples.
+    fn dense(&self) -> Option<(DVector<f64>, DMatrix<f64>)> {
+        let linears = self.linears();
+        let rows = linears.iter().map(|linear| linear.residual.len()).sum();
+        let free = self.free.len();
+        let mut residuals = DVector::zeros(rows);
         let mut jacobian = DMatrix::zeros(rows, self.unknowns());
         let mut first = 0;
-        for (block, own) in blocks.iter().zip(&self.own) {
-            for (offset, partials) in block.iter().enumerate() {
-                for column in 0..self.free.len() {
-                    jacobian[(first + offset, column)] = partials[column];
-                }
-                if let Some(column) = own {
-                    jacobian[(first + offset, column.get() - 1)] = partials[self.free.len()];
-                    jacobian[(first + offset, column.get())] = partials[self.free.len() + 1];
-                }
+        for (linear, part) in linears.iter().zip(&self.parts) {
+            let height = linear.residual.len();
+            residuals
+                .rows_mut(first, height)
+                .copy_from(&linear.residual);
+            jacobian
+                .view_mut((first, 0), (height, free))
+                .copy_from(&linear.jacobian.columns(0, free));
+            if let Some(own) = part.own {
+                jacobian
+                    .view_mut((first, own), (height, UNKNOWNS))
+                    .copy_from(&linear.jacobian.columns(free, UNKNOWNS));
             }
-            first += block.len();
+            first += height;
         }
-        jacobian
+        let finite = |entry: &f64| entry.is_finite();
+        (residuals.iter().all(finite) && jacobian.iter().all(finite))
+            .then_some((residuals, jacobian))
     }
 
-    fn exact_jacobian(&self) -> DMatrix<f64> {
-        match self.free.len() + 2 * usize::from(self.own.iter().any(Option::is_some)) {
-            0..=4 => self.jacobian_in::<4>(),
-            5..=6 => self.jacobian_in::<6>(),
-            7..=8 => self.jacobian_in::<8>(),
-            9..=12 => self.jacobian_in::<12>(),
-            // Five base parameters, three effects of four each and a start.
-            _ => self.jacobian_in::<20>(),
-        }
+    /// Of each session, the derivatives by the free parameters without what its
+    /// zeros and start can follow, and the residuals.
+    fn projected(&self) -> Vec<(DMatrix<f64>, DVector<f64>)> {
+        let free = self.free.len();
+        self.linears()
+            .into_iter()
+            .zip(&self.parts)
+            .map(|(linear, part)| {
+                let parameters = linear.jacobian.columns(0, free).into_owned();
+                if part.own.is_none() {
+                    return (parameters, linear.residual);
+                }
+                let own = linear.jacobian.columns(free, UNKNOWNS).into_owned();
+                let known = self.prior_slopes(part);
+                (
+                    crate::information::without_nuisance(&parameters, &own, &known),
+                    linear.residual,
+                )
+            })
+            .collect()
     }
 
     fn finish(self, converged: bool, effort: Effort) -> Fit {
-        let residuals = self.residual_series();
+        let residuals = self.residual_series(true);
         let information = match effort {
             Effort::Glance => Information::default(),
             Effort::Full => self.information(&residuals),
         };
         let free = self.free.len();
         let covariance = match effort {
-            Effort::Glance => None,
-            Effort::Full => information.covariance(),
+            // Where a derivative is not finite, nothing is known.
+            Effort::Full if information.unknowns() == free => information.covariance(),
+            _ => None,
         };
         let standard_errors = self
             .coordinates
@@ -985,70 +960,64 @@ impl<'a, 'r> Problem<'a, 'r> {
                 })
             })
             .collect();
-        let model = self.model();
-        let starts = (0..self.runs.len())
-            .map(|index| self.start(index))
-            .collect();
+        let departure = self
+            .parts
+            .iter()
+            .filter(|part| part.own.is_some())
+            .flat_map(|part| part.session.prior().departures(&self.nuisance(part)))
+            .map(|departure| departure * departure)
+            .sum();
         Fit {
-            model,
+            model: self.model(),
+            nuisances: self.nuisances(),
+            departure,
             free: self.free,
-            starts,
             residuals,
             standard_errors,
             converged,
-            moving: self.own.iter().flatten().count(),
             information,
             coordinates: self.coordinates,
             position: self.position.iter().take(free).copied().collect(),
         }
     }
 
-    /// What each recording says about the free parameters.
+    /// What each fitted segment says about the free parameters.
     fn information(&self, residuals: &[Vec<f64>]) -> Information {
         let unknowns = self.free.len();
         if unknowns == 0 {
             return Information::default();
         }
-        let jacobian = self.exact_jacobian();
-        if !jacobian.iter().all(|entry| entry.is_finite()) {
+        let projected = self.projected();
+        if !projected
+            .iter()
+            .all(|(block, _)| block.iter().all(|entry| entry.is_finite()))
+        {
             return Information::default();
         }
-        let mut first = 0;
-        let blocks: Vec<(DMatrix<f64>, DMatrix<f64>)> = residuals
-            .iter()
-            .zip(&self.own)
-            .map(|(residual, own)| {
-                let rows = jacobian.rows(first, residual.len());
-                first += residual.len();
-                let start = own.map_or_else(
-                    || DMatrix::zeros(residual.len(), 0),
-                    |column| rows.columns(column.get() - 1, 2).into_owned(),
-                );
-                (rows.columns(0, unknowns).into_owned(), start)
-            })
-            .collect();
-        Information::collect(
-            unknowns,
-            blocks
-                .iter()
-                .zip(residuals)
-                .map(|((parameters, start), residual)| Block {
-                    parameters,
-                    start,
-                    residual,
-                }),
-            correlation_time(residuals),
-        )
+        let mut blocks = Vec::new();
+        for ((parameters, residual), part) in projected.iter().zip(&self.parts) {
+            let mut first = 0;
+            for range in &part.ranges {
+                let rows = range.len();
+                blocks.push(Block {
+                    parameters: parameters.rows(first, rows).into_owned(),
+                    residual: residual.rows(first, rows).into_owned(),
+                });
+                first += rows;
+            }
+        }
+        Information::collect(unknowns, &blocks, correlation_time(residuals))
     }
 }
 
-impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_, '_> {
+impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
     type ResidualStorage = Owned<f64, Dyn>;
     type JacobianStorage = Owned<f64, Dyn, Dyn>;
     type ParameterStorage = Owned<f64, Dyn>;
 
     fn set_params(&mut self, position: &DVector<f64>) {
         self.position.copy_from(position);
+        self.triangles = self.triangulated();
     }
 
     fn params(&self) -> DVector<f64> {
@@ -1056,19 +1025,43 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_, '_> {
     }
 
     fn residuals(&self) -> Option<DVector<f64>> {
-        let residuals: Vec<f64> = self.residual_series().into_iter().flatten().collect();
-        residuals
-            .iter()
-            .all(|residual| residual.is_finite())
-            .then(|| DVector::from_vec(residuals))
+        let mut all = Vec::new();
+        for (triangle, part) in self.triangles.as_ref()?.iter().zip(&self.parts) {
+            all.extend(triangle.column(triangle.ncols() - 1).iter());
+            if part.own.is_some() {
+                all.extend(self.prior_rows(part));
+            }
+        }
+        Some(DVector::from_vec(all))
     }
 
     fn jacobian(&self) -> Option<DMatrix<f64>> {
-        let jacobian = self.exact_jacobian();
-        jacobian
+        let triangles = self.triangles.as_ref()?;
+        let free = self.free.len();
+        let own_rows = |part: &Part<'_>| if part.own.is_some() { UNKNOWNS } else { 0 };
+        let rows = triangles
             .iter()
-            .all(|entry| entry.is_finite())
-            .then_some(jacobian)
+            .zip(&self.parts)
+            .map(|(triangle, part)| triangle.nrows() + own_rows(part))
+            .sum();
+        let mut jacobian = DMatrix::zeros(rows, self.unknowns());
+        let mut first = 0;
+        for (triangle, part) in triangles.iter().zip(&self.parts) {
+            let height = triangle.nrows();
+            jacobian
+                .view_mut((first, 0), (height, free))
+                .copy_from(&triangle.columns(0, free));
+            first += height;
+            let Some(own) = part.own else { continue };
+            jacobian
+                .view_mut((first - height, own), (height, UNKNOWNS))
+                .copy_from(&triangle.columns(free, UNKNOWNS));
+            for (offset, slope) in self.prior_slopes(part).into_iter().enumerate() {
+                jacobian[(first + offset, own + offset)] = slope;
+            }
+            first += UNKNOWNS;
+        }
+        Some(jacobian)
     }
 }
 

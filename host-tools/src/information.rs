@@ -6,8 +6,8 @@
 //! combinations of parameters nothing determines, and what the fit would have
 //! been without some of the recordings.
 //!
-//! The unknown start of a recording is eliminated (Schur complement), so that
-//! only the free parameters are left.
+//! Zeros and start of a session are eliminated before ([`without_nuisance`]), so
+//! that only the free parameters are left.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -32,24 +32,19 @@ pub struct Information {
 /// Fewer recordings say little about their own scatter.
 const FEWEST_RECORDINGS: usize = 5;
 
-/// Derivatives and residuals of one recording.
-pub struct Block<'a> {
-    /// By the free parameters, a row a sample.
-    pub parameters: &'a DMatrix<f64>,
-    /// By the recording's own start; no columns if that is known.
-    pub start: &'a DMatrix<f64>,
+/// Derivatives and residuals of one segment.
+pub struct Block {
+    /// By the free parameters, a row a sample, without what the session's zeros
+    /// and start can follow.
+    pub parameters: DMatrix<f64>,
     /// Simulated minus measured (rad).
-    pub residual: &'a [f64],
+    pub residual: DVector<f64>,
 }
 
 impl Information {
     /// Collects the information of recordings whose residuals are correlated
     /// over `correlation` samples.
-    pub fn collect<'a>(
-        unknowns: usize,
-        blocks: impl Iterator<Item = Block<'a>>,
-        correlation: f64,
-    ) -> Self {
+    pub fn collect(unknowns: usize, blocks: &[Block], correlation: f64) -> Self {
         /// Slopes are summed over independent stretches, and over such a part of
         /// the recording at least. What the noise of the pressure leaves is small
         /// beside the noise of the angle and lasts for seconds: the correlation time
@@ -61,16 +56,13 @@ impl Information {
             ..Self::default()
         };
         let (mut squares, mut samples) = (0.0, 0usize);
-        for block in blocks {
-            let own = block.start.ncols();
-            let projected = if own == 0 {
-                block.parameters.clone()
-            } else {
-                without_start(block.parameters, block.start)
-            };
-            let residual = DVector::from_column_slice(block.residual);
-            this.curvature.push(projected.tr_mul(&projected));
-            this.slope.push(projected.tr_mul(&residual));
+        for Block {
+            parameters: projected,
+            residual,
+        } in blocks
+        {
+            this.curvature.push(projected.tr_mul(projected));
+            this.slope.push(projected.tr_mul(residual));
             let rows = residual.len();
             let length = independent.max(rows.div_ceil(PART));
             let mut first = 0;
@@ -225,10 +217,20 @@ impl Information {
     }
 }
 
-/// The part of `parameters` that no change of the start can imitate.
-fn without_start(parameters: &DMatrix<f64>, start: &DMatrix<f64>) -> DMatrix<f64> {
-    match inverse(&start.tr_mul(start)) {
-        Some(own) => parameters - start * (own * start.tr_mul(parameters)),
+/// The part of `parameters` that no change of a session's own unknowns can
+/// imitate, of which `known` says how strongly each is held by what was known
+/// before.
+pub fn without_nuisance(
+    parameters: &DMatrix<f64>,
+    own: &DMatrix<f64>,
+    known: &[f64],
+) -> DMatrix<f64> {
+    let mut normal = own.tr_mul(own);
+    for (k, slope) in known.iter().enumerate() {
+        normal[(k, k)] += slope * slope;
+    }
+    match inverse(&normal) {
+        Some(inverse) => parameters - own * (inverse * own.tr_mul(parameters)),
         None => parameters.clone(),
     }
 }
@@ -299,19 +301,15 @@ mod tests {
     }
 
     fn collect(blocks: &[DMatrix<f64>], residuals: &[Vec<f64>]) -> Information {
-        let none = DMatrix::zeros(blocks[0].nrows(), 0);
-        Information::collect(
-            2,
-            blocks
-                .iter()
-                .zip(residuals)
-                .map(|(parameters, residual)| Block {
-                    parameters,
-                    start: &none,
-                    residual,
-                }),
-            1.0,
-        )
+        let blocks: Vec<Block> = blocks
+            .iter()
+            .zip(residuals)
+            .map(|(parameters, residual)| Block {
+                parameters: parameters.clone(),
+                residual: DVector::from_column_slice(residual),
+            })
+            .collect();
+        Information::collect(2, &blocks, 1.0)
     }
 
     fn series() -> Vec<Vec<f64>> {

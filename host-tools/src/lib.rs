@@ -4,10 +4,12 @@
 
 pub mod checkpoint;
 pub mod cmd;
+pub mod columns;
 pub mod denoise;
 pub mod diagnose;
 pub mod dual;
 pub mod error;
+pub mod estimate;
 pub mod example;
 pub mod fit;
 pub mod information;
@@ -26,3 +28,4 @@ pub mod settings_file;
 pub mod simulate;
 pub mod smooth;
 pub mod statistics;
+pub mod usable;

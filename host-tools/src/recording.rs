@@ -8,10 +8,12 @@
 
 use std::fs::File;
 use std::io::{BufReader, Read};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
+use crate::columns::Columns;
 use crate::error::InputError;
 
 /// Pascals in a kilopascal.
@@ -43,6 +45,8 @@ pub struct Recording {
     pub angle: Vec<f64>,
     /// Other columns, as they stand in the file.
     pub extra: Vec<Column>,
+    /// What was said of its columns when it was read.
+    pub columns: Columns,
     /// What the file beside it says.
     pub meta: Meta,
 }
@@ -56,7 +60,8 @@ pub struct Column {
     pub fields: Vec<String>,
 }
 
-/// Metadata from `NAME.meta.toml`; every field is optional.
+/// Metadata from `NAME.meta.toml`. Every field is optional; keys that are not
+/// listed here are ignored.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 pub struct Meta {
     /// Name of the protocol that was run.
@@ -67,19 +72,93 @@ pub struct Meta {
     pub setpoint_deg: Option<f64>,
     /// Whether the recording was simulated.
     pub simulated: Option<bool>,
+    /// When the recording began, or the recording that it was cut from
+    /// (RFC 3339, UTC).
+    #[serde(default, deserialize_with = "text_or_date")]
+    pub started: Option<String>,
+    /// The board's own clock at time 0 (s since its reset). In a file that was
+    /// cut from a recording: at time 0 of that recording.
+    pub uptime_s: Option<f64>,
+    /// File name of the recording that this one was cut from.
+    pub part_of: Option<String>,
+    /// Where this file's time 0 is on the time axis of `part_of` (s).
+    pub begins_s: Option<f64>,
+    /// The parts of a session that count as runs, in the order of time. They do
+    /// not overlap.
+    #[serde(default)]
+    pub segment: Vec<SegmentMeta>,
+    /// How well the sensors' zeros are known.
+    pub calibration: Option<CalibrationMeta>,
+}
+
+/// One run within a session: a rest, what was asked for, and its release.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SegmentMeta {
+    /// Time of its first sample (s), on the file's own time axis.
+    pub from_s: f64,
+    /// Its end (s), on the same axis: samples before it belong to the segment,
+    /// a sample at it belongs to the next one.
+    pub to_s: f64,
+    /// Set-point of a step (°).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub setpoint_deg: Option<f64>,
+    /// Set-point of a step (kPa).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub setpoint_kpa: Option<f64>,
+    /// Which step to this set-point it is, from 1.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub repeat: Option<u32>,
+}
+
+/// How well the zeros of the sensors are known, as standard deviations.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
+pub struct CalibrationMeta {
+    /// Of the pressure sensor's zero (kPa).
+    pub pressure_zero_sd_kpa: Option<f64>,
+    /// Of the angle sensor's zero (°).
+    pub angle_zero_sd_deg: Option<f64>,
+}
+
+impl Meta {
+    /// When the recording began (s since 1970-01-01, UTC); none where that is not
+    /// known or no date in UTC.
+    pub fn started_unix_s(&self) -> Option<f64> {
+        let started = humantime::parse_rfc3339_weak(self.started.as_deref()?).ok()?;
+        let since = started.duration_since(std::time::UNIX_EPOCH).ok()?;
+        Some(since.as_secs_f64())
+    }
+}
+
+/// A date may stand in quotes, as `rig record` writes it, or as TOML's own.
+fn text_or_date<'de, D: serde::Deserializer<'de>>(from: D) -> Result<Option<String>, D::Error> {
+    Ok(match toml::Value::deserialize(from)? {
+        toml::Value::String(text) => Some(text),
+        toml::Value::Datetime(date) => Some(date.to_string()),
+        _ => None,
+    })
 }
 
 impl Recording {
-    /// Reads and checks a recording. Warnings ask about what may be meant but
-    /// is unusual: units, gaps, a last line without an end.
+    /// Reads and checks a recording whose columns hold what their header says.
+    /// Warnings ask about what may be meant but is unusual: units, gaps, a last
+    /// line without an end.
     ///
     /// # Errors
     ///
     /// Names file, line, column and remedy for anything that is not a
     /// recording.
     pub fn read(path: &Path) -> Result<(Self, Vec<String>), InputError> {
+        Self::read_as(path, &Columns::default())
+    }
+
+    /// As [`Recording::read`], of a file whose columns hold something else.
+    ///
+    /// # Errors
+    ///
+    /// As [`Recording::read`].
+    pub fn read_as(path: &Path, columns: &Columns) -> Result<(Self, Vec<String>), InputError> {
         let text = read_text(path)?;
-        let (mut recording, warnings) = Self::parse(&text, path)?;
+        let (mut recording, warnings) = Self::parse_as(&text, path, columns)?;
         recording.meta = read_meta(path)?;
         Ok((recording, warnings))
     }
@@ -90,6 +169,19 @@ impl Recording {
     ///
     /// As [`Recording::read`].
     pub fn parse(text: &str, path: &Path) -> Result<(Self, Vec<String>), InputError> {
+        Self::parse_as(text, path, &Columns::default())
+    }
+
+    /// As [`Recording::parse`], of a text whose columns hold something else.
+    ///
+    /// # Errors
+    ///
+    /// As [`Recording::read`].
+    pub fn parse_as(
+        text: &str,
+        path: &Path,
+        columns: &Columns,
+    ) -> Result<(Self, Vec<String>), InputError> {
         let fail = |found: String, advice: &str| InputError::new(found, advice).in_file(path);
         if text.trim().is_empty() {
             return Err(fail(
@@ -124,6 +216,7 @@ impl Recording {
                     fields: Vec::new(),
                 })
                 .collect(),
+            columns: *columns,
             ..Self::default()
         };
         let mut units = UnitCheck::default();
@@ -139,7 +232,7 @@ impl Recording {
                     .at_line(line));
             }
             let [time, pressure, angle] = row(&record, &required, line)
-                .and_then(|row| recording.follows(row, line))
+                .and_then(|row| recording.follows(columns.read(row), line))
                 .map_err(|error| error.in_file(path))?;
             warnings.extend(units.question(pressure, angle).map(|(column, question)| {
                 format!(
@@ -209,6 +302,28 @@ impl Recording {
         crate::statistics::median(&mut steps)
     }
 
+    /// A range of the samples, under the same name.
+    pub fn slice(&self, range: &Range<usize>) -> Self {
+        let pick = |values: &[f64]| values[range.clone()].to_vec();
+        Self {
+            time: pick(&self.time),
+            pressure: pick(&self.pressure),
+            angle: pick(&self.angle),
+            extra: self
+                .extra
+                .iter()
+                .map(|column| Column {
+                    name: column.name.clone(),
+                    fields: column.fields[range.clone()].to_vec(),
+                })
+                .collect(),
+            name: self.name.clone(),
+            path: self.path.clone(),
+            meta: self.meta.clone(),
+            columns: self.columns,
+        }
+    }
+
     /// An optional numeric column; samples without a number are NaN.
     pub fn column(&self, name: &str) -> Option<Vec<f64>> {
         let column = self.extra.iter().find(|column| column.name == name)?;
@@ -229,7 +344,7 @@ impl Recording {
             .filter(|pair| pair[1] - pair[0] > GAP_FACTOR * usual);
         let first = gaps.next()?;
         Some(format!(
-            "{} gap(s) in time, the first of {:.3} s after {:.3} s; the pressure is interpolated across",
+            "{} gap(s) in time, the first of {:.3} s after {:.3} s",
             gaps.count() + 1,
             first[1] - first[0],
             first[0]
@@ -237,18 +352,20 @@ impl Recording {
     }
 }
 
-/// Reads several recordings and passes their warnings on.
+/// Reads several recordings, all with the same columns, and passes their
+/// warnings on.
 ///
 /// # Errors
 ///
 /// The first file that is not a recording.
 pub fn read_all(
     paths: &[PathBuf],
+    columns: &Columns,
     mut warn: impl FnMut(&str),
 ) -> Result<Vec<Recording>, InputError> {
     let mut recordings = Vec::with_capacity(paths.len());
     for path in paths {
-        let (recording, warnings) = Recording::read(path)?;
+        let (recording, warnings) = Recording::read_as(path, columns)?;
         for warning in &warnings {
             warn(warning);
         }
@@ -403,7 +520,7 @@ impl UnitCheck {
             return Some((
                 "angle_deg",
                 format!(
-                    "{angle_deg} is more than two turns; is the column in degrees, or are columns swapped?"
+                    "{angle_deg} is more than two turns; is the column in degrees, or are pressure and angle exchanged (--exchange-columns)?"
                 ),
             ));
         }
@@ -412,7 +529,7 @@ impl UnitCheck {
             return Some((
                 "pressure_kpa",
                 format!(
-                    "{pressure_kpa} kPa would burst a soft actuator; is the column in kPa, or are columns swapped?"
+                    "{pressure_kpa} kPa would burst a soft actuator; is the column in kPa (--pressure-in), or are pressure and angle exchanged (--exchange-columns)?"
                 ),
             ));
         }

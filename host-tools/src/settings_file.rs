@@ -102,6 +102,100 @@ pub fn from_model(file: &ModelFile) -> Result<Vec<Assignment>, InputError> {
     Ok(assignments)
 }
 
+/// What the sensors of a board show at zero, as a diagnosis found it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Zeros {
+    /// What the pressure sensor shows without pressure (kPa).
+    pub pressure_kpa: f64,
+    /// What the angle sensor shows at 0° (°).
+    pub angle_deg: f64,
+}
+
+impl Zeros {
+    /// Reads the zeros of the last session from a verdict.
+    ///
+    /// # Errors
+    ///
+    /// Says why the file has none.
+    pub fn read(path: &Path) -> Result<Self, InputError> {
+        #[derive(serde::Deserialize)]
+        struct Verdict {
+            nuisance: Option<crate::diagnose::verdict::Zeros>,
+        }
+        let text =
+            std::fs::read_to_string(path).map_err(|error| InputError::from_io(path, &error))?;
+        let verdict: Verdict = serde_json::from_str(&text).map_err(|error| {
+            let mut fault = InputError::new(
+                format!("is not a verdict: {error}"),
+                "give the file that `rig diagnose --json` wrote",
+            )
+            .in_file(path);
+            fault.line = Some(error.line() as u64);
+            fault
+        })?;
+        let last = verdict.nuisance.and_then(|zeros| {
+            Some(Self {
+                pressure_kpa: *zeros.pressure_zero_kpa.last()?,
+                angle_deg: *zeros.angle_zero_deg.last()?,
+            })
+        });
+        last.ok_or_else(|| {
+            InputError::new(
+                "has no zeros",
+                "diagnose again with this version of `rig`, or leave --zeros away",
+            )
+            .in_file(path)
+        })
+    }
+
+    /// The settings with which a board that has `settings` shows zero at zero.
+    /// Those that `wanted` sets already go on from there.
+    ///
+    /// # Errors
+    ///
+    /// Names what would leave its bounds.
+    pub fn taken_from(
+        self,
+        settings: &Settings,
+        wanted: &[Assignment],
+    ) -> Result<Vec<Assignment>, InputError> {
+        let mut draft = settings.clone();
+        for &(key, bits) in wanted {
+            // What is out of bounds is told where it was read.
+            let _ = draft.set(key, bits);
+        }
+        let number = |key| f64::from(draft.number(key));
+        let mut moved = vec![(
+            Key::PressureZero,
+            number(Key::PressureZero) + self.pressure_kpa / number(Key::PressureSpan),
+        )];
+        for point in 0..wire::settings::FLEX_POINTS {
+            if f64::from(point) < number(Key::FlexPoints) {
+                let key = Key::FlexAngle(point);
+                moved.push((key, number(key) - self.angle_deg));
+            }
+        }
+        moved
+            .into_iter()
+            .map(|(key, value)| {
+                #[allow(clippy::cast_possible_truncation)] // Rounding is the point.
+                let bits = (value as f32).to_bits();
+                draft.clone().set(key, bits).map_err(|_| {
+                    let (low, high) = key.bounds();
+                    InputError::new(
+                        format!("{} would be {value}", key_text(key)),
+                        format!(
+                            "the board takes {low} to {high} {}: calibrate the sensor anew with `rig calibrate`",
+                            key.unit()
+                        ),
+                    )
+                })?;
+                Ok((key, bits))
+            })
+            .collect()
+    }
+}
+
 /// Reads a file of settings.
 ///
 /// # Errors
@@ -259,6 +353,37 @@ pub fn to_text(settings: &Settings, about: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn zeros_move_the_calibration_by_what_the_sensors_show() {
+        let zeros = Zeros {
+            pressure_kpa: 0.35,
+            angle_deg: -1.5,
+        };
+        let settings = Settings::DEFAULT;
+        let mut moved = settings.clone();
+        for (key, bits) in zeros.taken_from(&settings, &[]).unwrap() {
+            moved.set(key, bits).unwrap();
+        }
+        let pressure = |settings: &Settings, counts: f32| {
+            (counts - settings.number(Key::PressureZero)) * settings.number(Key::PressureSpan)
+        };
+        // What read 0.35 kPa reads nothing now.
+        let counts = 102.4 + 0.35 / settings.number(Key::PressureSpan);
+        assert!((pressure(&settings, counts) - 0.35).abs() < 1e-4);
+        assert!(pressure(&moved, counts).abs() < 1e-4);
+        let angle = |settings: &Settings| settings.number(Key::FlexAngle(1));
+        assert!((angle(&moved) - angle(&settings) - 1.5).abs() < 1e-4);
+        let far = Zeros {
+            pressure_kpa: 1e4,
+            angle_deg: 0.0,
+        };
+        let message = far.taken_from(&settings, &[]).unwrap_err().to_string();
+        assert!(
+            message.contains("p.zero") && message.contains("calibrate"),
+            "{message}"
+        );
+    }
 
     #[test]
     fn settings_survive_their_file_to_the_bit() {

@@ -86,6 +86,7 @@ impl Signal {
             signal: self,
             start,
             begin,
+            zero: R::zero(),
         }
     }
 
@@ -175,11 +176,13 @@ struct Around<'a, R> {
     start: usize,
     /// Time from the sample to the start of the step (s).
     begin: R,
+    /// What the sensor shows without pressure (Pa).
+    zero: R,
 }
 
 impl<R: Real + FromF64> Input<R> for Around<'_, R> {
     fn pressure(&self, offset: R) -> R {
-        self.signal.at(self.start, self.begin + offset)
+        self.signal.at(self.start, self.begin + offset) - self.zero
     }
 }
 
@@ -190,6 +193,17 @@ pub struct Start<R> {
     pub angle: R,
     /// Rate of what the sensor shows (rad/s).
     pub rate: R,
+}
+
+/// What a simulation has to be told beside model and pressure.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Origin<R> {
+    /// Where it starts.
+    pub start: Start<R>,
+    /// What the pressure sensor shows without pressure (Pa).
+    pub pressure_zero: R,
+    /// Time on the rig's clock at the first sample (s): drifts run by it.
+    pub clock: R,
 }
 
 /// A simulated run, one entry a sample of the recording.
@@ -246,8 +260,34 @@ pub fn run<R: FromF64, P: Power<R>>(
     start: Start<R>,
     substeps: usize,
 ) -> Trajectory<R> {
-    let pressure = R::from_f64(signal.value[0]);
+    let origin = Origin {
+        start,
+        pressure_zero: R::zero(),
+        clock: R::zero(),
+    };
+    run_from(model, signal, origin, substeps)
+}
+
+/// As [`run`], with a zero of the pressure sensor and a clock.
+pub fn run_from<R: FromF64, P: Power<R>>(
+    model: &Model<R, P>,
+    signal: &Signal,
+    origin: Origin<R>,
+    substeps: usize,
+) -> Trajectory<R> {
+    let Origin {
+        start,
+        pressure_zero: zero,
+        clock,
+    } = origin;
+    let pressure = R::from_f64(signal.value[0]) - zero;
     let mut state: State<R> = model.showing(start.angle, start.rate, pressure);
+    if clock.to_f64() != 0.0 {
+        // What has drifted by then is in the reading already.
+        state.time = clock;
+        let drifted = start.angle - model.reading(&state);
+        state.angle += drifted;
+    }
     let mut reading = Vec::with_capacity(signal.time.len());
     reading.push(model.reading(&state));
     let mut diverged = false;
@@ -262,6 +302,7 @@ pub fn run<R: FromF64, P: Power<R>>(
                     signal,
                     start: sample - 1,
                     begin: R::from_f64(interval * part as f64 / substeps as f64),
+                    zero,
                 };
                 step(Scheme::Rk4, model, &mut state, &around, dt);
             }

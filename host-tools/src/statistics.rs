@@ -33,6 +33,19 @@ pub fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
+/// The largest value less the smallest.
+pub fn swing(values: &[f64]) -> f64 {
+    let low = values.iter().copied().fold(f64::INFINITY, f64::min);
+    let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    high - low
+}
+
+/// Whether a signal does more than scatter: white noise alone spans eight of its
+/// standard deviations.
+pub fn moves(values: &[f64]) -> bool {
+    swing(values) > 10.0 * noise_by_differences(values)
+}
+
 /// The standard deviation about the mean; zero for fewer than two values.
 pub fn scatter(values: &[f64]) -> f64 {
     if values.len() < 2 {

@@ -435,6 +435,91 @@ fn slips_of_units_are_asked_about_and_not_refused() {
     questions("0.01,600,720\n0.02,-600,-720\n").stderr(is_empty());
 }
 
+/// A recording whose numbers are changed, row by row.
+fn rewritten(text: &str, change: impl Fn([f64; 3]) -> [f64; 3]) -> String {
+    let rows = text.lines().skip(1).map(|line| {
+        let mut fields = line.split(',').map(|field| field.parse::<f64>().unwrap());
+        let row = std::array::from_fn(|_| fields.next().unwrap());
+        let [time, pressure, angle] = change(row);
+        format!("{time},{pressure},{angle}\n")
+    });
+    HEADER.to_owned() + &rows.collect::<String>()
+}
+
+/// Flags of the command line, and a file of other columns that they mend.
+type Mended = (&'static str, fn([f64; 3]) -> [f64; 3]);
+
+const MENDED: [Mended; 8] = [
+    ("--time-in ms", |[t, p, a]| [t * 1e3, p, a]),
+    ("--pressure-in psi", |[t, p, a]| [t, p / 6.894_757, a]),
+    ("--pressure-in bar", |[t, p, a]| [t, p / 100.0, a]),
+    ("--absolute-pressure", |[t, p, a]| [t, p + 101.325, a]),
+    ("--absolute-pressure=95", |[t, p, a]| [t, p + 95.0, a]),
+    ("--angle-in rad", |[t, p, a]| [t, p, a.to_radians()]),
+    ("--flip-angle", |[t, p, a]| [t, p, -a]),
+    ("--exchange-columns", |[t, p, a]| [t, a, p]),
+];
+
+#[test]
+fn flags_mend_what_columns_hold() {
+    let bench = Bench::with_example("none", "0.2");
+    let simulate = "simulate --model demo/model.toml --recording";
+    let right = bench.text("demo/recordings/step60_1.csv");
+    bench.put("right.csv", &right);
+    let error = |line: &str| printed_error(&bench.line(line).assert().success());
+    let expected = error(&format!("{simulate} right.csv"));
+    for (flags, change) in MENDED {
+        bench.put("other.csv", rewritten(&right, change));
+        let found = error(&format!("{simulate} other.csv {flags}"));
+        assert!(
+            (found - expected).abs() < 0.02,
+            "{flags}: {found}° instead of {expected}°"
+        );
+    }
+}
+
+#[test]
+fn a_fit_and_a_diagnosis_refuse_other_columns_at_once_and_name_the_flags() {
+    let bench = Bench::with_example("none", "0.2");
+    let right = bench.text("demo/recordings/step60_1.csv");
+    for (flags, change) in MENDED {
+        bench.put("a.csv", rewritten(&right, change));
+        bench.put("b.csv", rewritten(&right, change));
+        // 95.0 kPa is what such a recording rests at, but for its noise.
+        let flags = flags.strip_suffix("95").unwrap_or(flags);
+        for command in ["fit", "diagnose"] {
+            let clock = std::time::Instant::now();
+            bench.refuses(
+                &format!("{command} --model demo/model.toml a.csv b.csv"),
+                &["a.csv", "every recording", flags],
+            );
+            assert!(clock.elapsed().as_secs() < 20, "{command} {flags}");
+        }
+    }
+}
+
+#[test]
+fn every_command_that_fits_takes_the_flags() {
+    let bench = Bench::empty();
+    for command in ["diagnose", "fit", "compare", "simulate", "plan"] {
+        let assert = bench.line(&format!("{command} --help")).assert().success();
+        let help = stdout(&assert);
+        let (_, flags) = help
+            .split_once("If the columns mean something else:")
+            .unwrap_or_else(|| panic!("{command}: {help}"));
+        for flag in [
+            "--time-in",
+            "--pressure-in",
+            "--absolute-pressure",
+            "--angle-in",
+            "--flip-angle",
+            "--exchange-columns",
+        ] {
+            assert!(flags.contains(flag), "{command} {flag}");
+        }
+    }
+}
+
 #[test]
 fn outputs_that_cannot_be_written_are_refused_before_the_work() {
     let bench = Bench::new();
@@ -485,9 +570,17 @@ fn outputs_that_cannot_be_written_are_refused_before_the_work() {
 fn a_diagnosis_needs_runs_that_were_not_fitted() {
     let bench = Bench::new();
     let outputs = "--json out.json --plot out.svg -o out.toml";
+    // The parts of a single session are left out in turn, if it has some.
+    let good = bench.text("good.csv");
+    let short: String = good
+        .lines()
+        .take(60)
+        .flat_map(|line| [line, "\n"])
+        .collect();
+    bench.put("short.csv", &short);
     bench.refuses(
-        &format!("diagnose --model m.toml good.csv {outputs}"),
-        &["two recordings or more, and 1 was given", "--holdout"],
+        &format!("diagnose --model m.toml short.csv {outputs}"),
+        &["two runs or more, and 1 can be used", "--holdout"],
     );
     for twice in [
         "good.csv good.csv",
@@ -533,6 +626,11 @@ fn faults_of_arguments_exit_with_2() {
             "diagnose --model m.toml good.csv other.csv --seed=-1",
             "--seed",
         ),
+        (
+            "fit --model m.toml good.csv --absolute-pressure=500",
+            "from 0 to 110 kPa",
+        ),
+        ("fit --model m.toml good.csv --pressure-in atm", "kpa, psi"),
         ("completions tcsh", "bash"),
     ] {
         let before = bench.contents();
@@ -807,7 +905,7 @@ fn obeys(value: &Value, schema: &Value, root: &Value) -> bool {
     };
     rules.iter().all(|(keyword, rule)| match keyword.as_str() {
         // Words about the schema; formats are notes as well by default.
-        "$schema" | "$defs" | "title" | "description" | "format" => true,
+        "$schema" | "$defs" | "title" | "description" | "format" | "default" => true,
         "$ref" => {
             let place = rule.as_str().unwrap().strip_prefix('#').unwrap();
             obeys(value, root.pointer(place).unwrap(), root)
@@ -854,7 +952,7 @@ fn assert_verdict(verdict: &Value, schema: &Value) {
     assert_eq!(
         keys(verdict).join(" "),
         "schema verdict effects alternatives adequacy where rmse_deg holdout_rmse_deg \
-         next_experiment recordings seed tool_version seconds"
+         nuisance upload next_experiment recordings seed tool_version seconds"
     );
     assert_eq!(verdict["schema"], 1);
     let list = |key: &str| verdict[key].as_array().unwrap();

@@ -4,20 +4,21 @@
 use std::path::Path;
 
 use host_tools::diagnose::holdout::Judge;
+use host_tools::estimate::assemble::assemble;
 use host_tools::example::{Hidden, make};
-use host_tools::fit::{Fitter, Run};
+use host_tools::fit::Fitter;
 use host_tools::model_file::ModelFile;
 use host_tools::recording::Recording;
 
 /// Whether a judge that holds out `held_out`, or else `fitted` in turn, sees only
 /// repeats.
 fn sees_only_repeats(file: &ModelFile, fitted: &[Recording], held_out: &[Recording]) -> bool {
-    let (runs, given) = (Run::all(fitted), Run::all(held_out));
+    let data = assemble(fitted, held_out).unwrap().data;
     let fitter = Fitter {
         nominal: &file.model,
-        runs: &runs,
+        data: &data,
     };
-    Judge::new(file, &fitter, &given, 0.0).has_only_repeats()
+    Judge::new(file, &fitter, 0.0).has_only_repeats()
 }
 
 #[test]

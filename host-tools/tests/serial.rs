@@ -201,13 +201,13 @@ fn assert_increasing(recording: &Recording) {
 // ---- recording ----
 
 #[test]
-fn a_protocol_is_recorded_whole_and_as_runs() {
+fn a_protocol_is_recorded_as_one_file_with_its_runs_as_segments() {
     let bench = Bench::new(Script::default());
     let said = bench
         .rig("record --port PORT --protocol two.toml -o run.csv")
         .ok();
-    said.says("run_60_1.csv");
-    said.says("rig diagnose --model MODEL.toml run_*.csv");
+    said.says("rig diagnose --model MODEL.toml run.csv");
+    assert!(!bench.path("run_60_1.csv").exists());
     for heard in [
         "arm",
         "load 3",
@@ -242,11 +242,48 @@ fn a_protocol_is_recorded_whole_and_as_runs() {
         meta["samples"].as_integer().unwrap(),
         i64::try_from(whole.len()).unwrap()
     );
-    for repeat in [1, 2] {
+    // The board's clock had run before it was listened to.
+    let uptime = whole.meta.uptime_s.unwrap();
+    assert!((0.0..60.0).contains(&uptime), "{uptime}");
+    let setpoint = whole.column("setpoint_deg").unwrap();
+    let segments = &whole.meta.segment;
+    assert_eq!(segments.len(), 2, "{segments:?}");
+    assert_eq!(Some(segments[0].to_s), Some(segments[1].from_s));
+    for (repeat, segment) in (1..).zip(segments) {
+        assert_eq!(segment.setpoint_deg, Some(60.0));
+        assert_eq!(segment.setpoint_kpa, None);
+        assert_eq!(segment.repeat, Some(repeat));
+        let onset = (0..whole.len())
+            .find(|&row| whole.time[row] >= segment.from_s && !setpoint[row].is_nan())
+            .unwrap();
+        let rest = whole.time[onset] - segment.from_s;
+        assert!((0.45..=0.55).contains(&rest), "{rest}");
+        let length = segment.to_s - segment.from_s;
+        assert!((length - 3.5).abs() < 0.7, "{length}");
+    }
+}
+
+#[test]
+fn steps_are_cut_into_files_when_asked() {
+    let bench = Bench::new(Script::default());
+    let said = bench
+        .rig("record --port PORT --protocol two.toml -o run.csv --split")
+        .ok();
+    said.says("run_60_1.csv");
+    said.says("rig diagnose --model MODEL.toml run.csv");
+    let whole = bench.recording("run.csv");
+    assert_eq!(whole.meta.segment.len(), 2);
+    assert_eq!(whole.meta.part_of, None);
+    for (repeat, segment) in (1..).zip(&whole.meta.segment) {
         let run = bench.recording(&format!("run_60_{repeat}.csv"));
         assert_eq!(run.meta.repeat, Some(repeat));
         assert_eq!(run.meta.setpoint_deg, Some(60.0));
         assert_eq!(run.meta.protocol.as_deref(), Some("two"));
+        assert_eq!(run.meta.part_of.as_deref(), Some("run.csv"));
+        assert_eq!(run.meta.begins_s, Some(segment.from_s));
+        assert_eq!(run.meta.uptime_s, whole.meta.uptime_s);
+        assert_eq!(run.meta.started, whole.meta.started);
+        assert!(run.meta.segment.is_empty());
         assert!(run.time[0] == 0.0);
         let setpoint = run.column("setpoint_deg").unwrap();
         let onset = setpoint.iter().position(|level| !level.is_nan()).unwrap();
@@ -258,10 +295,36 @@ fn a_protocol_is_recorded_whole_and_as_runs() {
         assert!((run.duration() - 3.5).abs() < 0.7, "{}", run.duration());
         assert!(run.angle.iter().fold(0.0_f64, |a, b| a.max(*b)) > 0.9);
     }
-    // The next command of the message works on what is there.
     bench
         .rig("compare --model m.toml run_60_1.csv run_60_2.csv")
         .ok();
+}
+
+#[test]
+fn lines_lost_on_the_way_leave_the_segments_in_place() {
+    let bench = Bench::new(Script {
+        skip_every: 3,
+        ..Script::default()
+    });
+    bench
+        .rig("record --port PORT --protocol two.toml -o run.csv")
+        .ok();
+    let segments = bench.recording("run.csv").meta.segment;
+    let repeats: Vec<_> = segments.iter().map(|segment| segment.repeat).collect();
+    assert_eq!(repeats, [Some(1), Some(2)]);
+}
+
+#[test]
+fn only_protocols_of_steps_are_cut_and_old_scripts_still_run() {
+    let bench = Bench::new(Script::default());
+    bench
+        .rig("record --port PORT --protocol triangle -o run.csv --split")
+        .failed(2, &["triangle is not one of steps", "leave --split away"]);
+    assert!(!bench.has_armed());
+    bench
+        .rig("record --port PORT --protocol two.toml -o run.csv --whole")
+        .ok();
+    assert_eq!(bench.recording("run.csv").meta.segment.len(), 2);
 }
 
 #[test]
@@ -283,8 +346,8 @@ fn a_named_protocol_needs_no_loading() {
             .any(|heard| heard.starts_with("load"))
     );
     assert!(bench.recording("hold.csv").duration() > 30.0);
-    // It is no protocol of steps.
-    assert!(!bench.path("hold_60_1.csv").exists());
+    // It goes from rest to rest once, and not by a step.
+    assert_eq!(bench.recording("hold.csv").meta.segment, []);
 }
 
 #[test]
@@ -331,11 +394,11 @@ fn what_exists_is_not_replaced() {
     let bench = Bench::new(Script::default());
     bench.put("run_60_2.csv", "precious");
     bench
-        .rig("record --port PORT --protocol two.toml -o run.csv")
+        .rig("record --port PORT --protocol two.toml -o run.csv --split")
         .failed(2, &["run_60_2.csv: exists", "--force"]);
     assert!(!bench.has_armed() && !bench.path("run.csv").exists());
     bench
-        .rig("record --port PORT --protocol two.toml -o run.csv --force")
+        .rig("record --port PORT --protocol two.toml -o run.csv --split --force")
         .ok();
     assert_ne!(bench.text("run_60_2.csv"), "precious");
 }
@@ -475,7 +538,8 @@ fn a_cable_pulled_in_a_protocol_keeps_what_was_received() {
         speed: 5,
         ..Script::default()
     });
-    let child = bench.start("record --port PORT --protocol two.toml -o run.csv --patience 20");
+    let child =
+        bench.start("record --port PORT --protocol two.toml -o run.csv --split --patience 20");
     wait_until("it runs", || bench.board.heard("run"));
     let begun = bench.rows("run.csv");
     // The second step begins 350 rows after the first and ends with its release
@@ -495,6 +559,7 @@ fn a_cable_pulled_in_a_protocol_keeps_what_was_received() {
         Some(false)
     );
     // The first run was whole, the second was not.
+    assert_eq!(bench.recording("run.csv").meta.segment.len(), 1);
     assert_eq!(bench.recording("run_60_1.csv").meta.repeat, Some(1));
     assert!(!bench.path("run_60_2.csv").exists());
 }

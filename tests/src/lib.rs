@@ -55,7 +55,12 @@ impl Case {
                 })
                 .collect();
             paths.sort();
-            read_all(&paths, |warning| eprintln!("{warning}")).unwrap()
+            read_all(
+                &paths,
+                &host_tools::columns::Columns::default(),
+                |warning| eprintln!("{warning}"),
+            )
+            .unwrap()
         };
         Self {
             file: ModelFile::read(&folder.join("model.toml")).unwrap(),

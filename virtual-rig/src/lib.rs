@@ -13,6 +13,7 @@
 //! that is shipped links it.
 #![deny(unsafe_code)]
 
+pub mod bench;
 pub mod board;
 pub mod fault;
 pub mod image;
@@ -23,6 +24,7 @@ mod simavr;
 pub mod stk500;
 pub mod wiring;
 
+pub use bench::Bench;
 pub use board::{Board, BoardError, Mark, MarkTotal, Pin, ResetCause, State, Stepper};
 pub use fault::{Fault, Planned};
 pub use image::{Image, ImageError};

@@ -17,7 +17,8 @@ use std::{
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use host_tools::{example::rig_models, model_file::ModelFile};
-use virtual_rig::{Image, Options, Planned, VirtualRig, board::EEPROM_BYTES};
+use model_core::catalogue::Kind;
+use virtual_rig::{Bench, Image, Options, Planned, VirtualRig, board::EEPROM_BYTES};
 
 use crate::{
     control::{self, Control},
@@ -46,6 +47,8 @@ Faults, as KIND@SECONDS or KIND@SECONDS..SECONDS of simulated time:
 Examples:
   virtual-rig serve --image firmware.elf --link rig-port
   virtual-rig serve --image firmware.elf --hide 7 --model-out model.toml
+  virtual-rig serve --image firmware.elf --hide 7 --effect gravity
+  virtual-rig serve --image firmware.elf --bench-seed 3
   virtual-rig serve --image firmware.elf --fault leak@12.5 --fault noise@3..5
   virtual-rig serve --link rig-port       (empty board: flash it with avrdude)
   virtual-rig serve --image firmware.elf --speed max --duration 30")]
@@ -61,6 +64,14 @@ pub struct ServeArgs {
     /// which
     #[arg(long, value_name = "SEED")]
     hide: Option<u64>,
+    /// Hide this effect in the drawn actuator instead of one drawn from the seed
+    #[arg(long, value_name = "KIND", requires = "hide", value_parser = kind)]
+    effect: Option<Kind>,
+    /// Seed of the bench's small errors: zeros of the sensors, an actuator that
+    /// is not quite at rest; the seed of --hide unless given, and without both
+    /// the bench is ideal
+    #[arg(long, value_name = "N")]
+    bench_seed: Option<u64>,
     /// Write the model that the owner of the drawn actuator believes in here
     #[arg(long, value_name = "TOML", requires = "hide")]
     model_out: Option<PathBuf>,
@@ -122,6 +133,13 @@ fn positive(text: &str) -> Result<f64, String> {
         .ok_or_else(|| "give a number of seconds above zero".into())
 }
 
+fn kind(text: &str) -> Result<Kind, String> {
+    Kind::from_name(text).ok_or_else(|| {
+        let known: Vec<&str> = Kind::ALL.iter().map(|kind| kind.name()).collect();
+        format!("use one of: {}", known.join(", "))
+    })
+}
+
 /// Runs the command.
 pub fn run(args: &ServeArgs) -> anyhow::Result<()> {
     let image = match &args.image {
@@ -178,22 +196,25 @@ pub fn run(args: &ServeArgs) -> anyhow::Result<()> {
 }
 
 fn options(args: &ServeArgs) -> anyhow::Result<Options> {
+    let bench = args.bench_seed.or(args.hide).map(Bench::draw);
     let mut options = Options::default();
     if let Some(path) = &args.actuator {
         options = Options::with_actuator(ModelFile::read(path)?.model);
     }
     if let Some(seed) = args.hide {
-        let models = rig_models(seed)?;
-        for (path, text) in [
-            (&args.model_out, &models.model),
-            (&args.truth_out, &models.truth),
-        ] {
+        let models = rig_models(seed, args.effect)?;
+        let truth = ModelFile::parse(&models.truth, Path::new("the drawn actuator"))?;
+        let bench = bench.map(|bench| bench.comments(&truth.model));
+        let answer = models.truth + &bench.unwrap_or_default();
+        for (path, text) in [(&args.model_out, &models.model), (&args.truth_out, &answer)] {
             if let Some(path) = path {
                 host_tools::error::write_atomically(path, text.as_bytes())?;
             }
         }
-        let truth = ModelFile::parse(&models.truth, Path::new("the drawn actuator"))?;
         options = Options::with_actuator(truth.model);
+    }
+    if let Some(bench) = bench {
+        bench.apply(&mut options.plant);
     }
     options.seed = args.seed;
     options.faults.clone_from(&args.faults);
@@ -452,5 +473,88 @@ impl Drop for Link {
         if fs::read_link(&self.path).is_ok_and(|target| target == self.target) {
             let _ = fs::remove_file(&self.path);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+    use model_core::catalogue::Effect;
+
+    #[derive(Parser)]
+    struct Arguments {
+        #[command(flatten)]
+        serve: ServeArgs,
+    }
+
+    fn plant(words: &[&str]) -> virtual_rig::PlantConfig {
+        let arguments = Arguments::try_parse_from([&["serve"], words].concat());
+        options(&arguments.unwrap_or_else(|error| panic!("{error}")).serve)
+            .expect("a rig")
+            .plant
+    }
+
+    fn refusal(words: &[&str]) -> String {
+        let Err(error) = Arguments::try_parse_from([&["serve"], words].concat()) else {
+            panic!("{words:?} is accepted");
+        };
+        error.to_string()
+    }
+
+    #[test]
+    fn a_bench_is_ideal_unless_it_or_the_actuator_is_drawn() {
+        let bits = |words: &[&str]| plant(words).pressure_sensor.offset_millivolts.to_bits();
+        let mut drawn = virtual_rig::PlantConfig::new(virtual_rig::default_actuator());
+        assert_eq!(bits(&[]), drawn.pressure_sensor.offset_millivolts.to_bits());
+        Bench::draw(7).apply(&mut drawn);
+        let wanted = drawn.pressure_sensor.offset_millivolts;
+        assert!(wanted.abs() > 0.1, "{wanted} mV");
+        assert_eq!(bits(&["--hide", "7"]), wanted.to_bits());
+        assert_eq!(bits(&["--bench-seed", "7"]), wanted.to_bits());
+        assert_eq!(
+            bits(&["--hide", "3", "--bench-seed", "7"]),
+            wanted.to_bits()
+        );
+    }
+
+    /// Who only has the file finds what the rig has: the actuator, and in the
+    /// comments the bench.
+    #[test]
+    fn the_answer_tells_the_bench_and_is_still_a_model_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("truth.toml");
+        let plant = plant(&["--hide", "7", "--truth-out", path.to_str().unwrap()]);
+        let truth = ModelFile::read(&path).unwrap();
+        assert_eq!(truth.model, plant.actuator);
+        let text = fs::read_to_string(&path).unwrap();
+        let is_told = |name: &str, value: f64| {
+            let line = text.lines().find_map(|line| line.strip_prefix(name));
+            let word = line.and_then(|line| line.split_whitespace().next());
+            let told: f64 = word
+                .unwrap_or_else(|| panic!("no {name:?} in {text}"))
+                .parse()
+                .unwrap();
+            assert!((told - value).abs() < 0.006, "{name}{told}, not {value}");
+        };
+        let bench = Bench::draw(7);
+        is_told("# pressure zero: ", bench.pressure_zero_kpa);
+        is_told("# angle zero: ", bench.angle_zero_deg);
+        let (angle, rate) = plant.let_go.at_power_on(&plant.actuator);
+        is_told("# angle at power-on: ", angle.to_degrees());
+        is_told("# rate at power-on: ", rate.to_degrees());
+    }
+
+    #[test]
+    fn an_effect_can_be_asked_for_and_an_unknown_one_names_the_others() {
+        let drawn = plant(&["--hide", "7", "--effect", "gravity"]);
+        let kinds: Vec<Kind> = drawn.actuator.effects().map(Effect::kind).collect();
+        assert_eq!(kinds, [Kind::Gravity]);
+        let refused = refusal(&["--hide", "7", "--effect", "warp_drive"]);
+        assert!(
+            refused.contains("gravity") && refused.contains("leak"),
+            "{refused}"
+        );
+        assert!(refusal(&["--effect", "gravity"]).contains("--hide"));
     }
 }

@@ -583,16 +583,20 @@ static double draw_noise(struct softrig_board *board)
     return board->noise_table[(x * 0x2545f4914f6cdd1dull) >> 52];
 }
 
-// simavr scales by 1023/Vref, a converter counts in steps of Vref/1024: the
-// voltage is chosen so that the right count comes out.
+// The count of a converter without errors is the nearest multiple of Vref/1024:
+// the data sheet defines offset error against a first transition at half a step
+// above 0 V, and gain error against a last one a step and a half below Vref.
+// Cutting off instead of rounding would read half a step less everywhere, which
+// is 0.34 kPa of the pressure sensor. simavr scales by 1023/Vref and cuts off:
+// the voltage that it gets is chosen so that the right count comes out.
 static void apply_channel(struct softrig_board *board, int channel)
 {
     avr_t *avr = board->avr;
     double millivolts = board->millivolts[channel];
     if (board->noise[channel] > 0)
         millivolts += board->noise[channel] * draw_noise(board);
-    double exact = floor(millivolts * 1024.0 / avr->avcc);
-    uint32_t count = exact < 0 ? 0 : exact > 1023 ? 1023 : (uint32_t)exact;
+    double nearest = floor(millivolts * 1024.0 / avr->avcc + 0.5);
+    uint32_t count = nearest < 0 ? 0 : nearest > 1023 ? 1023 : (uint32_t)nearest;
     avr_raise_irq(avr_io_getirq(avr, AVR_IOCTL_ADC_GETIRQ, ADC_IRQ_ADC0 + channel),
                   (count * avr->avcc + 1022) / 1023);
 }

@@ -8,7 +8,10 @@ use virtual_rig::{Fault, Options};
 
 /// Means of many conversions.
 fn mean(rig: &mut virtual_rig::VirtualRig, letter: &str, name: &str) -> f64 {
-    let count = 200;
+    mean_of(200, rig, letter, name)
+}
+
+fn mean_of(count: u32, rig: &mut virtual_rig::VirtualRig, letter: &str, name: &str) -> f64 {
     (0..count)
         .map(|_| ask(rig, letter, name) as f64)
         .sum::<f64>()
@@ -20,11 +23,31 @@ fn sensors_read_their_zeros() {
     let Some(mut rig) = obeying(Options::default()) else {
         return;
     };
-    // Half a count is lost by truncation; noise of 0.37 and 1.2 counts.
+    // A tenth of 1024 counts, and 47 kΩ of 72 kΩ; noise
+    // of 0.37 and 1.2 counts.
     let pressure = mean(&mut rig, "p", "pressure");
-    assert!((pressure - 101.9).abs() < 0.1, "{pressure}");
+    assert!((pressure - 102.4).abs() < 0.1, "{pressure}");
     let flex = mean(&mut rig, "f", "flex");
-    assert!((flex - 667.9).abs() < 0.3, "{flex}");
+    assert!((flex - 668.4).abs() < 0.3, "{flex}");
+}
+
+/// An ideal converter has its first transition at half a count, so that white
+/// noise averages to the voltage. What is left of the steps under the pressure's
+/// noise of 0.37 counts is exp(−2π² 0.37²)/π = 0.02 counts.
+#[test]
+fn readings_average_to_the_voltage() {
+    for (at_counts, seed) in [(102.4, 1), (102.9, 2), (256.25, 3), (511.5, 4), (870.75, 5)] {
+        let mut options = Options {
+            seed,
+            ..Options::default()
+        };
+        options.plant.pressure_sensor.offset_millivolts = (at_counts - 102.4) / 1024.0 * 5000.0;
+        let Some(mut rig) = obeying(options) else {
+            return;
+        };
+        let counts = mean_of(4000, &mut rig, "p", "pressure");
+        assert!((counts - at_counts).abs() < 0.05, "{at_counts}: {counts}");
+    }
 }
 
 #[test]
@@ -84,7 +107,7 @@ fn pushing_in_compresses_and_bends_and_venting_releases() {
     let counts = mean(&mut rig, "p", "pressure");
     let psi = pushed.pressure_kpa / 6.894_757;
     assert!(
-        (counts + 0.5 - 1024.0 * (0.1 + psi / 100.0)).abs() < 0.5,
+        (counts - 1024.0 * (0.1 + psi / 100.0)).abs() < 0.5,
         "{counts}"
     );
 

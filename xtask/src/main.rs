@@ -7,8 +7,11 @@
 
 mod avr;
 mod bench;
+mod bench_loop;
 mod demo;
 mod flash;
+mod json;
+mod rig_loop;
 mod setup;
 mod shell;
 mod size;
@@ -28,7 +31,8 @@ Usage: cargo xtask <TASK> [OPTIONS]
 
 Tasks:
   setup [--dry-run]      install what the board and the simulator need
-  demo                   simulate, diagnose, repair; says where the picture is
+  demo [--seed N] [--effect KIND]
+                         simulate, diagnose, repair; says where the picture is
   test [--host-only]     everything that must hold before a change goes in
   ci                     the same, as continuous integration runs it
   firmware               build the image, check it, print its size
@@ -37,6 +41,10 @@ Tasks:
                          a whole diagnosis; our solver beside SciPy's; cycles
   bench blind [--fast | OPTIONS]
                          effects hidden in recordings of another simulator
+  bench loop --seeds A..B [--jobs N] [--docs]
+                         the demo's loop for many actuators, drawn from seeds A
+                         to B (both included) or a list 1,5,9; --jobs at a time
+                         (half the cores); --docs writes docs/loop.md
   flash --port PORT [--no-console] [--dry-run]
                          put the image on a board and show what it says
 
@@ -44,6 +52,7 @@ Examples:
   cargo xtask setup --dry-run
   cargo xtask test --host-only
   cargo xtask bench board
+  cargo xtask bench loop --seeds 201..212
   cargo xtask flash --port /dev/ttyACM0
 ";
 
@@ -61,7 +70,10 @@ fn main() -> ExitCode {
         }
         ["setup"] => setup::setup(Mode::Install),
         ["setup", "--dry-run"] => setup::setup(Mode::DryRun),
-        ["demo"] => demo::demo(),
+        ["demo", words @ ..] => match demo::parse(words) {
+            Ok(drawn) => demo::demo(&drawn),
+            Err(problem) => return usage(&problem),
+        },
         ["test" | "ci"] => test::test(Scope::Everything),
         ["test", "--host-only"] => test::test(Scope::Host),
         ["firmware"] => firmware(),
@@ -74,13 +86,15 @@ fn main() -> ExitCode {
         ["bench", "host"] => bench::host(),
         ["bench", "board"] => bench::board(),
         ["bench", "blind", options @ ..] => bench::blind(options),
+        ["bench", "loop", words @ ..] => match bench_loop::Options::parse(words) {
+            Ok(options) => bench_loop::bench(&options),
+            Err(problem) => return usage(&problem),
+        },
         ["flash", words @ ..] => match flash::Options::parse(words) {
             Ok(options) => flash::flash(options),
             Err(problem) => return usage(&problem),
         },
-        [task, ..]
-            if ["setup", "demo", "test", "ci", "firmware", "size", "bench"].contains(task) =>
-        {
+        [task, ..] if ["setup", "test", "ci", "firmware", "size", "bench"].contains(task) => {
             return usage(&format!("{task} does not take these options"));
         }
         [task, ..] => return usage(&format!("there is no task {task:?}")),

@@ -87,6 +87,11 @@ pub fn read(command: &mut Command) -> Outcome<String> {
 /// Runs a command silently and ends it after `limit`; what it said goes into the
 /// failure.
 pub fn run_quietly(command: &mut Command, limit: Duration) -> Outcome {
+    read_within(command, limit).map(drop)
+}
+
+/// As [`run_quietly`], and returns what it printed.
+pub fn read_within(command: &mut Command, limit: Duration) -> Outcome<String> {
     let mut child = command
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
@@ -119,15 +124,15 @@ pub fn run_quietly(command: &mut Command, limit: Duration) -> Outcome {
             Err(error) => return Err(format!("cannot wait for {}: {error}", text(command)).into()),
         }
     };
-    let said: Vec<String> = readers
-        .into_iter()
-        .flatten()
-        .filter_map(|reader| reader.join().ok())
-        .collect();
+    let [printed, complained] = readers.map(|reader| {
+        reader
+            .and_then(|reader| reader.join().ok())
+            .unwrap_or_default()
+    });
     if status.success() {
-        return Ok(());
+        return Ok(printed);
     }
-    let said = said.concat();
+    let said = printed + &complained;
     let tail: Vec<&str> = said.lines().rev().take(12).collect();
     let tail: Vec<&str> = tail.into_iter().rev().collect();
     Err(format!("{} failed ({status}):\n{}", text(command), tail.join("\n")).into())

@@ -92,7 +92,7 @@ fn browser() -> Outcome {
 }
 
 /// The simulator's own tests and the image on the simulated rig, then the image
-/// against the desktop.
+/// against the desktop, and the loop against the truth.
 fn simulator(image: &Path) -> Outcome {
     let rig = virtual_rig()?;
     run(cargo()
@@ -100,7 +100,8 @@ fn simulator(image: &Path) -> Outcome {
         .env("SOFTRIG_FIRMWARE", image))?;
     run(cargo()
         .args(["test", "--locked", "--workspace"])
-        .args(["--test", "firmware_in_simulator", "--", "--nocapture"])
+        .args(["--test", "firmware_in_simulator"])
+        .args(["--test", "loop_on_the_virtual_rig", "--", "--nocapture"])
         .env("SOFTRIG_FIRMWARE", image)
         .env("SOFTRIG_VIRTUAL_RIG", rig))
 }

@@ -36,9 +36,9 @@ static BEAT: AtomicU8 = AtomicU8::new(0);
 /// Control periods since reset; wraps.
 static PERIODS: AtomicU8 = AtomicU8::new(0);
 
-/// The clock, once it beats.
+/// The clock.
 pub struct Clock {
-    _timer: TC3,
+    timer: TC3,
     periods_seen: u8,
     time_ms: u32,
 }
@@ -53,18 +53,34 @@ pub struct Period {
 }
 
 impl Clock {
-    /// Creates the clock; it beats once interrupts are on.
+    /// Creates the clock, which stands still until [`Self::start`].
     pub fn new(timer: TC3) -> Self {
         #[allow(clippy::cast_possible_truncation)] // Checked above.
         timer.ocr3a().write(|w| w.set((CYCLES_PER_BEAT - 1) as u16));
         timer.timsk3().write(|w| w.ocie3a().set_bit());
-        // Clear on compare match, no prescaler.
-        timer.tccr3b().write(|w| w.wgm3().set(0b01).cs3().direct());
         Self {
-            _timer: timer,
+            timer,
             periods_seen: 0,
             time_ms: 0,
         }
+    }
+
+    /// Starts the clock: the first beat comes a whole beat from now. To be called
+    /// with interrupts off, right before they go on.
+    ///
+    /// A timer that ran while everything else was set up would have a beat
+    /// pending by now. It would be served at once and the next one anywhere
+    /// within the beat after it, while the first conversion is still under way:
+    /// that conversion would then be counted for the other sensor, and the first
+    /// period's reading of the pressure would lack one of its sixteen.
+    pub fn start(&mut self) {
+        self.timer.tcnt3().write(|w| w.set(0));
+        // Flags are cleared by writing a one.
+        self.timer.tifr3().write(|w| w.ocf3a().set_bit());
+        // Clear on compare match, no prescaler.
+        self.timer
+            .tccr3b()
+            .write(|w| w.wgm3().set(0b01).cs3().direct());
     }
 
     /// Whether [`Self::period`] has something to say.

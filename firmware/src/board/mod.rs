@@ -135,8 +135,10 @@ impl Room {
     }
 }
 
-/// Switches the interrupts on.
-pub fn start() {
+/// Starts the clock and switches the interrupts on, in this order: no beat is
+/// pending then, and the first control period is as long as every other.
+pub fn start(clock: &mut Clock) {
+    clock.start();
     // SAFETY: called outside of critical sections, with everything set up.
     unsafe { avr_device::interrupt::enable() };
 }

@@ -8,9 +8,12 @@ use std::path::PathBuf;
 
 use clap::Parser;
 
+use super::input::InputArgs;
 use crate::diagnose::noise::NoiseFloor;
 use crate::error::{InputError, write_atomically};
-use crate::fit::{Effort, Fitter, Run};
+use crate::estimate::Dataset;
+use crate::estimate::assemble::assemble;
+use crate::fit::{Effort, Fitter};
 use crate::linear::linear_rival;
 use crate::model_file::ModelFile;
 use crate::recording::{Recording, read_all};
@@ -41,6 +44,8 @@ pub struct Args {
     /// Write the table as CSV
     #[arg(short, long, value_name = "TABLE.csv")]
     output: Option<PathBuf>,
+    #[command(flatten)]
+    input: InputArgs,
 }
 
 /// Errors of one model at one set-point.
@@ -62,22 +67,25 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         .iter()
         .map(|path| ModelFile::read(path))
         .collect::<Result<Vec<_>, InputError>>()?;
-    let recordings = read_all(&args.recordings, super::warn)?;
-    let groups = groups(&recordings);
+    let recordings = read_all(&args.recordings, &args.input.columns(), super::warn)?;
+    let assembled = assemble(&recordings, &[])?;
+    for concern in &assembled.concerns {
+        super::warn(&concern.to_string());
+    }
+    let data = &assembled.data;
+    let runs = data.recordings(true);
+    let groups = groups(&runs);
     let mut columns: Vec<(String, Vec<Cell>)> = Vec::new();
     for file in &files {
-        columns.push((file.name.clone(), errors(&file.model, &groups)));
+        columns.push((file.name.clone(), errors(&file.model, data, &groups)));
     }
     if args.linear
         && let Some(first) = files.first()
     {
-        let averages: Vec<Recording> = groups.iter().map(|group| group.average.clone()).collect();
-        let runs = Run::all(&averages);
-        let reach = runs.iter().map(Run::reach).fold(0.0, f64::max);
-        let rival = linear_rival(&first.model, reach);
+        let rival = linear_rival(&first.model, data.reach());
         let fitter = Fitter {
             nominal: &rival,
-            runs: &runs,
+            data,
         };
         let free: Vec<_> = first
             .free
@@ -90,7 +98,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         let fitted = fitter.fit(&rival, &free, Effort::Full);
         columns.push((
             "linear rival, refitted".into(),
-            errors(&fitted.model, &groups),
+            errors(&fitted.model, data, &groups),
         ));
     }
     let mut text = table(&groups, &columns);
@@ -101,61 +109,48 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     Ok(super::print(&text)?)
 }
 
-/// Recordings of one set-point.
+/// Runs to one set-point.
 struct Group {
     label: String,
     setpoint_deg: f64,
-    repeats: usize,
-    average: Recording,
+    /// Their places among all runs.
+    runs: Vec<usize>,
 }
 
-fn groups(recordings: &[Recording]) -> Vec<Group> {
-    let mut sets = NoiseFloor::of(recordings).groups;
-    for index in 0..recordings.len() {
+fn groups(runs: &[Recording]) -> Vec<Group> {
+    let mut sets = NoiseFloor::of(runs).groups;
+    for index in 0..runs.len() {
         if !sets.iter().any(|set| set.contains(&index)) {
             sets.push(vec![index]);
         }
     }
     sets.sort();
-    sets.iter()
+    sets.into_iter()
         .map(|set| {
-            let members: Vec<&Recording> = set.iter().map(|&index| &recordings[index]).collect();
-            let average = average(&members);
-            let setpoint_deg = setpoint_deg(members[0], &average);
+            let angles: Vec<&[f64]> = set.iter().map(|&run| runs[run].angle.as_slice()).collect();
             Group {
-                label: members[0].name.clone(),
-                setpoint_deg,
-                repeats: members.len(),
-                average,
+                label: runs[set[0]].name.clone(),
+                setpoint_deg: setpoint_deg(&runs[set[0]], &average(&angles)),
+                runs: set,
             }
         })
         .collect()
 }
 
 /// Mean of repeats, sample by sample.
-fn average(members: &[&Recording]) -> Recording {
+fn average(members: &[&[f64]]) -> Vec<f64> {
     let count = members.iter().map(|member| member.len()).min().unwrap_or(0);
-    let column = |of: fn(&Recording) -> &[f64]| -> Vec<f64> {
-        (0..count)
-            .map(|k| {
-                let values: Vec<f64> = members.iter().map(|member| of(member)[k]).collect();
-                mean(&values)
-            })
-            .collect()
-    };
-    Recording {
-        name: members[0].name.clone(),
-        path: members[0].path.clone(),
-        time: members[0].time[..count].to_vec(),
-        pressure: column(|recording| &recording.pressure),
-        angle: column(|recording| &recording.angle),
-        ..Recording::default()
-    }
+    (0..count)
+        .map(|k| {
+            let values: Vec<f64> = members.iter().map(|member| member[k]).collect();
+            mean(&values)
+        })
+        .collect()
 }
 
 /// The set-point of a run (°): as recorded, as in the metadata, or the largest
 /// angle that the run holds.
-fn setpoint_deg(recording: &Recording, average: &Recording) -> f64 {
+fn setpoint_deg(recording: &Recording, average: &[f64]) -> f64 {
     let recorded = recording.column("setpoint_deg").map(|column| {
         column
             .iter()
@@ -173,23 +168,30 @@ fn setpoint_deg(recording: &Recording, average: &Recording) -> f64 {
         .filter(|setpoint| *setpoint != 0.0)
         .or(recording.meta.setpoint_deg)
         .unwrap_or_else(|| {
-            let mut angles: Vec<f64> = average.angle.iter().map(|angle| angle.abs()).collect();
+            let mut angles: Vec<f64> = average.iter().map(|angle| angle.abs()).collect();
             angles.sort_unstable_by(f64::total_cmp);
             // A tenth of the run above it: overshoot does not count.
             angles[angles.len() - 1 - angles.len() / 10].to_degrees()
         })
 }
 
-fn errors(model: &model_core::actuator::Model<f64>, groups: &[Group]) -> Vec<Cell> {
+/// The model is simulated over the sessions; what it misses of the mean of
+/// repeats is the mean of what it misses of each.
+fn errors(model: &model_core::actuator::Model<f64>, data: &Dataset, groups: &[Group]) -> Vec<Cell> {
+    let fitter = Fitter {
+        nominal: model,
+        data,
+    };
+    let residuals = fitter.compare(model).residuals;
     groups
         .iter()
         .map(|group| {
-            let runs = [Run::new(&group.average)];
-            let fitter = Fitter {
-                nominal: model,
-                runs: &runs,
-            };
-            let rms_deg = rms(&fitter.compare(model).residuals[0]).to_degrees();
+            let repeats: Vec<&[f64]> = group
+                .runs
+                .iter()
+                .map(|&run| residuals[run].as_slice())
+                .collect();
+            let rms_deg = rms(&average(&repeats)).to_degrees();
             Cell {
                 rms_deg,
                 percent: 100.0 * rms_deg / group.setpoint_deg.abs(),
@@ -211,7 +213,7 @@ fn table(groups: &[Group], columns: &[(String, Vec<Cell>)]) -> String {
             "{:<20} {:>8.1}° {:>8}",
             group.label.chars().take(20).collect::<String>(),
             group.setpoint_deg,
-            group.repeats
+            group.runs.len()
         );
         for (_, cells) in columns {
             let Cell { rms_deg, percent } = cells[row];
@@ -245,7 +247,7 @@ fn csv_table(groups: &[Group], columns: &[(String, Vec<Cell>)]) -> String {
             rows.push([
                 group.label.clone(),
                 format!("{:.3}", group.setpoint_deg),
-                group.repeats.to_string(),
+                group.runs.len().to_string(),
                 name.clone(),
                 format!("{:.4}", cell.rms_deg),
                 format!("{:.3}", cell.percent),

@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use clap::Parser;
 
+use super::input::InputArgs;
 use crate::checkpoint::Checkpoint;
 use crate::diagnose::{Request, diagnose_from};
 use crate::error::write_atomically;
@@ -18,16 +19,18 @@ use crate::report::terminal::summary;
 /// Finds where model and recordings disagree, names the missing effect, and
 /// writes the model with the effect added.
 ///
-/// Without --holdout the recordings are left out in turn to judge by. Give
-/// runs that differ: steps of several sizes, slow and fast ones.
+/// A recording session is simulated whole. Without --holdout its runs are left
+/// out in turn to judge by. Give runs that differ: steps of several sizes, slow
+/// and fast ones.
 #[derive(Debug, Parser)]
 #[command(after_help = "\
 Examples:
-  rig diagnose --model m.toml run_*.csv
-  rig diagnose --model m.toml id_*.csv --holdout vad_*.csv -o repaired.toml --plot gap.svg
-  rig diagnose --model m.toml run_*.csv --report report.html
-  rig diagnose --model m.toml run_*.csv --json verdict.json
-  rig diagnose --model m.toml run_*.csv --resume fits     after an interruption
+  rig diagnose --model m.toml run.csv
+  rig diagnose --model m.toml run.csv --report report.html -o repaired.toml
+  rig diagnose --model m.toml run.csv --json verdict.json
+  rig diagnose --model m.toml monday.csv tuesday.csv      sessions of one rig
+  rig diagnose --model m.toml id_*.csv --holdout vad_*.csv --plot gap.svg
+  rig diagnose --model m.toml run.csv --resume fits       after an interruption
 
 The verdict is one of: effect_found, parameters_only, no_discrepancy,
 cannot_tell, unexplained. `rig schema` prints the schema of the JSON.")]
@@ -59,6 +62,8 @@ pub struct Args {
     /// Seed of everything random
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    #[command(flatten)]
+    input: InputArgs,
 }
 
 /// Runs the command.
@@ -69,8 +74,9 @@ pub struct Args {
 pub fn run(args: &Args) -> anyhow::Result<()> {
     super::check_outputs([&args.json, &args.report, &args.plot, &args.output])?;
     super::check_distinct(&args.recordings, &args.holdout)?;
-    let (file, recordings) = super::read(&args.model, &args.recordings)?;
-    let holdout = crate::recording::read_all(&args.holdout, super::warn)?;
+    let columns = args.input.columns();
+    let (file, recordings) = super::read(&args.model, &args.recordings, &columns)?;
+    let holdout = crate::recording::read_all(&args.holdout, &columns, super::warn)?;
     // Before the long work: these are the bytes that it starts from.
     let provenance = match &args.report {
         Some(_) => Some(Provenance::of(
@@ -114,7 +120,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         outputs.page = Some(path);
     }
     if let Some(path) = &args.plot {
-        crate::plot::write_svg(path, &figure(&request, &diagnosis))?;
+        crate::plot::write_svg(path, &figure(&diagnosis))?;
         outputs.picture = Some(path);
     }
     if let Some(path) = &args.output {

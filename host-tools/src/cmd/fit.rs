@@ -4,8 +4,12 @@ use std::path::PathBuf;
 
 use clap::Parser;
 
+use super::input::InputArgs;
+use crate::diagnose::slips;
+use crate::diagnose::verdict::Zeros;
 use crate::error::write_atomically;
-use crate::fit::{Effort, Fit, Fitter, Run, rms_each};
+use crate::estimate::assemble::assemble;
+use crate::fit::{Effort, Fit, Fitter, rms_each};
 use crate::model_file::{ModelFile, parameter_unit, to_file_units};
 use crate::recording::Recording;
 
@@ -27,6 +31,8 @@ pub struct Args {
     /// Write the fitted model
     #[arg(short, long, value_name = "FITTED.toml")]
     output: Option<PathBuf>,
+    #[command(flatten)]
+    input: InputArgs,
 }
 
 /// Runs the command.
@@ -36,18 +42,24 @@ pub struct Args {
 /// Faults of the input, with place and remedy.
 pub fn run(args: &Args) -> anyhow::Result<()> {
     super::check_outputs([&args.output])?;
-    let (file, recordings) = super::read(&args.model, &args.recordings)?;
-    let runs = Run::all(&recordings);
+    let (file, recordings) = super::read(&args.model, &args.recordings, &args.input.columns())?;
+    slips::refuse(&file, &recordings)?;
+    let assembled = assemble(&recordings, &[])?;
+    for concern in &assembled.concerns {
+        super::warn(&concern.to_string());
+    }
+    let data = &assembled.data;
     let fitter = Fitter {
         nominal: &file.model,
-        runs: &runs,
+        data,
     };
     let before = fitter.compare(&file.model);
     let fit = fitter.fit(&file.model, &file.free, Effort::Full);
     let mut text = format!(
-        "{}\n{}",
+        "{}\n{}\n{}\n",
         parameter_table(&file, &fit),
-        error_table(&recordings, &before, &fit)
+        error_table(&data.recordings(true), &before, &fit),
+        Zeros::of(&fit, data)
     );
     if !fit.converged {
         super::warn(

@@ -4,25 +4,27 @@
 //! next to the measured one. This command needs no model and fits nothing: it
 //! subtracts two columns of a recording, and so shows what an upload was worth.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Parser;
 
+use crate::columns::Columns;
 use crate::error::InputError;
 use crate::plot::{Figure, Panel, Series, Style, write_svg};
-use crate::recording::{Recording, read_all};
+use crate::recording::{Recording, SegmentMeta, read_all};
 use crate::statistics::rms;
 
 /// Shows the gap between the angle that the board predicts and the angle that
 /// it measures, before and after an upload.
 ///
 /// The prediction is the column predicted_deg that `rig record` writes: the
-/// model on the board, stepped on the board, fed with the measured pressure.
+/// model on the board, stepped on the board, fed with the measured pressure. Of a
+/// session, only the runs count that its metadata lists.
 #[derive(Debug, Parser)]
 #[command(after_help = "\
 Examples:
-  rig gap run_*.csv
-  rig gap before/*.csv --after after/*.csv --plot gap.svg")]
+  rig gap run.csv
+  rig gap before/run.csv --after after/run.csv --plot gap.svg")]
 pub struct Args {
     /// Recordings, made with the model at hand or before the upload
     #[arg(required = true, value_name = "REC.csv")]
@@ -30,7 +32,7 @@ pub struct Args {
     /// Recordings made after the upload
     #[arg(long, num_args = 1.., value_name = "REC.csv")]
     after: Vec<PathBuf>,
-    /// Draw the worst recording, before and after, with what the model leaves
+    /// Draw the worst run, before and after, with what the model leaves
     #[arg(long, value_name = "FILE.svg")]
     plot: Option<PathBuf>,
 }
@@ -53,15 +55,39 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     Ok(super::print(&text)?)
 }
 
-/// One recording with the board's prediction, in degrees.
+/// One run with the board's prediction, in degrees.
+#[derive(Clone, Debug, PartialEq)]
 struct Gap {
     name: String,
+    /// Time since the run's first sample (s).
     time: Vec<f64>,
     measured: Vec<f64>,
     predicted: Vec<f64>,
 }
 
 impl Gap {
+    /// The runs of a recording: the segments of a session, or all of it.
+    fn runs(recording: &Recording) -> Result<Vec<Self>, InputError> {
+        let whole = Self::of(recording)?;
+        let segments = &recording.meta.segment;
+        if segments.is_empty() {
+            return Ok(vec![whole]);
+        }
+        let runs: Vec<Self> = segments
+            .iter()
+            .map(|segment| whole.run(segment))
+            .filter(|run| !run.finite_errors().is_empty())
+            .collect();
+        if runs.is_empty() {
+            return Err(InputError::new(
+                "has no prediction of the board in any of the segments that its metadata lists",
+                "correct from_s and to_s there, or record again",
+            )
+            .in_file(&recording.path));
+        }
+        Ok(runs)
+    }
+
     fn of(recording: &Recording) -> Result<Self, InputError> {
         let predicted = recording
             .column("predicted_deg")
@@ -79,6 +105,21 @@ impl Gap {
             measured: recording.angle.iter().map(|a| a.to_degrees()).collect(),
             predicted,
         })
+    }
+
+    /// The samples of a segment.
+    fn run(&self, segment: &SegmentMeta) -> Self {
+        let within: Vec<usize> = (0..self.time.len())
+            .filter(|&row| self.time[row] >= segment.from_s && self.time[row] < segment.to_s)
+            .collect();
+        let first = within.first().map_or(0.0, |&row| self.time[row]);
+        let pick = |column: &[f64]| within.iter().map(|&row| column[row]).collect();
+        Self {
+            name: format!("{} {}", self.name, label(segment)),
+            time: within.iter().map(|&row| self.time[row] - first).collect(),
+            measured: pick(&self.measured),
+            predicted: pick(&self.predicted),
+        }
     }
 
     /// Predicted less measured, where the board predicted.
@@ -107,12 +148,78 @@ impl Gap {
     }
 }
 
-fn gaps(paths: &[PathBuf]) -> Result<Vec<Gap>, InputError> {
-    let recordings = read_all(paths, super::warn)?;
-    recordings.iter().map(Gap::of).collect()
+/// What tells a segment from others of its session: its step, or its times.
+fn label(segment: &SegmentMeta) -> String {
+    let level = match (segment.setpoint_deg, segment.setpoint_kpa) {
+        (Some(degrees), _) => format!("{degrees}°"),
+        (None, Some(kilopascals)) => format!("{kilopascals} kPa"),
+        (None, None) => return format!("{:.1}–{:.1} s", segment.from_s, segment.to_s),
+    };
+    match segment.repeat {
+        Some(repeat) => format!("{level} {repeat}"),
+        None => level,
+    }
 }
 
-/// RMS over all samples of all recordings.
+fn gaps(paths: &[PathBuf]) -> Result<Vec<Gap>, InputError> {
+    let mut recordings = read_all(paths, &Columns::default(), super::warn)?;
+    for note in drop_duplicates(&mut recordings) {
+        super::warn(&note);
+    }
+    let mut gaps = Vec::new();
+    for recording in &recordings {
+        gaps.extend(Gap::runs(recording)?);
+    }
+    Ok(gaps)
+}
+
+/// Uses a session that stands beside files cut from it once: by the runs that it
+/// lists, or by the files where it lists none. Says what is left out.
+fn drop_duplicates(recordings: &mut Vec<Recording>) -> Vec<String> {
+    let session = |piece: &Recording| -> Option<PathBuf> {
+        let name = piece.meta.part_of.as_ref()?;
+        // A name, but metadata may have been written by hand.
+        Some(piece.path.with_file_name(Path::new(name).file_name()?))
+    };
+    let same_file = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
+    let is_cut_from = |piece: &Recording, whole: &Recording| {
+        session(piece).is_some_and(|path| same_file(&path) == same_file(&whole.path))
+    };
+    let mut notes = Vec::new();
+    let mut dropped = Vec::new();
+    for whole in recordings.iter() {
+        let pieces: Vec<&Recording> = recordings
+            .iter()
+            .filter(|piece| is_cut_from(piece, whole))
+            .collect();
+        if pieces.is_empty() {
+            continue;
+        }
+        let count = pieces.len();
+        let files = if count == 1 {
+            "1 file".into()
+        } else {
+            format!("{count} files")
+        };
+        if whole.meta.segment.is_empty() {
+            notes.push(format!(
+                "{}: left out, {files} cut from it are used instead",
+                whole.path.display()
+            ));
+            dropped.push(whole.path.clone());
+        } else {
+            notes.push(format!(
+                "{}: used once, {files} cut from it are left out",
+                whole.path.display()
+            ));
+            dropped.extend(pieces.iter().map(|piece| piece.path.clone()));
+        }
+    }
+    recordings.retain(|recording| !dropped.contains(&recording.path));
+    notes
+}
+
+/// RMS over all samples of all runs (°).
 fn overall(gaps: &[Gap]) -> f64 {
     rms(&gaps.iter().flat_map(Gap::finite_errors).collect::<Vec<_>>())
 }
@@ -120,7 +227,7 @@ fn overall(gaps: &[Gap]) -> f64 {
 fn table(before: &[Gap], after: &[Gap]) -> String {
     let mut text = format!(
         "The board's own prediction less its flex sensor\n\n{:<28} {:>8} {:>12}\n",
-        "recording", "RMS (°)", "largest (°)"
+        "run", "RMS (°)", "largest (°)"
     );
     let mut rows = |title: &str, gaps: &[Gap]| {
         if gaps.is_empty() {
@@ -160,8 +267,7 @@ fn sentence(before: &[Gap], after: &[Gap]) -> String {
     }
 }
 
-/// The recording with the largest gap before, and the same or the worst one
-/// after.
+/// The run with the largest gap before, and the same or the worst one after.
 fn figure(before: &[Gap], after: &[Gap]) -> Figure {
     let worst = |gaps: &'_ [Gap]| -> Option<usize> {
         (0..gaps.len()).max_by(|&a, &b| gaps[a].rms().total_cmp(&gaps[b].rms()))
@@ -239,6 +345,88 @@ mod tests {
         assert_eq!(gap.finite_errors().len(), 2);
         assert!((gap.rms() - 12.5_f64.sqrt()).abs() < 1e-12);
         assert!((gap.largest() - 4.0).abs() < 1e-12);
+    }
+
+    fn segment(from_s: f64, to_s: f64) -> SegmentMeta {
+        SegmentMeta {
+            from_s,
+            to_s,
+            ..SegmentMeta::default()
+        }
+    }
+
+    /// Errors of 9, 1, 2, 3 and 9 degrees, a second apart.
+    fn session() -> Recording {
+        recording("0,0,1,10\n1,0,1,2\n2,0,1,3\n3,0,1,4\n4,0,1,10\n")
+    }
+
+    #[test]
+    fn the_segments_of_a_session_are_its_runs_and_nothing_else_counts() {
+        let mut session = session();
+        session.meta.segment = vec![
+            SegmentMeta {
+                setpoint_deg: Some(60.0),
+                repeat: Some(1),
+                ..segment(1.0, 3.0)
+            },
+            SegmentMeta {
+                setpoint_kpa: Some(42.5),
+                repeat: Some(2),
+                ..segment(3.0, 4.0)
+            },
+            // Beyond the end.
+            segment(90.0, f64::NAN),
+        ];
+        let runs = Gap::runs(&session).unwrap();
+        let names: Vec<&str> = runs.iter().map(|run| run.name.as_str()).collect();
+        assert_eq!(names, ["run 60° 1", "run 42.5 kPa 2"]);
+        assert_eq!(runs[0].finite_errors(), [1.0, 2.0]);
+        assert_eq!(runs[0].time, [0.0, 1.0]);
+        assert_eq!(runs[1].finite_errors(), [3.0]);
+        assert!((overall(&runs) - (14.0_f64 / 3.0).sqrt()).abs() < 1e-12);
+        let text = table(&runs, &[]);
+        assert!(text.contains("run 60° 1") && text.contains("all"), "{text}");
+    }
+
+    #[test]
+    fn segments_without_samples_are_refused() {
+        let mut session = session();
+        session.meta.segment = vec![segment(7.0, 2.0)];
+        let error = Gap::runs(&session).unwrap_err().to_string();
+        assert!(error.contains("segments"), "{error}");
+        assert_eq!(label(&segment(7.0, 2.0)), "7.0–2.0 s");
+    }
+
+    #[test]
+    fn a_session_beside_its_pieces_is_used_once() {
+        let named = |name: &str, part_of: Option<&str>| {
+            let mut recording = session();
+            recording.path = Path::new("before").join(name);
+            recording.meta.part_of = part_of.map(str::to_owned);
+            recording
+        };
+        let kept = |with_segments: bool| {
+            let mut all = vec![
+                named("run_60_1.csv", Some("run.csv")),
+                named("run.csv", None),
+                named("other_60_1.csv", Some("other.csv")),
+            ];
+            if with_segments {
+                all[1].meta.segment = vec![segment(1.0, 3.0)];
+            }
+            let notes = drop_duplicates(&mut all);
+            assert_eq!(notes.len(), 1, "{notes:?}");
+            let names = all
+                .iter()
+                .filter_map(|kept| kept.path.file_name()?.to_str());
+            (names.map(str::to_owned).collect::<Vec<_>>(), notes.concat())
+        };
+        let (names, note) = kept(true);
+        assert_eq!(names, ["run.csv", "other_60_1.csv"]);
+        assert!(note.contains("used once, 1 file cut from it"), "{note}");
+        let (names, note) = kept(false);
+        assert_eq!(names, ["run_60_1.csv", "other_60_1.csv"]);
+        assert!(note.contains("run.csv: left out"), "{note}");
     }
 
     #[test]

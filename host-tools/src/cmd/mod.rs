@@ -7,6 +7,7 @@ pub mod diagnose;
 pub mod example;
 pub mod fit;
 pub mod gap;
+pub mod input;
 pub mod materials;
 pub mod monitor;
 pub mod plan;
@@ -21,6 +22,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use crate::columns::Columns;
 use crate::error::{InputError, check_writable};
 use crate::model_file::ModelFile;
 use crate::recording::{Recording, read_all};
@@ -46,9 +48,10 @@ pub(crate) fn warn(text: &str) {
 pub(crate) fn read(
     model: &std::path::Path,
     recordings: &[PathBuf],
+    columns: &Columns,
 ) -> Result<(ModelFile, Vec<Recording>), InputError> {
     let file = ModelFile::read(model)?;
-    let recordings = read_all(recordings, warn)?;
+    let recordings = read_all(recordings, columns, warn)?;
     Ok((file, recordings))
 }
 

@@ -6,13 +6,17 @@ use clap::Parser;
 use model_core::actuator::Model;
 use model_core::catalogue::Kind;
 
+use super::input::InputArgs;
 use crate::checkpoint::Checkpoint;
 use crate::diagnose::candidates::{Candidate, Ground, Scales, added, typical};
 use crate::diagnose::judge::names;
 use crate::diagnose::noise::NoiseFloor;
 use crate::diagnose::plan::{Limits, proposals};
 use crate::error::{InputError, write_atomically};
-use crate::fit::{Effort, Excerpt, Fitter, Run};
+use crate::estimate::assemble::assemble;
+use crate::estimate::subsample::excerpt;
+use crate::estimate::{Dataset, Nuisance};
+use crate::fit::{Effort, Fitter};
 use crate::model_file::ModelFile;
 use crate::protocol::Protocol;
 use crate::recording::Recording;
@@ -25,7 +29,7 @@ use crate::recording::Recording;
 #[derive(Debug, Parser)]
 #[command(after_help = "\
 Examples:
-  rig plan --model m.toml --between coulomb_friction,bouc_wen_hysteresis run_*.csv -o next.toml
+  rig plan --model m.toml --between coulomb_friction,bouc_wen_hysteresis run.csv -o next.toml
   rig plan --model m.toml --between gravity,exponent_shift --limits deg=60,kpa=80,s=60")]
 pub struct Args {
     /// Model file
@@ -47,6 +51,8 @@ pub struct Args {
     /// Write the best run as a protocol file
     #[arg(short, long, value_name = "PROTOCOL.toml")]
     output: Option<PathBuf>,
+    #[command(flatten)]
+    input: InputArgs,
 }
 
 /// Runs that are listed.
@@ -59,7 +65,7 @@ const LISTED: usize = 5;
 /// Faults of the input, with place and remedy.
 pub fn run(args: &Args) -> anyhow::Result<()> {
     super::check_outputs([&args.output])?;
-    let (file, recordings) = super::read(&args.model, &args.recordings)?;
+    let (file, recordings) = super::read(&args.model, &args.recordings, &args.input.columns())?;
     let pair = between(&args.between)?;
     let limits = limits(args.limits.as_deref())?;
     let noise = match args.noise_deg {
@@ -190,10 +196,10 @@ fn made_up(file: &ModelFile, kinds: &[Kind]) -> Result<Vec<Recording>, InputErro
             }
         })
         .collect();
-    let driven = Run::all(&runs);
+    let driven = Dataset::of(&runs);
     let fitter = Fitter {
         nominal: &file.model,
-        runs: &driven,
+        data: &driven,
     };
     let scales = Scales::of(&fitter, &fitter.compare(&file.model));
     let effects: Vec<_> = file
@@ -209,13 +215,10 @@ fn made_up(file: &ModelFile, kinds: &[Kind]) -> Result<Vec<Recording>, InputErro
         )
         .in_file(&file.path)
     })?;
-    let start = crate::simulate::Start {
-        angle: 0.0,
-        rate: 0.0,
-    };
     let angles: Vec<Vec<f64>> = driven
+        .sessions()
         .iter()
-        .map(|run| run.simulate(&truth, start))
+        .map(|session| session.simulate(&truth, &Nuisance::AT_ZERO))
         .collect();
     Ok(runs
         .into_iter()
@@ -230,16 +233,16 @@ fn fitted(
     recordings: &[Recording],
     pair: &[Vec<Kind>; 2],
 ) -> Result<Vec<Candidate>, InputError> {
-    let runs = Run::all(recordings);
+    let data = assemble(recordings, &[])?.data;
     let fitter = Fitter {
         nominal: &file.model,
-        runs: &runs,
+        data: &data,
     };
     let refit = Candidate {
         added: Vec::new(),
         fit: fitter.fit(&file.model, &file.free, Effort::Full),
     };
-    let excerpt = Excerpt::of(&fitter);
+    let excerpt = excerpt(&data.guessing(&refit.fit.nuisances));
     let scales = Scales::of(&fitter, &refit.fit);
     let ground = Ground {
         file,
@@ -247,7 +250,7 @@ fn fitted(
         pieces: None,
         excerpt: &Fitter {
             nominal: &file.model,
-            runs: &excerpt.runs(),
+            data: &excerpt,
         },
         scales: &scales,
         checkpoint: &Checkpoint::default(),

@@ -15,7 +15,7 @@ use crate::error::InputError;
 use crate::link::line::{Text, command_text};
 use crate::link::{Event, Link, LinkError, SerialConnector, Timing, is_pseudo_terminal};
 use crate::protocol_file::{ProtocolFile, describe};
-use crate::record::{About, Recorder, Step, check_limits, meta_path, run_path, steps};
+use crate::record::{About, Part, Recorder, Step, check_limits, meta_path, parts, run_path, steps};
 
 /// Records a rig while it plays a protocol, or while it is left alone.
 ///
@@ -30,11 +30,11 @@ Examples:
   rig record --port /dev/ttyACM0 --protocol steps -o run.csv
   rig record --port /dev/ttyACM0 --protocol mine.toml -o mine.csv --dry-run
   rig record --port /dev/ttyACM0 --seconds 10 -o rest.csv
-  rig diagnose --model m.toml run_*.csv
+  rig diagnose --model m.toml run.csv
 
-A protocol of steps is written to run.csv as a whole and to one file for each
-step, run_60_1.csv and so on, which are what `rig diagnose` wants. Times are in
-seconds, pressures in kPa, angles in degrees.")]
+A session is one file. The runs in it, such as each step with its release, are
+listed in run.meta.toml beside it; `rig diagnose` and `rig gap` find them there.
+Times are in seconds, pressures in kPa, angles in degrees.")]
 #[allow(clippy::struct_excessive_bools)] // Flags, each with a name of its own.
 pub struct Args {
     /// Serial port of the board; `rig ports` lists them
@@ -52,12 +52,11 @@ pub struct Args {
     /// Replace files that exist
     #[arg(long)]
     force: bool,
-    /// Write each step to a file of its own; the default for protocols in
-    /// which every step is followed by a release
-    #[arg(long, conflicts_with = "whole")]
+    /// Also write each step to a file of its own (run_60_1.csv: the first to 60°)
+    #[arg(long, requires = "protocol")]
     split: bool,
-    /// Write one file only
-    #[arg(long)]
+    /// Write one file only; always so without --split
+    #[arg(long, hide = true, conflicts_with = "split")]
     whole: bool,
     /// Clear a latched fault first, if its cause is gone
     #[arg(long)]
@@ -108,21 +107,22 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let (Some(port), Some(output)) = (&args.port, &args.output) else {
         return Err(InputError::new("no port is named", "give --port and -o").into());
     };
-    let steps = match &protocol {
-        Some(protocol) if !args.whole => {
-            let steps = steps(protocol);
-            if args.split && steps.is_none() {
-                return Err(InputError::new(
-                    format!("the protocol {} is not one of steps", protocol.name),
-                    "leave --split away: it needs a release of a second or more after every step",
-                )
-                .into());
-            }
-            steps.unwrap_or_default()
-        }
+    let files = match &protocol {
+        Some(protocol) if args.split => steps(protocol).ok_or_else(|| {
+            InputError::new(
+                format!("the protocol {} is not one of steps", protocol.name),
+                "leave --split away: it needs a release of a second or more after every step",
+            )
+        })?,
         _ => Vec::new(),
     };
-    check_output(output, &steps, args.force)?;
+    // One part that is no step is the whole protocol: nothing to list.
+    let parts = protocol
+        .as_ref()
+        .map(parts)
+        .filter(|parts| parts.len() > 1 || parts.iter().any(|part| part.step.is_some()))
+        .unwrap_or_default();
+    check_output(output, &files, args.force)?;
     let interrupt = Interrupt::listen()?;
     let mut link = Link::open(SerialConnector::new(port), Timing::default())?;
     link.learn_patience()?;
@@ -141,7 +141,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         }
     }
     let about = about(&link, port, protocol.as_ref());
-    let recorder = Recorder::create(output, about, !steps.is_empty())?;
+    let recorder = Recorder::create(output, about, !parts.is_empty())?;
     let mut session = Session {
         link,
         recorder,
@@ -156,7 +156,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let armed = outcome.is_err() || !matches!(outcome, Ok(End::Complete));
     session.leave(armed && protocol.is_some());
     session.bar.finish_and_clear();
-    session.end(outcome, &steps, output)
+    session.end(outcome, &parts, args.split, output)
 }
 
 /// How a recording ended.
@@ -406,7 +406,8 @@ impl Session {
     fn end(
         self,
         outcome: anyhow::Result<End>,
-        steps: &[Step],
+        parts: &[Part],
+        cut: bool,
         output: &Path,
     ) -> anyhow::Result<()> {
         let Self {
@@ -415,7 +416,8 @@ impl Session {
         recorder.about.count(&link.counters());
         recorder.about.complete = matches!(outcome, Ok(End::Complete));
         let about = recorder.about.clone();
-        let runs = recorder.finish(steps)?;
+        let has_moved = !about.segments.is_empty();
+        let runs = recorder.finish(parts, cut)?;
         let kept = format!("{} samples are kept in {}", about.samples, output.display());
         match outcome {
             Err(error) => return Err(error.context(kept)),
@@ -443,10 +445,11 @@ impl Session {
                 first.display(),
                 last.display()
             );
-            let stem = output.with_extension("");
+        }
+        if has_moved {
             text += &format!(
-                "next: rig diagnose --model MODEL.toml {}_*.csv\n",
-                stem.display()
+                "next: rig diagnose --model MODEL.toml {}\n",
+                output.display()
             );
         }
         Ok(super::print(&text)?)
@@ -578,7 +581,7 @@ pub(crate) fn log(path: &Path, link: &Link) -> Result<Recorder, InputError> {
 pub(crate) fn end_log(mut recorder: Recorder, link: &Link) -> Result<(), InputError> {
     recorder.about.count(&link.counters());
     recorder.about.complete = true;
-    recorder.finish(&[]).map(drop)
+    recorder.finish(&[], false).map(drop)
 }
 
 /// Passes an event on to a log, if there is one.

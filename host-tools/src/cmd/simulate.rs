@@ -6,8 +6,10 @@ use clap::{ArgGroup, Parser, ValueEnum};
 use model_core::actuator::Model;
 use model_core::power::{GuardedMicromath, Minimax, Power};
 
+use super::input::InputArgs;
 use crate::error::{InputError, write_atomically};
-use crate::fit::{Fitter, Run};
+use crate::estimate::{Dataset, Nuisance, Session};
+use crate::fit::Fitter;
 use crate::linear::linear_rival;
 use crate::model_file::ModelFile;
 use crate::plot::{Figure, Panel, Series, Style, write_svg};
@@ -15,6 +17,7 @@ use crate::protocol::{Protocol, played};
 use crate::protocol_file::ProtocolFile;
 use crate::recording::{PASCAL_PER_KPA, Recording, to_csv};
 use crate::simulate::Start;
+use crate::statistics::clipped;
 
 /// Simulates a model over the pressure of a recording, or over a protocol.
 #[derive(Debug, Parser)]
@@ -56,6 +59,8 @@ pub struct Args {
     /// Draw the run
     #[arg(long, value_name = "OUT.svg")]
     plot: Option<PathBuf>,
+    #[command(flatten)]
+    input: InputArgs,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -104,7 +109,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let file = ModelFile::read(&args.model)?;
     let (recording, setpoint) = match (&args.recording, args.protocol.as_deref()) {
         (Some(path), _) => {
-            let (recording, warnings) = Recording::read(path)?;
+            let (recording, warnings) = Recording::read_as(path, &args.input.columns())?;
             for warning in &warnings {
                 super::warn(warning);
             }
@@ -112,7 +117,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         }
         (None, name) => from_protocol(&file, name.unwrap_or("step"), args)?,
     };
-    let run = Run::new(&recording);
+    let session = Session::new(recording.clone(), 0.0, clipped(&recording.angle));
     let largest = recording
         .pressure
         .iter()
@@ -122,23 +127,21 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     } else {
         file.model
     };
-    let start = match &args.recording {
-        Some(_) => {
-            let fitter = Fitter {
-                nominal: &model,
-                runs: std::slice::from_ref(&run),
-            };
-            fitter.compare(&model).starts[0]
+    let nuisance = if args.recording.is_some() {
+        estimated(&model, &recording)
+    } else {
+        Nuisance {
+            start: Start {
+                angle: model.reading(&model.at_rest(0.0, 0.0)),
+                rate: 0.0,
+            },
+            ..Nuisance::AT_ZERO
         }
-        None => Start {
-            angle: model.reading(&model.at_rest(0.0, 0.0)),
-            rate: 0.0,
-        },
     };
     let simulated = match args.arithmetic {
-        Arithmetic::F64 => run.simulate(&model, start),
-        Arithmetic::Board => on_board::<Minimax>(&run, &model, start),
-        Arithmetic::BoardMicromath => on_board::<GuardedMicromath>(&run, &model, start),
+        Arithmetic::F64 => session.simulate(&model, &nuisance),
+        Arithmetic::Board => on_board::<Minimax>(&session, &model, &nuisance),
+        Arithmetic::BoardMicromath => on_board::<GuardedMicromath>(&session, &model, &nuisance),
     };
     let degrees =
         |radians: &[f64]| -> Vec<f64> { radians.iter().map(|a| a.to_degrees()).collect() };
@@ -299,6 +302,16 @@ fn from_protocol(
     Ok((recording, Some(setpoint)))
 }
 
+/// Zeros and start with which a model comes nearest to a recording.
+fn estimated(model: &Model<f64>, recording: &Recording) -> Nuisance {
+    let data = Dataset::of(std::slice::from_ref(recording));
+    let fitter = Fitter {
+        nominal: model,
+        data: &data,
+    };
+    fitter.compare(model).nuisances[0]
+}
+
 /// The angle (rad) at which the plain model rests under `pressure` (Pa).
 pub(crate) fn steady_angle(model: &Model<f64>, pressure: f64) -> f64 {
     let d = model.dynamics();
@@ -307,7 +320,7 @@ pub(crate) fn steady_angle(model: &Model<f64>, pressure: f64) -> f64 {
 }
 
 #[allow(clippy::cast_possible_truncation)]
-fn on_board<P: Power<f32>>(run: &Run<'_>, model: &Model<f64>, start: Start<f64>) -> Vec<f64> {
+fn on_board<P: Power<f32>>(session: &Session, model: &Model<f64>, nuisance: &Nuisance) -> Vec<f64> {
     let board: Model<f32, P> = model.map(|value| value as f32);
-    run.simulate(&board, start)
+    session.simulate(&board, nuisance)
 }

@@ -20,11 +20,12 @@ use crate::settings_file::{self, Assignment, shown};
 /// The board uses its old settings until it has accepted all new ones together
 /// and keeps them without power afterwards.
 #[derive(Debug, Parser)]
-#[command(group(ArgGroup::new("what").required(true).multiple(true).args(["model", "settings", "read"])))]
+#[command(group(ArgGroup::new("what").required(true).multiple(true).args(["model", "settings", "zeros", "read"])))]
 #[command(after_help = "\
 Examples:
   rig upload --port /dev/ttyACM0 --model repaired.toml --dry-run
   rig upload --port /dev/ttyACM0 --model repaired.toml
+  rig upload --port /dev/ttyACM0 --model repaired.toml --zeros verdict.json
   rig upload --port /dev/ttyACM0 --settings limits.toml
   rig upload --port /dev/ttyACM0 --read > board.toml
 
@@ -40,8 +41,13 @@ pub struct Args {
     /// File of settings: calibration, limits, gains
     #[arg(long, value_name = "SETTINGS.toml")]
     settings: Option<PathBuf>,
+    /// Verdict of `rig diagnose --json` whose zeros of the sensors shall be
+    /// taken away: p.zero (counts) and the angles of the flex sensor's table (°)
+    /// are moved by them. Of several sessions the last counts
+    #[arg(long, value_name = "VERDICT.json")]
+    zeros: Option<PathBuf>,
     /// Print the board's settings as a settings file instead
-    #[arg(long, conflicts_with_all = ["model", "settings"])]
+    #[arg(long, conflicts_with_all = ["model", "settings", "zeros"])]
     read: bool,
     /// Show what would change, and change nothing
     #[arg(long)]
@@ -71,8 +77,20 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
             wanted.push((key, bits));
         }
     }
+    let zeros = args
+        .zeros
+        .as_deref()
+        .map(settings_file::Zeros::read)
+        .transpose()?;
     let mut link = Link::open(SerialConnector::new(&args.port), Timing::default())?;
     let settings = read_settings(&mut link)?;
+    if let (Some(zeros), Some(path)) = (zeros, &args.zeros) {
+        wanted.extend(
+            zeros
+                .taken_from(&settings, &wanted)
+                .map_err(|error| error.in_file(path))?,
+        );
+    }
     if args.read {
         let identity = link.identity();
         let about = format!(

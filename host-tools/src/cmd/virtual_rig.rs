@@ -24,6 +24,7 @@ use crate::model_file::ModelFile;
 Examples:
   rig virtual --link /tmp/softrig
   rig virtual --hide 7 --model-out model.toml --truth-out truth.toml
+  rig virtual --hide 7 --effect gravity --truth-out truth.toml
   rig virtual --actuator truth.toml --speed max --duration 120
 
 Then, in another terminal:
@@ -38,6 +39,14 @@ pub struct Args {
     /// Draw an actuator that hides an effect from this seed
     #[arg(long, value_name = "SEED")]
     hide: Option<u64>,
+    /// Hide this effect instead of one drawn from the seed
+    #[arg(long, value_name = "KIND", requires = "hide")]
+    effect: Option<String>,
+    /// Seed of the bench's small errors: zeros of the sensors, an actuator that
+    /// is not quite at rest; the seed of --hide unless given, and without both
+    /// the bench is ideal
+    #[arg(long, value_name = "N")]
+    bench_seed: Option<u64>,
     /// Write the model that the owner believes in
     #[arg(long, value_name = "MODEL.toml", requires = "hide")]
     model_out: Option<PathBuf>,
@@ -125,6 +134,12 @@ fn command(args: &Args, program: &Path, image: &Path) -> Command {
     path("--eeprom", &args.eeprom);
     if let Some(seed) = args.hide {
         command.arg("--hide").arg(seed.to_string());
+    }
+    if let Some(kind) = &args.effect {
+        command.arg("--effect").arg(kind);
+    }
+    if let Some(seed) = args.bench_seed {
+        command.arg("--bench-seed").arg(seed.to_string());
     }
     if let Some(seed) = args.seed {
         command.arg("--seed").arg(seed.to_string());
@@ -226,7 +241,7 @@ fn next_steps(args: &Args, port: &str) -> String {
          \x20 rig monitor --port {port}\n\
          \x20 rig upload --port {port} --model {model}\n\
          \x20 rig record --port {port} --protocol steps -o run.csv\n\
-         \x20 rig diagnose --model {model} run_*.csv\n\
+         \x20 rig diagnose --model {model} run.csv\n\
          Ctrl-C ends it.\n"
     )
 }

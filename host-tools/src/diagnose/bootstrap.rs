@@ -41,12 +41,7 @@ pub const SIGNIFICANT: f64 = 0.01;
 /// The probability that noise alone lets the best of `rivals` gain on `smaller` as
 /// much as the first of them does. At least 1/500; 1 where the recordings are too
 /// short to say.
-pub fn chance(
-    fitter: &Fitter<'_, '_>,
-    smaller: &Candidate,
-    rivals: &[&Candidate],
-    seed: u64,
-) -> f64 {
+pub fn chance(fitter: &Fitter<'_>, smaller: &Candidate, rivals: &[&Candidate], seed: u64) -> f64 {
     let Some(best) = rivals.first() else {
         return 1.0;
     };
@@ -159,7 +154,7 @@ struct Direction {
 
 impl Direction {
     fn of(
-        fitter: &Fitter<'_, '_>,
+        fitter: &Fitter<'_>,
         smaller: &Candidate,
         rival: &Candidate,
         base: &DMatrix<f64>,
@@ -252,8 +247,9 @@ mod tests {
 
     use super::*;
     use crate::diagnose::candidates::free_parameters;
+    use crate::estimate::Dataset;
     use crate::example::{Hidden, make};
-    use crate::fit::{Effort, Run};
+    use crate::fit::Effort;
     use crate::model_file::ModelFile;
     use crate::recording::Recording;
 
@@ -266,10 +262,10 @@ mod tests {
             .into_iter()
             .map(|(_, recording, _)| recording)
             .collect();
-        let runs = Run::all(&recordings);
+        let data = Dataset::of(&recordings);
         let fitter = Fitter {
             nominal: &file.model,
-            runs: &runs,
+            data: &data,
         };
         let fitted = |added: &[Kind], start: &Model<f64>| Candidate {
             added: added.to_vec(),

@@ -46,7 +46,7 @@ pub struct Scales {
     pressure: f64,
     /// Time between samples (s).
     interval: f64,
-    /// Duration of the longest run (s).
+    /// Duration of the longest session (s).
     duration: f64,
     /// Frequencies (Hz) that stand out in what a fit leaves.
     lines: Vec<f64>,
@@ -55,17 +55,13 @@ pub struct Scales {
 impl Scales {
     /// Takes the sizes from the nominal model and the recordings, and the
     /// frequencies from what its refit leaves.
-    pub fn of(fitter: &Fitter<'_, '_>, refit: &Fit) -> Self {
+    pub fn of(fitter: &Fitter<'_>, refit: &Fit) -> Self {
         let d = fitter.nominal.dynamics();
-        let angle = fitter
-            .runs
-            .iter()
-            .map(crate::fit::Run::reach)
-            .fold(1e-3, f64::max);
+        let angle = fitter.data.reach().max(1e-3);
         let pressure = fitter
-            .runs
-            .iter()
-            .flat_map(|run| &run.recording.pressure)
+            .data
+            .fitted()
+            .flat_map(|segment| &segment.recording.pressure)
             .fold(0.0, |largest: f64, p| largest.max(p.abs()));
         let spring = d.stiffness * angle.powf(d.exponent);
         let force = spring
@@ -77,13 +73,15 @@ impl Scales {
             rate: fastest_rate(fitter).max(1e-3),
             pressure,
             interval: fitter
-                .runs
+                .data
+                .sessions()
                 .first()
-                .map_or(0.01, |run| run.recording.interval()),
+                .map_or(0.01, |session| session.interval()),
             duration: fitter
-                .runs
+                .data
+                .sessions()
                 .iter()
-                .map(|run| run.recording.duration())
+                .map(|session| session.recording().duration())
                 .fold(0.0, f64::max),
             lines: spectral_lines(fitter, refit),
         }
@@ -119,12 +117,12 @@ impl Scales {
 }
 
 /// The 99th percentile of the measured rate (rad/s).
-fn fastest_rate(fitter: &Fitter<'_, '_>) -> f64 {
+fn fastest_rate(fitter: &Fitter<'_>) -> f64 {
     let mut rates: Vec<f64> = fitter
-        .runs
-        .iter()
-        .flat_map(|run| {
-            let recording = run.recording;
+        .data
+        .fitted()
+        .flat_map(|segment| {
+            let recording = &segment.recording;
             let half = half_window(recording);
             (half..recording.len().saturating_sub(half))
                 .step_by(half)
@@ -142,7 +140,7 @@ fn fastest_rate(fitter: &Fitter<'_, '_>) -> f64 {
 /// The frequencies (Hz) at which residuals stand out most from their
 /// surroundings. An oscillation of which a run shows twenty periods is only
 /// found from within a twentieth of its frequency, so fits have to start there.
-fn spectral_lines(fitter: &Fitter<'_, '_>, refit: &Fit) -> Vec<f64> {
+fn spectral_lines(fitter: &Fitter<'_>, refit: &Fit) -> Vec<f64> {
     /// Distance of the frequencies that are looked at (Hz).
     const STEP: f64 = 0.05;
     /// Lines closer than this are one (Hz).
@@ -152,9 +150,9 @@ fn spectral_lines(fitter: &Fitter<'_, '_>, refit: &Fit) -> Vec<f64> {
     /// As many lines as fits can try.
     const COUNT: usize = 4;
     let intervals: Vec<f64> = fitter
-        .runs
-        .iter()
-        .map(|run| run.recording.interval())
+        .data
+        .fitted()
+        .map(|segment| segment.recording.interval())
         .collect();
     let slowest = intervals.iter().copied().fold(0.0, f64::max);
     let highest = (0.4 / slowest).min(30.0);
@@ -200,6 +198,46 @@ fn spectral_lines(fitter: &Fitter<'_, '_>, refit: &Fit) -> Vec<f64> {
         }
     }
     lines
+        .into_iter()
+        .map(|line| sharpened(fitter, refit, line, STEP))
+        .collect()
+}
+
+/// A line within `width` (Hz) of a rough one, as sharp as whole sessions show it:
+/// an oscillation that goes on through all segments keeps its phase, and a fit
+/// finds it only from within a part of one period in the whole session.
+fn sharpened(fitter: &Fitter<'_>, refit: &Fit, rough: f64, width: f64) -> f64 {
+    /// Frequencies that are looked at for each that a session resolves.
+    const FINER: f64 = 4.0;
+    let data = fitter.data;
+    let longest = data
+        .sessions()
+        .iter()
+        .map(|session| session.recording().duration())
+        .fold(0.0, f64::max);
+    let step = 1.0 / (FINER * longest.max(1.0));
+    let power = |frequency: f64| -> f64 {
+        let angular = std::f64::consts::TAU * frequency;
+        let mut sums = vec![(0.0, 0.0); data.sessions().len()];
+        for (segment, residual) in data.fitted().zip(&refit.residuals) {
+            let (re, im) = &mut sums[segment.session];
+            for (time, value) in segment.recording.time.iter().zip(residual) {
+                let (sin, cos) = (angular * time).sin_cos();
+                *re += value * cos;
+                *im += value * sin;
+            }
+        }
+        sums.iter().map(|(re, im)| re * re + im * im).sum()
+    };
+    // At most some hundred.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    let count = (width / step).ceil() as usize;
+    (0..=2 * count)
+        .map(|k| rough + (k as f64 - count as f64) * step)
+        .filter(|frequency| *frequency > 0.0)
+        .map(|frequency| (power(frequency), frequency))
+        .max_by(|a, b| a.0.total_cmp(&b.0))
+        .map_or(rough, |(_, frequency)| frequency)
 }
 
 /// An effect of the size at which fits start: what to reckon with before
@@ -218,7 +256,7 @@ pub fn typical(kind: Kind, scales: &Scales) -> Option<Effect<f64>> {
 }
 
 /// A structure with one effect more, fitted to the end.
-pub fn added(ground: &Ground<'_, '_>, base: &Candidate, kind: Kind) -> Option<Candidate> {
+pub fn added(ground: &Ground<'_>, base: &Candidate, kind: Kind) -> Option<Candidate> {
     let promise = promise(ground, base, kind)?;
     glance(ground, &promise).map(|candidate| finish(ground, &candidate))
 }
@@ -234,9 +272,9 @@ pub struct Untried {
 
 /// The effects that the recordings can speak about, and the others with the
 /// reason why not.
-pub fn applicable(nominal: &Model<f64>, fitter: &Fitter<'_, '_>) -> (Vec<Kind>, Vec<Untried>) {
-    let constant_input = fitter.runs.iter().all(|run| {
-        let pressure = &run.recording.pressure;
+pub fn applicable(nominal: &Model<f64>, fitter: &Fitter<'_>) -> (Vec<Kind>, Vec<Untried>) {
+    let constant_input = fitter.data.fitted().all(|segment| {
+        let pressure = &segment.recording.pressure;
         let first = pressure.first().copied().unwrap_or(0.0);
         pressure.iter().all(|p| (p - first).abs() < 1.0)
     });
@@ -280,16 +318,16 @@ pub fn free_parameters(file: &ModelFile, added: &[Kind]) -> Vec<ParameterId> {
 
 /// What candidates are fitted to and from.
 #[derive(Clone, Copy, Debug)]
-pub struct Ground<'a, 'r> {
+pub struct Ground<'a> {
     /// The nominal model.
     pub file: &'a ModelFile,
     /// The recordings.
-    pub fitter: &'a Fitter<'a, 'r>,
+    pub fitter: &'a Fitter<'a>,
     /// The same recordings in short pieces, to find starts; none where the
     /// refitted model keeps in step with the recordings.
-    pub pieces: Option<&'a Fitter<'a, 'a>>,
+    pub pieces: Option<&'a Fitter<'a>>,
     /// A part of the recordings, to rank starts and candidates.
-    pub excerpt: &'a Fitter<'a, 'a>,
+    pub excerpt: &'a Fitter<'a>,
     /// Sizes of forces, angles and rates.
     pub scales: &'a Scales,
     /// Fits of an interrupted run, and where to keep further ones.
@@ -328,7 +366,7 @@ impl Promise {
 
 /// What one effect more promises, by a score test at each of its starts. None
 /// if the model is full, or cannot be simulated with it.
-pub fn promise(ground: &Ground<'_, '_>, base: &Candidate, kind: Kind) -> Option<Promise> {
+pub fn promise(ground: &Ground<'_>, base: &Candidate, kind: Kind) -> Option<Promise> {
     /// Starts from which it is worth going on.
     const BEST: usize = 2;
     let file = ground.file;
@@ -363,7 +401,7 @@ pub fn promise(ground: &Ground<'_, '_>, base: &Candidate, kind: Kind) -> Option<
 }
 
 /// Follows a promise: a fit at a glance to the excerpt.
-pub fn glance(ground: &Ground<'_, '_>, promise: &Promise) -> Option<Candidate> {
+pub fn glance(ground: &Ground<'_>, promise: &Promise) -> Option<Candidate> {
     let free = free_parameters(ground.file, &promise.added);
     let fit =
         ground
@@ -387,7 +425,7 @@ fn remembers(kind: Kind) -> bool {
 
 /// A candidate with one of its effects taken out, fitted to the end. None if the
 /// effect is not among those that it added, or the rest makes no model.
-pub fn without(ground: &Ground<'_, '_>, candidate: &Candidate, out: Kind) -> Option<Candidate> {
+pub fn without(ground: &Ground<'_>, candidate: &Candidate, out: Kind) -> Option<Candidate> {
     let position = candidate.added.iter().position(|&kind| kind == out)?;
     let model = &candidate.fit.model;
     let slot = model.effects().count() - candidate.added.len() + position;
@@ -412,7 +450,7 @@ pub fn without(ground: &Ground<'_, '_>, candidate: &Candidate, out: Kind) -> Opt
 }
 
 /// Fits a candidate on to the end from where it stands.
-pub fn finish(ground: &Ground<'_, '_>, candidate: &Candidate) -> Candidate {
+pub fn finish(ground: &Ground<'_>, candidate: &Candidate) -> Candidate {
     let free = free_parameters(ground.file, &candidate.added);
     Candidate {
         added: candidate.added.clone(),
@@ -423,7 +461,7 @@ pub fn finish(ground: &Ground<'_, '_>, candidate: &Candidate) -> Candidate {
 }
 
 /// Where `base`, as it was fitted, can start with `kind` added.
-pub fn starts_from(ground: &Ground<'_, '_>, base: &Candidate, kind: Kind) -> Vec<Model<f64>> {
+pub fn starts_from(ground: &Ground<'_>, base: &Candidate, kind: Kind) -> Vec<Model<f64>> {
     starts(ground.file, ground.scales, base, kind).from_fitted
 }
 
@@ -502,7 +540,7 @@ fn held_value(row: &Parameter, held: f32, scales: &Scales) -> f64 {
 
 /// Frees the held parameters of the added effects that have starts of their
 /// own (the tilt of gravity), one variant for each start.
-pub fn released(ground: &Ground<'_, '_>, candidate: &Candidate) -> Option<Candidate> {
+pub fn released(ground: &Ground<'_>, candidate: &Candidate) -> Option<Candidate> {
     let first = ground.file.model.effects().count();
     let mut free = candidate.fit.free.clone();
     let mut models = Vec::new();

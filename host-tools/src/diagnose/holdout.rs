@@ -1,10 +1,11 @@
 //! The test that counts: errors on runs that were not fitted.
 //!
 //! With `--holdout` recordings the fitted model is simulated over them as it
-//! is. Without, recordings are left out in turn, repeats of one run together:
-//! a repeat that stays in the fit would give the answer away. Either way a run
-//! that starts in motion has its starting angle and rate estimated, and nothing
-//! else.
+//! is. Without, segments are left out in turn, repeats of one run together:
+//! a repeat that stays in the fit would give the answer away. A segment that is
+//! left out is simulated through with its session, whose zeros and start come
+//! from the other segments; a session of which nothing is fitted has its own
+//! estimated, and nothing else.
 //!
 //! What a fit would have been without some recordings follows from the
 //! curvature of its sum of squares ([`crate::information`]); it is refitted
@@ -19,10 +20,9 @@ use model_core::power::Minimax;
 
 use super::candidates::{Candidate, free_parameters};
 use super::noise::{NoiseFloor, repeats};
-use crate::fit::{Effort, Fitter, Run};
+use crate::estimate::Segment;
+use crate::fit::{Effort, Fitter};
 use crate::model_file::ModelFile;
-use crate::recording::Recording;
-use crate::statistics::rms;
 
 /// Fewer different runs than this, and leaving one out would ask for
 /// extrapolation: repeats are then left out one by one.
@@ -92,40 +92,33 @@ pub fn share_closed(before: f64, after: f64, floor: f64) -> f64 {
 /// A structure as fitted: what identifies a held-out error.
 type Key = (Vec<Kind>, Vec<ParameterId>);
 
-/// Judges structures by runs that were not fitted.
-pub struct Judge<'a, 'r> {
+/// Judges structures by segments that were not fitted.
+pub struct Judge<'a> {
     file: &'a ModelFile,
-    /// The fitted runs.
-    fitter: &'a Fitter<'a, 'r>,
-    /// The held-out runs; empty to leave the fitted ones out in turn.
-    given: &'a [Run<'r>],
-    /// Fitted runs that are left out together.
+    /// The data, whose held-out segments are those to judge by; if there are none,
+    /// the fitted ones are left out in turn.
+    fitter: &'a Fitter<'a>,
+    /// Places of fitted segments that are left out together; empty where some are
+    /// held out.
     folds: Vec<Vec<usize>>,
-    /// Noise floor of the held-out runs (rad).
+    /// Noise floor of the held-out segments (rad).
     floor: f64,
-    /// Whether every held-out run repeats one that was fitted.
+    /// Whether every held-out segment repeats one that was fitted.
     only_repeats: bool,
-    /// Squared errors of each run that were found before: several steps ask for
-    /// the same ones.
+    /// Squared errors of each segment that were found before: several steps ask
+    /// for the same ones.
     memo: Mutex<BTreeMap<Key, Vec<f64>>>,
 }
 
-impl<'a, 'r> Judge<'a, 'r> {
-    /// Creates a judge over `given` held-out runs, or over the fitted ones in
-    /// turn if there are none. The noise of the measured pressure leaves an error
-    /// of `input` (rad) that no model removes.
-    pub fn new(
-        file: &'a ModelFile,
-        fitter: &'a Fitter<'a, 'r>,
-        given: &'a [Run<'r>],
-        input: f64,
-    ) -> Self {
-        let recordings = |runs: &[Run<'_>]| -> Vec<Recording> {
-            runs.iter().map(|run| run.recording.clone()).collect()
-        };
+impl<'a> Judge<'a> {
+    /// Creates a judge. The noise of the measured pressure leaves an error of
+    /// `input` (rad) that no model removes.
+    pub fn new(file: &'a ModelFile, fitter: &'a Fitter<'a>, input: f64) -> Self {
+        let fitted = fitter.data.recordings(true);
+        let given = fitter.data.recordings(false);
         let (floor, folds, only_repeats) = if given.is_empty() {
-            let floor = NoiseFloor::of(&recordings(fitter.runs));
-            let folds = folds(fitter.runs.len(), &floor.groups);
+            let floor = NoiseFloor::of(&fitted);
+            let folds = folds(fitted.len(), &floor.groups);
             let only_repeats = folds.iter().all(|fold| {
                 let fitted = |other: &usize| !fold.contains(other);
                 fold.iter()
@@ -133,9 +126,9 @@ impl<'a, 'r> Judge<'a, 'r> {
             });
             (floor, folds, only_repeats)
         } else {
-            let floor = NoiseFloor::of(&recordings(given));
-            let all = [recordings(fitter.runs), recordings(given)].concat();
-            let count = fitter.runs.len();
+            let floor = NoiseFloor::of(&given);
+            let count = fitted.len();
+            let all = [fitted, given].concat();
             let groups = repeats(&all);
             let only_repeats =
                 (count..all.len()).all(|run| repeats_one(run, &groups, |&other| other < count));
@@ -144,12 +137,26 @@ impl<'a, 'r> Judge<'a, 'r> {
         Self {
             file,
             fitter,
-            given,
             folds,
             floor: floor.rms.hypot(input),
             only_repeats,
             memo: Mutex::default(),
         }
+    }
+
+    /// The model file of the structures that are judged.
+    pub fn file(&self) -> &'a ModelFile {
+        self.file
+    }
+
+    /// The data, with those to judge by.
+    pub fn fitter(&self) -> &'a Fitter<'a> {
+        self.fitter
+    }
+
+    /// Raises the floor to one that holds what the rig itself does not repeat (rad).
+    pub fn with_scatter(&mut self, scatter: f64) {
+        self.floor = self.floor.max(scatter);
     }
 
     /// RMS error (rad) of a fitted structure on runs that were not fitted.
@@ -165,7 +172,7 @@ impl<'a, 'r> Judge<'a, 'r> {
             return known.clone();
         }
         let found = self.collect(candidate, |fitter, model| {
-            squares(&fitter.compare(model).residuals)
+            squares(&fitter.validate(model).residuals)
         });
         memo().insert(key, found.clone());
         found
@@ -181,10 +188,25 @@ impl<'a, 'r> Judge<'a, 'r> {
         self.only_repeats
     }
 
-    /// RMS error (rad) over all runs from the sums of each.
+    /// RMS error (rad) over all segments from the sums of each.
     fn rms(&self, squares: &[f64]) -> f64 {
-        let samples: usize = self.runs().iter().map(|run| run.recording.len()).sum();
+        let samples: usize = self.lengths().iter().sum();
         (squares.iter().sum::<f64>() / samples.max(1) as f64).sqrt()
+    }
+
+    /// Samples of each segment that is judged by.
+    fn lengths(&self) -> Vec<usize> {
+        let length = |segment: &Segment| segment.range.len();
+        if self.in_turn() {
+            self.fitter.data.fitted().map(length).collect()
+        } else {
+            self.fitter.data.held_out().map(length).collect()
+        }
+    }
+
+    /// Whether segments are left out in turn rather than given.
+    fn in_turn(&self) -> bool {
+        !self.folds.is_empty()
     }
 
     /// Share of the held-out gap between refit and noise floor that a structure
@@ -195,20 +217,16 @@ impl<'a, 'r> Judge<'a, 'r> {
 
     /// Errors of the nominal model, its refit and the repaired one.
     pub fn errors(&self, refit: &Candidate, repaired: &Candidate) -> HeldOut {
-        let runs = self.runs();
-        let nominal = Fitter {
-            nominal: &self.file.model,
-            runs,
-        }
-        .compare(&self.file.model);
+        let lengths = self.lengths();
+        let nominal = self.nominal_squares();
         let before = self.squares_of(refit);
         let after = self.collect(repaired, board_squares);
         let each = |run: usize, squares: &[f64]| {
-            let samples = runs[run].recording.len().max(1) as f64;
+            let samples = lengths[run].max(1) as f64;
             (squares.get(run).copied().unwrap_or(0.0) / samples).sqrt()
         };
         HeldOut {
-            nominal: nominal.rmse(),
+            nominal: self.rms(&nominal),
             refit: self.rms(&before),
             repaired: if repaired.added.is_empty() {
                 self.rms(&before)
@@ -217,14 +235,11 @@ impl<'a, 'r> Judge<'a, 'r> {
             },
             repaired_on_board: self.rms(&after),
             floor: self.floor,
-            in_turn: self.given.is_empty(),
+            in_turn: self.in_turn(),
             only_repeats: self.only_repeats,
-            runs: nominal
-                .residuals
-                .iter()
-                .enumerate()
-                .map(|(run, residual)| HeldOutRun {
-                    nominal: rms(residual),
+            runs: (0..lengths.len())
+                .map(|run| HeldOutRun {
+                    nominal: each(run, &nominal),
                     refit: each(run, &before),
                     repaired_on_board: each(run, &after),
                 })
@@ -232,76 +247,79 @@ impl<'a, 'r> Judge<'a, 'r> {
         }
     }
 
-    fn runs(&self) -> &[Run<'r>] {
-        if self.given.is_empty() {
-            self.fitter.runs
-        } else {
-            self.given
-        }
+    /// RMS error of the model as supplied (rad).
+    pub fn nominal_error(&self) -> f64 {
+        self.rms(&self.nominal_squares())
     }
 
-    /// Collects the squared errors of each held-out run.
+    /// Squared errors of the model as supplied on each segment; its zeros and
+    /// starts are estimated without those as well.
+    fn nominal_squares(&self) -> Vec<f64> {
+        let model = &self.file.model;
+        self.over_folds(|fitter, _| squares(&fitter.validate(model).residuals))
+    }
+
+    /// Collects the squared errors of each held-out segment.
     fn collect(
         &self,
         candidate: &Candidate,
-        squares: impl Fn(&Fitter<'_, '_>, &Model<f64>) -> Vec<f64>,
+        squares: impl Fn(&Fitter<'_>, &Model<f64>) -> Vec<f64>,
     ) -> Vec<f64> {
-        if self.given.is_empty() {
-            let mut each = vec![0.0; self.fitter.runs.len()];
-            for fold in &self.folds {
-                let found = self.fold_squares(candidate, fold, &squares);
-                for (run, sum) in self.left_out(fold).zip(found) {
-                    each[run] = sum;
-                }
-            }
-            each
-        } else {
-            let fitter = Fitter {
-                nominal: &self.file.model,
-                runs: self.given,
-            };
-            squares(&fitter, &candidate.fit.model)
+        self.over_folds(|fitter, fold| match fold {
+            Some(fold) => self.fold_squares(candidate, fitter, fold, &squares),
+            None => squares(fitter, &candidate.fit.model),
+        })
+    }
+
+    /// Asks about the data with its held-out segments, or without each fold in
+    /// turn, and puts the answers in the order of the segments.
+    fn over_folds(&self, squares: impl Fn(&Fitter<'_>, Option<&[usize]>) -> Vec<f64>) -> Vec<f64> {
+        let nominal = self.fitter.nominal;
+        if !self.in_turn() {
+            return squares(self.fitter, None);
         }
+        let mut each = vec![0.0; self.lengths().len()];
+        for fold in &self.folds {
+            let data = self.fitter.data.without(fold);
+            let found = squares(
+                &Fitter {
+                    nominal,
+                    data: &data,
+                },
+                Some(fold),
+            );
+            let mut places = fold.clone();
+            places.sort_unstable();
+            for (run, sum) in places.into_iter().zip(found) {
+                each[run] = sum;
+            }
+        }
+        each
     }
 
-    /// The runs of a fold in their own order.
-    fn left_out<'f>(&self, fold: &'f [usize]) -> impl Iterator<Item = usize> + use<'f> {
-        (0..self.fitter.runs.len()).filter(move |index| fold.contains(index))
-    }
-
+    /// Squared errors on a fold that `rest` holds out.
     fn fold_squares(
         &self,
         candidate: &Candidate,
+        rest: &Fitter<'_>,
         fold: &[usize],
-        squares: &impl Fn(&Fitter<'_, '_>, &Model<f64>) -> Vec<f64>,
+        squares: &impl Fn(&Fitter<'_>, &Model<f64>) -> Vec<f64>,
     ) -> Vec<f64> {
-        let pick = |left_out: bool| -> Vec<Run<'r>> {
-            self.fitter
-                .runs
-                .iter()
-                .enumerate()
-                .filter(|(index, _)| fold.contains(index) == left_out)
-                .map(|(_, run)| run.clone())
-                .collect()
-        };
-        let nominal = &self.file.model;
-        let left_out = pick(true);
-        let squares_of = |model: &Model<f64>| {
-            let fitter = Fitter {
-                nominal,
-                runs: &left_out,
-            };
-            squares(&fitter, model)
+        // Zeros and starts hardly move without a few segments.
+        let data = rest.data.guessing(&candidate.fit.nuisances);
+        let rest = &Fitter {
+            data: &data,
+            ..*rest
         };
         // A step that leads far worse may have left the parabola it was taken on.
         let by_step = candidate
             .fit
             .without(fold)
-            .map(|model| squares_of(&model))
+            .map(|model| squares(rest, &model))
             .filter(|found| {
-                let fitted: f64 = self
-                    .left_out(fold)
-                    .filter_map(|run| candidate.fit.residuals.get(run))
+                let fitted: f64 = fold
+                    .iter()
+                    .filter_map(|&run| candidate.fit.residuals.get(run))
                     .flatten()
                     .map(|residual| residual * residual)
                     .sum();
@@ -313,14 +331,10 @@ impl<'a, 'r> Judge<'a, 'r> {
             } else {
                 candidate.fit.free.clone()
             };
-            let refitted = Fitter {
-                nominal,
-                runs: &pick(false),
-            }
             // From the whole fit it is not far, and a thousandth of the error
             // decides nothing.
-            .fit(&candidate.fit.model, &free, Effort::Glance);
-            squares_of(&refitted.model)
+            let refitted = rest.fit(&candidate.fit.model, &free, Effort::Glance);
+            squares(rest, &refitted.model)
         })
     }
 }
@@ -360,21 +374,28 @@ fn squares(residuals: &[Vec<f64>]) -> Vec<f64> {
         .collect()
 }
 
-/// Squared errors of a model in the board's arithmetic, from starts estimated
-/// in `f64`.
+/// Squared errors of a model in the board's arithmetic, from zeros and starts
+/// estimated in `f64`.
 #[allow(clippy::cast_possible_truncation)]
-fn board_squares(fitter: &Fitter<'_, '_>, model: &Model<f64>) -> Vec<f64> {
-    let starts = fitter.compare(model).starts;
+fn board_squares(fitter: &Fitter<'_>, model: &Model<f64>) -> Vec<f64> {
+    let nuisances = fitter.validate(model).nuisances;
     let board: Model<f32, Minimax> = model.map(|value| value as f32);
-    fitter
-        .runs
+    let data = fitter.data;
+    data.sessions()
         .iter()
-        .zip(starts)
-        .map(|(run, start)| {
-            run.residual_of(&run.simulate(&board, start))
-                .iter()
-                .map(|residual| residual * residual)
-                .sum::<f64>()
+        .zip(&nuisances)
+        .enumerate()
+        .flat_map(|(index, (session, nuisance))| {
+            let ranges = data.ranges(index, false);
+            let residual = if ranges.is_empty() {
+                Vec::new()
+            } else {
+                session.residual_of(&session.simulate(&board, nuisance))
+            };
+            ranges
+                .into_iter()
+                .map(|range| residual[range].iter().map(|r| r * r).sum::<f64>())
+                .collect::<Vec<_>>()
         })
         .collect()
 }

@@ -85,7 +85,7 @@ impl Identifiability {
 
 /// Fits the nominal structure and holds, one by one, parameters that nothing
 /// determines. Returns the fit, and the model file with what may still move.
-pub fn refit(file: &ModelFile, fitter: &Fitter<'_, '_>) -> (Candidate, ModelFile, Identifiability) {
+pub fn refit(file: &ModelFile, fitter: &Fitter<'_>) -> (Candidate, ModelFile, Identifiability) {
     let mut file = file.clone();
     let mut held = Vec::new();
     loop {
@@ -126,8 +126,8 @@ mod tests {
     use std::path::Path;
 
     use super::*;
+    use crate::estimate::Dataset;
     use crate::example::{Hidden, make};
-    use crate::fit::Run;
 
     #[test]
     fn the_scale_of_the_inertia_is_held_and_said() {
@@ -143,10 +143,10 @@ mod tests {
             .step_by(4)
             .map(|(_, recording, _)| recording.clone())
             .collect();
-        let runs = Run::all(&recordings);
+        let data = Dataset::of(&recordings);
         let fitter = Fitter {
             nominal: &file.model,
-            runs: &runs,
+            data: &data,
         };
         let (refit, without, found) = refit(&file, &fitter);
         assert_eq!(found.held, [ParameterId::Inertia]);

@@ -142,11 +142,11 @@ pub fn names(kinds: &[Kind]) -> Vec<String> {
 }
 
 /// What a judgement rests on.
-pub struct Court<'a, 'r> {
+pub struct Court<'a> {
     /// What candidates were fitted to.
-    pub ground: Ground<'a, 'r>,
+    pub ground: Ground<'a>,
     /// The held-out runs.
-    pub judge: &'a Judge<'a, 'r>,
+    pub judge: &'a Judge<'a>,
     /// The noise floor.
     pub floor: &'a NoiseFloor,
     /// The effects that were tried.
@@ -155,7 +155,7 @@ pub struct Court<'a, 'r> {
     pub seed: u64,
 }
 
-impl Court<'_, '_> {
+impl Court<'_> {
     /// Judges a pool of structures, of which the first is the refit.
     pub fn findings(&self, refit: &Candidate, pool: &[Candidate]) -> Findings {
         let scoring = Scoring::of(pool, self.ground.scales, self.floor);

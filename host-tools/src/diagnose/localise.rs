@@ -11,6 +11,7 @@
 use model_core::actuator::Model;
 
 use super::smoother::{ForceSeries, Smoother};
+use crate::estimate::{Dataset, Nuisance};
 use crate::recording::Recording;
 use crate::statistics::{mean, noise_by_differences, rms};
 
@@ -120,26 +121,39 @@ const SIGN: usize = 2;
 const SINCE_EDGE: usize = 5;
 const IN_RUN: usize = 6;
 
-/// Estimates the force that `model` lacks and what it goes with; `noise` is the
-/// standard deviation of the measured angle (rad).
-pub fn localise(model: &Model<f64>, recordings: &[Recording], noise: f64) -> Gap {
-    let known = known_force(model, recordings);
+/// Estimates the force that a fitted model lacks and what it goes with; `noise`
+/// is the standard deviation of the measured angle (rad). Sessions are smoothed
+/// whole, without the zeros in `nuisances`; what is looked at are their fitted
+/// segments.
+pub fn localise(model: &Model<f64>, data: &Dataset, nuisances: &[Nuisance], noise: f64) -> Gap {
+    let sessions: Vec<Recording> = data
+        .sessions()
+        .iter()
+        .zip(nuisances)
+        .map(|(session, nuisance)| session.corrected(nuisance))
+        .collect();
+    let known = known_force(model, &sessions);
     let smoother = Smoother {
         model,
         noise: noise.max(1e-6),
         force: known,
     };
-    let walk = smoother.likeliest_walk(recordings);
-    let runs: Vec<ForceSeries> = recordings
-        .iter()
-        .map(|recording| smoother.smooth(recording, walk))
-        .collect();
-    let samples: Vec<Sample> = recordings
-        .iter()
-        .zip(&runs)
-        .enumerate()
-        .flat_map(|(number, (recording, series))| samples(number, recording, series))
-        .collect();
+    let walk = smoother.likeliest_walk(&sessions);
+    let mut runs: Vec<ForceSeries> = Vec::new();
+    let mut all: Vec<Sample> = Vec::new();
+    for (index, recording) in sessions.iter().enumerate() {
+        let ranges = data.fitted_ranges(index);
+        if ranges.is_empty() {
+            continue;
+        }
+        let series = smoother.smooth(recording, walk);
+        for range in ranges {
+            let (part, series) = (recording.slice(&range), series.slice(&range));
+            all.extend(samples(runs.len(), &part, &series));
+            runs.push(series);
+        }
+    }
+    let samples = all;
     let forces: Vec<f64> = samples.iter().map(|sample| sample.force).collect();
     let features = features(&samples, &forces);
     let sentences = sentences(&features, rms(&forces), known);
@@ -528,7 +542,8 @@ mod tests {
             ..Recording::default()
         };
         let base: Model<f64> = Model::new(dynamics, &[]).unwrap();
-        let gap = localise(&base, &[recording], 1e-4);
+        let data = Dataset::known(recording, Nuisance::AT_ZERO);
+        let gap = localise(&base, &data, &[Nuisance::AT_ZERO], 1e-4);
         let features = gap.features;
         assert_eq!(features[0].name, expected, "{features:?}");
         assert!(features[0].share > 0.8, "{features:?}");

@@ -36,10 +36,14 @@ pub mod together;
 pub mod verdict;
 
 use model_core::actuator::{Model, ParameterId};
+use model_core::catalogue::Kind;
 
 use crate::checkpoint::Checkpoint;
 use crate::error::InputError;
-use crate::fit::{Excerpt, Fit, Fitter, Pieces, Run};
+use crate::estimate::Dataset;
+use crate::estimate::assemble::assemble;
+use crate::estimate::subsample::{excerpt, pieces};
+use crate::fit::{Fit, Fitter};
 use crate::model_file::{ModelFile, tidy, to_file_units};
 use crate::recording::Recording;
 use crate::statistics::correlated_rms;
@@ -53,7 +57,7 @@ use plan::{Limits, Proposal};
 use quality::Concern;
 use verdict::{
     Adequacy, Alternative, Answer, Experiment, FittedError, HeldOutError, NamedEffect, Place,
-    SCHEMA, Verdict,
+    SCHEMA, Verdict, Zeros,
 };
 
 /// A residual counts as noise if its correlated part stays below this share of
@@ -76,7 +80,7 @@ pub struct Request<'a> {
     pub file: &'a ModelFile,
     /// Recordings to fit.
     pub recordings: &'a [Recording],
-    /// Recordings to judge by; if empty, each recording is left out in turn.
+    /// Recordings to judge by; if empty, segments are left out in turn.
     pub holdout: &'a [Recording],
     /// Seed of everything random.
     pub seed: u64,
@@ -90,8 +94,12 @@ pub struct Diagnosis {
     /// What is wrong with the recordings themselves.
     pub concerns: Vec<Concern>,
     /// Index of a recording that was left out, since it behaves like another
-    /// actuator. Everything per recording is without it.
+    /// actuator.
     pub left_out: Option<usize>,
+    /// The sessions and their segments, as they were used.
+    pub data: Dataset,
+    /// Residuals on the segments that were held out.
+    pub validation: Validations,
     /// Noise floor of the fitted recordings.
     pub floor: NoiseFloor,
     /// The nominal model against the recordings.
@@ -146,34 +154,36 @@ pub fn diagnose_from(
     checkpoint: &Checkpoint,
     progress: Progress<'_>,
 ) -> Result<Diagnosis, InputError> {
-    let recordings = request.recordings;
-    if recordings.is_empty() || (recordings.len() < 2 && request.holdout.is_empty()) {
+    let assembled = assemble(request.recordings, request.holdout)?;
+    let fitted = assembled.data.indices(true).len();
+    if fitted == 0 || (fitted < 2 && assembled.data.indices(false).is_empty()) {
         return Err(InputError::new(
-            format!(
-                "a diagnosis needs two recordings or more, and {} was given",
-                recordings.len()
-            ),
-            "give more recordings, or name some with --holdout: a cause that was fitted and tested on the same run proves nothing",
+            format!("a diagnosis needs two runs or more, and {fitted} can be used"),
+            "record more, or name some with --holdout: a cause that was fitted and tested on the same run proves nothing",
         ));
     }
-    let found = diagnose_all(request, checkpoint, progress)?;
-    let Some(odd) = found.odd else {
-        return Ok(found.diagnosis);
-    };
-    progress("once more, without the recording that does not belong");
-    let others: Vec<Recording> = recordings
-        .iter()
-        .enumerate()
-        .filter(|(index, _)| *index != odd.index)
-        .map(|(_, recording)| recording.clone())
+    let mut found = diagnose_zeros(request, &assembled.data, checkpoint, progress)?;
+    let mut odd_concern = None;
+    let mut left_out = None;
+    if let Some(odd) = found.odd {
+        progress("once more, without the recording that does not belong");
+        let others = assembled.data.dropping(odd.index);
+        left_out = assembled.data.fitted().nth(odd.index).and_then(|segment| {
+            let path = &segment.recording.path;
+            let is_it = |recording: &Recording| recording.path == *path;
+            request.recordings.iter().position(is_it)
+        });
+        found = diagnose_zeros(request, &others, checkpoint, progress)?;
+        odd_concern = Some(odd.concern);
+    }
+    let mut diagnosis = found.diagnosis;
+    diagnosis.left_out = left_out;
+    let own = diagnosis.concerns;
+    diagnosis.concerns = odd_concern
+        .into_iter()
+        .chain(assembled.concerns)
+        .chain(own)
         .collect();
-    let request = Request {
-        recordings: &others,
-        ..*request
-    };
-    let mut diagnosis = diagnose_all(&request, checkpoint, progress)?.diagnosis;
-    diagnosis.concerns.insert(0, odd.concern);
-    diagnosis.left_out = Some(odd.index);
     Ok(diagnosis)
 }
 
@@ -183,62 +193,68 @@ struct Found {
     odd: Option<quality::Odd>,
 }
 
-fn diagnose_all(
+/// Diagnoses with zeros as they are estimated, unless they hide an effect: where
+/// nothing but zeros is missing and those cost more than an effect does, effects
+/// are asked with zeros as they were calibrated. If none explains the recordings,
+/// it was the zeros after all.
+fn diagnose_zeros(
     request: &Request<'_>,
+    data: &Dataset,
     checkpoint: &Checkpoint,
     progress: Progress<'_>,
 ) -> Result<Found, InputError> {
-    let Request {
-        file,
-        recordings,
-        holdout,
-        ..
-    } = *request;
-    progress("quality of the recordings");
-    let floor = NoiseFloor::of(recordings);
-    let mut concerns = quality::examine(recordings, &floor)?;
-    if !holdout.is_empty() {
-        let found = quality::examine(holdout, &NoiseFloor::of(holdout))?;
-        // That none is repeated, or all are short, matters for what is fitted.
-        concerns.extend(found.into_iter().filter(|it| it.recording.is_some()));
+    let found = diagnose_all(request, data, checkpoint, progress)?;
+    let diagnosis = &found.diagnosis;
+    let quiet = matches!(
+        diagnosis.answer,
+        Answer::NoDiscrepancy | Answer::ParametersOnly
+    );
+    let effect = select::required_evidence(1, Kind::ALL.len());
+    if !quiet || cost_of_zeros(&diagnosis.data, &diagnosis.refit) < effect {
+        return Ok(found);
     }
-    slips::refuse(file, recordings)?;
-    let runs = Run::all(recordings);
+    progress("once more, with zeros as calibrated");
+    let calibrated = diagnose_all(request, &data.calibrated(), checkpoint, progress)?;
+    let explains = matches!(
+        calibrated.diagnosis.answer,
+        Answer::EffectFound | Answer::CannotTell
+    );
+    Ok(if explains { calibrated } else { found })
+}
+
+fn diagnose_all(
+    request: &Request<'_>,
+    data: &Dataset,
+    checkpoint: &Checkpoint,
+    progress: Progress<'_>,
+) -> Result<Found, InputError> {
+    progress("quality of the recordings");
+    let (floor, mut concerns) = examined(request.file, data)?;
+    let Baseline {
+        data,
+        file,
+        nominal,
+        refit,
+        identified,
+        mut floor,
+    } = Baseline::of(request, data, &floor, progress)?;
+    let file = &file;
     let fitter = Fitter {
         nominal: &file.model,
-        runs: &runs,
+        data: &data,
     };
-    let held_out_runs = Run::all(holdout);
-    let nominal = fitter.compare(&file.model);
-    progress("refit of the nominal structure");
-    let (refit, determined, identified) = identify::refit(file, &fitter);
-    let file = &determined;
-    if !refit.fit.sse().is_finite() {
-        return Err(InputError::new(
-            "the model cannot be simulated over these recordings: it diverges",
-            "check units and signs of its parameters",
-        )
-        .in_file(&file.path));
-    }
-    let floor = floor.with_input(&fitter, &refit.fit.model, request.seed);
-    let judge = Judge::new(file, &fitter, &held_out_runs, floor.input);
+    let mut judge = Judge::new(file, &fitter, floor.input);
     progress("where the gap lives");
-    let gap = localise(&refit.fit.model, recordings, floor.white);
-
-    let (found, untried) = if adequate(&nominal, &floor) {
-        (Findings::nothing(Answer::NoDiscrepancy, &refit), Vec::new())
-    } else if adequate(&refit.fit, &floor) {
-        (
-            Findings::nothing(Answer::ParametersOnly, &refit),
-            Vec::new(),
-        )
+    let gap = localise(&refit.fit.model, &data, &refit.fit.nuisances, floor.white);
+    let (found, untried) = if let Some(answer) = quiet(&nominal, &refit, &floor, &judge) {
+        (Findings::nothing(answer, &refit), Vec::new())
     } else {
         let means = Means {
             checkpoint,
             progress,
             seed: request.seed,
         };
-        search_and_judge(file, &fitter, &judge, &floor, &refit, means)
+        search_and_judge(&nominal, &refit, &mut judge, &mut floor, means)
     };
 
     progress("held-out runs in the board's arithmetic");
@@ -253,7 +269,7 @@ fn diagnose_all(
         },
         exact_form: is_adequate && held_out.at_noise(),
     };
-    let odd = if is_adequate || too_few_to_leave_one_out(recordings, holdout) {
+    let odd = if is_adequate || data.segments().len() < 3 {
         None
     } else {
         found
@@ -262,16 +278,16 @@ fn diagnose_all(
             .chain([&refit])
             .find_map(|candidate| quality::odd_one_out(file, &fitter, candidate, floor.rms))
     };
-    concerns.extend(quality::slow_effects(&found.repaired, recordings));
+    concerns.extend(quality::slow_effects(&found.repaired, &data));
     let proposals = propose(&file.model, &found.rivals, &floor);
     let identifiability = [
         Identifiability::of(&found.repaired.fit, &identified.held),
         identified,
     ];
+    let validation = Validations::of(&fitter, &refit, &found);
     let diagnosis = Diagnosis {
         answer: found.answer,
         concerns,
-        left_out: None,
         identifiability,
         floor,
         nominal,
@@ -286,8 +302,150 @@ fn diagnose_all(
         adequacy,
         gap,
         untried,
+        validation,
+        left_out: None,
+        data,
     };
     Ok(Found { diagnosis, odd })
+}
+
+/// Looks at what is fitted and at what is held out. The noise of the sensor, and
+/// what a person should know.
+fn examined(file: &ModelFile, data: &Dataset) -> Result<(NoiseFloor, Vec<Concern>), InputError> {
+    let recordings = data.recordings(true);
+    let floor = NoiseFloor::of(&recordings);
+    let mut concerns = quality::examine(&recordings, &floor)?;
+    let held_out = data.recordings(false);
+    if !held_out.is_empty() {
+        let found = quality::examine(&held_out, &NoiseFloor::of(&held_out))?;
+        // That none is repeated, or all are short, matters for what is fitted.
+        concerns.extend(found.into_iter().filter(|it| it.recording.is_some()));
+    }
+    // Of whole sessions: a segment in which hardly anything moves looks like one
+    // without a drive.
+    let sessions: Vec<Recording> = data
+        .sessions()
+        .iter()
+        .map(|session| session.recording().clone())
+        .collect();
+    slips::refuse(file, &sessions)?;
+    Ok((floor, concerns))
+}
+
+/// The model before any effect is added.
+struct Baseline {
+    /// The data, with guesses of zeros and starts from the refit.
+    data: Dataset,
+    /// The model file with what may still move.
+    file: ModelFile,
+    nominal: Fit,
+    refit: Candidate,
+    identified: Identifiability,
+    /// The noise floor, with what the pressure's noise leaves.
+    floor: NoiseFloor,
+}
+
+impl Baseline {
+    fn of(
+        request: &Request<'_>,
+        data: &Dataset,
+        floor: &NoiseFloor,
+        progress: Progress<'_>,
+    ) -> Result<Self, InputError> {
+        progress("refit of the nominal structure");
+        let nominal = &request.file.model;
+        let fitter = Fitter { nominal, data };
+        let (refit, file, identified) = identify::refit(request.file, &fitter);
+        if !refit.fit.sse().is_finite() {
+            return Err(InputError::new(
+                "the model cannot be simulated over these recordings: it diverges",
+                "check units and signs of its parameters",
+            )
+            .in_file(&file.path));
+        }
+        let data = with_guesses(data, &refit.fit);
+        let guessed = Fitter {
+            nominal,
+            data: &data,
+        };
+        Ok(Self {
+            floor: floor.clone().with_input(&guessed, &refit.fit, request.seed),
+            nominal: fitter.compare(nominal),
+            refit,
+            file,
+            identified,
+            data,
+        })
+    }
+}
+
+/// The answer where nothing but noise is left without any effect.
+fn quiet(
+    nominal: &Fit,
+    refit: &Candidate,
+    floor: &NoiseFloor,
+    judge: &Judge<'_>,
+) -> Option<Answer> {
+    if adequate(nominal, floor) {
+        return Some(Answer::NoDiscrepancy);
+    }
+    // Parameters that do not help where they were not fitted were not off.
+    let helps = || judge.error_of(refit) < select::FIRST_EFFECT * judge.nominal_error();
+    adequate(&refit.fit, floor).then(|| {
+        if helps() {
+            Answer::ParametersOnly
+        } else {
+            Answer::NoDiscrepancy
+        }
+    })
+}
+
+/// Residuals (rad) on the segments that were held out: of the nominal model, its
+/// refit, the repaired one, then the rivals. Empty where none were.
+#[derive(Clone, Debug, Default)]
+pub struct Validations {
+    /// A series a held-out segment.
+    pub nominal: Vec<Vec<f64>>,
+    /// The same.
+    pub refit: Vec<Vec<f64>>,
+    /// The same.
+    pub repaired: Vec<Vec<f64>>,
+    /// The same for each rival.
+    pub rivals: Vec<Vec<Vec<f64>>>,
+}
+
+impl Validations {
+    fn of(fitter: &Fitter<'_>, refit: &Candidate, found: &Findings) -> Self {
+        if fitter.data.held_out().next().is_none() {
+            return Self::default();
+        }
+        let of = |model: &Model<f64>| fitter.validate(model).residuals;
+        Self {
+            nominal: of(fitter.nominal),
+            refit: of(&refit.fit.model),
+            repaired: of(&found.repaired.fit.model),
+            rivals: found
+                .rivals
+                .iter()
+                .map(|rival| of(&rival.fit.model))
+                .collect(),
+        }
+    }
+}
+
+/// What the zeros of a fit cost: the squares of their departures from where the
+/// sensors were calibrated, in standard deviations, which is twice the logarithm
+/// of how improbable they are. Those of different sessions are independent.
+fn cost_of_zeros(data: &Dataset, fit: &Fit) -> f64 {
+    data.sessions()
+        .iter()
+        .zip(&fit.nuisances)
+        .filter(|(session, _)| session.is_estimated())
+        .map(|(session, nuisance)| {
+            let [pressure, angle, ..] = session.prior().departures(nuisance);
+            pressure * pressure + angle * angle
+        })
+        .sum()
 }
 
 /// What a search is carried out with.
@@ -301,48 +459,55 @@ struct Means<'a> {
 /// Searches the structures that add effects to the refit, and judges them. Also
 /// the effects that the recordings cannot speak about.
 fn search_and_judge(
-    file: &ModelFile,
-    fitter: &Fitter<'_, '_>,
-    judge: &Judge<'_, '_>,
-    floor: &NoiseFloor,
+    nominal: &Fit,
     refit: &Candidate,
+    judge: &mut Judge<'_>,
+    floor: &mut NoiseFloor,
     means: Means<'_>,
 ) -> (Findings, Vec<Untried>) {
+    let (file, fitter) = (judge.file(), judge.fitter());
     let (kinds, untried) = applicable(&file.model, fitter);
-    let pieces = Pieces::of(fitter);
-    let excerpt = Excerpt::of(fitter);
+    let pieces = pieces(fitter.data, fitter.nominal);
+    let excerpt = excerpt(fitter.data);
     let scales = Scales::of(fitter, &refit.fit);
-    let (piece_runs, excerpt_runs) = (pieces.runs(), excerpt.runs());
     let in_pieces = Fitter {
-        nominal: &file.model,
-        runs: &piece_runs,
+        data: &pieces,
+        ..*fitter
     };
     let ground = Ground {
         file,
         fitter,
-        pieces: (!in_step(fitter, &refit.fit)).then_some(&in_pieces),
+        pieces: (!in_step(fitter.data, &refit.fit)).then_some(&in_pieces),
         excerpt: &Fitter {
-            nominal: &file.model,
-            runs: &excerpt_runs,
+            data: &excerpt,
+            ..*fitter
         },
         scales: &scales,
         checkpoint: means.checkpoint,
     };
     let pool = search::search(&ground, floor, &kinds, refit, means.progress);
+    // What the best structure leaves is the nearest to what the rig itself does not
+    // repeat.
+    if let Some(best) = pool
+        .iter()
+        .min_by(|a, b| a.fit.sse().total_cmp(&b.fit.sse()))
+    {
+        *floor = floor.clone().with_repeats(&best.fit.residuals);
+        judge.with_scatter(floor.rms);
+    }
     (means.progress)("judgement on runs that were not fitted");
-    let court = Court {
-        ground,
-        judge,
-        floor,
-        kinds: &kinds,
-        seed: means.seed,
+    let found = match quiet(nominal, refit, floor, judge) {
+        Some(answer) => Findings::nothing(answer, refit),
+        None => Court {
+            ground,
+            judge,
+            floor,
+            kinds: &kinds,
+            seed: means.seed,
+        }
+        .findings(refit, &pool),
     };
-    (court.findings(refit, &pool), untried)
-}
-
-/// Whether leaving a recording out would leave too few.
-fn too_few_to_leave_one_out(recordings: &[Recording], holdout: &[Recording]) -> bool {
-    recordings.len() + holdout.len() < 3
+    (found, untried)
 }
 
 /// The runs that separate rivals best, with their names.
@@ -362,14 +527,23 @@ fn propose(
         .collect()
 }
 
+/// The data with zeros and starts as a fit found them, unless it is so far off
+/// that they mean nothing.
+fn with_guesses(data: &Dataset, fit: &Fit) -> Dataset {
+    if in_step(data, fit) {
+        data.guessing(&fit.nuisances)
+    } else {
+        data.clone()
+    }
+}
+
 /// Whether simulation and recordings keep in step: what is left is small
 /// against the motion.
-fn in_step(fitter: &Fitter<'_, '_>, fit: &Fit) -> bool {
+fn in_step(data: &Dataset, fit: &Fit) -> bool {
     const SMALL: f64 = 0.15;
-    let measured: f64 = fitter
-        .runs
-        .iter()
-        .flat_map(|run| &run.recording.angle)
+    let measured: f64 = data
+        .fitted()
+        .flat_map(|segment| &segment.recording.angle)
         .map(|angle| angle * angle)
         .sum();
     fit.sse() <= SMALL * SMALL * measured
@@ -384,13 +558,35 @@ fn adequate(fit: &Fit, floor: &NoiseFloor) -> bool {
 }
 
 impl Diagnosis {
-    /// The model to go on with: where nothing is wrong with the nominal one, that.
+    /// The model to go on with: where nothing is wrong with the nominal one, or
+    /// the other predicts no better, that.
     pub fn model_to_keep<'a>(&'a self, nominal: &'a ModelFile) -> &'a Model<f64> {
-        if self.answer == Answer::NoDiscrepancy {
-            &nominal.model
-        } else {
+        if self.is_better() {
             &self.repaired.fit.model
+        } else {
+            &nominal.model
         }
+    }
+
+    /// Whether the model that a diagnosis ends with predicts better than the one
+    /// supplied on runs that were not fitted, in the board's arithmetic.
+    pub fn is_better(&self) -> bool {
+        self.answer != Answer::NoDiscrepancy
+            && self.held_out.repaired_on_board < self.held_out.nominal
+    }
+
+    /// The fit of the model to go on with.
+    fn fit_to_keep(&self) -> &Fit {
+        if self.is_better() {
+            &self.repaired.fit
+        } else {
+            &self.nominal
+        }
+    }
+
+    /// The zeros of the sensors under the model to go on with.
+    pub fn zeros(&self) -> Zeros {
+        Zeros::of(self.fit_to_keep(), &self.data)
     }
 
     /// The verdict as it is written to JSON.
@@ -424,6 +620,8 @@ impl Diagnosis {
                 refit: degrees(self.held_out.refit),
                 repaired: degrees(self.held_out.repaired_on_board),
             },
+            nuisance: self.zeros(),
+            upload: self.is_better(),
             next_experiment: self
                 .proposals
                 .iter()

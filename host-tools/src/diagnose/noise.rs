@@ -1,18 +1,20 @@
 //! How small a residual can get: the noise floor of the recordings.
 //!
-//! A model is done when what is left cannot be told from noise. The floor has
-//! four sources, and the largest one counts: the scatter between repeats of
-//! the same run (which also holds what the rig itself does not repeat), the
-//! white noise of the sensor, how much it wanders while all is at rest, and the
-//! steps of its converter. Beside it stands what the noise of the measured
-//! pressure leaves in a simulation.
+//! A model is done when what is left cannot be told from noise. The floor is the
+//! noise of the sensor: white, wandering while all is at rest, and in the steps of
+//! its converter, of which the largest counts. What the rig itself does not repeat
+//! comes on top: the scatter between repeats after each was simulated from its
+//! own start and history ([`NoiseFloor::with_repeats`]), for repeats that start
+//! elsewhere differ without any noise. Beside it stands what the noise of the
+//! measured pressure leaves in a simulation.
 
-use model_core::actuator::Model;
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 
-use crate::fit::{Fitter, Run, rest_at_start};
+use crate::estimate::Session;
+use crate::estimate::nuisance::rest_at_start;
+use crate::fit::{Fit, Fitter};
 use crate::recording::{Meta, Recording};
 use crate::statistics::{mean, noise_by_differences, quantum, rms};
 
@@ -23,7 +25,8 @@ pub struct NoiseFloor {
     pub rms: f64,
     /// White noise of the angle (rad), from differences of high order.
     pub white: f64,
-    /// Scatter between repeats (rad), where there are any.
+    /// Scatter between repeats (rad) of what a fit leaves, once that is known and
+    /// where there are any.
     pub repeats: Option<f64>,
     /// Scatter about a straight line (rad) while the recordings have not begun to
     /// move, where they start with a rest that is long enough. Unlike differences
@@ -52,17 +55,13 @@ impl NoiseFloor {
             .map(|recording| quantum(&recording.angle))
             .fold(0.0, f64::max);
         let groups = repeats(recordings);
-        let repeats = pure_error(recordings, &groups);
         let rest = scatter_at_rest(recordings);
         // A uniform error of one step has the RMS step/√12.
         let steps = quantum / 12f64.sqrt();
         Self {
-            rms: [repeats, rest]
-                .into_iter()
-                .flatten()
-                .fold(white.max(steps), f64::max),
+            rms: white.max(steps).max(rest.unwrap_or(0.0)),
             white,
-            repeats,
+            repeats: None,
             rest,
             quantum,
             input: 0.0,
@@ -70,38 +69,67 @@ impl NoiseFloor {
         }
     }
 
-    /// Adds what the noise of the measured pressure does: `model` is driven by
+    /// Raises the floor to what the residuals of a fit, one a recording, scatter
+    /// between repeats: no model that is driven by the same pressure explains it.
+    /// Repeats that differ by far more than the sensor's noise have a history that
+    /// this fit does not know, which is no noise.
+    pub fn with_repeats(self, residuals: &[Vec<f64>]) -> Self {
+        /// Times the sensor's noise that scatter may add.
+        const MOST: f64 = 2.0;
+        let repeats = pure_error(residuals, &self.groups);
+        let scatter = repeats.unwrap_or(0.0).min(MOST * self.rms);
+        Self {
+            rms: self.rms.max(scatter),
+            repeats,
+            ..self
+        }
+    }
+
+    /// Adds what the noise of the measured pressure does: a fit is driven by
     /// the recorded pressure and by the same with as much white noise once
     /// more, and the difference of the angles is what it leaves.
     ///
     /// A fit takes the pressure as it was measured, but for its fastest part
     /// ([`crate::denoise`]), so a right model has this error, and it is correlated:
     /// the actuator filters it.
-    pub fn with_input(self, fitter: &Fitter<'_, '_>, model: &Model<f64>, seed: u64) -> Self {
+    pub fn with_input(self, fitter: &Fitter<'_>, fit: &Fit, seed: u64) -> Self {
         let mut random = Pcg64Mcg::seed_from_u64(seed);
-        let again: Vec<Recording> = fitter
-            .runs
+        let data = fitter.data;
+        let pressures: Vec<Vec<f64>> = data
+            .sessions()
             .iter()
-            .map(|run| {
-                let mut recording = run.recording.clone();
-                let noise = noise_by_differences(&recording.pressure);
-                for pressure in &mut recording.pressure {
+            .map(|session| {
+                let mut pressure = session.recording().pressure.clone();
+                let noise = noise_by_differences(&pressure);
+                for pressure in &mut pressure {
                     let draw: f64 = StandardNormal.sample(&mut random);
                     *pressure += noise * draw;
                 }
-                recording
+                pressure
             })
             .collect();
-        let starts = fitter.compare(model).starts;
-        let differences: Vec<f64> = fitter
-            .runs
+        let noisy = data.with_pressures(&pressures);
+        let differences: Vec<f64> = data
+            .sessions()
             .iter()
-            .zip(&again)
-            .zip(starts)
-            .flat_map(|((run, again), start)| {
-                let calm = run.simulate(model, start);
-                let noisy = Run::new(again).simulate(model, start);
-                calm.into_iter().zip(noisy).map(|(a, b)| a - b)
+            .zip(noisy.sessions())
+            .zip(&fit.nuisances)
+            .enumerate()
+            .flat_map(|(index, ((calm, noisy), nuisance))| {
+                let ranges = data.fitted_ranges(index);
+                let simulated = |session: &Session| {
+                    if ranges.is_empty() {
+                        Vec::new()
+                    } else {
+                        session.simulate(&fit.model, nuisance)
+                    }
+                };
+                let (calm, noisy) = (simulated(calm), simulated(noisy));
+                ranges
+                    .into_iter()
+                    .flatten()
+                    .map(move |k| calm[k] - noisy[k])
+                    .collect::<Vec<_>>()
             })
             .collect();
         // Differences take a fast pressure for noise; an error beyond the floor
@@ -183,14 +211,14 @@ fn squares_about_line(x: &[f64], y: &[f64]) -> f64 {
     pairs().map(|(x, y)| (y - slope * x).powi(2)).sum()
 }
 
-/// Scatter within groups of repeats about their mean (rad).
-fn pure_error(recordings: &[Recording], groups: &[Vec<usize>]) -> Option<f64> {
+/// Scatter of residuals (rad) within groups of repeats about their mean.
+fn pure_error(residuals: &[Vec<f64>], groups: &[Vec<usize>]) -> Option<f64> {
     let mut sum = 0.0;
     let mut freedom = 0usize;
     for group in groups {
         let runs: Vec<&[f64]> = group
             .iter()
-            .map(|&index| recordings[index].angle.as_slice())
+            .filter_map(|&index| residuals.get(index).map(Vec::as_slice))
             .collect();
         let shortest = runs.iter().map(|run| run.len()).min().unwrap_or(0);
         for sample in 0..shortest {
@@ -200,7 +228,7 @@ fn pure_error(recordings: &[Recording], groups: &[Vec<usize>]) -> Option<f64> {
                 .map(|run| (run[sample] - mean).powi(2))
                 .sum::<f64>();
         }
-        freedom += shortest * (runs.len() - 1);
+        freedom += shortest * runs.len().saturating_sub(1);
     }
     (freedom > 0).then(|| (sum / freedom as f64).sqrt())
 }
@@ -228,6 +256,14 @@ mod tests {
         }
     }
 
+    /// What a model that explains nothing leaves.
+    fn angles(recordings: &[Recording]) -> Vec<Vec<f64>> {
+        recordings
+            .iter()
+            .map(|recording| recording.angle.clone())
+            .collect()
+    }
+
     #[test]
     fn repeats_are_recognised_by_their_pressure_and_give_pure_error() {
         let recordings = [
@@ -236,7 +272,7 @@ mod tests {
             step(20e3, 0.0, 3),
             step(40e3, 0.0, 4),
         ];
-        let floor = NoiseFloor::of(&recordings);
+        let floor = NoiseFloor::of(&recordings).with_repeats(&angles(&recordings));
         assert_eq!(floor.groups, [vec![0, 2], vec![1, 3]]);
         assert!((floor.repeats.unwrap() - 0.01).abs() < 5e-4);
         assert!((floor.white - 0.01).abs() < 5e-4);
@@ -273,7 +309,9 @@ mod tests {
     #[test]
     fn what_does_not_repeat_raises_the_floor() {
         let recordings: Vec<_> = (0..6).map(|seed| step(20e3, 0.05, seed)).collect();
-        let floor = NoiseFloor::of(&recordings);
+        let sensor = NoiseFloor::of(&recordings);
+        assert!(sensor.rms < 0.011, "{}", sensor.rms);
+        let floor = sensor.with_repeats(&angles(&recordings));
         assert!(floor.white < 0.011);
         assert!(floor.rms > 0.02, "{}", floor.rms);
     }

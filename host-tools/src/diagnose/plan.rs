@@ -21,7 +21,8 @@ use wire::decimal::Hundredths;
 use wire::protocol::{Demand, Named, Playback, Segment, Track, total_ms};
 
 use super::candidates::Candidate;
-use crate::fit::{Fitter, Run};
+use crate::estimate::{Dataset, Nuisance};
+use crate::fit::Fitter;
 use crate::protocol_file::ProtocolFile;
 use crate::recording::Recording;
 
@@ -82,20 +83,15 @@ pub fn proposals(
         .into_par_iter()
         .filter_map(|protocol| {
             let recording = drive(&protocol, believed, limits)?;
-            let runs = [Run::new(&recording)];
+            let data = Dataset::known(recording, Nuisance::AT_ZERO);
+            let session = data.sessions().first()?;
             let simulated: Vec<Vec<f64>> = rivals
                 .iter()
-                .map(|rival| {
-                    let start = crate::simulate::Start {
-                        angle: 0.0,
-                        rate: 0.0,
-                    };
-                    runs[0].simulate(&rival.fit.model, start)
-                })
+                .map(|rival| session.simulate(&rival.fit.model, &Nuisance::AT_ZERO))
                 .collect();
             let fitter = Fitter {
                 nominal: believed,
-                runs: &runs,
+                data: &data,
             };
             let jacobians: Vec<DMatrix<f64>> = rivals
                 .iter()
@@ -432,10 +428,10 @@ mod tests {
         let with = |kind: Kind, values: &[f64]| {
             let dynamics = *believed().dynamics();
             let model = Model::new(dynamics, &[kind.build(values).unwrap()]).unwrap();
-            let none: [Run<'_>; 0] = [];
+            let none = Dataset::default();
             let fitter = Fitter {
                 nominal: &model,
-                runs: &none,
+                data: &none,
             };
             Candidate {
                 added: vec![kind],

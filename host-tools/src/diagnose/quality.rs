@@ -6,14 +6,11 @@
 //!
 //! | matter | what happens |
 //! |---|---|
-//! | one recording, none to judge by | refused |
+//! | too short to leave a part out | refused |
 //! | no motion in any recording, or hardly any samples | refused |
 //! | no motion in one of them | said |
 //! | units mixed up, columns exchanged | refused, with what fits ([`super::slips`]) |
-//! | pressure at the end of its range | refused: the input is not known |
-//! | more than a fifth of the samples missing | refused |
-//! | angle at the end of its range | those samples are not fitted |
-//! | dropped samples, jitter | integrated in real time |
+//! | sensor at the end of its range, gaps, jitter, a reset | what can be used is, the rest is said ([`crate::usable`]) |
 //! | another actuator among the recordings | left out, and named |
 //! | no repeats, short runs | said |
 
@@ -23,60 +20,15 @@ use model_core::effects::Unit;
 use super::candidates::Candidate;
 use super::noise::NoiseFloor;
 use crate::error::InputError;
-use crate::fit::{Effort, Fitter, Run};
+use crate::estimate::Dataset;
+use crate::fit::{Effort, Fitter};
 use crate::model_file::{ModelFile, parameter_name};
 use crate::recording::Recording;
-use crate::statistics::{clipped, median, noise_by_differences, rms};
+use crate::statistics::{median, moves, swing};
 
-/// What a concern is about.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum Matter {
-    /// No run was repeated.
-    NoRepeats,
-    /// The runs are too short to see slow effects.
-    ShortRuns,
-    /// A fitted time constant is longer than the runs can show.
-    TimeConstant,
-    /// The pressure of a recording never changes.
-    ConstantPressure,
-    /// The angle of a recording never changes.
-    NoMotion,
-    /// The angle sensor is at the end of its range.
-    SaturatedAngle,
-    /// Samples are missing.
-    DroppedSamples,
-    /// Samples are not evenly spaced.
-    Jitter,
-    /// A recording seems to be of another actuator.
-    OtherActuator,
-}
+pub use crate::usable::{Concern, Matter};
 
-/// Something about the recordings that a person should know.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Concern {
-    /// What it is about.
-    pub matter: Matter,
-    /// The recording; none if it is about all of them.
-    pub recording: Option<String>,
-    /// What was found and how it is handled.
-    pub text: String,
-    /// What to do about it.
-    pub advice: String,
-}
-
-impl Concern {
-    fn of(matter: Matter, recording: Option<&Recording>, text: String, advice: &str) -> Self {
-        Self {
-            matter,
-            recording: recording.map(|recording| recording.name.clone()),
-            text,
-            advice: advice.to_owned(),
-        }
-    }
-}
-
-/// Looks at recordings before anything is fitted.
+/// Looks at the runs that can be used before anything is fitted.
 ///
 /// # Errors
 ///
@@ -84,27 +36,10 @@ impl Concern {
 pub fn examine(recordings: &[Recording], floor: &NoiseFloor) -> Result<Vec<Concern>, InputError> {
     /// Runs shorter than this show nothing slow (s).
     const SHORT_S: f64 = 3.0;
-    let mut concerns = Vec::new();
     refuse_without_motion(recordings)?;
+    let mut concerns = Vec::new();
     for recording in recordings {
-        refuse_saturated_pressure(recording)?;
-        concerns.extend(timing(recording)?);
-        let at_end: usize = clipped(&recording.angle)
-            .iter()
-            .map(ExactSizeIterator::len)
-            .sum();
-        if at_end > 0 {
-            concerns.push(Concern::of(
-                Matter::SaturatedAngle,
-                Some(recording),
-                format!(
-                    "the angle sensor is at the end of its range in {at_end} of {} samples, which are not fitted",
-                    recording.len()
-                ),
-                "bend less far, or calibrate the sensor over its whole range",
-            ));
-        }
-        if !moves(recording) {
+        if !moves(&recording.angle) {
             concerns.push(Concern::of(
                 Matter::NoMotion,
                 Some(recording),
@@ -112,8 +47,7 @@ pub fn examine(recordings: &[Recording], floor: &NoiseFloor) -> Result<Vec<Conce
                 "keep it if so little pressure moves nothing; otherwise check the angle sensor",
             ));
         }
-        let changes = swing(&recording.pressure) > 10.0 * noise_by_differences(&recording.pressure);
-        if !changes && swing(&recording.pressure) > 0.0 && recordings.len() > 1 {
+        if !moves(&recording.pressure) && swing(&recording.pressure) > 0.0 && recordings.len() > 1 {
             concerns.push(Concern::of(
                 Matter::ConstantPressure,
                 Some(recording),
@@ -147,18 +81,6 @@ pub fn examine(recordings: &[Recording], floor: &NoiseFloor) -> Result<Vec<Conce
     Ok(concerns)
 }
 
-fn swing(values: &[f64]) -> f64 {
-    let low = values.iter().copied().fold(f64::INFINITY, f64::min);
-    let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    high - low
-}
-
-/// Whether the angle does more than scatter.
-fn moves(recording: &Recording) -> bool {
-    // White noise alone spans eight of its standard deviations.
-    swing(&recording.angle) > 10.0 * noise_by_differences(&recording.angle)
-}
-
 /// The range of a recording's angle (°), in words.
 fn angles(recording: &Recording) -> String {
     let angles = || recording.angle.iter().copied();
@@ -170,108 +92,18 @@ fn angles(recording: &Recording) -> String {
     )
 }
 
-/// Refuses recordings that say nothing: every model agrees with them. A run
-/// that does not move among others that do says that its pressure was too small
-/// to move anything, and is kept.
+/// Refuses recordings that say nothing: every model agrees with them. A run that
+/// does not move among others that do says that its pressure was too small to
+/// move anything, and is kept.
 fn refuse_without_motion(recordings: &[Recording]) -> Result<(), InputError> {
-    /// Fewer samples hold no motion.
-    const FEWEST: usize = 20;
-    let none_moves = !recordings.iter().any(moves);
-    let empty = recordings
-        .iter()
-        .find(|recording| recording.len() < FEWEST || none_moves);
-    let Some(recording) = empty else {
-        return Ok(());
-    };
-    Err(InputError::new(
-        format!("holds no motion: {}", angles(recording)),
-        "leave it out, and record a step, a staircase or a swing",
-    )
-    .in_file(&recording.path))
-}
-
-/// Refuses a recording whose pressure was cut off: what drove it is not known.
-fn refuse_saturated_pressure(recording: &Recording) -> Result<(), InputError> {
-    let highest = recording
-        .pressure
-        .iter()
-        .copied()
-        .fold(f64::NEG_INFINITY, f64::max);
-    let at_end: usize = clipped(&recording.pressure)
-        .into_iter()
-        .filter(|range| {
-            // A zero that is cut off from below is a tare.
-            recording
-                .pressure
-                .get(range.start)
-                .is_some_and(|p| *p >= highest)
-        })
-        .map(|range| range.len())
-        .sum();
-    if at_end == 0 {
-        return Ok(());
-    }
-    Err(InputError::new(
-        format!(
-            "the pressure sensor is at the end of its range, {:.1} kPa, in {at_end} of {} samples: what drove the actuator is not known",
-            highest / 1000.0,
-            recording.len()
-        ),
-        "leave it out, and record it again with less pressure or another sensor",
-    )
-    .in_file(&recording.path))
-}
-
-/// Gaps and jitter.
-fn timing(recording: &Recording) -> Result<Option<Concern>, InputError> {
-    /// An interval this many times the usual one is a gap.
-    const GAP: f64 = 1.5;
-    /// More missing samples than this share, and a run is refused.
-    const TOO_MANY: f64 = 0.2;
-    /// Scatter of the intervals that is worth saying.
-    const JITTER: f64 = 0.1;
-    let usual = recording.interval();
-    let steps: Vec<f64> = recording
-        .time
-        .windows(2)
-        .map(|pair| pair[1] - pair[0])
-        .collect();
-    let missing: f64 = steps
-        .iter()
-        .filter(|step| **step > GAP * usual)
-        .map(|step| (step / usual).round() - 1.0)
-        .sum();
-    let share = missing / (missing + recording.len() as f64);
-    if share > TOO_MANY {
-        return Err(InputError::new(
-            format!("{:.0} % of the samples are missing", 100.0 * share),
-            "leave it out, and record it again: look for lost lines on the serial port, or sample more slowly",
+    match recordings.first() {
+        Some(first) if !recordings.iter().any(|it| moves(&it.angle)) => Err(InputError::new(
+            format!("holds no motion: {}", angles(first)),
+            "leave it out, and record a step, a staircase or a swing",
         )
-        .in_file(&recording.path));
+        .in_file(&first.path)),
+        _ => Ok(()),
     }
-    if missing > 0.0 {
-        return Ok(Some(Concern::of(
-            Matter::DroppedSamples,
-            Some(recording),
-            format!(
-                "{missing:.0} samples are missing; the pressure is interpolated across the gaps"
-            ),
-            "look for lost lines on the serial port",
-        )));
-    }
-    let even: Vec<f64> = steps.iter().map(|step| step / usual - 1.0).collect();
-    let jitter = rms(&even);
-    Ok((jitter > JITTER).then(|| {
-        Concern::of(
-            Matter::Jitter,
-            Some(recording),
-            format!(
-                "the time between samples scatters by {:.0} %; the model is integrated in real time",
-                100.0 * jitter
-            ),
-            "let a timer pace the sampling",
-        )
-    }))
 }
 
 /// A recording that seems to be of another actuator.
@@ -288,7 +120,7 @@ pub struct Odd {
 /// alone with other base parameters: another actuator, or another sensor.
 pub fn odd_one_out(
     file: &ModelFile,
-    fitter: &Fitter<'_, '_>,
+    fitter: &Fitter<'_>,
     candidate: &Candidate,
     floor: f64,
 ) -> Option<Odd> {
@@ -300,8 +132,8 @@ pub fn odd_one_out(
     const AGREES: f64 = 1.25;
     /// Parameters that differ by less are the same actuator.
     const DIFFERS: f64 = 0.08;
-    let runs = fitter.runs;
-    if runs.len() < FEWEST {
+    let places: Vec<usize> = (0..candidate.fit.residuals.len()).collect();
+    if places.len() < FEWEST {
         return None;
     }
     let each = crate::fit::rms_each(&candidate.fit);
@@ -311,18 +143,23 @@ pub fn odd_one_out(
     if each[index] < STANDS_OUT * median(&mut others_each).max(floor) / 1.5 {
         return None;
     }
-    let others: Vec<Run<'_>> = (0..runs.len())
-        .filter(|&k| k != index)
-        .map(|k| runs[k].clone())
-        .collect();
+    let segment = fitter.data.fitted().nth(index)?;
+    let own_session = fitter.data.fitted_ranges(segment.session).len() == 1;
+    if !own_session {
+        // Nobody changes the actuator within a session.
+        return None;
+    }
+    let others = fitter.data.without(&[index]);
+    let nominal = fitter.nominal;
     let without = Fitter {
-        nominal: fitter.nominal,
-        runs: &others,
+        nominal,
+        data: &others,
     }
     .fit(&candidate.fit.model, &candidate.fit.free, Effort::Full);
+    let only = fitter.data.only(&[index]);
     let alone = Fitter {
-        nominal: fitter.nominal,
-        runs: &runs[index..=index],
+        nominal,
+        data: &only,
     };
     let predicted = alone.compare(&without.model).rmse();
     if without.rmse() > AGREES * floor || predicted < STANDS_OUT * without.rmse() {
@@ -343,7 +180,7 @@ pub fn odd_one_out(
     if (ratio - 1.0).abs() < DIFFERS {
         return None;
     }
-    let recording = runs[index].recording;
+    let recording = &segment.recording;
     let concern = Concern::of(
         Matter::OtherActuator,
         Some(recording),
@@ -360,12 +197,13 @@ pub fn odd_one_out(
 }
 
 /// Time constants of named effects that are longer than the runs can show.
-pub fn slow_effects(candidate: &Candidate, recordings: &[Recording]) -> Vec<Concern> {
+pub fn slow_effects(candidate: &Candidate, data: &Dataset) -> Vec<Concern> {
     /// A run shows a time constant of up to this share of its length.
     const SHARE: f64 = 0.7;
-    let longest = recordings
+    let longest = data
+        .sessions()
         .iter()
-        .map(Recording::duration)
+        .map(|session| session.recording().duration())
         .fold(0.0, f64::max);
     let model = &candidate.fit.model;
     let first = model.effects().count() - candidate.added.len();
@@ -403,6 +241,8 @@ pub(super) mod tests {
     use rand::{RngExt, SeedableRng};
 
     use super::*;
+    use crate::estimate::Dataset;
+    use crate::estimate::assemble::assemble;
     use crate::example::{Hidden, make};
 
     /// A model and its recordings, of which nothing is missing.
@@ -418,9 +258,13 @@ pub(super) mod tests {
     }
 
     fn concerns(recordings: &[Recording]) -> Vec<(Matter, Option<String>)> {
-        examine(recordings, &NoiseFloor::of(recordings))
-            .unwrap()
+        let assembled = assemble(recordings, &[]).unwrap();
+        let runs = assembled.data.recordings(true);
+        let found = examine(&runs, &NoiseFloor::of(&runs)).unwrap();
+        assembled
+            .concerns
             .into_iter()
+            .chain(found)
             .map(|concern| (concern.matter, concern.recording))
             .collect()
     }
@@ -444,7 +288,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_saturated_angle_is_said_and_a_saturated_pressure_refused() {
+    fn saturated_sensors_are_said() {
         let (file, mut recordings) = example(23);
         recordings.truncate(6);
         let high = recordings[4].angle.iter().copied().fold(0.0, f64::max);
@@ -454,10 +298,10 @@ pub(super) mod tests {
         let name = Some(recordings[4].name.clone());
         assert!(concerns(&recordings).contains(&(Matter::SaturatedAngle, name)));
         // What was cut off does not enter the fit.
-        let runs = Run::all(&recordings);
+        let data = Dataset::of(&recordings);
         let fitter = Fitter {
             nominal: &file.model,
-            runs: &runs,
+            data: &data,
         };
         let fit = fitter.fit(&file.model, &file.free, Effort::Full);
         assert!(
@@ -470,12 +314,12 @@ pub(super) mod tests {
         for pressure in &mut recordings[5].pressure {
             *pressure = pressure.min(0.7 * highest);
         }
-        let refused = examine(&recordings, &NoiseFloor::of(&recordings)).unwrap_err();
-        assert!(refused.to_string().contains("pressure sensor"));
+        let name = Some(recordings[5].name.clone());
+        assert!(concerns(&recordings).contains(&(Matter::SaturatedPressure, name)));
     }
 
     #[test]
-    fn lost_samples_and_jitter_are_handled_and_too_many_refused() {
+    fn lost_samples_and_jitter_are_handled() {
         let (file, mut recordings) = example(24);
         recordings.truncate(4);
         recordings[0] = keep(&recordings[0], |k| k % 17 != 3 && !(200..230).contains(&k));
@@ -485,10 +329,10 @@ pub(super) mod tests {
         let found = concerns(&recordings);
         assert!(found.contains(&(Matter::DroppedSamples, Some(recordings[0].name.clone()))));
         assert!(found.iter().any(|(matter, _)| *matter == Matter::Jitter));
-        let runs = Run::all(&recordings);
+        let data = Dataset::of(&recordings);
         let fitter = Fitter {
             nominal: &file.model,
-            runs: &runs,
+            data: &data,
         };
         let fit = fitter.fit(&file.model, &file.free, Effort::Full);
         assert!(
@@ -496,8 +340,10 @@ pub(super) mod tests {
             "{}",
             fit.rmse().to_degrees()
         );
-        recordings[2] = keep(&recordings[2], |k| k % 10 < 7);
-        assert!(examine(&recordings, &NoiseFloor::of(&recordings)).is_err());
+        // Were it bursts of a few samples, nothing could be followed.
+        recordings[2] = keep(&recordings[2], |k| k % 100 < 15);
+        let refused = assemble(&recordings, &[]).unwrap_err();
+        assert!(refused.to_string().contains("gaps in time"), "{refused}");
     }
 
     #[test]
@@ -509,10 +355,10 @@ pub(super) mod tests {
             name: "stranger".into(),
             ..others[index].clone()
         };
-        let runs = Run::all(&recordings);
+        let data = Dataset::of(&recordings);
         let fitter = Fitter {
             nominal: &file.model,
-            runs: &runs,
+            data: &data,
         };
         let refit = Candidate {
             added: Vec::new(),
@@ -526,10 +372,10 @@ pub(super) mod tests {
         );
         // Among its own kind nothing is odd.
         let (file, recordings) = example(25);
-        let runs = Run::all(&recordings);
+        let data = Dataset::of(&recordings);
         let fitter = Fitter {
             nominal: &file.model,
-            runs: &runs,
+            data: &data,
         };
         let fit = fitter.fit(&file.model, &file.free, Effort::Full);
         let refit = Candidate {

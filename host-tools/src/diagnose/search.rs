@@ -58,7 +58,7 @@ pub type Pool = Vec<Candidate>;
 /// Fits the refit with each effect alone, then the best of them with each
 /// other effect, up to three, until the residual is noise.
 pub fn search(
-    ground: &Ground<'_, '_>,
+    ground: &Ground<'_>,
     floor: &NoiseFloor,
     kinds: &[Kind],
     refit: &Candidate,
@@ -108,7 +108,7 @@ pub fn search(
 /// What the best structure of `size` effects becomes with one of them
 /// exchanged, as far as it was not fitted before.
 fn swap(
-    ground: &Ground<'_, '_>,
+    ground: &Ground<'_>,
     kinds: &[Kind],
     pool: &[Candidate],
     size: usize,
@@ -149,7 +149,7 @@ fn swap(
 /// Fits what the best structure of `size` effects has without each of them again,
 /// from where it stands: with an effect too many, a fit sometimes finds the
 /// valley that it missed without.
-fn look_back(ground: &Ground<'_, '_>, pool: &mut Pool, size: usize) {
+fn look_back(ground: &Ground<'_>, pool: &mut Pool, size: usize) {
     let Some(best) = smallest(pool, size, 1).first().map(|&k| pool[k].clone()) else {
         return;
     };
@@ -173,7 +173,7 @@ fn look_back(ground: &Ground<'_, '_>, pool: &mut Pool, size: usize) {
 /// What the best structure of two effects less becomes with two that promise
 /// most together, as far as it was not fitted before.
 fn join(
-    ground: &Ground<'_, '_>,
+    ground: &Ground<'_>,
     kinds: &[Kind],
     pool: &[Candidate],
     size: usize,
@@ -207,7 +207,10 @@ fn is_worth_a_third(refit: &Candidate, candidate: &Candidate, floor: &NoiseFloor
 /// a fifth more than the noise.
 fn is_done(candidate: &Candidate, floor: &NoiseFloor) -> bool {
     const FORMULA: f64 = 1.2;
-    adequate(&candidate.fit, floor) || candidate.fit.rmse() <= FORMULA * floor.rms
+    // What the rig itself does not repeat, no effect explains.
+    let floor = floor.clone().with_repeats(&candidate.fit.residuals);
+    let noise = floor.rms.hypot(floor.input);
+    adequate(&candidate.fit, &floor) || candidate.fit.rmse() <= FORMULA * noise
 }
 
 /// How many structures each sieve lets through.
@@ -223,7 +226,7 @@ struct Width {
 
 /// The best structures that have one effect more than `bases`.
 fn extend(
-    ground: &Ground<'_, '_>,
+    ground: &Ground<'_>,
     kinds: &[Kind],
     bases: &[&Candidate],
     width: Width,
@@ -249,7 +252,7 @@ fn extend(
 
 /// Fits the best of some promises, sorted, at a glance, and the best of those
 /// to the end.
-fn follow(ground: &Ground<'_, '_>, mut promises: Vec<Promise>, width: Width) -> Vec<Candidate> {
+fn follow(ground: &Ground<'_>, mut promises: Vec<Promise>, width: Width) -> Vec<Candidate> {
     promises.truncate(width.followed);
     let mut glances: Vec<Candidate> = promises
         .par_iter()

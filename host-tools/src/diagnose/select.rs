@@ -27,7 +27,7 @@ const VERY_STRONG: f64 = 10.0;
 
 /// The first effect also has to be better than this factor on runs that were
 /// not fitted, …
-const FIRST_EFFECT: f64 = 0.97;
+pub const FIRST_EFFECT: f64 = 0.97;
 
 /// … and each further structure better than this factor: no term without need.
 const FURTHER_EFFECTS: f64 = 0.9;
@@ -95,6 +95,7 @@ impl<'a> Scoring<'a> {
         let variance = (fit.sse() / fit.samples().max(1) as f64).max(f64::MIN_POSITIVE);
         self.independent * variance.ln()
             + fit.free.len() as f64 * self.independent.ln()
+            + fit.departure
             + implausibility(candidate, self.scales)
     }
 

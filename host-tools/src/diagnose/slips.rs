@@ -1,157 +1,387 @@
 //! Columns that do not hold what their header says.
 //!
-//! Another unit, or pressure and angle exchanged: either makes a gap that no
-//! effect explains, and a diagnosis would look for one all the same. The nominal
-//! model tells: data sheets are right to a third, so that it agrees far better
-//! with the recordings once the columns are read as they were meant.
+//! Another unit, absolute pressure, an angle that counts the other way round,
+//! pressure and angle exchanged: each makes a gap that no effect explains, and a
+//! diagnosis would look for one all the same. The nominal model tells: data
+//! sheets are right to a third, so that it agrees far better with the recordings
+//! once the columns are read as they were meant. Two slips show without a
+//! simulation: times in milliseconds, for which one would last for hours, and
+//! absolute pressure, which is that of the air when the actuator rests.
+//!
+//! What was said on the command line ([`Columns`]) is not doubted.
 
+use crate::columns::{ATMOSPHERE_KPA, AngleUnit, Columns, PressureUnit, TimeUnit};
 use crate::error::InputError;
-use crate::fit::{Fitter, Run};
+use crate::estimate::Dataset;
+use crate::fit::Fitter;
 use crate::model_file::ModelFile;
-use crate::recording::Recording;
-use crate::statistics::rms;
+use crate::recording::{PASCAL_PER_KPA, Recording};
+use crate::statistics::{mean, median, rms};
 
-/// How a recording may have been meant.
-enum Slip {
-    /// A column is in another unit.
-    Unit {
-        column: &'static str,
-        read_as: &'static str,
-        /// What the column would have to be multiplied by.
-        factor: f64,
-    },
-    /// Pressure and angle stand in each other's column.
-    Exchanged,
-}
+/// A nominal model that misses by less, relative to the motion, reads the
+/// columns right. Psi make the pressure 6.9 times smaller, and with the exponent
+/// of silicone (2.4) the angle 2.3 times: a miss of 0.56.
+const WRONG: f64 = 0.45;
 
-const SLIPS: [Slip; 6] = [
-    Slip::Unit {
-        column: PRESSURE,
-        read_as: "psi",
-        factor: 6.894_757,
-    },
-    Slip::Unit {
-        column: PRESSURE,
-        read_as: "bar",
-        factor: 100.0,
-    },
-    Slip::Unit {
-        column: PRESSURE,
-        read_as: "MPa",
-        factor: 1000.0,
-    },
-    Slip::Unit {
-        column: PRESSURE,
-        read_as: "Pa",
-        factor: 0.001,
-    },
-    Slip::Unit {
-        column: "angle_deg",
-        read_as: "radians",
-        factor: 57.295_78,
-    },
-    Slip::Exchanged,
+/// One that misses by no more than this with a slip undone is convincing.
+const RIGHT: f64 = 0.35;
+
+/// And it has to miss by less than this share of what it did before.
+const BETTER: f64 = 0.5;
+
+/// A nominal model that misses by more than the motion itself points the other
+/// way: an angle that rests misses by one.
+const OPPOSITE: f64 = 1.2;
+
+/// Then no more than this is asked for once the sign is changed: no missing
+/// effect turns a motion round.
+const RIGHT_WAY: f64 = 0.6;
+
+/// Intervals between samples below this (s) are taken for seconds.
+const SLOW_SAMPLING_S: f64 = 1.0;
+
+/// Intervals (ms) of recorders that note milliseconds.
+const MILLISECONDS: std::ops::RangeInclusive<f64> = 0.2..=500.0;
+
+/// From so many of the model's slowest time constants between two samples they
+/// show nothing of its dynamics; nobody samples so to fit them.
+const NOTHING_SHOWS: f64 = 10.0;
+
+/// From so many on, that alone is convincing.
+const HOPELESS: f64 = 50.0;
+
+/// Pressures (kPa) of the air, from 2 000 m above the sea to fair weather.
+const AIR_KPA: std::ops::RangeInclusive<f64> = 80.0..=106.0;
+
+/// A pressure of the air that differs by more from the standard atmosphere
+/// (kPa) is named: so far the zero of a pressure sensor may be off.
+const NEAR_STANDARD_KPA: f64 = 0.5;
+
+/// An angle within this share of the motion is at rest.
+const NEAR_ZERO: f64 = 0.15;
+
+/// A rest in the pressure of the air convinces if the model misses by less than
+/// this share of what it does as the columns stand.
+const BETTER_IN_AIR: f64 = 0.7;
+
+/// Units that a column of kPa may be in instead.
+const OTHER_UNITS: [PressureUnit; 4] = [
+    PressureUnit::Psi,
+    PressureUnit::Bar,
+    PressureUnit::Mpa,
+    PressureUnit::Pa,
 ];
 
-const PRESSURE: &str = "pressure_kpa";
+/// Absolute pressures (kPa) below this are none: the vacuum pumps of such rigs
+/// reach no further, and a zero is a vent to the air.
+const LEAST_ABSOLUTE_KPA: f64 = 15.0;
 
-/// Pascals in a file's unit of pressure.
-const KILO: f64 = 1e3;
+/// Samples from which the pressure and the angle at the ends are taken.
+const AT_ENDS: usize = 10;
 
-/// Refuses recordings with which the nominal model agrees far better if a
-/// column is read in another unit, or pressure and angle are exchanged.
+/// Refuses recordings with which the nominal model agrees far better if their
+/// columns are read in another way.
 ///
 /// # Errors
 ///
-/// Names the recordings, the columns and what to do with them.
+/// Names the recordings, the columns, and the flags that say what they hold.
 pub fn refuse(file: &ModelFile, recordings: &[Recording]) -> Result<(), InputError> {
-    /// A nominal model that misses by less, relative to the motion, reads the
-    /// columns right.
-    const WRONG: f64 = 0.6;
-    /// One that misses by no more than this with a slip is convincing.
-    const RIGHT: f64 = 0.35;
-    let as_it_is = |recording| miss(file, &start_of(recording));
-    let undone = |slip: &Slip, recording| miss(file, &slip.undone(start_of(recording)));
-    let convincing = |recording| {
-        (as_it_is(recording) >= WRONG)
-            .then(|| {
-                SLIPS
-                    .iter()
-                    .map(|slip| (undone(slip, recording), slip))
-                    .filter(|(miss, _)| *miss < RIGHT)
-                    .min_by(|a, b| a.0.total_cmp(&b.0))
-            })
-            .flatten()
-    };
+    // No simulation before this: it would last for hours.
+    if let Some(first) = recordings.iter().find(|it| in_milliseconds(file, it)) {
+        let whole = names(recordings, |it| in_milliseconds(file, it));
+        return Err(refused(
+            &Columns {
+                time: Some(TimeUnit::Ms),
+                ..Columns::default()
+            },
+            &whole,
+            first,
+        ));
+    }
     let Some((first, slip)) = recordings
         .iter()
-        .find_map(|recording| Some((recording, convincing(recording)?.1)))
+        .find_map(|recording| Some((recording, convincing(file, recording)?)))
     else {
         return Ok(());
     };
     // Where one shows it, it is likely in all that agree better so.
+    let whole = names(recordings, |recording| {
+        undone(file, &slip, recording) < as_it_is(file, recording)
+    });
+    Err(refused(&slip, &whole, first))
+}
+
+/// The names of the recordings that show a slip.
+fn names(recordings: &[Recording], shows: impl Fn(&Recording) -> bool) -> String {
     let names: Vec<&str> = recordings
         .iter()
-        .filter(|recording| undone(slip, recording) < as_it_is(recording))
+        .filter(|recording| shows(recording))
         .map(|recording| recording.name.as_str())
         .collect();
-    let whole = if names.len() == recordings.len() {
+    if names.len() == recordings.len() {
         "every recording".to_owned()
     } else {
         names.join(", ")
+    }
+}
+
+/// The slip that a recording shows, if it does.
+fn convincing(file: &ModelFile, recording: &Recording) -> Option<Columns> {
+    let as_it_is = as_it_is(file, recording);
+    if let Some(slip) = rests_in_air(recording)
+        && undone(file, &slip, recording) < BETTER_IN_AIR * as_it_is
+    {
+        return Some(slip);
+    }
+    if as_it_is < WRONG {
+        return None;
+    }
+    slips(recording)
+        .into_iter()
+        .map(|slip| (undone(file, &slip, recording), slip))
+        .filter(|(miss, slip)| {
+            let opposite = slip.flip_angle && as_it_is >= OPPOSITE;
+            *miss < BETTER * as_it_is && *miss < if opposite { RIGHT_WAY } else { RIGHT }
+        })
+        .filter(|(_, slip)| slip.air_kpa.is_none() || could_be_absolute(slip, recording))
+        .min_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, slip)| slip)
+}
+
+/// Whether a pressure in the unit of a slip could be absolute.
+fn could_be_absolute(slip: &Columns, recording: &Recording) -> bool {
+    let factor = slip.pressure.map_or(1.0, PressureUnit::kilopascals) / PASCAL_PER_KPA;
+    recording
+        .pressure
+        .iter()
+        .all(|pressure| pressure * factor >= LEAST_ABSOLUTE_KPA)
+}
+
+/// How a recording may have been meant, besides what was said of it.
+fn slips(recording: &Recording) -> Vec<Columns> {
+    let said = recording.columns;
+    let nothing = Columns::default();
+    let air_kpa = Some(ATMOSPHERE_KPA);
+    let mut slips = Vec::new();
+    if said.pressure.is_none() {
+        slips.extend(OTHER_UNITS.map(|unit| Columns {
+            pressure: Some(unit),
+            ..nothing
+        }));
+    }
+    if said.air_kpa.is_none() {
+        slips.push(Columns { air_kpa, ..nothing });
+    }
+    if said.pressure.is_none() && said.air_kpa.is_none() {
+        slips.extend(OTHER_UNITS.map(|unit| Columns {
+            pressure: Some(unit),
+            air_kpa,
+            ..nothing
+        }));
+    }
+    if said.angle.is_none() {
+        slips.push(Columns {
+            angle: Some(AngleUnit::Rad),
+            ..nothing
+        });
+    }
+    if !said.flip_angle {
+        slips.push(Columns {
+            flip_angle: true,
+            ..nothing
+        });
+    }
+    if !said.exchange && !angle_follows(recording) {
+        slips.push(Columns {
+            exchange: true,
+            ..nothing
+        });
+    }
+    slips
+}
+
+/// Whether the times of a recording are milliseconds: its samples are too far
+/// apart to show anything of the model's dynamics, and are not if so read.
+fn in_milliseconds(file: &ModelFile, recording: &Recording) -> bool {
+    let interval = recording.interval();
+    if recording.columns.time.is_some()
+        || interval < SLOW_SAMPLING_S
+        || !MILLISECONDS.contains(&interval)
+    {
+        return false;
+    }
+    let slowest = slowest_time_constant(file, recording);
+    let ratio = interval / slowest;
+    let meant = Columns {
+        time: Some(TimeUnit::Ms),
+        ..Columns::default()
     };
-    Err(slip.refused(&whole).in_file(&first.path))
+    ratio >= HOPELESS || ratio >= NOTHING_SHOWS && undone(file, &meant, recording) < RIGHT
 }
 
-impl Slip {
-    /// A recording as it was meant.
-    fn undone(&self, mut recording: Recording) -> Recording {
-        match *self {
-            Self::Unit { column, factor, .. } => {
-                let values = if column == PRESSURE {
-                    &mut recording.pressure
-                } else {
-                    &mut recording.angle
-                };
-                for value in values {
-                    *value *= factor;
-                }
-            }
-            Self::Exchanged => {
-                for (pressure, angle) in recording.pressure.iter_mut().zip(&mut recording.angle) {
-                    (*pressure, *angle) =
-                        (angle.to_degrees() * KILO, (*pressure / KILO).to_radians());
-                }
-            }
+/// The slowest time constant (s) of a model's mass, damper and spring at the
+/// angles of a recording: of its swing, of the decay of a swing, or of a return
+/// without mass.
+fn slowest_time_constant(file: &ModelFile, recording: &Recording) -> f64 {
+    let reach = recording.angle.iter().fold(0.0, |a, b| b.abs().max(a));
+    let rates = file.model.fastest_rate(reach);
+    [
+        1.0 / rates.stiffness.sqrt(),
+        1.0 / rates.relaxation,
+        rates.relaxation / rates.stiffness,
+    ]
+    .into_iter()
+    .fold(0.0, |slowest, time| {
+        // What cannot be told is taken for slow.
+        if time.is_nan() {
+            f64::INFINITY
+        } else {
+            time.max(slowest)
         }
-        recording
-    }
-
-    fn refused(&self, whole: &str) -> InputError {
-        match self {
-            Self::Unit {
-                column,
-                read_as,
-                factor,
-            } => InputError::new(
-                format!(
-                    "the units look mixed up: the model agrees with {whole} only if {column} is read as {read_as}"
-                ),
-                format!("multiply the column by {factor} and try again, or correct the model"),
-            ),
-            Self::Exchanged => InputError::new(
-                format!(
-                    "the columns look exchanged: the model agrees with {whole} only if {PRESSURE} and angle_deg change places"
-                ),
-                "exchange the two names in the header and try again, or correct the model",
-            ),
-        }
-    }
+    })
 }
 
-/// As much of a recording as is enough to see a slip.
+/// Medians of the first and of the last samples.
+fn ends(values: &[f64]) -> [f64; 2] {
+    let count = AT_ENDS.min(values.len());
+    let mut first = values[..count].to_vec();
+    let mut last = values[values.len() - count..].to_vec();
+    [median(&mut first), median(&mut last)]
+}
+
+/// Absolute pressure, in whichever unit, if a recording shows it without a
+/// model: the pressure is that of the air where the angle is zero, and never far
+/// below.
+fn rests_in_air(recording: &Recording) -> Option<Columns> {
+    let said = recording.columns;
+    if said.air_kpa.is_some() {
+        return None;
+    }
+    let largest = recording.angle.iter().fold(0.0, |a, b| b.abs().max(a));
+    let at_zero = ends(&recording.angle)
+        .iter()
+        .all(|angle| angle.abs() < NEAR_ZERO * largest);
+    if !at_zero {
+        return None;
+    }
+    let [first, last] = ends(&recording.pressure);
+    let lowest = recording
+        .pressure
+        .iter()
+        .copied()
+        .fold(f64::INFINITY, f64::min);
+    let read_as = |unit: Option<PressureUnit>| {
+        let factor = unit.map_or(1.0, PressureUnit::kilopascals) / PASCAL_PER_KPA;
+        let rest = first.min(last) * factor;
+        let rests = AIR_KPA.contains(&rest) && lowest * factor >= *AIR_KPA.start();
+        rests.then(|| Columns {
+            pressure: unit,
+            air_kpa: Some(if (rest - ATMOSPHERE_KPA).abs() > NEAR_STANDARD_KPA {
+                (10.0 * rest).round() / 10.0
+            } else {
+                ATMOSPHERE_KPA
+            }),
+            ..Columns::default()
+        })
+    };
+    let others = OTHER_UNITS.into_iter().map(Some);
+    std::iter::once(None)
+        .chain(others.filter(|_| said.pressure.is_none()))
+        .find_map(read_as)
+}
+
+/// How a slip is told, with the flags that mend it.
+fn refused(slip: &Columns, whole: &str, first: &Recording) -> InputError {
+    let flags = slip.flags();
+    let units = slip.pressure.map(|unit| {
+        let absolute = if slip.air_kpa.is_some() {
+            " of absolute pressure"
+        } else {
+            ""
+        };
+        (
+            format!("pressure_kpa is read as {}{absolute}", unit.symbol()),
+            if slip.air_kpa.is_some() {
+                "--pressure-in kpa --absolute-pressure=0 if the column is right"
+            } else {
+                "--pressure-in kpa if the column is right"
+            },
+        )
+    });
+    let (found, otherwise) = if slip.time.is_some() {
+        (
+            format!(
+                "the times look like milliseconds: {:.3} s lie between two samples, in which the model comes to rest, in {whole}",
+                first.interval()
+            ),
+            "--time-in s if they are seconds",
+        )
+    } else if let Some((read_as, otherwise)) = units {
+        (
+            format!("the units look mixed up: the model agrees with {whole} only if {read_as}"),
+            otherwise,
+        )
+    } else if slip.air_kpa.is_some() {
+        (
+            format!(
+                "the pressure looks absolute, that of the air included: the model agrees better with {whole} if pressure_kpa is read so"
+            ),
+            "--absolute-pressure=0 if it is gauge pressure",
+        )
+    } else if slip.angle.is_some() {
+        (
+            format!(
+                "the units look mixed up: the model agrees with {whole} only if angle_deg is read as radians"
+            ),
+            "--angle-in deg if the column is right",
+        )
+    } else if slip.flip_angle {
+        (
+            format!(
+                "the angle looks as if it counted the other way round: the model agrees with {whole} only if angle_deg changes its sign"
+            ),
+            "correct the model",
+        )
+    } else {
+        (
+            format!(
+                "the columns look exchanged: the model agrees with {whole} only if pressure_kpa and angle_deg change places"
+            ),
+            "correct the model",
+        )
+    };
+    InputError::new(found, format!("add {flags}, or {otherwise}")).in_file(&first.path)
+}
+
+/// Whether the angle comes after the pressure, as an effect after its cause: the
+/// shift at which the two columns go together best is not negative.
+fn angle_follows(recording: &Recording) -> bool {
+    /// Longest shift that is looked at (s): actuators answer sooner.
+    const LONGEST_S: f64 = 1.0;
+    // At most some hundred samples.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    let most = (LONGEST_S / recording.interval()).clamp(1.0, 200.0) as usize;
+    let centred = |values: &[f64]| -> Vec<f64> {
+        let middle = mean(values);
+        values.iter().map(|value| value - middle).collect()
+    };
+    let (pressure, angle) = (centred(&recording.pressure), centred(&recording.angle));
+    let together = |cause: &[f64], effect: &[f64], shift: usize| -> f64 {
+        let later = effect.iter().skip(shift);
+        cause.iter().zip(later).map(|(a, b)| a * b).sum()
+    };
+    let best = |cause: &[f64], effect: &[f64], from: usize| {
+        (from..=most)
+            .map(|shift| together(cause, effect, shift))
+            .fold(f64::NEG_INFINITY, f64::max)
+    };
+    best(&pressure, &angle, 0) >= best(&angle, &pressure, 1)
+}
+
+/// As much of a recording as is enough to see a slip: a session may begin with a
+/// rest and small steps that hardly move.
 fn start_of(recording: &Recording) -> Recording {
-    const ENOUGH: usize = 1_500;
+    const ENOUGH: usize = 10_000;
     let count = recording.len().min(ENOUGH);
     Recording {
         time: recording.time[..count].to_vec(),
@@ -161,24 +391,81 @@ fn start_of(recording: &Recording) -> Recording {
     }
 }
 
-/// RMS error of the nominal model relative to the motion.
+/// A recording as it was meant.
+fn read_again(slip: &Columns, mut recording: Recording) -> Recording {
+    for k in 0..recording.len() {
+        let sample = [recording.time[k], recording.pressure[k], recording.angle[k]];
+        [recording.time[k], recording.pressure[k], recording.angle[k]] = slip.read_again(sample);
+    }
+    recording
+}
+
+/// How far the nominal model misses a recording as it stands.
+fn as_it_is(file: &ModelFile, recording: &Recording) -> f64 {
+    miss(file, &start_of(recording))
+}
+
+/// How far it misses once a slip is undone.
+fn undone(file: &ModelFile, slip: &Columns, recording: &Recording) -> f64 {
+    miss(file, &read_again(slip, start_of(recording)))
+}
+
+/// RMS error of the nominal model relative to the motion. Infinite if it cannot
+/// be simulated.
 fn miss(file: &ModelFile, recording: &Recording) -> f64 {
     let motion = rms(&recording.angle);
-    let runs = [Run::new(recording)];
+    // Zeros that could move would hide a part of what a slip does.
+    let data = Dataset::of(std::slice::from_ref(recording)).calibrated();
     let fitter = Fitter {
         nominal: &file.model,
-        runs: &runs,
+        data: &data,
     };
-    fitter.compare(&file.model).rmse() / motion.max(f64::MIN_POSITIVE)
+    let miss = fitter.compare(&file.model).rmse() / motion.max(f64::MIN_POSITIVE);
+    if miss.is_nan() { f64::INFINITY } else { miss }
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::quality::tests::example;
     use super::*;
+    use model_core::actuator::ParameterId;
+
+    /// The model with a parameter multiplied.
+    fn times(file: &ModelFile, id: ParameterId, factor: f64) -> ModelFile {
+        let value = file.model.value(id).unwrap();
+        let mut changed = file.clone();
+        changed.model = changed.model.with_value(id, factor * value);
+        changed
+    }
 
     fn refusal(file: &ModelFile, recordings: &[Recording]) -> String {
         refuse(file, recordings).unwrap_err().to_string()
+    }
+
+    /// Changes what a column holds.
+    fn change(recordings: &mut [Recording], with: impl Fn(&mut f64, &mut f64, &mut f64)) {
+        for recording in recordings {
+            let samples = recording.time.iter_mut().zip(&mut recording.pressure);
+            for ((time, pressure), angle) in samples.zip(&mut recording.angle) {
+                with(time, pressure, angle);
+            }
+        }
+    }
+
+    fn say(recordings: &mut [Recording], columns: Columns) {
+        for recording in recordings {
+            recording.columns = columns;
+        }
+    }
+
+    /// Asserts a refusal with every part for all recordings.
+    fn assert_refused(with: impl Fn(&mut f64, &mut f64, &mut f64), parts: &[&str]) {
+        let (file, mut recordings) = example(22);
+        change(&mut recordings, with);
+        let said = refusal(&file, &recordings);
+        for part in parts {
+            assert!(said.contains(part), "no {part:?} in {said:?}");
+        }
     }
 
     #[test]
@@ -190,22 +477,24 @@ mod tests {
     }
 
     #[test]
-    fn other_units_are_named_with_the_recordings() {
-        let (file, mut recordings) = example(22);
-        for recording in &mut recordings {
-            for pressure in &mut recording.pressure {
-                *pressure /= 6.894_757;
-            }
-        }
-        let all = refusal(&file, &recordings);
-        assert!(
-            all.contains("psi") && all.contains("every recording"),
-            "{all}"
+    fn other_units_are_named_with_their_flags() {
+        let every = "every recording";
+        assert_refused(|_, p, _| *p /= 6.894_757, &["--pressure-in psi", every]);
+        assert_refused(|_, p, _| *p /= 100.0, &["--pressure-in bar", every]);
+        assert_refused(|_, p, _| *p /= 1e3, &["--pressure-in mpa", every]);
+        assert_refused(|_, p, _| *p *= 1e3, &["--pressure-in pa,", every]);
+        assert_refused(|_, _, a| *a = a.to_radians(), &["--angle-in rad", every]);
+        assert_refused(|_, _, a| *a = -*a, &["--flip-angle", every]);
+        assert_refused(
+            |_, p, _| *p = (*p + 101_325.0) / 6.894_757,
+            &["--pressure-in psi --absolute-pressure", every],
         );
-        let (_, mut recordings) = example(22);
-        for angle in &mut recordings[3].angle {
-            *angle = angle.to_radians();
-        }
+    }
+
+    #[test]
+    fn one_recording_in_radians_is_named() {
+        let (file, mut recordings) = example(22);
+        change(&mut recordings[3..4], |_, _, a| *a = a.to_radians());
         let one = refusal(&file, &recordings);
         assert!(
             one.contains("radians") && one.contains(&recordings[3].name),
@@ -214,23 +503,114 @@ mod tests {
     }
 
     #[test]
+    fn what_follows_is_the_angle() {
+        let (_, recordings) = example(22);
+        // Slow ramps hardly show what came first; edges do.
+        let is_step = |recording: &Recording| recording.name.starts_with("step");
+        for recording in recordings.into_iter().filter(is_step) {
+            assert!(angle_follows(&recording), "{}", recording.name);
+            let exchange = Columns {
+                exchange: true,
+                ..Columns::default()
+            };
+            let exchanged = read_again(&exchange, recording);
+            assert!(!angle_follows(&exchanged), "{}", exchanged.name);
+        }
+    }
+
+    #[test]
     fn exchanged_columns_are_named_with_the_recordings() {
+        let exchange = Columns {
+            exchange: true,
+            ..Columns::default()
+        };
         let (file, mut recordings) = example(22);
         let right = recordings[2].clone();
-        recordings[2] = Slip::Exchanged.undone(right.clone());
+        recordings[2] = read_again(&exchange, right.clone());
         let one = refusal(&file, &recordings);
         assert!(
             one.contains("change places") && one.contains(&right.name),
             "{one}"
         );
         for recording in &mut recordings {
-            *recording = Slip::Exchanged.undone(recording.clone());
+            *recording = read_again(&exchange, recording.clone());
         }
-        recordings[2] = Slip::Exchanged.undone(right);
+        recordings[2] = read_again(&exchange, right);
         let all = refusal(&file, &recordings);
         assert!(
-            all.contains("change places") && all.contains("every recording"),
+            all.contains("--exchange-columns") && all.contains("every recording"),
             "{all}"
         );
+    }
+
+    #[test]
+    fn absolute_pressure_is_named_with_that_of_the_air() {
+        let all = "every recording";
+        assert_refused(|_, p, _| *p += 101_325.0, &["--absolute-pressure,", all]);
+        // In Madrid.
+        let (file, mut recordings) = example(22);
+        change(&mut recordings, |_, p, _| *p += 94_300.0);
+        let said = refusal(&file, &recordings);
+        assert!(said.contains("--absolute-pressure=94."), "{said}");
+        // A rest at the pressure of the air is enough if the model is poor.
+        let poor = times(&file, ParameterId::Stiffness, 4.0);
+        let said = refusal(&poor, &recordings);
+        assert!(said.contains("--absolute-pressure=94."), "{said}");
+        change(&mut recordings, |_, p, _| *p /= 6.894_757);
+        let said = refusal(&poor, &recordings);
+        assert!(
+            said.contains("--pressure-in psi --absolute-pressure=94."),
+            "{said}"
+        );
+    }
+
+    #[test]
+    fn a_pressure_that_is_zero_is_not_absolute() {
+        let slip = Columns {
+            air_kpa: Some(ATMOSPHERE_KPA),
+            ..Columns::default()
+        };
+        let (_, mut recordings) = example(22);
+        assert!(!could_be_absolute(&slip, &recordings[0]));
+        change(&mut recordings, |_, p, _| *p += 101_325.0);
+        assert!(could_be_absolute(&slip, &recordings[0]));
+    }
+
+    #[test]
+    fn milliseconds_are_named_without_simulating_hours() {
+        let clock = std::time::Instant::now();
+        assert_refused(|t, _, _| *t *= 1e3, &["--time-in ms", "every recording"]);
+        // Simulating them takes minutes.
+        assert!(clock.elapsed().as_secs() < 10, "{:?}", clock.elapsed());
+        // A model as slow as the samples is believed.
+        let (file, mut recordings) = example(22);
+        change(&mut recordings, |t, _, _| *t *= 1e3);
+        let slow = times(&file, ParameterId::Damping, 1e4);
+        assert!(!in_milliseconds(&slow, &recordings[0]));
+    }
+
+    #[test]
+    fn what_was_said_is_not_doubted() {
+        let (file, mut recordings) = example(22);
+        change(&mut recordings, |_, p, _| *p /= 6.894_757);
+        let columns = Columns {
+            pressure: Some(PressureUnit::Kpa),
+            ..Columns::default()
+        };
+        say(&mut recordings, columns);
+        let said = refuse(&file, &recordings);
+        assert!(
+            said.as_ref()
+                .map_or_else(|error| !error.to_string().contains("psi"), |()| true),
+            "{said:?}"
+        );
+        let (_, mut recordings) = example(22);
+        change(&mut recordings, |t, _, _| *t *= 1e3);
+        let columns = Columns {
+            time: Some(TimeUnit::S),
+            ..Columns::default()
+        };
+        say(&mut recordings, columns);
+        assert!(!in_milliseconds(&file, &recordings[0]));
     }
 }

@@ -31,6 +31,20 @@ pub struct ForceSeries {
     pub deviation: Vec<f64>,
 }
 
+impl ForceSeries {
+    /// A range of the samples.
+    pub fn slice(&self, range: &std::ops::Range<usize>) -> Self {
+        let cut = |values: &[f64]| values[range.clone()].to_vec();
+        Self {
+            time: cut(&self.time),
+            angle: cut(&self.angle),
+            rate: cut(&self.rate),
+            force: cut(&self.force),
+            deviation: cut(&self.deviation),
+        }
+    }
+}
+
 /// Angle, rate and missing force.
 type Vector = Vector3<f64>;
 

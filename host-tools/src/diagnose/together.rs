@@ -14,8 +14,8 @@ use model_core::catalogue::Kind;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
+use crate::estimate::Nuisance;
 use crate::fit::Fitter;
-use crate::simulate::Start;
 
 use super::candidates::{Candidate, Ground, Promise, free_parameters, starts_from};
 
@@ -36,7 +36,7 @@ struct Direction {
 
 /// What every two effects promise beside those of `base`, the best first. Empty
 /// where the model has no room for two more.
-pub fn promises(ground: &Ground<'_, '_>, base: &Candidate, kinds: &[Kind]) -> Vec<Promise> {
+pub fn promises(ground: &Ground<'_>, base: &Candidate, kinds: &[Kind]) -> Vec<Promise> {
     let known = ground.file.model.effects().count() + base.added.len();
     if known + 2 > MAX_EFFECTS {
         return Vec::new();
@@ -71,7 +71,7 @@ pub fn promises(ground: &Ground<'_, '_>, base: &Candidate, kinds: &[Kind]) -> Ve
 }
 
 /// What an effect does at its most promising starts.
-fn directions(ground: &Ground<'_, '_>, base: &Candidate, kind: Kind, at: &Point) -> Vec<Direction> {
+fn directions(ground: &Ground<'_>, base: &Candidate, kind: Kind, at: &Point) -> Vec<Direction> {
     let mut added = base.added.clone();
     added.push(kind);
     let own = free_parameters(ground.file, &added).split_off(base.fit.free.len());
@@ -91,8 +91,8 @@ fn directions(ground: &Ground<'_, '_>, base: &Candidate, kind: Kind, at: &Point)
 
 /// The base about which effects are set against its residual.
 struct Point {
-    /// Starts of the recordings, as fitted.
-    starts: Vec<Start<f64>>,
+    /// Zeros and starts of the sessions, as fitted.
+    nuisances: Vec<Nuisance>,
     /// Free parameters of the base, but for those at the edge of their range.
     free: Vec<ParameterId>,
     /// The residual.
@@ -105,7 +105,7 @@ struct Point {
 }
 
 impl Point {
-    fn of(ground: &Ground<'_, '_>, base: &Candidate) -> Option<Self> {
+    fn of(ground: &Ground<'_>, base: &Candidate) -> Option<Self> {
         let movable = |(index, &id)| (!base.fit.at_bound(index)).then_some(id);
         let free: Vec<ParameterId> = base
             .fit
@@ -114,15 +114,17 @@ impl Point {
             .enumerate()
             .filter_map(movable)
             .collect();
-        let starts = ground.excerpt.compare(&base.fit.model).starts;
-        let (whole, jacobian) = ground.excerpt.linearised(&base.fit.model, &free, &starts)?;
+        let nuisances = ground.excerpt.compare(&base.fit.model).nuisances;
+        let (whole, jacobian) = ground
+            .excerpt
+            .linearised(&base.fit.model, &free, &nuisances)?;
         let reachable = jacobian.qr().q();
         let residual = beyond(
             &reachable,
             &DMatrix::from_columns(std::slice::from_ref(&whole)),
         );
         Some(Self {
-            starts,
+            nuisances,
             free,
             whole,
             reachable,
@@ -134,7 +136,7 @@ impl Point {
     /// than what is missing: beyond that nothing is linear.
     fn direction(
         &self,
-        fitter: &Fitter<'_, '_>,
+        fitter: &Fitter<'_>,
         kind: Kind,
         start: Model<f64>,
         free: &[ParameterId],
@@ -143,7 +145,7 @@ impl Point {
         const ATTEMPTS: usize = 4;
         let mut start = start;
         for attempt in 1.. {
-            let (changed, jacobian) = fitter.linearised(&start, free, &self.starts)?;
+            let (changed, jacobian) = fitter.linearised(&start, free, &self.nuisances)?;
             let change = changed - &self.whole;
             let excess = change.norm() / self.whole.norm();
             if excess > 1.0 && attempt < ATTEMPTS {
@@ -225,10 +227,11 @@ mod tests {
     use super::super::candidates::Scales;
     use super::*;
     use crate::checkpoint::Checkpoint;
-    use crate::fit::{Effort, Run};
+    use crate::estimate::Dataset;
+    use crate::fit::Effort;
     use crate::model_file::ModelFile;
     use crate::recording::Recording;
-    use crate::simulate::{Signal, run};
+    use crate::simulate::{Signal, Start, run};
 
     const SWING: &str = r#"
         schema = 1
@@ -273,10 +276,10 @@ mod tests {
     fn promised(effects: &[(Kind, &[f64])]) -> Vec<Vec<Kind>> {
         let file = ModelFile::parse(SWING, Path::new("swing.toml")).unwrap();
         let recordings = swings(&file, effects, &[1.1, 0.7, 0.3]);
-        let runs = Run::all(&recordings);
+        let data = Dataset::of(&recordings);
         let fitter = Fitter {
             nominal: &file.model,
-            runs: &runs,
+            data: &data,
         };
         let base = Candidate {
             added: Vec::new(),
@@ -323,9 +326,9 @@ mod tests {
     fn every_two_are_promised_once() {
         let mut promised = promised(&[
             (Kind::CubicStiffness, &[-6.0]),
-            (Kind::SensorOffset, &[0.05]),
+            (Kind::AsymmetricDamping, &[0.5]),
         ]);
-        assert_eq!(promised[0], [Kind::CubicStiffness, Kind::SensorOffset]);
+        assert_eq!(promised[0], [Kind::AsymmetricDamping, Kind::CubicStiffness]);
         assert_eq!(promised.len(), 15);
         promised.sort();
         promised.dedup();

@@ -1,7 +1,14 @@
 //! The verdict as data: what `--json` writes, and its schema.
 
+use std::fmt;
+
 use schemars::JsonSchema;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
+
+use crate::estimate::Dataset;
+use crate::fit::Fit;
+use crate::model_file::tidy;
+use crate::recording::PASCAL_PER_KPA;
 
 /// The schema number of this structure.
 pub const SCHEMA: u32 = 1;
@@ -42,6 +49,13 @@ pub struct Verdict {
     pub rmse_deg: FittedError,
     /// RMS error on recordings that were not fitted, in degrees.
     pub holdout_rmse_deg: HeldOutError,
+    /// Zeros of the sensors, a number a session that was fitted.
+    #[serde(default)]
+    pub nuisance: Zeros,
+    /// Whether the model that `-o` writes predicts better than the one supplied on
+    /// runs that were not fitted: one that does not is not worth an upload.
+    #[serde(default)]
+    pub upload: bool,
     /// Runs that would separate the surviving rivals.
     pub next_experiment: Vec<Experiment>,
     /// Files that were fitted, then files held out.
@@ -123,6 +137,67 @@ pub struct HeldOutError {
     pub refit: f64,
     /// With the named effects, in the board's own arithmetic.
     pub repaired: f64,
+}
+
+/// What the sensors show at zero, a number a session; see
+/// [`crate::estimate::nuisance`].
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Zeros {
+    /// What the pressure sensor shows without pressure (kPa).
+    pub pressure_zero_kpa: Vec<f64>,
+    /// What the angle sensor shows at 0° (°).
+    pub angle_zero_deg: Vec<f64>,
+}
+
+impl Zeros {
+    /// The zeros that a fit estimated, a number a session of which something was
+    /// fitted.
+    pub fn of(fit: &Fit, data: &Dataset) -> Self {
+        let fitted = fit
+            .nuisances
+            .iter()
+            .enumerate()
+            .filter(|(index, _)| !data.fitted_ranges(*index).is_empty());
+        let (pressure_zero_kpa, angle_zero_deg) = fitted
+            .map(|(_, nuisance)| {
+                (
+                    tidy(nuisance.pressure_zero / PASCAL_PER_KPA),
+                    tidy(nuisance.angle_zero.to_degrees()),
+                )
+            })
+            .unzip();
+        Self {
+            pressure_zero_kpa,
+            angle_zero_deg,
+        }
+    }
+}
+
+/// One line: of one session, or from the lowest to the highest of several. Empty
+/// where there are none.
+impl fmt::Display for Zeros {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let range = |values: &[f64], unit: &str| {
+            let low = values.iter().copied().fold(f64::INFINITY, f64::min);
+            let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            if values.len() > 1 {
+                format!("{low:+.2} … {high:+.2}{unit}")
+            } else {
+                format!("{low:+.2}{unit}")
+            }
+        };
+        let of = match self.angle_zero_deg.len() {
+            0 => return Ok(()),
+            1 => String::new(),
+            count => format!(" of {count} sessions"),
+        };
+        write!(
+            f,
+            "Zeros{of}, estimated with the model: pressure {}, angle {}.",
+            range(&self.pressure_zero_kpa, " kPa"),
+            range(&self.angle_zero_deg, "°")
+        )
+    }
 }
 
 /// A run that would separate rivals.

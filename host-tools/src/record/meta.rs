@@ -3,8 +3,10 @@
 use serde::Serialize;
 
 use crate::link::{Break, Counters};
+use crate::recording::SegmentMeta;
 
-/// What stands beside a recording. `rig diagnose` reads the first four.
+/// What is written beside a recording. Readers take what
+/// [`Meta`](crate::recording::Meta) lists.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct About {
     /// Whether a simulator was recorded.
@@ -22,8 +24,12 @@ pub struct About {
     /// Number of the repeat, from 1.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub repeat: Option<u32>,
-    /// When the recording began (UTC).
+    /// When the recording began (RFC 3339, UTC).
     pub started: String,
+    /// The board's own clock at time 0 of the recording, or of the recording that
+    /// this run was cut from (s since its reset).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub uptime_s: Option<f64>,
     /// The port.
     pub port: String,
     /// Version of the firmware.
@@ -59,6 +65,9 @@ pub struct About {
     /// See `part_of`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub begins_s: Option<f64>,
+    /// The runs within the recording, on its time axis.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub segment: Vec<SegmentMeta>,
     /// Places where samples are missing.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub gap: Vec<Gap>,
@@ -113,12 +122,32 @@ mod tests {
 
     #[test]
     fn what_is_written_is_what_recordings_read() {
+        let segment = SegmentMeta {
+            from_s: 0.51,
+            to_s: 10.52,
+            setpoint_deg: Some(60.0),
+            setpoint_kpa: None,
+            repeat: Some(2),
+        };
         let about = About {
             simulated: Some(true),
             protocol: Some("paper".into()),
             setpoint_deg: Some(60.0),
             repeat: Some(3),
+            started: "2024-05-01T12:00:00Z".into(),
+            uptime_s: Some(1.25),
             segments: vec!["step open 60.00 6000".into()],
+            part_of: Some("run.csv".into()),
+            begins_s: Some(30.5),
+            segment: vec![
+                segment,
+                SegmentMeta {
+                    from_s: 10.52,
+                    to_s: 20.5,
+                    setpoint_kpa: Some(40.0),
+                    ..SegmentMeta::default()
+                },
+            ],
             gap: vec![Gap {
                 from_s: 1.0,
                 to_s: 2.0,
@@ -128,9 +157,47 @@ mod tests {
             ..About::default()
         };
         let meta: Meta = toml::from_str(&about.to_text()).unwrap();
-        assert_eq!(meta.protocol.as_deref(), Some("paper"));
-        assert_eq!(meta.setpoint_deg, Some(60.0));
-        assert_eq!(meta.repeat, Some(3));
-        assert_eq!(meta.simulated, Some(true));
+        let expected = Meta {
+            protocol: about.protocol,
+            repeat: about.repeat,
+            setpoint_deg: about.setpoint_deg,
+            simulated: about.simulated,
+            started: Some(about.started),
+            uptime_s: about.uptime_s,
+            part_of: about.part_of,
+            begins_s: about.begins_s,
+            segment: about.segment,
+            // The owner of the rig writes it, not the recorder.
+            calibration: None,
+        };
+        assert_eq!(meta, expected);
+        assert_eq!(meta.started_unix_s(), Some(1_714_564_800.0));
+    }
+
+    #[test]
+    fn an_empty_file_is_metadata_without_segments() {
+        let text = About::default().to_text();
+        assert!(!text.contains("segment"), "{text}");
+        let meta: Meta = toml::from_str("").unwrap();
+        assert_eq!(meta, Meta::default());
+        assert_eq!(meta.started_unix_s(), None);
+    }
+
+    #[test]
+    fn dates_and_calibrations_by_hand_are_read() {
+        let read = |text: &str| toml::from_str::<Meta>(text).unwrap();
+        let meta =
+            read("started = 2024-05-01T12:00:00Z\n[calibration]\npressure_zero_sd_kpa = 0.1");
+        assert_eq!(meta.started_unix_s(), Some(1_714_564_800.0));
+        let calibration = meta.calibration.unwrap();
+        assert_eq!(calibration.pressure_zero_sd_kpa, Some(0.1));
+        assert_eq!(calibration.angle_zero_sd_deg, None);
+        for no_date in [
+            "started = \"yesterday\"",
+            "started = 12:30:00",
+            "started = 7",
+        ] {
+            assert_eq!(read(no_date).started_unix_s(), None, "{no_date}");
+        }
     }
 }

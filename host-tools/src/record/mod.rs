@@ -17,7 +17,7 @@ use wire::telemetry::Telemetry;
 pub use limits::{Advice, check_limits};
 pub use meta::{About, Gap};
 pub use sheet::{COLUMNS, Sheet, line};
-pub use split::{Step, run_path, steps};
+pub use split::{Part, Step, parts, run_path, steps};
 
 use crate::error::{InputError, write_atomically};
 use crate::link::{Clock, Event, Received};
@@ -57,7 +57,8 @@ pub fn faulty_path(path: &Path) -> PathBuf {
 }
 
 impl Recorder {
-    /// Starts a recording; `keep` remembers its rows, to be split later.
+    /// Starts a recording; `keep` remembers its rows, so that runs can be found in
+    /// them.
     ///
     /// # Errors
     ///
@@ -115,6 +116,10 @@ impl Recorder {
             time_ms: placed.time_ms,
             sample: received.sample,
         };
+        if self.last.is_none() {
+            self.about.uptime_s = Some(f64::from(row.sample.time_ms) / 1000.0);
+            self.write_meta()?;
+        }
         self.last = Some(row);
         if let Some(gap) = placed.gap {
             self.about.gap.push(Gap::new(gap));
@@ -145,23 +150,27 @@ impl Recorder {
         write_atomically(&meta_path(&self.path), self.about.to_text().as_bytes())
     }
 
-    /// Ends the recording, and writes the runs to `steps` as files of their own
-    /// when there are any. Returns their paths.
+    /// Ends the recording. Writes the parts of its protocol that were played into
+    /// its metadata, as segments, and with `cut` also each step to a file of its
+    /// own. Returns the paths of these files.
     ///
     /// # Errors
     ///
     /// Names the file that cannot be written.
-    pub fn finish(mut self, steps: &[Step]) -> Result<Vec<PathBuf>, InputError> {
+    pub fn finish(mut self, parts: &[Part], cut: bool) -> Result<Vec<PathBuf>, InputError> {
         self.check()?;
         self.sheet.sync()?;
         let rows = self.kept.take().unwrap_or_default();
-        let runs = split::split(&rows, steps, self.about.complete);
+        let runs = split::split(&rows, parts, self.about.complete);
         let mut written = Vec::new();
-        for (step, rows) in steps.iter().zip(runs) {
-            let path = run_path(&self.path, step);
-            split::write_run(&path, step, rows, &self.about)?;
-            written.push(path);
+        for run in runs.iter().filter(|_| cut) {
+            if let Some(step) = run.step {
+                let path = run_path(&self.path, &step);
+                split::write_run(&path, &step, run.rows, &self.about)?;
+                written.push(path);
+            }
         }
+        self.about.segment = runs.iter().filter_map(split::Run::segment).collect();
         self.about.runs = written
             .iter()
             .filter_map(|path| Some(path.file_name()?.to_string_lossy().into_owned()))

@@ -43,12 +43,16 @@ pub struct Content {
     pub errors: Vec<ErrorRow>,
     /// Whether effects were added to the model.
     pub named: bool,
+    /// Whether the model to go on with is another than the one supplied.
+    pub upload: bool,
     /// How much of the gap the added effects close, as a sentence.
     pub closed: Option<String>,
     /// The added effects.
     pub effects: Vec<Effect>,
     /// The parameters that the model had before.
     pub base: Vec<ParameterRow>,
+    /// What the sensors show at zero, as a sentence.
+    pub zeros: String,
     /// Which parameters the recordings do not determine.
     pub undetermined: Vec<String>,
     /// Where the gap lives.
@@ -258,8 +262,9 @@ impl Content {
             lede: lede(diagnosis),
             keys: keys(diagnosis),
             notices: notices(diagnosis),
-            errors: errors(request, diagnosis),
+            errors: errors(diagnosis),
             named,
+            upload: diagnosis.is_better(),
             closed: named.then(|| {
                 format!(
                     "On runs that were not fitted it closes {} of the gap to the noise; {}.",
@@ -269,6 +274,7 @@ impl Content {
             }),
             effects: effects(diagnosis),
             base: base(request, diagnosis),
+            zeros: diagnosis.zeros().to_string(),
             undetermined: diagnosis.identifiability[0].text.clone(),
             gap: diagnosis.gap.sentences.clone(),
             tried: tried(diagnosis),
@@ -677,7 +683,7 @@ fn notices(diagnosis: &Diagnosis) -> Vec<Notice> {
 }
 
 /// Nominal, refit and repaired on fitted and on held-out runs.
-fn errors(request: &Request<'_>, diagnosis: &Diagnosis) -> Vec<ErrorRow> {
+fn errors(diagnosis: &Diagnosis) -> Vec<ErrorRow> {
     let held_out = &diagnosis.held_out;
     let row = |name, runs, values: [f64; 4]| {
         let [nominal, refit, repaired, floor] = values.map(|value| number(value.to_degrees()));
@@ -694,7 +700,7 @@ fn errors(request: &Request<'_>, diagnosis: &Diagnosis) -> Vec<ErrorRow> {
     let (name, runs) = if held_out.in_turn {
         ("left out in turn", fitted)
     } else {
-        ("held out", request.holdout.len())
+        ("held out", held_out.runs.len())
     };
     vec![
         row(

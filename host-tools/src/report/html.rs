@@ -141,7 +141,7 @@ pub fn page(
     provenance: &Provenance,
     seconds: f64,
 ) -> Result<String, PageError> {
-    let views = runs(request, diagnosis);
+    let views = runs(diagnosis);
     let drawn = most_telling(&views);
     let missing = content.something_is_missing();
     let shown: Vec<(usize, &str)> = largest_forces(diagnosis)

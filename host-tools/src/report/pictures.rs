@@ -6,10 +6,10 @@
 
 use super::content::{degrees, sentence, short};
 use super::runs::{RunView, runs};
+use crate::diagnose::Diagnosis;
 use crate::diagnose::localise::{Feature, ForceMap, Gap, MapAxis};
 use crate::diagnose::noise::NoiseFloor;
 use crate::diagnose::verdict::Answer;
-use crate::diagnose::{Diagnosis, Request};
 use crate::plot::{Cell, Figure, Mark, Panel, Role, Series, Style};
 use crate::statistics::rms;
 
@@ -37,7 +37,7 @@ type Curve<'a> = (&'static str, Style, &'a [f64]);
 
 /// The picture of `--plot`: the fitted and the held-out run with the largest
 /// gap, measured, before and after, and what is left of each below.
-pub fn figure(request: &Request<'_>, diagnosis: &Diagnosis) -> Figure {
+pub fn figure(diagnosis: &Diagnosis) -> Figure {
     let repaired = if diagnosis.repaired.added.is_empty() {
         String::new()
     } else {
@@ -56,10 +56,10 @@ pub fn figure(request: &Request<'_>, diagnosis: &Diagnosis) -> Figure {
         .with_columns(2)
         .with_separate_x();
     figure.row_height_px = ROW_HEIGHT_PX;
-    let all = runs(request, diagnosis);
+    let all = runs(diagnosis);
     let fitted = worst(&all, |run| !run.held_out);
     let shown: Vec<usize> = fitted.iter().map(|run| run.index).collect();
-    let other = if request.holdout.is_empty() {
+    let other = if diagnosis.held_out.in_turn {
         let skip = with_repeats(&diagnosis.floor, &shown);
         worst(&all, |run| !skip.contains(&run.index))
     } else {

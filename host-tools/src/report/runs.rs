@@ -4,8 +4,8 @@
 //! Fitted and held-out runs come out of a diagnosis in different places. The
 //! pictures and the table want them in one list.
 
-use crate::diagnose::{Diagnosis, Request};
-use crate::fit::{Fit, Fitter, Run};
+use crate::diagnose::Diagnosis;
+use crate::estimate::Segment;
 use crate::recording::Recording;
 use crate::statistics::rms;
 
@@ -49,87 +49,64 @@ impl RunView<'_> {
     }
 }
 
-/// The runs of a diagnosis, fitted ones first, without one that was left out.
-pub fn runs<'a>(request: &Request<'a>, diagnosis: &Diagnosis) -> Vec<RunView<'a>> {
-    let fitted: Vec<&Recording> = request
-        .recordings
-        .iter()
-        .enumerate()
-        .filter(|(index, _)| Some(*index) != diagnosis.left_out)
-        .map(|(_, recording)| recording)
-        .collect();
+/// Simulated minus measured angles (rad) of the models, a series a run.
+struct Residuals<'a> {
+    nominal: &'a [Vec<f64>],
+    refit: &'a [Vec<f64>],
+    repaired: &'a [Vec<f64>],
+    rivals: Vec<&'a [Vec<f64>]>,
+}
+
+/// The runs of a diagnosis, fitted ones first: the segments of its sessions.
+pub fn runs<'d>(diagnosis: &'d Diagnosis) -> Vec<RunView<'d>> {
     let degrees = |values: &[f64]| values.iter().map(|value| value.to_degrees()).collect();
     let errors = |index: usize| {
         let run = diagnosis.held_out.runs.get(index)?;
         Some([run.nominal, run.refit, run.repaired_on_board].map(f64::to_degrees))
     };
-    let views =
-        |recordings: Vec<&'a Recording>, fits: [&Fit; 3], rivals: &[&Fit], held_out: bool| {
-            recordings
-                .into_iter()
-                .enumerate()
-                .map(|(index, recording)| {
-                    let residual = |fit: &Fit| {
-                        fit.residuals
-                            .get(index)
-                            .map_or_else(Vec::new, |r| degrees(r))
-                    };
-                    let [nominal, refit, repaired] = fits.map(residual);
-                    RunView {
-                        recording,
-                        held_out,
-                        index,
-                        measured: degrees(&recording.angle),
-                        nominal,
-                        refit,
-                        repaired,
-                        rivals: rivals.iter().map(|fit| residual(fit)).collect(),
-                        not_fitted: if held_out || diagnosis.held_out.in_turn {
-                            errors(index)
-                        } else {
-                            None
-                        },
-                    }
-                })
-                .collect::<Vec<_>>()
-        };
-    let mut all = views(
-        fitted,
-        [
-            &diagnosis.nominal,
-            &diagnosis.refit,
-            &diagnosis.repaired.fit,
-        ],
-        &diagnosis
+    let view = |segment: &'d Segment, index: usize, held_out: bool, series: &Residuals<'_>| {
+        let residual = |all: &[Vec<f64>]| all.get(index).map_or_else(Vec::new, |r| degrees(r));
+        RunView {
+            held_out,
+            index,
+            measured: degrees(&segment.recording.angle),
+            nominal: residual(series.nominal),
+            refit: residual(series.refit),
+            repaired: residual(series.repaired),
+            rivals: series.rivals.iter().map(|rival| residual(rival)).collect(),
+            not_fitted: if held_out || diagnosis.held_out.in_turn {
+                errors(index)
+            } else {
+                None
+            },
+            recording: &segment.recording,
+        }
+    };
+    let fitted = Residuals {
+        nominal: &diagnosis.nominal.residuals,
+        refit: &diagnosis.refit.residuals,
+        repaired: &diagnosis.repaired.fit.residuals,
+        rivals: diagnosis
             .rivals
             .iter()
-            .map(|rival| &rival.fit)
-            .collect::<Vec<_>>(),
-        false,
-    );
-    if !request.holdout.is_empty() {
-        let held_out = Run::all(request.holdout);
-        let fitter = Fitter {
-            nominal: &request.file.model,
-            runs: &held_out,
-        };
-        let fits = [
-            &request.file.model,
-            &diagnosis.refit.model,
-            &diagnosis.repaired.fit.model,
-        ]
-        .map(|model| fitter.compare(model));
-        let rivals: Vec<Fit> = diagnosis
-            .rivals
-            .iter()
-            .map(|rival| fitter.compare(&rival.fit.model))
-            .collect();
-        all.extend(views(
-            request.holdout.iter().collect(),
-            [&fits[0], &fits[1], &fits[2]],
-            &rivals.iter().collect::<Vec<_>>(),
-            true,
-        ));
-    }
-    all
+            .map(|rival| rival.fit.residuals.as_slice())
+            .collect(),
+    };
+    let validation = &diagnosis.validation;
+    let held_out = Residuals {
+        nominal: &validation.nominal,
+        refit: &validation.refit,
+        repaired: &validation.repaired,
+        rivals: validation.rivals.iter().map(Vec::as_slice).collect(),
+    };
+    let data = &diagnosis.data;
+    let of_fitted = data
+        .fitted()
+        .enumerate()
+        .map(|(index, segment)| view(segment, index, false, &fitted));
+    let of_held_out = data
+        .held_out()
+        .enumerate()
+        .map(|(index, segment)| view(segment, index, true, &held_out));
+    of_fitted.chain(of_held_out).collect()
 }

@@ -42,6 +42,9 @@ pub fn summary(content: &Content, outputs: &Outputs<'_>, seed: u64, seconds: f64
             .replace("  [", " [")
         }));
     }
+    if !content.zeros.is_empty() {
+        lines.push(content.zeros.clone());
+    }
     lines.extend(content.undetermined.iter().map(|text| format!("  {text}.")));
     lines.push(String::new());
     if content.something_is_missing() {
@@ -182,8 +185,8 @@ fn next(content: &Content) -> Option<String> {
 /// What was written where.
 fn written(content: &Content, outputs: &Outputs<'_>) -> Vec<String> {
     let model = match content.answer {
+        _ if !content.upload => "Model, unchanged",
         Answer::EffectFound => "Repaired model",
-        Answer::NoDiscrepancy => "Model, unchanged",
         _ => "Refitted model",
     };
     let lines: Vec<String> = [

@@ -2,9 +2,13 @@
 //!
 //! ρ (1/s) is the share of the stiffness K that is gained each second, t (s) the
 //! time since the start of the run: an elastomer that warms up, cures on or
-//! fatigues. The factor is kept at zero or above; there it has a corner. In a
-//! piece that was cut out of a longer run the drift starts anew, which is where
-//! this is weak.
+//! fatigues. In a piece that was cut out of a longer run the drift starts anew,
+//! which is where this is weak.
+//!
+//! A straight line in time does not go on for ever. The factor 1 + ρ t stays
+//! between ¼ and 4: beyond them it is another actuator, one that has torn or has
+//! set, and no drift. Within them the line is exact; at them the factor has a
+//! corner, beyond which it no longer depends on ρ.
 
 use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
 use crate::actuator::Dynamics;
@@ -12,6 +16,12 @@ use crate::real::Real;
 
 /// The time (s) up to which a step length is to resolve the stiffness.
 const LONG_RUN: i16 = 60;
+
+/// The least share of its stiffness that an actuator keeps.
+const LEAST: f32 = 0.25;
+
+/// The most that its stiffness grows to, in multiples of what it was.
+const MOST: f32 = 4.0;
 
 /// What the catalogue says about it.
 pub const INFO: Info = Info {
@@ -21,7 +31,8 @@ pub const INFO: Info = Info {
     equation: "K → K(1 + ρ t)",
     text: "The actuator becomes softer or stiffer during the run: it warms up, cures on, or \
            fatigues. The same step reaches another angle an hour later, in proportion to the \
-           spring's force: at rest at zero there is no gap.",
+           spring's force: at rest at zero there is no gap. The stiffness stays between a \
+           quarter of its value and four times it.",
     signature: "time in the run",
     look_alikes: &["maxwell_branch", "sensor_drift"],
 };
@@ -42,15 +53,26 @@ parameters! {
     }
 }
 
+impl<R: Real> StiffnessDrift<R> {
+    /// The stiffness after `time` (s), in multiples of what it was.
+    fn factor(&self, time: R) -> R {
+        let line = R::one() + self.rate * time;
+        let most = R::from_f32(MOST);
+        if line > most {
+            return most;
+        }
+        line.max(R::from_f32(LEAST))
+    }
+}
+
 impl<R: Real> Mechanism<R> for StiffnessDrift<R> {
     fn modulate(&self, at: &Instant<R>, _hidden: &Hidden<R>, dynamics: &mut Dynamics<R>) {
-        let factor = (R::one() + self.rate * at.time).max(R::zero());
-        dynamics.stiffness = dynamics.stiffness * factor;
+        dynamics.stiffness = dynamics.stiffness * self.factor(at.time);
     }
 
     fn enlarge(&self, _angle: R, dynamics: &mut Dynamics<R>) {
-        let gained = self.rate.max(R::zero()) * R::from_i16(LONG_RUN);
-        dynamics.stiffness = dynamics.stiffness * (R::one() + gained);
+        let largest = self.factor(R::from_i16(LONG_RUN)).max(R::one());
+        dynamics.stiffness = dynamics.stiffness * largest;
     }
 }
 
@@ -77,12 +99,41 @@ mod tests {
         }
     }
 
-    #[test]
-    fn stiffness_never_turns_round() {
-        let drift = Kind::StiffnessDrift.build(&[-0.1]).unwrap();
+    /// The force of the spring at half a radian, over that without drift.
+    fn factor(rate: f64, time: f64) -> f64 {
+        let drift = Kind::StiffnessDrift.build(&[rate]).unwrap();
         let model = spring(1.0, 0.0, 3.0, &[drift]);
         let mut state = model.at_rest(0.5, 0.0);
-        state.time = 50.0;
-        assert!(model.derivative(&state, &Held(0.0), 0.0).acceleration.abs() < 1e-15);
+        state.time = time;
+        model.derivative(&state, &Held(0.0), 0.0).acceleration / (-3.0 * 0.5)
+    }
+
+    /// Beyond its limits an actuator is another one: it neither turns round nor
+    /// grows without end. Before them the drift is a straight line.
+    #[test]
+    fn stiffness_stays_between_a_quarter_and_four_times_its_value() {
+        for (rate, time, expected) in [
+            (-0.01, 74.0, 0.26),
+            (-0.01, 76.0, 0.25),
+            (-0.1, 500.0, 0.25),
+            (0.03, 99.0, 3.97),
+            (0.03, 101.0, 4.0),
+            (0.1, 500.0, 4.0),
+        ] {
+            let reached = factor(rate, time);
+            assert!(
+                (reached - expected).abs() < 1e-6,
+                "{rate} {time}: {reached}"
+            );
+        }
+    }
+
+    /// A fit that has run into a limit still gets finite derivatives.
+    #[test]
+    fn derivatives_by_the_rate_are_finite_on_both_sides_of_a_limit() {
+        let step = 1e-6;
+        let slope = |rate: f64| (factor(rate + step, 100.0) - factor(rate, 100.0)) / step;
+        assert!((slope(0.02) - 100.0).abs() < 1e-3);
+        assert!(slope(0.04).abs() < 1e-3 && slope(-0.02).abs() < 1e-3);
     }
 }

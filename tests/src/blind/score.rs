@@ -17,7 +17,8 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use host_tools::fit::{Fitter, Run};
+use host_tools::estimate::Dataset;
+use host_tools::fit::Fitter;
 use host_tools::model_file::ModelFile;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -293,10 +294,10 @@ fn on_fresh(answer: &Answer, outcome: &Outcome) -> Option<Errors> {
         .iter()
         .map(|(_, recording, _)| recording.clone())
         .collect();
-    let runs = Run::all(&recordings);
+    let data = Dataset::of(&recordings);
     let compared = Fitter {
         nominal: &file.model,
-        runs: &runs,
+        data: &data,
     }
     .compare(&file.model);
     let (mut noisy, mut clean, mut count) = (0.0, 0.0, 0.0);

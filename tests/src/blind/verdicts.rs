@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
+use host_tools::columns::Columns;
 use host_tools::diagnose::{Request, diagnose};
 use host_tools::error::{InputError, write_atomically};
 use host_tools::model_file::{ModelFile, to_file_units};
@@ -52,7 +53,7 @@ impl Outcome {
     pub fn of(folder: &Path) -> Result<Self, InputError> {
         let file = ModelFile::read(&folder.join("model.toml"))?;
         let paths = recordings(folder)?;
-        let recordings = read_all(&paths, |_| {})?;
+        let recordings = read_all(&paths, &Columns::default(), |_| {})?;
         let request = Request {
             file: &file,
             recordings: &recordings,

@@ -19,6 +19,28 @@ const RESOLVED_RAD: f64 = 4.0;
 /// A bend beyond which the silicone lies on itself (rad).
 const FARTHEST_RAD: f64 = 5.0;
 
+/// What an actuator did before power-on: it was held at an angle without
+/// pressure, and let go. The default is one that rests straight.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct LetGo {
+    /// Where it was held (rad).
+    pub angle_rad: f64,
+    /// How long before power-on it was let go (s).
+    pub before_s: f64,
+}
+
+impl LetGo {
+    /// Angle (rad) and rate (rad/s) at power-on.
+    pub fn at_power_on(&self, model: &Model<f64>) -> (f64, f64) {
+        let state = Actuator::let_go(model, self, INTERVAL_S).state;
+        (state.angle, state.rate)
+    }
+}
+
+/// Steps (s) in which the time before power-on is simulated, whatever the
+/// interval after it.
+const INTERVAL_S: f64 = 5e-4;
+
 /// An actuator in motion.
 #[derive(Clone, Debug)]
 pub struct Actuator {
@@ -46,6 +68,26 @@ impl Actuator {
             history: vec![0.0; length],
             newest: 0,
         }
+    }
+
+    /// An actuator that was let go before its time zero, for steps of `interval`
+    /// seconds. It moved by its own dynamics since; a run begins at time zero
+    /// all the same.
+    pub fn let_go(model: &Model<f64>, let_go: &LetGo, interval: f64) -> Self {
+        let mut before = Self::at_rest(model, INTERVAL_S);
+        before.state = model.at_rest(let_go.angle_rad, 0.0);
+        // Some seconds.
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let steps = (let_go.before_s / INTERVAL_S).round() as usize;
+        for _ in 0..steps {
+            before.step(0.0);
+        }
+        let mut actuator = Self::at_rest(model, interval);
+        actuator.state = State {
+            time: 0.0,
+            ..before.state
+        };
+        actuator
     }
 
     /// Advances by one interval, at the end of which the line has `pressure` (Pa).
@@ -128,6 +170,43 @@ mod tests {
             _ => 1.0,
         };
         (0.2 * size).clamp(f64::from(row.lower), f64::from(row.upper))
+    }
+
+    /// Without inertia to speak of, C ω = −K θⁿ: θ^(1−n) grows evenly with time.
+    #[test]
+    fn what_was_let_go_creeps_back_by_its_own_dynamics() {
+        let slow = Dynamics {
+            inertia: 1e-3,
+            ..dynamics()
+        };
+        let model: Model<f64> = Model::new(slow, &[]).unwrap();
+        let let_go = LetGo {
+            angle_rad: 2f64.to_radians(),
+            before_s: 3.0,
+        };
+        let power = 1.0 - slow.exponent;
+        let after = |time: f64| {
+            let grown = -power * slow.stiffness / slow.damping * time;
+            (let_go.angle_rad.powf(power) + grown).powf(1.0 / power)
+        };
+        let mut actuator = Actuator::let_go(&model, &let_go, DT);
+        let (angle, rate) = let_go.at_power_on(&model);
+        assert!((angle / after(3.0) - 1.0).abs() < 1e-3, "{angle}");
+        let creep = -slow.stiffness * angle.powf(slow.exponent) / slow.damping;
+        assert!((rate / creep - 1.0).abs() < 1e-2, "{rate} {creep}");
+        for _ in 0..4000 {
+            actuator.step(0.0);
+        }
+        assert!((actuator.angle() / after(5.0) - 1.0).abs() < 1e-3);
+    }
+
+    #[test]
+    fn what_was_not_let_go_rests() {
+        let gravity = Kind::Gravity.build(&[0.5, 0.3]).unwrap();
+        let model: Model<f64> = Model::new(dynamics(), &[gravity]).unwrap();
+        let rests = Actuator::at_rest(&model, DT);
+        let same = Actuator::let_go(&model, &LetGo::default(), DT);
+        assert_eq!(rests.state, same.state);
     }
 
     #[test]

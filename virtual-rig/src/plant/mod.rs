@@ -13,6 +13,7 @@ pub mod syringe;
 use model_core::actuator::Model;
 
 use actuator::Actuator;
+pub use actuator::LetGo;
 use gas::{Air, Gas};
 use sensors::{FlexSensor, PressureSensor, SensorFault, Voltage};
 use syringe::Syringe;
@@ -33,6 +34,8 @@ pub struct PlantConfig {
     pub pressure_sensor: PressureSensor,
     /// The flex sensor.
     pub flex_sensor: FlexSensor,
+    /// What the actuator did before power-on.
+    pub let_go: LetGo,
 }
 
 /// What the board does to the plant, and what is broken, during one step.
@@ -62,11 +65,12 @@ pub struct Plant {
 }
 
 impl Plant {
-    /// Creates a plant at rest under atmospheric pressure, with the plunger at
+    /// Creates a plant under atmospheric pressure, at rest unless the actuator
+    /// was [let go](PlantConfig::let_go) a moment ago, with the plunger at
     /// `plunger_mm`, for steps of `interval` seconds.
     pub fn new(config: PlantConfig, plunger_mm: f64, interval: f64) -> Self {
         let air = Air::at_rest(&config.gas, config.volume_m3(plunger_mm));
-        let actuator = Actuator::at_rest(&config.actuator, interval);
+        let actuator = Actuator::let_go(&config.actuator, &config.let_go, interval);
         let flex = sensors::FlexState::at_rest(actuator.reading());
         let mut plant = Self {
             air,
@@ -146,6 +150,7 @@ impl PlantConfig {
             gas: Gas::default(),
             pressure_sensor: PressureSensor::default(),
             flex_sensor: FlexSensor::default(),
+            let_go: LetGo::default(),
         }
     }
 

@@ -10,10 +10,13 @@
 //! Flex sensor from 5 V, 47 kΩ to ground:
 //!
 //! ```text
-//! R(θ) = 25 kΩ · (70/25)^(θ/90°),  θ between −20° and 140°
+//! R(θ) = 25 kΩ · (70/25)^((θ + θ_0)/90°),  θ + θ_0 between −20° and 140°
 //! U = 5 V · 47/(47 + R)            668 counts flat, 411 at 90°
 //! θ_s = θ − c·q,  τ q̇ = θ − q      creep of the sensor, off by default
 //! ```
+//!
+//! Both have a zero error, none by default: an offset in mV, and the bend θ_0
+//! that the strip was glued on with.
 //!
 //! White noise is added by the converter, anew for each conversion: 0.25 kPa
 //! and 0.4° rms, before any filter.
@@ -80,7 +83,8 @@ impl Default for PressureSensor {
 }
 
 impl PressureSensor {
-    const MILLIVOLTS_PER_PA: f64 = SUPPLY_MILLIVOLTS * 0.8 / 80.0 / PASCAL_PER_PSI;
+    /// Span of the sensor (mV/Pa).
+    pub const MILLIVOLTS_PER_PA: f64 = SUPPLY_MILLIVOLTS * 0.8 / 80.0 / PASCAL_PER_PSI;
 
     /// The voltage at a gauge pressure (Pa).
     pub fn voltage(&self, gauge_pa: f64) -> Voltage {
@@ -104,6 +108,8 @@ pub struct FlexSensor {
     pub divider_ohm: f64,
     /// White noise, as an angle (rad rms).
     pub noise_rms_rad: f64,
+    /// Zero error: what it is bent when the actuator is straight (rad).
+    pub offset_rad: f64,
     /// Share c of a lasting bend that the sensor forgets.
     pub creep_share: f64,
     /// Time constant of that creep (s).
@@ -117,6 +123,7 @@ impl Default for FlexSensor {
             bent_ohm: 70e3,
             divider_ohm: 47e3,
             noise_rms_rad: 0.4f64.to_radians(),
+            offset_rad: 0.0,
             creep_share: 0.0,
             creep_s: 20.0,
         }
@@ -127,7 +134,8 @@ impl FlexSensor {
     /// The voltage at a bend (rad).
     pub fn voltage(&self, angle: f64) -> Voltage {
         let (least, most) = (-20f64.to_radians(), 140f64.to_radians());
-        let right_angles = angle.clamp(least, most) / std::f64::consts::FRAC_PI_2;
+        let bend = (angle + self.offset_rad).clamp(least, most);
+        let right_angles = bend / std::f64::consts::FRAC_PI_2;
         let ratio = self.bent_ohm / self.flat_ohm;
         let resistance = self.flat_ohm * ratio.powf(right_angles);
         let sum = self.divider_ohm + resistance;
@@ -195,6 +203,20 @@ mod tests {
         let noise = PressureSensor::default().voltage(0.0).noise_rms_millivolts;
         let step = PressureSensor::default().voltage(250.0).millivolts - 500.0;
         assert!((noise - step).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_zero_error_is_the_same_at_every_angle() {
+        let off = FlexSensor {
+            offset_rad: 0.03,
+            ..FlexSensor::default()
+        };
+        for angle in [-0.1, 0.0, 1.2] {
+            assert_eq!(
+                off.voltage(angle),
+                FlexSensor::default().voltage(angle + 0.03)
+            );
+        }
     }
 
     #[test]

@@ -12,3 +12,4 @@ mod prediction;
 mod pump;
 mod runs;
 mod settings;
+mod start;

@@ -1,0 +1,728 @@
+//! From files to sessions.
+//!
+//! A session is a file, with its segments in its metadata, or it was cut into
+//! files that say in theirs where they belong (`part_of`, `begins_s`): those are
+//! put together again. A session beside its own pieces is used once. Files
+//! without metadata are sessions of their own. Where the motion cannot be
+//! followed across a gap, a new session begins that runs on by the same clock.
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::path::PathBuf;
+
+use super::dataset::{Dataset, Mark, Session};
+use crate::diagnose::quality::{Concern, Matter};
+use crate::error::InputError;
+use crate::recording::{Column, Recording};
+use crate::usable::{Usable, usable};
+
+/// Segments into which the only session is cut if nothing says where its runs
+/// begin: as many as are needed to leave one out and still see the rest.
+const PARTS: usize = 4;
+
+/// Fewer samples are no segment.
+const FEWEST: usize = 20;
+
+/// Clocks of the board whose resets are nearer than this (s) are one: the
+/// computer's clock and the cable are that inaccurate.
+const SAME_RESET_S: f64 = 5.0;
+
+/// Data for a fit, and what was noticed while it was put together.
+#[derive(Clone, Debug, Default)]
+pub struct Assembled {
+    /// The sessions.
+    pub data: Dataset,
+    /// What a person should know.
+    pub concerns: Vec<Concern>,
+}
+
+/// What belongs to one recording session.
+#[derive(Debug, Default)]
+struct Group<'a> {
+    whole: Option<(&'a Recording, bool)>,
+    pieces: Vec<(&'a Recording, bool)>,
+}
+
+/// A stretch of time in a session, in seconds on its own axis.
+type Span = Range<f64>;
+
+/// Makes sessions of the recordings to fit and of those to hold out.
+///
+/// # Errors
+///
+/// Refuses a recording of which nothing can be used.
+pub fn assemble(fitted: &[Recording], held_out: &[Recording]) -> Result<Assembled, InputError> {
+    let files = || {
+        let role = |fit: bool| move |recording| (recording, fit);
+        fitted
+            .iter()
+            .map(role(true))
+            .chain(held_out.iter().map(role(false)))
+    };
+    let mut groups: BTreeMap<usize, Group<'_>> = BTreeMap::new();
+    let mut known: Vec<PathBuf> = Vec::new();
+    for (recording, fit) in files() {
+        let place = session_path(recording);
+        let number = known.iter().position(|path| *path == place);
+        let number = number.unwrap_or_else(|| {
+            known.push(place);
+            known.len() - 1
+        });
+        let group = groups.entry(number).or_default();
+        if recording.meta.part_of.is_some() && recording.meta.begins_s.is_some() {
+            group.pieces.push((recording, fit));
+        } else if group.whole.is_none() {
+            group.whole = Some((recording, fit));
+        } else {
+            // The same file name in a recording without a path: another one.
+            let number = known.len();
+            known.push(PathBuf::from(format!("\u{0}{number}")));
+            groups.insert(
+                number,
+                Group {
+                    whole: Some((recording, fit)),
+                    pieces: Vec::new(),
+                },
+            );
+        }
+    }
+    let clocks = Clocks::of(files().map(|(recording, _)| recording));
+    let alone = groups.len() == 1;
+    let mut all = Assembled::default();
+    for group in groups.values() {
+        add(&mut all, group, &clocks, alone)?;
+    }
+    Ok(all)
+}
+
+/// The file that a session has, or had.
+fn session_path(recording: &Recording) -> PathBuf {
+    match &recording.meta.part_of {
+        Some(whole) => recording.path.with_file_name(whole),
+        None if recording.path.as_os_str().is_empty() => PathBuf::from(&recording.name),
+        None => recording.path.clone(),
+    }
+}
+
+/// When the board was reset before each recording, as far as it is known.
+struct Clocks {
+    /// Time of a reset (s since 1970), and the board's clock when it was first
+    /// recorded after it (s).
+    resets: Vec<(f64, f64)>,
+}
+
+impl Clocks {
+    fn of<'a>(recordings: impl Iterator<Item = &'a Recording>) -> Self {
+        let mut resets: Vec<(f64, f64)> = Vec::new();
+        for recording in recordings {
+            let Some((reset, uptime)) = reset_of(recording) else {
+                continue;
+            };
+            match resets
+                .iter_mut()
+                .find(|(known, _)| (known - reset).abs() < SAME_RESET_S)
+            {
+                Some((_, first)) => *first = first.min(uptime),
+                None => resets.push((reset, uptime)),
+            }
+        }
+        Self { resets }
+    }
+
+    /// Time on the rig's clock at time 0 of a whole session (s): zero in the first
+    /// that was recorded since the same reset.
+    fn start_of(&self, recording: &Recording) -> f64 {
+        let Some((reset, uptime)) = reset_of(recording) else {
+            return 0.0;
+        };
+        self.resets
+            .iter()
+            .find(|(known, _)| (known - reset).abs() < SAME_RESET_S)
+            .map_or(0.0, |(_, first)| uptime - first)
+    }
+}
+
+fn reset_of(recording: &Recording) -> Option<(f64, f64)> {
+    let uptime = recording.meta.uptime_s?;
+    Some((recording.meta.started_unix_s()? - uptime, uptime))
+}
+
+fn add(
+    all: &mut Assembled,
+    group: &Group<'_>,
+    clocks: &Clocks,
+    alone: bool,
+) -> Result<(), InputError> {
+    if let Some((whole, fit)) = group.whole {
+        let marks = marks_of(all, whole, fit, &group.pieces);
+        let clock = clocks.start_of(whole) + first_time(whole);
+        return add_session(all, whole, clock, marks, fit, alone);
+    }
+    let mut pieces = group.pieces.clone();
+    pieces.sort_by(|a, b| begins(a.0).total_cmp(&begins(b.0)));
+    let alone = alone && pieces.len() == 1;
+    for chain in chains(&pieces) {
+        let (whole, marks) = join(&chain);
+        let clock = clocks.start_of(chain[0].0) + begins(chain[0].0);
+        add_session(all, &whole, clock, marks, chain[0].1, alone)?;
+    }
+    Ok(())
+}
+
+/// The segments of a whole session. Pieces of it that were given beside it say
+/// which of them are fitted, and where they are if the session does not.
+fn marks_of(
+    all: &mut Assembled,
+    whole: &Recording,
+    fit: bool,
+    pieces: &[(&Recording, bool)],
+) -> Vec<(Span, About)> {
+    let first = first_time(whole);
+    let mut marks = spans_of(whole, fit);
+    if pieces.is_empty() {
+        return marks;
+    }
+    all.concerns.push(used_once(whole, pieces.len()));
+    if marks.is_empty() {
+        marks = pieces.iter().map(|piece| span_of(piece, first)).collect();
+    }
+    for (piece, piece_fit) in pieces {
+        let (span, _) = span_of(&(piece, *piece_fit), first);
+        for (mark, about) in &mut marks {
+            if overlap(mark, &span) > 0.5 * (mark.end - mark.start) {
+                about.fitted = *piece_fit;
+            }
+        }
+    }
+    marks
+}
+
+fn used_once(whole: &Recording, pieces: usize) -> Concern {
+    let pieces = if pieces == 1 {
+        "1 of the files is a piece of it and is".to_owned()
+    } else {
+        format!("{pieces} of the files are pieces of it and are")
+    };
+    Concern {
+        matter: Matter::Pieces,
+        recording: Some(whole.name.clone()),
+        text: format!("{pieces} used once, with it"),
+        advice: "name the whole session alone".into(),
+    }
+}
+
+/// What a segment is called, and whether it is fitted.
+#[derive(Clone, Debug)]
+struct About {
+    name: String,
+    source: Recording,
+    fitted: bool,
+}
+
+fn first_time(recording: &Recording) -> f64 {
+    recording.time.first().copied().unwrap_or(0.0)
+}
+
+/// Where the first sample of a piece is on the time axis of its session (s).
+fn begins(piece: &Recording) -> f64 {
+    piece.meta.begins_s.unwrap_or(0.0) + first_time(piece)
+}
+
+/// Where a piece lies in its session, whose first sample is at `first` (s) on its
+/// time axis.
+fn span_of(piece: &(&Recording, bool), first: f64) -> (Span, About) {
+    let (recording, fitted) = *piece;
+    let begin = begins(recording) - first;
+    (
+        begin..begin + recording.duration(),
+        About {
+            name: recording.name.clone(),
+            source: header(recording),
+            fitted,
+        },
+    )
+}
+
+/// A recording without its samples.
+fn header(recording: &Recording) -> Recording {
+    Recording {
+        name: recording.name.clone(),
+        path: recording.path.clone(),
+        meta: recording.meta.clone(),
+        columns: recording.columns,
+        ..Recording::default()
+    }
+}
+
+/// The segments that a session's metadata names.
+fn spans_of(whole: &Recording, fitted: bool) -> Vec<(Span, About)> {
+    let first = first_time(whole);
+    whole
+        .meta
+        .segment
+        .iter()
+        .enumerate()
+        .map(|(number, segment)| {
+            let mut source = header(whole);
+            source.meta.setpoint_deg = segment.setpoint_deg;
+            source.meta.repeat = segment.repeat;
+            source.meta.segment.clear();
+            let level = match (segment.setpoint_deg, segment.setpoint_kpa) {
+                (Some(degrees), _) => format!("_{degrees}"),
+                (None, Some(pressure)) => format!("_{pressure}kpa"),
+                (None, None) => String::new(),
+            };
+            let count = segment.repeat.map_or(number + 1, |repeat| repeat as usize);
+            (
+                segment.from_s - first..segment.to_s - first,
+                About {
+                    name: format!("{}{level}_{count}", whole.name),
+                    source,
+                    fitted,
+                },
+            )
+        })
+        .collect()
+}
+
+fn overlap(a: &Span, b: &Span) -> f64 {
+    (a.end.min(b.end) - a.start.max(b.start)).max(0.0)
+}
+
+/// Pieces that follow each other without a gap, in order.
+fn chains<'a>(pieces: &[(&'a Recording, bool)]) -> Vec<Vec<(&'a Recording, bool)>> {
+    /// Intervals that may lie between the last sample of a piece and the first of
+    /// the next.
+    const INTERVALS: f64 = 3.0;
+    let mut chains: Vec<Vec<(&Recording, bool)>> = Vec::new();
+    for &piece in pieces {
+        let follows = chains
+            .last()
+            .and_then(|chain| chain.last())
+            .is_some_and(|(before, _)| {
+                let end = begins(before) + before.duration();
+                begins(piece.0) - end <= INTERVALS * before.interval().max(1e-3)
+            });
+        match chains.last_mut() {
+            Some(chain) if follows => chain.push(piece),
+            _ => chains.push(vec![piece]),
+        }
+    }
+    chains
+}
+
+/// One recording of pieces that follow each other. Where two overlap, the samples
+/// of the first count.
+fn join(chain: &[(&Recording, bool)]) -> (Recording, Vec<(Span, About)>) {
+    let first = chain[0].0;
+    let origin = begins(first);
+    let mut whole = Recording {
+        name: first.meta.part_of.as_deref().map_or_else(
+            || first.name.clone(),
+            |name| name.trim_end_matches(".csv").to_owned(),
+        ),
+        ..header(first)
+    };
+    if chain.len() == 1 {
+        whole.name.clone_from(&first.name);
+    }
+    // Columns that all pieces have.
+    whole.extra = first
+        .extra
+        .iter()
+        .filter(|column| {
+            chain
+                .iter()
+                .all(|(piece, _)| piece.extra.iter().any(|other| other.name == column.name))
+        })
+        .map(|column| Column {
+            name: column.name.clone(),
+            fields: Vec::new(),
+        })
+        .collect();
+    let mut marks = Vec::new();
+    for piece in chain {
+        let recording = piece.0;
+        let shift = begins(recording) - origin - first_time(recording);
+        for k in 0..recording.len() {
+            let time = recording.time[k] + shift;
+            if whole.time.last().is_some_and(|last| time <= *last) {
+                continue;
+            }
+            whole.time.push(time);
+            whole.pressure.push(recording.pressure[k]);
+            whole.angle.push(recording.angle[k]);
+            for column in &mut whole.extra {
+                let field = recording
+                    .extra
+                    .iter()
+                    .find(|other| other.name == column.name)
+                    .map_or_else(String::new, |other| other.fields[k].clone());
+                column.fields.push(field);
+            }
+        }
+        marks.push(span_of(piece, origin));
+    }
+    (whole, marks)
+}
+
+/// Adds a session, cut where it cannot be followed.
+fn add_session(
+    all: &mut Assembled,
+    whole: &Recording,
+    clock: f64,
+    marks: Vec<(Span, About)>,
+    fitted: bool,
+    alone: bool,
+) -> Result<(), InputError> {
+    let Usable {
+        stretches,
+        unfitted,
+        concerns,
+    } = usable(whole)?;
+    all.concerns.extend(concerns);
+    let begin = first_time(whole);
+    let marks = if marks.is_empty() {
+        unnamed(whole, fitted, alone && stretches.len() == 1)
+    } else {
+        ranges(whole, marks)
+    };
+    for (number, stretch) in stretches.iter().enumerate() {
+        let inside = |range: &Range<usize>| {
+            let from = range.start.max(stretch.start);
+            let to = range.end.min(stretch.end);
+            (from < to).then(|| from - stretch.start..to - stretch.start)
+        };
+        let own: Vec<Mark> = marks
+            .iter()
+            .filter_map(|mark| {
+                let range = inside(&mark.range).filter(|range| range.len() >= FEWEST)?;
+                let mut mark = mark.clone();
+                if stretches.len() > 1 && range.len() < mark.range.len() {
+                    mark.about.name = format!("{} ({})", mark.about.name, number + 1);
+                }
+                mark.range = range;
+                Some(mark)
+            })
+            .collect();
+        if own.is_empty() {
+            continue;
+        }
+        let part = whole.slice(stretch);
+        let later = part.time[0] - begin;
+        let silent = unfitted.iter().filter_map(inside).collect();
+        all.data
+            .push(Session::new(part, clock + later, silent), own);
+    }
+    Ok(())
+}
+
+/// Segments of a recording that nobody named: all of it, or equal parts of the
+/// only one.
+fn unnamed(whole: &Recording, fitted: bool, alone: bool) -> Vec<Mark> {
+    let count = whole.len();
+    if !alone || count < PARTS * FEWEST {
+        return vec![Mark {
+            range: 0..count,
+            about: header(whole),
+            fitted,
+        }];
+    }
+    (0..PARTS)
+        .map(|part| Mark {
+            range: part * count / PARTS..(part + 1) * count / PARTS,
+            about: Recording {
+                name: format!("{} (part {} of {PARTS})", whole.name, part + 1),
+                ..header(whole)
+            },
+            fitted,
+        })
+        .collect()
+}
+
+/// Spans of time as ranges of samples; none reaches into the next.
+fn ranges(whole: &Recording, mut marks: Vec<(Span, About)>) -> Vec<Mark> {
+    marks.sort_by(|a, b| a.0.start.total_cmp(&b.0.start));
+    let begin = first_time(whole);
+    let at = |seconds: f64| {
+        // Times in metadata are rounded to the millisecond.
+        whole
+            .time
+            .partition_point(|time| *time - begin < seconds - 5e-4)
+    };
+    let mut ends = 0;
+    let starts: Vec<usize> = marks.iter().map(|(span, _)| at(span.start)).collect();
+    let mut found = Vec::new();
+    for (number, (span, about)) in marks.into_iter().enumerate() {
+        let next = starts.get(number + 1).copied().unwrap_or(whole.len());
+        let start = starts[number].max(ends);
+        let end = at(span.end + 1e-3).min(next).max(start);
+        ends = end;
+        if end - start >= FEWEST {
+            found.push(Mark {
+                range: start..end,
+                about: Recording {
+                    name: about.name,
+                    ..about.source
+                },
+                fitted: about.fitted,
+            });
+        }
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::recording::{Meta, SegmentMeta};
+
+    const INTERVAL_S: f64 = 0.01;
+    const PIECE_S: f64 = 3.0;
+
+    /// So many seconds of an actuator that swings, from this time of its session,
+    /// on a time axis that begins at zero.
+    fn swinging(name: &str, from_s: f64, seconds: f64) -> Recording {
+        // A small positive number.
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let count = (seconds / INTERVAL_S).round() as u32;
+        let time: Vec<f64> = (0..count).map(|k| f64::from(k) * INTERVAL_S).collect();
+        let swing = |t: &f64| 1.0 - (1.7 * (from_s + t)).cos();
+        Recording {
+            name: name.trim_end_matches(".csv").into(),
+            path: PathBuf::from("data").join(name),
+            pressure: time.iter().map(|t| 20e3 * swing(t)).collect(),
+            angle: time.iter().map(|t| 0.4 * swing(&(t - 0.2))).collect(),
+            time,
+            ..Recording::default()
+        }
+    }
+
+    /// A session of four runs.
+    fn session() -> Recording {
+        let segment = |number: u32| SegmentMeta {
+            from_s: PIECE_S * f64::from(number),
+            to_s: PIECE_S * f64::from(number + 1),
+            setpoint_deg: Some(60.0),
+            repeat: Some(number + 1),
+            ..SegmentMeta::default()
+        };
+        Recording {
+            meta: Meta {
+                segment: (0..4).map(segment).collect(),
+                ..Meta::default()
+            },
+            ..swinging("run.csv", 0.0, 4.0 * PIECE_S)
+        }
+    }
+
+    /// The run of this number, from 0, in a file of its own.
+    fn piece(number: u32) -> Recording {
+        let begins_s = PIECE_S * f64::from(number);
+        Recording {
+            meta: Meta {
+                part_of: Some("run.csv".into()),
+                begins_s: Some(begins_s),
+                ..Meta::default()
+            },
+            ..swinging(&format!("run_60_{}.csv", number + 1), begins_s, PIECE_S)
+        }
+    }
+
+    fn since(mut recording: Recording, started: &str, uptime_s: f64) -> Recording {
+        recording.meta.started = Some(started.into());
+        recording.meta.uptime_s = Some(uptime_s);
+        recording
+    }
+
+    fn data(fitted: &[Recording], held_out: &[Recording]) -> Dataset {
+        let assembled = assemble(fitted, held_out).unwrap();
+        assert_eq!(assembled.concerns, []);
+        assembled.data
+    }
+
+    /// Session, range and name of each segment.
+    fn segments(data: &Dataset) -> Vec<(usize, Range<usize>, &str)> {
+        let of = data.segments().iter();
+        of.map(|it| (it.session, it.range.clone(), it.recording.name.as_str()))
+            .collect()
+    }
+
+    fn clocks(data: &Dataset) -> Vec<f64> {
+        data.sessions().iter().map(|it| it.clock()).collect()
+    }
+
+    fn assert_clocks(data: &Dataset, expected: &[f64]) {
+        let found = clocks(data);
+        let near = |(a, b): (&f64, &f64)| (a - b).abs() < 1e-6;
+        assert!(
+            found.len() == expected.len() && found.iter().zip(expected).all(near),
+            "{found:?}, not {expected:?}"
+        );
+    }
+
+    #[test]
+    fn a_session_is_cut_where_its_metadata_says() {
+        let data = data(&[session()], &[]);
+        assert_eq!(data.sessions().len(), 1);
+        assert_eq!(
+            segments(&data),
+            [
+                (0, 0..300, "run_60_1"),
+                (0, 300..600, "run_60_2"),
+                (0, 600..900, "run_60_3"),
+                (0, 900..1200, "run_60_4"),
+            ]
+        );
+        assert_eq!(data.indices(false), [0; 0]);
+    }
+
+    #[test]
+    fn a_session_beside_its_pieces_is_used_once_and_says_so() {
+        let bare = Recording {
+            meta: Meta::default(),
+            ..session()
+        };
+        for (whole, runs) in [(session(), 4), (bare, 2)] {
+            let all = assemble(&[piece(2), whole, piece(0)], &[]).unwrap();
+            assert_eq!(all.data.sessions().len(), 1);
+            assert_eq!(all.data.sessions()[0].recording().len(), 1200);
+            assert_eq!(segments(&all.data).len(), runs);
+            assert_eq!(all.data.samples(), 300 * runs);
+            let said: Vec<(Matter, &str)> = all
+                .concerns
+                .iter()
+                .map(|it| (it.matter, it.text.as_str()))
+                .collect();
+            let text = "2 of the files are pieces of it and are used once, with it";
+            assert_eq!(said, [(Matter::Pieces, text)]);
+        }
+    }
+
+    #[test]
+    fn pieces_alone_are_joined_and_are_its_segments() {
+        let later = |number| since(piece(number), "2026-03-01T10:00:00Z", 7.0);
+        // Another session was recorded before.
+        let before = since(swinging("b.csv", 0.0, 4.0), "2026-03-01T09:59:55Z", 2.0);
+        let data = data(&[later(3), before, later(1), later(2)], &[]);
+        assert_eq!(
+            segments(&data),
+            [
+                (0, 0..300, "run_60_2"),
+                (0, 300..600, "run_60_3"),
+                (0, 600..900, "run_60_4"),
+                (1, 0..400, "b"),
+            ]
+        );
+        assert_clocks(&data, &[5.0 + PIECE_S, 0.0]);
+        let joined = data.sessions()[0].recording();
+        assert_eq!(joined.name, "run");
+        let whole = session();
+        for (k, (time, angle)) in joined.time.iter().zip(&joined.angle).enumerate() {
+            assert!((time - INTERVAL_S * k as f64).abs() < 1e-9);
+            assert!((angle - whole.angle[300 + k]).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn a_held_out_piece_of_a_given_session_is_a_held_out_segment_of_it() {
+        // The same on a time axis that does not begin at zero.
+        let mut later = session();
+        for time in &mut later.time {
+            *time += 100.0;
+        }
+        for segment in &mut later.meta.segment {
+            segment.from_s += 100.0;
+            segment.to_s += 100.0;
+        }
+        let mut later_piece = piece(2);
+        later_piece.meta.begins_s = Some(100.0 + 2.0 * PIECE_S);
+        for (whole, piece) in [(session(), piece(2)), (later, later_piece)] {
+            let data = assemble(&[whole], &[piece]).unwrap().data;
+            assert_eq!(data.sessions().len(), 1);
+            assert_eq!(data.indices(true), [0, 1, 3]);
+            assert_eq!(data.indices(false), [2]);
+            assert_eq!(segments(&data)[2], (0, 600..900, "run_60_3"));
+        }
+    }
+
+    #[test]
+    fn a_held_out_piece_among_pieces_is_simulated_through() {
+        let data = data(&[piece(0), piece(2)], &[piece(1)]);
+        assert_eq!(data.sessions().len(), 1);
+        assert_eq!(data.indices(true), [0, 2]);
+        assert_eq!(data.indices(false), [1]);
+    }
+
+    #[test]
+    fn files_without_metadata_are_sessions_of_their_own() {
+        let files = [swinging("a.csv", 0.0, 4.0), swinging("b.csv", 1.0, 5.0)];
+        let data = data(&files, &[swinging("c.csv", 2.0, 4.0)]);
+        assert_eq!(
+            segments(&data),
+            [(0, 0..400, "a"), (1, 0..500, "b"), (2, 0..400, "c")]
+        );
+        assert_eq!(data.indices(false), [2]);
+        assert_clocks(&data, &[0.0; 3]);
+    }
+
+    #[test]
+    fn a_single_file_without_metadata_becomes_four_parts_of_one_session() {
+        let data = data(&[swinging("a.csv", 0.0, 8.0)], &[]);
+        assert_eq!(data.sessions().len(), 1);
+        assert_eq!(
+            segments(&data),
+            [
+                (0, 0..200, "a (part 1 of 4)"),
+                (0, 200..400, "a (part 2 of 4)"),
+                (0, 400..600, "a (part 3 of 4)"),
+                (0, 600..800, "a (part 4 of 4)"),
+            ]
+        );
+    }
+
+    #[test]
+    fn a_missing_piece_makes_two_sessions_that_run_by_one_clock() {
+        let data = data(&[piece(0), piece(1), piece(3)], &[]);
+        assert_eq!(
+            segments(&data),
+            [
+                (0, 0..300, "run_60_1"),
+                (0, 300..600, "run_60_2"),
+                (1, 0..300, "run_60_4"),
+            ]
+        );
+        // What was recorded before, and what is missing.
+        assert_clocks(&data, &[0.0, 3.0 * PIECE_S]);
+    }
+
+    #[test]
+    fn sessions_since_the_same_reset_share_a_clock_and_others_do_not() {
+        let at = |name, started, uptime_s| since(swinging(name, 0.0, 4.0), started, uptime_s);
+        let data = data(
+            &[
+                at("a.csv", "2026-03-01T10:01:10Z", 70.0),
+                // The same reset, by a clock that is two seconds off.
+                at("b.csv", "2026-03-01T10:00:12Z", 10.0),
+                at("c.csv", "2026-03-01T10:05:00Z", 3.0),
+                swinging("d.csv", 0.0, 4.0),
+            ],
+            &[],
+        );
+        assert_clocks(&data, &[60.0, 0.0, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn a_clock_is_that_of_the_first_sample() {
+        let mut later = swinging("a.csv", 0.0, 4.0);
+        for time in &mut later.time {
+            *time += 100.0;
+        }
+        let zero = "2026-03-01T10:00:00Z";
+        let files = [
+            since(later, zero, 7.0),
+            since(swinging("b.csv", 0.0, 4.0), zero, 7.0),
+        ];
+        assert_clocks(&data(&files, &[]), &[100.0, 0.0]);
+    }
+}

@@ -1,0 +1,565 @@
+//! Sessions and their segments.
+//!
+//! A [`Session`] is what is simulated: whole, from its first sample, with its own
+//! clock and zeros. A [`Segment`] is a range of its samples. A segment that is
+//! left out is simulated through with its session, and its residuals are not
+//! fitted; there is no way to simulate it alone.
+
+use std::ops::Range;
+use std::sync::Arc;
+
+use model_core::actuator::Model;
+use model_core::power::Power;
+
+use super::nuisance::{Nuisance, Prior};
+use crate::denoise;
+use crate::recording::Recording;
+use crate::simulate::{FromF64, Origin, Signal, Start, run_from, substeps};
+
+/// A recording that is simulated whole.
+#[derive(Clone, Debug)]
+pub struct Session {
+    recording: Recording,
+    signal: Signal,
+    prior: Prior,
+    guess: Nuisance,
+    /// Whether zeros and start are estimated; elsewhere they are `guess`.
+    estimated: bool,
+    /// Time on the rig's clock at the first sample (s).
+    clock: f64,
+    interval: f64,
+    reach: f64,
+    /// Samples whose angle says nothing.
+    silent: Vec<Range<usize>>,
+}
+
+impl Session {
+    /// Prepares a recording: takes the noise from its pressure, interpolates
+    /// that, and sees how it starts. The angle says nothing in `silent`.
+    pub fn new(recording: Recording, clock: f64, silent: Vec<Range<usize>>) -> Self {
+        let prior = Prior::of(&recording);
+        Self {
+            signal: Signal::new(recording.time.clone(), denoise::pressure(&recording)),
+            guess: prior.mean,
+            prior,
+            estimated: true,
+            clock,
+            interval: recording.interval(),
+            reach: recording
+                .angle
+                .iter()
+                .fold(0.0, |reach, angle| angle.abs().max(reach)),
+            silent,
+            recording,
+        }
+    }
+
+    /// The same with zeros and start that are known and not estimated.
+    pub fn knowing(self, known: Nuisance) -> Self {
+        Self {
+            guess: known,
+            estimated: false,
+            ..self
+        }
+    }
+
+    /// The same with a guess and a prior that were found on more samples.
+    pub fn guessing(self, guess: Nuisance, prior: &Prior) -> Self {
+        Self {
+            guess,
+            prior: *prior,
+            ..self
+        }
+    }
+
+    /// The whole recording.
+    pub fn recording(&self) -> &Recording {
+        &self.recording
+    }
+
+    /// The pressure as it drives simulations, its zero still in it.
+    pub fn signal(&self) -> &Signal {
+        &self.signal
+    }
+
+    /// What is known about zeros and start before any fit.
+    pub fn prior(&self) -> &Prior {
+        &self.prior
+    }
+
+    /// Where fits begin to look for zeros and start.
+    pub fn guess(&self) -> Nuisance {
+        self.guess
+    }
+
+    /// Whether zeros and start are estimated.
+    pub fn is_estimated(&self) -> bool {
+        self.estimated
+    }
+
+    /// Time on the rig's clock at the first sample (s).
+    pub fn clock(&self) -> f64 {
+        self.clock
+    }
+
+    /// The usual time between samples (s).
+    pub fn interval(&self) -> f64 {
+        self.interval
+    }
+
+    /// Largest angle measured (rad), which bounds the step length.
+    pub fn reach(&self) -> f64 {
+        self.reach
+    }
+
+    /// Samples whose angle says nothing: they are simulated, and not fitted.
+    pub fn silent(&self) -> &[Range<usize>] {
+        &self.silent
+    }
+
+    /// Integration steps between two samples for a model.
+    pub fn substeps<R: FromF64, P: Power<R>>(&self, model: &Model<R, P>) -> usize {
+        substeps(model, self.interval, self.reach)
+    }
+
+    /// What the angle sensor shows under a model (rad), its zero included.
+    pub fn simulate<R: FromF64, P: Power<R>>(
+        &self,
+        model: &Model<R, P>,
+        nuisance: &Nuisance,
+    ) -> Vec<f64> {
+        let origin = Origin {
+            start: Start {
+                angle: R::from_f64(nuisance.start.angle - nuisance.angle_zero),
+                rate: R::from_f64(nuisance.start.rate),
+            },
+            pressure_zero: R::from_f64(nuisance.pressure_zero),
+            clock: R::from_f64(self.clock),
+        };
+        run_from(model, &self.signal, origin, self.substeps(model))
+            .reading
+            .into_iter()
+            .map(|reading| reading.to_f64() + nuisance.angle_zero)
+            .collect()
+    }
+
+    /// A simulated reading minus the measured angle (rad); zero where that says
+    /// nothing.
+    pub fn residual_of(&self, simulated: &[f64]) -> Vec<f64> {
+        let mut residual: Vec<f64> = simulated
+            .iter()
+            .zip(&self.recording.angle)
+            .map(|(simulated, measured)| simulated - measured)
+            .collect();
+        for range in &self.silent {
+            residual[range.clone()].fill(0.0);
+        }
+        residual
+    }
+
+    /// The recording with the zeros taken away.
+    pub fn corrected(&self, nuisance: &Nuisance) -> Recording {
+        let mut recording = self.recording.clone();
+        for pressure in &mut recording.pressure {
+            *pressure -= nuisance.pressure_zero;
+        }
+        for angle in &mut recording.angle {
+            *angle -= nuisance.angle_zero;
+        }
+        recording
+    }
+}
+
+/// A range of a session's samples.
+#[derive(Clone, Debug)]
+pub struct Segment {
+    /// The samples of the segment, with the session's time and a name of their
+    /// own.
+    pub recording: Recording,
+    /// Index of the session.
+    pub session: usize,
+    /// Its samples there.
+    pub range: Range<usize>,
+}
+
+/// A segment before it is part of a data set.
+#[derive(Clone, Debug)]
+pub struct Mark {
+    /// Its samples in the session.
+    pub range: Range<usize>,
+    /// Name and metadata of the segment.
+    pub about: Recording,
+    /// Whether it is fitted.
+    pub fitted: bool,
+}
+
+/// Sessions cut into segments, of which some are fitted and others held out.
+#[derive(Clone, Debug, Default)]
+pub struct Dataset {
+    sessions: Vec<Arc<Session>>,
+    segments: Vec<Arc<Segment>>,
+    /// Whether each segment is fitted.
+    fitted: Vec<bool>,
+}
+
+impl Dataset {
+    /// A data set of recordings that are sessions of one segment each, all
+    /// fitted.
+    pub fn of(recordings: &[Recording]) -> Self {
+        let mut this = Self::default();
+        for recording in recordings {
+            let silent = crate::statistics::clipped(&recording.angle);
+            let mark = Mark {
+                range: 0..recording.len(),
+                about: recording.clone(),
+                fitted: true,
+            };
+            this.push(Session::new(recording.clone(), 0.0, silent), vec![mark]);
+        }
+        this
+    }
+
+    /// A single recording whose zeros and start are known.
+    pub fn known(recording: Recording, known: Nuisance) -> Self {
+        let mut this = Self::default();
+        let mark = Mark {
+            range: 0..recording.len(),
+            about: Recording::default(),
+            fitted: true,
+        };
+        let session = Session::new(recording, 0.0, Vec::new()).knowing(known);
+        this.push(session, vec![mark]);
+        this
+    }
+
+    /// Adds a session with its segments.
+    pub fn push(&mut self, session: Session, marks: Vec<Mark>) {
+        let number = self.sessions.len();
+        for mark in marks {
+            let whole = &session.recording;
+            let range = mark.range;
+            let recording = Recording {
+                name: mark.about.name,
+                path: mark.about.path,
+                meta: mark.about.meta,
+                ..whole.slice(&range)
+            };
+            self.segments.push(Arc::new(Segment {
+                recording,
+                session: number,
+                range,
+            }));
+            self.fitted.push(mark.fitted);
+        }
+        self.sessions.push(Arc::new(session));
+    }
+
+    /// The sessions.
+    pub fn sessions(&self) -> &[Arc<Session>] {
+        &self.sessions
+    }
+
+    /// All segments, session by session.
+    pub fn segments(&self) -> &[Arc<Segment>] {
+        &self.segments
+    }
+
+    /// Indices of the segments that are fitted, or of those that are not.
+    pub fn indices(&self, fitted: bool) -> Vec<usize> {
+        (0..self.segments.len())
+            .filter(|&index| self.fitted[index] == fitted)
+            .collect()
+    }
+
+    /// The segments that are fitted.
+    pub fn fitted(&self) -> impl Iterator<Item = &Segment> {
+        self.chosen(true)
+    }
+
+    /// The segments that are held out.
+    pub fn held_out(&self) -> impl Iterator<Item = &Segment> {
+        self.chosen(false)
+    }
+
+    fn chosen(&self, fitted: bool) -> impl Iterator<Item = &Segment> {
+        self.segments
+            .iter()
+            .zip(&self.fitted)
+            .filter(move |(_, is)| **is == fitted)
+            .map(|(segment, _)| segment.as_ref())
+    }
+
+    /// Copies of the recordings of the segments that are fitted, or of those
+    /// that are not.
+    pub fn recordings(&self, fitted: bool) -> Vec<Recording> {
+        self.chosen(fitted)
+            .map(|segment| segment.recording.clone())
+            .collect()
+    }
+
+    /// Number of samples that are fitted.
+    pub fn samples(&self) -> usize {
+        self.fitted().map(|segment| segment.range.len()).sum()
+    }
+
+    /// Largest angle measured (rad).
+    pub fn reach(&self) -> f64 {
+        self.sessions
+            .iter()
+            .map(|session| session.reach)
+            .fold(0.0, f64::max)
+    }
+
+    /// The same with some of the fitted segments left out, by their place among
+    /// those that are fitted.
+    pub fn without(&self, places: &[usize]) -> Self {
+        let mut this = self.clone();
+        for (place, index) in self.indices(true).into_iter().enumerate() {
+            if places.contains(&place) {
+                this.fitted[index] = false;
+            }
+        }
+        this
+    }
+
+    /// The same without the fitted segment at this place, as if it did not exist.
+    pub fn dropping(&self, place: usize) -> Self {
+        let mut this = self.clone();
+        if let Some(&index) = self.indices(true).get(place) {
+            this.segments.remove(index);
+            this.fitted.remove(index);
+        }
+        this
+    }
+
+    /// Only the fitted segments at these places, in data of their own.
+    pub fn only(&self, places: &[usize]) -> Self {
+        let mut this = self.clone();
+        for (place, index) in self.indices(true).into_iter().enumerate() {
+            this.fitted[index] = places.contains(&place);
+        }
+        this
+    }
+
+    /// The same with better guesses of zeros and starts, one a session.
+    pub fn guessing(&self, nuisances: &[Nuisance]) -> Self {
+        self.mapped(|index, session| {
+            nuisances
+                .get(index)
+                .filter(|_| session.estimated)
+                .map(|guess| Session {
+                    guess: *guess,
+                    ..session.clone()
+                })
+        })
+    }
+
+    /// The same with other pressures (Pa), one series a session.
+    pub fn with_pressures(&self, pressures: &[Vec<f64>]) -> Self {
+        self.mapped(|index, session| {
+            let mut recording = session.recording.clone();
+            recording.pressure.clone_from(pressures.get(index)?);
+            Some(Session {
+                signal: Signal::new(recording.time.clone(), denoise::pressure(&recording)),
+                recording,
+                ..session.clone()
+            })
+        })
+    }
+
+    /// The same with zeros known to a part of their usual deviation: they are
+    /// taken to be calibrated.
+    pub fn calibrated(&self) -> Self {
+        /// Part of the deviation that is left.
+        const PART: f64 = 0.05;
+        self.mapped(|_, session| {
+            let mut session = session.clone();
+            session.prior.deviation.pressure_zero *= PART;
+            session.prior.deviation.angle_zero *= PART;
+            session.guess = session.prior.mean;
+            Some(session)
+        })
+    }
+
+    fn mapped(&self, change: impl Fn(usize, &Session) -> Option<Session>) -> Self {
+        Self {
+            sessions: self
+                .sessions
+                .iter()
+                .enumerate()
+                .map(|(index, session)| {
+                    change(index, session).map_or_else(|| Arc::clone(session), Arc::new)
+                })
+                .collect(),
+            ..self.clone()
+        }
+    }
+
+    /// What a fit compares in a session: its fitted samples. None if nothing of
+    /// it is fitted.
+    pub fn fitted_ranges(&self, session: usize) -> Vec<Range<usize>> {
+        self.ranges(session, true)
+    }
+
+    /// The ranges of a session that are fitted, or that are held out.
+    pub fn ranges(&self, session: usize, fitted: bool) -> Vec<Range<usize>> {
+        self.segments
+            .iter()
+            .zip(&self.fitted)
+            .filter(|(segment, is)| segment.session == session && **is == fitted)
+            .map(|(segment, _)| segment.range.clone())
+            .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fit::{Effort, Fitter};
+    use crate::statistics::rms;
+    use model_core::actuator::{Dynamics, ParameterId};
+    use model_core::catalogue::{Effect, Kind};
+
+    /// Samples of a step and its release, 100 a second.
+    const STEP: usize = 600;
+
+    fn model(effects: &[Effect<f64>]) -> Model<f64> {
+        let dynamics = Dynamics {
+            inertia: 0.3,
+            damping: 1.6,
+            stiffness: 3.8,
+            exponent: 1.727,
+            input_gain: 1.2e-4,
+        };
+        Model::new(dynamics, effects).unwrap()
+    }
+
+    /// Steps of these pressures (Pa), each released again, behind a rest; and what
+    /// the sensors show of a model without noise.
+    fn recorded(model: &Model<f64>, steps: &[f64], known: &Nuisance) -> Recording {
+        let time: Vec<f64> = (0..steps.len() * STEP).map(|k| k as f64 * 0.01).collect();
+        let pressure = (0..time.len()).map(|k| {
+            let share = (k % STEP) as f64 / STEP as f64;
+            // Up within a third of a second, down within half.
+            let up = ((share - 0.1) / 0.05).clamp(0.0, 1.0);
+            let down = ((share - 0.6) / 0.08).clamp(0.0, 1.0);
+            known.pressure_zero + steps[k / STEP] * (up - down)
+        });
+        let mut recording = Recording {
+            angle: vec![0.0; time.len()],
+            pressure: pressure.collect(),
+            time,
+            ..Recording::default()
+        };
+        // Steps of integration depend on the reach of the measured angle.
+        for _ in 0..2 {
+            let session = Session::new(recording.clone(), 0.0, Vec::new());
+            recording.angle = session.simulate(model, known);
+        }
+        recording
+    }
+
+    fn mark(range: Range<usize>, fitted: bool) -> Mark {
+        Mark {
+            range,
+            about: Recording::default(),
+            fitted,
+        }
+    }
+
+    fn held_out_error(model: &Model<f64>, data: &Dataset) -> f64 {
+        let fitter = Fitter {
+            nominal: model,
+            data,
+        };
+        let residuals = fitter.validate(model).residuals;
+        assert_eq!(residuals.len(), 1);
+        assert_eq!(residuals[0].len(), STEP);
+        rms(&residuals[0])
+    }
+
+    /// What sessions are for: a memory that was made before a segment begins.
+    #[test]
+    fn a_held_out_segment_keeps_the_memory_of_its_session() {
+        for (kind, values) in [
+            (Kind::MullinsSoftening, [0.4, 0.5]),
+            (Kind::BoucWenHysteresis, [0.4, 0.2]),
+        ] {
+            let model = model(&[kind.build(&values).unwrap()]);
+            let steps = [60e3, 20e3, 40e3];
+            let recording = recorded(&model, &steps, &Nuisance::AT_ZERO);
+            let last = 2 * STEP..3 * STEP;
+
+            let mut whole = Dataset::default();
+            whole.push(
+                Session::new(recording.clone(), 0.0, Vec::new()),
+                vec![
+                    mark(0..STEP, true),
+                    mark(STEP..2 * STEP, true),
+                    mark(last.clone(), false),
+                ],
+            );
+            let kept = held_out_error(&model, &whole);
+
+            let cut = Recording {
+                time: recording.time[last.clone()].to_vec(),
+                pressure: recording.pressure[last.clone()].to_vec(),
+                angle: recording.angle[last].to_vec(),
+                ..Recording::default()
+            };
+            let mut alone = Dataset::default();
+            let session = Session::new(cut, 0.0, Vec::new());
+            alone.push(session, vec![mark(0..STEP, false)]);
+            let lost = held_out_error(&model, &alone);
+
+            println!("{}: {kept:e} rad whole, {lost:e} rad cut", kind.name());
+            assert!(kept < 1e-9, "{}: {kept}", kind.name());
+            // A twentieth of a degree, although zeros and start may follow.
+            assert!(lost > 1e-3, "{}: {lost}", kind.name());
+        }
+    }
+
+    #[test]
+    fn zeros_of_the_sensors_are_found_with_the_parameters() {
+        let truth = model(&[]);
+        let angle_zero = 1f64.to_radians();
+        let known = Nuisance {
+            pressure_zero: 350.0,
+            angle_zero,
+            start: Start {
+                angle: angle_zero,
+                rate: 0.0,
+            },
+        };
+        let recording = recorded(&truth, &[15e3, 30e3, 60e3], &known);
+        let data = Dataset::of(&[recording]);
+        let nominal = truth
+            .with_value(ParameterId::Damping, 1.4)
+            .with_value(ParameterId::Stiffness, 4.1)
+            .with_value(ParameterId::InputGain, 1.1e-4);
+        let free = [
+            ParameterId::Damping,
+            ParameterId::Stiffness,
+            ParameterId::InputGain,
+        ];
+        let fitter = Fitter {
+            nominal: &nominal,
+            data: &data,
+        };
+        let fit = fitter.fit(&nominal, &free, Effort::Full);
+        let found = fit.nuisances[0];
+        println!("{found:?}, {:e} rad", fit.rmse());
+        assert!((found.pressure_zero - 350.0).abs() < 20.0, "{found:?}");
+        assert!(
+            (found.angle_zero - angle_zero).abs() < 0.05f64.to_radians(),
+            "{found:?}"
+        );
+        for id in free {
+            let (found, truth) = (fit.model.value(id).unwrap(), truth.value(id).unwrap());
+            assert!(
+                (found / truth - 1.0).abs() < 2e-3,
+                "{id:?}: {found}, not {truth}"
+            );
+        }
+    }
+}

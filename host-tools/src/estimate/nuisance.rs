@@ -1,0 +1,327 @@
+//! What is estimated beside the model in every fit: zeros and starts.
+//!
+//! The zeros of both sensors are never exactly known, and the start of a session
+//! is only measured with noise. On a rig with the exponent 2.4 the stiffness
+//! vanishes at 0°, and a pressure zero that is off by 0.3 kPa moves the rest
+//! angle by 9°: an effect would be bent to repair it. So each session has four
+//! unknowns of its own,
+//!
+//! ```text
+//! p = p_measured − p₀        y_measured = y + b        y(0) = s − b,  ẏ(0) = r
+//! ```
+//!
+//! | symbol | quantity | what is known before |
+//! |---|---|---|
+//! | p₀ | zero of the pressure (Pa) | the calibration, else 0 ± 0.5 kPa |
+//! | b | zero of the angle (rad) | the calibration, else 0 ± 2° |
+//! | s | measured angle at the first sample (rad) | the rest, or a parabola |
+//! | r | its rate (rad/s) | the same |
+//!
+//! What is known before enters the sum of squares as one more residual for each,
+//! (estimate − mean)/deviation, in units of the angle's noise. A zero beyond
+//! [`FARTHEST`] deviations is not a zero: the search stops there, and an effect
+//! has to say what is left.
+
+use crate::recording::Recording;
+use crate::simulate::Start;
+use crate::smooth::motion;
+use crate::statistics::{mean, moves, noise_by_differences, quantum, scatter, swing};
+
+/// Standard deviation of the pressure's zero where the metadata has no
+/// calibration (Pa): the offset of an 80 psi sensor after a tare.
+const PRESSURE_ZERO_SD_PA: f64 = 500.0;
+
+/// Standard deviation of the angle's zero where the metadata has no
+/// calibration (rad): 2°, how well a flex sensor is put back in its place.
+const ANGLE_ZERO_SD_RAD: f64 = 0.034_906_585_039_886_59;
+
+/// Standard deviation of a zero that is held (Pa).
+const HELD_PA: f64 = 1e-3;
+
+/// A zero is searched within so many standard deviations.
+pub const FARTHEST: f64 = 3.0;
+
+/// Unknowns of a session.
+pub const UNKNOWNS: usize = 4;
+
+/// The unknowns of one session.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Nuisance {
+    /// What the pressure sensor shows without pressure (Pa).
+    pub pressure_zero: f64,
+    /// What the angle sensor shows at 0 rad (rad).
+    pub angle_zero: f64,
+    /// The measured angle and its rate at the first sample.
+    pub start: Start<f64>,
+}
+
+impl Nuisance {
+    /// Sensors whose zeros are right, and a start at rest at zero.
+    pub const AT_ZERO: Self = Self {
+        pressure_zero: 0.0,
+        angle_zero: 0.0,
+        start: Start {
+            angle: 0.0,
+            rate: 0.0,
+        },
+    };
+}
+
+/// What is known about the unknowns of a session before any fit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Prior {
+    /// Means.
+    pub mean: Nuisance,
+    /// Standard deviations, in the same units.
+    pub deviation: Nuisance,
+    /// Noise of the measured angle (rad), in which a deviation of one counts.
+    pub noise: f64,
+    /// Whether the session starts at rest.
+    pub rests: bool,
+}
+
+impl Prior {
+    /// Takes what the first samples and the metadata say.
+    pub fn of(recording: &Recording) -> Self {
+        let noise = noise_by_differences(&recording.angle)
+            .max(quantum(&recording.angle) / 12f64.sqrt())
+            .max(1e-6);
+        let calibration = recording.meta.calibration.as_ref();
+        let pressure_zero = calibration
+            .and_then(|known| known.pressure_zero_sd_kpa)
+            .map_or(PRESSURE_ZERO_SD_PA, |sd| {
+                sd * crate::recording::PASCAL_PER_KPA
+            });
+        // A pressure that never moves is a constant force, which the zero of the
+        // angle follows as well.
+        let pressure_zero = if moves(&recording.pressure) {
+            pressure_zero
+        } else {
+            HELD_PA
+        };
+        let angle_zero = calibration
+            .and_then(|known| known.angle_zero_sd_deg)
+            .map_or(ANGLE_ZERO_SD_RAD, f64::to_radians);
+        let rest = rest_at_start(recording);
+        let (start, deviation) = if rest == 0 {
+            in_motion(recording)
+        } else {
+            at_rest(recording, rest, noise)
+        };
+        Self {
+            mean: Nuisance {
+                pressure_zero: 0.0,
+                angle_zero: 0.0,
+                start,
+            },
+            deviation: Nuisance {
+                pressure_zero: pressure_zero.max(HELD_PA),
+                angle_zero: angle_zero.max(1e-9),
+                start: deviation,
+            },
+            noise,
+            rests: rest > 0,
+        }
+    }
+
+    /// How far estimates are from what was known before, in standard deviations:
+    /// pressure zero, angle zero, start angle, start rate.
+    pub fn departures(&self, estimate: &Nuisance) -> [f64; UNKNOWNS] {
+        let (mean, sd) = (&self.mean, &self.deviation);
+        [
+            (estimate.pressure_zero - mean.pressure_zero) / sd.pressure_zero,
+            (estimate.angle_zero - mean.angle_zero) / sd.angle_zero,
+            (estimate.start.angle - mean.start.angle) / sd.start.angle,
+            (estimate.start.rate - mean.start.rate) / sd.start.rate,
+        ]
+    }
+
+    /// The estimates at a position of the solver. Its coordinates are of the
+    /// order of one; those of the zeros fold back at the end of their range.
+    pub fn at(&self, position: [f64; UNKNOWNS]) -> Nuisance {
+        let (mean, sd) = (&self.mean, &self.deviation);
+        let [pressure, angle, start, rate] = position;
+        Nuisance {
+            pressure_zero: mean.pressure_zero + FARTHEST * sd.pressure_zero * pressure.sin(),
+            angle_zero: mean.angle_zero + FARTHEST * sd.angle_zero * angle.sin(),
+            start: Start {
+                angle: mean.start.angle + sd.start.angle * start,
+                rate: mean.start.rate + sd.start.rate * rate,
+            },
+        }
+    }
+
+    /// The position of estimates: the inverse of [`Prior::at`].
+    pub fn position(&self, estimate: &Nuisance) -> [f64; UNKNOWNS] {
+        /// At the end of the range the slope is zero, and no solver could leave.
+        const END: f64 = 0.999;
+        let [pressure, angle, start, rate] = self.departures(estimate);
+        [
+            (pressure / FARTHEST).clamp(-END, END).asin(),
+            (angle / FARTHEST).clamp(-END, END).asin(),
+            start,
+            rate,
+        ]
+    }
+
+    /// Derivatives of the estimates by the position.
+    pub fn slopes(&self, position: [f64; UNKNOWNS]) -> [f64; UNKNOWNS] {
+        let sd = &self.deviation;
+        [
+            FARTHEST * sd.pressure_zero * position[0].cos(),
+            FARTHEST * sd.angle_zero * position[1].cos(),
+            sd.start.angle,
+            sd.start.rate,
+        ]
+    }
+}
+
+/// The start of a session that rests over its first `rest` samples: a straight
+/// line through them, for it may still creep.
+fn at_rest(recording: &Recording, rest: usize, noise: f64) -> (Start<f64>, Start<f64>) {
+    let (time, angle) = (&recording.time[..rest], &recording.angle[..rest]);
+    let count = rest as f64;
+    let error = noise / count.sqrt();
+    let middle = mean(time) - recording.time[0];
+    let spread: f64 = time
+        .iter()
+        .map(|t| (t - recording.time[0] - middle).powi(2))
+        .sum::<f64>()
+        .max(f64::MIN_POSITIVE);
+    let level = mean(angle);
+    let slope = time
+        .iter()
+        .zip(angle)
+        .map(|(t, a)| (t - recording.time[0] - middle) * (a - level))
+        .sum::<f64>()
+        / spread;
+    let slope_error = noise / spread.sqrt();
+    // A slope that noise explains is none.
+    let slope = if slope.abs() < 3.0 * slope_error {
+        0.0
+    } else {
+        slope
+    };
+    (
+        Start {
+            angle: level - slope * middle,
+            rate: slope,
+        },
+        Start {
+            angle: error + slope.abs() * middle,
+            rate: slope_error,
+        },
+    )
+}
+
+/// Angle and rate at the first sample from a parabola through the first ten, and
+/// deviations that leave the fit free to move them.
+fn in_motion(recording: &Recording) -> (Start<f64>, Start<f64>) {
+    let first = motion(recording, 0, 10, 0);
+    let reach = recording
+        .angle
+        .iter()
+        .fold(1e-3, |reach: f64, angle| angle.abs().max(reach));
+    let duration = 10.0 * recording.interval();
+    (
+        Start {
+            angle: first.map_or(recording.angle[0], |motion| motion.angle),
+            rate: first.map_or(0.0, |motion| motion.rate),
+        },
+        Start {
+            angle: reach,
+            rate: reach / duration.max(1e-6),
+        },
+    )
+}
+
+/// Samples, of the first second, before pressure or angle move; zero if the
+/// recording starts in motion, or if something shakes it while it rests.
+pub fn rest_at_start(recording: &Recording) -> usize {
+    /// Fewer samples than this do not show a rest.
+    const FEWEST: usize = 5;
+    /// A rest longer than this (s) adds nothing.
+    const LONGEST: f64 = 1.0;
+    /// So many samples show more than noise, …
+    const ENOUGH: usize = 30;
+    /// … if they scatter by more than this factor of it.
+    const SHAKEN: f64 = 1.3;
+    let noise = noise_by_differences(&recording.angle).max(1e-9);
+    let pressure_noise = noise_by_differences(&recording.pressure);
+    let still = 0.01 * swing(&recording.pressure) + 5.0 * pressure_noise;
+    let first_pressure = mean(&recording.pressure[..FEWEST.min(recording.len())]);
+    let first_angle = mean(&recording.angle[..FEWEST.min(recording.len())]);
+    let rest = (0..recording.len())
+        .take_while(|&k| {
+            recording.time[k] - recording.time[0] <= LONGEST
+                && (recording.pressure[k] - first_pressure).abs() <= still
+                && (recording.angle[k] - first_angle).abs() <= 5.0 * noise
+        })
+        .count();
+    let shaken = rest >= ENOUGH && scatter(&recording.angle[..rest]) > SHAKEN * noise;
+    if rest >= FEWEST && !shaken { rest } else { 0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn resting(angle: f64, slope: f64) -> Recording {
+        let time: Vec<f64> = (0..400).map(|k| f64::from(k) * 0.01).collect();
+        Recording {
+            pressure: time
+                .iter()
+                .map(|t| if *t > 0.6 { 40e3 } else { 0.0 })
+                .collect(),
+            angle: time
+                .iter()
+                .enumerate()
+                .map(|(k, t)| {
+                    let noise = 1e-3 * f64::from(u8::try_from(k * 7 % 5).unwrap()) - 2e-3;
+                    angle + slope * t + (t - 0.6).max(0.0) + noise
+                })
+                .collect(),
+            time,
+            ..Recording::default()
+        }
+    }
+
+    #[test]
+    fn a_rest_gives_the_start_and_how_well_it_is_known() {
+        let prior = Prior::of(&resting(0.2, 0.0));
+        assert!(prior.rests);
+        assert!((prior.mean.start.angle - 0.2).abs() < 1e-3);
+        assert!(prior.deviation.start.angle < 1e-3);
+        let creeping = Prior::of(&resting(0.2, 0.01));
+        assert!((creeping.mean.start.rate - 0.01).abs() < 2e-3);
+    }
+
+    #[test]
+    fn the_metadata_says_how_well_zeros_are_known() {
+        let mut recording = resting(0.0, 0.0);
+        let unknown = Prior::of(&recording);
+        assert!((unknown.deviation.angle_zero.to_degrees() - 2.0).abs() < 1e-9);
+        recording.meta.calibration = Some(crate::recording::CalibrationMeta {
+            pressure_zero_sd_kpa: Some(0.1),
+            angle_zero_sd_deg: Some(0.5),
+        });
+        let known = Prior::of(&recording);
+        assert!((known.deviation.pressure_zero - 100.0).abs() < 1e-9);
+        assert!((known.deviation.angle_zero.to_degrees() - 0.5).abs() < 1e-9);
+    }
+
+    proptest! {
+        #[test]
+        fn positions_and_estimates_are_inverse(
+            pressure in -0.9..0.9f64, angle in -0.9..0.9f64, start in -5.0..5.0f64, rate in -5.0..5.0f64,
+        ) {
+            let prior = Prior::of(&resting(0.1, 0.0));
+            let position = [pressure, angle, start, rate];
+            let back = prior.position(&prior.at(position));
+            for (there, here) in back.iter().zip(position) {
+                prop_assert!((there - here).abs() < 1e-9);
+            }
+        }
+    }
+}

@@ -1,0 +1,151 @@
+//! Parts of the data that are enough to find starts and to rank candidates.
+
+use std::ops::Range;
+
+use model_core::actuator::Model;
+
+use super::dataset::{Dataset, Mark, Session};
+use super::nuisance::Nuisance;
+use crate::recording::Recording;
+use crate::simulate::Start;
+use crate::smooth::{half_window, motion};
+
+/// Cuts the fitted segments into short pieces that each start where the measured
+/// motion is: the data on which fits find their way.
+///
+/// Over a whole recording a small error of frequency puts simulation and
+/// measurement out of phase, and the sum of squares is full of valleys that
+/// lead nowhere. Over half a swing it has one. Fitting the pieces is biased by
+/// the noise of their starts and by hidden states that had no time to build
+/// up, so it gives starts for fits and nothing else. The zeros are the guesses of
+/// the sessions.
+///
+/// The pieces last about half a swing of the `nominal` model, between 10 samples
+/// and 1 s; enough of them are taken at even distances.
+pub fn pieces(data: &Dataset, nominal: &Model<f64>) -> Dataset {
+    const FEWEST: f64 = 10.0;
+    const LONGEST_S: f64 = 1.0;
+    /// Samples that are enough to find a start.
+    const ENOUGH: usize = 2_000;
+    let mut pieces = Vec::new();
+    for segment in data.fitted() {
+        let session = &data.sessions()[segment.session];
+        let stiffness = nominal.fastest_rate(session.reach()).stiffness;
+        let half_swing = std::f64::consts::PI / stiffness.sqrt();
+        let samples = (half_swing.min(LONGEST_S) / session.interval()).max(FEWEST);
+        // At most a second of samples.
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let length = samples as usize;
+        let recording = &segment.recording;
+        let half = half_window(recording);
+        let mut begin = half;
+        while begin + length < recording.len() {
+            let at = motion(recording, begin - half, begin + half + 1, begin);
+            if let Some(motion) = at {
+                let known = Nuisance {
+                    start: Start {
+                        angle: motion.angle,
+                        rate: motion.rate,
+                    },
+                    ..session.guess()
+                };
+                let clock = session.clock() + recording.time[begin] - session.recording().time[0];
+                let first = segment.range.start + begin;
+                pieces.push((cut(session, first..first + length, 1), clock, known));
+            }
+            begin += length;
+        }
+    }
+    let samples: usize = pieces.iter().map(|(piece, ..)| piece.len()).sum();
+    let stride = samples.div_ceil(ENOUGH).max(1);
+    let mut found = Dataset::default();
+    for (piece, clock, known) in pieces.into_iter().step_by(stride) {
+        let mark = whole(&piece, true);
+        let session = Session::new(piece, clock, Vec::new()).knowing(known);
+        found.push(session, vec![mark]);
+    }
+    found
+}
+
+/// A part of the sessions: enough to rank starts and candidates before the best
+/// are fitted to everything.
+///
+/// Takes sessions at even distances in the list until there are enough samples.
+/// One that is longer than what is left is thinned, not cut: what it remembers is
+/// in its whole length.
+pub fn excerpt(data: &Dataset) -> Dataset {
+    /// Samples that are enough to rank.
+    const ENOUGH: usize = 4_000;
+    /// Fewer samples show nothing new.
+    const FEWEST: usize = 100;
+    /// Samples are not thinned beyond this interval (s): edges would go.
+    const COARSEST_S: f64 = 0.05;
+    let sessions = data.sessions();
+    let with_fit: Vec<usize> = (0..sessions.len())
+        .filter(|&index| !data.fitted_ranges(index).is_empty())
+        .collect();
+    let all: usize = with_fit
+        .iter()
+        .map(|&index| sessions[index].recording().len())
+        .sum();
+    let stride = all.div_ceil(ENOUGH).max(1);
+    let mut order: Vec<(usize, usize)> = with_fit.iter().copied().enumerate().collect();
+    order.sort_by_key(|(place, _)| (place % stride, *place));
+    let mut found = Dataset::default();
+    let mut room = ENOUGH;
+    for (_, index) in order {
+        let session = &sessions[index];
+        let recording = session.recording();
+        if room < recording.len().min(FEWEST) {
+            break;
+        }
+        let coarsest = (COARSEST_S / session.interval()).floor().max(1.0);
+        // A ratio of two times of a recording, at least 1.
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let thin = recording.len().div_ceil(room).min(coarsest as usize).max(1);
+        let thinned = cut(session, 0..recording.len(), thin);
+        let kept = |at: usize| at.div_ceil(thin);
+        let silent = session
+            .silent()
+            .iter()
+            .map(|range| kept(range.start)..kept(range.end))
+            .collect();
+        let marks = data
+            .fitted_ranges(index)
+            .into_iter()
+            .map(|range| Mark {
+                range: kept(range.start)..kept(range.end),
+                about: Recording::default(),
+                fitted: true,
+            })
+            .collect();
+        room = room.saturating_sub(thinned.len());
+        let mut part = Session::new(thinned, session.clock(), silent);
+        part = part.guessing(session.guess(), session.prior());
+        found.push(part, marks);
+    }
+    found
+}
+
+/// Every so many samples of a session, the noise of its pressure taken away.
+fn cut(session: &Session, samples: Range<usize>, stride: usize) -> Recording {
+    let pick = |values: &[f64]| {
+        let samples = samples.clone().step_by(stride);
+        samples.map(|k| values[k]).collect()
+    };
+    let recording = session.recording();
+    Recording {
+        time: pick(&recording.time),
+        pressure: pick(session.signal().values()),
+        angle: pick(&recording.angle),
+        ..Recording::default()
+    }
+}
+
+fn whole(recording: &Recording, fitted: bool) -> Mark {
+    Mark {
+        range: 0..recording.len(),
+        about: Recording::default(),
+        fitted,
+    }
+}

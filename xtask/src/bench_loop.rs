@@ -1,0 +1,555 @@
+//! The whole loop on many drawn actuators: what a diagnosis is worth to the board
+//! that asked for it.
+
+use std::{
+    fmt::Write as _,
+    fs,
+    process::{Command, Stdio},
+    sync::{Mutex, PoisonError},
+    thread,
+    time::Duration,
+};
+
+use crate::{
+    rig_loop::{
+        self, Board, Drawn, Folder, PROTOCOL, Programs, Verdict, in_words, record, upload_model,
+        upload_repaired,
+    },
+    shell::{Failure, Outcome, read_within, root, target_dir},
+};
+
+/// How long an upload, or the comparison at the end, may take.
+const SHORT_LIMIT: Duration = Duration::from_secs(180);
+/// How long a recording may take: some 75 s of the board's time, simulated slower
+/// than that where cores are shared.
+const RECORD_LIMIT: Duration = Duration::from_secs(1_200);
+/// How long a diagnosis may take.
+const DIAGNOSE_LIMIT: Duration = Duration::from_secs(1_800);
+/// An answer set of more rivals than this does not count as an answer.
+const LARGEST_ANSWER: usize = 3;
+/// More seeds than anyone waits for: a slip in the range.
+const MOST_SEEDS: u64 = 10_000;
+
+/// What to run.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Options {
+    /// One case each.
+    seeds: Vec<u64>,
+    /// The seeds as they were asked for.
+    asked: String,
+    /// Cases at a time.
+    jobs: usize,
+    /// Whether the page in the documentation is written.
+    docs: bool,
+}
+
+impl Options {
+    /// Reads them from the command line.
+    ///
+    /// # Errors
+    ///
+    /// Says what makes no sense.
+    pub fn parse(words: &[&str]) -> Result<Self, String> {
+        let cores = thread::available_parallelism().map_or(1, usize::from);
+        let mut options = Self {
+            seeds: Vec::new(),
+            asked: String::new(),
+            jobs: (cores / 2).max(1),
+            docs: false,
+        };
+        let mut words = words.iter();
+        while let Some(&word) = words.next() {
+            if word == "--docs" {
+                options.docs = true;
+                continue;
+            }
+            let value = *words
+                .next()
+                .ok_or_else(|| format!("bench loop: {word} needs a value, or is not known"))?;
+            match word {
+                "--seeds" => {
+                    options.seeds = seeds(value).ok_or_else(|| {
+                        format!("bench loop: {value:?} are no seeds; give 201..212 (both included) or 1,5,9")
+                    })?;
+                    options.asked = value.into();
+                }
+                "--jobs" => {
+                    options.jobs = value
+                        .parse()
+                        .ok()
+                        .filter(|jobs| *jobs > 0)
+                        .ok_or_else(|| format!("bench loop: {value:?} is no number of jobs"))?;
+                }
+                _ => return Err(format!("bench loop: there is no option {word}")),
+            }
+        }
+        if options.seeds.is_empty() {
+            return Err("bench loop: name the actuators, as --seeds 201..212".into());
+        }
+        Ok(options)
+    }
+}
+
+/// A range with both ends, or a list.
+fn seeds(text: &str) -> Option<Vec<u64>> {
+    if let Some((first, last)) = text.split_once("..") {
+        let last = last.strip_prefix('=').unwrap_or(last);
+        let (first, last): (u64, u64) = (first.parse().ok()?, last.parse().ok()?);
+        let count = last.checked_sub(first)?;
+        return (count < MOST_SEEDS).then(|| (first..=last).collect());
+    }
+    text.split(',')
+        .map(|seed| seed.trim().parse().ok())
+        .collect()
+}
+
+/// Runs the loop for each seed.
+pub fn bench(options: &Options) -> Outcome {
+    let programs = Programs::build()?;
+    let queue = Mutex::new(options.seeds.iter().copied());
+    let rows = Mutex::new(Vec::new());
+    thread::scope(|scope| {
+        for _ in 0..options.jobs.min(options.seeds.len()) {
+            scope.spawn(|| {
+                loop {
+                    let next = queue.lock().unwrap_or_else(PoisonError::into_inner).next();
+                    let Some(seed) = next else { break };
+                    let row = Row::of(&programs, seed);
+                    println!("{}", row.line());
+                    rows.lock()
+                        .unwrap_or_else(PoisonError::into_inner)
+                        .push(row);
+                }
+            });
+        }
+    });
+    let mut rows = rows.into_inner().unwrap_or_else(PoisonError::into_inner);
+    rows.sort_by_key(|row| row.seed);
+    println!("\n{}", Summary::of(&rows).text());
+    if options.docs {
+        let path = root().join("docs/loop.md");
+        fs::write(&path, page(&options.asked, &rows))
+            .map_err(|error| format!("cannot write {}: {error}", path.display()))?;
+        println!("table: docs/loop.md");
+    }
+    Ok(())
+}
+
+/// One actuator.
+#[derive(Clone, Debug)]
+struct Row {
+    seed: u64,
+    /// What the actuator hides; empty where it only has other parameters.
+    hidden: Vec<String>,
+    /// How it went, or why it did not.
+    went: Result<Done, String>,
+}
+
+/// A case that went through.
+#[derive(Clone, Debug)]
+struct Done {
+    verdict: Verdict,
+    /// The board's gap before the upload (° RMS).
+    before_deg: f64,
+    /// The board's gap after it (° RMS).
+    after_deg: f64,
+}
+
+impl Done {
+    /// How many times smaller the gap is after the upload.
+    fn ratio(&self) -> f64 {
+        self.before_deg / self.after_deg
+    }
+}
+
+/// What an answer is worth beside the truth.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Score {
+    /// What is hidden, and nothing else, is named.
+    Named,
+    /// It is one of a few answers that are left open.
+    Among,
+    /// It is one of many.
+    AmongMany,
+    /// Some of what is hidden is named, and nothing else.
+    Partly,
+    /// Something is named that is not there.
+    Wrong,
+    /// Nothing of this.
+    Silent,
+}
+
+impl Score {
+    fn of(hidden: &[String], verdict: &Verdict) -> Self {
+        let is_hidden = |kinds: &[String]| {
+            let (mut kinds, mut hidden) = (kinds.to_vec(), hidden.to_vec());
+            kinds.sort();
+            hidden.sort();
+            kinds == hidden
+        };
+        match verdict.answer.as_str() {
+            "effect_found" if is_hidden(&verdict.named) => Self::Named,
+            "effect_found" if verdict.named.iter().all(|kind| hidden.contains(kind)) => {
+                Self::Partly
+            }
+            "effect_found" => Self::Wrong,
+            "parameters_only" | "no_discrepancy" if hidden.is_empty() => Self::Named,
+            "cannot_tell" if verdict.alternatives.iter().any(|kinds| is_hidden(kinds)) => {
+                if verdict.alternatives.len() <= LARGEST_ANSWER {
+                    Self::Among
+                } else {
+                    Self::AmongMany
+                }
+            }
+            _ => Self::Silent,
+        }
+    }
+
+    fn words(self) -> &'static str {
+        match self {
+            Self::Named => "named",
+            Self::Among => "in the answer set",
+            Self::AmongMany => "in an answer set of more than three",
+            Self::Partly => "named in part",
+            Self::Wrong => "WRONG NAME",
+            Self::Silent => "not named",
+        }
+    }
+}
+
+impl Row {
+    fn of(programs: &Programs, seed: u64) -> Self {
+        let path = target_dir().join("loop").join(seed.to_string());
+        let folder = Folder::clear(path);
+        let went = folder
+            .as_ref()
+            .map_err(ToString::to_string)
+            .and_then(|folder| case(programs, seed, folder).map_err(|failure| failure.to_string()));
+        let hidden = folder
+            .and_then(|folder| folder.hidden())
+            .unwrap_or_default();
+        Self { seed, hidden, went }
+    }
+
+    fn score(&self) -> Option<Score> {
+        let done = self.went.as_ref().ok()?;
+        Some(Score::of(&self.hidden, &done.verdict))
+    }
+
+    /// What the table shows, cell by cell.
+    fn cells(&self) -> Vec<String> {
+        let hidden = if self.hidden.is_empty() {
+            "parameters only".into()
+        } else {
+            in_words(&self.hidden)
+        };
+        let mut cells = vec![self.seed.to_string(), hidden];
+        match &self.went {
+            Ok(done) => {
+                let verdict = &done.verdict;
+                let answer = if verdict.named.is_empty() {
+                    let sets = verdict.alternatives.iter().map(|kinds| in_words(kinds));
+                    let sets: Vec<String> = sets.collect();
+                    if verdict.answer == "cannot_tell" {
+                        sets.join(" / ")
+                    } else {
+                        "–".into()
+                    }
+                } else {
+                    in_words(&verdict.named)
+                };
+                let score = Score::of(&self.hidden, verdict);
+                let kept = if verdict.upload { "" } else { ", no upload" };
+                cells.extend([
+                    verdict.answer.replace('_', " "),
+                    answer,
+                    format!("{}{kept}", score.words()),
+                    format!("{:.3}", done.before_deg),
+                    format!("{:.3}", done.after_deg),
+                    format!("{:.2}", done.ratio()),
+                    format!("{:.0}", verdict.seconds),
+                ]);
+            }
+            Err(why) => {
+                // One line, and nothing that ends a cell of the table.
+                let why = why.split_whitespace().collect::<Vec<_>>().join(" ");
+                let why: String = why.replace('|', "/").chars().take(160).collect();
+                cells.extend(["failed".into(), why]);
+                cells.extend(std::iter::repeat_n(String::new(), 5));
+            }
+        }
+        cells
+    }
+
+    fn line(&self) -> String {
+        let cells = self.cells();
+        match &self.went {
+            Ok(_) => format!(
+                "{}: hides {}; {}: {} [{}]; gap {}° to {}°, {} times smaller; diagnosed in {} s",
+                cells[0],
+                cells[1],
+                cells[2],
+                cells[3],
+                cells[4],
+                cells[5],
+                cells[6],
+                cells[7],
+                cells[8]
+            ),
+            Err(_) => format!("{}: hides {}; failed: {}", cells[0], cells[1], cells[3]),
+        }
+    }
+}
+
+/// One pass through the loop.
+fn case(programs: &Programs, seed: u64, folder: &Folder) -> Outcome<Done> {
+    let complaints =
+        fs::File::create(folder.file("simulator.log")).map_or_else(|_| Stdio::null(), Stdio::from);
+    let drawn = Drawn { seed, effect: None };
+    let image = Some(programs.image.as_path());
+    let board = Board::start(&programs.simulator, &drawn, folder, image, complaints)?;
+    let log = |name: &str, command: &mut Command, limit: Duration| -> Outcome<String> {
+        let said = read_within(command, limit).map_err(|failure| {
+            let _ = fs::write(folder.file(name), &failure.0);
+            Failure(format!("{name}: {}", reason(&failure.0)))
+        })?;
+        // What a command said is worth keeping and not worth failing for.
+        let _ = fs::write(folder.file(name), &said);
+        Ok(said)
+    };
+    log(
+        "1-upload.txt",
+        &mut upload_model(programs, &board, folder),
+        SHORT_LIMIT,
+    )?;
+    log(
+        "2-record.txt",
+        &mut record(programs, &board, folder, "before"),
+        RECORD_LIMIT,
+    )?;
+    log(
+        "3-diagnose.txt",
+        &mut rig_loop::diagnose(programs, folder),
+        DIAGNOSE_LIMIT,
+    )?;
+    let verdict = folder.verdict()?;
+    if verdict.upload {
+        let mut upload = upload_repaired(programs, &board, folder);
+        log("4-upload.txt", &mut upload, SHORT_LIMIT)?;
+    }
+    log(
+        "5-record.txt",
+        &mut record(programs, &board, folder, "after"),
+        RECORD_LIMIT,
+    )?;
+    let gap = log(
+        "6-gap.txt",
+        &mut rig_loop::gap(programs, folder),
+        SHORT_LIMIT,
+    )?;
+    board.stop()?;
+    let (before_deg, after_deg) =
+        rig_loop::gaps(&gap).ok_or("`rig gap` printed no table that can be read")?;
+    Ok(Done {
+        verdict,
+        before_deg,
+        after_deg,
+    })
+}
+
+/// The line of a failure that says why: the last one, without the command.
+fn reason(failure: &str) -> String {
+    const LIMIT: &str = " took more than ";
+    let last = failure.trim().lines().last().unwrap_or_default();
+    match last.rsplit_once(LIMIT) {
+        Some((_, limit)) => format!("{}{limit}", LIMIT.trim_start()),
+        None => last.to_owned(),
+    }
+}
+
+/// What the rows come to.
+#[derive(Clone, Debug, PartialEq)]
+struct Summary {
+    cases: usize,
+    failed: usize,
+    named: usize,
+    /// Named, or among few answers that are left open.
+    answered: usize,
+    wrong: usize,
+    /// How many times smaller the gap is after the upload, in the median; none
+    /// without cases.
+    median_ratio: Option<f64>,
+    worst_ratio: Option<f64>,
+}
+
+impl Summary {
+    fn of(rows: &[Row]) -> Self {
+        let count = |wanted: &[Score]| {
+            let scores = rows.iter().filter_map(Row::score);
+            scores.filter(|score| wanted.contains(score)).count()
+        };
+        let done = || rows.iter().filter_map(|row| row.went.as_ref().ok());
+        let mut ratios: Vec<f64> = done().map(Done::ratio).filter(|r| !r.is_nan()).collect();
+        ratios.sort_by(f64::total_cmp);
+        let middle = ratios.len() / 2;
+        Self {
+            cases: rows.len(),
+            failed: rows.len() - done().count(),
+            named: count(&[Score::Named]),
+            answered: count(&[Score::Named, Score::Among]),
+            wrong: count(&[Score::Wrong]),
+            median_ratio: match ratios.len() {
+                0 => None,
+                n if n.is_multiple_of(2) => Some(f64::midpoint(ratios[middle - 1], ratios[middle])),
+                _ => Some(ratios[middle]),
+            },
+            worst_ratio: ratios.first().copied(),
+        }
+    }
+
+    fn text(&self) -> String {
+        let times = |ratio: Option<f64>| ratio.map_or("–".into(), |ratio| format!("{ratio:.2}"));
+        let mut text = format!(
+            "{} of {cases} named rightly, {} of {cases} named or among at most {LARGEST_ANSWER} of \
+             \"cannot tell\", {} named wrongly. The board's gap became {} times smaller in the \
+             median, {} times in the worst case.",
+            self.named,
+            self.answered,
+            self.wrong,
+            times(self.median_ratio),
+            times(self.worst_ratio),
+            cases = self.cases,
+        );
+        if self.failed > 0 {
+            let _ = write!(text, " {} did not go through.", self.failed);
+        }
+        text
+    }
+}
+
+/// The page of the documentation.
+fn page(asked: &str, rows: &[Row]) -> String {
+    let mut text = format!(
+        "# The whole loop on drawn actuators\n\n\
+         Written by `cargo xtask bench loop --seeds {asked} --docs`.\n\n\
+         Each seed draws an actuator that hides something (`virtual-rig serve --hide SEED`). The\n\
+         firmware runs in the simulator with the model that the owner believes in, the protocol\n\
+         `{PROTOCOL}` is recorded through the serial port, `rig diagnose` looks for what is\n\
+         missing, the repaired model is uploaded, and the protocol is recorded again. The gap is\n\
+         the angle that the board predicts less the angle that it measures, RMS over all runs;\n\
+         what a case leaves behind is in `target/loop/SEED`.\n\n{}\n\n\
+         | seed | hidden | verdict | answer | the truth is | gap before (°) | after (°) | times smaller | diagnosis (s) |\n\
+         |---:|---|---|---|---|---:|---:|---:|---:|\n",
+        Summary::of(rows).text()
+    );
+    for row in rows {
+        let _ = writeln!(text, "| {} |", row.cells().join(" | "));
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(seed: u64, hidden: &[&str], verdict: &str, gaps: (f64, f64)) -> Row {
+        Row {
+            seed,
+            hidden: hidden.iter().map(|&kind| kind.into()).collect(),
+            went: Ok(Done {
+                verdict: Verdict::parse(verdict).unwrap(),
+                before_deg: gaps.0,
+                after_deg: gaps.1,
+            }),
+        }
+    }
+
+    const GRAVITY: &str = r#"{"verdict": "effect_found", "effects": [{"kind": "gravity"}]}"#;
+    const OPEN: &str = r#"{"verdict": "cannot_tell", "alternatives":
+        [{"kinds": ["creep"]}, {"kinds": ["lag", "gravity"]}]}"#;
+
+    #[test]
+    fn seeds_are_a_range_with_both_ends_or_a_list() {
+        assert_eq!(seeds("201..203"), Some(vec![201, 202, 203]));
+        assert_eq!(seeds("201..=203"), Some(vec![201, 202, 203]));
+        assert_eq!(seeds("5..5"), Some(vec![5]));
+        assert_eq!(seeds("1, 5,9"), Some(vec![1, 5, 9]));
+        for text in ["", "5..1", "a..b", "1,,2", "0..18446744073709551615"] {
+            assert_eq!(seeds(text), None, "{text}");
+        }
+    }
+
+    #[test]
+    fn options_are_read() {
+        let options = Options::parse(&["--docs", "--seeds", "1..3", "--jobs", "2"]).unwrap();
+        assert_eq!(
+            (options.seeds.len(), options.jobs, options.docs),
+            (3, 2, true)
+        );
+        assert!(Options::parse(&["--seeds", "1"]).unwrap().jobs >= 1);
+        for words in [&[][..], &["--seeds"], &["--jobs", "0"], &["--job", "1"]] {
+            assert!(Options::parse(words).is_err(), "{words:?}");
+        }
+    }
+
+    #[test]
+    fn answers_are_scored_beside_the_truth() {
+        let score = |hidden: &[&str], verdict: &str| row(1, hidden, verdict, (1.0, 1.0)).score();
+        assert_eq!(score(&["gravity"], GRAVITY), Some(Score::Named));
+        assert_eq!(score(&["creep"], GRAVITY), Some(Score::Wrong));
+        assert_eq!(score(&["creep", "gravity"], GRAVITY), Some(Score::Partly));
+        assert_eq!(score(&[], GRAVITY), Some(Score::Wrong));
+        assert_eq!(score(&["creep"], OPEN), Some(Score::Among));
+        assert_eq!(score(&["gravity", "lag"], OPEN), Some(Score::Among));
+        assert_eq!(score(&["gravity"], OPEN), Some(Score::Silent));
+        let many = OPEN.replace("[{", r#"[{"kinds": ["a"]}, {"kinds": ["b"]}, {"#);
+        assert_eq!(score(&["creep"], &many), Some(Score::AmongMany));
+        let quiet = r#"{"verdict": "parameters_only"}"#;
+        assert_eq!(score(&[], quiet), Some(Score::Named));
+        assert_eq!(score(&["creep"], quiet), Some(Score::Silent));
+    }
+
+    #[test]
+    fn a_failure_is_told_by_its_reason() {
+        assert_eq!(
+            reason("rig gap a b failed (exit 2):\nwarning\nerror: no b\n"),
+            "error: no b"
+        );
+        assert_eq!(
+            reason("rig gap a b took more than 180 s"),
+            "took more than 180 s"
+        );
+        assert_eq!(reason(""), "");
+    }
+
+    #[test]
+    fn the_summary_counts_what_went_through_and_what_did_not() {
+        let rows = [
+            row(1, &["gravity"], GRAVITY, (4.0, 1.0)),
+            row(2, &["creep"], GRAVITY, (1.0, 2.0)),
+            row(3, &["creep"], OPEN, (3.0, 1.0)),
+            Row {
+                seed: 4,
+                hidden: Vec::new(),
+                went: Err("rig took\n|too long".into()),
+            },
+        ];
+        let summary = Summary::of(&rows);
+        assert_eq!((summary.cases, summary.failed), (4, 1));
+        assert_eq!((summary.named, summary.answered, summary.wrong), (1, 2, 1));
+        assert_eq!(summary.median_ratio, Some(3.0));
+        assert_eq!(summary.worst_ratio, Some(0.5));
+        let page = page("1..4", &rows);
+        assert!(
+            page.contains("| 4 | parameters only | failed | rig took /too long |"),
+            "{page}"
+        );
+        let columns = |line: &str| line.matches('|').count();
+        let table: Vec<&str> = page.lines().filter(|line| line.starts_with('|')).collect();
+        assert_eq!(table.len(), 6);
+        assert!(table.iter().all(|line| columns(line) == 10), "{table:?}");
+        assert_eq!(Summary::of(&[]).median_ratio, None);
+        assert!(rows[1].line().contains("WRONG NAME"));
+        assert!(rows[3].line().contains("failed: rig took"));
+    }
+}
