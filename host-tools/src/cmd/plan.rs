@@ -242,7 +242,7 @@ fn fitted(
         added: Vec::new(),
         fit: fitter.fit(&file.model, &file.free, Effort::Full),
     };
-    let excerpt = excerpt(&data.guessing(&refit.fit.nuisances));
+    let excerpt = excerpt(&data.guessing(&refit.fit.nuisances), &refit.fit.model);
     let scales = Scales::of(&fitter, &refit.fit);
     let ground = Ground {
         file,

@@ -468,7 +468,7 @@ fn search_and_judge(
     let (file, fitter) = (judge.file(), judge.fitter());
     let (kinds, untried) = applicable(&file.model, fitter);
     let pieces = pieces(fitter.data, fitter.nominal);
-    let excerpt = excerpt(fitter.data);
+    let excerpt = excerpt(fitter.data, &refit.fit.model);
     let scales = Scales::of(fitter, &refit.fit);
     let in_pieces = Fitter {
         data: &pieces,

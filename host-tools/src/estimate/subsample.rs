@@ -7,7 +7,7 @@ use model_core::actuator::Model;
 use super::dataset::{Dataset, Mark, Session};
 use super::nuisance::Nuisance;
 use crate::recording::Recording;
-use crate::simulate::Start;
+use crate::simulate::{Start, substeps};
 use crate::smooth::{half_window, motion};
 
 /// Cuts the fitted segments into short pieces that each start where the measured
@@ -70,16 +70,15 @@ pub fn pieces(data: &Dataset, nominal: &Model<f64>) -> Dataset {
 /// A part of the sessions: enough to rank starts and candidates before the best
 /// are fitted to everything.
 ///
-/// Takes sessions at even distances in the list until there are enough samples.
-/// One that is longer than what is left is thinned, not cut: what it remembers is
-/// in its whole length.
-pub fn excerpt(data: &Dataset) -> Dataset {
+/// Takes sessions at even distances in the list until there are enough samples. One
+/// that is longer than what is left is thinned as far as the motion of `model`
+/// allows, and shortened only then, at its end: what it remembers of its beginning
+/// stays in it.
+pub fn excerpt(data: &Dataset, model: &Model<f64>) -> Dataset {
     /// Samples that are enough to rank.
     const ENOUGH: usize = 4_000;
     /// Fewer samples show nothing new.
     const FEWEST: usize = 100;
-    /// Samples are not thinned beyond this interval (s): edges would go.
-    const COARSEST_S: f64 = 0.05;
     let sessions = data.sessions();
     let with_fit: Vec<usize> = (0..sessions.len())
         .filter(|&index| !data.fitted_ranges(index).is_empty())
@@ -95,36 +94,51 @@ pub fn excerpt(data: &Dataset) -> Dataset {
     let mut room = ENOUGH;
     for (_, index) in order {
         let session = &sessions[index];
-        let recording = session.recording();
-        if room < recording.len().min(FEWEST) {
+        let length = session.recording().len();
+        if room < length.min(FEWEST) {
             break;
         }
-        let coarsest = (COARSEST_S / session.interval()).floor().max(1.0);
-        // A ratio of two times of a recording, at least 1.
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-        let thin = recording.len().div_ceil(room).min(coarsest as usize).max(1);
-        let thinned = cut(session, 0..recording.len(), thin);
-        let kept = |at: usize| at.div_ceil(thin);
-        let silent = session
-            .silent()
-            .iter()
-            .map(|range| kept(range.start)..kept(range.end))
-            .collect();
-        let marks = data
+        let thin = length.div_ceil(room).min(coarsest(session, model)).max(1);
+        let end = length.min(room * thin);
+        let thinned = cut(session, 0..end, thin);
+        let kept = |range: Range<usize>| {
+            range.start.min(end).div_ceil(thin)..range.end.min(end).div_ceil(thin)
+        };
+        let silent = session.silent().iter().cloned().map(kept).collect();
+        let marks: Vec<Mark> = data
             .fitted_ranges(index)
             .into_iter()
+            .map(kept)
+            .filter(|range| !range.is_empty())
             .map(|range| Mark {
-                range: kept(range.start)..kept(range.end),
+                range,
                 about: Recording::default(),
                 fitted: true,
             })
             .collect();
+        if marks.is_empty() {
+            continue;
+        }
         room = room.saturating_sub(thinned.len());
         let mut part = Session::new(thinned, session.clock(), silent);
         part = part.guessing(session.guess(), session.prior());
         found.push(part, marks);
     }
     found
+}
+
+/// Every how many samples still show the motion: one step of integration spans
+/// them, and the edges of the pressure stay.
+fn coarsest(session: &Session, model: &Model<f64>) -> usize {
+    /// Edges of the pressure go beyond this interval (s).
+    const EDGE_S: f64 = 0.05;
+    (1..)
+        .take_while(|&thin| {
+            let interval = f64::from(thin) * session.interval();
+            interval <= EDGE_S && substeps(model, interval, session.reach()) == 1
+        })
+        .last()
+        .map_or(1, |thin| usize::try_from(thin).unwrap_or(1))
 }
 
 /// Every so many samples of a session, the noise of its pressure taken away.
