@@ -21,7 +21,7 @@ use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use crate::checkpoint::{Checkpoint, fingerprint};
 use crate::dual::Dual;
-use crate::estimate::nuisance::{Nuisance, UNKNOWNS};
+use crate::estimate::nuisance::{Nuisance, Shared, UNKNOWNS, ZEROS, wall};
 use crate::estimate::{Dataset, Session};
 use crate::information::{Block, Information};
 use crate::simulate::{Origin, Start, run_from};
@@ -163,9 +163,9 @@ pub struct Fit {
     pub free: Vec<ParameterId>,
     /// Zeros and start of each session; guesses where nothing of it was fitted.
     pub nuisances: Vec<Nuisance>,
-    /// What zeros and starts cost: the squares of their departures from what was
-    /// known before, in standard deviations, summed over the sessions.
-    pub departure: f64,
+    /// What zeros and starts cost, each in turn: the squares of their departures from
+    /// what was known before, in standard deviations, summed over the sessions.
+    departures: [f64; UNKNOWNS],
     /// Simulated minus measured angle (rad), a series a fitted segment.
     pub residuals: Vec<Vec<f64>>,
     /// Standard error of each free parameter, in SI units; infinite for a
@@ -193,6 +193,18 @@ pub struct FlatDirection {
 }
 
 impl Fit {
+    /// What zeros and starts cost: twice the logarithm of how improbable they are,
+    /// less that of the most probable ones.
+    pub fn departure(&self) -> f64 {
+        self.departures.iter().sum()
+    }
+
+    /// What the zeros of the sensors cost, as a part of [`Fit::departure`].
+    pub fn departure_of_zeros(&self) -> f64 {
+        let [pressure, angle, ..] = self.departures;
+        pressure + angle
+    }
+
     /// Sum of squared residuals (rad²).
     pub fn sse(&self) -> f64 {
         self.residuals
@@ -313,13 +325,20 @@ pub struct Ended {
 pub enum Effort {
     /// A few steps, to rank starts.
     Glance,
-    /// Until another step would change the sum of squares by a millionth: far
+    /// Until another step would change the sum of squares by a hundred-thousandth: far
     /// below what any test of significance can see.
     Full,
 }
 
 impl Effort {
-    fn solver(self) -> LevenbergMarquardt<f64> {
+    /// The solver for so many unknowns.
+    fn solver(self, unknowns: usize) -> LevenbergMarquardt<f64> {
+        /// Evaluations after which a fit that still moves is left: its valley is so
+        /// flat that where it ends does not matter.
+        const GLANCES: usize = 25;
+        const MOST: usize = 120;
+        // The library counts in units of the unknowns.
+        let patience = |evaluations: usize| evaluations.div_ceil(unknowns + 1).max(1);
         let solver = LevenbergMarquardt::new().with_gtol(0.0);
         // The step bound is the first step relative to the size of the
         // coordinates. The solver's default of 100 leaps over the valley that
@@ -327,13 +346,13 @@ impl Effort {
         match self {
             Self::Glance => solver
                 .with_stepbound(1.0)
-                .with_patience(3)
+                .with_patience(patience(GLANCES))
                 .with_ftol(1e-3)
                 .with_xtol(1e-3),
             Self::Full => solver
                 .with_stepbound(0.1)
-                .with_patience(6)
-                .with_ftol(1e-6)
+                .with_patience(patience(MOST))
+                .with_ftol(1e-5)
                 .with_xtol(1e-5),
         }
     }
@@ -598,9 +617,33 @@ struct Part<'a> {
 }
 
 impl Part<'_> {
+    /// Whether a zero is in part that of a whole sitting.
+    fn shares(&self, unknown: usize) -> bool {
+        self.own.is_some() && self.session.prior().apart[unknown].is_some()
+    }
+
+    /// What keeps a zero in its range: see [`wall`]. A start has no such range.
+    fn wall(&self, unknown: usize, departure: f64) -> [f64; 2] {
+        if ZEROS.contains(&unknown) {
+            wall(departure)
+        } else {
+            [0.0, 0.0]
+        }
+    }
+
     fn rows(&self) -> usize {
         self.ranges.iter().map(ExactSizeIterator::len).sum()
     }
+}
+
+/// What the zeros of the sessions of one sitting have in common; none if there is
+/// no such session.
+fn shared(parts: &[Part<'_>], unknown: usize) -> Option<Shared> {
+    let sitting: Vec<&Part<'_>> = parts.iter().filter(|part| part.shares(unknown)).collect();
+    let prior = sitting.first()?.session.prior();
+    let apart = prior.apart[unknown]?;
+    let deviation = prior.deviations()[unknown];
+    Some(Shared::new(sitting.len(), apart / deviation))
 }
 
 /// Residuals of one session and their derivatives by the free parameters and by
@@ -623,6 +666,8 @@ struct Problem<'a> {
     free: Vec<ParameterId>,
     coordinates: Vec<Coordinate>,
     parts: Vec<Part<'a>>,
+    /// Of each unknown of a session, what those of one sitting have in common.
+    shared: [Option<Shared>; UNKNOWNS],
     position: DVector<f64>,
     /// The triangle of each part at `position`: derivatives, residuals last. None
     /// where the model cannot be simulated.
@@ -662,7 +707,7 @@ impl<'a> Problem<'a> {
                 continue;
             }
             let own = session.is_estimated().then(|| {
-                position.extend(session.prior().position(&session.guess()));
+                position.extend(session.prior().departures(&session.guess()));
                 position.len() - UNKNOWNS
             });
             parts.push(Part {
@@ -677,6 +722,7 @@ impl<'a> Problem<'a> {
             data,
             free: free.to_vec(),
             coordinates,
+            shared: std::array::from_fn(|unknown| shared(&parts, unknown)),
             parts,
             position: DVector::from_vec(position),
             triangles: None,
@@ -689,7 +735,7 @@ impl<'a> Problem<'a> {
     fn with_nuisances(mut self, nuisances: &[Nuisance]) -> Self {
         for part in &self.parts {
             if let (Some(first), Some(nuisance)) = (part.own, nuisances.get(part.index)) {
-                let position = part.session.prior().position(nuisance);
+                let position = part.session.prior().departures(nuisance);
                 for (offset, value) in position.into_iter().enumerate() {
                     self.position[first + offset] = value;
                 }
@@ -704,7 +750,7 @@ impl<'a> Problem<'a> {
         if self.unknowns() == 0 {
             return (self, true);
         }
-        let mut solver = effort.solver();
+        let mut solver = effort.solver(self.unknowns());
         if self.free.is_empty() {
             // Zeros and starts alone are nearly linear: full steps.
             solver = solver.with_stepbound(100.0);
@@ -750,30 +796,76 @@ impl<'a> Problem<'a> {
         all
     }
 
-    /// What was known before about the unknowns of a part, as residuals (rad):
-    /// departures in standard deviations times the noise of the angle.
-    fn prior_rows(&self, part: &Part<'_>) -> [f64; UNKNOWNS] {
-        let prior = part.session.prior();
-        prior
-            .departures(&self.nuisance(part))
-            .map(|departure| prior.noise * departure)
+    /// What was known before about the unknowns of each session, as residuals
+    /// (rad): departures in standard deviations times the noise of the angle. None
+    /// for a session whose zeros and start are known.
+    fn prior_rows(&self) -> Vec<Option<[f64; UNKNOWNS]>> {
+        let own: Vec<Option<[f64; UNKNOWNS]>> = self
+            .parts
+            .iter()
+            .map(|part| {
+                let departures = |_| part.session.prior().departures(&self.nuisance(part));
+                part.own.map(departures)
+            })
+            .collect();
+        let means: [f64; UNKNOWNS] = std::array::from_fn(|unknown| {
+            let zeros: Vec<f64> = self
+                .parts
+                .iter()
+                .zip(&own)
+                .filter(|(part, _)| part.shares(unknown))
+                .filter_map(|(_, own)| Some((*own)?[unknown]))
+                .collect();
+            crate::statistics::mean(&zeros)
+        });
+        self.parts
+            .iter()
+            .zip(own)
+            .map(|(part, own)| {
+                let own = own?;
+                Some(std::array::from_fn(|unknown| {
+                    let residual = match self.shared[unknown] {
+                        Some(shared) if part.shares(unknown) => {
+                            shared.residual(own[unknown], means[unknown])
+                        }
+                        _ => own[unknown],
+                    };
+                    let [wall, _] = part.wall(unknown, own[unknown]);
+                    part.session.prior().noise * (residual + wall)
+                }))
+            })
+            .collect()
     }
 
-    /// Their derivatives by the solver's coordinates.
+    /// The derivative of the row of one session's unknown by the same unknown of
+    /// another, or of itself, in the solver's coordinates.
+    fn prior_slope(&self, of: &Part<'_>, by: &Part<'_>, unknown: usize) -> f64 {
+        let Some(first) = of.own else {
+            return 0.0;
+        };
+        let (by_itself, by_other) = match self.shared[unknown] {
+            Some(shared) if of.shares(unknown) && by.shares(unknown) => shared.slopes().into(),
+            _ => (1.0, 0.0),
+        };
+        let slope = if of.index == by.index {
+            let [_, wall] = of.wall(unknown, self.position[first + unknown]);
+            by_itself + wall
+        } else {
+            by_other
+        };
+        of.session.prior().noise * slope
+    }
+
+    /// Derivatives of the rows of a session's own unknowns by themselves, as if it
+    /// were alone.
     fn prior_slopes(&self, part: &Part<'_>) -> [f64; UNKNOWNS] {
-        let prior = part.session.prior();
         let Some(first) = part.own else {
             return [0.0; UNKNOWNS];
         };
-        let slopes = prior.slopes(self.own_position(first));
-        let sd = &prior.deviation;
-        let deviations = [
-            sd.pressure_zero,
-            sd.angle_zero,
-            sd.start.angle,
-            sd.start.rate,
-        ];
-        std::array::from_fn(|k| prior.noise * slopes[k] / deviations[k])
+        std::array::from_fn(|unknown| {
+            let [_, wall] = part.wall(unknown, self.position[first + unknown]);
+            part.session.prior().noise * (1.0 + wall)
+        })
     }
 
     /// Residuals of the segments that are fitted, or of those held out; only of
@@ -828,9 +920,7 @@ impl<'a> Problem<'a> {
         let steps = session.substeps(model);
         let reading = run_from(&dual, session.signal(), origin, steps).reading;
         let columns = free + if part.own.is_some() { UNKNOWNS } else { 0 };
-        let slopes = part.own.map_or([0.0; UNKNOWNS], |first| {
-            session.prior().slopes(self.own_position(first))
-        });
+        let slopes = session.prior().deviations();
         let mut jacobian = DMatrix::zeros(part.rows(), columns);
         let mut residual = DVector::zeros(part.rows());
         let measured = &session.recording().angle;
@@ -960,17 +1050,16 @@ impl<'a> Problem<'a> {
                 })
             })
             .collect();
-        let departure = self
-            .parts
-            .iter()
-            .filter(|part| part.own.is_some())
-            .flat_map(|part| part.session.prior().departures(&self.nuisance(part)))
-            .map(|departure| departure * departure)
-            .sum();
+        let mut departures = [0.0; UNKNOWNS];
+        for (part, rows) in self.parts.iter().zip(self.prior_rows()) {
+            for (sum, row) in departures.iter_mut().zip(rows.unwrap_or_default()) {
+                *sum += (row / part.session.prior().noise).powi(2);
+            }
+        }
         Fit {
             model: self.model(),
             nuisances: self.nuisances(),
-            departure,
+            departures,
             free: self.free,
             residuals,
             standard_errors,
@@ -1026,11 +1115,9 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
 
     fn residuals(&self) -> Option<DVector<f64>> {
         let mut all = Vec::new();
-        for (triangle, part) in self.triangles.as_ref()?.iter().zip(&self.parts) {
+        for (triangle, rows) in self.triangles.as_ref()?.iter().zip(self.prior_rows()) {
             all.extend(triangle.column(triangle.ncols() - 1).iter());
-            if part.own.is_some() {
-                all.extend(self.prior_rows(part));
-            }
+            all.extend(rows.into_iter().flatten());
         }
         Some(DVector::from_vec(all))
     }
@@ -1056,8 +1143,12 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
             jacobian
                 .view_mut((first - height, own), (height, UNKNOWNS))
                 .copy_from(&triangle.columns(free, UNKNOWNS));
-            for (offset, slope) in self.prior_slopes(part).into_iter().enumerate() {
-                jacobian[(first + offset, own + offset)] = slope;
+            for by in &self.parts {
+                let Some(column) = by.own else { continue };
+                for unknown in 0..UNKNOWNS {
+                    jacobian[(first + unknown, column + unknown)] =
+                        self.prior_slope(part, by, unknown);
+                }
             }
             first += UNKNOWNS;
         }

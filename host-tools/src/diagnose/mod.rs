@@ -210,7 +210,7 @@ fn diagnose_zeros(
         Answer::NoDiscrepancy | Answer::ParametersOnly
     );
     let effect = select::required_evidence(1, Kind::ALL.len());
-    if !quiet || cost_of_zeros(&diagnosis.data, &diagnosis.refit) < effect {
+    if !quiet || diagnosis.refit.departure_of_zeros() < effect {
         return Ok(found);
     }
     progress("once more, with zeros as calibrated");
@@ -431,21 +431,6 @@ impl Validations {
                 .collect(),
         }
     }
-}
-
-/// What the zeros of a fit cost: the squares of their departures from where the
-/// sensors were calibrated, in standard deviations, which is twice the logarithm
-/// of how improbable they are. Those of different sessions are independent.
-fn cost_of_zeros(data: &Dataset, fit: &Fit) -> f64 {
-    data.sessions()
-        .iter()
-        .zip(&fit.nuisances)
-        .filter(|(session, _)| session.is_estimated())
-        .map(|(session, nuisance)| {
-            let [pressure, angle, ..] = session.prior().departures(nuisance);
-            pressure * pressure + angle * angle
-        })
-        .sum()
 }
 
 /// What a search is carried out with.

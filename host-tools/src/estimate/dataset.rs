@@ -374,8 +374,7 @@ impl Dataset {
         const PART: f64 = 0.05;
         self.mapped(|_, session| {
             let mut session = session.clone();
-            session.prior.deviation.pressure_zero *= PART;
-            session.prior.deviation.angle_zero *= PART;
+            session.prior = session.prior.sharpened(PART);
             session.guess = session.prior.mean;
             Some(session)
         })

@@ -19,8 +19,15 @@
 //!
 //! What is known before enters the sum of squares as one more residual for each,
 //! (estimate − mean)/deviation, in units of the angle's noise. A zero beyond
-//! [`FARTHEST`] deviations is not a zero: the search stops there, and an effect
+//! [`FARTHEST`] deviations is not a zero: a [`wall`] stands there, and an effect
 //! has to say what is left.
+//!
+//! Recordings that say nothing of when they were made are those of one sitting:
+//! their zeros have a large part in common and only depart a little from each other
+//! ([`Shared`]). With zeros that know nothing of each other, twelve runs could hide a
+//! friction, which lets each of them end at another angle.
+
+use std::ops::Range;
 
 use crate::recording::Recording;
 use crate::simulate::Start;
@@ -35,14 +42,25 @@ const PRESSURE_ZERO_SD_PA: f64 = 500.0;
 /// calibration (rad): 2°, how well a flex sensor is put back in its place.
 const ANGLE_ZERO_SD_RAD: f64 = 0.034_906_585_039_886_59;
 
+/// Standard deviation of the pressure's zero between the recordings of one sitting
+/// (Pa): what warming up moves it.
+const PRESSURE_ZERO_APART_PA: f64 = 100.0;
+
+/// Standard deviation of the angle's zero between the recordings of one sitting
+/// (rad): 0.3°, the set of a flex sensor that was bent.
+const ANGLE_ZERO_APART_RAD: f64 = 0.005_235_987_755_982_988;
+
 /// Standard deviation of a zero that is held (Pa).
 const HELD_PA: f64 = 1e-3;
 
-/// A zero is searched within so many standard deviations.
+/// A zero lies within so many standard deviations.
 pub const FARTHEST: f64 = 3.0;
 
 /// Unknowns of a session.
 pub const UNKNOWNS: usize = 4;
+
+/// Which of them are zeros of sensors.
+pub const ZEROS: Range<usize> = 0..2;
 
 /// The unknowns of one session.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -74,6 +92,9 @@ pub struct Prior {
     pub mean: Nuisance,
     /// Standard deviations, in the same units.
     pub deviation: Nuisance,
+    /// Standard deviation of a zero's departure from the zero that the sessions of
+    /// one sitting have in common; none for an unknown that is the session's own.
+    pub apart: [Option<f64>; UNKNOWNS],
     /// Noise of the measured angle (rad), in which a deviation of one counts.
     pub noise: f64,
     /// Whether the session starts at rest.
@@ -102,6 +123,8 @@ impl Prior {
         let angle_zero = calibration
             .and_then(|known| known.angle_zero_sd_deg)
             .map_or(ANGLE_ZERO_SD_RAD, f64::to_radians);
+        let of_a_sitting = calibration.is_none() && recording.meta.started.is_none();
+        let apart = |sd: f64| of_a_sitting.then_some(sd);
         let rest = rest_at_start(recording);
         let (start, deviation) = if rest == 0 {
             in_motion(recording)
@@ -119,6 +142,12 @@ impl Prior {
                 angle_zero: angle_zero.max(1e-9),
                 start: deviation,
             },
+            apart: [
+                apart(PRESSURE_ZERO_APART_PA).filter(|sd| *sd < pressure_zero),
+                apart(ANGLE_ZERO_APART_RAD),
+                None,
+                None,
+            ],
             noise,
             rests: rest > 0,
         }
@@ -136,43 +165,94 @@ impl Prior {
         ]
     }
 
-    /// The estimates at a position of the solver. Its coordinates are of the
-    /// order of one; those of the zeros fold back at the end of their range.
+    /// The standard deviations, in the order of the unknowns.
+    pub fn deviations(&self) -> [f64; UNKNOWNS] {
+        let sd = &self.deviation;
+        [
+            sd.pressure_zero,
+            sd.angle_zero,
+            sd.start.angle,
+            sd.start.rate,
+        ]
+    }
+
+    /// The same with zeros that are known to this part of their usual deviation.
+    pub fn sharpened(mut self, part: f64) -> Self {
+        self.deviation.pressure_zero *= part;
+        self.deviation.angle_zero *= part;
+        self.apart = self.apart.map(|sd| sd.map(|sd| sd * part));
+        self
+    }
+
+    /// The estimates at a position of the solver: departures in standard deviations.
     pub fn at(&self, position: [f64; UNKNOWNS]) -> Nuisance {
         let (mean, sd) = (&self.mean, &self.deviation);
         let [pressure, angle, start, rate] = position;
         Nuisance {
-            pressure_zero: mean.pressure_zero + FARTHEST * sd.pressure_zero * pressure.sin(),
-            angle_zero: mean.angle_zero + FARTHEST * sd.angle_zero * angle.sin(),
+            pressure_zero: mean.pressure_zero + sd.pressure_zero * pressure,
+            angle_zero: mean.angle_zero + sd.angle_zero * angle,
             start: Start {
                 angle: mean.start.angle + sd.start.angle * start,
                 rate: mean.start.rate + sd.start.rate * rate,
             },
         }
     }
+}
 
-    /// The position of estimates: the inverse of [`Prior::at`].
-    pub fn position(&self, estimate: &Nuisance) -> [f64; UNKNOWNS] {
-        /// At the end of the range the slope is zero, and no solver could leave.
-        const END: f64 = 0.999;
-        let [pressure, angle, start, rate] = self.departures(estimate);
-        [
-            (pressure / FARTHEST).clamp(-END, END).asin(),
-            (angle / FARTHEST).clamp(-END, END).asin(),
-            start,
-            rate,
-        ]
+/// What a zero beyond [`FARTHEST`] deviations adds to its residual, and the slope of
+/// that: a wall, which a solver meets without being stopped by it.
+pub fn wall(departure: f64) -> [f64; 2] {
+    /// Residual for each deviation beyond.
+    const STEEP: f64 = 30.0;
+    let beyond = departure.abs() - FARTHEST;
+    if beyond > 0.0 {
+        [STEEP * beyond * departure.signum(), STEEP]
+    } else {
+        [0.0, 0.0]
+    }
+}
+
+/// What the zeros of the sessions of one sitting have in common.
+///
+/// A zero z, in standard deviations, is the common one and a departure from it of
+/// deviation δ. The residuals of m of them, with their covariance
+/// (1 − δ²)·1·1ᵀ + δ²·I taken out, are
+///
+/// ```text
+/// r_k = (z_k − c z̄)/δ,   z̄ = mean of the z_k,   c = 1 − δ/√(δ² + m (1 − δ²))
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shared {
+    /// Sessions that share the zero.
+    sessions: f64,
+    /// δ.
+    apart: f64,
+    /// c.
+    common: f64,
+}
+
+impl Shared {
+    /// Of so many sessions with zeros that depart so far, in standard deviations,
+    /// from the one that they have in common.
+    pub fn new(sessions: usize, apart: f64) -> Self {
+        let sessions = sessions as f64;
+        let in_common = (1.0 - apart * apart).max(0.0);
+        Self {
+            sessions,
+            apart,
+            common: 1.0 - apart / (apart * apart + sessions * in_common).sqrt(),
+        }
     }
 
-    /// Derivatives of the estimates by the position.
-    pub fn slopes(&self, position: [f64; UNKNOWNS]) -> [f64; UNKNOWNS] {
-        let sd = &self.deviation;
-        [
-            FARTHEST * sd.pressure_zero * position[0].cos(),
-            FARTHEST * sd.angle_zero * position[1].cos(),
-            sd.start.angle,
-            sd.start.rate,
-        ]
+    /// The residual of a zero, given the mean of all.
+    pub fn residual(&self, zero: f64, mean: f64) -> f64 {
+        (zero - self.common * mean) / self.apart
+    }
+
+    /// Its derivative by the zero itself, and by the zero of another session.
+    pub fn slopes(&self) -> [f64; 2] {
+        let by_other = -self.common / (self.sessions * self.apart);
+        [1.0 / self.apart + by_other, by_other]
     }
 }
 
@@ -312,13 +392,33 @@ mod tests {
     }
 
     proptest! {
+        /// The density of jointly normal zeros, by its covariance matrix.
+        #[test]
+        fn shared_zeros_have_the_density_of_their_covariance(
+            zeros in proptest::collection::vec(-3.0..3.0f64, 1..7), apart in 0.05..0.9f64,
+        ) {
+            use nalgebra::{DMatrix, DVector};
+            let count = zeros.len();
+            let shared = Shared::new(count, apart);
+            let mean = zeros.iter().sum::<f64>() / count as f64;
+            let squares: f64 = zeros.iter().map(|zero| shared.residual(*zero, mean).powi(2)).sum();
+            let own = apart * apart;
+            let covariance = DMatrix::from_fn(count, count, |i, j| {
+                1.0 - own + if i == j { own } else { 0.0 }
+            });
+            let zeros = DVector::from_vec(zeros);
+            let solved = covariance.cholesky().unwrap().solve(&zeros);
+            let expected = zeros.dot(&solved);
+            prop_assert!((squares - expected).abs() < 1e-9 * (1.0 + expected), "{squares}, not {expected}");
+        }
+
         #[test]
         fn positions_and_estimates_are_inverse(
             pressure in -0.9..0.9f64, angle in -0.9..0.9f64, start in -5.0..5.0f64, rate in -5.0..5.0f64,
         ) {
             let prior = Prior::of(&resting(0.1, 0.0));
             let position = [pressure, angle, start, rate];
-            let back = prior.position(&prior.at(position));
+            let back = prior.departures(&prior.at(position));
             for (there, here) in back.iter().zip(position) {
                 prop_assert!((there - here).abs() < 1e-9);
             }
