@@ -70,13 +70,12 @@ pub fn pieces(data: &Dataset, nominal: &Model<f64>) -> Dataset {
 /// A part of the sessions: enough to rank starts and candidates before the best
 /// are fitted to everything.
 ///
-/// Takes sessions at even distances in the list until there are enough samples. One
-/// that is longer than what is left is thinned as far as the motion of `model`
-/// allows, and shortened only then, at its end: what it remembers of its beginning
-/// stays in it.
+/// All sessions are thinned as far as the motion of `model` allows; if that is still
+/// too much, it takes sessions at even distances in the list. One that is longer than
+/// what is left is shortened at its end: what it remembers of its beginning stays.
 pub fn excerpt(data: &Dataset, model: &Model<f64>) -> Dataset {
     /// Samples that are enough to rank.
-    const ENOUGH: usize = 4_000;
+    const ENOUGH: usize = 3_000;
     /// Fewer samples show nothing new.
     const FEWEST: usize = 100;
     let sessions = data.sessions();
@@ -87,7 +86,13 @@ pub fn excerpt(data: &Dataset, model: &Model<f64>) -> Dataset {
         .iter()
         .map(|&index| sessions[index].recording().len())
         .sum();
-    let stride = all.div_ceil(ENOUGH).max(1);
+    let enough = all.div_ceil(ENOUGH).max(1);
+    let thinning = |session: &Session| enough.min(coarsest(session, model));
+    let thinned: usize = with_fit
+        .iter()
+        .map(|&index| sessions[index].recording().len() / thinning(&sessions[index]))
+        .sum();
+    let stride = thinned.div_ceil(ENOUGH).max(1);
     let mut order: Vec<(usize, usize)> = with_fit.iter().copied().enumerate().collect();
     order.sort_by_key(|(place, _)| (place % stride, *place));
     let mut found = Dataset::default();
@@ -95,10 +100,10 @@ pub fn excerpt(data: &Dataset, model: &Model<f64>) -> Dataset {
     for (_, index) in order {
         let session = &sessions[index];
         let length = session.recording().len();
-        if room < length.min(FEWEST) {
+        if room < FEWEST.min(length) {
             break;
         }
-        let thin = length.div_ceil(room).min(coarsest(session, model)).max(1);
+        let thin = thinning(session);
         let end = length.min(room * thin);
         let thinned = cut(session, 0..end, thin);
         let kept = |range: Range<usize>| {
