@@ -43,12 +43,12 @@ const PRESSURE_ZERO_SD_PA: f64 = 500.0;
 const ANGLE_ZERO_SD_RAD: f64 = 0.034_906_585_039_886_59;
 
 /// Standard deviation of the pressure's zero between the recordings of one sitting
-/// (Pa): what warming up moves it.
-const PRESSURE_ZERO_APART_PA: f64 = 100.0;
+/// (Pa): what a third of a degree of warming moves an 80 psi sensor.
+const PRESSURE_ZERO_APART_PA: f64 = 50.0;
 
 /// Standard deviation of the angle's zero between the recordings of one sitting
-/// (rad): 0.3°, the set of a flex sensor that was bent.
-const ANGLE_ZERO_APART_RAD: f64 = 0.005_235_987_755_982_988;
+/// (rad): 0.1°, the set of a flex sensor that was bent.
+const ANGLE_ZERO_APART_RAD: f64 = 0.001_745_329_251_994_329_6;
 
 /// Standard deviation of a zero that is held (Pa).
 const HELD_PA: f64 = 1e-3;
