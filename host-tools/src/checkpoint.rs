@@ -13,7 +13,7 @@ use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
 use crate::error::InputError;
-use crate::fit::Ended;
+use crate::estimate::fit::Ended;
 
 /// Name of the file in the folder.
 const FILE: &str = "fits.txt";

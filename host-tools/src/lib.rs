@@ -11,8 +11,6 @@ pub mod dual;
 pub mod error;
 pub mod estimate;
 pub mod example;
-pub mod fit;
-pub mod information;
 pub mod linear;
 pub mod link;
 pub mod materials;

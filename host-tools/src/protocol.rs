@@ -21,6 +21,9 @@ pub const RATE_HZ: f64 = 100.0;
 /// Time constant (s) with which the pump builds up a commanded pressure.
 const PUMP_LAG_S: f64 = 0.12;
 
+/// Time constant of a chamber that is vented (s).
+const VENT_LAG_S: f64 = 0.3;
+
 /// Rest (s) before the first command, so that a recording shows its zero.
 const REST_S: f64 = 0.5;
 
@@ -132,47 +135,65 @@ impl Protocol {
     }
 }
 
-/// As [`Protocol::pressure`], for a protocol that a board could play.
+/// What a board makes of a protocol.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Play {
+    /// Time (s), from the start of the rest before the first command.
+    pub time: Vec<f64>,
+    /// Set-point (rad); zero where a pressure is asked for.
+    pub setpoint: Vec<f64>,
+    /// Pressure (Pa) that is asked for, or that holds the set-point.
+    pub command: Vec<f64>,
+    /// Pressure in the chamber (Pa).
+    pub pressure: Vec<f64>,
+}
+
+/// Plays a protocol that a board could play, `rate_hz` times a second, with the
+/// pressures that `inverse` holds its set-points by.
 ///
-/// Pressures that are asked for in kPa have no set-point (rad) and show zero;
-/// while the pump is stopped the pressure stays.
-pub fn played(protocol: &ProtocolFile, inverse: &Model<f64>) -> (Vec<f64>, Vec<f64>, Vec<f64>) {
-    // The rates are whole.
+/// The pump builds a pressure up with one lag, the vent lets it go with a longer one,
+/// and while the pump is stopped it stays.
+pub fn play(protocol: &ProtocolFile, inverse: &Model<f64>, rate_hz: u32) -> Play {
+    let rate = f64::from(rate_hz);
+    // Half a second of rows.
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-    let (period_ms, rest) = ((1000.0 / RATE_HZ) as u32, (REST_S * RATE_HZ) as u32);
-    let blend = 1.0 - (-1.0 / (RATE_HZ * PUMP_LAG_S)).exp();
+    let rest = (REST_S * rate) as u32;
     let program = &protocol.segments[..];
     let mut playback = Playback::new();
-    let mut built_up = 0.0;
-    let (mut time, mut setpoint, mut pressure) = (Vec::new(), Vec::new(), Vec::new());
+    let mut in_chamber = 0.0;
+    let mut play = Play::default();
     for row in 0.. {
         let demand = if row < rest {
             Demand::Release
         } else {
             playback.demand(program)
         };
-        let (angle, command) = match demand {
+        let (angle, command, lag) = match demand {
             Demand::Track {
                 track: Track::Pressure,
                 level,
-            } => (0.0, f64::from(level) * PASCAL_PER_KPA),
-            Demand::Track { level: 0.0, .. } | Demand::Release => (0.0, 0.0),
+            } => (0.0, f64::from(level) * PASCAL_PER_KPA, PUMP_LAG_S),
+            Demand::Track { level: 0.0, .. } | Demand::Release => (0.0, 0.0, VENT_LAG_S),
             Demand::Track { level, .. } => {
                 let angle = f64::from(level).to_radians();
-                (angle, inverse.holding_pressure(angle))
+                (angle, inverse.holding_pressure(angle), PUMP_LAG_S)
             }
-            Demand::Hold => (setpoint.last().copied().unwrap_or(0.0), built_up),
+            Demand::Hold => {
+                let angle = play.setpoint.last().copied().unwrap_or(0.0);
+                (angle, in_chamber, PUMP_LAG_S)
+            }
             Demand::Done => break,
         };
-        built_up += blend * (command - built_up);
-        time.push(f64::from(row) / RATE_HZ);
-        setpoint.push(angle);
-        pressure.push(built_up);
+        in_chamber += (command - in_chamber) * (1.0 - (-1.0 / (rate * lag)).exp());
+        play.time.push(f64::from(row) / rate);
+        play.setpoint.push(angle);
+        play.command.push(command);
+        play.pressure.push(in_chamber);
         if row >= rest {
-            playback.advance(program, period_ms);
+            playback.advance(program, 1000 / rate_hz);
         }
     }
-    (time, setpoint, pressure)
+    play
 }
 
 #[cfg(test)]
@@ -195,7 +216,12 @@ mod tests {
         .unwrap();
         for &named in wire::protocol::Named::ALL {
             let protocol = ProtocolFile::named(named);
-            let (time, setpoint, pressure) = played(&protocol, &model);
+            let Play {
+                time,
+                setpoint,
+                pressure,
+                ..
+            } = play(&protocol, &model, 100);
             let promised = f64::from(protocol.total_ms()) / 1000.0 + REST_S;
             assert!(
                 (time.len() as f64 / RATE_HZ - promised).abs() < 0.02,
@@ -207,10 +233,8 @@ mod tests {
             assert!(highest > 0.5 && highest < 1.6, "{named:?}: {highest}");
         }
         // Stopped, the pump keeps its pressure.
-        let (time, _, pressure) = played(
-            &ProtocolFile::named(wire::protocol::Named::HoldStill),
-            &model,
-        );
+        let still = ProtocolFile::named(wire::protocol::Named::HoldStill);
+        let Play { time, pressure, .. } = play(&still, &model, 100);
         let at = |second: f64| pressure[time.iter().position(|time| *time >= second).unwrap()];
         assert!((at(23.0) / at(5.0) - 1.0).abs() < 1e-9);
     }

@@ -5,8 +5,8 @@ use std::path::Path;
 
 use host_tools::diagnose::holdout::Judge;
 use host_tools::estimate::assemble::assemble;
+use host_tools::estimate::fit::Fitter;
 use host_tools::example::{Hidden, make};
-use host_tools::fit::Fitter;
 use host_tools::model_file::ModelFile;
 use host_tools::recording::Recording;
 

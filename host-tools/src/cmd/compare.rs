@@ -13,7 +13,7 @@ use crate::diagnose::noise::NoiseFloor;
 use crate::error::{InputError, write_atomically};
 use crate::estimate::Dataset;
 use crate::estimate::assemble::assemble;
-use crate::fit::{Effort, Fitter};
+use crate::estimate::fit::{Effort, Fitter};
 use crate::linear::linear_rival;
 use crate::model_file::ModelFile;
 use crate::recording::{Recording, read_all};

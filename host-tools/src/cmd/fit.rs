@@ -9,7 +9,7 @@ use crate::diagnose::slips;
 use crate::diagnose::verdict::Zeros;
 use crate::error::write_atomically;
 use crate::estimate::assemble::assemble;
-use crate::fit::{Effort, Fit, Fitter, rms_each};
+use crate::estimate::fit::{Effort, Fit, Fitter, rms_each};
 use crate::model_file::{ModelFile, parameter_unit, to_file_units};
 use crate::recording::Recording;
 

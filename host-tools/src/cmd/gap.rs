@@ -4,12 +4,13 @@
 //! next to the measured one. This command needs no model and fits nothing: it
 //! subtracts two columns of a recording, and so shows what an upload was worth.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::Parser;
 
 use crate::columns::Columns;
 use crate::error::InputError;
+use crate::estimate::assemble::{Group, grouped};
 use crate::plot::{Figure, Panel, Series, Style, write_svg};
 use crate::recording::{Recording, SegmentMeta, read_all};
 use crate::statistics::rms;
@@ -162,61 +163,40 @@ fn label(segment: &SegmentMeta) -> String {
 }
 
 fn gaps(paths: &[PathBuf]) -> Result<Vec<Gap>, InputError> {
-    let mut recordings = read_all(paths, &Columns::default(), super::warn)?;
-    for note in drop_duplicates(&mut recordings) {
-        super::warn(&note);
-    }
+    let recordings = read_all(paths, &Columns::default(), super::warn)?;
     let mut gaps = Vec::new();
-    for recording in &recordings {
-        gaps.extend(Gap::runs(recording)?);
+    for group in grouped(recordings.iter().map(|recording| (recording, true))) {
+        let (used, note) = used_of(&group);
+        if let Some(note) = note {
+            super::warn(&note);
+        }
+        for recording in used {
+            gaps.extend(Gap::runs(recording)?);
+        }
     }
     Ok(gaps)
 }
 
-/// Uses a session that stands beside files cut from it once: by the runs that it
+/// A session that stands beside files cut from it is used once: by the runs that it
 /// lists, or by the files where it lists none. Says what is left out.
-fn drop_duplicates(recordings: &mut Vec<Recording>) -> Vec<String> {
-    let session = |piece: &Recording| -> Option<PathBuf> {
-        let name = piece.meta.part_of.as_ref()?;
-        // A name, but metadata may have been written by hand.
-        Some(piece.path.with_file_name(Path::new(name).file_name()?))
+fn used_of<'a>(group: &Group<'a>) -> (Vec<&'a Recording>, Option<String>) {
+    let pieces: Vec<&Recording> = group.pieces.iter().map(|(piece, _)| *piece).collect();
+    let Some((whole, _)) = group.whole else {
+        return (pieces, None);
     };
-    let same_file = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
-    let is_cut_from = |piece: &Recording, whole: &Recording| {
-        session(piece).is_some_and(|path| same_file(&path) == same_file(&whole.path))
+    let files = match pieces.len() {
+        0 => return (vec![whole], None),
+        1 => "1 file".to_owned(),
+        count => format!("{count} files"),
     };
-    let mut notes = Vec::new();
-    let mut dropped = Vec::new();
-    for whole in recordings.iter() {
-        let pieces: Vec<&Recording> = recordings
-            .iter()
-            .filter(|piece| is_cut_from(piece, whole))
-            .collect();
-        if pieces.is_empty() {
-            continue;
-        }
-        let count = pieces.len();
-        let files = if count == 1 {
-            "1 file".into()
-        } else {
-            format!("{count} files")
-        };
-        if whole.meta.segment.is_empty() {
-            notes.push(format!(
-                "{}: left out, {files} cut from it are used instead",
-                whole.path.display()
-            ));
-            dropped.push(whole.path.clone());
-        } else {
-            notes.push(format!(
-                "{}: used once, {files} cut from it are left out",
-                whole.path.display()
-            ));
-            dropped.extend(pieces.iter().map(|piece| piece.path.clone()));
-        }
+    let path = whole.path.display();
+    if whole.meta.segment.is_empty() {
+        let note = format!("{path}: left out, {files} cut from it are used instead");
+        (pieces, Some(note))
+    } else {
+        let note = format!("{path}: used once, {files} cut from it are left out");
+        (vec![whole], Some(note))
     }
-    recordings.retain(|recording| !dropped.contains(&recording.path));
-    notes
 }
 
 /// RMS over all samples of all runs (°).
@@ -403,6 +383,7 @@ mod tests {
             let mut recording = session();
             recording.path = Path::new("before").join(name);
             recording.meta.part_of = part_of.map(str::to_owned);
+            recording.meta.begins_s = part_of.map(|_| 1.0);
             recording
         };
         let kept = |with_segments: bool| {
@@ -414,11 +395,14 @@ mod tests {
             if with_segments {
                 all[1].meta.segment = vec![segment(1.0, 3.0)];
             }
-            let notes = drop_duplicates(&mut all);
+            let (mut names, mut notes) = (Vec::new(), Vec::new());
+            for group in grouped(all.iter().map(|recording| (recording, true))) {
+                let (used, note) = used_of(&group);
+                notes.extend(note);
+                names.extend(used.iter().filter_map(|it| it.path.file_name()?.to_str()));
+            }
             assert_eq!(notes.len(), 1, "{notes:?}");
-            let names = all
-                .iter()
-                .filter_map(|kept| kept.path.file_name()?.to_str());
+            let names = names.into_iter();
             (names.map(str::to_owned).collect::<Vec<_>>(), notes.concat())
         };
         let (names, note) = kept(true);

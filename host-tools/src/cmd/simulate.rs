@@ -8,12 +8,12 @@ use model_core::power::{GuardedMicromath, Minimax, Power};
 
 use super::input::InputArgs;
 use crate::error::{InputError, write_atomically};
+use crate::estimate::fit::Fitter;
 use crate::estimate::{Dataset, Nuisance, Session};
-use crate::fit::Fitter;
 use crate::linear::linear_rival;
 use crate::model_file::ModelFile;
 use crate::plot::{Figure, Panel, Series, Style, write_svg};
-use crate::protocol::{Protocol, played};
+use crate::protocol::{Play, Protocol, play};
 use crate::protocol_file::ProtocolFile;
 use crate::recording::{PASCAL_PER_KPA, Recording, to_csv};
 use crate::simulate::Start;
@@ -283,7 +283,17 @@ fn from_protocol(
         shape.pressure(&file.model)
     } else {
         let name = name.strip_prefix("board:").unwrap_or(name);
-        played(&ProtocolFile::find(name)?, &file.model)
+        let Play {
+            time,
+            setpoint,
+            pressure,
+            ..
+        } = play(
+            &ProtocolFile::find(name)?,
+            &file.model,
+            u32::from(wire::telemetry::RATE_HZ),
+        );
+        (time, setpoint, pressure)
     };
     if pressure.iter().any(|pressure| !pressure.is_finite()) {
         return Err(InputError::new(

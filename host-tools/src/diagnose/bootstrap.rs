@@ -20,7 +20,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
 use super::candidates::Candidate;
-use crate::fit::{Fit, Fitter};
+use crate::estimate::fit::{Fit, Fitter};
 use crate::statistics::independent_stretch;
 
 /// How often noise is dealt out again.
@@ -248,8 +248,8 @@ mod tests {
     use super::*;
     use crate::diagnose::candidates::free_parameters;
     use crate::estimate::Dataset;
+    use crate::estimate::fit::Effort;
     use crate::example::{Hidden, make};
-    use crate::fit::Effort;
     use crate::model_file::ModelFile;
     use crate::recording::Recording;
 

@@ -9,7 +9,7 @@ use model_core::catalogue::{Effect, Kind};
 use model_core::effects::{Mechanism, Parameter, Place, Unit};
 
 use crate::checkpoint::Checkpoint;
-use crate::fit::{Effort, Fit, Fitter};
+use crate::estimate::fit::{Effort, Fit, Fitter};
 use crate::model_file::ModelFile;
 use crate::smooth::{half_window, motion};
 

@@ -8,7 +8,7 @@
 //! estimated, and nothing else.
 //!
 //! What a fit would have been without some recordings follows from the
-//! curvature of its sum of squares ([`crate::information`]); it is refitted
+//! curvature of its sum of squares ([`crate::estimate::information`]); it is refitted
 //! only where that cannot be trusted.
 
 use std::collections::BTreeMap;
@@ -21,7 +21,7 @@ use model_core::power::Minimax;
 use super::candidates::{Candidate, free_parameters};
 use super::noise::{NoiseFloor, repeats};
 use crate::estimate::Segment;
-use crate::fit::{Effort, Fitter};
+use crate::estimate::fit::{Effort, Fitter};
 use crate::model_file::ModelFile;
 
 /// Fewer different runs than this, and leaving one out would ask for

@@ -12,7 +12,7 @@
 use model_core::actuator::ParameterId;
 
 use super::candidates::Candidate;
-use crate::fit::{Effort, Fit, Fitter, FlatDirection};
+use crate::estimate::fit::{Effort, Fit, Fitter, FlatDirection};
 use crate::model_file::{ModelFile, parameter_name};
 
 /// Beyond this relative standard error nothing determines a direction.

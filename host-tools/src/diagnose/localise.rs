@@ -8,6 +8,8 @@
 //! explains, beyond what bins of pure noise would. It is a picture for people,
 //! not the basis of the verdict: that comes from simulating candidates.
 
+use std::ops::Range;
+
 use model_core::actuator::Model;
 
 use super::smoother::{ForceSeries, Smoother};
@@ -148,9 +150,8 @@ pub fn localise(model: &Model<f64>, data: &Dataset, nuisances: &[Nuisance], nois
         }
         let series = smoother.smooth(recording, walk);
         for range in ranges {
-            let (part, series) = (recording.slice(&range), series.slice(&range));
-            all.extend(samples(runs.len(), &part, &series));
-            runs.push(series);
+            all.extend(samples(runs.len(), recording, &series, &range));
+            runs.push(series.slice(&range));
         }
     }
     let samples = all;
@@ -373,15 +374,20 @@ fn short(value: f64) -> String {
     }
 }
 
-/// The samples of one run, its first instants left out: there the estimate
-/// still finds its way.
-fn samples(number: usize, recording: &Recording, series: &ForceSeries) -> Vec<Sample> {
+/// The samples of one run of a session, the session's first instants left out: there
+/// the estimate still finds its way. Clock and largest angle are those of the session.
+fn samples(
+    number: usize,
+    recording: &Recording,
+    series: &ForceSeries,
+    run: &Range<usize>,
+) -> Vec<Sample> {
     const FINDING_ITS_WAY: usize = 10;
     let edges = edges(recording);
     let noise = noise_by_differences(&recording.angle);
     let mut largest: f64 = 0.0;
     let mut edge = 0;
-    (0..recording.len())
+    (0..run.end.min(recording.len()))
         .filter_map(|k| {
             while edges.get(edge + 1).is_some_and(|&next| next <= k) {
                 edge += 1;
@@ -406,7 +412,7 @@ fn samples(number: usize, recording: &Recording, series: &ForceSeries) -> Vec<Sa
                     (number + 1) as f64,
                 ],
             };
-            (k >= FINDING_ITS_WAY && sample.force.is_finite()).then_some(sample)
+            (k >= FINDING_ITS_WAY && run.contains(&k) && sample.force.is_finite()).then_some(sample)
         })
         .collect()
 }

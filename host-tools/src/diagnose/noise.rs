@@ -13,8 +13,8 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 
 use crate::estimate::Session;
+use crate::estimate::fit::{Fit, Fitter};
 use crate::estimate::nuisance::rest_at_start;
-use crate::fit::{Fit, Fitter};
 use crate::recording::{Meta, Recording};
 use crate::statistics::{mean, noise_by_differences, quantum, rms};
 

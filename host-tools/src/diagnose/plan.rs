@@ -18,22 +18,17 @@ use model_core::actuator::Model;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use wire::decimal::Hundredths;
-use wire::protocol::{Demand, Named, Playback, Segment, Track, total_ms};
+use wire::protocol::{Named, Segment, Track, total_ms};
 
 use super::candidates::Candidate;
+use crate::estimate::fit::Fitter;
 use crate::estimate::{Dataset, Nuisance};
-use crate::fit::Fitter;
+use crate::protocol::play;
 use crate::protocol_file::ProtocolFile;
-use crate::recording::Recording;
+use crate::recording::{PASCAL_PER_KPA, Recording};
 
 /// Samples per second of a simulated run.
 const RATE_HZ: u32 = 50;
-
-/// Time constant with which the pump builds a pressure up (s).
-const PUMP_LAG_S: f64 = 0.12;
-
-/// Time constant with which the open valve lets it out (s).
-const VENT_LAG_S: f64 = 0.3;
 
 /// What the rig must not exceed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -155,56 +150,18 @@ fn missed(
 }
 
 /// The pressure that a board would make of a protocol, as a recording without
-/// angles; none if it exceeds the limits.
+/// measured angles; none if it exceeds the limits.
 fn drive(protocol: &ProtocolFile, believed: &Model<f64>, limits: &Limits) -> Option<Recording> {
-    const REST_S: f64 = 0.5;
-    let program = &protocol.segments[..];
-    let step_ms = 1000 / RATE_HZ;
-    let interval = f64::from(step_ms) / 1000.0;
-    let mut playback = Playback::new();
-    playback.advance(program, 0);
-    let (mut pressure, mut time) = (0.0, 0.0);
-    let mut recording = Recording {
+    let play = play(protocol, believed, RATE_HZ);
+    let within = |command: &f64| command.abs() <= limits.highest_kpa * PASCAL_PER_KPA;
+    play.command.iter().all(within).then_some(Recording {
         name: protocol.name.clone(),
-        ..Recording::default()
-    };
-    // A rest before the first command, as in every recording.
-    while time < REST_S {
-        recording.time.push(time);
-        recording.pressure.push(0.0);
-        recording.angle.push(0.0);
-        time += interval;
-    }
-    loop {
+        time: play.time,
+        pressure: play.pressure,
         // Where the angle roughly is; it bounds the step length.
-        let mut angle = 0.0;
-        let (wanted, lag) = match playback.demand(program) {
-            Demand::Track { track, level } => {
-                let level = f64::from(level);
-                let wanted = match track {
-                    Track::Pressure => level * 1000.0,
-                    Track::AngleOpenLoop | Track::AngleClosedLoop => {
-                        angle = level.to_radians();
-                        believed.holding_pressure(level.to_radians())
-                    }
-                };
-                (wanted, PUMP_LAG_S)
-            }
-            Demand::Hold => (pressure, PUMP_LAG_S),
-            Demand::Release => (0.0, VENT_LAG_S),
-            Demand::Done => break,
-        };
-        if !wanted.is_finite() || wanted.abs() > limits.highest_kpa * 1000.0 {
-            return None;
-        }
-        recording.time.push(time);
-        recording.pressure.push(pressure);
-        recording.angle.push(angle);
-        pressure += (wanted - pressure) * (1.0 - (-interval / lag).exp());
-        time += interval;
-        playback.advance(program, step_ms);
-    }
-    Some(recording)
+        angle: play.setpoint,
+        ..Recording::default()
+    })
 }
 
 /// The runs that are considered: those that every board knows, and families of

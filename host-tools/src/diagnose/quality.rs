@@ -21,7 +21,7 @@ use super::candidates::Candidate;
 use super::noise::NoiseFloor;
 use crate::error::InputError;
 use crate::estimate::Dataset;
-use crate::fit::{Effort, Fitter};
+use crate::estimate::fit::{Effort, Fitter};
 use crate::model_file::{ModelFile, parameter_name};
 use crate::recording::Recording;
 use crate::statistics::{median, moves, swing};
@@ -136,7 +136,7 @@ pub fn odd_one_out(
     if places.len() < FEWEST {
         return None;
     }
-    let each = crate::fit::rms_each(&candidate.fit);
+    let each = crate::estimate::fit::rms_each(&candidate.fit);
     let index = (0..each.len()).max_by(|&a, &b| each[a].total_cmp(&each[b]))?;
     let mut others_each: Vec<f64> = each.clone();
     others_each.remove(index);

@@ -17,7 +17,7 @@ use model_core::catalogue::Kind;
 use super::adequate;
 use super::candidates::{Candidate, Scales};
 use super::noise::NoiseFloor;
-use crate::fit::Fit;
+use crate::estimate::fit::Fit;
 use crate::statistics::independent_stretch;
 
 /// Evidence that a larger structure has to bring for each effect, on top of

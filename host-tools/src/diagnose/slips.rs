@@ -13,7 +13,7 @@
 use crate::columns::{ATMOSPHERE_KPA, AngleUnit, Columns, PressureUnit, TimeUnit};
 use crate::error::InputError;
 use crate::estimate::Dataset;
-use crate::fit::Fitter;
+use crate::estimate::fit::Fitter;
 use crate::model_file::ModelFile;
 use crate::recording::{PASCAL_PER_KPA, Recording};
 use crate::statistics::{mean, median, rms};

@@ -15,7 +15,7 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use crate::estimate::Nuisance;
-use crate::fit::Fitter;
+use crate::estimate::fit::Fitter;
 
 use super::candidates::{Candidate, Ground, Promise, free_parameters, starts_from};
 
@@ -228,7 +228,7 @@ mod tests {
     use super::*;
     use crate::checkpoint::Checkpoint;
     use crate::estimate::Dataset;
-    use crate::fit::Effort;
+    use crate::estimate::fit::Effort;
     use crate::model_file::ModelFile;
     use crate::recording::Recording;
     use crate::simulate::{Signal, Start, run};

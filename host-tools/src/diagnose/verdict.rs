@@ -6,7 +6,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::estimate::Dataset;
-use crate::fit::Fit;
+use crate::estimate::fit::Fit;
 use crate::model_file::tidy;
 use crate::recording::PASCAL_PER_KPA;
 

@@ -6,9 +6,8 @@
 //! without metadata are sessions of their own. Where the motion cannot be
 //! followed across a gap, a new session begins that runs on by the same clock.
 
-use std::collections::BTreeMap;
 use std::ops::Range;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use super::dataset::{Dataset, Mark, Session};
 use crate::diagnose::quality::{Concern, Matter};
@@ -36,11 +35,13 @@ pub struct Assembled {
     pub concerns: Vec<Concern>,
 }
 
-/// What belongs to one recording session.
+/// Files that belong to one recording session, each with whether it is fitted.
 #[derive(Debug, Default)]
-struct Group<'a> {
-    whole: Option<(&'a Recording, bool)>,
-    pieces: Vec<(&'a Recording, bool)>,
+pub struct Group<'a> {
+    /// The session itself.
+    pub whole: Option<(&'a Recording, bool)>,
+    /// Files that were cut from it.
+    pub pieces: Vec<(&'a Recording, bool)>,
 }
 
 /// A stretch of time in a session, in seconds on its own axis.
@@ -59,49 +60,57 @@ pub fn assemble(fitted: &[Recording], held_out: &[Recording]) -> Result<Assemble
             .map(role(true))
             .chain(held_out.iter().map(role(false)))
     };
-    let mut groups: BTreeMap<usize, Group<'_>> = BTreeMap::new();
-    let mut known: Vec<PathBuf> = Vec::new();
-    for (recording, fit) in files() {
-        let place = session_path(recording);
-        let number = known.iter().position(|path| *path == place);
-        let number = number.unwrap_or_else(|| {
-            known.push(place);
-            known.len() - 1
-        });
-        let group = groups.entry(number).or_default();
-        if recording.meta.part_of.is_some() && recording.meta.begins_s.is_some() {
-            group.pieces.push((recording, fit));
-        } else if group.whole.is_none() {
-            group.whole = Some((recording, fit));
-        } else {
-            // The same file name in a recording without a path: another one.
-            let number = known.len();
-            known.push(PathBuf::from(format!("\u{0}{number}")));
-            groups.insert(
-                number,
-                Group {
-                    whole: Some((recording, fit)),
-                    pieces: Vec::new(),
-                },
-            );
-        }
-    }
+    let groups = grouped(files());
     let clocks = Clocks::of(files().map(|(recording, _)| recording));
     let alone = groups.len() == 1;
     let mut all = Assembled::default();
-    for group in groups.values() {
+    for group in &groups {
         add(&mut all, group, &clocks, alone)?;
     }
     Ok(all)
 }
 
+/// Finds which files belong to one session, by their metadata.
+pub fn grouped<'a>(files: impl Iterator<Item = (&'a Recording, bool)>) -> Vec<Group<'a>> {
+    let mut groups: Vec<(PathBuf, Group<'a>)> = Vec::new();
+    for (recording, fit) in files {
+        let place = session_path(recording);
+        let is_piece = recording.meta.part_of.is_some() && recording.meta.begins_s.is_some();
+        let known = groups
+            .iter_mut()
+            // The same name in a recording without a path is another one.
+            .find(|(path, group)| *path == place && (is_piece || group.whole.is_none()));
+        let group = match known {
+            Some((_, group)) => group,
+            None => {
+                groups.push((place, Group::default()));
+                let last = groups.len() - 1;
+                &mut groups[last].1
+            }
+        };
+        if is_piece {
+            group.pieces.push((recording, fit));
+        } else {
+            group.whole = Some((recording, fit));
+        }
+    }
+    groups.into_iter().map(|(_, group)| group).collect()
+}
+
 /// The file that a session has, or had.
 fn session_path(recording: &Recording) -> PathBuf {
-    match &recording.meta.part_of {
-        Some(whole) => recording.path.with_file_name(whole),
+    // Metadata may have been written by hand: a name, whatever path stands there.
+    let whole = recording
+        .meta
+        .part_of
+        .as_deref()
+        .and_then(|name| Path::new(name).file_name());
+    let path = match whole {
+        Some(name) => recording.path.with_file_name(name),
         None if recording.path.as_os_str().is_empty() => PathBuf::from(&recording.name),
         None => recording.path.clone(),
-    }
+    };
+    path.canonicalize().unwrap_or(path)
 }
 
 /// When the board was reset before each recording, as far as it is known.

@@ -414,7 +414,7 @@ impl Dataset {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fit::{Effort, Fitter};
+    use crate::estimate::fit::{Effort, Fitter};
     use crate::statistics::rms;
     use model_core::actuator::{Dynamics, ParameterId};
     use model_core::catalogue::{Effect, Kind};

@@ -1,4 +1,4 @@
-//! What fits are made to: sessions with their zeros, cut into segments.
+//! Fits, and what they are made to: sessions with their zeros, cut into segments.
 //!
 //! A recording session is simulated whole, from its first sample to its last: a
 //! hysteresis, a creep, a drift and the largest angle so far belong to the
@@ -6,11 +6,17 @@
 //! files; [`dataset`] holds them with their segments, which are used for
 //! repeats, for pictures and for leaving out; [`nuisance`] is what is estimated
 //! beside the model in every fit: the zeros of both sensors and how the session
-//! starts; [`subsample`] takes parts that are enough to rank candidates.
+//! starts; [`subsample`] takes parts that are enough to rank candidates. [`fit`] finds
+//! the parameters, by way of a least-squares `problem` in the `coordinate`s of the
+//! solver, and [`information`] is what the recordings say about them.
 
 pub mod assemble;
+mod coordinate;
 pub mod dataset;
+pub mod fit;
+pub mod information;
 pub mod nuisance;
+mod problem;
 pub mod subsample;
 
 pub use dataset::{Dataset, Segment, Session};

@@ -14,7 +14,7 @@ use crate::diagnose::judge::{self, Tried};
 use crate::diagnose::noise::NoiseFloor;
 use crate::diagnose::verdict::Answer;
 use crate::diagnose::{Diagnosis, Request};
-use crate::fit::Fit;
+use crate::estimate::fit::Fit;
 use crate::model_file::{parameter_name, parameter_unit, to_file_units};
 
 /// Structures of one size that are listed; what is behind them is counted.

@@ -7,9 +7,9 @@
 //!
 //! θ_max is a memory of events: after each step it is raised to |θ|, and within
 //! a step the larger of the two counts. The force is continuous, its slope has a
-//! corner where a swing passes the old maximum. A run starts with θ_max = |θ|, as
-//! if the actuator had never bent further; for the second run of a series, or a
-//! piece that was cut out of a longer one, that is where this is weak.
+//! corner where a swing passes the old maximum. A session starts with θ_max = |θ|, as
+//! if the actuator had never bent further; for the second session of a day, or a
+//! piece that does not say where it was cut from, that is where this is weak.
 
 use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Rest, Unit, parameters};
 use crate::actuator::Dynamics;

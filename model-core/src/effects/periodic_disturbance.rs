@@ -1,16 +1,15 @@
 //! Periodic disturbance: Q = A sin(2πft + φ).
 //!
 //! A (N) is the amplitude, f (Hz) the frequency, t (s) the time since the start
-//! of the run, φ (rad) the phase there: a pump's stroke, a fan, a table that
+//! of the session, φ (rad) the phase there: a pump's stroke, a fan, a table that
 //! shakes.
 //!
 //! The turns f t are integrated as a hidden state and whole turns are taken off
 //! after each step, so that the sine keeps its resolution in `f32` however long
 //! the run lasts.
 //!
-//! The phase counts from the start of the recording. Only a disturbance that
-//! starts with the recording has the same phase in all of them; with several
-//! recordings, or pieces of one, that is where this is weak.
+//! The phase counts from the start of the session. Only a disturbance that starts
+//! with it has the same phase in several of them; that is where this is weak.
 
 use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, full_turn, parameters};
 use crate::actuator::{Dynamics, Rates};
@@ -52,7 +51,7 @@ parameters! {
             held: None,
             starts: &[0.5, 2.0, 8.0],
         },
-        /// Phase φ at the start of the run (rad).
+        /// Phase φ at the start of the session (rad).
         phase: Parameter {
             key: "phase_rad",
             symbol: "φ",

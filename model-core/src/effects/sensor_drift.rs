@@ -1,10 +1,10 @@
 //! Drift of the sensor: y = θ + r t.
 //!
 //! r (rad/s) is the rate at which the zero of the angle sensor wanders, t (s) the
-//! time since the start of the run: a flex sensor that warms up or whose
-//! resistance decays under a bend. At the start of a run the drift is zero by
-//! definition; in a piece that was cut out of a longer run it starts anew, which
-//! its own start angle makes up for.
+//! time on the rig's clock, which begins with the first recording after a reset: a
+//! flex sensor that warms up or whose resistance decays under a bend. There the drift
+//! is zero by definition; what has drifted before a session that starts later is in
+//! its first reading.
 
 use super::{Hidden, Info, Mechanism, Motion, Parameter, Place, Unit, parameters};
 use crate::real::Real;

@@ -1,9 +1,9 @@
 //! Drift of the stiffness: K → K(1 + ρ t).
 //!
 //! ρ (1/s) is the share of the stiffness K that is gained each second, t (s) the
-//! time since the start of the run: an elastomer that warms up, cures on or
-//! fatigues. In a piece that was cut out of a longer run the drift starts anew,
-//! which is where this is weak.
+//! time on the rig's clock, which begins with the first recording after a reset: an
+//! elastomer that warms up, cures on or fatigues. In a piece of a session that does
+//! not say where it was cut from the drift starts anew, which is where this is weak.
 //!
 //! A straight line in time does not go on for ever. The factor 1 + ρ t stays
 //! between ¼ and 4: beyond them it is another actuator, one that has torn or has

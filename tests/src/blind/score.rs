@@ -18,7 +18,7 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use host_tools::estimate::Dataset;
-use host_tools::fit::Fitter;
+use host_tools::estimate::fit::Fitter;
 use host_tools::model_file::ModelFile;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};

@@ -1,0 +1,427 @@
+//! Output-error fits: the parameters whose simulation is nearest to what was
+//! measured.
+//!
+//! The model is *simulated* over each recording and compared with the measured
+//! angle; nothing is differentiated in time, so noise is not amplified. The
+//! derivatives of every simulated sample come exactly from dual numbers that
+//! run through the shared core ([`crate::dual`]), and a library solves the
+//! least-squares problem (Levenberg–Marquardt, the MINPACK algorithm).
+//!
+//! Each session brings unknowns of its own, the zeros of its sensors and its
+//! start ([`crate::estimate::nuisance`]); they are found in the same fit.
+
+use model_core::actuator::{Model, ParameterId};
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+use statrs::distribution::{ContinuousCDF, StudentsT};
+
+use super::Dataset;
+use super::coordinate::{Coordinate, bounds};
+use super::information::Information;
+use super::nuisance::{Nuisance, UNKNOWNS};
+use super::problem::{Compared, Problem};
+use crate::checkpoint::{Checkpoint, fingerprint};
+use crate::statistics::{correlation_time, rms};
+
+/// What a fit found.
+#[derive(Clone, Debug)]
+pub struct Fit {
+    /// The model with the fitted parameters.
+    pub model: Model<f64>,
+    /// Which parameters were free.
+    pub free: Vec<ParameterId>,
+    /// Zeros and start of each session; guesses where nothing of it was fitted.
+    pub nuisances: Vec<Nuisance>,
+    /// What zeros and starts cost, each in turn: the squares of their departures from
+    /// what was known before, in standard deviations, summed over the sessions.
+    pub(super) departures: [f64; UNKNOWNS],
+    /// Simulated minus measured angle (rad), a series a fitted segment.
+    pub residuals: Vec<Vec<f64>>,
+    /// Standard error of each free parameter, in SI units; infinite for a
+    /// parameter that the recordings do not determine.
+    pub standard_errors: Vec<f64>,
+    /// Whether the solver met its tolerance.
+    pub converged: bool,
+    /// What each segment says about the free parameters; empty after a
+    /// glance.
+    pub(super) information: Information,
+    pub(super) coordinates: Vec<Coordinate>,
+    pub(super) position: Vec<f64>,
+}
+
+/// A combination of free parameters that the recordings hardly determine.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FlatDirection {
+    /// How far the parameters can move along it, relative to their own size,
+    /// before the residual grows by its standard error; infinite if nothing
+    /// determines it.
+    pub reach: f64,
+    /// The parameters that take part, with their relative change; the largest
+    /// first.
+    pub shares: Vec<(ParameterId, f64)>,
+}
+
+impl Fit {
+    /// What zeros and starts cost: twice the logarithm of how improbable they are,
+    /// less that of the most probable ones.
+    pub fn departure(&self) -> f64 {
+        self.departures.iter().sum()
+    }
+
+    /// What the zeros of the sensors cost, as a part of [`Fit::departure`].
+    pub fn departure_of_zeros(&self) -> f64 {
+        let [pressure, angle, ..] = self.departures;
+        pressure + angle
+    }
+
+    /// Sum of squared residuals (rad²).
+    pub fn sse(&self) -> f64 {
+        self.residuals
+            .iter()
+            .flatten()
+            .map(|residual| residual * residual)
+            .sum()
+    }
+
+    /// Number of samples.
+    pub fn samples(&self) -> usize {
+        self.residuals.iter().map(Vec::len).sum()
+    }
+
+    /// RMS residual (rad).
+    pub fn rmse(&self) -> f64 {
+        (self.sse() / self.samples().max(1) as f64).sqrt()
+    }
+
+    /// How many correlated samples count as one.
+    pub fn correlation_time(&self) -> f64 {
+        correlation_time(&self.residuals)
+    }
+
+    /// The model as it would have been fitted without the segments at the places
+    /// in `left_out`, to second order; none where that cannot be trusted.
+    pub fn without(&self, left_out: &[usize]) -> Option<Model<f64>> {
+        if self.free.is_empty() {
+            return Some(self.model);
+        }
+        if self.information.unknowns() != self.free.len() {
+            return None;
+        }
+        let step = self.information.step_without(left_out)?;
+        let mut model = self.model;
+        for (k, (&id, coordinate)) in self.free.iter().zip(&self.coordinates).enumerate() {
+            model = model.with_value(id, coordinate.to_value(self.position[k] + step[k]));
+        }
+        Some(model)
+    }
+
+    /// JᵀJ of all recordings in the coordinates of the solver; none after a
+    /// glance.
+    pub fn curvature(&self) -> Option<DMatrix<f64>> {
+        (self.information.unknowns() == self.free.len() && !self.free.is_empty())
+            .then(|| self.information.total(&[]))
+    }
+
+    /// Combinations of free parameters that could move by more than half their
+    /// size unnoticed: singular values of the Jacobian by relative changes.
+    pub fn flat_directions(&self) -> Vec<FlatDirection> {
+        /// Standard error along a direction, relative to the parameters.
+        const LIMIT: f64 = 0.5;
+        /// A parameter with a smaller share does not take part.
+        const SHARE: f64 = 0.2;
+        if self.information.unknowns() != self.free.len() {
+            return Vec::new();
+        }
+        let sizes: Vec<f64> = self
+            .free
+            .iter()
+            .zip(&self.coordinates)
+            .zip(&self.position)
+            .map(|((&id, coordinate), &u)| {
+                let value = self.model.value(id).unwrap_or(1.0);
+                coordinate.slope(u) / value.abs().max(1e-9)
+            })
+            .collect();
+        self.information
+            .flat_directions(&sizes, LIMIT)
+            .into_iter()
+            .map(|(reach, direction)| {
+                let mut shares: Vec<(ParameterId, f64)> = self
+                    .free
+                    .iter()
+                    .copied()
+                    .zip(direction)
+                    .filter(|(_, share)| share.abs() > SHARE)
+                    .collect();
+                shares.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
+                FlatDirection { reach, shares }
+            })
+            .collect()
+    }
+
+    /// Whether the free parameter at `index` ended at the edge of the range in
+    /// which it was searched.
+    pub fn at_bound(&self, index: usize) -> bool {
+        self.coordinates
+            .get(index)
+            .zip(self.position.get(index))
+            .is_some_and(|(coordinate, &u)| coordinate.is_at_edge(u))
+    }
+
+    /// 95 % interval of the free parameter at `index` in SI units, by Student's
+    /// distribution, cut at the parameter's bounds.
+    pub fn interval95(&self, index: usize) -> Option<(f64, f64)> {
+        let id = *self.free.get(index)?;
+        let value = self.model.value(id)?;
+        let half =
+            student95(self.information.degrees_of_freedom()) * self.standard_errors.get(index)?;
+        let (lower, upper) = bounds(&self.model, id);
+        Some(((value - half).max(lower), (value + half).min(upper)))
+    }
+}
+/// Where a solver ended, in its own coordinates.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Ended {
+    /// The unknowns.
+    pub position: Vec<f64>,
+    /// Whether the solver met its tolerance.
+    pub converged: bool,
+}
+/// How hard a fit tries.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Effort {
+    /// A few steps, to rank starts.
+    Glance,
+    /// Until another step would change the sum of squares by a hundred-thousandth: far
+    /// below what any test of significance can see.
+    Full,
+}
+
+/// Fits models to data.
+#[derive(Clone, Copy, Debug)]
+pub struct Fitter<'a> {
+    /// The model before any fit, around which base parameters are searched.
+    pub nominal: &'a Model<f64>,
+    /// The sessions and their segments.
+    pub data: &'a Dataset,
+}
+
+impl Fitter<'_> {
+    /// Fits the parameters in `free`, starting from their values in `start`.
+    ///
+    /// With nothing free it estimates only zeros and starts: a plain comparison.
+    pub fn fit(&self, start: &Model<f64>, free: &[ParameterId], effort: Effort) -> Fit {
+        self.fit_kept(start, free, effort, &Checkpoint::default())
+    }
+
+    /// As [`Fitter::fit`], unless `checkpoint` knows where it ended.
+    pub fn fit_kept(
+        &self,
+        start: &Model<f64>,
+        free: &[ParameterId],
+        effort: Effort,
+        checkpoint: &Checkpoint,
+    ) -> Fit {
+        let problem = Problem::new(self, start, free, Compared::Fitted);
+        let key = if checkpoint.is_used() {
+            self.fingerprint(start, free, effort)
+        } else {
+            0
+        };
+        if let Some(ended) = checkpoint.recall(key)
+            && ended.position.len() == problem.unknowns()
+        {
+            return problem.at(&ended.position).finish(ended.converged, effort);
+        }
+        let (problem, converged) = problem.solved(effort);
+        if problem.unknowns() > 0 {
+            let position = problem.position().to_vec();
+            checkpoint.keep(
+                key,
+                &Ended {
+                    position,
+                    converged,
+                },
+            );
+        }
+        problem.finish(converged, effort)
+    }
+
+    /// Tells fits apart: by data, model, start, free parameters, effort and
+    /// version.
+    fn fingerprint(&self, start: &Model<f64>, free: &[ParameterId], effort: Effort) -> u64 {
+        let version = env!("CARGO_PKG_VERSION");
+        let text = format!("{version} {:?} {start:?} {free:?} {effort:?}", self.nominal);
+        let sessions = self.data.sessions();
+        let samples = sessions.iter().enumerate().flat_map(|(index, session)| {
+            let recording = session.recording();
+            let guess = session.guess();
+            let own = [
+                guess.pressure_zero,
+                guess.angle_zero,
+                guess.start.angle,
+                guess.start.rate,
+                session.prior().deviation.pressure_zero,
+                session.prior().deviation.angle_zero,
+                session.clock(),
+                f64::from(u8::from(session.is_estimated())),
+            ];
+            let ranges = self.data.fitted_ranges(index);
+            recording
+                .time
+                .iter()
+                .chain(session.signal().values())
+                .chain(&recording.angle)
+                .copied()
+                .chain(own)
+                .chain(
+                    ranges
+                        .into_iter()
+                        .flat_map(|range| [range.start as f64, range.end as f64]),
+                )
+                .flat_map(f64::to_le_bytes)
+        });
+        fingerprint(text.into_bytes().into_iter().chain(samples))
+    }
+
+    /// Simulates a model over the segments that are held out: zeros and start are
+    /// those of the fitted segments of the same session, or if there are none,
+    /// those that suit the session best. Series in the order of
+    /// [`Dataset::held_out`].
+    pub fn validate(&self, model: &Model<f64>) -> Validation {
+        let (problem, _) =
+            Problem::new(self, model, &[], Compared::Validated).solved(Effort::Glance);
+        Validation {
+            residuals: problem.residual_series(false),
+            nuisances: problem.nuisances(),
+        }
+    }
+
+    /// Widens the standard errors of a fit by what is not known about parameters
+    /// that it held.
+    pub fn allow_for(&self, fit: &mut Fit, held: &[ParameterId]) {
+        // From the edge of a range the derivatives of the fit lie elsewhere.
+        if (0..fit.free.len()).any(|index| fit.at_bound(index)) {
+            return;
+        }
+        let free = [fit.free.as_slice(), held].concat();
+        let wider = Problem::new(self, &fit.model, &free, Compared::Fitted)
+            .with_nuisances(&fit.nuisances)
+            .finish(fit.converged, Effort::Full);
+        for (error, wider) in fit.standard_errors.iter_mut().zip(wider.standard_errors) {
+            if wider.is_finite() {
+                *error = error.max(wider);
+            }
+        }
+    }
+
+    /// Simulates `model` as it is and compares.
+    pub fn compare(&self, model: &Model<f64>) -> Fit {
+        self.fit(model, &[], Effort::Full)
+    }
+
+    /// Derivatives of the simulated angles by the free parameters of a fit to
+    /// other recordings, in the coordinates in which that was solved, without
+    /// what zeros and starts can follow. A row a fitted sample.
+    pub fn derivatives(&self, fit: &Fit) -> DMatrix<f64> {
+        let blocks = Problem::new(self, &fit.model, &fit.free, Compared::Fitted)
+            .in_coordinates(&fit.coordinates, &fit.position)
+            .with_nuisances(&fit.nuisances)
+            .projected();
+        let free = fit.free.len();
+        let rows = blocks.iter().map(|(block, _)| block.nrows()).sum();
+        let mut all = DMatrix::zeros(rows, free);
+        let mut first = 0;
+        for (block, _) in &blocks {
+            all.rows_mut(first, block.nrows()).copy_from(block);
+            first += block.nrows();
+        }
+        all
+    }
+
+    /// The sum of squares (rad²) that one Gauss–Newton step from `start` promises:
+    /// a score test at the price of a single simulation with derivatives. Not
+    /// finite where the model cannot be simulated.
+    pub fn promise(&self, start: &Model<f64>, free: &[ParameterId]) -> f64 {
+        Problem::new(self, start, free, Compared::Fitted).promise()
+    }
+
+    /// Residuals (rad) of a model at every fitted sample, and their derivatives in
+    /// the coordinates in which the solver moves: the parameters in `free`, then
+    /// zeros and starts of the sessions, about `nuisances`. None where it cannot
+    /// be simulated.
+    pub fn linearised(
+        &self,
+        model: &Model<f64>,
+        free: &[ParameterId],
+        nuisances: &[Nuisance],
+    ) -> Option<(DVector<f64>, DMatrix<f64>)> {
+        Problem::new(self, model, free, Compared::Fitted)
+            .with_nuisances(nuisances)
+            .dense()
+    }
+
+    /// The `count` starts that promise most.
+    pub fn promising(
+        &self,
+        starts: &[Model<f64>],
+        free: &[ParameterId],
+        count: usize,
+    ) -> Vec<(f64, Model<f64>)> {
+        let mut ranked: Vec<(f64, Model<f64>)> = starts
+            .par_iter()
+            .map(|start| (self.promise(start, free), *start))
+            .collect();
+        ranked.retain(|(promise, _)| promise.is_finite());
+        ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
+        ranked.truncate(count);
+        ranked
+    }
+
+    /// Fits from each start; the best. None if there is no start from which the
+    /// model can be simulated.
+    pub fn best_of(
+        &self,
+        starts: &[Model<f64>],
+        free: &[ParameterId],
+        effort: Effort,
+    ) -> Option<Fit> {
+        self.best_of_kept(starts, free, effort, &Checkpoint::default())
+    }
+
+    /// As [`Fitter::best_of`], taking up what `checkpoint` knows.
+    pub fn best_of_kept(
+        &self,
+        starts: &[Model<f64>],
+        free: &[ParameterId],
+        effort: Effort,
+        checkpoint: &Checkpoint,
+    ) -> Option<Fit> {
+        starts
+            .par_iter()
+            .map(|start| self.fit_kept(start, free, effort, checkpoint))
+            .collect::<Vec<_>>()
+            .into_iter()
+            .filter(|fit| fit.sse().is_finite())
+            .min_by(|a, b| a.sse().total_cmp(&b.sse()))
+    }
+}
+
+/// What a model made of the segments that were held out.
+#[derive(Clone, Debug)]
+pub struct Validation {
+    /// Simulated minus measured angle (rad), a series a held-out segment.
+    pub residuals: Vec<Vec<f64>>,
+    /// Zeros and start of each session.
+    pub nuisances: Vec<Nuisance>,
+}
+/// The quantile of Student's distribution between whose two values 95 % lie.
+fn student95(degrees_of_freedom: usize) -> f64 {
+    StudentsT::new(0.0, 1.0, degrees_of_freedom.max(1) as f64)
+        .map_or(f64::INFINITY, |student| student.inverse_cdf(0.975))
+}
+
+/// RMS of each recording's residual (rad), in order.
+pub fn rms_each(fit: &Fit) -> Vec<f64> {
+    fit.residuals.iter().map(|residual| rms(residual)).collect()
+}

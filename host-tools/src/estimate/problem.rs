@@ -1,0 +1,646 @@
+//! The least-squares problem behind every fit.
+//!
+//! It turns sessions into residuals and derivatives, adds what was known before about
+//! their zeros and starts, and hands both to the library's solver. See [`super::fit`]
+//! for what is done with it.
+
+use std::ops::Range;
+
+use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
+use model_core::actuator::{Model, ParameterId};
+use nalgebra::storage::Owned;
+use nalgebra::{DMatrix, DVector, Dyn};
+use rayon::prelude::*;
+
+use super::coordinate::Coordinate;
+use super::fit::{Effort, Fit, Fitter};
+use super::information::{Block, Information, without_nuisance};
+use super::nuisance::{Nuisance, Shared, UNKNOWNS, ZEROS, wall};
+use super::{Dataset, Session};
+use crate::dual::Dual;
+use crate::simulate::{Origin, Start, run_from};
+use crate::statistics::{correlation_time, mean};
+
+impl Effort {
+    /// The solver for so many unknowns.
+    fn solver(self, unknowns: usize) -> LevenbergMarquardt<f64> {
+        /// Evaluations after which a fit that still moves is left: its valley is so
+        /// flat that where it ends does not matter.
+        const GLANCES: usize = 25;
+        const MOST: usize = 120;
+        // The library counts in units of the unknowns.
+        let patience = |evaluations: usize| evaluations.div_ceil(unknowns + 1).max(1);
+        let solver = LevenbergMarquardt::new().with_gtol(0.0);
+        // The step bound is the first step relative to the size of the
+        // coordinates. The solver's default of 100 leaps over the valley that
+        // a start was chosen for.
+        match self {
+            Self::Glance => solver
+                .with_stepbound(1.0)
+                .with_patience(patience(GLANCES))
+                .with_ftol(1e-3)
+                .with_xtol(1e-3),
+            Self::Full => solver
+                .with_stepbound(0.1)
+                .with_patience(patience(MOST))
+                .with_ftol(1e-5)
+                .with_xtol(1e-5),
+        }
+    }
+}
+/// Which samples of a session are compared.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Compared {
+    /// Those that are fitted; sessions without any take no part.
+    Fitted,
+    /// Only sessions that hold something out: their fitted samples, or all if
+    /// there are none.
+    Validated,
+}
+
+/// A session as it takes part in a problem.
+struct Part<'a> {
+    session: &'a Session,
+    /// Its index in the data.
+    index: usize,
+    /// The samples that are compared.
+    ranges: Vec<Range<usize>>,
+    /// Column of its first own unknown; none if zeros and start are known.
+    own: Option<usize>,
+}
+
+impl Part<'_> {
+    /// Whether a zero is in part that of a whole sitting.
+    fn shares(&self, unknown: usize) -> bool {
+        self.own.is_some() && self.session.prior().apart[unknown].is_some()
+    }
+
+    /// What keeps a zero in its range: see [`wall`]. A start has no such range.
+    fn wall(&self, unknown: usize, departure: f64) -> [f64; 2] {
+        if ZEROS.contains(&unknown) {
+            wall(departure)
+        } else {
+            [0.0, 0.0]
+        }
+    }
+
+    fn rows(&self) -> usize {
+        self.ranges.iter().map(ExactSizeIterator::len).sum()
+    }
+}
+
+/// What the zeros of the sessions of one sitting have in common; none if there is
+/// no such session.
+fn shared(parts: &[Part<'_>], unknown: usize) -> Option<Shared> {
+    let sitting: Vec<&Part<'_>> = parts.iter().filter(|part| part.shares(unknown)).collect();
+    let prior = sitting.first()?.session.prior();
+    let apart = prior.apart[unknown]?;
+    let deviation = prior.deviations()[unknown];
+    Some(Shared::new(sitting.len(), apart / deviation))
+}
+
+/// Residuals of one session and their derivatives by the free parameters and by
+/// its own unknowns, a row a compared sample.
+struct Linear {
+    jacobian: DMatrix<f64>,
+    residual: DVector<f64>,
+}
+
+/// The least-squares problem in the solver's coordinates: the free parameters,
+/// then zeros and start of every session.
+///
+/// A session has thousands of samples and a dozen unknowns. What the solver needs
+/// of it is the triangle of a QR decomposition of its derivatives and residuals,
+/// which has the same normal equations and the same sum of squares; it is found
+/// whenever the position moves, with one simulation on dual numbers.
+pub struct Problem<'a> {
+    model: Model<f64>,
+    data: &'a Dataset,
+    free: Vec<ParameterId>,
+    coordinates: Vec<Coordinate>,
+    parts: Vec<Part<'a>>,
+    /// Of each unknown of a session, what those of one sitting have in common.
+    shared: [Option<Shared>; UNKNOWNS],
+    position: DVector<f64>,
+    /// The triangle of each part at `position`: derivatives, residuals last. None
+    /// where the model cannot be simulated.
+    triangles: Option<Vec<DMatrix<f64>>>,
+}
+
+impl<'a> Problem<'a> {
+    pub fn new(
+        fitter: &Fitter<'a>,
+        model: &Model<f64>,
+        free: &[ParameterId],
+        compared: Compared,
+    ) -> Self {
+        let data = fitter.data;
+        let coordinates: Vec<Coordinate> = free
+            .iter()
+            .map(|&id| Coordinate::of(fitter.nominal, model, id))
+            .collect();
+        let mut position: Vec<f64> = free
+            .iter()
+            .zip(&coordinates)
+            .map(|(&id, coordinate)| coordinate.position(model.value(id).unwrap_or(0.0)))
+            .collect();
+        let mut parts = Vec::new();
+        for (index, session) in data.sessions().iter().enumerate() {
+            let mut ranges = data.fitted_ranges(index);
+            if compared == Compared::Validated {
+                let held_out = data.ranges(index, false);
+                if held_out.is_empty() {
+                    continue;
+                }
+                if ranges.is_empty() {
+                    ranges = held_out;
+                }
+            }
+            if ranges.is_empty() {
+                continue;
+            }
+            let own = session.is_estimated().then(|| {
+                position.extend(session.prior().departures(&session.guess()));
+                position.len() - UNKNOWNS
+            });
+            parts.push(Part {
+                session,
+                index,
+                ranges,
+                own,
+            });
+        }
+        let mut this = Self {
+            model: *model,
+            data,
+            free: free.to_vec(),
+            coordinates,
+            shared: std::array::from_fn(|unknown| shared(&parts, unknown)),
+            parts,
+            position: DVector::from_vec(position),
+            triangles: None,
+        };
+        this.triangles = this.triangulated();
+        this
+    }
+
+    /// The same with zeros and starts as given, one set a session.
+    pub fn with_nuisances(mut self, nuisances: &[Nuisance]) -> Self {
+        for part in &self.parts {
+            if let (Some(first), Some(nuisance)) = (part.own, nuisances.get(part.index)) {
+                let position = part.session.prior().departures(nuisance);
+                for (offset, value) in position.into_iter().enumerate() {
+                    self.position[first + offset] = value;
+                }
+            }
+        }
+        self.triangles = self.triangulated();
+        self
+    }
+
+    /// The same where a solver ended before.
+    pub fn at(mut self, position: &[f64]) -> Self {
+        self.set_params(&DVector::from_column_slice(position));
+        self
+    }
+
+    /// The same with parameters in the coordinates, and at the position, of another
+    /// fit. Derivatives are found by the next change of zeros and starts.
+    pub fn in_coordinates(mut self, coordinates: &[Coordinate], position: &[f64]) -> Self {
+        self.coordinates = coordinates.to_vec();
+        for (to, from) in self.position.iter_mut().zip(position) {
+            *to = *from;
+        }
+        self
+    }
+
+    /// The unknowns, in the solver's coordinates.
+    pub fn position(&self) -> &[f64] {
+        self.position.as_slice()
+    }
+
+    /// The sum of squares (rad²) that one Gauss–Newton step promises.
+    pub fn promise(&self) -> f64 {
+        let (Some(residuals), Some(jacobian)) = (self.residuals(), self.jacobian()) else {
+            return f64::INFINITY;
+        };
+        let mut normal = jacobian.tr_mul(&jacobian);
+        let slope = jacobian.tr_mul(&residuals);
+        for k in 0..normal.nrows() {
+            // A column without influence must not make it singular.
+            let ridge = 1e-9 * normal[(k, k)] + f64::MIN_POSITIVE;
+            normal[(k, k)] += ridge;
+        }
+        let whole = residuals.norm_squared();
+        normal
+            .cholesky()
+            .map_or(whole, |factor| whole - slope.dot(&factor.solve(&slope)))
+    }
+
+    /// Lets the solver find the position; whether it met its tolerance.
+    pub fn solved(self, effort: Effort) -> (Self, bool) {
+        if self.unknowns() == 0 {
+            return (self, true);
+        }
+        let mut solver = effort.solver(self.unknowns());
+        if self.free.is_empty() {
+            // Zeros and starts alone are nearly linear: full steps.
+            solver = solver.with_stepbound(100.0);
+        }
+        let (solved, report) = solver.minimize(self);
+        (solved, report.termination.was_successful())
+    }
+
+    pub fn unknowns(&self) -> usize {
+        self.position.len()
+    }
+
+    fn model(&self) -> Model<f64> {
+        let mut model = self.model;
+        for ((&id, coordinate), &u) in self.free.iter().zip(&self.coordinates).zip(&self.position) {
+            model = model.with_value(id, coordinate.to_value(u));
+        }
+        model
+    }
+
+    fn own_position(&self, first: usize) -> [f64; UNKNOWNS] {
+        std::array::from_fn(|offset| self.position[first + offset])
+    }
+
+    fn nuisance(&self, part: &Part<'_>) -> Nuisance {
+        match part.own {
+            Some(first) => part.session.prior().at(self.own_position(first)),
+            None => part.session.guess(),
+        }
+    }
+
+    /// Zeros and start of every session of the data.
+    pub fn nuisances(&self) -> Vec<Nuisance> {
+        let mut all: Vec<Nuisance> = self
+            .data
+            .sessions()
+            .iter()
+            .map(|session| session.guess())
+            .collect();
+        for part in &self.parts {
+            all[part.index] = self.nuisance(part);
+        }
+        all
+    }
+
+    /// What was known before about the unknowns of each session, as residuals
+    /// (rad): departures in standard deviations times the noise of the angle. None
+    /// for a session whose zeros and start are known.
+    fn prior_rows(&self) -> Vec<Option<[f64; UNKNOWNS]>> {
+        let own: Vec<Option<[f64; UNKNOWNS]>> = self
+            .parts
+            .iter()
+            .map(|part| {
+                let departures = |_| part.session.prior().departures(&self.nuisance(part));
+                part.own.map(departures)
+            })
+            .collect();
+        let means: [f64; UNKNOWNS] = std::array::from_fn(|unknown| {
+            let zeros: Vec<f64> = self
+                .parts
+                .iter()
+                .zip(&own)
+                .filter(|(part, _)| part.shares(unknown))
+                .filter_map(|(_, own)| Some((*own)?[unknown]))
+                .collect();
+            mean(&zeros)
+        });
+        self.parts
+            .iter()
+            .zip(own)
+            .map(|(part, own)| {
+                let own = own?;
+                Some(std::array::from_fn(|unknown| {
+                    let residual = match self.shared[unknown] {
+                        Some(shared) if part.shares(unknown) => {
+                            shared.residual(own[unknown], means[unknown])
+                        }
+                        _ => own[unknown],
+                    };
+                    let [wall, _] = part.wall(unknown, own[unknown]);
+                    part.session.prior().noise * (residual + wall)
+                }))
+            })
+            .collect()
+    }
+
+    /// The derivative of the row of one session's unknown by the same unknown of
+    /// another, or of itself, in the solver's coordinates.
+    fn prior_slope(&self, of: &Part<'_>, by: &Part<'_>, unknown: usize) -> f64 {
+        let Some(first) = of.own else {
+            return 0.0;
+        };
+        let (by_itself, by_other) = match self.shared[unknown] {
+            Some(shared) if of.shares(unknown) && by.shares(unknown) => shared.slopes().into(),
+            _ => (1.0, 0.0),
+        };
+        let slope = if of.index == by.index {
+            let [_, wall] = of.wall(unknown, self.position[first + unknown]);
+            by_itself + wall
+        } else {
+            by_other
+        };
+        of.session.prior().noise * slope
+    }
+
+    /// Derivatives of the rows of a session's own unknowns by themselves, as if it
+    /// were alone.
+    fn prior_slopes(&self, part: &Part<'_>) -> [f64; UNKNOWNS] {
+        let Some(first) = part.own else {
+            return [0.0; UNKNOWNS];
+        };
+        std::array::from_fn(|unknown| {
+            let [_, wall] = part.wall(unknown, self.position[first + unknown]);
+            part.session.prior().noise * (1.0 + wall)
+        })
+    }
+
+    /// Residuals of the segments that are fitted, or of those held out; only of
+    /// sessions that take part.
+    pub fn residual_series(&self, fitted: bool) -> Vec<Vec<f64>> {
+        let model = self.model();
+        let series: Vec<Vec<Vec<f64>>> = self
+            .parts
+            .par_iter()
+            .map(|part| {
+                let simulated = part.session.simulate(&model, &self.nuisance(part));
+                let residual = part.session.residual_of(&simulated);
+                self.data
+                    .ranges(part.index, fitted)
+                    .into_iter()
+                    .map(|range| residual[range].to_vec())
+                    .collect()
+            })
+            .collect();
+        series.into_iter().flatten().collect()
+    }
+
+    /// One session on dual numbers with `N` derivatives: at least the free
+    /// parameters, the pressure's zero and the start.
+    fn linear<const N: usize>(&self, model: &Model<f64>, part: &Part<'_>) -> Linear {
+        let session = part.session;
+        let mut dual: Model<Dual<N>> = model.map(Dual::constant);
+        for (column, ((&id, coordinate), &u)) in self
+            .free
+            .iter()
+            .zip(&self.coordinates)
+            .zip(&self.position)
+            .enumerate()
+        {
+            let value = coordinate.to_value(u);
+            dual = dual.with_value(id, Dual::variable(value, column, coordinate.slope(u)));
+        }
+        let free = self.free.len();
+        let nuisance = self.nuisance(part);
+        let unknown = |value: f64, column: usize| match part.own {
+            Some(_) => Dual::variable(value, free + column, 1.0),
+            None => Dual::constant(value),
+        };
+        let origin = Origin {
+            start: Start {
+                angle: unknown(nuisance.start.angle - nuisance.angle_zero, 1),
+                rate: unknown(nuisance.start.rate, 2),
+            },
+            pressure_zero: unknown(nuisance.pressure_zero, 0),
+            clock: Dual::constant(session.clock()),
+        };
+        let steps = session.substeps(model);
+        let reading = run_from(&dual, session.signal(), origin, steps).reading;
+        let columns = free + if part.own.is_some() { UNKNOWNS } else { 0 };
+        let slopes = session.prior().deviations();
+        let mut jacobian = DMatrix::zeros(part.rows(), columns);
+        let mut residual = DVector::zeros(part.rows());
+        let measured = &session.recording().angle;
+        let silent = |sample: usize| session.silent().iter().any(|range| range.contains(&sample));
+        for (row, sample) in part.ranges.iter().cloned().flatten().enumerate() {
+            if silent(sample) {
+                continue;
+            }
+            let partials = reading[sample].partials();
+            residual[row] = reading[sample].value() + nuisance.angle_zero - measured[sample];
+            for column in 0..free {
+                jacobian[(row, column)] = partials[column];
+            }
+            if part.own.is_some() {
+                let by_start = partials[free + 1];
+                // The zero of the angle moves the reading, and the start behind it.
+                let own = [partials[free], 1.0 - by_start, by_start, partials[free + 2]];
+                for (column, (by, slope)) in own.into_iter().zip(slopes).enumerate() {
+                    jacobian[(row, free + column)] = by * slope;
+                }
+            }
+        }
+        Linear { jacobian, residual }
+    }
+
+    /// Every session, with the derivatives carried in arrays of a size that
+    /// suffices.
+    fn linears(&self) -> Vec<Linear> {
+        let model = self.model();
+        self.parts
+            .par_iter()
+            .map(|part| match self.free.len() + 3 {
+                0..=4 => self.linear::<4>(&model, part),
+                5..=6 => self.linear::<6>(&model, part),
+                7..=8 => self.linear::<8>(&model, part),
+                9..=12 => self.linear::<12>(&model, part),
+                // Five base parameters and three effects of four each.
+                _ => self.linear::<20>(&model, part),
+            })
+            .collect()
+    }
+
+    fn triangulated(&self) -> Option<Vec<DMatrix<f64>>> {
+        self.linears()
+            .into_par_iter()
+            .map(|Linear { jacobian, residual }| {
+                let columns = jacobian.ncols();
+                let mut both = jacobian.resize_horizontally(columns + 1, 0.0);
+                both.set_column(columns, &residual);
+                both.iter()
+                    .all(|entry| entry.is_finite())
+                    .then(|| both.qr().r())
+            })
+            .collect()
+    }
+
+    /// The residuals and derivatives of all fitted samples.
+    pub fn dense(&self) -> Option<(DVector<f64>, DMatrix<f64>)> {
+        let linears = self.linears();
+        let rows = linears.iter().map(|linear| linear.residual.len()).sum();
+        let free = self.free.len();
+        let mut residuals = DVector::zeros(rows);
+        let mut jacobian = DMatrix::zeros(rows, self.unknowns());
+        let mut first = 0;
+        for (linear, part) in linears.iter().zip(&self.parts) {
+            let height = linear.residual.len();
+            residuals
+                .rows_mut(first, height)
+                .copy_from(&linear.residual);
+            jacobian
+                .view_mut((first, 0), (height, free))
+                .copy_from(&linear.jacobian.columns(0, free));
+            if let Some(own) = part.own {
+                jacobian
+                    .view_mut((first, own), (height, UNKNOWNS))
+                    .copy_from(&linear.jacobian.columns(free, UNKNOWNS));
+            }
+            first += height;
+        }
+        let finite = |entry: &f64| entry.is_finite();
+        (residuals.iter().all(finite) && jacobian.iter().all(finite))
+            .then_some((residuals, jacobian))
+    }
+
+    /// Of each session, the derivatives by the free parameters without what its
+    /// zeros and start can follow, and the residuals.
+    pub fn projected(&self) -> Vec<(DMatrix<f64>, DVector<f64>)> {
+        let free = self.free.len();
+        self.linears()
+            .into_iter()
+            .zip(&self.parts)
+            .map(|(linear, part)| {
+                let parameters = linear.jacobian.columns(0, free).into_owned();
+                if part.own.is_none() {
+                    return (parameters, linear.residual);
+                }
+                let own = linear.jacobian.columns(free, UNKNOWNS).into_owned();
+                let known = self.prior_slopes(part);
+                (without_nuisance(&parameters, &own, &known), linear.residual)
+            })
+            .collect()
+    }
+
+    pub fn finish(self, converged: bool, effort: Effort) -> Fit {
+        let residuals = self.residual_series(true);
+        let information = match effort {
+            Effort::Glance => Information::default(),
+            Effort::Full => self.information(&residuals),
+        };
+        let free = self.free.len();
+        let covariance = match effort {
+            // Where a derivative is not finite, nothing is known.
+            Effort::Full if information.unknowns() == free => information.covariance(),
+            _ => None,
+        };
+        let standard_errors = self
+            .coordinates
+            .iter()
+            .enumerate()
+            .map(|(column, coordinate)| {
+                let slope = coordinate.slope(self.position[column]).abs();
+                covariance.as_ref().map_or(f64::INFINITY, |covariance| {
+                    slope * covariance[(column, column)].max(0.0).sqrt()
+                })
+            })
+            .collect();
+        let mut departures = [0.0; UNKNOWNS];
+        for (part, rows) in self.parts.iter().zip(self.prior_rows()) {
+            for (sum, row) in departures.iter_mut().zip(rows.unwrap_or_default()) {
+                *sum += (row / part.session.prior().noise).powi(2);
+            }
+        }
+        Fit {
+            model: self.model(),
+            nuisances: self.nuisances(),
+            departures,
+            free: self.free,
+            residuals,
+            standard_errors,
+            converged,
+            information,
+            coordinates: self.coordinates,
+            position: self.position.iter().take(free).copied().collect(),
+        }
+    }
+
+    /// What each fitted segment says about the free parameters.
+    fn information(&self, residuals: &[Vec<f64>]) -> Information {
+        let unknowns = self.free.len();
+        if unknowns == 0 {
+            return Information::default();
+        }
+        let projected = self.projected();
+        if !projected
+            .iter()
+            .all(|(block, _)| block.iter().all(|entry| entry.is_finite()))
+        {
+            return Information::default();
+        }
+        let mut blocks = Vec::new();
+        for ((parameters, residual), part) in projected.iter().zip(&self.parts) {
+            let mut first = 0;
+            for range in &part.ranges {
+                let rows = range.len();
+                blocks.push(Block {
+                    parameters: parameters.rows(first, rows).into_owned(),
+                    residual: residual.rows(first, rows).into_owned(),
+                });
+                first += rows;
+            }
+        }
+        Information::collect(unknowns, &blocks, correlation_time(residuals))
+    }
+}
+
+impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
+    type ResidualStorage = Owned<f64, Dyn>;
+    type JacobianStorage = Owned<f64, Dyn, Dyn>;
+    type ParameterStorage = Owned<f64, Dyn>;
+
+    fn set_params(&mut self, position: &DVector<f64>) {
+        self.position.copy_from(position);
+        self.triangles = self.triangulated();
+    }
+
+    fn params(&self) -> DVector<f64> {
+        self.position.clone()
+    }
+
+    fn residuals(&self) -> Option<DVector<f64>> {
+        let mut all = Vec::new();
+        for (triangle, rows) in self.triangles.as_ref()?.iter().zip(self.prior_rows()) {
+            all.extend(triangle.column(triangle.ncols() - 1).iter());
+            all.extend(rows.into_iter().flatten());
+        }
+        Some(DVector::from_vec(all))
+    }
+
+    fn jacobian(&self) -> Option<DMatrix<f64>> {
+        let triangles = self.triangles.as_ref()?;
+        let free = self.free.len();
+        let own_rows = |part: &Part<'_>| if part.own.is_some() { UNKNOWNS } else { 0 };
+        let rows = triangles
+            .iter()
+            .zip(&self.parts)
+            .map(|(triangle, part)| triangle.nrows() + own_rows(part))
+            .sum();
+        let mut jacobian = DMatrix::zeros(rows, self.unknowns());
+        let mut first = 0;
+        for (triangle, part) in triangles.iter().zip(&self.parts) {
+            let height = triangle.nrows();
+            jacobian
+                .view_mut((first, 0), (height, free))
+                .copy_from(&triangle.columns(0, free));
+            first += height;
+            let Some(own) = part.own else { continue };
+            jacobian
+                .view_mut((first - height, own), (height, UNKNOWNS))
+                .copy_from(&triangle.columns(free, UNKNOWNS));
+            for by in &self.parts {
+                let Some(column) = by.own else { continue };
+                for unknown in 0..UNKNOWNS {
+                    jacobian[(first + unknown, column + unknown)] =
+                        self.prior_slope(part, by, unknown);
+                }
+            }
+            first += UNKNOWNS;
+        }
+        Some(jacobian)
+    }
+}
