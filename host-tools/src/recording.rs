@@ -87,6 +87,8 @@ pub struct Meta {
     /// not overlap.
     #[serde(default)]
     pub segment: Vec<SegmentMeta>,
+    /// The angles between which the angle sensor was calibrated (°).
+    pub angle_range_deg: Option<[f64; 2]>,
     /// How well the sensors' zeros are known.
     pub calibration: Option<CalibrationMeta>,
 }

@@ -187,6 +187,7 @@ pub fn usable(recording: &Recording) -> Result<Usable, InputError> {
     let pressure = saturated_pressure(recording, &mut concerns);
     let at_end = clipped(&recording.angle);
     describe_clipped_angle(recording, &at_end, &mut concerns);
+    let beyond = beyond_table(recording, &mut concerns);
 
     // What lies between two cuts.
     let mut stretches = Vec::new();
@@ -205,7 +206,7 @@ pub fn usable(recording: &Recording) -> Result<Usable, InputError> {
 
     let unfitted = within(
         &stretches,
-        &union(at_end.into_iter().chain(pressure.unfitted)),
+        &union(at_end.into_iter().chain(beyond).chain(pressure.unfitted)),
     );
     let usable = Usable {
         stretches,
@@ -492,6 +493,36 @@ fn describe_clipped_angle(
     ));
 }
 
+/// Stretches beyond the ends of the angle sensor's table, as far as the metadata
+/// says where those are: there a board extrapolates, or the sensor has ended.
+fn beyond_table(recording: &Recording, concerns: &mut Vec<Concern>) -> Vec<Range<usize>> {
+    let Some([low, high]) = recording.meta.angle_range_deg else {
+        return Vec::new();
+    };
+    let range = low.to_radians()..=high.to_radians();
+    let beyond: Vec<Range<usize>> = recording
+        .angle
+        .iter()
+        .enumerate()
+        .filter(|(_, angle)| !range.contains(angle))
+        .map(|(k, _)| k..k + 1)
+        .collect();
+    let beyond = union(beyond.into_iter());
+    if !beyond.is_empty() {
+        concerns.push(Concern::of(
+            Matter::SaturatedAngle,
+            Some(recording),
+            format!(
+                "{} of {} samples lie beyond the angle sensor's table ({low:.0} to {high:.0}°) and are not fitted",
+                count(&beyond),
+                recording.len()
+            ),
+            "calibrate the sensor over the whole motion",
+        ));
+    }
+    beyond
+}
+
 /// Drops the stretches that are too short to show a motion.
 fn drop_short(
     recording: &Recording,
@@ -591,6 +622,20 @@ mod tests {
 
     fn matters(usable: &Usable) -> Vec<Matter> {
         usable.concerns.iter().map(|it| it.matter).collect()
+    }
+
+    #[test]
+    fn samples_beyond_the_sensors_table_are_not_fitted() {
+        let mut recording = recording();
+        recording.meta.angle_range_deg = Some([-15.0, 50.0]);
+        let usable_ones = usable(&recording).unwrap();
+        assert_eq!(matters(&usable_ones), [Matter::SaturatedAngle]);
+        let unfitted = |k: usize| usable_ones.unfitted.iter().any(|range| range.contains(&k));
+        for (k, angle) in recording.angle.iter().enumerate() {
+            assert_eq!(unfitted(k), angle.to_degrees() > 50.0, "sample {k}");
+        }
+        recording.meta.angle_range_deg = Some([-15.0, 130.0]);
+        assert!(usable(&recording).unwrap().concerns.is_empty());
     }
 
     #[test]

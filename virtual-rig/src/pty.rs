@@ -171,6 +171,15 @@ impl Port {
         self.poll(PollFlags::OUT, time).map(drop)
     }
 
+    /// Waits until the client sends something, at most for `time`.
+    ///
+    /// # Errors
+    ///
+    /// Those of the operating system.
+    pub fn wait_for_bytes(&mut self, time: Duration) -> io::Result<()> {
+        self.poll(PollFlags::IN, time).map(drop)
+    }
+
     fn poll(&self, wanted: PollFlags, time: Duration) -> io::Result<PollFlags> {
         let mut polled = [PollFd::new(&self.master, wanted)];
         let time = Timespec::try_from(time).map_err(io::Error::other)?;

@@ -326,10 +326,11 @@ impl VirtualRig {
     /// A computer opens the port: that pulls the reset line, as on every Mega,
     /// and the bootloader listens for a second before the program starts. It
     /// starts at once when a byte comes that no programmer would send; that byte
-    /// is lost.
+    /// is lost. A session begins: drifts run from here, as on the board.
     pub fn open_port(&mut self) {
         if self.powered {
             self.reset(ResetCause::External);
+            self.plant.restart_clock();
             self.loader = Some((Bootloader::new(), self.after(LISTENS_S)));
         }
     }

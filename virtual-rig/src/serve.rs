@@ -121,6 +121,10 @@ const MOST_UNSENT: usize = 4096;
 const MOST_UNREAD: usize = 1 << 16;
 /// How far real time may run ahead before the rig gives up catching up.
 const MOST_BEHIND: Duration = Duration::from_secs(1);
+/// Simulated time (s) for which a client may be silent before the board goes no faster
+/// than real time: half of what the board waits for a sign of life. On a busy computer
+/// a tenth of a second without a turn is several simulated ones.
+const PATIENCE_S: f64 = 1.0;
 /// Simulated time between two looks at the EEPROM (s).
 const EEPROM_EVERY_S: f64 = 0.25;
 
@@ -176,6 +180,7 @@ pub fn run(args: &ServeArgs) -> anyhow::Result<()> {
         commands: args.control.then(read_commands),
         unread: Vec::new(),
         speed: args.speed,
+        heard_s: 0.0,
         eeprom: args.eeprom.clone().map(|path| Eeprom {
             path,
             stored: stored.unwrap_or_default(),
@@ -275,6 +280,8 @@ struct Server {
     /// Bytes that the client has not read.
     unread: Vec<u8>,
     speed: Speed,
+    /// Simulated time when the client last sent something (s).
+    heard_s: f64,
     eeprom: Option<Eeprom>,
     warned_slow: bool,
     warned_unread: bool,
@@ -297,8 +304,9 @@ impl Server {
             self.speak()?;
             ran?;
             self.look_at_eeprom()?;
-            if self.speed == Speed::Realtime {
-                self.keep_pace(&mut epoch);
+            match self.speed {
+                Speed::Realtime => self.keep_pace(&mut epoch),
+                Speed::Max => self.wait_for_client()?,
             }
         }
         Ok(())
@@ -338,10 +346,12 @@ impl Server {
             self.unread.clear();
             self.rig.take_output();
             self.rig.open_port();
+            self.heard_s = self.rig.time_s();
         }
         if self.rig.unsent() < MOST_UNSENT {
             let bytes = self.port.read()?;
             if !bytes.is_empty() {
+                self.heard_s = self.rig.time_s();
                 self.rig.send(&bytes).map_err(io::Error::other)?;
             }
         }
@@ -397,6 +407,16 @@ impl Server {
 
     fn pass_on(&mut self) -> anyhow::Result<()> {
         self.port.write(&mut self.unread).context(PORT_FAILED)
+    }
+
+    /// Gives a client that has been silent for long the time of its turn.
+    fn wait_for_client(&mut self) -> anyhow::Result<()> {
+        if self.port.connected() && self.rig.time_s() - self.heard_s > PATIENCE_S {
+            self.port
+                .wait_for_bytes(Duration::from_millis(1))
+                .context(PORT_FAILED)?;
+        }
+        Ok(())
     }
 
     /// Sleeps while simulated time is ahead of real time.

@@ -18,6 +18,8 @@ use crate::{
     shell::{Failure, Outcome, read_within, root, target_dir},
 };
 
+/// What `rig upload` says when the board does not take a model.
+const REFUSED: &str = "the board still uses its old settings";
 /// How long an upload, or the comparison at the end, may take.
 const SHORT_LIMIT: Duration = Duration::from_secs(180);
 /// How long a recording may take: some 75 s of the board's time, simulated slower
@@ -149,6 +151,7 @@ struct Row {
 #[derive(Clone, Debug)]
 struct Done {
     verdict: Verdict,
+    uploaded: Uploaded,
     /// The board's gap before the upload (° RMS).
     before_deg: f64,
     /// The board's gap after it (° RMS).
@@ -159,6 +162,28 @@ impl Done {
     /// How many times smaller the gap is after the upload.
     fn ratio(&self) -> f64 {
         self.before_deg / self.after_deg
+    }
+}
+
+/// What became of the repaired model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Uploaded {
+    /// The board runs it.
+    Yes,
+    /// The diagnosis does not offer it.
+    NotOffered,
+    /// The board cannot step it, and keeps the model that it has.
+    Refused,
+}
+
+impl Uploaded {
+    /// What the table adds to the score.
+    fn words(self) -> &'static str {
+        match self {
+            Self::Yes => "",
+            Self::NotOffered => ", no upload",
+            Self::Refused => ", refused by the board",
+        }
     }
 }
 
@@ -259,7 +284,7 @@ impl Row {
                     in_words(&verdict.named)
                 };
                 let score = Score::of(&self.hidden, verdict);
-                let kept = if verdict.upload { "" } else { ", no upload" };
+                let kept = done.uploaded.words();
                 cells.extend([
                     verdict.answer.replace('_', " "),
                     answer,
@@ -333,10 +358,16 @@ fn case(programs: &Programs, seed: u64, folder: &Folder) -> Outcome<Done> {
         DIAGNOSE_LIMIT,
     )?;
     let verdict = folder.verdict()?;
-    if verdict.upload {
+    let uploaded = if verdict.upload {
         let mut upload = upload_repaired(programs, &board, folder);
-        log("4-upload.txt", &mut upload, SHORT_LIMIT)?;
-    }
+        match log("4-upload.txt", &mut upload, SHORT_LIMIT) {
+            Ok(_) => Uploaded::Yes,
+            Err(failure) if failure.0.contains(REFUSED) => Uploaded::Refused,
+            Err(failure) => return Err(failure),
+        }
+    } else {
+        Uploaded::NotOffered
+    };
     log(
         "5-record.txt",
         &mut record(programs, &board, folder, "after"),
@@ -352,6 +383,7 @@ fn case(programs: &Programs, seed: u64, folder: &Folder) -> Outcome<Done> {
         rig_loop::gaps(&gap).ok_or("`rig gap` printed no table that can be read")?;
     Ok(Done {
         verdict,
+        uploaded,
         before_deg,
         after_deg,
     })
@@ -457,6 +489,7 @@ mod tests {
             seed,
             hidden: hidden.iter().map(|&kind| kind.into()).collect(),
             went: Ok(Done {
+                uploaded: Uploaded::Yes,
                 verdict: Verdict::parse(verdict).unwrap(),
                 before_deg: gaps.0,
                 after_deg: gaps.1,

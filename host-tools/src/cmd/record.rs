@@ -8,6 +8,7 @@ use clap::{ArgGroup, Parser};
 use indicatif::{ProgressBar, ProgressStyle};
 use wire::command::Command;
 use wire::protocol::Named;
+use wire::settings::{Key, Settings};
 use wire::state::State;
 
 use super::Interrupt;
@@ -134,13 +135,18 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         return Err(link.faulted(fault.code()))
             .context("nothing was moved; when the cause is gone, record with --clear");
     }
+    let mut angle_range_deg = None;
     if let Some(protocol) = &protocol {
         let settings = link.read_settings(|_, _| ())?;
+        angle_range_deg = angle_range(&settings);
         for advice in check_limits(protocol, &settings)? {
             super::warn(&advice);
         }
     }
-    let about = about(&link, port, protocol.as_ref());
+    let about = About {
+        angle_range_deg,
+        ..about(&link, port, protocol.as_ref())
+    };
     let recorder = Recorder::create(output, about, !parts.is_empty())?;
     let mut session = Session {
         link,
@@ -490,6 +496,16 @@ fn about(link: &Link, port: &str, protocol: Option<&ProtocolFile>) -> About {
             .collect(),
         ..About::default()
     }
+}
+
+/// The angles (°) at the ends of the flex sensor's table: beyond them its readings are
+/// a guess.
+fn angle_range(settings: &Settings) -> Option<[f64; 2]> {
+    // At most eight.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    let last = (settings.number(Key::FlexPoints) as u8).checked_sub(1)?;
+    let [first, last] = [0, last].map(|point| f64::from(settings.number(Key::FlexAngle(point))));
+    Some([first.min(last), first.max(last)])
 }
 
 /// Refuses to replace what was recorded.

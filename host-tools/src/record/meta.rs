@@ -38,6 +38,9 @@ pub struct About {
     pub wire: u8,
     /// Checksum of the board's settings.
     pub settings: String,
+    /// The angles between the ends of the flex sensor's table (°).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub angle_range_deg: Option<[f64; 2]>,
     /// Version of `rig`.
     pub rig: String,
     /// Whether the protocol was played to its end, or all that was asked for
@@ -136,6 +139,7 @@ mod tests {
             repeat: Some(3),
             started: "2024-05-01T12:00:00Z".into(),
             uptime_s: Some(1.25),
+            angle_range_deg: Some([-15.0, 130.0]),
             segments: vec!["step open 60.00 6000".into()],
             part_of: Some("run.csv".into()),
             begins_s: Some(30.5),
@@ -167,6 +171,7 @@ mod tests {
             part_of: about.part_of,
             begins_s: about.begins_s,
             segment: about.segment,
+            angle_range_deg: about.angle_range_deg,
             // The owner of the rig writes it, not the recorder.
             calibration: None,
         };

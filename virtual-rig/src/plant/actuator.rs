@@ -110,6 +110,11 @@ impl Actuator {
         }
     }
 
+    /// Drifts begin anew.
+    pub fn restart_clock(&mut self) {
+        self.state.time = 0.0;
+    }
+
     /// The bending angle (rad).
     pub fn angle(&self) -> f64 {
         self.state.angle

@@ -115,6 +115,11 @@ impl Plant {
         self.actuator.angle().to_degrees()
     }
 
+    /// Drifts begin anew: the bench has been off and has cooled down.
+    pub fn restart_clock(&mut self) {
+        self.actuator.restart_clock();
+    }
+
     /// Gauge pressure at sensor and actuator, without noise (kPa).
     pub fn pressure_kpa(&self) -> f64 {
         self.air.line_pa() / PASCAL_PER_KPA
