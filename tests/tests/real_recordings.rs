@@ -7,7 +7,9 @@
 //! [`softrig_tests::shared`].
 
 use host_tools::diagnose::Diagnosis;
+use host_tools::diagnose::slips::refuse;
 use host_tools::diagnose::verdict::Answer;
+use host_tools::estimate::assemble::assemble;
 use softrig_tests::{Case, named, shared};
 
 /// The least that the right effect has to shrink the held-out error, against
@@ -43,6 +45,33 @@ fn the_silverbox_is_missing_a_cubic_spring() {
     let case = Case::read(&folder, &["multisine_1", "multisine_2"], &["multisine_3"]);
     assert_eq!((case.recordings.len(), case.holdout.len()), (2, 1));
     assert_found(&case.diagnose(), "cubic_stiffness");
+}
+
+/// Whatever their authors recorded is looked at: no set is refused for its units or
+/// columns, and none has only samples that cannot be used.
+#[test]
+fn no_recording_of_others_is_refused() {
+    for rig in [
+        "falling_bowling_ball",
+        "hanging_load",
+        "hydraulic_cylinder",
+        "hydraulic_motor",
+        "pendulum",
+        "silverbox",
+        "soft_chamber_pump",
+        "torque_pendulum",
+    ] {
+        let Some(folder) = shared(&format!("data/real/{rig}")) else {
+            return;
+        };
+        let case = Case::read(&folder, &[""], &[]);
+        let assembled = assemble(&case.recordings, &[]).unwrap();
+        assert!(
+            assembled.data.indices(true).len() >= case.recordings.len(),
+            "{rig}"
+        );
+        refuse(&case.file, &case.recordings).unwrap();
+    }
 }
 
 #[test]

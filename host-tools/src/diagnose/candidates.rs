@@ -443,20 +443,30 @@ pub fn without(ground: &Ground<'_>, candidate: &Candidate, out: Kind) -> Option<
         .collect();
     let free = free_parameters(ground.file, &added);
     let start = Model::new(*model.dynamics(), &effects).ok()?;
-    let fit = ground
-        .fitter
-        .fit_kept(&start, &free, Effort::Full, ground.checkpoint);
+    // With the zeros of the refit it would fall back into the valley that it missed.
+    let data = ground.fitter.data.guessing(&candidate.fit.nuisances);
+    let fitter = Fitter {
+        data: &data,
+        ..*ground.fitter
+    };
+    let fit = fitter.fit_kept(&start, &free, Effort::Full, ground.checkpoint);
     fit.sse().is_finite().then_some(Candidate { added, fit })
 }
 
 /// Fits a candidate on to the end from where it stands.
 pub fn finish(ground: &Ground<'_>, candidate: &Candidate) -> Candidate {
     let free = free_parameters(ground.file, &candidate.added);
+    let all = ground.fitter.data;
+    // Zeros go with the parameters, if the excerpt holds every session.
+    let guessed = (candidate.fit.nuisances.len() == all.sessions().len())
+        .then(|| all.guessing(&candidate.fit.nuisances));
+    let fitter = Fitter {
+        data: guessed.as_ref().unwrap_or(all),
+        ..*ground.fitter
+    };
     Candidate {
         added: candidate.added.clone(),
-        fit: ground
-            .fitter
-            .fit_kept(&candidate.fit.model, &free, Effort::Full, ground.checkpoint),
+        fit: fitter.fit_kept(&candidate.fit.model, &free, Effort::Full, ground.checkpoint),
     }
 }
 

@@ -10,6 +10,8 @@
 //!
 //! What was said on the command line ([`Columns`]) is not doubted.
 
+use model_core::actuator::ParameterId;
+
 use crate::columns::{ATMOSPHERE_KPA, AngleUnit, Columns, PressureUnit, TimeUnit};
 use crate::error::InputError;
 use crate::estimate::Dataset;
@@ -144,6 +146,10 @@ fn convincing(file: &ModelFile, recording: &Recording) -> Option<Columns> {
             *miss < BETTER * as_it_is && *miss < if opposite { RIGHT_WAY } else { RIGHT }
         })
         .filter(|(_, slip)| slip.air_kpa.is_none() || could_be_absolute(slip, recording))
+        // A swing that the model follows without any drive says nothing of its unit.
+        .filter(|(miss, slip)| {
+            slip.pressure.is_none() || *miss < BETTER * undriven(file, recording)
+        })
         .min_by(|a, b| a.0.total_cmp(&b.0))
         .map(|(_, slip)| slip)
 }
@@ -410,6 +416,13 @@ fn undone(file: &ModelFile, slip: &Columns, recording: &Recording) -> f64 {
     miss(file, &read_again(slip, start_of(recording)))
 }
 
+/// How far it misses if the pressure does nothing.
+fn undriven(file: &ModelFile, recording: &Recording) -> f64 {
+    let mut file = file.clone();
+    file.model = file.model.with_value(ParameterId::InputGain, 0.0);
+    miss(&file, &start_of(recording))
+}
+
 /// RMS error of the nominal model relative to the motion. Infinite if it cannot
 /// be simulated.
 fn miss(file: &ModelFile, recording: &Recording) -> f64 {
@@ -428,7 +441,6 @@ fn miss(file: &ModelFile, recording: &Recording) -> f64 {
 mod tests {
     use super::super::quality::tests::example;
     use super::*;
-    use model_core::actuator::ParameterId;
 
     /// The model with a parameter multiplied.
     fn times(file: &ModelFile, id: ParameterId, factor: f64) -> ModelFile {
