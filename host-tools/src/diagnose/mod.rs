@@ -210,7 +210,7 @@ fn diagnose_zeros(
         Answer::NoDiscrepancy | Answer::ParametersOnly
     );
     let effect = select::required_evidence(1, Kind::ALL.len());
-    if !quiet || diagnosis.refit.departure_of_zeros() < effect {
+    if !quiet || cost_of_zeros(&diagnosis.data, &diagnosis.refit) < effect {
         return Ok(found);
     }
     progress("once more, with zeros as calibrated");
@@ -431,6 +431,21 @@ impl Validations {
                 .collect(),
         }
     }
+}
+
+/// What the zeros of a fit would cost if each session had its own: the squares of
+/// their departures, in standard deviations, summed. A zero that every recording
+/// shares is cheap to estimate, and a property of the rig: it may have a name.
+fn cost_of_zeros(data: &Dataset, fit: &Fit) -> f64 {
+    data.sessions()
+        .iter()
+        .zip(&fit.nuisances)
+        .filter(|(session, _)| session.is_estimated())
+        .map(|(session, nuisance)| {
+            let [pressure, angle, ..] = session.prior().departures(nuisance);
+            pressure * pressure + angle * angle
+        })
+        .sum()
 }
 
 /// What a search is carried out with.

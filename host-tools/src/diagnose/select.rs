@@ -95,7 +95,7 @@ impl<'a> Scoring<'a> {
         let variance = (fit.sse() / fit.samples().max(1) as f64).max(f64::MIN_POSITIVE);
         self.independent * variance.ln()
             + fit.free.len() as f64 * self.independent.ln()
-            + fit.departure()
+            + fit.departure
             + implausibility(candidate, self.scales)
     }
 

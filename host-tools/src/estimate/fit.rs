@@ -18,7 +18,7 @@ use statrs::distribution::{ContinuousCDF, StudentsT};
 use super::Dataset;
 use super::coordinate::{Coordinate, bounds};
 use super::information::Information;
-use super::nuisance::{Nuisance, UNKNOWNS};
+use super::nuisance::Nuisance;
 use super::problem::{Compared, Problem};
 use crate::checkpoint::{Checkpoint, fingerprint};
 use crate::statistics::{correlation_time, rms};
@@ -32,9 +32,9 @@ pub struct Fit {
     pub free: Vec<ParameterId>,
     /// Zeros and start of each session; guesses where nothing of it was fitted.
     pub nuisances: Vec<Nuisance>,
-    /// What zeros and starts cost, each in turn: the squares of their departures from
-    /// what was known before, in standard deviations, summed over the sessions.
-    pub(super) departures: [f64; UNKNOWNS],
+    /// What zeros and starts cost: twice the logarithm of how improbable they are, less
+    /// that of the most probable ones.
+    pub departure: f64,
     /// Simulated minus measured angle (rad), a series a fitted segment.
     pub residuals: Vec<Vec<f64>>,
     /// Standard error of each free parameter, in SI units; infinite for a
@@ -62,18 +62,6 @@ pub struct FlatDirection {
 }
 
 impl Fit {
-    /// What zeros and starts cost: twice the logarithm of how improbable they are,
-    /// less that of the most probable ones.
-    pub fn departure(&self) -> f64 {
-        self.departures.iter().sum()
-    }
-
-    /// What the zeros of the sensors cost, as a part of [`Fit::departure`].
-    pub fn departure_of_zeros(&self) -> f64 {
-        let [pressure, angle, ..] = self.departures;
-        pressure + angle
-    }
-
     /// Sum of squared residuals (rad²).
     pub fn sse(&self) -> f64 {
         self.residuals

@@ -539,16 +539,17 @@ impl<'a> Problem<'a> {
                 })
             })
             .collect();
-        let mut departures = [0.0; UNKNOWNS];
-        for (part, rows) in self.parts.iter().zip(self.prior_rows()) {
-            for (sum, row) in departures.iter_mut().zip(rows.unwrap_or_default()) {
-                *sum += (row / part.session.prior().noise).powi(2);
-            }
-        }
+        let departure = self
+            .parts
+            .iter()
+            .zip(self.prior_rows())
+            .filter_map(|(part, rows)| Some((part.session.prior().noise, rows?)))
+            .flat_map(|(noise, rows)| rows.map(|row| (row / noise).powi(2)))
+            .sum();
         Fit {
             model: self.model(),
             nuisances: self.nuisances(),
-            departures,
+            departure,
             free: self.free,
             residuals,
             standard_errors,
