@@ -387,7 +387,7 @@ mod tests {
             recording
         };
         let kept = |with_segments: bool| {
-            let mut all = vec![
+            let mut all = [
                 named("run_60_1.csv", Some("run.csv")),
                 named("run.csv", None),
                 named("other_60_1.csv", Some("other.csv")),

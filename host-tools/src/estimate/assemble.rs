@@ -80,13 +80,12 @@ pub fn grouped<'a>(files: impl Iterator<Item = (&'a Recording, bool)>) -> Vec<Gr
             .iter_mut()
             // The same name in a recording without a path is another one.
             .find(|(path, group)| *path == place && (is_piece || group.whole.is_none()));
-        let group = match known {
-            Some((_, group)) => group,
-            None => {
-                groups.push((place, Group::default()));
-                let last = groups.len() - 1;
-                &mut groups[last].1
-            }
+        let group = if let Some((_, group)) = known {
+            group
+        } else {
+            groups.push((place, Group::default()));
+            let last = groups.len() - 1;
+            &mut groups[last].1
         };
         if is_piece {
             group.pieces.push((recording, fit));

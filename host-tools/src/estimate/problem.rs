@@ -75,17 +75,17 @@ impl Part<'_> {
         self.own.is_some() && self.session.prior().apart[unknown].is_some()
     }
 
-    /// What keeps a zero in its range: see [`wall`]. A start has no such range.
-    fn wall(&self, unknown: usize, departure: f64) -> [f64; 2] {
-        if ZEROS.contains(&unknown) {
-            wall(departure)
-        } else {
-            [0.0, 0.0]
-        }
-    }
-
     fn rows(&self) -> usize {
         self.ranges.iter().map(ExactSizeIterator::len).sum()
+    }
+}
+
+/// What keeps a zero in its range: see [`wall`]. A start has no such range.
+fn wall_of(unknown: usize, departure: f64) -> [f64; 2] {
+    if ZEROS.contains(&unknown) {
+        wall(departure)
+    } else {
+        [0.0, 0.0]
     }
 }
 
@@ -322,7 +322,7 @@ impl<'a> Problem<'a> {
                         }
                         _ => own[unknown],
                     };
-                    let [wall, _] = part.wall(unknown, own[unknown]);
+                    let [wall, _] = wall_of(unknown, own[unknown]);
                     part.session.prior().noise * (residual + wall)
                 }))
             })
@@ -340,7 +340,7 @@ impl<'a> Problem<'a> {
             _ => (1.0, 0.0),
         };
         let slope = if of.index == by.index {
-            let [_, wall] = of.wall(unknown, self.position[first + unknown]);
+            let [_, wall] = wall_of(unknown, self.position[first + unknown]);
             by_itself + wall
         } else {
             by_other
@@ -355,7 +355,7 @@ impl<'a> Problem<'a> {
             return [0.0; UNKNOWNS];
         };
         std::array::from_fn(|unknown| {
-            let [_, wall] = part.wall(unknown, self.position[first + unknown]);
+            let [_, wall] = wall_of(unknown, self.position[first + unknown]);
             part.session.prior().noise * (1.0 + wall)
         })
     }

@@ -137,13 +137,15 @@ pub fn excerpt(data: &Dataset, model: &Model<f64>) -> Dataset {
 fn coarsest(session: &Session, model: &Model<f64>) -> usize {
     /// Edges of the pressure go beyond this interval (s).
     const EDGE_S: f64 = 0.05;
-    (1..)
+    /// A recording at more than 10 kHz is thinned no further.
+    const MOST: u16 = 500;
+    (1..=MOST)
         .take_while(|&thin| {
             let interval = f64::from(thin) * session.interval();
             interval <= EDGE_S && substeps(model, interval, session.reach()) == 1
         })
         .last()
-        .map_or(1, |thin| usize::try_from(thin).unwrap_or(1))
+        .map_or(1, usize::from)
 }
 
 /// Every so many samples of a session, the noise of its pressure taken away.
