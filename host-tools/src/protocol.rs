@@ -7,7 +7,7 @@
 //! same protocols.
 //!
 //! The shapes here have angles and times of their own. What boards play, by name
-//! or from a file, is played by the boards' own player: [`played`].
+//! or from a file, is played by the boards' own player: [`play`].
 
 use model_core::actuator::Model;
 use wire::protocol::{Demand, Playback, Track};
