@@ -4,6 +4,7 @@
 //! next to the measured one. This command needs no model and fits nothing: it
 //! subtracts two columns of a recording, and so shows what an upload was worth.
 
+use std::ops::Range;
 use std::path::PathBuf;
 
 use clap::Parser;
@@ -275,6 +276,7 @@ fn figure(before: &[Gap], after: &[Gap]) -> Figure {
         .with_columns(shown.len().max(1))
         .with_separate_x();
     let alone = after.is_empty();
+    let angles = range_of(&shown.iter().map(|(gap, ..)| *gap).collect::<Vec<_>>());
     for (gap, when, style) in &shown {
         let heading = if alone {
             gap.name.clone()
@@ -285,6 +287,7 @@ fn figure(before: &[Gap], after: &[Gap]) -> Figure {
             Panel::new("time (s)", "angle (°)")
                 .with_title(heading)
                 .with_weight(1.6)
+                .with_y_range(angles.start, angles.end)
                 .with_series(Series::new(
                     "measured",
                     &gap.time,
@@ -307,6 +310,21 @@ fn figure(before: &[Gap], after: &[Gap]) -> Figure {
         );
     }
     figure
+}
+
+/// The angles of runs that are drawn side by side (°), with some room: on scales of
+/// their own a small gap looks as large as a big one.
+fn range_of(gaps: &[&Gap]) -> Range<f64> {
+    let finite = gaps
+        .iter()
+        .flat_map(|gap| gap.measured.iter().chain(&gap.predicted))
+        .copied()
+        .filter(|angle| angle.is_finite());
+    let (low, high) = finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), angle| {
+        (low.min(angle), high.max(angle))
+    });
+    let room = (0.05 * (high - low)).max(0.1);
+    low - room..high + room
 }
 
 #[cfg(test)]

@@ -262,7 +262,7 @@ fn picture(figure: &Figure, title: String, caption: String) -> Result<Picture, P
 fn force_picture(gap: &Gap, shown: &[(usize, &str)]) -> Result<Picture, PlotError> {
     picture(
         &force_figure(gap, shown),
-        "Over the time in each run".into(),
+        "Over the time of each recording".into(),
         "The force that the refitted model lacks, estimated from the angle alone. Drawn are \
          the runs that lack most."
             .into(),
