@@ -26,7 +26,7 @@ use crate::model_file::ModelFile;
 
 /// Fewer different runs than this, and leaving one out would ask for
 /// extrapolation: repeats are then left out one by one.
-const FEWEST_UNITS: usize = 4;
+const FEWEST_UNITS: usize = 5;
 
 /// Folds into which repeats are dealt where they are not kept together.
 const FOLDS: usize = 4;
@@ -353,10 +353,16 @@ fn folds(runs: usize, repeats: &[Vec<usize>]) -> Vec<Vec<usize>> {
     if units.len() >= FEWEST_UNITS {
         return units;
     }
-    let count = FOLDS.min(runs);
-    (0..count)
-        .map(|fold| (fold..runs).step_by(count).collect())
-        .collect()
+    // Every fold leaves the other repeats of what it takes.
+    let mut folds = vec![Vec::new(); FOLDS.min(runs)];
+    for (place, unit) in units.into_iter().enumerate() {
+        for (member, run) in unit.into_iter().enumerate() {
+            let fold = (place + member) % folds.len();
+            folds[fold].push(run);
+        }
+    }
+    folds.retain(|fold| !fold.is_empty());
+    folds
 }
 
 /// Whether a run repeats one of those for which `fitted` holds.
@@ -406,10 +412,16 @@ mod tests {
 
     #[test]
     fn repeats_are_left_out_together_unless_too_few_runs_differ() {
-        let together = folds(6, &[vec![0, 2], vec![1, 5]]);
-        assert_eq!(together, [vec![0, 2], vec![1, 5], vec![3], vec![4]]);
+        let together = folds(7, &[vec![0, 2], vec![1, 5]]);
+        assert_eq!(
+            together,
+            [vec![0, 2], vec![1, 5], vec![3], vec![4], vec![6]]
+        );
         let apart = folds(6, &[vec![0, 1, 2], vec![3, 4, 5]]);
-        assert_eq!(apart, [vec![0, 4], vec![1, 5], vec![2], vec![3]]);
+        assert_eq!(apart, [vec![0], vec![1, 3], vec![2, 4], vec![5]]);
+        // Four steps, played twice: each fold leaves one of every step.
+        let steps = folds(8, &[vec![0, 4], vec![1, 5], vec![2, 6], vec![3, 7]]);
+        assert_eq!(steps, [vec![0, 7], vec![4, 1], vec![5, 2], vec![6, 3]]);
     }
 
     #[test]
