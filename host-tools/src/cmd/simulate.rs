@@ -17,7 +17,6 @@ use crate::protocol::{Play, Protocol, play};
 use crate::protocol_file::ProtocolFile;
 use crate::recording::{PASCAL_PER_KPA, Recording, to_csv};
 use crate::simulate::Start;
-use crate::statistics::clipped;
 
 /// Simulates a model over the pressure of a recording, or over a protocol.
 #[derive(Debug, Parser)]
@@ -117,7 +116,8 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         }
         (None, name) => from_protocol(&file, name.unwrap_or("step"), args)?,
     };
-    let session = Session::new(recording.clone(), 0.0, clipped(&recording.angle));
+    let data = Dataset::of(std::slice::from_ref(&recording));
+    let session = &data.sessions()[0];
     let largest = recording
         .pressure
         .iter()
@@ -128,7 +128,12 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         file.model
     };
     let nuisance = if args.recording.is_some() {
-        estimated(&model, &recording)
+        // Zeros and start with which the model comes nearest to the recording.
+        let fitter = Fitter {
+            nominal: &model,
+            data: &data,
+        };
+        fitter.compare(&model).nuisances[0]
     } else {
         Nuisance {
             start: Start {
@@ -140,8 +145,8 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     };
     let simulated = match args.arithmetic {
         Arithmetic::F64 => session.simulate(&model, &nuisance),
-        Arithmetic::Board => on_board::<Minimax>(&session, &model, &nuisance),
-        Arithmetic::BoardMicromath => on_board::<GuardedMicromath>(&session, &model, &nuisance),
+        Arithmetic::Board => on_board::<Minimax>(session, &model, &nuisance),
+        Arithmetic::BoardMicromath => on_board::<GuardedMicromath>(session, &model, &nuisance),
     };
     let degrees =
         |radians: &[f64]| -> Vec<f64> { radians.iter().map(|a| a.to_degrees()).collect() };
@@ -310,16 +315,6 @@ fn from_protocol(
     };
     let setpoint = setpoint.iter().map(|angle| angle.to_degrees()).collect();
     Ok((recording, Some(setpoint)))
-}
-
-/// Zeros and start with which a model comes nearest to a recording.
-fn estimated(model: &Model<f64>, recording: &Recording) -> Nuisance {
-    let data = Dataset::of(std::slice::from_ref(recording));
-    let fitter = Fitter {
-        nominal: model,
-        data: &data,
-    };
-    fitter.compare(model).nuisances[0]
 }
 
 /// The angle (rad) at which the plain model rests under `pressure` (Pa).

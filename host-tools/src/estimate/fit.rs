@@ -235,41 +235,32 @@ impl Fitter<'_> {
         problem.finish(converged, effort)
     }
 
-    /// Tells fits apart: by data, model, start, free parameters, effort and
-    /// version.
+    /// Tells fits apart: by data, with all that is known of zeros and starts, model,
+    /// start, free parameters, effort and version.
     fn fingerprint(&self, start: &Model<f64>, free: &[ParameterId], effort: Effort) -> u64 {
         let version = env!("CARGO_PKG_VERSION");
         let text = format!("{version} {:?} {start:?} {free:?} {effort:?}", self.nominal);
-        let sessions = self.data.sessions();
-        let samples = sessions.iter().enumerate().flat_map(|(index, session)| {
+        let sessions = self.data.sessions().iter().enumerate();
+        let data = sessions.flat_map(|(index, session)| {
             let recording = session.recording();
-            let guess = session.guess();
-            let own = [
-                guess.pressure_zero,
-                guess.angle_zero,
-                guess.start.angle,
-                guess.start.rate,
-                session.prior().deviation.pressure_zero,
-                session.prior().deviation.angle_zero,
+            let about = format!(
+                "{:?} {:?} {} {} {:?} {:?}",
+                session.prior(),
+                session.guess(),
+                session.is_estimated(),
                 session.clock(),
-                f64::from(u8::from(session.is_estimated())),
-            ];
-            let ranges = self.data.fitted_ranges(index);
-            recording
+                session.silent(),
+                self.data.fitted_ranges(index),
+            );
+            let samples = recording
                 .time
                 .iter()
                 .chain(session.signal().values())
                 .chain(&recording.angle)
-                .copied()
-                .chain(own)
-                .chain(
-                    ranges
-                        .into_iter()
-                        .flat_map(|range| [range.start as f64, range.end as f64]),
-                )
-                .flat_map(f64::to_le_bytes)
+                .flat_map(|sample| sample.to_le_bytes());
+            about.into_bytes().into_iter().chain(samples)
         });
-        fingerprint(text.into_bytes().into_iter().chain(samples))
+        fingerprint(text.into_bytes().into_iter().chain(data))
     }
 
     /// Simulates a model over the segments that are held out: zeros and start are
@@ -412,4 +403,72 @@ fn student95(degrees_of_freedom: usize) -> f64 {
 /// RMS of each recording's residual (rad), in order.
 pub fn rms_each(fit: &Fit) -> Vec<f64> {
     fit.residuals.iter().map(|residual| rms(residual)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::estimate::Session;
+    use crate::estimate::dataset::Mark;
+    use crate::recording::{CalibrationMeta, Recording};
+    use model_core::actuator::Dynamics;
+
+    fn swing() -> Recording {
+        let time: Vec<f64> = (0..200).map(|k| f64::from(k) * 0.01).collect();
+        Recording {
+            pressure: time.iter().map(|t| 20e3 * (1.0 - t.cos())).collect(),
+            angle: time.iter().map(|t| 0.5 * (1.0 - t.cos())).collect(),
+            time,
+            ..Recording::default()
+        }
+    }
+
+    /// What an interrupted run has left must not be taken for the fit to samples that
+    /// are now left out, or with zeros that are now better known.
+    #[test]
+    fn fits_under_other_knowledge_are_not_the_same() {
+        let dynamics = Dynamics {
+            inertia: 0.3,
+            damping: 1.6,
+            stiffness: 3.8,
+            exponent: 1.7,
+            input_gain: 1.2e-4,
+        };
+        let model = Model::new(dynamics, &[]).unwrap();
+        let mut dated = swing();
+        dated.meta.started = Some("2024-05-01T12:00:00Z".into());
+        let mut calibrated = dated.clone();
+        calibrated.meta.calibration = Some(CalibrationMeta {
+            pressure_zero_sd_kpa: Some(0.1),
+            angle_zero_sd_deg: None,
+        });
+        let data = |recording: Recording, silent: Vec<std::ops::Range<usize>>| {
+            let mark = Mark {
+                range: 0..recording.len(),
+                about: Recording::default(),
+                fitted: true,
+            };
+            let mut data = Dataset::default();
+            data.push(Session::new(recording, 0.0, silent), vec![mark]);
+            data
+        };
+        let beyond = std::iter::once(100..120).collect();
+        let mut found: Vec<u64> = [
+            data(swing(), Vec::new()),
+            data(swing(), beyond),
+            data(dated, Vec::new()),
+            data(calibrated, Vec::new()),
+        ]
+        .map(|data| {
+            let fitter = Fitter {
+                nominal: &model,
+                data: &data,
+            };
+            fitter.fingerprint(&model, &[ParameterId::Damping], Effort::Full)
+        })
+        .into();
+        found.sort_unstable();
+        found.dedup();
+        assert_eq!(found.len(), 4);
+    }
 }

@@ -29,7 +29,7 @@
 
 use std::ops::Range;
 
-use crate::recording::Recording;
+use crate::recording::{PASCAL_PER_KPA, Recording};
 use crate::simulate::Start;
 use crate::smooth::motion;
 use crate::statistics::{mean, moves, noise_by_differences, quantum, scatter, swing};
@@ -83,6 +83,21 @@ impl Nuisance {
             rate: 0.0,
         },
     };
+
+    /// Pressure zero, angle zero, start angle, start rate.
+    fn of([pressure_zero, angle_zero, angle, rate]: [f64; UNKNOWNS]) -> Self {
+        Self {
+            pressure_zero,
+            angle_zero,
+            start: Start { angle, rate },
+        }
+    }
+
+    /// The inverse of [`Nuisance::of`].
+    fn values(&self) -> [f64; UNKNOWNS] {
+        let Start { angle, rate } = self.start;
+        [self.pressure_zero, self.angle_zero, angle, rate]
+    }
 }
 
 /// What is known about the unknowns of a session before any fit.
@@ -97,8 +112,6 @@ pub struct Prior {
     pub apart: [Option<f64>; UNKNOWNS],
     /// Noise of the measured angle (rad), in which a deviation of one counts.
     pub noise: f64,
-    /// Whether the session starts at rest.
-    pub rests: bool,
 }
 
 impl Prior {
@@ -110,9 +123,7 @@ impl Prior {
         let calibration = recording.meta.calibration.as_ref();
         let pressure_zero = calibration
             .and_then(|known| known.pressure_zero_sd_kpa)
-            .map_or(PRESSURE_ZERO_SD_PA, |sd| {
-                sd * crate::recording::PASCAL_PER_KPA
-            });
+            .map_or(PRESSURE_ZERO_SD_PA, |sd| sd * PASCAL_PER_KPA);
         // A pressure that never moves is a constant force, which the zero of the
         // angle follows as well.
         let pressure_zero = if moves(&recording.pressure) {
@@ -149,31 +160,19 @@ impl Prior {
                 None,
             ],
             noise,
-            rests: rest > 0,
         }
     }
 
     /// How far estimates are from what was known before, in standard deviations:
     /// pressure zero, angle zero, start angle, start rate.
     pub fn departures(&self, estimate: &Nuisance) -> [f64; UNKNOWNS] {
-        let (mean, sd) = (&self.mean, &self.deviation);
-        [
-            (estimate.pressure_zero - mean.pressure_zero) / sd.pressure_zero,
-            (estimate.angle_zero - mean.angle_zero) / sd.angle_zero,
-            (estimate.start.angle - mean.start.angle) / sd.start.angle,
-            (estimate.start.rate - mean.start.rate) / sd.start.rate,
-        ]
+        let (estimate, mean, sd) = (estimate.values(), self.mean.values(), self.deviations());
+        std::array::from_fn(|k| (estimate[k] - mean[k]) / sd[k])
     }
 
     /// The standard deviations, in the order of the unknowns.
     pub fn deviations(&self) -> [f64; UNKNOWNS] {
-        let sd = &self.deviation;
-        [
-            sd.pressure_zero,
-            sd.angle_zero,
-            sd.start.angle,
-            sd.start.rate,
-        ]
+        self.deviation.values()
     }
 
     /// The same with zeros that are known to this part of their usual deviation.
@@ -186,16 +185,8 @@ impl Prior {
 
     /// The estimates at a position of the solver: departures in standard deviations.
     pub fn at(&self, position: [f64; UNKNOWNS]) -> Nuisance {
-        let (mean, sd) = (&self.mean, &self.deviation);
-        let [pressure, angle, start, rate] = position;
-        Nuisance {
-            pressure_zero: mean.pressure_zero + sd.pressure_zero * pressure,
-            angle_zero: mean.angle_zero + sd.angle_zero * angle,
-            start: Start {
-                angle: mean.start.angle + sd.start.angle * start,
-                rate: mean.start.rate + sd.start.rate * rate,
-            },
-        }
+        let (mean, sd) = (self.mean.values(), self.deviations());
+        Nuisance::of(std::array::from_fn(|k| mean[k] + sd[k] * position[k]))
     }
 }
 
@@ -369,8 +360,8 @@ mod tests {
 
     #[test]
     fn a_rest_gives_the_start_and_how_well_it_is_known() {
+        assert!(rest_at_start(&resting(0.2, 0.0)) > 0);
         let prior = Prior::of(&resting(0.2, 0.0));
-        assert!(prior.rests);
         assert!((prior.mean.start.angle - 0.2).abs() < 1e-3);
         assert!(prior.deviation.start.angle < 1e-3);
         let creeping = Prior::of(&resting(0.2, 0.01));

@@ -48,6 +48,7 @@ impl Effort {
         }
     }
 }
+
 /// Which samples of a session are compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Compared {
@@ -123,11 +124,12 @@ pub struct Problem<'a> {
     shared: [Option<Shared>; UNKNOWNS],
     position: DVector<f64>,
     /// The triangle of each part at `position`: derivatives, residuals last. None
-    /// where the model cannot be simulated.
+    /// before a solver needs them, and where the model cannot be simulated.
     triangles: Option<Vec<DMatrix<f64>>>,
 }
 
 impl<'a> Problem<'a> {
+    /// Starts at the parameters of `model` and at what is guessed of each session.
     pub fn new(
         fitter: &Fitter<'a>,
         model: &Model<f64>,
@@ -170,7 +172,7 @@ impl<'a> Problem<'a> {
                 own,
             });
         }
-        let mut this = Self {
+        Self {
             model: *model,
             data,
             free: free.to_vec(),
@@ -179,9 +181,7 @@ impl<'a> Problem<'a> {
             parts,
             position: DVector::from_vec(position),
             triangles: None,
-        };
-        this.triangles = this.triangulated();
-        this
+        }
     }
 
     /// The same with zeros and starts as given, one set a session.
@@ -194,18 +194,17 @@ impl<'a> Problem<'a> {
                 }
             }
         }
-        self.triangles = self.triangulated();
         self
     }
 
     /// The same where a solver ended before.
     pub fn at(mut self, position: &[f64]) -> Self {
-        self.set_params(&DVector::from_column_slice(position));
+        self.position.copy_from_slice(position);
         self
     }
 
     /// The same with parameters in the coordinates, and at the position, of another
-    /// fit. Derivatives are found by the next change of zeros and starts.
+    /// fit.
     pub fn in_coordinates(mut self, coordinates: &[Coordinate], position: &[f64]) -> Self {
         self.coordinates = coordinates.to_vec();
         for (to, from) in self.position.iter_mut().zip(position) {
@@ -220,7 +219,8 @@ impl<'a> Problem<'a> {
     }
 
     /// The sum of squares (rad²) that one Gauss–Newton step promises.
-    pub fn promise(&self) -> f64 {
+    pub fn promise(mut self) -> f64 {
+        self.triangles = self.triangulated();
         let (Some(residuals), Some(jacobian)) = (self.residuals(), self.jacobian()) else {
             return f64::INFINITY;
         };
@@ -238,10 +238,11 @@ impl<'a> Problem<'a> {
     }
 
     /// Lets the solver find the position; whether it met its tolerance.
-    pub fn solved(self, effort: Effort) -> (Self, bool) {
+    pub fn solved(mut self, effort: Effort) -> (Self, bool) {
         if self.unknowns() == 0 {
             return (self, true);
         }
+        self.triangles = self.triangulated();
         let mut solver = effort.solver(self.unknowns());
         if self.free.is_empty() {
             // Zeros and starts alone are nearly linear: full steps.
@@ -251,6 +252,7 @@ impl<'a> Problem<'a> {
         (solved, report.termination.was_successful())
     }
 
+    /// How many unknowns there are.
     pub fn unknowns(&self) -> usize {
         self.position.len()
     }
@@ -516,6 +518,7 @@ impl<'a> Problem<'a> {
             .collect()
     }
 
+    /// The fit at this position. After a glance it says nothing of errors.
     pub fn finish(self, converged: bool, effort: Effort) -> Fit {
         let residuals = self.residual_series(true);
         let information = match effort {
