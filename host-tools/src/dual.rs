@@ -35,6 +35,18 @@ impl<const N: usize> Dual<N> {
         Self(DualSVec64::new(value, Derivative::some(partials)))
     }
 
+    /// The same with two of its derivatives replaced, from column `first` on.
+    pub fn seeded(mut self, first: usize, slopes: [f64; 2]) -> Self {
+        let mut partials = self.0.eps.unwrap_generic(Const::<N>, Const::<1>);
+        for (column, slope) in (first..).zip(slopes) {
+            if let Some(partial) = partials.get_mut(column) {
+                *partial = slope;
+            }
+        }
+        self.0.eps = Derivative::some(partials);
+        self
+    }
+
     /// The value.
     pub fn value(&self) -> f64 {
         self.0.re

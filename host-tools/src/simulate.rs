@@ -215,7 +215,51 @@ pub struct Trajectory<R> {
     pub diverged: bool,
 }
 
-/// Integration steps for each sampling interval of `interval` seconds that
+/// How an interval between samples is integrated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Stepping {
+    /// The scheme.
+    pub scheme: Scheme,
+    /// Integration steps in a usual interval.
+    pub substeps: usize,
+}
+
+impl Stepping {
+    /// Runge–Kutta steps for an interval of `interval` seconds and angles up to `angle`
+    /// (rad), see [`substeps`]; or exponential ones where the damping is so strong that
+    /// those would be too many. An exponential step carries the damping exactly and has
+    /// to resolve only the slow motion K/C of an overdamped actuator.
+    pub fn of<R: FromF64, P: Power<R>>(model: &Model<R, P>, interval: f64, angle: f64) -> Self {
+        /// Share of the slow time constant C/K in an exponential step.
+        const SLOW: f64 = 0.1;
+        let Rates {
+            stiffness,
+            relaxation,
+        } = model.fastest_rate(R::from_f64(angle));
+        let stiffness = stiffness.to_f64().max(0.0);
+        let relaxation = relaxation.to_f64().max(0.0);
+        let runge_kutta = substeps(model, interval, angle);
+        let damping = (model.dynamics().damping / model.dynamics().inertia).to_f64();
+        let others = (relaxation - damping).max(0.0);
+        let exponential =
+            count((stiffness / damping * interval / SLOW).max(2.0 * others * interval));
+        // Two evaluations a step instead of four.
+        let pays = exponential < runge_kutta && runge_kutta > 2;
+        if damping * damping > 4.0 * stiffness && pays {
+            Self {
+                scheme: Scheme::ExponentialHeun,
+                substeps: exponential,
+            }
+        } else {
+            Self {
+                scheme: Scheme::Rk4,
+                substeps: runge_kutta,
+            }
+        }
+    }
+}
+
+/// Runge–Kutta steps for each sampling interval of `interval` seconds that
 /// resolve the model's own rates over angles up to `angle` (rad).
 ///
 /// RK4 loses phase as (ωh)⁴/120 and is stable to λh = 2.78: a fifth of a
@@ -227,11 +271,15 @@ pub fn substeps<R: FromF64, P: Power<R>>(model: &Model<R, P>, interval: f64, ang
     } = model.fastest_rate(R::from_f64(angle));
     let oscillation = stiffness.to_f64().max(0.0).sqrt() * interval / 0.2;
     let decay = relaxation.to_f64().max(0.0) * interval;
-    let needed = oscillation.max(decay).ceil();
+    count(oscillation.max(decay))
+}
+
+/// So many steps, at least one and at most [`MOST_SUBSTEPS`].
+fn count(needed: f64) -> usize {
     if needed.is_finite() {
         // Both ends of the clamp fit in a usize.
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-        let steps = needed.clamp(1.0, MOST_SUBSTEPS as f64) as usize;
+        let steps = needed.ceil().clamp(1.0, MOST_SUBSTEPS as f64) as usize;
         steps
     } else {
         MOST_SUBSTEPS
@@ -240,7 +288,7 @@ pub fn substeps<R: FromF64, P: Power<R>>(model: &Model<R, P>, interval: f64, ang
 
 /// Integration steps for an interval between samples that is usually divided
 /// into `substeps`: a gap is crossed in steps of the same length.
-pub fn across(interval: f64, usual: f64, substeps: usize) -> usize {
+fn across(interval: f64, usual: f64, substeps: usize) -> usize {
     if interval <= 1.5 * usual {
         return substeps;
     }
@@ -252,34 +300,46 @@ pub fn across(interval: f64, usual: f64, substeps: usize) -> usize {
     more
 }
 
-/// Simulates `model` over the pressure in `signal`, from `start`, with
-/// `substeps` RK4 steps between samples.
-pub fn run<R: FromF64, P: Power<R>>(
+/// Advances `state` from the sample before `sample` to it.
+pub fn advance<R: FromF64, P: Power<R>>(
     model: &Model<R, P>,
     signal: &Signal,
-    start: Start<R>,
-    substeps: usize,
-) -> Trajectory<R> {
-    let origin = Origin {
-        start,
-        pressure_zero: R::zero(),
-        clock: R::zero(),
-    };
-    run_from(model, signal, origin, substeps)
+    sample: usize,
+    zero: R,
+    stepping: Stepping,
+    state: &mut State<R>,
+) {
+    let interval = signal.time[sample] - signal.time[sample - 1];
+    let substeps = across(interval, signal.usual_interval(), stepping.substeps);
+    let dt = R::from_f64(interval / substeps as f64);
+    for part in 0..substeps {
+        let around = Around {
+            signal,
+            start: sample - 1,
+            begin: R::from_f64(interval * part as f64 / substeps as f64),
+            zero,
+        };
+        step(stepping.scheme, model, state, &around, dt);
+    }
 }
 
-/// As [`run`], with a zero of the pressure sensor and a clock.
-pub fn run_from<R: FromF64, P: Power<R>>(
+/// Whether an angle (rad) has left all bounds.
+pub fn is_lost<R: FromF64>(angle: R) -> bool {
+    !angle.is_finite() || angle.to_f64().abs() > DIVERGED
+}
+
+/// The state of a model that shows what `origin` says when the pressure is first
+/// sampled.
+pub fn state_at<R: FromF64, P: Power<R>>(
     model: &Model<R, P>,
     signal: &Signal,
-    origin: Origin<R>,
-    substeps: usize,
-) -> Trajectory<R> {
+    origin: &Origin<R>,
+) -> State<R> {
     let Origin {
         start,
         pressure_zero: zero,
         clock,
-    } = origin;
+    } = *origin;
     let pressure = R::from_f64(signal.value[0]) - zero;
     let mut state: State<R> = model.showing(start.angle, start.rate, pressure);
     if clock.to_f64() != 0.0 {
@@ -288,25 +348,44 @@ pub fn run_from<R: FromF64, P: Power<R>>(
         let drifted = start.angle - model.reading(&state);
         state.angle += drifted;
     }
+    state
+}
+
+/// Simulates `model` over the pressure in `signal`, from `start`, with
+/// `substeps` RK4 steps between samples.
+pub fn run<R: FromF64, P: Power<R>>(
+    model: &Model<R, P>,
+    signal: &Signal,
+    start: Start<R>,
+    substeps: usize,
+) -> Trajectory<R> {
+    let stepping = Stepping {
+        scheme: Scheme::Rk4,
+        substeps,
+    };
+    let origin = Origin {
+        start,
+        pressure_zero: R::zero(),
+        clock: R::zero(),
+    };
+    run_from(model, signal, origin, stepping)
+}
+
+/// As [`run`], with a zero of the pressure sensor and a clock.
+pub fn run_from<R: FromF64, P: Power<R>>(
+    model: &Model<R, P>,
+    signal: &Signal,
+    origin: Origin<R>,
+    stepping: Stepping,
+) -> Trajectory<R> {
+    let mut state = state_at(model, signal, &origin);
     let mut reading = Vec::with_capacity(signal.time.len());
     reading.push(model.reading(&state));
     let mut diverged = false;
-    let usual = signal.usual_interval();
     for sample in 1..signal.time.len() {
         if !diverged {
-            let interval = signal.time[sample] - signal.time[sample - 1];
-            let substeps = across(interval, usual, substeps);
-            let dt = R::from_f64(interval / substeps as f64);
-            for part in 0..substeps {
-                let around = Around {
-                    signal,
-                    start: sample - 1,
-                    begin: R::from_f64(interval * part as f64 / substeps as f64),
-                    zero,
-                };
-                step(Scheme::Rk4, model, &mut state, &around, dt);
-            }
-            diverged = !state.angle.is_finite() || state.angle.to_f64().abs() > DIVERGED;
+            advance(model, signal, sample, origin.pressure_zero, stepping, &mut state);
+            diverged = is_lost(state.angle);
         }
         reading.push(if diverged {
             R::from_f64(DIVERGED)

@@ -56,6 +56,15 @@ pub fn scatter(values: &[f64]) -> f64 {
     (squares / (values.len() - 1) as f64).sqrt()
 }
 
+/// The standard deviation of normal values about zero, from the median of their sizes:
+/// outliers hardly change it (Huber, Robust Statistics, 1981, Section 5.1).
+pub fn robust_deviation(values: &[f64]) -> f64 {
+    /// Half of all normal values lie within so many standard deviations.
+    const HALF_WITHIN: f64 = 0.674_489_750_196_081_7;
+    let mut sizes: Vec<f64> = values.iter().map(|value| value.abs()).collect();
+    median(&mut sizes) / HALF_WITHIN
+}
+
 /// Sum of products of samples `lag` apart.
 fn lagged(values: &[f64], lag: usize) -> f64 {
     values

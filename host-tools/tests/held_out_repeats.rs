@@ -14,10 +14,7 @@ use host_tools::recording::Recording;
 /// repeats.
 fn sees_only_repeats(file: &ModelFile, fitted: &[Recording], held_out: &[Recording]) -> bool {
     let data = assemble(fitted, held_out).unwrap().data;
-    let fitter = Fitter {
-        nominal: &file.model,
-        data: &data,
-    };
+    let fitter = Fitter::new(&file.model, &data);
     Judge::new(file, &fitter, 0.0).has_only_repeats()
 }
 

@@ -83,10 +83,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         && let Some(first) = files.first()
     {
         let rival = linear_rival(&first.model, data.reach());
-        let fitter = Fitter {
-            nominal: &rival,
-            data,
-        };
+        let fitter = Fitter::new(&rival, data);
         let free: Vec<_> = first
             .free
             .iter()
@@ -178,10 +175,7 @@ fn setpoint_deg(recording: &Recording, average: &[f64]) -> f64 {
 /// The model is simulated over the sessions; what it misses of the mean of
 /// repeats is the mean of what it misses of each.
 fn errors(model: &model_core::actuator::Model<f64>, data: &Dataset, groups: &[Group]) -> Vec<Cell> {
-    let fitter = Fitter {
-        nominal: model,
-        data,
-    };
+    let fitter = Fitter::new(model, data);
     let residuals = fitter.compare(model).residuals;
     groups
         .iter()

@@ -49,10 +49,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         super::warn(&concern.to_string());
     }
     let data = &assembled.data;
-    let fitter = Fitter {
-        nominal: &file.model,
-        data,
-    };
+    let fitter = Fitter::new(&file.model, data);
     let before = fitter.compare(&file.model);
     let fit = fitter.fit(&file.model, &file.free, Effort::Full);
     let mut text = format!(

@@ -197,10 +197,7 @@ fn made_up(file: &ModelFile, kinds: &[Kind]) -> Result<Vec<Recording>, InputErro
         })
         .collect();
     let driven = Dataset::of(&runs);
-    let fitter = Fitter {
-        nominal: &file.model,
-        data: &driven,
-    };
+    let fitter = Fitter::new(&file.model, &driven);
     let scales = Scales::of(&fitter, &fitter.compare(&file.model));
     let effects: Vec<_> = file
         .model
@@ -234,24 +231,15 @@ fn fitted(
     pair: &[Vec<Kind>; 2],
 ) -> Result<Vec<Candidate>, InputError> {
     let data = assemble(recordings, &[])?.data;
-    let fitter = Fitter {
-        nominal: &file.model,
-        data: &data,
-    };
-    let refit = Candidate {
-        added: Vec::new(),
-        fit: fitter.fit(&file.model, &file.free, Effort::Full),
-    };
+    let fitter = Fitter::new(&file.model, &data);
+    let refit = Candidate::of(Vec::new(), fitter.fit(&file.model, &file.free, Effort::Full));
     let excerpt = excerpt(&data.guessing(&refit.fit.nuisances), &refit.fit.model);
     let scales = Scales::of(&fitter, &refit.fit);
     let ground = Ground {
         file,
         fitter: &fitter,
         pieces: None,
-        excerpt: &Fitter {
-            nominal: &file.model,
-            data: &excerpt,
-        },
+        excerpt: &Fitter::new(&file.model, &excerpt),
         scales: &scales,
         checkpoint: &Checkpoint::default(),
     };

@@ -129,10 +129,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     };
     let nuisance = if args.recording.is_some() {
         // Zeros and start with which the model comes nearest to the recording.
-        let fitter = Fitter {
-            nominal: &model,
-            data: &data,
-        };
+        let fitter = Fitter::new(&model, &data);
         fitter.compare(&model).nuisances[0]
     } else {
         Nuisance {

@@ -263,14 +263,8 @@ mod tests {
             .map(|(_, recording, _)| recording)
             .collect();
         let data = Dataset::of(&recordings);
-        let fitter = Fitter {
-            nominal: &file.model,
-            data: &data,
-        };
-        let fitted = |added: &[Kind], start: &Model<f64>| Candidate {
-            added: added.to_vec(),
-            fit: fitter.fit(start, &free_parameters(&file, added), Effort::Full),
-        };
+        let fitter = Fitter::new(&file.model, &data);
+        let fitted = |added: &[Kind], start: &Model<f64>| Candidate::of(added.to_vec(), fitter.fit(start, &free_parameters(&file, added), Effort::Full));
         let refit = fitted(&[], &file.model);
         let friction = Kind::CoulombFriction.build(&[0.05, 0.02]).unwrap();
         let start = Model::new(*refit.fit.model.dynamics(), &[friction]).unwrap();

@@ -9,6 +9,7 @@ use model_core::catalogue::{Effect, Kind};
 use model_core::effects::{Mechanism, Parameter, Place, Unit};
 
 use crate::checkpoint::Checkpoint;
+use crate::estimate::filter::Level;
 use crate::estimate::fit::{Effort, Fit, Fitter};
 use crate::model_file::ModelFile;
 use crate::smooth::{half_window, motion};
@@ -20,9 +21,20 @@ pub struct Candidate {
     pub added: Vec<Kind>,
     /// The fit.
     pub fit: Fit,
+    /// The prediction horizon of the fit; none for output error.
+    pub level: Option<Level>,
 }
 
 impl Candidate {
+    /// A structure fitted by output error.
+    pub const fn of(added: Vec<Kind>, fit: Fit) -> Self {
+        Self {
+            added,
+            fit,
+            level: None,
+        }
+    }
+
     /// The added effects in the order of the catalogue: structures that differ
     /// in order alone are the same.
     pub fn set(&self) -> Vec<Kind> {
@@ -407,10 +419,7 @@ pub fn glance(ground: &Ground<'_>, promise: &Promise) -> Option<Candidate> {
         ground
             .excerpt
             .best_of_kept(&promise.starts, &free, Effort::Glance, ground.checkpoint)?;
-    Some(Candidate {
-        added: promise.added.clone(),
-        fit,
-    })
+    Some(Candidate::of(promise.added.clone(), fit))
 }
 
 /// Whether an effect depends on what happened before.
@@ -450,7 +459,7 @@ pub fn without(ground: &Ground<'_>, candidate: &Candidate, out: Kind) -> Option<
         ..*ground.fitter
     };
     let fit = fitter.fit_kept(&start, &free, Effort::Full, ground.checkpoint);
-    fit.sse().is_finite().then_some(Candidate { added, fit })
+    fit.sse().is_finite().then_some(Candidate::of(added, fit))
 }
 
 /// Fits a candidate on to the end from where it stands.
@@ -464,10 +473,7 @@ pub fn finish(ground: &Ground<'_>, candidate: &Candidate) -> Candidate {
         data: guessed.as_ref().unwrap_or(all),
         ..*ground.fitter
     };
-    Candidate {
-        added: candidate.added.clone(),
-        fit: fitter.fit_kept(&candidate.fit.model, &free, Effort::Full, ground.checkpoint),
-    }
+    Candidate::of(candidate.added.clone(), fitter.fit_kept(&candidate.fit.model, &free, Effort::Full, ground.checkpoint))
 }
 
 /// Where `base`, as it was fitted, can start with `kind` added.
@@ -574,8 +580,5 @@ pub fn released(ground: &Ground<'_>, candidate: &Candidate) -> Option<Candidate>
     let fit = ground
         .fitter
         .best_of_kept(&models, &free, Effort::Full, ground.checkpoint)?;
-    Some(Candidate {
-        added: candidate.added.clone(),
-        fit,
-    })
+    Some(Candidate::of(candidate.added.clone(), fit))
 }

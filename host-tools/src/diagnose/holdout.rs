@@ -22,6 +22,7 @@ use super::candidates::{Candidate, free_parameters};
 use super::noise::{NoiseFloor, repeats};
 use crate::estimate::Segment;
 use crate::estimate::fit::{Effort, Fitter};
+use crate::estimate::horizon::{Squares, block_errors};
 use crate::model_file::ModelFile;
 
 /// Fewer different runs than this, and leaving one out would ask for
@@ -89,8 +90,57 @@ pub fn share_closed(before: f64, after: f64, floor: f64) -> f64 {
     ((before - after) / gap).clamp(-1.0, 1.0)
 }
 
+/// RMS errors (rad) at three horizons.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Errors {
+    /// Over a quarter of a swing.
+    pub short: f64,
+    /// Over two and a half swings.
+    pub medium: f64,
+    /// Over whole segments.
+    pub full: f64,
+}
+
+impl Errors {
+    /// Of squared errors a segment: short, medium, full.
+    pub fn of(segments: &[[Squares; 3]]) -> Self {
+        let [short, medium, full] = std::array::from_fn(|horizon| {
+            let all = segments.iter().map(|squares| squares[horizon]);
+            all.fold(Squares::default(), Squares::with).mean().sqrt()
+        });
+        Self {
+            short,
+            medium,
+            full,
+        }
+    }
+
+    /// In the order of the horizons.
+    pub fn values(&self) -> [f64; 3] {
+        [self.short, self.medium, self.full]
+    }
+}
+
+/// Squared errors of a segment.
+trait Squared: Clone + Default {
+    /// Over the whole segment (rad²).
+    fn sum(&self) -> f64;
+}
+
+impl Squared for f64 {
+    fn sum(&self) -> f64 {
+        *self
+    }
+}
+
+impl Squared for [Squares; 3] {
+    fn sum(&self) -> f64 {
+        self[2].sum
+    }
+}
+
 /// A structure as fitted: what identifies a held-out error.
-type Key = (Vec<Kind>, Vec<ParameterId>);
+type Key = (Vec<Kind>, Vec<ParameterId>, Option<u64>);
 
 /// Judges structures by segments that were not fitted.
 pub struct Judge<'a> {
@@ -166,7 +216,11 @@ impl<'a> Judge<'a> {
 
     /// Sum of squared errors of a fitted structure on each run.
     fn squares_of(&self, candidate: &Candidate) -> Vec<f64> {
-        let key = (candidate.added.clone(), candidate.fit.free.clone());
+        let key = (
+            candidate.added.clone(),
+            candidate.fit.free.clone(),
+            candidate.level.map(|level| level.intensity.to_bits()),
+        );
         let memo = || self.memo.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(known) = memo().get(&key) {
             return known.clone();
@@ -205,7 +259,7 @@ impl<'a> Judge<'a> {
     }
 
     /// Whether segments are left out in turn rather than given.
-    fn in_turn(&self) -> bool {
+    pub fn in_turn(&self) -> bool {
         !self.folds.is_empty()
     }
 
@@ -260,32 +314,51 @@ impl<'a> Judge<'a> {
     }
 
     /// Collects the squared errors of each held-out segment.
-    fn collect(
+    fn collect<T: Squared>(
         &self,
         candidate: &Candidate,
-        squares: impl Fn(&Fitter<'_>, &Model<f64>) -> Vec<f64>,
-    ) -> Vec<f64> {
+        squares: impl Fn(&Fitter<'_>, &Model<f64>) -> Vec<T>,
+    ) -> Vec<T> {
         self.over_folds(|fitter, fold| match fold {
             Some(fold) => self.fold_squares(candidate, fitter, fold, &squares),
             None => squares(fitter, &candidate.fit.model),
         })
     }
 
+    /// RMS error (rad) of a fitted structure on segments that were not fitted, over
+    /// blocks of two horizons (s) and over whole segments.
+    pub fn errors_over(&self, candidate: &Candidate, horizons: [f64; 2]) -> Errors {
+        let found = self.collect(candidate, |fitter, model| {
+            let validation = fitter.validate(model);
+            let [short, medium] = horizons.map(|horizon| {
+                block_errors(model, fitter.data, &validation.nuisances, horizon, false)
+            });
+            validation
+                .residuals
+                .iter()
+                .map(|residual| Squares::of(residual))
+                .zip(short.into_iter().zip(medium))
+                .map(|(full, (short, medium))| [short, medium, full])
+                .collect()
+        });
+        Errors::of(&found)
+    }
+
     /// Asks about the data with its held-out segments, or without each fold in
     /// turn, and puts the answers in the order of the segments.
-    fn over_folds(&self, squares: impl Fn(&Fitter<'_>, Option<&[usize]>) -> Vec<f64>) -> Vec<f64> {
+    fn over_folds<T: Squared>(
+        &self,
+        squares: impl Fn(&Fitter<'_>, Option<&[usize]>) -> Vec<T>,
+    ) -> Vec<T> {
         let nominal = self.fitter.nominal;
         if !self.in_turn() {
             return squares(self.fitter, None);
         }
-        let mut each = vec![0.0; self.lengths().len()];
+        let mut each = vec![T::default(); self.lengths().len()];
         for fold in &self.folds {
             let data = self.fitter.data.without(fold);
             let found = squares(
-                &Fitter {
-                    nominal,
-                    data: &data,
-                },
+                &Fitter::new(nominal, &data),
                 Some(fold),
             );
             let mut places = fold.clone();
@@ -298,13 +371,13 @@ impl<'a> Judge<'a> {
     }
 
     /// Squared errors on a fold that `rest` holds out.
-    fn fold_squares(
+    fn fold_squares<T: Squared>(
         &self,
         candidate: &Candidate,
         rest: &Fitter<'_>,
         fold: &[usize],
-        squares: &impl Fn(&Fitter<'_>, &Model<f64>) -> Vec<f64>,
-    ) -> Vec<f64> {
+        squares: &impl Fn(&Fitter<'_>, &Model<f64>) -> Vec<T>,
+    ) -> Vec<T> {
         // Zeros and starts hardly move without a few segments.
         let data = rest.data.guessing(&candidate.fit.nuisances);
         let rest = &Fitter {
@@ -323,7 +396,7 @@ impl<'a> Judge<'a> {
                     .flatten()
                     .map(|residual| residual * residual)
                     .sum();
-                found.iter().sum::<f64>() <= TRUSTED * fitted
+                found.iter().map(Squared::sum).sum::<f64>() <= TRUSTED * fitted
             });
         by_step.unwrap_or_else(|| {
             let free = if candidate.fit.free.is_empty() {
@@ -333,7 +406,11 @@ impl<'a> Judge<'a> {
             };
             // From the whole fit it is not far, and a thousandth of the error
             // decides nothing.
-            let refitted = rest.fit(&candidate.fit.model, &free, Effort::Glance);
+            let refitted = rest.at(candidate.level.as_ref()).fit(
+                &candidate.fit.model,
+                &free,
+                Effort::Glance,
+            );
             squares(rest, &refitted.model)
         })
     }

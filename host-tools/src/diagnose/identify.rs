@@ -102,10 +102,7 @@ pub fn refit(file: &ModelFile, fitter: &Fitter<'_>) -> (Candidate, ModelFile, Id
             }
             _ => {
                 let found = Identifiability::of(&fit, &held);
-                let refit = Candidate {
-                    added: Vec::new(),
-                    fit,
-                };
+                let refit = Candidate::of(Vec::new(), fit);
                 return (refit, file, found);
             }
         }
@@ -144,10 +141,7 @@ mod tests {
             .map(|(_, recording, _)| recording.clone())
             .collect();
         let data = Dataset::of(&recordings);
-        let fitter = Fitter {
-            nominal: &file.model,
-            data: &data,
-        };
+        let fitter = Fitter::new(&file.model, &data);
         let (refit, without, found) = refit(&file, &fitter);
         assert_eq!(found.held, [ParameterId::Inertia]);
         assert!(!without.free.contains(&ParameterId::Inertia));

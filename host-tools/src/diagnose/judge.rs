@@ -13,6 +13,8 @@ use rayon::prelude::*;
 
 use super::bootstrap::{SIGNIFICANT, chance};
 use super::candidates::{Candidate, Ground, released};
+use super::decide::Strength;
+use super::family::Family;
 use super::holdout::Judge;
 use super::noise::NoiseFloor;
 use super::select::{Growth, Ranked, Scoring, required_evidence};
@@ -71,7 +73,7 @@ pub fn share_needed(effects: usize, left: f64, only_repeats: bool) -> f64 {
 const FALLS_SHORT: f64 = 0.2;
 
 /// As many rivals are shown.
-const RIVALS_SHOWN: usize = 3;
+pub const RIVALS_SHOWN: usize = 3;
 
 /// As many rivals can gain by chance.
 const RIVALS_DRAWN: usize = 8;
@@ -107,7 +109,14 @@ pub struct Tried {
 pub struct Findings {
     /// The answer.
     pub answer: Answer,
-    /// The named structure; the refit where nothing is named.
+    /// The effects that are named, in the order of the repaired model.
+    pub named: Vec<Kind>,
+    /// How strongly; none where nothing is named.
+    pub strength: Option<Strength>,
+    /// The families that all rivals are of; empty where they differ, or none is left.
+    pub families: Vec<Family>,
+    /// The model that predicts best where it was not fitted, named or not; the refit
+    /// where none is better.
     pub repaired: Candidate,
     /// Probability of each named effect.
     pub probability: Vec<f64>,
@@ -126,6 +135,9 @@ impl Findings {
     pub fn nothing(answer: Answer, refit: &Candidate) -> Self {
         Self {
             answer,
+            named: Vec::new(),
+            strength: None,
+            families: Vec::new(),
             repaired: refit.clone(),
             probability: Vec::new(),
             alternatives: Vec::new(),
@@ -285,15 +297,22 @@ impl Court<'_> {
                 .filter(|core| self.explains(refit, core))
         };
         let Some(named) = named else {
+            let families = Family::of_all(&pool[chosen].added);
+            let one = surviving
+                .iter()
+                .all(|entry| Family::of_all(&pool[entry.index].added) == families);
             return Findings {
                 alternatives: surviving.iter().map(|entry| alternative(entry)).collect(),
                 rivals,
-                ..Findings::nothing(Answer::CannotTell, refit)
+                families: if one { families } else { Vec::new() },
+                ..Findings::nothing(Answer::CannotTell, &pool[surviving[0].index])
             };
         };
         let repaired = self.with_released(named, scoring);
         Findings {
             answer: Answer::EffectFound,
+            named: repaired.added.clone(),
+            strength: Some(Strength::Explains),
             probability: repaired
                 .added
                 .iter()

@@ -21,12 +21,19 @@
 
 pub mod bootstrap;
 pub mod candidates;
+pub mod decide;
+pub mod discrepancy;
+pub mod family;
+pub mod grade;
 pub mod holdout;
 pub mod identify;
 pub mod judge;
+pub mod levels;
 pub mod localise;
+pub mod measure;
 pub mod noise;
 pub mod plan;
+pub mod policy;
 pub mod quality;
 pub mod search;
 pub mod select;
@@ -42,6 +49,7 @@ use crate::checkpoint::Checkpoint;
 use crate::error::InputError;
 use crate::estimate::Dataset;
 use crate::estimate::assemble::assemble;
+use crate::estimate::filter::Pace;
 use crate::estimate::fit::{Fit, Fitter};
 use crate::estimate::subsample::{excerpt, pieces};
 use crate::model_file::{ModelFile, tidy, to_file_units};
@@ -56,9 +64,10 @@ use noise::NoiseFloor;
 use plan::{Limits, Proposal};
 use quality::Concern;
 use verdict::{
-    Adequacy, Alternative, Answer, Experiment, FittedError, HeldOutError, NamedEffect, Place,
-    SCHEMA, Verdict, Zeros,
+    Adequacy, Alternative, Answer, Closure, Experiment, FittedError, HeldOutError, NamedEffect,
+    Place, Remaining, Repair, SCHEMA, Strength, Verdict, Zeros,
 };
+use family::Family;
 
 /// A residual counts as noise if its correlated part stays below this share of
 /// the noise floor …
@@ -106,7 +115,19 @@ pub struct Diagnosis {
     pub nominal: Fit,
     /// The nominal structure, refitted.
     pub refit: Fit,
-    /// The repaired model; the refit where nothing is named.
+    /// The effects that are named, in the order of the repaired model.
+    pub named: Vec<Kind>,
+    /// How strongly; none where nothing is named.
+    pub strength: Option<Strength>,
+    /// The families that all rivals are of.
+    pub families: Vec<Family>,
+    /// What the repaired model closes of the error at three horizons; none where
+    /// nothing is added.
+    pub closure: Option<Closure>,
+    /// Where the force lives that the repaired model still lacks.
+    pub gap_left: Option<Gap>,
+    /// The model that predicts best where it was not fitted, with the named effects or
+    /// without a name; the refit where none is better.
     pub repaired: Candidate,
     /// Probability of each named effect, in the order of `repaired.added`.
     pub probability: Vec<f64>,
@@ -239,10 +260,7 @@ fn diagnose_all(
         mut floor,
     } = Baseline::of(request, data, &floor, progress)?;
     let file = &file;
-    let fitter = Fitter {
-        nominal: &file.model,
-        data: &data,
-    };
+    let fitter = Fitter::new(&file.model, &data);
     let mut judge = Judge::new(file, &fitter, floor.input);
     progress("where the gap lives");
     let gap = localise(&refit.fit.model, &data, &refit.fit.nuisances, floor.white);
@@ -280,6 +298,13 @@ fn diagnose_all(
     };
     concerns.extend(quality::slow_effects(&found.repaired, &data));
     let proposals = propose(&file.model, &found.rivals, &floor);
+    let added = !found.repaired.added.is_empty();
+    let closure =
+        added.then(|| closure_of(&judge, &refit, &found.repaired, &Pace::of(fitter.data)));
+    let gap_left = added.then(|| {
+        let fit = &found.repaired.fit;
+        localise(&fit.model, &data, &fit.nuisances, floor.white)
+    });
     let identifiability = [
         Identifiability::of(&found.repaired.fit, &identified.held),
         identified,
@@ -294,6 +319,11 @@ fn diagnose_all(
         refit: refit.fit,
         repaired: found.repaired,
         probability: found.probability,
+        named: found.named,
+        strength: found.strength,
+        families: found.families,
+        closure,
+        gap_left,
         held_out,
         alternatives: found.alternatives,
         rivals: found.rivals,
@@ -307,6 +337,15 @@ fn diagnose_all(
         data,
     };
     Ok(Found { diagnosis, odd })
+}
+
+/// What a structure closes of the refit's error beyond the noise, on segments that were
+/// not fitted.
+fn closure_of(judge: &Judge<'_>, refit: &Candidate, repaired: &Candidate, pace: &Pace) -> Closure {
+    let horizons = measure::horizons(pace);
+    let before = judge.errors_over(refit, horizons);
+    let after = judge.errors_over(repaired, horizons);
+    measure::closure(&before.values(), &after.values(), judge.floor())
 }
 
 /// Looks at what is fitted and at what is held out. The noise of the sensor, and
@@ -354,7 +393,7 @@ impl Baseline {
     ) -> Result<Self, InputError> {
         progress("refit of the nominal structure");
         let nominal = &request.file.model;
-        let fitter = Fitter { nominal, data };
+        let fitter = Fitter::new(nominal, data);
         let (refit, file, identified) = identify::refit(request.file, &fitter);
         if !refit.fit.sse().is_finite() {
             return Err(InputError::new(
@@ -364,10 +403,7 @@ impl Baseline {
             .in_file(&file.path));
         }
         let data = with_guesses(data, &refit.fit);
-        let guessed = Fitter {
-            nominal,
-            data: &data,
-        };
+        let guessed = Fitter::new(nominal, &data);
         Ok(Self {
             floor: floor.clone().with_input(&guessed, &refit.fit, request.seed),
             nominal: fitter.compare(nominal),
@@ -485,7 +521,17 @@ fn search_and_judge(
         scales: &scales,
         checkpoint: means.checkpoint,
     };
-    let pool = search::search(&ground, floor, &kinds, refit, means.progress);
+    let mut pool = search::singles(&ground, &kinds, refit, means.progress);
+    let mut graded = None;
+    if !search::settles(&pool, floor) {
+        graded = grade::graded(&ground, judge, floor, &kinds, refit, means.progress);
+        if let Some(graded) = &graded {
+            pool.extend(graded.finished(&ground));
+        }
+    }
+    if std::env::var("SOFTRIG_OLD").is_ok() {
+        pool = search::combinations(&ground, floor, &kinds, refit, pool, means.progress);
+    }
     // What the best structure leaves is the nearest to what the rig itself does not
     // repeat.
     if let Some(best) = pool
@@ -496,16 +542,23 @@ fn search_and_judge(
         judge.with_scatter(floor.rms);
     }
     (means.progress)("judgement on runs that were not fitted");
-    let found = match quiet(nominal, refit, floor, judge) {
-        Some(answer) => Findings::nothing(answer, refit),
-        None => Court {
-            ground,
-            judge,
-            floor,
-            kinds: &kinds,
-            seed: means.seed,
-        }
-        .findings(refit, &pool),
+    if let Some(answer) = quiet(nominal, refit, floor, judge) {
+        return (Findings::nothing(answer, refit), untried);
+    }
+    let exact = Court {
+        ground,
+        judge,
+        floor,
+        kinds: &kinds,
+        seed: means.seed,
+    }
+    .findings(refit, &pool);
+    let settled = matches!(exact.answer, Answer::EffectFound | Answer::CannotTell)
+        && search::settles(&pool, floor)
+        || exact.answer == Answer::ParametersOnly;
+    let found = match graded {
+        Some(graded) if !settled => graded.findings(&ground, judge, refit, exact),
+        _ => exact,
     };
     (found, untried)
 }
@@ -596,9 +649,20 @@ impl Diagnosis {
         Verdict {
             schema: SCHEMA,
             verdict: self.answer,
+            strength: self.strength.filter(|_| self.answer == Answer::EffectFound),
+            family: (self.answer == Answer::CannotTell && !self.families.is_empty())
+                .then(|| family::title(&self.families)),
             effects: self.named_effects(),
             alternatives: self.alternatives.clone(),
             adequacy: self.adequacy,
+            closure: self.closure.map(|closure| Closure {
+                short: tidy(closure.short),
+                medium: tidy(closure.medium),
+                full: tidy(closure.full),
+                overall: tidy(closure.overall),
+            }),
+            remaining: self.remaining(),
+            repair: self.repair(),
             places: self
                 .gap
                 .features
@@ -638,7 +702,37 @@ impl Diagnosis {
         }
     }
 
+    /// What the model to go on with leaves.
+    pub fn remaining(&self) -> Remaining {
+        /// A feature with less than this share of the missing force says nothing.
+        const SAYS_SOMETHING: f64 = 0.3;
+        let left = self.held_out.repaired_on_board;
+        let gap = self.gap_left.as_ref().unwrap_or(&self.gap);
+        Remaining {
+            rmse_deg: tidy(left.to_degrees()),
+            times_noise: tidy(left / self.held_out.floor.max(f64::MIN_POSITIVE)),
+            goes_with: gap
+                .features
+                .first()
+                .filter(|feature| feature.share >= SAYS_SOMETHING)
+                .map(|feature| feature.name.to_owned()),
+        }
+    }
+
+    /// What is added without a name.
+    fn repair(&self) -> Option<Repair> {
+        let unnamed = self.answer == Answer::Unexplained;
+        let first = self.repaired.added.first().filter(|_| unnamed)?;
+        Some(Repair {
+            kind: first.name().to_owned(),
+            of: judge::names(&self.repaired.added),
+        })
+    }
+
     fn named_effects(&self) -> Vec<NamedEffect> {
+        if self.named.is_empty() {
+            return Vec::new();
+        }
         let fit = &self.repaired.fit;
         let first = fit.model.effects().count() - self.repaired.added.len();
         self.repaired

@@ -84,10 +84,7 @@ pub fn proposals(
                 .iter()
                 .map(|rival| session.simulate(&rival.fit.model, &Nuisance::AT_ZERO))
                 .collect();
-            let fitter = Fitter {
-                nominal: believed,
-                data: &data,
-            };
+            let fitter = Fitter::new(believed, &data);
             let jacobians: Vec<DMatrix<f64>> = rivals
                 .iter()
                 .map(|rival| fitter.derivatives(&rival.fit))
@@ -386,14 +383,8 @@ mod tests {
             let dynamics = *believed().dynamics();
             let model = Model::new(dynamics, &[kind.build(values).unwrap()]).unwrap();
             let none = Dataset::default();
-            let fitter = Fitter {
-                nominal: &model,
-                data: &none,
-            };
-            Candidate {
-                added: vec![kind],
-                fit: fitter.compare(&model),
-            }
+            let fitter = Fitter::new(&model, &none);
+            Candidate::of(vec![kind], fitter.compare(&model))
         };
         let rivals = [
             with(Kind::CoulombFriction, &[0.4, 0.02]),

@@ -151,16 +151,10 @@ pub fn odd_one_out(
     }
     let others = fitter.data.without(&[index]);
     let nominal = fitter.nominal;
-    let without = Fitter {
-        nominal,
-        data: &others,
-    }
+    let without = Fitter::new(nominal, &others)
     .fit(&candidate.fit.model, &candidate.fit.free, Effort::Full);
     let only = fitter.data.only(&[index]);
-    let alone = Fitter {
-        nominal,
-        data: &only,
-    };
+    let alone = Fitter::new(nominal, &only);
     let predicted = alone.compare(&without.model).rmse();
     if without.rmse() > AGREES * floor || predicted < STANDS_OUT * without.rmse() {
         return None;
@@ -299,10 +293,7 @@ pub(super) mod tests {
         assert!(concerns(&recordings).contains(&(Matter::SaturatedAngle, name)));
         // What was cut off does not enter the fit.
         let data = Dataset::of(&recordings);
-        let fitter = Fitter {
-            nominal: &file.model,
-            data: &data,
-        };
+        let fitter = Fitter::new(&file.model, &data);
         let fit = fitter.fit(&file.model, &file.free, Effort::Full);
         assert!(
             fit.rmse() < 0.45f64.to_radians(),
@@ -330,10 +321,7 @@ pub(super) mod tests {
         assert!(found.contains(&(Matter::DroppedSamples, Some(recordings[0].name.clone()))));
         assert!(found.iter().any(|(matter, _)| *matter == Matter::Jitter));
         let data = Dataset::of(&recordings);
-        let fitter = Fitter {
-            nominal: &file.model,
-            data: &data,
-        };
+        let fitter = Fitter::new(&file.model, &data);
         let fit = fitter.fit(&file.model, &file.free, Effort::Full);
         assert!(
             fit.rmse() < 0.6f64.to_radians(),
@@ -356,14 +344,8 @@ pub(super) mod tests {
             ..others[index].clone()
         };
         let data = Dataset::of(&recordings);
-        let fitter = Fitter {
-            nominal: &file.model,
-            data: &data,
-        };
-        let refit = Candidate {
-            added: Vec::new(),
-            fit: fitter.fit(&file.model, &file.free, Effort::Full),
-        };
+        let fitter = Fitter::new(&file.model, &data);
+        let refit = Candidate::of(Vec::new(), fitter.fit(&file.model, &file.free, Effort::Full));
         let floor = NoiseFloor::of(&recordings).white;
         let odd = odd_one_out(&file, &fitter, &refit, floor).unwrap();
         assert_eq!(
@@ -373,15 +355,9 @@ pub(super) mod tests {
         // Among its own kind nothing is odd.
         let (file, recordings) = example(25);
         let data = Dataset::of(&recordings);
-        let fitter = Fitter {
-            nominal: &file.model,
-            data: &data,
-        };
+        let fitter = Fitter::new(&file.model, &data);
         let fit = fitter.fit(&file.model, &file.free, Effort::Full);
-        let refit = Candidate {
-            added: Vec::new(),
-            fit,
-        };
+        let refit = Candidate::of(Vec::new(), fit);
         assert_eq!(odd_one_out(&file, &fitter, &refit, floor), None);
     }
 

@@ -55,23 +55,40 @@ const WORTH_A_THIRD: f64 = 0.5;
 /// Every structure that was fitted to the end; the first is the refit.
 pub type Pool = Vec<Candidate>;
 
-/// Fits the refit with each effect alone, then the best of them with each
-/// other effect, up to three, until the residual is noise.
-pub fn search(
+/// Fits the refit with each effect alone.
+pub fn singles(
     ground: &Ground<'_>,
-    floor: &NoiseFloor,
     kinds: &[Kind],
     refit: &Candidate,
     progress: Progress<'_>,
 ) -> Pool {
+    progress(&format!("{} effects, one at a time", kinds.len()));
+    let width = Width {
+        followed: FOLLOWED[0],
+        finished: FINISHED[0],
+        worth: f64::INFINITY,
+    };
     let mut pool = vec![refit.clone()];
+    pool.extend(extend(ground, kinds, &[refit], width));
+    pool
+}
+
+/// Adds the best combinations of two and three effects, until the residual is noise.
+pub fn combinations(
+    ground: &Ground<'_>,
+    floor: &NoiseFloor,
+    kinds: &[Kind],
+    refit: &Candidate,
+    mut pool: Pool,
+    progress: Progress<'_>,
+) -> Pool {
     let before = ground.excerpt.compare(&refit.fit.model).rmse();
     // The error on the excerpt from which finishing is worth while.
     let worth = before - WORTH_FINISHING * (before - floor.rms).max(0.0);
     let room = MAX_EFFECTS - ground.file.model.effects().count();
-    for size in 1..=room {
+    for size in 2..=room {
         let best = smallest(&pool, size - 1, BEAM[size - 1]);
-        if size > 1 && (best.is_empty() || best.iter().any(|&k| is_done(&pool[k], floor))) {
+        if best.is_empty() || best.iter().any(|&k| is_done(&pool[k], floor)) {
             break;
         }
         if size > 2
@@ -81,28 +98,28 @@ pub fn search(
         {
             break;
         }
-        progress(&match size {
-            1 => format!("{} effects, one at a time", kinds.len()),
-            _ => format!("combinations of {size} effects"),
-        });
+        progress(&format!("combinations of {size} effects"));
         let bases: Vec<&Candidate> = best.iter().map(|&k| &pool[k]).collect();
         let width = Width {
             followed: FOLLOWED[size - 1],
             finished: FINISHED[size - 1],
-            worth: if size > 1 { worth } else { f64::INFINITY },
+            worth,
         };
         let found = extend(ground, kinds, &bases, width);
         pool.extend(found);
-        if size > 1 {
-            let finished = SWAPPED;
-            let swapped = swap(ground, kinds, &pool, size, Width { finished, ..width });
-            pool.extend(swapped);
-            let joined = join(ground, kinds, &pool, size, width);
-            pool.extend(joined);
-            look_back(ground, &mut pool, size);
-        }
+        let finished = SWAPPED;
+        let swapped = swap(ground, kinds, &pool, size, Width { finished, ..width });
+        pool.extend(swapped);
+        let joined = join(ground, kinds, &pool, size, width);
+        pool.extend(joined);
+        look_back(ground, &mut pool, size);
     }
     pool
+}
+
+/// Whether a structure of the pool leaves nothing that another effect could explain.
+pub fn settles(pool: &[Candidate], floor: &NoiseFloor) -> bool {
+    pool.iter().skip(1).any(|candidate| is_done(candidate, floor))
 }
 
 /// What the best structure of `size` effects becomes with one of them

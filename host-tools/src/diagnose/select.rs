@@ -236,7 +236,7 @@ impl<'a> Scoring<'a> {
 }
 
 /// Whether `narrow` is `wide` with one effect replaced by its special case.
-fn is_special_case(narrow: &[Kind], wide: &[Kind]) -> bool {
+pub fn is_special_case(narrow: &[Kind], wide: &[Kind]) -> bool {
     exchanged(wide, narrow)
         .is_some_and(|(general, special)| general.special_case() == Some(special))
 }

@@ -429,10 +429,7 @@ fn miss(file: &ModelFile, recording: &Recording) -> f64 {
     let motion = rms(&recording.angle);
     // Zeros that could move would hide a part of what a slip does.
     let data = Dataset::of(std::slice::from_ref(recording)).calibrated();
-    let fitter = Fitter {
-        nominal: &file.model,
-        data: &data,
-    };
+    let fitter = Fitter::new(&file.model, &data);
     let miss = fitter.compare(&file.model).rmse() / motion.max(f64::MIN_POSITIVE);
     if miss.is_nan() { f64::INFINITY } else { miss }
 }

@@ -9,12 +9,11 @@
 //! likely.
 
 use model_core::actuator::{Model, State};
-use model_core::integrate::{Scheme, step};
 use nalgebra::{Matrix3, RowVector3, Vector3};
 
 use crate::dual::Dual;
 use crate::recording::Recording;
-use crate::simulate::{FromF64, Signal, across, substeps};
+use crate::simulate::{Signal, Stepping, advance};
 
 /// Estimated motion and missing force of one run.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -143,7 +142,7 @@ impl Smoother<'_> {
             .angle
             .iter()
             .fold(0.0, |reach: f64, angle| angle.abs().max(reach));
-        let parts = substeps(self.model, recording.interval(), reach);
+        let stepping = Stepping::of(self.model, recording.interval(), reach);
         let dual: Model<Dual<2>> = self.model.map(Dual::constant);
         let variance = self.noise.powi(2).max(1e-12);
         let observed = RowVector3::new(1.0, 0.0, 0.0);
@@ -169,13 +168,8 @@ impl Smoother<'_> {
                 let interval = recording.time[sample] - recording.time[sample - 1];
                 whole.angle = Dual::variable(state[0], 0, 1.0);
                 whole.rate = Dual::variable(state[1], 1, 1.0);
-                let parts = across(interval, recording.interval(), parts);
-                let dt = Dual::from_f64(interval / parts as f64);
-                for part in 0..parts {
-                    let begin = interval * part as f64 / parts as f64;
-                    let around = signal.around(sample - 1, Dual::from_f64(begin));
-                    step(Scheme::Rk4, &dual, &mut whole, &around, dt);
-                }
+                let zero = Dual::constant(0.0);
+                advance(&dual, &signal, sample, zero, stepping, &mut whole);
                 let (angle, rate) = (whole.angle, whole.rate);
                 let (by_angle, by_rate) = (angle.partials(), rate.partials());
                 // The force acts beside the model's own for the whole interval.

@@ -277,14 +277,8 @@ mod tests {
         let file = ModelFile::parse(SWING, Path::new("swing.toml")).unwrap();
         let recordings = swings(&file, effects, &[1.1, 0.7, 0.3]);
         let data = Dataset::of(&recordings);
-        let fitter = Fitter {
-            nominal: &file.model,
-            data: &data,
-        };
-        let base = Candidate {
-            added: Vec::new(),
-            fit: fitter.fit(&file.model, &file.free, Effort::Full),
-        };
+        let fitter = Fitter::new(&file.model, &data);
+        let base = Candidate::of(Vec::new(), fitter.fit(&file.model, &file.free, Effort::Full));
         let ground = Ground {
             file: &file,
             fitter: &fitter,

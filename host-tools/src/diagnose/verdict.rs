@@ -36,12 +36,28 @@ pub struct Verdict {
     pub schema: u32,
     /// The answer.
     pub verdict: Answer,
+    /// How strongly an effect is named.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub strength: Option<Strength>,
+    /// The family that all rivals of `cannot_tell` are of; several for combinations,
+    /// joined by " + ".
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub family: Option<String>,
     /// Every effect that is named.
     pub effects: Vec<NamedEffect>,
     /// Rival explanations, best first; the answer set of `cannot_tell`.
     pub alternatives: Vec<Alternative>,
     /// Whether the repair is good enough.
     pub adequacy: Adequacy,
+    /// Share of the error beyond the noise that the repaired model removes on runs that
+    /// were not fitted, at three horizons.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub closure: Option<Closure>,
+    /// What the model that `-o` writes leaves on runs that were not fitted.
+    pub remaining: Remaining,
+    /// What `-o` adds to the model although no effect is named.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub repair: Option<Repair>,
     /// Where the gap lives, strongest feature first.
     #[serde(rename = "where")]
     pub places: Vec<Place>,
@@ -66,6 +82,51 @@ pub struct Verdict {
     pub tool_version: String,
     /// Wall time in seconds.
     pub seconds: f64,
+}
+
+/// How strongly an effect is named.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Strength {
+    /// It removes two thirds of the error beyond the noise, or more.
+    Explains,
+    /// It removes a third to two thirds.
+    Part,
+}
+
+/// Share of the error beyond the noise that is removed.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct Closure {
+    /// Over a quarter of a swing.
+    pub short: f64,
+    /// Over two and a half swings.
+    pub medium: f64,
+    /// Over whole runs.
+    pub full: f64,
+    /// One less the geometric mean of what is left at the three.
+    pub overall: f64,
+}
+
+/// What a model leaves.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct Remaining {
+    /// RMS error on runs that were not fitted, in degrees.
+    pub rmse_deg: f64,
+    /// The same in units of the noise floor.
+    pub times_noise: f64,
+    /// The feature with which the force that is still missing goes; none if it goes
+    /// with nothing in particular.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub goes_with: Option<String>,
+}
+
+/// A repair without a name.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct Repair {
+    /// Kind of the first effect that is added.
+    pub kind: String,
+    /// What a table is a table of; else the kinds of all effects that are added.
+    pub of: Vec<String>,
 }
 
 /// An effect with its parameters in the units of model files.

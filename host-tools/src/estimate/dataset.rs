@@ -14,7 +14,7 @@ use model_core::power::Power;
 use super::nuisance::{Nuisance, Prior};
 use crate::denoise;
 use crate::recording::Recording;
-use crate::simulate::{FromF64, Origin, Signal, Start, run_from, substeps};
+use crate::simulate::{FromF64, Origin, Signal, Start, Stepping, run_from};
 
 /// A recording that is simulated whole.
 #[derive(Clone, Debug)]
@@ -117,9 +117,9 @@ impl Session {
         &self.silent
     }
 
-    /// Integration steps between two samples for a model.
-    pub fn substeps<R: FromF64, P: Power<R>>(&self, model: &Model<R, P>) -> usize {
-        substeps(model, self.interval, self.reach)
+    /// How a model is integrated between two samples.
+    pub fn stepping<R: FromF64, P: Power<R>>(&self, model: &Model<R, P>) -> Stepping {
+        Stepping::of(model, self.interval, self.reach)
     }
 
     /// What the angle sensor shows under a model (rad), its zero included.
@@ -136,7 +136,7 @@ impl Session {
             pressure_zero: R::from_f64(nuisance.pressure_zero),
             clock: R::from_f64(self.clock),
         };
-        run_from(model, &self.signal, origin, self.substeps(model))
+        run_from(model, &self.signal, origin, self.stepping(model))
             .reading
             .into_iter()
             .map(|reading| reading.to_f64() + nuisance.angle_zero)
@@ -467,10 +467,7 @@ mod tests {
     }
 
     fn held_out_error(model: &Model<f64>, data: &Dataset) -> f64 {
-        let fitter = Fitter {
-            nominal: model,
-            data,
-        };
+        let fitter = Fitter::new(model, data);
         let residuals = fitter.validate(model).residuals;
         assert_eq!(residuals.len(), 1);
         assert_eq!(residuals[0].len(), STEP);
@@ -541,10 +538,7 @@ mod tests {
             ParameterId::Stiffness,
             ParameterId::InputGain,
         ];
-        let fitter = Fitter {
-            nominal: &nominal,
-            data: &data,
-        };
+        let fitter = Fitter::new(&nominal, &data);
         let fit = fitter.fit(&nominal, &free, Effort::Full);
         let found = fit.nuisances[0];
         println!("{found:?}, {:e} rad", fit.rmse());

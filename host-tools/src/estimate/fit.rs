@@ -17,6 +17,7 @@ use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use super::Dataset;
 use super::coordinate::{Coordinate, bounds};
+use super::filter::Level;
 use super::information::Information;
 use super::nuisance::Nuisance;
 use super::problem::{Compared, Problem};
@@ -178,6 +179,8 @@ pub struct Ended {
 /// How hard a fit tries.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Effort {
+    /// So many damped Gauss–Newton steps, to rank starts and levels.
+    Steps(usize),
     /// A few steps, to rank starts.
     Glance,
     /// Until another step would change the sum of squares by a hundred-thousandth: far
@@ -192,9 +195,25 @@ pub struct Fitter<'a> {
     pub nominal: &'a Model<f64>,
     /// The sessions and their segments.
     pub data: &'a Dataset,
+    /// The prediction horizon of fits; none for output error.
+    pub level: Option<&'a Level>,
 }
 
-impl Fitter<'_> {
+impl<'a> Fitter<'a> {
+    /// Fits by output error.
+    pub const fn new(nominal: &'a Model<f64>, data: &'a Dataset) -> Self {
+        Self {
+            nominal,
+            data,
+            level: None,
+        }
+    }
+
+    /// The same at a level of the prediction horizon; none for output error.
+    pub const fn at(self, level: Option<&'a Level>) -> Self {
+        Self { level, ..self }
+    }
+
     /// Fits the parameters in `free`, starting from their values in `start`.
     ///
     /// With nothing free it estimates only zeros and starts: a plain comparison.
@@ -210,7 +229,7 @@ impl Fitter<'_> {
         effort: Effort,
         checkpoint: &Checkpoint,
     ) -> Fit {
-        let problem = Problem::new(self, start, free, Compared::Fitted);
+        let problem = Problem::new(self, start, free, Compared::Fitted).at_level(self.level);
         let key = if checkpoint.is_used() {
             self.fingerprint(start, free, effort)
         } else {
@@ -239,7 +258,10 @@ impl Fitter<'_> {
     /// start, free parameters, effort and version.
     fn fingerprint(&self, start: &Model<f64>, free: &[ParameterId], effort: Effort) -> u64 {
         let version = env!("CARGO_PKG_VERSION");
-        let text = format!("{version} {:?} {start:?} {free:?} {effort:?}", self.nominal);
+        let text = format!(
+            "{version} {:?} {:?} {start:?} {free:?} {effort:?}",
+            self.nominal, self.level
+        );
         let sessions = self.data.sessions().iter().enumerate();
         let data = sessions.flat_map(|(index, session)| {
             let recording = session.recording();
@@ -285,6 +307,7 @@ impl Fitter<'_> {
         }
         let free = [fit.free.as_slice(), held].concat();
         let wider = Problem::new(self, &fit.model, &free, Compared::Fitted)
+            .at_level(self.level)
             .with_nuisances(&fit.nuisances)
             .finish(fit.converged, Effort::Full);
         for (error, wider) in fit.standard_errors.iter_mut().zip(wider.standard_errors) {
@@ -304,6 +327,7 @@ impl Fitter<'_> {
     /// what zeros and starts can follow. A row a fitted sample.
     pub fn derivatives(&self, fit: &Fit) -> DMatrix<f64> {
         let blocks = Problem::new(self, &fit.model, &fit.free, Compared::Fitted)
+            .at_level(self.level)
             .in_coordinates(&fit.coordinates, &fit.position)
             .with_nuisances(&fit.nuisances)
             .projected();
@@ -322,7 +346,7 @@ impl Fitter<'_> {
     /// a score test at the price of a single simulation with derivatives. Not
     /// finite where the model cannot be simulated.
     pub fn promise(&self, start: &Model<f64>, free: &[ParameterId]) -> f64 {
-        Problem::new(self, start, free, Compared::Fitted).promise()
+        Problem::new(self, start, free, Compared::Fitted).at_level(self.level).promise()
     }
 
     /// Residuals (rad) of a model at every fitted sample, and their derivatives in
@@ -336,6 +360,7 @@ impl Fitter<'_> {
         nuisances: &[Nuisance],
     ) -> Option<(DVector<f64>, DMatrix<f64>)> {
         Problem::new(self, model, free, Compared::Fitted)
+            .at_level(self.level)
             .with_nuisances(nuisances)
             .dense()
     }
@@ -460,10 +485,7 @@ mod tests {
             data(calibrated, Vec::new()),
         ]
         .map(|data| {
-            let fitter = Fitter {
-                nominal: &model,
-                data: &data,
-            };
+            let fitter = Fitter::new(&model, &data);
             fitter.fingerprint(&model, &[ParameterId::Damping], Effort::Full)
         })
         .into();

@@ -13,7 +13,9 @@
 pub mod assemble;
 mod coordinate;
 pub mod dataset;
+pub mod filter;
 pub mod fit;
+pub mod horizon;
 pub mod information;
 pub mod nuisance;
 mod problem;

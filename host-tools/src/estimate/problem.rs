@@ -13,6 +13,7 @@ use nalgebra::{DMatrix, DVector, Dyn};
 use rayon::prelude::*;
 
 use super::coordinate::Coordinate;
+use super::filter::{Innovation, Level, normalised, pass};
 use super::fit::{Effort, Fit, Fitter};
 use super::information::{Block, Information, without_nuisance};
 use super::nuisance::{Nuisance, Shared, UNKNOWNS, ZEROS, wall};
@@ -35,7 +36,7 @@ impl Effort {
         // coordinates. The solver's default of 100 leaps over the valley that
         // a start was chosen for.
         match self {
-            Self::Glance => solver
+            Self::Steps(_) | Self::Glance => solver
                 .with_stepbound(1.0)
                 .with_patience(patience(GLANCES))
                 .with_ftol(1e-3)
@@ -105,6 +106,10 @@ fn shared(parts: &[Part<'_>], unknown: usize) -> Option<Shared> {
 struct Linear {
     jacobian: DMatrix<f64>,
     residual: DVector<f64>,
+    /// Sum of ln S over the rows; zero for a simulation.
+    log_variance: f64,
+    /// What the rows were multiplied by: the geometric mean of √S of all parts.
+    scale: f64,
 }
 
 /// The least-squares problem in the solver's coordinates: the free parameters,
@@ -123,6 +128,11 @@ pub struct Problem<'a> {
     /// Of each unknown of a session, what those of one sitting have in common.
     shared: [Option<Shared>; UNKNOWNS],
     position: DVector<f64>,
+    /// The prediction horizon; none for output error.
+    level: Option<Level>,
+    /// What the rows of priors are multiplied by: the geometric mean of √S, as the
+    /// innovations.
+    scale: f64,
     /// The triangle of each part at `position`: derivatives, residuals last. None
     /// before a solver needs them, and where the model cannot be simulated.
     triangles: Option<Vec<DMatrix<f64>>>,
@@ -180,8 +190,16 @@ impl<'a> Problem<'a> {
             shared: std::array::from_fn(|unknown| shared(&parts, unknown)),
             parts,
             position: DVector::from_vec(position),
+            level: None,
+            scale: 1.0,
             triangles: None,
         }
+    }
+
+    /// The same at a level of the prediction horizon; none for output error.
+    pub fn at_level(mut self, level: Option<&Level>) -> Self {
+        self.level = level.copied();
+        self
     }
 
     /// The same with zeros and starts as given, one set a session.
@@ -220,7 +238,7 @@ impl<'a> Problem<'a> {
 
     /// The sum of squares (rad²) that one Gauss–Newton step promises.
     pub fn promise(mut self) -> f64 {
-        self.triangles = self.triangulated();
+        self.triangulate();
         let (Some(residuals), Some(jacobian)) = (self.residuals(), self.jacobian()) else {
             return f64::INFINITY;
         };
@@ -242,7 +260,10 @@ impl<'a> Problem<'a> {
         if self.unknowns() == 0 {
             return (self, true);
         }
-        self.triangles = self.triangulated();
+        if let Effort::Steps(steps) = effort {
+            return (self.stepped(steps), false);
+        }
+        self.triangulate();
         let mut solver = effort.solver(self.unknowns());
         if self.free.is_empty() {
             // Zeros and starts alone are nearly linear: full steps.
@@ -250,6 +271,52 @@ impl<'a> Problem<'a> {
         }
         let (solved, report) = solver.minimize(self);
         (solved, report.termination.was_successful())
+    }
+
+    /// Goes at most so many damped Gauss–Newton steps (Levenberg, 1944). The library's
+    /// solver cannot be stopped so early: it counts evaluations by the number of
+    /// unknowns.
+    fn stepped(mut self, steps: usize) -> Self {
+        /// Damping of the first step, relative to the curvature.
+        const FIRST: f64 = 1e-3;
+        /// Change of the damping after a step that was good, and one that was not.
+        const CALMER: f64 = 0.1;
+        const STRONGER: f64 = 10.0;
+        /// Relative gain of a step after which no more is to be had.
+        const DONE: f64 = 1e-4;
+        self.triangulate();
+        let mut damping = FIRST;
+        let (Some(mut residuals), Some(mut jacobian)) = (self.residuals(), self.jacobian()) else {
+            return self;
+        };
+        for _ in 0..steps {
+            let mut normal = jacobian.tr_mul(&jacobian);
+            for k in 0..normal.nrows() {
+                normal[(k, k)] += damping * normal[(k, k)] + f64::MIN_POSITIVE;
+            }
+            let Some(factor) = normal.cholesky() else {
+                break;
+            };
+            let before = self.position.clone();
+            self.position -= factor.solve(&jacobian.tr_mul(&residuals));
+            self.triangulate();
+            let cost = residuals.norm_squared();
+            let found = self.residuals().zip(self.jacobian());
+            match found.filter(|(residuals, _)| residuals.norm_squared() < cost) {
+                Some(better) => {
+                    (residuals, jacobian) = better;
+                    damping *= CALMER;
+                    if residuals.norm_squared() > (1.0 - DONE) * cost {
+                        break;
+                    }
+                }
+                None => {
+                    self.position = before;
+                    damping *= STRONGER;
+                }
+            }
+        }
+        self
     }
 
     /// How many unknowns there are.
@@ -325,7 +392,7 @@ impl<'a> Problem<'a> {
                         _ => own[unknown],
                     };
                     let [wall, _] = wall_of(unknown, own[unknown]);
-                    part.session.prior().noise * (residual + wall)
+                    self.scale * part.session.prior().noise * (residual + wall)
                 }))
             })
             .collect()
@@ -347,7 +414,7 @@ impl<'a> Problem<'a> {
         } else {
             by_other
         };
-        of.session.prior().noise * slope
+        self.scale * of.session.prior().noise * slope
     }
 
     /// Derivatives of the rows of a session's own unknowns by themselves, as if it
@@ -358,14 +425,18 @@ impl<'a> Problem<'a> {
         };
         std::array::from_fn(|unknown| {
             let [_, wall] = wall_of(unknown, self.position[first + unknown]);
-            part.session.prior().noise * (1.0 + wall)
+            self.scale * part.session.prior().noise * (1.0 + wall)
         })
     }
 
     /// Residuals of the segments that are fitted, or of those held out; only of
-    /// sessions that take part.
+    /// sessions that take part. At a level they are what is fitted: innovations over
+    /// their spread, as they are counted, times the mean spread.
     pub fn residual_series(&self, fitted: bool) -> Vec<Vec<f64>> {
         let model = self.model();
+        if let (Some(level), true) = (&self.level, fitted) {
+            return self.innovation_series(&model, level);
+        }
         let series: Vec<Vec<Vec<f64>>> = self
             .parts
             .par_iter()
@@ -380,6 +451,75 @@ impl<'a> Problem<'a> {
             })
             .collect();
         series.into_iter().flatten().collect()
+    }
+
+    fn innovation_series(&self, model: &Model<f64>, level: &Level) -> Vec<Vec<f64>> {
+        let Some((mut series, log_variance)) =
+            normalised(model, self.data, &self.nuisances(), level)
+        else {
+            return vec![vec![f64::INFINITY]];
+        };
+        let scale = (0.5 * log_variance).exp();
+        for value in series.iter_mut().flatten() {
+            *value = scale * level.counted(*value)[0];
+        }
+        series
+    }
+
+    /// One session filtered, with its rows over the spread of each innovation.
+    fn filtered<const N: usize>(
+        &self,
+        model: &Model<Dual<N>>,
+        part: &Part<'_>,
+        level: &Level,
+    ) -> Linear {
+        let session = part.session;
+        let free = self.free.len();
+        let nuisance = self.nuisance(part);
+        let zero = match part.own {
+            Some(_) => Dual::variable(nuisance.pressure_zero, free, 1.0),
+            None => Dual::constant(nuisance.pressure_zero),
+        };
+        let columns = free + if part.own.is_some() { UNKNOWNS } else { 0 };
+        let mut jacobian = DMatrix::zeros(part.rows(), columns);
+        let mut residual = DVector::zeros(part.rows());
+        let mut log_variance = 0.0;
+        let Some(passed) = pass(model, session, &nuisance, zero, level, free + 1) else {
+            residual.fill(f64::INFINITY);
+            return Linear {
+                jacobian,
+                residual,
+                log_variance,
+                scale: 1.0,
+            };
+        };
+        let slopes = session.prior().deviations();
+        let silent = |sample: usize| session.silent().iter().any(|range| range.contains(&sample));
+        for (row, sample) in part.ranges.iter().cloned().flatten().enumerate() {
+            let Innovation { error, variance } = passed[sample];
+            log_variance += variance.ln();
+            if silent(sample) {
+                continue;
+            }
+            let spread = variance.sqrt();
+            let [counted, slope] = level.counted(error.value() / spread);
+            let partials = error.partials();
+            residual[row] = counted;
+            for column in 0..free {
+                jacobian[(row, column)] = partials[column] * slope / spread;
+            }
+            if part.own.is_some() {
+                // The start is left to the filter. So is the zero of the angle: it would
+                // be seen in the spring alone, and is what the refit found.
+                jacobian[(row, free)] = partials[free] * slopes[0] * slope / spread;
+            }
+        }
+        Linear {
+            jacobian,
+            residual,
+            log_variance,
+            scale: 1.0,
+        }
     }
 
     /// One session on dual numbers with `N` derivatives: at least the free
@@ -397,6 +537,9 @@ impl<'a> Problem<'a> {
             let value = coordinate.to_value(u);
             dual = dual.with_value(id, Dual::variable(value, column, coordinate.slope(u)));
         }
+        if let Some(level) = &self.level {
+            return self.filtered(&dual, part, level);
+        }
         let free = self.free.len();
         let nuisance = self.nuisance(part);
         let unknown = |value: f64, column: usize| match part.own {
@@ -411,8 +554,8 @@ impl<'a> Problem<'a> {
             pressure_zero: unknown(nuisance.pressure_zero, 0),
             clock: Dual::constant(session.clock()),
         };
-        let steps = session.substeps(model);
-        let reading = run_from(&dual, session.signal(), origin, steps).reading;
+        let stepping = session.stepping(model);
+        let reading = run_from(&dual, session.signal(), origin, stepping).reading;
         let columns = free + if part.own.is_some() { UNKNOWNS } else { 0 };
         let slopes = session.prior().deviations();
         let mut jacobian = DMatrix::zeros(part.rows(), columns);
@@ -437,14 +580,20 @@ impl<'a> Problem<'a> {
                 }
             }
         }
-        Linear { jacobian, residual }
+        Linear {
+            jacobian,
+            residual,
+            log_variance: 0.0,
+            scale: 1.0,
+        }
     }
 
     /// Every session, with the derivatives carried in arrays of a size that
     /// suffices.
     fn linears(&self) -> Vec<Linear> {
         let model = self.model();
-        self.parts
+        let mut linears: Vec<Linear> = self
+            .parts
             .par_iter()
             .map(|part| match self.free.len() + 3 {
                 0..=4 => self.linear::<4>(&model, part),
@@ -454,21 +603,34 @@ impl<'a> Problem<'a> {
                 // Five base parameters and three effects of four each.
                 _ => self.linear::<20>(&model, part),
             })
-            .collect()
+            .collect();
+        if self.level.is_some() {
+            let rows: usize = linears.iter().map(|linear| linear.residual.len()).sum();
+            let sum: f64 = linears.iter().map(|linear| linear.log_variance).sum();
+            let scale = (0.5 * sum / rows.max(1) as f64).exp();
+            for linear in &mut linears {
+                linear.jacobian *= scale;
+                linear.residual *= scale;
+                linear.scale = scale;
+            }
+        }
+        linears
     }
 
-    fn triangulated(&self) -> Option<Vec<DMatrix<f64>>> {
-        self.linears()
+    fn triangulate(&mut self) {
+        let linears = self.linears();
+        self.scale = linears.first().map_or(1.0, |linear| linear.scale);
+        self.triangles = linears
             .into_par_iter()
-            .map(|Linear { jacobian, residual }| {
-                let columns = jacobian.ncols();
-                let mut both = jacobian.resize_horizontally(columns + 1, 0.0);
-                both.set_column(columns, &residual);
+            .map(|linear| {
+                let columns = linear.jacobian.ncols();
+                let mut both = linear.jacobian.resize_horizontally(columns + 1, 0.0);
+                both.set_column(columns, &linear.residual);
                 both.iter()
                     .all(|entry| entry.is_finite())
                     .then(|| both.qr().r())
             })
-            .collect()
+            .collect();
     }
 
     /// The residuals and derivatives of all fitted samples.
@@ -522,7 +684,7 @@ impl<'a> Problem<'a> {
     pub fn finish(self, converged: bool, effort: Effort) -> Fit {
         let residuals = self.residual_series(true);
         let information = match effort {
-            Effort::Glance => Information::default(),
+            Effort::Steps(_) | Effort::Glance => Information::default(),
             Effort::Full => self.information(&residuals),
         };
         let free = self.free.len();
@@ -599,7 +761,7 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
 
     fn set_params(&mut self, position: &DVector<f64>) {
         self.position.copy_from(position);
-        self.triangles = self.triangulated();
+        self.triangulate();
     }
 
     fn params(&self) -> DVector<f64> {

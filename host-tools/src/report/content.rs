@@ -255,7 +255,7 @@ pub struct NextRun {
 impl Content {
     /// Puts a diagnosis into words.
     pub fn of(request: &Request<'_>, diagnosis: &Diagnosis) -> Self {
-        let named = !diagnosis.repaired.added.is_empty();
+        let named = !diagnosis.named.is_empty();
         Self {
             answer: diagnosis.answer,
             sentence: sentence(diagnosis),
@@ -311,7 +311,7 @@ pub fn sentence(diagnosis: &Diagnosis) -> String {
         Answer::ParametersOnly => {
             "No effect is missing: the structure is right, only the parameters were off.".into()
         }
-        Answer::EffectFound => format!("The model lacks {}.", titles(&diagnosis.repaired.added)),
+        Answer::EffectFound => format!("The model lacks {}.", titles(&diagnosis.named)),
         Answer::CannotTell => {
             let rivals: Vec<String> = diagnosis
                 .alternatives

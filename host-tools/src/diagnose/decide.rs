@@ -1,0 +1,346 @@
+//! From measurements to an answer: one pure function.
+//!
+//! Every structure that was fitted is a row of measurements ([`Scored`]); the constants
+//! are the [`Policy`]. Nothing is simulated or fitted here.
+//!
+//! 1. Of each size, structures that leave little more than the best of that size take
+//!    part; the one with the most evidence leads, unless its special case has nearly as
+//!    much.
+//! 2. A larger structure replaces a smaller one if it leaves half of what remained and
+//!    brings evidence for each further effect.
+//! 3. What the leader closes of the error on segments that were not fitted is its
+//!    strength: it explains the error, or part of it, or nothing is named.
+//! 4. Others with nearly as much evidence are rivals. Rivals of the same families as the
+//!    leader make a family the answer; others make it "cannot tell".
+
+use model_core::catalogue::Kind;
+
+use super::family::Family;
+use super::policy::Policy;
+use super::select::is_special_case;
+pub use super::verdict::{Closure, Strength};
+
+/// What was measured of one structure.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scored {
+    /// Its effects, in the order of the catalogue.
+    pub kinds: Vec<Kind>,
+    /// How much of the error it closes.
+    pub closure: Closure,
+    /// Share of the error that it leaves, fitted and held-out segments together.
+    pub leaves: f64,
+    /// Evidence against the refit: twice the logarithm of a Bayes factor.
+    pub evidence: f64,
+    /// Free parameters.
+    pub parameters: usize,
+}
+
+/// What follows from the measurements; structures by their index.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Decision {
+    /// One structure is named.
+    Named {
+        /// The structure.
+        structure: usize,
+        /// How strongly.
+        strength: Strength,
+    },
+    /// Rivals that cannot be told apart, the best first.
+    CannotTell {
+        /// The rivals.
+        rivals: Vec<usize>,
+        /// The families that all of them are of; empty if they differ.
+        families: Vec<Family>,
+        /// How strongly the best of them.
+        strength: Strength,
+    },
+    /// Nothing is named.
+    Unexplained {
+        /// The structure that comes nearest, if any has evidence.
+        nearest: Option<usize>,
+    },
+}
+
+/// Decides.
+pub fn decide(scored: &[Scored], policy: &Policy) -> Decision {
+    let Some(leader) = leader(scored, policy) else {
+        return Decision::Unexplained {
+            nearest: most_evidence(scored, |row| row.evidence > policy.evidence),
+        };
+    };
+    let closes = scored[leader].closure.overall;
+    let strength = if closes >= policy.explains {
+        Strength::Explains
+    } else if closes >= policy.part {
+        Strength::Part
+    } else {
+        return Decision::Unexplained {
+            nearest: Some(leader),
+        };
+    };
+    let rivals = rivals(scored, leader, policy);
+    if rivals.len() == 1 {
+        return Decision::Named {
+            structure: leader,
+            strength,
+        };
+    }
+    let families = Family::of_all(&scored[leader].kinds);
+    let one = rivals
+        .iter()
+        .all(|&rival| Family::of_all(&scored[rival].kinds) == families);
+    Decision::CannotTell {
+        rivals,
+        families: if one { families } else { Vec::new() },
+        strength,
+    }
+}
+
+/// The structure that the evidence asks for; none if no effect has enough.
+fn leader(scored: &[Scored], policy: &Policy) -> Option<usize> {
+    let largest = scored.iter().map(|row| row.kinds.len()).max()?;
+    let mut chosen: Option<usize> = None;
+    for size in 1..=largest {
+        let Some(best) = best_of_size(scored, size, policy) else {
+            continue;
+        };
+        let (size_before, left, evidence) =
+            chosen.map_or((0, 1.0, 0.0), |index| {
+                let row = &scored[index];
+                (row.kinds.len(), 1.0 - row.closure.overall, row.evidence)
+            });
+        let row = &scored[best];
+        // At most three.
+        let more = (size - size_before) as f64;
+        let needed = if size_before == 0 {
+            policy.evidence * more
+        } else {
+            policy.further_evidence * more
+        };
+        let leaves = 1.0 - row.closure.overall;
+        let enough = size == 1 || leaves <= policy.further_leaves * left;
+        if row.evidence - evidence >= needed && enough {
+            chosen = Some(best);
+        }
+    }
+    chosen
+}
+
+/// The structure of a size with the most evidence among those that leave little more
+/// than the best, or its special case.
+fn best_of_size(scored: &[Scored], size: usize, policy: &Policy) -> Option<usize> {
+    let of_size = |row: &Scored| row.kinds.len() == size && row.leaves.is_finite();
+    let least = scored
+        .iter()
+        .filter(|row| of_size(row))
+        .map(|row| row.leaves)
+        .fold(f64::INFINITY, f64::min);
+    let takes_part = |row: &Scored| of_size(row) && row.leaves <= policy.comparable * least;
+    let best = most_evidence(scored, takes_part)?;
+    let special = most_evidence(scored, |row| {
+        takes_part(row)
+            && is_special_case(&row.kinds, &scored[best].kinds)
+            && row.parameters < scored[best].parameters
+            && scored[best].evidence - row.evidence < policy.special_case
+    });
+    special.or(Some(best))
+}
+
+/// The leader and the structures of its size that cannot be told from it, the most
+/// evidence first.
+fn rivals(scored: &[Scored], leader: usize, policy: &Policy) -> Vec<usize> {
+    let first = &scored[leader];
+    let margin = policy.rival_least.max(policy.rival_share * first.evidence);
+    let mut rivals: Vec<usize> = scored
+        .iter()
+        .enumerate()
+        .filter(|(index, row)| {
+            *index != leader
+                && row.kinds.len() == first.kinds.len()
+                && row.leaves <= policy.comparable * first.leaves
+                && row.closure.overall >= policy.part
+                && row.evidence >= first.evidence - margin
+                && !is_special_case(&first.kinds, &row.kinds)
+        })
+        .map(|(index, _)| index)
+        .collect();
+    rivals.sort_by(|&a, &b| scored[b].evidence.total_cmp(&scored[a].evidence));
+    rivals.insert(0, leader);
+    rivals
+}
+
+fn most_evidence(scored: &[Scored], takes_part: impl Fn(&Scored) -> bool) -> Option<usize> {
+    scored
+        .iter()
+        .enumerate()
+        .filter(|(_, row)| takes_part(row))
+        .max_by(|a, b| a.1.evidence.total_cmp(&b.1.evidence))
+        .map(|(index, _)| index)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use Kind::{
+        BoucWenHysteresis, CoulombFriction, CubicStiffness, Gravity, MaxwellBranch,
+        StribeckFriction,
+    };
+
+    const POLICY: Policy = Policy::STANDARD;
+
+    fn row(kinds: &[Kind], closes: f64, evidence: f64) -> Scored {
+        Scored {
+            kinds: kinds.to_vec(),
+            closure: Closure {
+                short: closes,
+                medium: closes,
+                full: closes,
+                overall: closes,
+            },
+            leaves: 1.0 - closes,
+            evidence,
+            parameters: 3 + kinds.len(),
+        }
+    }
+
+    fn named(structure: usize, strength: Strength) -> Decision {
+        Decision::Named {
+            structure,
+            strength,
+        }
+    }
+
+    /// Each rule, with a case on both sides.
+    #[test]
+    fn table() {
+        let g = [Gravity];
+        let c = [CubicStiffness];
+        let m = [MaxwellBranch];
+        let pair = [CoulombFriction, Gravity];
+        let cases: Vec<(&str, Vec<Scored>, Decision)> = vec![
+            ("nothing was fitted", vec![], Decision::Unexplained { nearest: None }),
+            (
+                "too little evidence",
+                vec![row(&g, 0.9, 99.0)],
+                Decision::Unexplained { nearest: None },
+            ),
+            (
+                "just enough",
+                vec![row(&g, 0.9, 100.0)],
+                named(0, Strength::Explains),
+            ),
+            (
+                "explains part",
+                vec![row(&g, 0.66, 500.0)],
+                named(0, Strength::Part),
+            ),
+            (
+                "explains too little",
+                vec![row(&g, 0.33, 500.0)],
+                Decision::Unexplained { nearest: Some(0) },
+            ),
+            (
+                "the more evidence, if it leaves little more",
+                vec![row(&g, 0.80, 500.0), row(&m, 0.71, 900.0)],
+                named(1, Strength::Explains),
+            ),
+            (
+                "not if it leaves much more",
+                vec![row(&g, 0.80, 500.0), row(&m, 0.69, 900.0)],
+                named(0, Strength::Explains),
+            ),
+            (
+                "rivals of one family",
+                vec![row(&g, 0.9, 1000.0), row(&c, 0.9, 901.0)],
+                Decision::CannotTell {
+                    rivals: vec![0, 1],
+                    families: vec![Family::StiffnessShape],
+                    strength: Strength::Explains,
+                },
+            ),
+            (
+                "rivals of two families",
+                vec![row(&g, 0.9, 1000.0), row(&m, 0.9, 901.0)],
+                Decision::CannotTell {
+                    rivals: vec![0, 1],
+                    families: vec![],
+                    strength: Strength::Explains,
+                },
+            ),
+            (
+                "far enough behind",
+                vec![row(&g, 0.9, 1000.0), row(&m, 0.9, 899.0)],
+                named(0, Strength::Explains),
+            ),
+            (
+                "close behind with little evidence",
+                vec![row(&g, 0.9, 130.0), row(&m, 0.9, 101.0)],
+                Decision::CannotTell {
+                    rivals: vec![0, 1],
+                    families: vec![],
+                    strength: Strength::Explains,
+                },
+            ),
+            (
+                "a second effect that halves what remains",
+                vec![row(&g, 0.5, 500.0), row(&pair, 0.76, 600.0)],
+                named(1, Strength::Explains),
+            ),
+            (
+                "a second effect that does not",
+                vec![row(&g, 0.5, 500.0), row(&pair, 0.74, 900.0)],
+                named(0, Strength::Part),
+            ),
+            (
+                "a second effect without evidence",
+                vec![row(&g, 0.5, 500.0), row(&pair, 0.9, 599.0)],
+                named(0, Strength::Part),
+            ),
+            (
+                "two that help only together",
+                vec![row(&g, 0.05, 20.0), row(&pair, 0.8, 300.0)],
+                named(1, Strength::Explains),
+            ),
+            (
+                "two that help only together, with the evidence of one",
+                vec![row(&g, 0.05, 20.0), row(&pair, 0.8, 199.0)],
+                Decision::Unexplained { nearest: Some(1) },
+            ),
+        ];
+        for (what, scored, expected) in cases {
+            assert_eq!(decide(&scored, &POLICY), expected, "{what}");
+        }
+    }
+
+    #[test]
+    fn a_special_case_is_preferred_unless_the_general_one_has_evidence() {
+        let mut general = row(&[StribeckFriction], 0.9, 1019.0);
+        general.parameters += 1;
+        let special = row(&[CoulombFriction], 0.9, 1000.0);
+        let rows = [general.clone(), special.clone()];
+        assert_eq!(decide(&rows, &POLICY), named(1, Strength::Explains));
+        general.evidence = 1150.0;
+        let rows = [general, special];
+        assert_eq!(decide(&rows, &POLICY), named(0, Strength::Explains));
+    }
+
+    /// The order of the rows is that of a search and must not matter.
+    #[test]
+    fn the_order_of_rows_does_not_matter() {
+        let rows = vec![
+            row(&[Gravity], 0.9, 1000.0),
+            row(&[BoucWenHysteresis], 0.88, 950.0),
+            row(&[MaxwellBranch], 0.3, 990.0),
+            row(&[CoulombFriction, Gravity], 0.93, 1090.0),
+        ];
+        let kinds = |rows: &[Scored]| match decide(rows, &POLICY) {
+            Decision::CannotTell { rivals, .. } => {
+                rivals.iter().map(|&k| rows[k].kinds.clone()).collect::<Vec<_>>()
+            }
+            other => panic!("{other:?}"),
+        };
+        let mut turned = rows.clone();
+        turned.reverse();
+        assert_eq!(kinds(&rows), kinds(&turned));
+    }
+}

@@ -1,0 +1,118 @@
+//! Families of effects: what may be named where members cannot be told apart.
+//!
+//! A real friction is neither Coulomb's nor Dahl's formula, and a lab that learns "dry
+//! friction" knows what to look at. So effects that do the same to an actuator have a
+//! name in common, which is as strong a statement as the recordings allow.
+
+use std::fmt;
+
+use model_core::catalogue::Kind;
+
+/// Effects that do the same to an actuator by different formulas.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Family {
+    /// A force by the direction of motion.
+    DryFriction,
+    /// A dead band of the drive.
+    Play,
+    /// A slow yielding under a constant load.
+    Creep,
+    /// A change with time alone.
+    Drift,
+    /// A softening by the largest angle so far.
+    FirstStretch,
+    /// A damping that is not one constant.
+    RateDamping,
+    /// A static curve of force over angle or pressure.
+    StiffnessShape,
+    /// A shift of a zero.
+    Offset,
+    /// What the tube does to the pressure.
+    InputPath,
+    /// What the sensor does to the angle.
+    SensorPath,
+    /// A force of a frequency of its own.
+    Periodic,
+    /// A second oscillation beside the first.
+    SecondMode,
+    /// What belongs to no family.
+    Other,
+}
+
+impl Family {
+    /// The family of an effect.
+    pub fn of(kind: Kind) -> Self {
+        match kind {
+            Kind::CoulombFriction | Kind::StribeckFriction | Kind::BoucWenHysteresis => {
+                Self::DryFriction
+            }
+            Kind::InputBacklash => Self::Play,
+            Kind::MaxwellBranch | Kind::Leak => Self::Creep,
+            Kind::StiffnessDrift | Kind::SensorDrift => Self::Drift,
+            Kind::MullinsSoftening => Self::FirstStretch,
+            Kind::QuadraticDamping | Kind::AngleDependentDamping | Kind::AsymmetricDamping => {
+                Self::RateDamping
+            }
+            Kind::ExponentShift
+            | Kind::CubicStiffness
+            | Kind::LinearStiffness
+            | Kind::Gravity
+            | Kind::EndStop
+            | Kind::PressureStiffening
+            | Kind::SensorNonlinearity => Self::StiffnessShape,
+            Kind::PressureThreshold | Kind::SensorOffset => Self::Offset,
+            Kind::PneumaticLag | Kind::DeadTime | Kind::VentAsymmetry => Self::InputPath,
+            Kind::SensorLag => Self::SensorPath,
+            Kind::PeriodicDisturbance => Self::Periodic,
+            Kind::SecondMode => Self::SecondMode,
+            _ => Self::Other,
+        }
+    }
+
+    /// The families of a structure, sorted.
+    pub fn of_all(kinds: &[Kind]) -> Vec<Self> {
+        let mut families: Vec<Self> = kinds.iter().map(|&kind| Self::of(kind)).collect();
+        families.sort_unstable();
+        families
+    }
+}
+
+impl fmt::Display for Family {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::DryFriction => "dry friction",
+            Self::Play => "play",
+            Self::Creep => "creep",
+            Self::Drift => "drift",
+            Self::FirstStretch => "first stretch",
+            Self::RateDamping => "rate damping",
+            Self::StiffnessShape => "stiffness shape",
+            Self::Offset => "offset",
+            Self::InputPath => "input path",
+            Self::SensorPath => "sensor path",
+            Self::Periodic => "periodic",
+            Self::SecondMode => "second mode",
+            Self::Other => "other",
+        })
+    }
+}
+
+/// The name of families together: "dry friction + stiffness shape".
+pub fn title(families: &[Family]) -> String {
+    let names: Vec<String> = families.iter().map(ToString::to_string).collect();
+    names.join(" + ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_effect_that_may_be_named_has_a_family() {
+        for &kind in Kind::ALL {
+            if kind.name() != "table" {
+                assert_ne!(Family::of(kind), Family::Other, "{kind:?}");
+            }
+        }
+    }
+}

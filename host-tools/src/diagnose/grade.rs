@@ -1,0 +1,402 @@
+//! What is missing where something always remains.
+//!
+//! On a real rig no structure leaves only noise. Structures are fitted at several
+//! horizons, measured, and decided by what they explain: the single effects first, then
+//! the best of them with each other effect, and with two.
+
+use std::collections::BTreeSet;
+
+use model_core::catalogue::Kind;
+use rayon::prelude::*;
+
+use super::Progress;
+use super::candidates::{Candidate, Ground, finish};
+use super::decide::{Decision, Scored, decide};
+use super::holdout::Judge;
+use super::judge::{Findings, RIVALS_PLANNED, RIVALS_SHOWN, Tried, names};
+use super::levels::{Estimate, Levels};
+use super::measure::{Baseline, Measured, Ruler};
+use super::noise::NoiseFloor;
+use super::policy::Policy;
+use super::verdict::{Alternative, Answer};
+use crate::estimate::fit::Effort;
+use crate::model_file::parameter_name;
+
+/// Structures to which another effect is added, at each size.
+const LEADS: usize = 2;
+
+/// What the measurements came to.
+pub struct Graded {
+    /// What follows from them.
+    pub decision: Decision,
+    /// Every structure that was measured.
+    pub measured: Vec<Measured>,
+}
+
+/// Combinations that are fitted to everything by output error, in case one leaves only
+/// noise.
+const FINISHED: usize = 3;
+
+impl Graded {
+    /// The combinations that leave least by output error, fitted to everything.
+    pub fn finished(&self, ground: &Ground<'_>) -> Vec<Candidate> {
+        let mut rows: Vec<(f64, &Measured)> = self
+            .measured
+            .iter()
+            .filter(|row| row.scored.kinds.len() > 1)
+            .filter_map(|row| Some((row.estimate.fits.last()?.sse(), row)))
+            .collect();
+        rows.sort_by(|a, b| a.0.total_cmp(&b.0));
+        rows.truncate(FINISHED);
+        rows.par_iter()
+            .filter_map(|(_, row)| {
+                let fit = row.estimate.fits.last()?.clone();
+                Some(finish(ground, &Candidate::of(row.estimate.added.clone(), fit)))
+            })
+            .collect()
+    }
+
+    /// The findings: names as far as they are earned, and the model that predicts best
+    /// where it was not fitted. What the exact formulas said is kept for those that were
+    /// not measured.
+    pub fn findings(
+        self,
+        ground: &Ground<'_>,
+        judge: &Judge<'_>,
+        refit: &Candidate,
+        exact: Findings,
+    ) -> Findings {
+        let first = match &self.decision {
+            Decision::Named { structure, .. } => Some(*structure),
+            Decision::CannotTell { rivals, .. } => rivals.first().copied(),
+            Decision::Unexplained { .. } => None,
+        };
+        let repaired = self.repaired(ground, judge, refit, first);
+        let shown = first.map_or(1, |row| self.measured[row].scored.kinds.len());
+        let (tried, alternatives) = self.standings(first, shown);
+        let base = Findings {
+            tried,
+            best: exact.best,
+            ..Findings::nothing(Answer::Unexplained, &repaired)
+        };
+        match &self.decision {
+            Decision::Named {
+                structure,
+                strength,
+            } => {
+                let named = repaired.added.clone();
+                let alternatives = alternatives
+                    .into_iter()
+                    .filter(|(row, _)| row != structure)
+                    .map(|(_, alternative)| alternative)
+                    .take(RIVALS_SHOWN)
+                    .collect();
+                Findings {
+                    answer: Answer::EffectFound,
+                    probability: vec![1.0; named.len()],
+                    named,
+                    strength: Some(*strength),
+                    alternatives,
+                    ..base
+                }
+            }
+            Decision::CannotTell {
+                rivals,
+                families,
+                strength,
+            } => Findings {
+                answer: Answer::CannotTell,
+                strength: Some(*strength),
+                families: families.clone(),
+                rivals: rivals
+                    .iter()
+                    .take(RIVALS_PLANNED)
+                    .map(|&row| self.measured[row].candidate.clone())
+                    .collect(),
+                alternatives: alternatives
+                    .into_iter()
+                    .filter(|(row, _)| rivals.contains(row))
+                    .map(|(_, alternative)| alternative)
+                    .take(RIVALS_SHOWN)
+                    .collect(),
+                ..base
+            },
+            Decision::Unexplained { .. } => Findings {
+                alternatives: alternatives
+                    .into_iter()
+                    .map(|(_, alternative)| alternative)
+                    .take(RIVALS_SHOWN)
+                    .collect(),
+                ..base
+            },
+        }
+    }
+
+    /// The named structure fitted to everything; where nothing is named, the one that
+    /// leaves least where it was not fitted, if that is worth writing.
+    fn repaired(
+        &self,
+        ground: &Ground<'_>,
+        judge: &Judge<'_>,
+        refit: &Candidate,
+        first: Option<usize>,
+    ) -> Candidate {
+        let policy = &Policy::STANDARD;
+        let error = |row: &Measured| row.held_out.full;
+        let row = match first {
+            Some(row) => Some(&self.measured[row]),
+            None => self
+                .measured
+                .iter()
+                .filter(|row| row.scored.evidence > 0.0)
+                .min_by(|a, b| error(a).total_cmp(&error(b))),
+        };
+        let Some(row) = row else {
+            return refit.clone();
+        };
+        let everything = everything(ground, row);
+        let better = judge.error_of(&everything) <= policy.worth_writing * judge.error_of(refit);
+        if first.is_some() || better {
+            everything
+        } else {
+            refit.clone()
+        }
+    }
+
+    /// Every structure that was measured, and those of a size as alternatives by their
+    /// evidence.
+    fn standings(
+        &self,
+        first: Option<usize>,
+        size: usize,
+    ) -> (Vec<Tried>, Vec<(usize, Alternative)>) {
+        let policy = &Policy::STANDARD;
+        let best = |size: usize| {
+            self.measured
+                .iter()
+                .filter(|row| row.scored.kinds.len() == size)
+                .map(|row| row.scored.evidence)
+                .fold(f64::NEG_INFINITY, f64::max)
+        };
+        let weight = |row: &Measured| {
+            let size = row.scored.kinds.len();
+            let most = match first {
+                Some(first) if self.measured[first].scored.kinds.len() == size => {
+                    self.measured[first].scored.evidence
+                }
+                _ => best(size),
+            };
+            let margin = policy.rival_least.max(policy.rival_share * most);
+            // At the margin a rival is a twentieth as probable.
+            let behind = (most - row.scored.evidence).max(0.0);
+            (behind, (-behind / margin * 20f64.ln()).exp())
+        };
+        let total = |size: usize| -> f64 {
+            self.measured
+                .iter()
+                .filter(|row| row.scored.kinds.len() == size)
+                .map(|row| weight(row).1)
+                .sum()
+        };
+        let totals = [1, 2, 3].map(total);
+        let rivals: &[usize] = match &self.decision {
+            Decision::CannotTell { rivals, .. } => rivals,
+            _ => &[],
+        };
+        let mut tried = Vec::new();
+        let mut alternatives = Vec::new();
+        for (index, row) in self.measured.iter().enumerate() {
+            let kinds = &row.scored.kinds;
+            let (behind, weight) = weight(row);
+            let probability = weight / totals[kinds.len() - 1];
+            let fit = &row.candidate.fit;
+            tried.push(Tried {
+                kinds: row.estimate.added.clone(),
+                rmse: row
+                    .estimate
+                    .fits
+                    .last()
+                    .map_or(f64::INFINITY, crate::estimate::fit::Fit::rmse),
+                held_out: Some((row.held_out.full, row.scored.closure.overall)),
+                delta_bic: behind,
+                separation: 0.0,
+                probability,
+                rejected: first != Some(index) && !rivals.contains(&index),
+                at_bound: fit
+                    .free
+                    .iter()
+                    .enumerate()
+                    .filter(|(index, _)| fit.at_bound(*index))
+                    .map(|(_, &id)| parameter_name(&fit.model, id))
+                    .collect(),
+            });
+            if kinds.len() == size {
+                let alternative = Alternative {
+                    kinds: names(kinds),
+                    probability,
+                    delta_bic: behind,
+                };
+                alternatives.push((index, alternative));
+            }
+        }
+        tried.sort_by(|a, b| {
+            (a.kinds.len(), a.delta_bic)
+                .partial_cmp(&(b.kinds.len(), b.delta_bic))
+                .unwrap_or(std::cmp::Ordering::Equal)
+        });
+        alternatives.sort_by(|a, b| b.1.probability.total_cmp(&a.1.probability));
+        (tried, alternatives)
+    }
+}
+
+/// A structure fitted to everything at the level that counts, with the residuals of a
+/// simulation.
+fn everything(ground: &Ground<'_>, row: &Measured) -> Candidate {
+    let level = row.candidate.level;
+    let model = &row.candidate.fit.model;
+    let mut candidate = row.candidate.clone();
+    let fitter = ground.fitter.at(level.as_ref());
+    candidate.fit =
+        fitter.fit_kept(model, &row.candidate.fit.free, Effort::Full, ground.checkpoint);
+    if level.is_some() {
+        let simulated = ground.fitter.compare(&candidate.fit.model);
+        candidate.fit.residuals = simulated.residuals;
+        candidate.fit.nuisances = simulated.nuisances;
+    }
+    candidate
+}
+
+/// Measures structures of up to three effects and decides.
+pub fn graded(
+    ground: &Ground<'_>,
+    judge: &Judge<'_>,
+    floor: &NoiseFloor,
+    kinds: &[Kind],
+    refit: &Candidate,
+    progress: Progress<'_>,
+) -> Option<Graded> {
+    let policy = &Policy::STANDARD;
+    let noise = floor.rms.hypot(floor.input);
+    let levels = Levels::of(*ground, refit, noise);
+    let base = levels.base(refit)?;
+    let in_turn = judge.in_turn().then(|| Judge::new(ground.file, ground.excerpt, floor.input));
+    let ruler = Ruler {
+        levels: &levels,
+        fitter: ground.excerpt,
+        judge: in_turn.as_ref().unwrap_or(judge),
+        noise,
+        policy,
+    };
+    let baseline = ruler.baseline(base.clone());
+    let screened = [0, levels.output_error().saturating_sub(1), levels.output_error()];
+    let mut search = Search {
+        levels: &levels,
+        ruler: &ruler,
+        baseline: &baseline,
+        kinds,
+        measured: Vec::new(),
+    };
+    progress(&format!("{} effects at several horizons", kinds.len()));
+    search.extend(&[(&base, screened.to_vec())]);
+    for size in 1..=2 {
+        if search.leaves_noise(size, noise) {
+            break;
+        }
+        progress(&format!("combinations of {} effects at several horizons", size + 1));
+        let leads: Vec<(Estimate, Vec<usize>)> = search.leads(size);
+        if leads.is_empty() || (size == 2 && !search.is_worth_more(size)) {
+            break;
+        }
+        let leads: Vec<(&Estimate, Vec<usize>)> = leads
+            .iter()
+            .map(|(estimate, at)| (estimate, at.clone()))
+            .collect();
+        search.extend(&leads);
+    }
+    let measured = search.measured;
+    let scored: Vec<Scored> = measured.iter().map(|row| row.scored.clone()).collect();
+    Some(Graded {
+        decision: decide(&scored, policy),
+        measured,
+    })
+}
+
+/// A search under way.
+struct Search<'a> {
+    levels: &'a Levels<'a>,
+    ruler: &'a Ruler<'a>,
+    baseline: &'a Baseline,
+    kinds: &'a [Kind],
+    measured: Vec<Measured>,
+}
+
+impl Search<'_> {
+    /// Adds what each base becomes with one effect more.
+    fn extend(&mut self, bases: &[(&Estimate, Vec<usize>)]) {
+        let known: BTreeSet<Vec<Kind>> = self
+            .measured
+            .iter()
+            .map(|row| row.scored.kinds.clone())
+            .collect();
+        let found = self.levels.extended(bases, self.kinds, &known);
+        let measured: Vec<Measured> = found
+            .into_par_iter()
+            .filter_map(|estimate| self.ruler.measure(self.baseline, estimate))
+            .collect();
+        self.measured.extend(measured);
+    }
+
+    fn of_size(&self, size: usize) -> Vec<&Measured> {
+        let mut rows: Vec<&Measured> = self
+            .measured
+            .iter()
+            .filter(|row| row.scored.kinds.len() == size)
+            .collect();
+        rows.sort_by(|a, b| a.scored.leaves.total_cmp(&b.scored.leaves));
+        rows
+    }
+
+    /// The structures of a size that leave least, and the one with the most evidence:
+    /// with the levels at which their partners are screened.
+    fn leads(&self, size: usize) -> Vec<(Estimate, Vec<usize>)> {
+        let rows = self.of_size(size);
+        let mut leads: Vec<&Measured> = rows.iter().take(LEADS).copied().collect();
+        let evidence = rows
+            .iter()
+            .max_by(|a, b| a.scored.evidence.total_cmp(&b.scored.evidence));
+        if let Some(row) = evidence
+            && leads.iter().all(|lead| lead.scored.kinds != row.scored.kinds)
+        {
+            leads.push(row);
+        }
+        leads
+            .into_iter()
+            .map(|row| {
+                let mut at = vec![row.level, self.levels.output_error()];
+                at.dedup();
+                (row.estimate.clone(), at)
+            })
+            .collect()
+    }
+
+    /// Whether the best of a size leaves hardly more than the noise.
+    fn leaves_noise(&self, size: usize, noise: f64) -> bool {
+        /// Times the noise.
+        const HARDLY_MORE: f64 = 1.1;
+        self.of_size(size)
+            .first()
+            .is_some_and(|row| row.held_out.full <= HARDLY_MORE * noise)
+    }
+
+    /// Whether the best of a size leaves so much less than one effect less that another
+    /// one may help.
+    fn is_worth_more(&self, size: usize) -> bool {
+        let policy = self.ruler.policy;
+        let left = |size: usize| {
+            self.of_size(size)
+                .first()
+                .map_or(1.0, |row| row.scored.leaves)
+        };
+        left(size) <= policy.further_leaves.sqrt() * left(size - 1)
+    }
+}

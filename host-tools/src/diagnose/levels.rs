@@ -1,0 +1,239 @@
+//! Structures fitted at several prediction horizons.
+//!
+//! Output error finds what is slow and loses its way where small forces add up; short
+//! horizons find what is fast. So a structure is fitted at four levels of one filter
+//! ([`crate::estimate::filter`]), and each level may start where the next shorter one
+//! ended: a valley that a long horizon cannot see from afar is broad over a short one.
+//!
+//! Screening goes two steps from the best start of every effect at three levels; the
+//! best few of each level are fitted through all levels.
+
+use std::collections::BTreeSet;
+
+use model_core::actuator::{MAX_EFFECTS, Model};
+use model_core::catalogue::Kind;
+use rayon::prelude::*;
+
+use super::candidates::{Candidate, Ground, free_parameters, starts_from};
+use crate::estimate::filter::{Level, Pace, levels};
+use crate::estimate::fit::{Effort, Fit, Fitter};
+
+/// Structures that are fitted through all levels, of each level they were screened at.
+const KEPT: usize = 5;
+
+/// Steps of a screening fit.
+const SCREENED: Effort = Effort::Steps(2);
+
+/// Steps of a fit at a level.
+const FITTED: Effort = Effort::Steps(8);
+
+/// A structure as fitted at every level.
+#[derive(Clone, Debug)]
+pub struct Estimate {
+    /// Effects added to the nominal model, in the order of the model.
+    pub added: Vec<Kind>,
+    /// Its fits, from the shortest horizon to output error.
+    pub fits: Vec<Fit>,
+}
+
+impl Estimate {
+    /// The effects in the order of the catalogue.
+    pub fn set(&self) -> Vec<Kind> {
+        let mut set = self.added.clone();
+        set.sort_unstable();
+        set
+    }
+}
+
+/// A structure to screen: the base it extends, and the effect.
+struct Task<'a> {
+    base: &'a Estimate,
+    kind: Kind,
+    level: usize,
+}
+
+/// Fits structures at every level, on the subsample of a fit context.
+pub struct Levels<'a> {
+    ground: Ground<'a>,
+    /// From the shortest horizon to output error, which is none.
+    levels: Vec<Option<Level>>,
+    /// The pace of the recorded motion.
+    pub pace: Pace,
+}
+
+impl<'a> Levels<'a> {
+    /// Chooses the levels by the refit of the nominal structure; `noise` is that of the
+    /// angle (rad).
+    pub fn of(ground: Ground<'a>, refit: &Candidate, noise: f64) -> Self {
+        let data = ground.excerpt.data;
+        let pace = Pace::of(ground.fitter.data);
+        let compared = ground.excerpt.compare(&refit.fit.model);
+        let chosen = levels(&refit.fit.model, data, &compared.nuisances, noise, pace);
+        Self {
+            ground,
+            levels: chosen.into_iter().map(Some).chain([None]).collect(),
+            pace,
+        }
+    }
+
+    /// The place of output error among the levels.
+    pub fn output_error(&self) -> usize {
+        self.levels.len() - 1
+    }
+
+    /// The level at a place.
+    pub fn level(&self, place: usize) -> Option<Level> {
+        self.levels.get(place).copied().flatten()
+    }
+
+    fn fitter(&self, level: usize) -> Fitter<'_> {
+        self.ground.excerpt.at(self.levels[level].as_ref())
+    }
+
+    /// The nominal structure at every level.
+    pub fn base(&self, refit: &Candidate) -> Option<Estimate> {
+        let free = &self.ground.file.free;
+        let mut fits: Vec<Fit> = Vec::new();
+        for level in 0..self.levels.len() {
+            let mut starts = vec![self.ground.file.model, refit.fit.model];
+            starts.extend(fits.last().map(|shorter| shorter.model));
+            fits.push(self.fitter(level).best_of(&starts, free, FITTED)?);
+        }
+        Some(Estimate {
+            added: Vec::new(),
+            fits,
+        })
+    }
+
+    /// Bases with one effect more: screened at the levels `at`, the best fitted through
+    /// all of them. Structures in `known` are left out.
+    pub fn extended(
+        &self,
+        bases: &[(&Estimate, Vec<usize>)],
+        kinds: &[Kind],
+        known: &BTreeSet<Vec<Kind>>,
+    ) -> Vec<Estimate> {
+        let room = MAX_EFFECTS - self.ground.file.model.effects().count();
+        let tasks: Vec<Task<'_>> = bases
+            .iter()
+            .filter(|(base, _)| base.added.len() < room)
+            .flat_map(|(base, at)| {
+                kinds
+                    .iter()
+                    .filter(|kind| !base.added.contains(kind))
+                    .flat_map(move |&kind| at.iter().map(move |&level| Task { base, kind, level }))
+            })
+            .filter(|task| !known.contains(&task.set()))
+            .collect();
+        let screened: Vec<(&Task<'_>, f64, Model<f64>)> = tasks
+            .par_iter()
+            .filter_map(|task| {
+                let (sse, model) = self.screened(task)?;
+                Some((task, sse, model))
+            })
+            .collect();
+        let mut chosen: Vec<(&Estimate, Kind, Vec<Option<Model<f64>>>)> = Vec::new();
+        for level in 0..self.levels.len() {
+            let mut here: Vec<_> = screened
+                .iter()
+                .filter(|(task, ..)| task.level == level)
+                .collect();
+            here.sort_by(|a, b| a.1.total_cmp(&b.1));
+            for (task, _, model) in here.into_iter().take(KEPT) {
+                let place = chosen
+                    .iter()
+                    .position(|(base, kind, _)| task.set() == set_of(&base.added, *kind));
+                let place = place.unwrap_or_else(|| {
+                    chosen.push((task.base, task.kind, vec![None; self.levels.len()]));
+                    chosen.len() - 1
+                });
+                chosen[place].2[level] = Some(*model);
+            }
+        }
+        chosen
+            .par_iter()
+            .filter_map(|(base, kind, starts)| self.through_levels(base, *kind, starts))
+            .collect()
+    }
+
+    /// The best start of an effect at a level, two steps on.
+    fn screened(&self, task: &Task<'_>) -> Option<(f64, Model<f64>)> {
+        let added = appended(&task.base.added, task.kind);
+        let free = free_parameters(self.ground.file, &added);
+        let fitter = self.fitter(task.level);
+        let start = self.promising(&fitter, task.base, task.kind, task.level)?;
+        let fit = fitter.fit(&start, &free, SCREENED);
+        let sse = fit.sse();
+        sse.is_finite().then_some((sse, fit.model))
+    }
+
+    fn promising(
+        &self,
+        fitter: &Fitter<'_>,
+        base: &Estimate,
+        kind: Kind,
+        level: usize,
+    ) -> Option<Model<f64>> {
+        let added = appended(&base.added, kind);
+        let free = free_parameters(self.ground.file, &added);
+        let from = Candidate::of(base.added.clone(), base.fits[level].clone());
+        let starts = starts_from(&self.ground, &from, kind);
+        let best = fitter.promising(&starts, &free, 1);
+        best.into_iter().next().map(|(_, model)| model)
+    }
+
+    /// Fits a structure at every level, from its own start there and from the next
+    /// shorter level's result.
+    fn through_levels(
+        &self,
+        base: &Estimate,
+        kind: Kind,
+        starts: &[Option<Model<f64>>],
+    ) -> Option<Estimate> {
+        let added = appended(&base.added, kind);
+        let free = free_parameters(self.ground.file, &added);
+        let mut fits: Vec<Fit> = Vec::new();
+        for (level, start) in starts.iter().enumerate() {
+            let fitter = self.fitter(level);
+            let mut from: Vec<Model<f64>> = start.iter().copied().collect();
+            from.extend(fits.last().map(|shorter| shorter.model));
+            if from.is_empty() || (level == self.output_error() && start.is_none()) {
+                from.extend(self.promising(&fitter, base, kind, level));
+            }
+            fits.push(fitter.best_of(&from, &free, FITTED)?);
+        }
+        Some(Estimate { added, fits })
+    }
+
+    /// A structure at one level, fitted to the end, with what is known of its
+    /// parameters.
+    pub fn finished(&self, estimate: &Estimate, level: usize, fitter: &Fitter<'_>) -> Candidate {
+        let free = free_parameters(self.ground.file, &estimate.added);
+        let chosen = self.level(level);
+        let start = &estimate.fits[level].model;
+        let fit = fitter
+            .at(chosen.as_ref())
+            .fit_kept(start, &free, Effort::Full, self.ground.checkpoint);
+        Candidate {
+            added: estimate.added.clone(),
+            fit,
+            level: chosen,
+        }
+    }
+}
+
+impl Task<'_> {
+    fn set(&self) -> Vec<Kind> {
+        set_of(&self.base.added, self.kind)
+    }
+}
+
+fn appended(added: &[Kind], kind: Kind) -> Vec<Kind> {
+    added.iter().copied().chain([kind]).collect()
+}
+
+fn set_of(added: &[Kind], kind: Kind) -> Vec<Kind> {
+    let mut set = appended(added, kind);
+    set.sort_unstable();
+    set
+}

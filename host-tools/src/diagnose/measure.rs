@@ -1,0 +1,197 @@
+//! Measurements of a structure: what [`super::decide`] rests on.
+//!
+//! *Closure*: how much of the error a structure removes, at three horizons, on segments
+//! that were not fitted; of the levels at which it was fitted, the one that leaves least
+//! on the fitted segments counts. *Evidence*: how much more likely it makes the data, if
+//! what remains is a process of its own ([`super::discrepancy`]), or a random-walk
+//! force; the larger of the two counts.
+
+use super::candidates::Candidate;
+use super::decide::{Closure, Scored};
+use super::discrepancy;
+use super::holdout::{Errors, Judge};
+use super::levels::{Estimate, Levels};
+use super::policy::Policy;
+use crate::estimate::filter::Pace;
+use crate::estimate::fit::{Fit, Fitter};
+use crate::estimate::horizon::{Squares, block_errors};
+
+/// A structure with its measurements and its best fit.
+#[derive(Clone, Debug)]
+pub struct Measured {
+    /// What was measured.
+    pub scored: Scored,
+    /// The structure as fitted at every level.
+    pub estimate: Estimate,
+    /// Place of the level that counts.
+    pub level: usize,
+    /// The fit at that level, finished.
+    pub candidate: Candidate,
+    /// Errors on segments that were not fitted (rad).
+    pub held_out: Errors,
+}
+
+/// The nominal structure, to which others are compared.
+pub struct Baseline {
+    estimate: Estimate,
+    /// Least error of any level at each horizon, on fitted and on held-out segments
+    /// (rad).
+    fitted: [f64; 3],
+    held_out: [f64; 3],
+    /// Deviance of what output error leaves.
+    discrepancy: f64,
+    /// Least deviance under a random-walk force.
+    random_walk: f64,
+}
+
+/// What measurements are made with.
+pub struct Ruler<'a> {
+    /// The fits.
+    pub levels: &'a Levels<'a>,
+    /// The subsample that is fitted.
+    pub fitter: &'a Fitter<'a>,
+    /// Selection by segments that were not fitted.
+    pub judge: &'a Judge<'a>,
+    /// Noise of the angle (rad).
+    pub noise: f64,
+    /// The constants.
+    pub policy: &'a Policy,
+}
+
+impl Ruler<'_> {
+    /// Measures the nominal structure.
+    pub fn baseline(&self, estimate: Estimate) -> Baseline {
+        let mut fitted = [f64::INFINITY; 3];
+        let mut held_out = [f64::INFINITY; 3];
+        for level in 0..estimate.fits.len() {
+            let candidate = self.levels.finished(&estimate, level, self.fitter);
+            let errors = self.judge.errors_over(&candidate, self.horizons());
+            let own = self.fitted_errors(&estimate.fits[level]);
+            for horizon in 0..3 {
+                fitted[horizon] = fitted[horizon].min(own.values()[horizon]);
+                held_out[horizon] = held_out[horizon].min(errors.values()[horizon]);
+            }
+        }
+        Baseline {
+            discrepancy: self.discrepancy(&estimate),
+            random_walk: self.random_walk(&estimate),
+            estimate,
+            fitted,
+            held_out,
+        }
+    }
+
+    /// Measures a structure against the nominal one.
+    pub fn measure(&self, baseline: &Baseline, estimate: Estimate) -> Option<Measured> {
+        let (level, left) = (0..estimate.fits.len())
+            .map(|level| {
+                let errors = self.fitted_errors(&estimate.fits[level]);
+                (level, mean_share(&self.shares(&errors, &baseline.fitted)))
+            })
+            .filter(|(_, left)| left.is_finite())
+            .min_by(|a, b| a.1.total_cmp(&b.1))?;
+        let candidate = self.levels.finished(&estimate, level, self.fitter);
+        let held_out = self.judge.errors_over(&candidate, self.horizons());
+        let shares = self.shares(&held_out, &baseline.held_out);
+        let left_out = mean_share(&shares);
+        if !left_out.is_finite() {
+            return None;
+        }
+        let parameters = candidate.fit.free.len();
+        let more = parameters as f64 - baseline.estimate.fits[0].free.len() as f64;
+        let samples = candidate.fit.samples().max(2) as f64;
+        let gained = (baseline.discrepancy - self.discrepancy(&estimate))
+            .max(baseline.random_walk - self.random_walk(&estimate));
+        Some(Measured {
+            scored: Scored {
+                kinds: estimate.set(),
+                closure: of_shares(shares),
+                leaves: (left * left_out).sqrt(),
+                evidence: gained - more * samples.ln(),
+                parameters,
+            },
+            estimate,
+            level,
+            candidate,
+            held_out,
+        })
+    }
+
+    fn horizons(&self) -> [f64; 2] {
+        horizons(&self.levels.pace)
+    }
+
+    /// Errors on the fitted segments, zeros and starts as they suit best.
+    fn fitted_errors(&self, fit: &Fit) -> Errors {
+        let model = &fit.model;
+        let compared = self.fitter.compare(model);
+        let data = self.fitter.data;
+        let [short, medium] = self
+            .horizons()
+            .map(|horizon| block_errors(model, data, &compared.nuisances, horizon, true));
+        let segments: Vec<[Squares; 3]> = compared
+            .residuals
+            .iter()
+            .map(|residual| Squares::of(residual))
+            .zip(short.into_iter().zip(medium))
+            .map(|(full, (short, medium))| [short, medium, full])
+            .collect();
+        Errors::of(&segments)
+    }
+
+    fn shares(&self, errors: &Errors, before: &[f64; 3]) -> [f64; 3] {
+        shares(before, &errors.values(), self.noise, self.policy)
+    }
+
+    fn discrepancy(&self, estimate: &Estimate) -> f64 {
+        let fit = &estimate.fits[self.levels.output_error()];
+        discrepancy::deviance(&fit.residuals) + fit.departure
+    }
+
+    fn random_walk(&self, estimate: &Estimate) -> f64 {
+        estimate.fits[..self.levels.output_error()]
+            .iter()
+            .map(|fit| {
+                let samples = fit.samples().max(1) as f64;
+                samples * (fit.sse() / samples).ln() + fit.departure
+            })
+            .fold(f64::INFINITY, f64::min)
+    }
+}
+
+/// The two shorter horizons (s): a quarter of a swing, and two and a half.
+pub fn horizons(pace: &Pace) -> [f64; 2] {
+    const SWINGS: [f64; 2] = [0.25, 2.5];
+    SWINGS.map(|swings| swings * pace.period)
+}
+
+/// What RMS errors (rad) at three horizons close of those before, beyond the noise.
+pub fn closure(before: &[f64; 3], after: &[f64; 3], noise: f64) -> Closure {
+    of_shares(shares(before, after, noise, &Policy::STANDARD))
+}
+
+/// Shares of the excess error that are left at each horizon.
+fn shares(before: &[f64; 3], after: &[f64; 3], noise: f64, policy: &Policy) -> [f64; 3] {
+    let least = policy.noise_share * noise;
+    let excess = |error: f64| {
+        (error * error - noise * noise)
+            .max(least * least)
+            .sqrt()
+    };
+    std::array::from_fn(|horizon| excess(after[horizon]) / excess(before[horizon]))
+}
+
+fn of_shares(shares: [f64; 3]) -> Closure {
+    let [short, medium, full] = shares.map(|share| 1.0 - share);
+    Closure {
+        short,
+        medium,
+        full,
+        overall: 1.0 - mean_share(&shares),
+    }
+}
+
+/// The geometric mean.
+fn mean_share(shares: &[f64; 3]) -> f64 {
+    (shares.iter().map(|share| share.ln()).sum::<f64>() / 3.0).exp()
+}

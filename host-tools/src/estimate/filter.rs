@@ -1,0 +1,323 @@
+//! Prediction errors at a horizon: what a fit compares where forces add up.
+//!
+//! A simulation that runs freely adds up every small force: two swings drift out of
+//! phase, a near-integrator wanders off, and the sum of squares is full of valleys.
+//! A Kalman filter corrects the simulation as it goes. How much it corrects is one
+//! number, the process-noise intensity λ: the missing force is a random walk
+//! df = σ dW with λ = σ/r, where r is the noise of the angle. A large λ forgets
+//! within a few samples, so that only fast dynamics are compared; λ = 0 corrects
+//! nothing but the start, which is the output error that [`super::problem`] simulates.
+//!
+//! The filter estimates θ, ω and f from
+//!
+//! ```text
+//! M ω̇ = g·p − C·ω − K·sign(θ)|θ|ⁿ − Q − f,   df = σ dW,   y = h(θ) + v,  v ~ N(0, r²)
+//! ```
+//!
+//! in units of r². Hidden states of effects follow the corrected motion and are not
+//! corrected themselves. The transition comes from two of the dual numbers' partials,
+//! the others carry the derivatives of every innovation by the parameters, with the
+//! gains frozen (they depend on the parameters far less than the innovations do).
+//!
+//! The objective is −2 log L = N ln(Σ e²/S) + Σ ln S with r profiled out. It is turned
+//! into a sum of squares: the innovations e/√S times the geometric mean of all √S have
+//! N ln of their sum of squares equal to it.
+
+use model_core::actuator::Model;
+use nalgebra::{Matrix3, Vector3};
+
+use super::dataset::{Dataset, Session};
+use super::nuisance::Nuisance;
+use crate::dual::Dual;
+use crate::simulate::{Origin, Start, advance, is_lost, state_at};
+use crate::smooth::{half_window, motion};
+use crate::statistics::{mean, rms, robust_deviation};
+
+/// How the recorded motion runs: the scales of a filter's first covariance.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pace {
+    /// Period T₀ = 2π·std(θ)/rms(ω) of a swing of the same size and speed (s).
+    pub period: f64,
+    /// RMS rate (rad/s).
+    pub rate: f64,
+}
+
+impl Pace {
+    /// Looks at the fitted segments.
+    pub fn of(data: &Dataset) -> Self {
+        let mut rates = Vec::new();
+        let mut spread = Vec::new();
+        let mut longest: f64 = 0.0;
+        for segment in data.fitted() {
+            let recording = &segment.recording;
+            let half = half_window(recording);
+            let within = half..recording.len().saturating_sub(half);
+            rates.extend(within.step_by(half).filter_map(|k| {
+                let motion = motion(recording, k - half, k + half + 1, k)?;
+                Some(motion.rate)
+            }));
+            let middle = mean(&recording.angle);
+            spread.extend(recording.angle.iter().map(|angle| angle - middle));
+            longest = longest.max(recording.duration());
+        }
+        let rate = rms(&rates).max(1e-6);
+        let period = std::f64::consts::TAU * rms(&spread) / rate;
+        Self {
+            period: period.clamp(1e-3, longest.max(1e-3)),
+            rate,
+        }
+    }
+}
+
+/// A level of the prediction horizon.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Level {
+    /// Process-noise intensity λ = σ/r (N/(rad·√s)), above zero.
+    pub intensity: f64,
+    /// Noise r of the angle (rad).
+    pub noise: f64,
+    /// The recorded motion.
+    pub pace: Pace,
+    /// Innovations beyond this count by their size and no longer by its square
+    /// (Huber, Ann. Math. Stat. 35, 1964), in rad after division by √S. None: all by
+    /// their square.
+    pub outlier: Option<f64>,
+}
+
+impl Level {
+    /// An innovation as it is counted, and the slope of that.
+    pub fn counted(&self, innovation: f64) -> [f64; 2] {
+        match self.outlier {
+            Some(limit) if innovation.abs() > limit => {
+                let counted = (2.0 * limit * innovation.abs() - limit * limit).sqrt();
+                [counted.copysign(innovation), limit / counted]
+            }
+            _ => [innovation, 1.0],
+        }
+    }
+}
+
+/// One sample of a filter pass.
+#[derive(Clone, Copy, Debug)]
+pub struct Innovation<const N: usize> {
+    /// Predicted minus measured angle e (rad), with its derivatives.
+    pub error: Dual<N>,
+    /// Its variance S in units of the noise's.
+    pub variance: f64,
+}
+
+/// Passes a filter over a session. The columns of `N` from `first` on are its own:
+/// two for the transition, after one for the pressure's zero if that is a variable.
+/// None where the motion leaves all bounds.
+pub fn pass<const N: usize>(
+    model: &Model<Dual<N>>,
+    session: &Session,
+    nuisance: &Nuisance,
+    pressure_zero: Dual<N>,
+    level: &Level,
+    first: usize,
+) -> Option<Vec<Innovation<N>>> {
+    let recording = session.recording();
+    let signal = session.signal();
+    let plain: Model<f64> = model.map(|value| value.value());
+    let stepping = session.stepping(&plain);
+    let inertia = plain.dynamics().inertia;
+    let origin = Origin {
+        start: Start {
+            angle: Dual::constant(nuisance.start.angle - nuisance.angle_zero),
+            rate: Dual::constant(nuisance.start.rate),
+        },
+        pressure_zero,
+        clock: Dual::constant(session.clock()),
+    };
+    let mut state = state_at(model, signal, &origin);
+    let mut force = Dual::constant(0.0);
+    let growth = level.intensity * level.intensity;
+    let mut covariance = Matrix3::from_diagonal(&Vector3::new(
+        1.0,
+        (3.0 * level.pace.rate / level.noise).powi(2),
+        growth * level.pace.period,
+    ));
+    let mut silent = vec![false; recording.len()];
+    for range in session.silent() {
+        silent[range.clone()].fill(true);
+    }
+    let mut found = Vec::with_capacity(recording.len());
+    for sample in 0..recording.len() {
+        if sample > 0 {
+            let interval = recording.time[sample] - recording.time[sample - 1];
+            state.angle = state.angle.seeded(first, [1.0, 0.0]);
+            state.rate = state.rate.seeded(first, [0.0, 1.0]);
+            for hidden in state.hidden.iter_mut().flatten() {
+                *hidden = hidden.seeded(first, [0.0, 0.0]);
+            }
+            advance(model, signal, sample, pressure_zero, stepping, &mut state);
+            if is_lost(state.angle) {
+                return None;
+            }
+            let (by_angle, by_rate) = (state.angle.partials(), state.rate.partials());
+            let [coasted, pushed] = response(by_rate[first + 1], interval);
+            let (to_angle, to_rate) = (-pushed / inertia, -coasted / inertia);
+            let transition = Matrix3::new(
+                by_angle[first],
+                by_angle[first + 1],
+                to_angle,
+                by_rate[first],
+                by_rate[first + 1],
+                to_rate,
+                0.0,
+                0.0,
+                1.0,
+            );
+            covariance = transition * covariance * transition.transpose()
+                + Matrix3::new(
+                    to_angle * to_angle / 5.0,
+                    to_angle * to_rate / 4.0,
+                    to_angle / 3.0,
+                    to_angle * to_rate / 4.0,
+                    to_rate * to_rate / 3.0,
+                    to_rate / 2.0,
+                    to_angle / 3.0,
+                    to_rate / 2.0,
+                    1.0,
+                ) * (growth * interval);
+            state.angle += force * Dual::constant(to_angle);
+            state.rate += force * Dual::constant(to_rate);
+        }
+        let shown = model.reading(&state) + Dual::constant(nuisance.angle_zero);
+        let error = shown - Dual::constant(recording.angle[sample]);
+        let variance = covariance[(0, 0)] + 1.0;
+        found.push(Innovation { error, variance });
+        if !silent[sample] {
+            let gain = covariance.column(0) / variance;
+            state.angle -= error * Dual::constant(gain[0]);
+            state.rate -= error * Dual::constant(gain[1]);
+            force -= error * Dual::constant(gain[2]);
+            covariance -= gain * covariance.row(0);
+            covariance = 0.5 * (covariance + covariance.transpose());
+        }
+    }
+    Some(found)
+}
+
+/// What an acceleration of one adds to rate and angle over an interval of which this
+/// share of the rate is left at its end: exact for a viscous decay, where an
+/// overdamped actuator has long reached its final rate.
+fn response(left: f64, interval: f64) -> [f64; 2] {
+    /// Hardly any decay: the limit without damping.
+    const ALL: f64 = 0.99;
+    if !(left < ALL) {
+        return [interval, 0.5 * interval * interval];
+    }
+    // Of a rate that turns back within an interval no decay can be told.
+    let decay = -left.max(1e-9).ln() / interval;
+    let coasted = (1.0 - left.max(1e-9)) / decay;
+    [coasted, (interval - coasted) / decay]
+}
+
+/// The innovations over √S of the samples that are fitted (rad), a series a segment,
+/// and the mean ln S. None where the model cannot be followed.
+pub fn normalised(
+    model: &Model<f64>,
+    data: &Dataset,
+    nuisances: &[Nuisance],
+    level: &Level,
+) -> Option<(Vec<Vec<f64>>, f64)> {
+    let dual: Model<Dual<2>> = model.map(Dual::constant);
+    let mut series = Vec::new();
+    let mut sum = 0.0;
+    let mut count = 0;
+    for (index, session) in data.sessions().iter().enumerate() {
+        let ranges = data.fitted_ranges(index);
+        if ranges.is_empty() {
+            continue;
+        }
+        let nuisance = &nuisances[index];
+        let zero = Dual::constant(nuisance.pressure_zero);
+        let passed = pass(&dual, session, nuisance, zero, level, 0)?;
+        for range in ranges {
+            let innovations = &passed[range];
+            sum += innovations.iter().map(|it| it.variance.ln()).sum::<f64>();
+            count += innovations.len();
+            let over_spread =
+                |it: &Innovation<2>| it.error.value() / it.variance.sqrt();
+            series.push(innovations.iter().map(over_spread).collect());
+        }
+    }
+    Some((series, sum / count.max(1) as f64))
+}
+
+/// −2 log L of the measured angles under a level, the noise profiled out, with every
+/// innovation counted by its square; infinite where the model cannot be followed.
+pub fn deviance(
+    model: &Model<f64>,
+    data: &Dataset,
+    nuisances: &[Nuisance],
+    level: &Level,
+) -> f64 {
+    let Some((series, log_variance)) = normalised(model, data, nuisances, level) else {
+        return f64::INFINITY;
+    };
+    let count = series.iter().map(Vec::len).sum::<usize>() as f64;
+    let squares: f64 = series
+        .iter()
+        .flatten()
+        .map(|it| level.counted(*it)[0].powi(2))
+        .sum();
+    count * (squares / count).ln() + count * log_variance
+}
+
+/// The levels at which a structure is fitted: the intensity under which the measured
+/// angles are most likely if the model is `model`, a thirtieth and a thousandth of it.
+/// Output error is the fourth. The two shortest are robust.
+pub fn levels(
+    model: &Model<f64>,
+    data: &Dataset,
+    nuisances: &[Nuisance],
+    noise: f64,
+    pace: Pace,
+) -> Vec<Level> {
+    /// Largest intensity that is tried, in units of what moves the angle by its noise
+    /// within one interval.
+    const LARGEST: f64 = 10.0;
+    /// Decades that are tried below it, in halves.
+    const HALF_DECADES: i32 = 14;
+    /// The shorter levels to the likeliest one.
+    const PARTS: [f64; 3] = [1.0, 30.0, 1000.0];
+    /// Innovations beyond so many standard deviations are outliers.
+    const OUTLIER: f64 = 3.0;
+    let interval = data
+        .sessions()
+        .iter()
+        .map(|session| session.interval())
+        .fold(f64::INFINITY, f64::min);
+    // A force that acts for one interval moves the angle by ½fh²/M.
+    let largest = LARGEST * 2.0 * model.dynamics().inertia / interval.powf(2.5);
+    let at = |intensity: f64| Level {
+        intensity,
+        noise,
+        pace,
+        outlier: None,
+    };
+    let likeliest = (0..=HALF_DECADES)
+        .map(|k| at(largest * 10f64.powf(-0.5 * f64::from(k))))
+        .map(|level| (deviance(model, data, nuisances, &level), level))
+        .filter(|(deviance, _)| deviance.is_finite())
+        .min_by(|a, b| a.0.total_cmp(&b.0));
+    let Some((_, likeliest)) = likeliest else {
+        return Vec::new();
+    };
+    PARTS
+        .iter()
+        .enumerate()
+        .map(|(place, part)| {
+            let level = at(likeliest.intensity / part);
+            let outlier = (place < 2)
+                .then(|| normalised(model, data, nuisances, &level))
+                .flatten()
+                .map(|(series, _)| OUTLIER * robust_deviation(&series.concat()))
+                .filter(|limit| *limit > 0.0);
+            Level { outlier, ..level }
+        })
+        .collect()
+}

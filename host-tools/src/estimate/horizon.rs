@@ -1,0 +1,237 @@
+//! Prediction errors over blocks of a given length.
+//!
+//! A model that drifts out of phase over a whole run may be right from one swing to the
+//! next, and one that follows every swing may miss a creep. So its error is looked at
+//! over several horizons: each segment is cut into blocks of that length, the simulation
+//! begins anew in each with the angle and rate that suit the block best, and hidden
+//! states go on from the block before. Two degrees of freedom a block are paid for.
+
+use std::ops::Range;
+
+use model_core::actuator::{Model, State};
+use nalgebra::{Matrix2, Vector2};
+
+use super::dataset::{Dataset, Session};
+use super::nuisance::Nuisance;
+use crate::dual::Dual;
+use crate::simulate::{Origin, Start, advance, is_lost, state_at};
+
+/// Fewer samples than this tell nothing beside an angle and a rate.
+const FEWEST: usize = 8;
+
+/// Squared errors and the degrees of freedom that they are worth.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Squares {
+    /// Sum of squares (rad²).
+    pub sum: f64,
+    /// Samples less estimated states.
+    pub freedom: f64,
+}
+
+impl Squares {
+    /// Of residuals (rad) without any state estimated for them.
+    pub fn of(residual: &[f64]) -> Self {
+        Self {
+            sum: residual.iter().map(|r| r * r).sum(),
+            freedom: residual.len() as f64,
+        }
+    }
+
+    /// Both together.
+    pub fn with(self, other: Self) -> Self {
+        Self {
+            sum: self.sum + other.sum,
+            freedom: self.freedom + other.freedom,
+        }
+    }
+
+    /// Mean square (rad²); zero of nothing.
+    pub fn mean(self) -> f64 {
+        if self.freedom > 0.0 {
+            self.sum / self.freedom
+        } else {
+            0.0
+        }
+    }
+}
+
+/// Squared errors over blocks of `horizon` seconds, one entry a segment that is fitted,
+/// or that is not.
+pub fn block_errors(
+    model: &Model<f64>,
+    data: &Dataset,
+    nuisances: &[Nuisance],
+    horizon: f64,
+    fitted: bool,
+) -> Vec<Squares> {
+    let dual: Model<Dual<2>> = model.map(Dual::constant);
+    data.sessions()
+        .iter()
+        .enumerate()
+        .flat_map(|(index, session)| {
+            let ranges = data.ranges(index, fitted);
+            if ranges.is_empty() {
+                return Vec::new();
+            }
+            // Hidden states run through what is not counted as well.
+            let blocks = blocks(session, &ranges, horizon);
+            let errors = over_blocks(&dual, session, &nuisances[index], &blocks);
+            ranges
+                .iter()
+                .map(|range| {
+                    blocks
+                        .iter()
+                        .zip(&errors)
+                        .filter(|(block, _)| range.start <= block.start && block.end <= range.end)
+                        .fold(Squares::default(), |sum, (_, squares)| sum.with(*squares))
+                })
+                .collect()
+        })
+        .collect()
+}
+
+/// Blocks of a session, none of which reaches over the end of one of `ranges`.
+fn blocks(session: &Session, ranges: &[Range<usize>], horizon: f64) -> Vec<Range<usize>> {
+    let samples = session.recording().len();
+    // At most as many as there are.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    let length = (horizon / session.interval()).clamp(FEWEST as f64, samples.max(FEWEST) as f64) as usize;
+    let mut cuts: Vec<usize> = ranges.iter().flat_map(|range| [range.start, range.end]).collect();
+    cuts.extend([0, samples]);
+    cuts.sort_unstable();
+    cuts.dedup();
+    cuts.windows(2)
+        .flat_map(|pair| {
+            let (from, to) = (pair[0], pair[1]);
+            let count = ((to - from) / length).max(1);
+            (0..count).map(move |k| {
+                let at = |k: usize| from + (to - from) * k / count;
+                at(k)..at(k + 1)
+            })
+        })
+        .collect()
+}
+
+/// Squared errors of each block, whose angle and rate at the start suit it best.
+fn over_blocks(
+    model: &Model<Dual<2>>,
+    session: &Session,
+    nuisance: &Nuisance,
+    blocks: &[Range<usize>],
+) -> Vec<Squares> {
+    /// Gauss–Newton steps of a block that begins far from where the last one ended.
+    const STEPS: usize = 3;
+    /// Times the residual's RMS by which a step may move the start and be the last.
+    const NEAR: f64 = 3.0;
+    let signal = session.signal();
+    let zero = Dual::constant(nuisance.pressure_zero);
+    let plain: Model<f64> = model.map(|value| value.value());
+    let stepping = session.stepping(&plain);
+    let origin = Origin {
+        start: Start {
+            angle: Dual::constant(nuisance.start.angle - nuisance.angle_zero),
+            rate: Dual::constant(nuisance.start.rate),
+        },
+        pressure_zero: zero,
+        clock: Dual::constant(session.clock()),
+    };
+    let mut begin = state_at(model, signal, &origin);
+    let mut silent = vec![false; session.recording().len()];
+    for range in session.silent() {
+        silent[range.clone()].fill(true);
+    }
+    let measured = &session.recording().angle;
+    let mut found = Vec::with_capacity(blocks.len());
+    for block in blocks {
+        let mut squares = Squares::default();
+        for step in 0..STEPS {
+            let mut state = seeded(&begin);
+            let mut normal = Matrix2::<f64>::zeros();
+            let mut slope = Vector2::zeros();
+            let mut sum = 0.0;
+            let mut count = 0;
+            let mut lost = false;
+            for sample in block.clone() {
+                // The first sample of a block is that of its start.
+                if sample > block.start {
+                    advance(model, signal, sample, zero, stepping, &mut state);
+                }
+                lost = is_lost(state.angle);
+                if lost {
+                    break;
+                }
+                if silent[sample] {
+                    continue;
+                }
+                let reading = model.reading(&state);
+                let error = reading.value() + nuisance.angle_zero - measured[sample];
+                let partials = Vector2::from(reading.partials());
+                normal += partials * partials.transpose();
+                slope += partials * error;
+                sum += error * error;
+                count += 1;
+            }
+            if lost {
+                squares = Squares {
+                    sum: f64::INFINITY,
+                    freedom: 1.0,
+                };
+                break;
+            }
+            for k in 0..2 {
+                normal[(k, k)] += 1e-9 * normal[(k, k)] + f64::MIN_POSITIVE;
+            }
+            let correction = normal
+                .cholesky()
+                .map_or_else(Vector2::zeros, |factor| -factor.solve(&slope));
+            let left = (sum + slope.dot(&correction)).max(0.0);
+            squares = Squares {
+                sum: left,
+                freedom: f64::from(u32::try_from(count).unwrap_or(0)) - 2.0,
+            };
+            let moved = (normal * correction).dot(&correction);
+            if moved <= NEAR * NEAR * left || step + 1 == STEPS {
+                begin = corrected(&state, correction);
+                break;
+            }
+            begin.angle += Dual::constant(correction[0]);
+            begin.rate += Dual::constant(correction[1]);
+        }
+        if squares.sum.is_finite() && block.end < measured.len() && !block.is_empty() {
+            let mut state = begin;
+            advance(model, signal, block.end, zero, stepping, &mut state);
+            begin = state;
+        }
+        if squares.freedom < 1.0 {
+            squares = Squares::default();
+        }
+        found.push(squares);
+    }
+    found
+}
+
+/// A state with angle and rate as the variables.
+fn seeded(state: &State<Dual<2>>) -> State<Dual<2>> {
+    let mut state = *state;
+    state.angle = Dual::variable(state.angle.value(), 0, 1.0);
+    state.rate = Dual::variable(state.rate.value(), 1, 1.0);
+    for hidden in state.hidden.iter_mut().flatten() {
+        *hidden = Dual::constant(hidden.value());
+    }
+    state
+}
+
+/// A state as it would be had its variables been corrected.
+fn corrected(state: &State<Dual<2>>, correction: Vector2<f64>) -> State<Dual<2>> {
+    let moved = |value: Dual<2>| {
+        let [by_angle, by_rate] = value.partials();
+        Dual::constant(value.value() + by_angle * correction[0] + by_rate * correction[1])
+    };
+    let mut state = *state;
+    state.angle = moved(state.angle);
+    state.rate = moved(state.rate);
+    for hidden in state.hidden.iter_mut().flatten() {
+        *hidden = moved(*hidden);
+    }
+    state
+}
