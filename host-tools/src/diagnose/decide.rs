@@ -5,7 +5,8 @@
 //!
 //! 1. Of each size, structures that leave little more than the best of that size take
 //!    part; the one with the most evidence leads, unless its special case has nearly as
-//!    much.
+//!    much. Two effects of one family are one cause by a better formula: they repair, and
+//!    are no name.
 //! 2. A larger structure replaces a smaller one if it leaves half of what remained and
 //!    brings evidence for each further effect.
 //! 3. What the leader closes of the error on segments that were not fitted is its
@@ -129,7 +130,9 @@ fn leader(scored: &[Scored], policy: &Policy) -> Option<usize> {
 /// The structure of a size with the most evidence among those that leave little more
 /// than the best, or its special case.
 fn best_of_size(scored: &[Scored], size: usize, policy: &Policy) -> Option<usize> {
-    let of_size = |row: &Scored| row.kinds.len() == size && row.leaves.is_finite();
+    let of_size = |row: &Scored| {
+        row.kinds.len() == size && row.leaves.is_finite() && is_of_distinct_families(&row.kinds)
+    };
     let least = scored
         .iter()
         .filter(|row| of_size(row))
@@ -157,6 +160,7 @@ fn rivals(scored: &[Scored], leader: usize, policy: &Policy) -> Vec<usize> {
         .filter(|(index, row)| {
             *index != leader
                 && row.kinds.len() == first.kinds.len()
+                && is_of_distinct_families(&row.kinds)
                 && row.leaves <= policy.comparable * first.leaves
                 && row.closure.overall >= policy.part
                 && row.evidence >= first.evidence - margin
@@ -167,6 +171,12 @@ fn rivals(scored: &[Scored], leader: usize, policy: &Policy) -> Vec<usize> {
     rivals.sort_by(|&a, &b| scored[b].evidence.total_cmp(&scored[a].evidence));
     rivals.insert(0, leader);
     rivals
+}
+
+fn is_of_distinct_families(kinds: &[Kind]) -> bool {
+    let mut families = Family::of_all(kinds);
+    families.dedup();
+    families.len() == kinds.len()
 }
 
 fn most_evidence(scored: &[Scored], takes_part: impl Fn(&Scored) -> bool) -> Option<usize> {
@@ -294,6 +304,11 @@ mod tests {
             (
                 "a second effect without evidence",
                 vec![row(&g, 0.5, 500.0), row(&pair, 0.9, 599.0)],
+                named(0, Strength::Part),
+            ),
+            (
+                "two of one family are one cause",
+                vec![row(&g, 0.5, 500.0), row(&[CubicStiffness, Gravity], 0.9, 900.0)],
                 named(0, Strength::Part),
             ),
             (

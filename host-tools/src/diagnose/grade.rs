@@ -84,7 +84,7 @@ impl Graded {
                 structure,
                 strength,
             } => {
-                let named = repaired.added.clone();
+                let named = self.measured[*structure].scored.kinds.clone();
                 let alternatives = alternatives
                     .into_iter()
                     .filter(|(row, _)| row != structure)
@@ -132,8 +132,9 @@ impl Graded {
         }
     }
 
-    /// The named structure fitted to everything; where nothing is named, the one that
-    /// leaves least where it was not fitted, if that is worth writing.
+    /// The model to go on with: the first structure of the answer, or one that adds to it
+    /// and leaves clearly less; where nothing is named, the one that leaves least. The
+    /// refit where none predicts better what was not fitted.
     fn repaired(
         &self,
         ground: &Ground<'_>,
@@ -142,25 +143,32 @@ impl Graded {
         first: Option<usize>,
     ) -> Candidate {
         let policy = &Policy::STANDARD;
-        let error = |row: &Measured| row.held_out.full;
-        let row = match first {
-            Some(row) => Some(&self.measured[row]),
-            None => self
-                .measured
-                .iter()
-                .filter(|row| row.scored.evidence > 0.0)
-                .min_by(|a, b| error(a).total_cmp(&error(b))),
+        let first = first.map(|row| &self.measured[row]);
+        let takes_part = |row: &&Measured| match first {
+            Some(first) => {
+                let named = &first.scored.kinds;
+                named.iter().all(|kind| row.scored.kinds.contains(kind))
+                    && row.scored.leaves <= policy.adds_to_repair * first.scored.leaves
+                    && row.held_out.full <= policy.adds_to_repair * first.held_out.full
+            }
+            None => row.scored.evidence > 0.0,
         };
-        let Some(row) = row else {
-            return refit.clone();
-        };
-        let everything = everything(ground, row);
-        let better = judge.error_of(&everything) <= policy.worth_writing * judge.error_of(refit);
-        if first.is_some() || better {
-            everything
-        } else {
-            refit.clone()
-        }
+        let least = self
+            .measured
+            .iter()
+            .filter(takes_part)
+            .min_by(|a, b| a.scored.leaves.total_cmp(&b.scored.leaves));
+        let error = |candidate: &Candidate| judge.error_of(candidate);
+        let most = policy.worth_writing * error(refit);
+        least
+            .into_iter()
+            .chain(first)
+            .map(|row| everything(ground, row))
+            .find(|candidate| error(candidate) <= most)
+            .unwrap_or_else(|| match first {
+                Some(first) => everything(ground, first),
+                None => refit.clone(),
+            })
     }
 
     /// Every structure that was measured, and those of a size as alternatives by their
@@ -249,19 +257,28 @@ impl Graded {
     }
 }
 
-/// A structure fitted to everything at the level that counts, with the residuals of a
-/// simulation.
+/// A structure fitted to everything at the level that counts, or as it was fitted to the
+/// subsample if that simulates better; with the residuals of a simulation.
 fn everything(ground: &Ground<'_>, row: &Measured) -> Candidate {
     let level = row.candidate.level;
-    let model = &row.candidate.fit.model;
     let mut candidate = row.candidate.clone();
+    let free = &row.candidate.fit.free;
     let fitter = ground.fitter.at(level.as_ref());
-    candidate.fit =
-        fitter.fit_kept(model, &row.candidate.fit.free, Effort::Full, ground.checkpoint);
+    let model = &row.candidate.fit.model;
+    candidate.fit = fitter.fit_kept(model, free, Effort::Full, ground.checkpoint);
     if level.is_some() {
         let simulated = ground.fitter.compare(&candidate.fit.model);
-        candidate.fit.residuals = simulated.residuals;
-        candidate.fit.nuisances = simulated.nuisances;
+        let before = ground.fitter.compare(model);
+        if before.sse() < simulated.sse() {
+            let mut known = row.candidate.fit.clone();
+            known.nuisances.clone_from(&before.nuisances);
+            candidate.fit = fitter.informed(&known);
+            candidate.fit.residuals = before.residuals;
+            candidate.fit.nuisances = before.nuisances;
+        } else {
+            candidate.fit.residuals = simulated.residuals;
+            candidate.fit.nuisances = simulated.nuisances;
+        }
     }
     candidate
 }
@@ -273,6 +290,7 @@ pub fn graded(
     floor: &NoiseFloor,
     kinds: &[Kind],
     refit: &Candidate,
+    coarse: &[Candidate],
     progress: Progress<'_>,
 ) -> Option<Graded> {
     let policy = &Policy::STANDARD;
@@ -288,7 +306,7 @@ pub fn graded(
         policy,
     };
     let baseline = ruler.baseline(base.clone());
-    let screened = [0, levels.output_error().saturating_sub(1), levels.output_error()];
+    let screened = vec![0, levels.output_error().saturating_sub(1)];
     let mut search = Search {
         levels: &levels,
         ruler: &ruler,
@@ -297,21 +315,15 @@ pub fn graded(
         measured: Vec::new(),
     };
     progress(&format!("{} effects at several horizons", kinds.len()));
-    search.extend(&[(&base, screened.to_vec())]);
-    for size in 1..=2 {
-        if search.leaves_noise(size, noise) {
-            break;
-        }
-        progress(&format!("combinations of {} effects at several horizons", size + 1));
-        let leads: Vec<(Estimate, Vec<usize>)> = search.leads(size);
-        if leads.is_empty() || (size == 2 && !search.is_worth_more(size)) {
-            break;
-        }
+    search.extend(&[(&base, screened)], coarse);
+    if !search.leaves_noise(1, noise) {
+        progress("combinations of 2 effects at several horizons");
+        let leads = search.leads(1);
         let leads: Vec<(&Estimate, Vec<usize>)> = leads
             .iter()
             .map(|(estimate, at)| (estimate, at.clone()))
             .collect();
-        search.extend(&leads);
+        search.extend(&leads, &[]);
     }
     let measured = search.measured;
     let scored: Vec<Scored> = measured.iter().map(|row| row.scored.clone()).collect();
@@ -332,17 +344,21 @@ struct Search<'a> {
 
 impl Search<'_> {
     /// Adds what each base becomes with one effect more.
-    fn extend(&mut self, bases: &[(&Estimate, Vec<usize>)]) {
+    fn extend(&mut self, bases: &[(&Estimate, Vec<usize>)], coarse: &[Candidate]) {
         let known: BTreeSet<Vec<Kind>> = self
             .measured
             .iter()
             .map(|row| row.scored.kinds.clone())
             .collect();
-        let found = self.levels.extended(bases, self.kinds, &known);
+        let t = std::time::Instant::now();
+        let found = self.levels.extended(bases, self.kinds, coarse, &known);
+        if std::env::var("TRACE").is_ok() { eprintln!("  extended {} in {:.2}", found.len(), t.elapsed().as_secs_f64()); }
         let measured: Vec<Measured> = found
             .into_par_iter()
             .filter_map(|estimate| self.ruler.measure(self.baseline, estimate))
             .collect();
+        if std::env::var("TRACE").is_ok() { eprintln!("  measured {:.2}", t.elapsed().as_secs_f64());
+            for m in &measured { eprintln!("    {:?} lev {} leaves {:.3} closure {:.3} evidence {:.0} held {:.3}", m.scored.kinds, m.level, m.scored.leaves, m.scored.closure.overall, m.scored.evidence, m.held_out.full.to_degrees()); } }
         self.measured.extend(measured);
     }
 
@@ -386,17 +402,5 @@ impl Search<'_> {
         self.of_size(size)
             .first()
             .is_some_and(|row| row.held_out.full <= HARDLY_MORE * noise)
-    }
-
-    /// Whether the best of a size leaves so much less than one effect less that another
-    /// one may help.
-    fn is_worth_more(&self, size: usize) -> bool {
-        let policy = self.ruler.policy;
-        let left = |size: usize| {
-            self.of_size(size)
-                .first()
-                .map_or(1.0, |row| row.scored.leaves)
-        };
-        left(size) <= policy.further_leaves.sqrt() * left(size - 1)
     }
 }

@@ -106,15 +106,17 @@ impl<'a> Levels<'a> {
     }
 
     /// Bases with one effect more: screened at the levels `at`, the best fitted through
-    /// all of them. Structures in `known` are left out.
-    pub fn extended(
+    /// all of them. Coarse fits by output error stand for a screening at that level.
+    /// Structures in `known` are left out.
+    pub fn extended<'b>(
         &self,
-        bases: &[(&Estimate, Vec<usize>)],
+        bases: &[(&'b Estimate, Vec<usize>)],
         kinds: &[Kind],
+        coarse: &[Candidate],
         known: &BTreeSet<Vec<Kind>>,
     ) -> Vec<Estimate> {
         let room = MAX_EFFECTS - self.ground.file.model.effects().count();
-        let tasks: Vec<Task<'_>> = bases
+        let tasks: Vec<Task<'b>> = bases
             .iter()
             .filter(|(base, _)| base.added.len() < room)
             .flat_map(|(base, at)| {
@@ -125,14 +127,27 @@ impl<'a> Levels<'a> {
             })
             .filter(|task| !known.contains(&task.set()))
             .collect();
-        let screened: Vec<(&Task<'_>, f64, Model<f64>)> = tasks
+        let t = std::time::Instant::now();
+        let screened: Vec<(&Task<'b>, f64, Model<f64>)> = tasks
             .par_iter()
             .filter_map(|task| {
                 let (sse, model) = self.screened(task)?;
                 Some((task, sse, model))
             })
             .collect();
-        let mut chosen: Vec<(&Estimate, Kind, Vec<Option<Model<f64>>>)> = Vec::new();
+        if std::env::var("TRACE").is_ok() { eprintln!("  screened {} {:.2}", screened.len(), t.elapsed().as_secs_f64()); }
+        let mut chosen: Vec<(&'b Estimate, Kind, Vec<Option<Model<f64>>>)> = Vec::new();
+        let mut keep = |base: &'b Estimate, kind, level: usize, model: &Model<f64>| {
+            let set = set_of(&base.added, kind);
+            let place = chosen
+                .iter()
+                .position(|(base, kind, _)| set == set_of(&base.added, *kind));
+            let place = place.unwrap_or_else(|| {
+                chosen.push((base, kind, vec![None; self.levels.len()]));
+                chosen.len() - 1
+            });
+            chosen[place].2[level] = Some(*model);
+        };
         for level in 0..self.levels.len() {
             let mut here: Vec<_> = screened
                 .iter()
@@ -140,14 +155,12 @@ impl<'a> Levels<'a> {
                 .collect();
             here.sort_by(|a, b| a.1.total_cmp(&b.1));
             for (task, _, model) in here.into_iter().take(KEPT) {
-                let place = chosen
-                    .iter()
-                    .position(|(base, kind, _)| task.set() == set_of(&base.added, *kind));
-                let place = place.unwrap_or_else(|| {
-                    chosen.push((task.base, task.kind, vec![None; self.levels.len()]));
-                    chosen.len() - 1
-                });
-                chosen[place].2[level] = Some(*model);
+                keep(task.base, task.kind, level, model);
+            }
+        }
+        for candidate in coarse.iter().take(KEPT) {
+            if let (Some((base, _)), Some(&kind)) = (bases.first(), candidate.added.last()) {
+                keep(base, kind, self.output_error(), &candidate.fit.model);
             }
         }
         chosen
@@ -205,19 +218,18 @@ impl<'a> Levels<'a> {
         Some(Estimate { added, fits })
     }
 
-    /// A structure at one level, fitted to the end, with what is known of its
-    /// parameters.
-    pub fn finished(&self, estimate: &Estimate, level: usize, fitter: &Fitter<'_>) -> Candidate {
-        let free = free_parameters(self.ground.file, &estimate.added);
-        let chosen = self.level(level);
-        let start = &estimate.fits[level].model;
-        let fit = fitter
-            .at(chosen.as_ref())
-            .fit_kept(start, &free, Effort::Full, self.ground.checkpoint);
+    /// A structure at one level; with what is known of its parameters if that is asked
+    /// for.
+    pub fn candidate(&self, estimate: &Estimate, level: usize, informed: bool) -> Candidate {
+        let fit = &estimate.fits[level];
         Candidate {
             added: estimate.added.clone(),
-            fit,
-            level: chosen,
+            fit: if informed {
+                self.fitter(level).informed(fit)
+            } else {
+                fit.clone()
+            },
+            level: self.level(level),
         }
     }
 }

@@ -64,7 +64,7 @@ impl Ruler<'_> {
         let mut fitted = [f64::INFINITY; 3];
         let mut held_out = [f64::INFINITY; 3];
         for level in 0..estimate.fits.len() {
-            let candidate = self.levels.finished(&estimate, level, self.fitter);
+            let candidate = self.levels.candidate(&estimate, level, self.judge.in_turn());
             let errors = self.judge.errors_over(&candidate, self.horizons());
             let own = self.fitted_errors(&estimate.fits[level]);
             for horizon in 0..3 {
@@ -90,7 +90,7 @@ impl Ruler<'_> {
             })
             .filter(|(_, left)| left.is_finite())
             .min_by(|a, b| a.1.total_cmp(&b.1))?;
-        let candidate = self.levels.finished(&estimate, level, self.fitter);
+        let candidate = self.levels.candidate(&estimate, level, self.judge.in_turn());
         let held_out = self.judge.errors_over(&candidate, self.horizons());
         let shares = self.shares(&held_out, &baseline.held_out);
         let left_out = mean_share(&shares);

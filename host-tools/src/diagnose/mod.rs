@@ -521,10 +521,11 @@ fn search_and_judge(
         scales: &scales,
         checkpoint: means.checkpoint,
     };
-    let mut pool = search::singles(&ground, &kinds, refit, means.progress);
+    let search::Singles { coarse, mut pool } =
+        search::singles(&ground, floor, &kinds, refit, means.progress);
     let mut graded = None;
     if !search::settles(&pool, floor) {
-        graded = grade::graded(&ground, judge, floor, &kinds, refit, means.progress);
+        graded = grade::graded(&ground, judge, floor, &kinds, refit, &coarse, means.progress);
         if let Some(graded) = &graded {
             pool.extend(graded.finished(&ground));
         }
@@ -739,7 +740,9 @@ impl Diagnosis {
             .added
             .iter()
             .enumerate()
-            .map(|(offset, kind)| {
+            .filter(|(_, kind)| self.named.contains(kind))
+            .enumerate()
+            .map(|(place, (offset, kind))| {
                 let slot = first + offset;
                 let mut parameters = serde_json::Map::new();
                 let mut interval95 = serde_json::Map::new();
@@ -765,7 +768,7 @@ impl Diagnosis {
                     kind: kind.name().to_owned(),
                     parameters,
                     interval95,
-                    probability: self.probability.get(offset).copied().unwrap_or(0.0),
+                    probability: self.probability.get(place).copied().unwrap_or(0.0),
                 }
             })
             .collect()

@@ -51,6 +51,9 @@ policy! {
     noise_share: 0.3, "noise", "how well the noise is known: 4 % of its size";
     /// Rivals that an answer lists at most.
     answer_set: 3.0, "structures", "more are no answer";
+    /// A structure that adds effects to what is named is the repaired model if it leaves
+    /// at most this share of what that leaves.
+    adds_to_repair: 0.8, "–", "a fifth: less is not worth another effect on the board";
     /// The repaired model is written if it leaves at most this share of the refit's
     /// error on segments that were not fitted.
     worth_writing: 0.95, "–", "5 %: less is within what a repetition differs";

@@ -52,25 +52,53 @@ const SHOWN_ANYHOW: usize = 2;
 /// third effect it would not be named either.
 const WORTH_A_THIRD: f64 = 0.5;
 
+/// Times the noise that a coarse fit may leave for its final fit to leave only noise.
+const MAY_SETTLE: f64 = 3.0;
+
 /// Every structure that was fitted to the end; the first is the refit.
 pub type Pool = Vec<Candidate>;
+
+/// The refit with each effect alone: coarse fits to the subsample, the best first, and
+/// those that may leave only noise fitted to everything.
+pub struct Singles {
+    /// Coarse fits, the best first.
+    pub coarse: Vec<Candidate>,
+    /// The refit, then final fits.
+    pub pool: Pool,
+}
 
 /// Fits the refit with each effect alone.
 pub fn singles(
     ground: &Ground<'_>,
+    floor: &NoiseFloor,
     kinds: &[Kind],
     refit: &Candidate,
     progress: Progress<'_>,
-) -> Pool {
+) -> Singles {
     progress(&format!("{} effects, one at a time", kinds.len()));
-    let width = Width {
-        followed: FOLLOWED[0],
-        finished: FINISHED[0],
-        worth: f64::INFINITY,
+    let mut coarse: Vec<Candidate> = kinds
+        .par_iter()
+        .filter_map(|&kind| glance(ground, &promise(ground, refit, kind)?))
+        .collect();
+    coarse.sort_by(|a, b| a.fit.sse().total_cmp(&b.fit.sse()));
+    let may_settle = |candidate: &&Candidate| {
+        candidate.fit.rmse() <= MAY_SETTLE * floor.rms.hypot(floor.input)
     };
     let mut pool = vec![refit.clone()];
-    pool.extend(extend(ground, kinds, &[refit], width));
-    pool
+    if coarse.iter().take(1).any(|best| may_settle(&best)) {
+        let hopeless = HOPELESS * coarse.first().map_or(0.0, |best| best.fit.sse());
+        let finished: Vec<Candidate> = coarse
+            .par_iter()
+            .take(FINISHED[0])
+            .enumerate()
+            .filter(|(place, candidate)| {
+                *place < RIVALS_SHOWN || candidate.fit.sse() <= hopeless
+            })
+            .map(|(_, candidate)| finish(ground, candidate))
+            .collect();
+        pool.extend(finished);
+    }
+    Singles { coarse, pool }
 }
 
 /// Adds the best combinations of two and three effects, until the residual is noise.

@@ -285,6 +285,14 @@ impl<'a> Fitter<'a> {
         fingerprint(text.into_bytes().into_iter().chain(data))
     }
 
+    /// A fit where it stands, with what the recordings say about its parameters.
+    pub fn informed(&self, fit: &Fit) -> Fit {
+        Problem::new(self, &fit.model, &fit.free, Compared::Fitted)
+            .at_level(self.level)
+            .with_nuisances(&fit.nuisances)
+            .finish(fit.converged, Effort::Full)
+    }
+
     /// Simulates a model over the segments that are held out: zeros and start are
     /// those of the fitted segments of the same session, or if there are none,
     /// those that suit the session best. Series in the order of
