@@ -46,8 +46,10 @@ const NO_MARK: u8 = 0;
 /// What cells hold that were never written.
 const ERASED: u8 = 0xff;
 
-/// Changes whenever the words change their meaning.
-const VERSION: u8 = 1;
+/// Changes whenever the words change their meaning. A record of another version is
+/// [`Loaded::Damaged`]: the words of version 1 have no shape of a Bouc–Wen hysteresis,
+/// and the zero in that place would be another loop.
+const VERSION: u8 = 2;
 
 const WORD_BYTES: u8 = 4;
 /// Version, number of words, sequence.
@@ -575,6 +577,23 @@ mod tests {
                 "{changed}: {poll:?}"
             );
         }
+    }
+
+    /// A board whose words meant something else asks for settings instead of
+    /// running another model.
+    #[test]
+    fn a_record_of_another_version_is_damaged() {
+        let mut memory = Memory::new();
+        memory.save(&settings(1.0));
+        let version = usize::from(Slot::A.body(0));
+        memory.bytes[version] = VERSION - 1;
+        let mut crc = Crc16::new();
+        for offset in 0..CHECKED {
+            crc.update(memory.bytes[usize::from(Slot::A.body(offset))]);
+        }
+        let at = usize::from(Slot::A.body(CHECKED));
+        memory.bytes[at..at + 2].copy_from_slice(&crc.value().to_le_bytes());
+        assert_eq!(load(&memory), Loaded::Damaged);
     }
 
     #[test]

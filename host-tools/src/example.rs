@@ -311,8 +311,8 @@ fn draw_effect(
         .parameters()
         .iter()
         .map(|row| {
-            if let Some(held) = row.held {
-                return f64::from(held);
+            if let Some(value) = row.left_out() {
+                return f64::from(value);
             }
             let share: f64 = random.random_range(0.1..0.3);
             let sign = if row.lower < 0.0 && random.random_bool(0.5) {

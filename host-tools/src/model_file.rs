@@ -435,9 +435,9 @@ impl Reader<'_> {
         let values = kind
             .parameters()
             .iter()
-            .map(|row| match (self.number(table, row.key)?, row.held) {
+            .map(|row| match (self.number(table, row.key)?, row.left_out()) {
                 (Some(value), _) => Ok(row.unit.to_si(value)),
-                (None, Some(held)) => Ok(f64::from(held)),
+                (None, Some(value)) => Ok(f64::from(value)),
                 (None, None) => self.required(table, "[effect]", row.key),
             })
             .collect::<Result<Vec<f64>, InputError>>()?;

@@ -19,7 +19,7 @@ The base model is M θ̈ + C θ̇ + K sign(θ)|θ|ⁿ + Q = F with F = g·p: θ 
 sensor shows; F and Q are generalised forces (N), M an effective inertia (kg·m). An effect is a
 piece of physics that a real rig adds to it. In a model file it is an `[[effect]]` with its `kind`
 and the keys below; a key with a value in the column *if left out* may be left out, and a first fit
-holds it there. A model has at most three effects.
+holds it there, or fits it too where the column says *fitted*. A model has at most three effects.
 
 What no recording of angle and pressure can show: a gain of the angle sensor (stiffness, damping and
 input gain absorb it) and the scale of the inertia M (only ratios to it move anything).
@@ -78,10 +78,14 @@ fn section(page: &mut String, kind: Kind) {
     *page +=
         "\n| key | symbol | unit | smallest | largest | if left out |\n|---|---|---|---|---|---|\n";
     for row in kind.parameters() {
-        let held = row.held.map_or(String::new(), |held| number(row, held));
+        let left_out = match (row.held, row.default) {
+            (Some(held), _) => number(row, held),
+            (None, Some(default)) => format!("{}, fitted", number(row, default)),
+            (None, None) => String::new(),
+        };
         let _ = writeln!(
             page,
-            "| `{}` | {} | {} | {} | {} | {held} |",
+            "| `{}` | {} | {} | {} | {} | {left_out} |",
             row.key,
             row.symbol,
             match row.unit.symbol() {

@@ -111,10 +111,10 @@ fn equations(kind: Kind, values: &'static [f64]) -> Equations {
                 0.0
             }
         }),
-        // Q = a w, D ẇ = ω − ½|ω|w − ½ω|w|
+        // Q = a w, D ẇ = ω − ½|ω|w − B ω|w|
         Kind::BoucWenHysteresis => Box::new(move |time, at| {
             let acceleration = acceleration(&d, varied_pressure_pa(time), at, values[0] * at[2]);
-            let w_rate = at[1] - 0.5 * at[1].abs() * at[2] - 0.5 * at[1] * at[2].abs();
+            let w_rate = at[1] - 0.5 * at[1].abs() * at[2] - values[2] * at[1] * at[2].abs();
             [at[1], acceleration, w_rate / values[1], 0.0]
         }),
         // K → K(1 + ρ t)

@@ -224,9 +224,9 @@ fn two_of_a_kind_are_one_with_the_sum() {
         (Kind::EndStop, &[2.0, 0.5], &[1.0, 0.5], &[3.0, 0.5]),
         (
             Kind::BoucWenHysteresis,
-            &[0.2, 0.1],
-            &[0.1, 0.1],
-            &[0.3, 0.1],
+            &[0.2, 0.1, 0.2],
+            &[0.1, 0.1, 0.2],
+            &[0.3, 0.1, 0.2],
         ),
         (Kind::PressureThreshold, &[4e3], &[7e3], &[11e3]),
         (Kind::InputBacklash, &[4e3], &[3e3], &[7e3]),

@@ -111,7 +111,7 @@ pub fn sample_values(kind: Kind) -> [&'static [f64]; 2] {
         Kind::StribeckFriction => [&[0.1, 0.2, 0.3], &[0.3, 0.1, 0.5]],
         Kind::AngleDependentDamping => [&[0.8], &[-0.9]],
         Kind::AsymmetricDamping => [&[1.5], &[-0.6]],
-        Kind::BoucWenHysteresis => [&[0.3, 0.1], &[0.2, 0.4]],
+        Kind::BoucWenHysteresis => [&[0.3, 0.1, 0.5], &[0.2, 0.4, -0.2]],
         Kind::LinearStiffness => [&[0.8], &[0.3]],
         Kind::EndStop => [&[6.0, 0.5], &[2.0, 0.3]],
         Kind::StiffnessDrift => [&[0.05], &[-0.04]],

@@ -221,7 +221,7 @@ mod tests {
             let values: Vec<f64> = kind
                 .parameters()
                 .iter()
-                .map(|row| row.held.map_or_else(|| noticeable(row), f64::from))
+                .map(|row| row.left_out().map_or_else(|| noticeable(row), f64::from))
                 .collect();
             let effect = kind.build(&values).unwrap();
             let model: Model<f64> = Model::new(dynamics(), &[effect]).unwrap();
