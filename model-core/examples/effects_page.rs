@@ -46,6 +46,19 @@ fn page() -> String {
     page
 }
 
+/// The keys of a table, which are lists.
+const TABLE_KEYS: &str = "\
+| `of` | | – | | | |
+| `nodes` | | of the variable | −∞ | ∞ |  |
+| `forces_n` | Q | N | −∞ | ∞ |  |
+
+`of` is `\"angle\"` (θ, nodes in rad), `\"rate\"` (ω, rad/s), `\"pressure\"` (p_c, kPa), or `\"time\"`
+(t since the start of the run, s). `nodes` are 2 to 16 numbers that increase, usually 6 to 16, and
+`forces_n` is as long. A fit moves the forces that `[fit] free` names, all as `table.forces_n` or one
+as `table.forces_n[0]`, and no node. Nodes are kept to the seven digits of single precision. A model
+has at most one table, and no diagnosis names it as a cause.
+";
+
 const PLACES: [(Place, &str); 3] = [
     (Place::Input, "Between the pressure sensor and the chamber"),
     (Place::Force, "On the forces"),
@@ -77,6 +90,10 @@ fn section(page: &mut String, kind: Kind) {
     }
     *page +=
         "\n| key | symbol | unit | smallest | largest | if left out |\n|---|---|---|---|---|---|\n";
+    if kind == Kind::Table {
+        *page += TABLE_KEYS;
+        return;
+    }
     for row in kind.parameters() {
         let left_out = match (row.held, row.default) {
             (Some(held), _) => number(row, held),

@@ -50,6 +50,7 @@ pub mod sensor_nonlinearity;
 pub mod sensor_offset;
 pub mod stiffness_drift;
 pub mod stribeck_friction;
+pub mod table;
 pub mod vent_asymmetry;
 
 /// Hidden states of one effect; unused ones stay zero.
