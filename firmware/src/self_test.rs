@@ -75,7 +75,11 @@ pub fn with_effect(kind: Kind) -> Result<Model<f32, Minimax>, InvalidModel> {
     if kind == Kind::Table {
         let table =
             Table::of_pairs(Variable::Rate, TABLE).map_err(|_| InvalidModel::NotOneTable)?;
-        return Model::of_slots(DYNAMICS, [Effect::Table(InModel)], Some(table));
+        return Model::of_slots(
+            DYNAMICS,
+            [Some(Effect::Table(InModel)), None, None],
+            Some(table),
+        );
     }
     let mut values = [0.0; MOST_PARAMETERS];
     for (index, value) in values.iter_mut().enumerate() {
@@ -88,7 +92,7 @@ pub fn with_effect(kind: Kind) -> Result<Model<f32, Minimax>, InvalidModel> {
         .get(..kind.parameter_count())
         .and_then(|values| kind.build_slot(values))
         .ok_or(InvalidModel::TooManyEffects)?;
-    Model::of_slots(DYNAMICS, [effect], None)
+    Model::of_slots(DYNAMICS, [Some(effect), None, None], None)
 }
 
 /// Prints what the firmware is and one step with each power function and effect.

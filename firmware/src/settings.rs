@@ -158,7 +158,7 @@ pub fn model(settings: &Settings) -> Result<Model<f32, Minimax>, Flaw> {
             numbers = Some(table(settings, slot)?);
         }
     }
-    Model::of_slots(dynamics, effects.into_iter().flatten(), numbers).map_err(Flaw::Model)
+    Model::of_slots(dynamics, effects, numbers).map_err(Flaw::Model)
 }
 
 /// The sensors' calibration.

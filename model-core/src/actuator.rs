@@ -88,6 +88,67 @@ pub enum ParameterId {
     },
 }
 
+/// Checks every parameter of a model. Apart from the model, so that the board has it
+/// once for all power functions.
+#[inline(never)]
+fn validate<R: Real>(
+    d: &Dynamics<R>,
+    effects: &[Option<Slot<R>>; MAX_EFFECTS],
+    table: Option<&Table<R>>,
+) -> Result<(), InvalidModel> {
+    use ParameterId::{Damping, Exponent, Inertia, InputGain, Stiffness};
+    for (value, id) in [
+        (d.inertia, Inertia),
+        (d.damping, Damping),
+        (d.stiffness, Stiffness),
+        (d.exponent, Exponent),
+        (d.input_gain, InputGain),
+    ] {
+        if !value.is_finite() {
+            return Err(InvalidModel::NotFinite(id));
+        }
+    }
+    for (value, id) in [(d.inertia, Inertia), (d.exponent, Exponent)] {
+        if value <= R::zero() {
+            return Err(InvalidModel::NotPositive(id));
+        }
+    }
+    for (value, id) in [(d.damping, Damping), (d.stiffness, Stiffness)] {
+        if value < R::zero() {
+            return Err(InvalidModel::Negative(id));
+        }
+    }
+    let mut tables = 0_u8;
+    for (slot, effect) in effects.iter().map_while(Option::as_ref).enumerate() {
+        for parameter in 0..effect.kind().parameter_count() {
+            let value = match effect {
+                Effect::Table(_) => table.and_then(|table| table.value(parameter)),
+                effect => effect.slot_value(parameter),
+            };
+            let Some(value) = value else { break };
+            let id = ParameterId::Effect { slot, parameter };
+            if !value.is_finite() {
+                return Err(InvalidModel::NotFinite(id));
+            }
+            let within = effect
+                .kind()
+                .bounds(parameter)
+                .is_some_and(|(lower, upper)| {
+                    (R::from_f32(lower)..=R::from_f32(upper)).contains(&value)
+                });
+            if !within {
+                return Err(InvalidModel::OutOfBounds(id));
+            }
+        }
+        tables += u8::from(matches!(effect, Effect::Table(_)));
+    }
+    if tables == u8::from(table.is_some()) {
+        Ok(())
+    } else {
+        Err(InvalidModel::NotOneTable)
+    }
+}
+
 /// Why a set of parameters is not a model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
@@ -193,86 +254,34 @@ impl<R: Real, P: Power<R>> Model<R, P> {
             }
             *place = effect.convert(|value| value, Some(InModel));
         }
-        Self::of_slots(dynamics, slots.into_iter().flatten(), table)
+        Self::of_slots(dynamics, slots, table)
     }
 
     /// [`Model::new`] for effects without their table, which comes by itself: what
-    /// a board uses, that has no room for a table in every effect.
+    /// a board uses, that has no room for a table in every effect. Empty slots
+    /// between effects do not matter.
     ///
     /// # Errors
     ///
     /// Those of [`Model::new`].
     pub fn of_slots(
         dynamics: Dynamics<R>,
-        effects: impl IntoIterator<Item = Slot<R>>,
+        effects: [Option<Slot<R>>; MAX_EFFECTS],
         table: Option<Table<R>>,
     ) -> Result<Self, InvalidModel> {
-        use ParameterId::{Damping, Exponent, Inertia, InputGain, Stiffness};
-        let d = &dynamics;
-        for (value, id) in [
-            (d.inertia, Inertia),
-            (d.damping, Damping),
-            (d.stiffness, Stiffness),
-            (d.exponent, Exponent),
-            (d.input_gain, InputGain),
-        ] {
-            if !value.is_finite() {
-                return Err(InvalidModel::NotFinite(id));
-            }
-        }
-        for (value, id) in [(d.inertia, Inertia), (d.exponent, Exponent)] {
-            if value <= R::zero() {
-                return Err(InvalidModel::NotPositive(id));
-            }
-        }
-        for (value, id) in [(d.damping, Damping), (d.stiffness, Stiffness)] {
-            if value < R::zero() {
-                return Err(InvalidModel::Negative(id));
-            }
-        }
-        let mut slots = [None; MAX_EFFECTS];
-        let mut tables = 0_u8;
-        for (slot, effect) in effects.into_iter().enumerate() {
-            if let Effect::Table(_) = effect {
-                tables += 1;
-                for (parameter, value) in table.iter().flat_map(Table::forces).enumerate() {
-                    if !value.is_finite() {
-                        let id = ParameterId::Effect { slot, parameter };
-                        return Err(InvalidModel::NotFinite(id));
-                    }
-                }
-            }
-            let values = (0..effect.kind().parameter_count()).filter_map(|k| effect.slot_value(k));
-            for (parameter, value) in values.enumerate() {
-                let id = ParameterId::Effect { slot, parameter };
-                if !value.is_finite() {
-                    return Err(InvalidModel::NotFinite(id));
-                }
-                let within = effect
-                    .kind()
-                    .bounds(parameter)
-                    .is_some_and(|(lower, upper)| {
-                        (R::from_f32(lower)..=R::from_f32(upper)).contains(&value)
-                    });
-                if !within {
-                    return Err(InvalidModel::OutOfBounds(id));
-                }
-            }
-            match slots.get_mut(slot) {
-                Some(place) => *place = Some(effect),
-                None => return Err(InvalidModel::TooManyEffects),
-            }
-        }
-        if tables > 1 || tables == 1 && table.is_none() {
-            return Err(InvalidModel::NotOneTable);
-        }
-        Ok(Self {
+        let mut model = Self {
             dynamics,
-            effects: slots,
-            table: table.filter(|_| tables > 0),
-            integrates: slots.iter().flatten().any(Mechanism::<R>::integrates),
+            effects: [None; MAX_EFFECTS],
+            table,
+            integrates: effects.iter().flatten().any(Mechanism::<R>::integrates),
             power: PhantomData,
-        })
+        };
+        let filled = effects.into_iter().filter(Option::is_some);
+        for (place, effect) in model.effects.iter_mut().zip(filled) {
+            *place = effect;
+        }
+        validate(&model.dynamics, &model.effects, model.table.as_ref())?;
+        Ok(model)
     }
 
     /// The base equation's parameters.

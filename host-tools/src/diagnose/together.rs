@@ -209,12 +209,11 @@ fn left_by(residual: &DMatrix<f64>, a: &DMatrix<f64>, b: &DMatrix<f64>) -> Optio
 
 /// The base with both effects at their starts.
 fn both(base: &Candidate, a: &Direction, b: &Direction) -> Option<Model<f64>> {
-    let last = |model: &Model<f64>| model.effects().last().copied();
+    let last = |model: &Model<f64>| model.effects().last();
     let effects: Vec<_> = base
         .fit
         .model
         .effects()
-        .copied()
         .chain([last(&a.start)?, last(&b.start)?])
         .collect();
     Model::new(*base.fit.model.dynamics(), &effects).ok()

@@ -248,16 +248,23 @@ impl<R: Real> Table<R> {
     }
 
     /// The largest |dQ/dx| between two nodes, in SI units.
+    #[inline(never)]
     pub fn steepest(&self) -> R {
-        let ends = self.pairs().zip(self.pairs().skip(1));
-        ends.fold(R::zero(), |steepest, ((start, at_start), (end, at_end))| {
-            steepest.max(((at_end - at_start) / (end - start)).abs())
-        })
+        let mut steepest = R::zero();
+        let mut left: Option<(R, R)> = None;
+        for (node, force) in self.pairs() {
+            if let Some((start, at_start)) = left {
+                steepest = steepest.max(((force - at_start) / (node - start)).abs());
+            }
+            left = Some((node, force));
+        }
+        steepest
     }
 
     /// Where `offset` + Q(x) = `gain` · x: the pressure that holds against a table
     /// of the pressure. The first such place if the table rises faster than
     /// the line.
+    #[inline(never)] // Once on the board, which asks in three places.
     pub fn balance(&self, offset: R, gain: R) -> R {
         let mut left: Option<(R, R)> = None;
         let mut last = R::zero();
@@ -436,7 +443,8 @@ mod tests {
             InvalidModel::NotOneTable
         );
         assert_eq!(
-            Model::<f64>::of_slots(dynamics, [Effect::Table(InModel)], None).unwrap_err(),
+            Model::<f64>::of_slots(dynamics, [Some(Effect::Table(InModel)), None, None], None)
+                .unwrap_err(),
             InvalidModel::NotOneTable
         );
 
@@ -450,9 +458,11 @@ mod tests {
         let forces = changed.table().unwrap().forces();
         assert_eq!(forces, [0.0, 0.1, 0.7]);
         assert_eq!(changed.table().unwrap().nodes(), [0.0, 1.0, 2.0]);
-        // Without an effect that is a table there is none.
-        let none = Model::<f64>::of_slots(dynamics, [], model.table().copied()).unwrap();
-        assert_eq!(none.table(), None);
+        // A table without an effect that is one would act unseen.
+        assert_eq!(
+            Model::<f64>::of_slots(dynamics, [None; 3], model.table().copied()).unwrap_err(),
+            InvalidModel::NotOneTable
+        );
     }
 
     /// Within its ends a straight table is the effect of the same line.
