@@ -200,8 +200,8 @@ impl App {
     pub fn new(eeprom: &impl Eeprom, reset: ResetCause) -> Self {
         let (settings, damaged) = match load(eeprom) {
             Loaded::Stored(settings) => (settings, false),
-            Loaded::Shipped => (Settings::DEFAULT, false),
-            Loaded::Damaged => (Settings::DEFAULT, true),
+            Loaded::Shipped => (eeprom.shipped(), false),
+            Loaded::Damaged => (eeprom.shipped(), true),
         };
         let derived = Derived::of(&settings).ok();
         Self {

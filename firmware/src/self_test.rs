@@ -63,8 +63,10 @@ impl Tested for GuardedMicromath {
 /// The most parameters that an effect has, but for a table.
 const MOST_PARAMETERS: usize = 8;
 
-/// Nodes (rad/s) and forces (N) of the table: the step crosses a piece with a slope.
-pub const TABLE: [(f32, f32); 3] = [(-0.3, -0.01), (0.05, 0.001), (0.7, -0.03)];
+/// Nodes (rad/s) of the table: the step begins on a slope.
+const NODES: [f32; 3] = [-0.3, 0.05, 0.7];
+/// Its forces (N).
+const FORCES: [f32; 3] = [-0.01, 0.001, -0.03];
 
 /// The model with one effect, its parameters small but within their bounds.
 ///
@@ -74,7 +76,7 @@ pub const TABLE: [(f32, f32); 3] = [(-0.3, -0.01), (0.05, 0.001), (0.7, -0.03)];
 pub fn with_effect(kind: Kind) -> Result<Model<f32, Minimax>, InvalidModel> {
     if kind == Kind::Table {
         let table =
-            Table::of_pairs(Variable::Rate, TABLE).map_err(|_| InvalidModel::NotOneTable)?;
+            Table::new(Variable::Rate, &NODES, &FORCES).map_err(|_| InvalidModel::NotOneTable)?;
         return Model::of_slots(
             DYNAMICS,
             [Some(Effect::Table(InModel)), None, None],

@@ -13,7 +13,10 @@ use model_core::{
 };
 use wire::{
     reply::Refusal,
-    settings::{EFFECT_PARAMETERS, EFFECTS, FLEX_POINTS, Key, Settings, TABLE_NODES, effect_id},
+    settings::{
+        EFFECT_PARAMETERS, EFFECTS, FLEX_POINTS, Key, Settings, TABLE_COUNT, TABLE_NODES, TABLE_OF,
+        effect_id,
+    },
 };
 
 use crate::sensing::{Calibration, flex, flex::Flex, pressure::Pressure};
@@ -23,12 +26,6 @@ const _: () = assert!(
         && EFFECTS as usize == MAX_EFFECTS
         && TABLE_NODES as usize == MAX_NODES
 );
-
-/// The parameter of a table's slot that says what it is of: the place in
-/// [`Variable::ALL`].
-pub const TABLE_OF: u8 = 0;
-/// The parameter of a table's slot that says how many nodes it has.
-pub const TABLE_COUNT: u8 = 1;
 
 /// Most microsteps from the retracted end to the largest volume: as far as a
 /// single-precision number counts every step.
@@ -89,6 +86,7 @@ macro_rules! kinds {
 model_core::for_each_effect!(kinds);
 
 /// The effect in a slot, a table without its numbers; none for an empty one.
+#[inline(never)] // Three slots, one copy.
 fn effect(settings: &Settings, slot: u8) -> Result<Option<Slot<f32>>, Flaw> {
     let unknown = Flaw::UnknownEffect { slot };
     let id = settings.bits(Key::EffectKind { slot }).unwrap_or(0);
@@ -111,6 +109,7 @@ fn effect(settings: &Settings, slot: u8) -> Result<Option<Slot<f32>>, Flaw> {
 }
 
 /// The table whose slot is `slot`.
+#[inline(never)]
 fn table(settings: &Settings, slot: u8) -> Result<Table<f32>, Flaw> {
     let whole = |index| {
         let value = settings.number(Key::EffectParameter { slot, index });
@@ -127,14 +126,15 @@ fn table(settings: &Settings, slot: u8) -> Result<Table<f32>, Flaw> {
         Some(3) => Variable::Time,
         _ => return Err(Flaw::UnknownEffect { slot }),
     };
-    let count = whole(TABLE_COUNT)
-        .filter(|&count| count <= TABLE_NODES)
-        .ok_or(Flaw::Table(InvalidTable::NodeCount))?;
-    let pairs = (0..count).map(|node| {
-        let number = |key| settings.number(key);
-        (number(Key::TableNode(node)), number(Key::TableForce(node)))
-    });
-    Table::of_pairs(of, pairs).map_err(Flaw::Table)
+    let count = whole(TABLE_COUNT).ok_or(Flaw::Table(InvalidTable::NodeCount))?;
+    let [nodes, forces] = settings.table();
+    let count = usize::from(count);
+    nodes
+        .get(..count)
+        .zip(forces.get(..count))
+        .ok_or(InvalidTable::NodeCount)
+        .and_then(|(nodes, forces)| Table::new(of, nodes, forces))
+        .map_err(Flaw::Table)
 }
 
 /// The model of the settings; empty slots between effects do not matter.
@@ -151,11 +151,17 @@ pub fn model(settings: &Settings) -> Result<Model<f32, Minimax>, Flaw> {
         input_gain: settings.number(Key::InputGain),
     };
     let mut effects = [None; EFFECTS as usize];
+    let mut places = effects.iter_mut();
     let mut numbers = None;
-    for (place, slot) in effects.iter_mut().zip(0..) {
-        *place = effect(settings, slot)?;
-        if let Some(Effect::Table(_)) = place {
+    for slot in 0..EFFECTS {
+        let Some(found) = effect(settings, slot)? else {
+            continue;
+        };
+        if let Effect::Table(_) = found {
             numbers = Some(table(settings, slot)?);
+        }
+        if let Some(place) = places.next() {
+            *place = Some(found);
         }
     }
     Model::of_slots(dynamics, effects, numbers).map_err(Flaw::Model)
@@ -176,17 +182,21 @@ pub fn calibration(settings: &Settings) -> Result<Calibration, Flaw> {
     // The conversion saturates; what is not a whole number differs after it.
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     let whole = points as u8;
-    let flex = Flex::new(whole, |point| {
-        (
-            settings.number(Key::FlexCounts(point)),
-            settings.number(Key::FlexAngle(point)),
-        )
-    });
+    let flex = Flex::new(whole, |point| flex_point(settings, point));
     match flex {
         #[allow(clippy::float_cmp)] // Whole numbers are exact.
         Some(flex) if f32::from(whole) == points => Ok(Calibration { pressure, flex }),
         _ => Err(Flaw::FlexTable),
     }
+}
+
+/// A point of the flex sensor's table: counts and degrees.
+#[inline(never)] // One copy of five.
+fn flex_point(settings: &Settings, point: u8) -> (f32, f32) {
+    (
+        settings.number(Key::FlexCounts(point)),
+        settings.number(Key::FlexAngle(point)),
+    )
 }
 
 /// Where the rig is stopped.

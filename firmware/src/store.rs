@@ -37,6 +37,11 @@ pub trait Eeprom {
     /// Starts to write a byte, once what was written before is done. On the
     /// board that takes 3.3 ms, and reading waits for it.
     fn write(&mut self, address: u16, byte: u8);
+    /// What a board is shipped with. A constant lies in RAM on the board, so that
+    /// it has its own way to read it.
+    fn shipped(&self) -> Settings {
+        Settings::DEFAULT
+    }
 }
 
 /// What a slot's ends say when the record between them is whole.

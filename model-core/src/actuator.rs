@@ -258,8 +258,8 @@ impl<R: Real, P: Power<R>> Model<R, P> {
     }
 
     /// [`Model::new`] for effects without their table, which comes by itself: what
-    /// a board uses, that has no room for a table in every effect. Empty slots
-    /// between effects do not matter.
+    /// a board uses, that has no room for a table in every effect. Effects behind
+    /// an empty slot are not part of the model.
     ///
     /// # Errors
     ///
@@ -269,19 +269,14 @@ impl<R: Real, P: Power<R>> Model<R, P> {
         effects: [Option<Slot<R>>; MAX_EFFECTS],
         table: Option<Table<R>>,
     ) -> Result<Self, InvalidModel> {
-        let mut model = Self {
+        validate(&dynamics, &effects, table.as_ref())?;
+        Ok(Self {
             dynamics,
-            effects: [None; MAX_EFFECTS],
+            effects,
             table,
             integrates: effects.iter().flatten().any(Mechanism::<R>::integrates),
             power: PhantomData,
-        };
-        let filled = effects.into_iter().filter(Option::is_some);
-        for (place, effect) in model.effects.iter_mut().zip(filled) {
-            *place = effect;
-        }
-        validate(&model.dynamics, &model.effects, model.table.as_ref())?;
-        Ok(model)
+        })
     }
 
     /// The base equation's parameters.
@@ -403,12 +398,23 @@ impl<R: Real, P: Power<R>> Model<R, P> {
 
     /// The rate of change of `state`, `offset` seconds into the current step.
     pub fn derivative(&self, state: &State<R>, input: &impl Input<R>, offset: R) -> Derivative<R> {
+        let late = if self.effects[0].is_none() {
+            offset
+        } else {
+            offset - self.delay()
+        };
+        self.derivative_under(state, input.pressure(late))
+    }
+
+    /// [`Model::derivative`] under `pressure` (Pa), which the delays have let through
+    /// by now. Apart, so that the board has it once for all inputs.
+    fn derivative_under(&self, state: &State<R>, mut pressure: R) -> Derivative<R> {
         let mut rates = [[R::zero(); 2]; MAX_EFFECTS];
         if self.effects[0].is_none() {
             // Half of all steps are of the base model alone: no loops over
             // effects, which on a desktop cost a tenth of it.
             let d = &self.dynamics;
-            let force = d.input_gain * input.pressure(offset)
+            let force = d.input_gain * pressure
                 - d.damping * state.rate
                 - d.stiffness * signed_power::<R, P>(state.angle, d.exponent);
             return Derivative {
@@ -417,7 +423,6 @@ impl<R: Real, P: Power<R>> Model<R, P> {
                 hidden: rates,
             };
         }
-        let mut pressure = input.pressure(offset - self.delay());
         for ((effect, hidden), rates) in self.slots(&state.hidden, &mut rates) {
             pressure = effect.input(pressure, hidden, rates);
         }
@@ -532,6 +537,7 @@ impl<R: Real, P: Power<R>> Model<R, P> {
     /// Nothing holds against a leak: it is taken as not begun. Not finite if the
     /// input gain is zero, or if the stiffness grows faster with the pressure
     /// than the force does, so that no pressure holds.
+    #[inline(never)] // Once on the board, which asks in several places.
     pub fn holding_pressure(&self, angle: R) -> R {
         let state = self.at_rest(angle, R::zero());
         let mut unused = [[R::zero(); 2]; MAX_EFFECTS];

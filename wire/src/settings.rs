@@ -157,10 +157,19 @@ scalars! {
 }
 
 /// Words in the settings.
-pub const COUNT: u8 = FIRST_FLEX + 2 * FLEX_POINTS;
+pub const COUNT: u8 = FIRST_TABLE + 2 * TABLE_NODES;
 
-const FIRST_TABLE: u8 = SCALAR_COUNT + EFFECTS * (1 + EFFECT_PARAMETERS);
-const FIRST_FLEX: u8 = FIRST_TABLE + 2 * TABLE_NODES;
+/// Words that are not zero in what a board is shipped with, and all before them.
+pub const SHIPPED_COUNT: u8 = FIRST_TABLE;
+
+const FIRST_FLEX: u8 = SCALAR_COUNT + EFFECTS * (1 + EFFECT_PARAMETERS);
+const FIRST_TABLE: u8 = FIRST_FLEX + 2 * FLEX_POINTS;
+
+/// The parameter of a table's slot that says what it is a table of, as a whole
+/// number: the place in `Variable::ALL` of model-core.
+pub const TABLE_OF: u8 = 0;
+/// The parameter of a table's slot that says how many nodes it has.
+pub const TABLE_COUNT: u8 = 1;
 
 /// The flex sensor's table as shipped: a divider of a sensor with
 /// 25 kΩ (70/25)^(θ/90°) to 5 V and 47 kΩ to ground.
@@ -207,10 +216,10 @@ impl Key {
             .iter()
             .copied()
             .chain(effects)
-            .chain((0..TABLE_NODES).map(Self::TableNode))
-            .chain((0..TABLE_NODES).map(Self::TableForce))
             .chain((0..FLEX_POINTS).map(Self::FlexCounts))
             .chain((0..FLEX_POINTS).map(Self::FlexAngle))
+            .chain((0..TABLE_NODES).map(Self::TableNode))
+            .chain((0..TABLE_NODES).map(Self::TableForce))
     }
 
     /// Reads the word of a line.
@@ -322,6 +331,17 @@ impl Settings {
         self.bits(key).map_or(f32::NAN, f32::from_bits)
     }
 
+    /// The nodes of the table (SI units) and the forces at them (N), also those
+    /// that are not in use.
+    pub fn table(&self) -> [[f32; TABLE_NODES as usize]; 2] {
+        let mut words = self.0.iter().skip(FIRST_TABLE as usize);
+        let mut table = [[0.0; TABLE_NODES as usize]; 2];
+        for (number, &word) in table.as_flattened_mut().iter_mut().zip(&mut words) {
+            *number = f32::from_bits(word);
+        }
+        table
+    }
+
     /// Changes a setting.
     ///
     /// # Errors
@@ -377,6 +397,14 @@ mod tests {
         }
         indices.sort_unstable();
         assert_eq!(indices, (0..COUNT).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn what_is_shipped_has_no_table() {
+        let (_, table) = Settings::DEFAULT
+            .words()
+            .split_at(usize::from(SHIPPED_COUNT));
+        assert!(table.len() == 2 * usize::from(TABLE_NODES) && table.iter().all(|&word| word == 0));
     }
 
     #[test]

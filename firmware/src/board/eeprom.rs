@@ -8,6 +8,9 @@ use core::arch::asm;
 
 use avr_device::atmega2560::EEPROM;
 use firmware::store;
+use wire::settings::{COUNT, SHIPPED_COUNT, Settings};
+
+use super::texts::flash_byte;
 
 /// Erases and writes.
 const BOTH: u8 = 0b00 << 4;
@@ -30,7 +33,34 @@ impl Eeprom {
     }
 }
 
+/// What a board is shipped with, up to the table, which is empty.
+#[unsafe(link_section = ".progmem.data")]
+static SHIPPED: [u32; SHIPPED_COUNT as usize] = {
+    let mut words = [0; SHIPPED_COUNT as usize];
+    let mut index = 0;
+    while index < words.len() {
+        words[index] = Settings::DEFAULT.words()[index];
+        index += 1;
+    }
+    words
+};
+
 impl store::Eeprom for Eeprom {
+    fn shipped(&self) -> Settings {
+        let mut words = [0; COUNT as usize];
+        let mut at = SHIPPED.as_ptr().cast::<u8>();
+        for word in words.iter_mut().take(SHIPPED.len()) {
+            let mut bytes = [0; 4];
+            for byte in &mut bytes {
+                // SAFETY: within the words, which are in flash.
+                *byte = unsafe { flash_byte(at) };
+                at = at.wrapping_add(1);
+            }
+            *word = u32::from_le_bytes(bytes);
+        }
+        Settings::from_words(words)
+    }
+
     fn read(&self, address: u16) -> u8 {
         self.wait();
         self.0.eear().write(|w| w.set(address));

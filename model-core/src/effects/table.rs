@@ -187,36 +187,24 @@ impl<R: Real> Table<R> {
     /// # Errors
     ///
     /// [`InvalidTable`].
+    #[inline(never)] // Once on the board.
     pub fn new(of: Variable, nodes: &[f32], forces: &[R]) -> Result<Self, InvalidTable> {
-        if nodes.len() == forces.len() {
-            Self::of_pairs(of, nodes.iter().copied().zip(forces.iter().copied()))
-        } else {
-            Err(InvalidTable::Lengths)
+        if nodes.len() != forces.len() {
+            return Err(InvalidTable::Lengths);
         }
-    }
-
-    /// [`Table::new`] for nodes that do not lie side by side in memory, each with
-    /// its force.
-    ///
-    /// # Errors
-    ///
-    /// [`InvalidTable`].
-    pub fn of_pairs(
-        of: Variable,
-        pairs: impl IntoIterator<Item = (f32, R)>,
-    ) -> Result<Self, InvalidTable> {
+        let count = u8::try_from(nodes.len()).unwrap_or(u8::MAX);
         let mut table = Self {
             of,
-            count: 0,
+            count,
             nodes: [0.0; MAX_NODES],
             forces: [R::zero(); MAX_NODES],
         };
-        let mut places = table.nodes.iter_mut().zip(&mut table.forces);
+        if !(MIN_NODES..=MAX_NODES).contains(&nodes.len()) {
+            return Err(InvalidTable::NodeCount);
+        }
+        let places = table.nodes.iter_mut().zip(&mut table.forces);
         let mut before = f32::NEG_INFINITY;
-        for (index, (node, force)) in pairs.into_iter().enumerate() {
-            let Some(place) = places.next() else {
-                return Err(InvalidTable::NodeCount);
-            };
+        for (index, (place, (&node, &force))) in places.zip(nodes.iter().zip(forces)).enumerate() {
             if !(node.is_finite() && force.is_finite()) {
                 return Err(InvalidTable::NotFinite(index));
             }
@@ -225,10 +213,6 @@ impl<R: Real> Table<R> {
             }
             (*place.0, *place.1) = (node, force);
             before = node;
-            table.count += 1;
-        }
-        if usize::from(table.count) < MIN_NODES {
-            return Err(InvalidTable::NodeCount);
         }
         Ok(table)
     }
@@ -583,7 +567,8 @@ mod tests {
             }).collect();
             pairs.extend(pairs.clone().iter().map(|&(node, size)| (-node, -size)));
             pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
-            let table = Table::of_pairs(Variable::Rate, pairs).unwrap();
+            let (nodes, forces): (Vec<f32>, Vec<f64>) = pairs.into_iter().unzip();
+            let table = Table::new(Variable::Rate, &nodes, &forces).unwrap();
             prop_assert!(table.at(rate) * rate >= -1e-12);
         }
 
