@@ -127,14 +127,10 @@ fn table(settings: &Settings, slot: u8) -> Result<Table<f32>, Flaw> {
         _ => return Err(Flaw::UnknownEffect { slot }),
     };
     let count = whole(TABLE_COUNT).ok_or(Flaw::Table(InvalidTable::NodeCount))?;
-    let [nodes, forces] = settings.table();
-    let count = usize::from(count);
-    nodes
-        .get(..count)
-        .zip(forces.get(..count))
-        .ok_or(InvalidTable::NodeCount)
-        .and_then(|(nodes, forces)| Table::new(of, nodes, forces))
-        .map_err(Flaw::Table)
+    if count > TABLE_NODES {
+        return Err(Flaw::Table(InvalidTable::NodeCount));
+    }
+    Table::of_pairs(of, settings.table().take(usize::from(count))).map_err(Flaw::Table)
 }
 
 /// The model of the settings; empty slots between effects do not matter.

@@ -37,10 +37,10 @@ pub trait Eeprom {
     /// Starts to write a byte, once what was written before is done. On the
     /// board that takes 3.3 ms, and reading waits for it.
     fn write(&mut self, address: u16, byte: u8);
-    /// What a board is shipped with. A constant lies in RAM on the board, so that
-    /// it has its own way to read it.
-    fn shipped(&self) -> Settings {
-        Settings::DEFAULT
+    /// Fills in what a board is shipped with. A constant lies in RAM on the board, so
+    /// that it has its own way to read it.
+    fn ship(&self, settings: &mut Settings) {
+        *settings = Settings::DEFAULT;
     }
 }
 
@@ -139,10 +139,9 @@ impl Slot {
         }
     }
 
-    fn settings(self, eeprom: &impl Eeprom) -> Settings {
-        let mut words = [0; COUNT as usize];
+    fn read(self, eeprom: &impl Eeprom, settings: &mut Settings) {
         let mut address = self.body(HEADER);
-        for word in &mut words {
+        for word in settings.words_mut() {
             let mut bytes = [0; WORD_BYTES as usize];
             for byte in &mut bytes {
                 *byte = eeprom.read(address);
@@ -150,7 +149,6 @@ impl Slot {
             }
             *word = u32::from_le_bytes(bytes);
         }
-        Settings::from_words(words)
     }
 }
 
@@ -191,26 +189,33 @@ fn newest(a: Content, b: Content) -> Option<(Slot, u16)> {
 }
 
 /// What was found in the memory.
-#[derive(Clone, Debug, PartialEq, Eq)]
-#[allow(clippy::large_enum_variant)] // Moved once, at start-up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Loaded {
     /// The newest settings, which also pass [`check`].
-    Stored(Settings),
-    /// Nothing was ever stored.
+    Stored,
+    /// Nothing was ever stored; what a board is shipped with.
     Shipped,
     /// Something was stored and cannot be trusted any more, or makes no sense to
-    /// this firmware.
+    /// this firmware; what a board is shipped with.
     Damaged,
 }
 
-/// Reads the newest settings.
-pub fn load(eeprom: &impl Eeprom) -> Loaded {
+/// Reads the newest settings into `settings`.
+pub fn load(eeprom: &impl Eeprom, settings: &mut Settings) -> Loaded {
+    let found = find(eeprom, settings);
+    if found != Loaded::Stored {
+        eeprom.ship(settings);
+    }
+    found
+}
+
+fn find(eeprom: &impl Eeprom, settings: &mut Settings) -> Loaded {
     let (a, b) = (Slot::A.look(eeprom), Slot::B.look(eeprom));
     match (newest(a, b), a, b) {
         (Some((slot, _)), ..) => {
-            let settings = slot.settings(eeprom);
-            if check(&settings).is_ok() {
-                Loaded::Stored(settings)
+            slot.read(eeprom, settings);
+            if check(settings).is_ok() {
+                Loaded::Stored
             } else {
                 Loaded::Damaged
             }
@@ -365,7 +370,7 @@ impl Writer {
 #[cfg(test)]
 mod tests {
     extern crate std;
-    use super::*;
+    use super::{Loaded as Found, *};
     use proptest::prelude::*;
     use wire::settings::{EFFECT_PARAMETERS, Key};
 
@@ -435,6 +440,29 @@ mod tests {
             if self.worn != Some(address) {
                 self.bytes[usize::from(address)] = byte;
             }
+        }
+    }
+
+    /// What was found, with its settings.
+    #[derive(Clone, Debug, PartialEq, Eq)]
+    #[allow(clippy::large_enum_variant)]
+    enum Loaded {
+        Stored(Settings),
+        Shipped,
+        Damaged,
+    }
+
+    fn load(memory: &Memory) -> Loaded {
+        let mut settings = Settings::from_words([0; COUNT as usize]);
+        let found = super::load(memory, &mut settings);
+        if found == Found::Stored {
+            return Loaded::Stored(settings);
+        }
+        assert_eq!(settings, Settings::DEFAULT);
+        if found == Found::Shipped {
+            Loaded::Shipped
+        } else {
+            Loaded::Damaged
         }
     }
 

@@ -492,7 +492,7 @@ mod tests {
     fn hidden(seed: u64, kind: Kind) -> (Model<f64>, model_core::catalogue::Effect<f64>) {
         let models = rig_models(seed, Some(kind)).unwrap();
         let truth = ModelFile::parse(&models.truth, Path::new("truth.toml")).unwrap();
-        let effect = *truth.model.effects().next().unwrap();
+        let effect = truth.model.effects().next().unwrap();
         (truth.model, effect)
     }
 

@@ -292,6 +292,9 @@ impl Settings {
     /// What a board is shipped with.
     pub const DEFAULT: Self = Self::shipped();
 
+    /// All words zero: no settings yet.
+    pub const EMPTY: Self = Self([0; COUNT as usize]);
+
     const fn shipped() -> Self {
         let mut words = [0; COUNT as usize];
         let scalars = scalar_defaults();
@@ -316,6 +319,12 @@ impl Settings {
         Self(words)
     }
 
+    /// The words, to be filled in unchecked: in place, since a copy is large for a
+    /// board's stack.
+    pub const fn words_mut(&mut self) -> &mut [u32; COUNT as usize] {
+        &mut self.0
+    }
+
     /// The words, as they are stored.
     pub const fn words(&self) -> &[u32; COUNT as usize] {
         &self.0
@@ -331,15 +340,13 @@ impl Settings {
         self.bits(key).map_or(f32::NAN, f32::from_bits)
     }
 
-    /// The nodes of the table (SI units) and the forces at them (N), also those
-    /// that are not in use.
-    pub fn table(&self) -> [[f32; TABLE_NODES as usize]; 2] {
-        let mut words = self.0.iter().skip(FIRST_TABLE as usize);
-        let mut table = [[0.0; TABLE_NODES as usize]; 2];
-        for (number, &word) in table.as_flattened_mut().iter_mut().zip(&mut words) {
-            *number = f32::from_bits(word);
-        }
-        table
+    /// The nodes of the table (SI units) with the forces at them (N), also those that
+    /// are not in use.
+    pub fn table(&self) -> impl Iterator<Item = (f32, f32)> {
+        let (_, words) = self.0.split_at(FIRST_TABLE as usize);
+        let (nodes, forces) = words.split_at(TABLE_NODES as usize);
+        let pairs = nodes.iter().zip(forces);
+        pairs.map(|(&node, &force)| (f32::from_bits(node), f32::from_bits(force)))
     }
 
     /// Changes a setting.

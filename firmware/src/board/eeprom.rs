@@ -8,7 +8,7 @@ use core::arch::asm;
 
 use avr_device::atmega2560::EEPROM;
 use firmware::store;
-use wire::settings::{COUNT, SHIPPED_COUNT, Settings};
+use wire::settings::{SHIPPED_COUNT, Settings};
 
 use super::texts::flash_byte;
 
@@ -46,11 +46,14 @@ static SHIPPED: [u32; SHIPPED_COUNT as usize] = {
 };
 
 impl store::Eeprom for Eeprom {
-    fn shipped(&self) -> Settings {
-        let mut words = [0; COUNT as usize];
+    fn ship(&self, settings: &mut Settings) {
         let mut at = SHIPPED.as_ptr().cast::<u8>();
-        for word in words.iter_mut().take(SHIPPED.len()) {
+        for (index, word) in settings.words_mut().iter_mut().enumerate() {
             let mut bytes = [0; 4];
+            if index >= SHIPPED.len() {
+                *word = 0;
+                continue;
+            }
             for byte in &mut bytes {
                 // SAFETY: within the words, which are in flash.
                 *byte = unsafe { flash_byte(at) };
@@ -58,7 +61,6 @@ impl store::Eeprom for Eeprom {
             }
             *word = u32::from_le_bytes(bytes);
         }
-        Settings::from_words(words)
     }
 
     fn read(&self, address: u16) -> u8 {

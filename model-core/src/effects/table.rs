@@ -187,24 +187,36 @@ impl<R: Real> Table<R> {
     /// # Errors
     ///
     /// [`InvalidTable`].
-    #[inline(never)] // Once on the board.
     pub fn new(of: Variable, nodes: &[f32], forces: &[R]) -> Result<Self, InvalidTable> {
-        if nodes.len() != forces.len() {
-            return Err(InvalidTable::Lengths);
+        if nodes.len() == forces.len() {
+            Self::of_pairs(of, nodes.iter().copied().zip(forces.iter().copied()))
+        } else {
+            Err(InvalidTable::Lengths)
         }
-        let count = u8::try_from(nodes.len()).unwrap_or(u8::MAX);
+    }
+
+    /// [`Table::new`] for nodes that do not lie side by side in memory, each with
+    /// its force.
+    ///
+    /// # Errors
+    ///
+    /// [`InvalidTable`].
+    pub fn of_pairs(
+        of: Variable,
+        pairs: impl IntoIterator<Item = (f32, R)>,
+    ) -> Result<Self, InvalidTable> {
         let mut table = Self {
             of,
-            count,
+            count: 0,
             nodes: [0.0; MAX_NODES],
             forces: [R::zero(); MAX_NODES],
         };
-        if !(MIN_NODES..=MAX_NODES).contains(&nodes.len()) {
-            return Err(InvalidTable::NodeCount);
-        }
-        let places = table.nodes.iter_mut().zip(&mut table.forces);
+        let mut places = table.nodes.iter_mut().zip(&mut table.forces);
         let mut before = f32::NEG_INFINITY;
-        for (index, (place, (&node, &force))) in places.zip(nodes.iter().zip(forces)).enumerate() {
+        for (index, (node, force)) in pairs.into_iter().enumerate() {
+            let Some(place) = places.next() else {
+                return Err(InvalidTable::NodeCount);
+            };
             if !(node.is_finite() && force.is_finite()) {
                 return Err(InvalidTable::NotFinite(index));
             }
@@ -213,6 +225,10 @@ impl<R: Real> Table<R> {
             }
             (*place.0, *place.1) = (node, force);
             before = node;
+            table.count += 1;
+        }
+        if usize::from(table.count) < MIN_NODES {
+            return Err(InvalidTable::NodeCount);
         }
         Ok(table)
     }
