@@ -184,10 +184,11 @@ fn node_si(of: Variable, node: f64) -> f32 {
 /// The number with the fewest digits that is read as this node.
 pub fn node_in_file(of: Variable, node: f32) -> f64 {
     let value = of.unit().from_si(f64::from(node));
-    (0..17)
+    #[allow(clippy::float_cmp)] // To the bit is the point.
+    let shown = (0..17)
         .filter_map(|digits| format!("{value:.digits$e}").parse().ok())
-        .find(|&shown| node_si(of, shown) == node)
-        .unwrap_or(value)
+        .find(|&shown| node_si(of, shown) == node);
+    shown.unwrap_or(value)
 }
 
 /// The name of a parameter as `[fit] free` and reports spell it.

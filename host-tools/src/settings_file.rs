@@ -474,8 +474,9 @@ mod tests {
         }
         let id = settings.bits(Key::EffectKind { slot: 1 });
         assert_eq!(id, Some(u32::from(effect_id("table"))));
-        let number = |index| settings.number(Key::EffectParameter { slot: 1, index });
-        assert_eq!([number(TABLE_OF), number(TABLE_COUNT)], [2.0, 3.0]);
+        let bits = |index| settings.bits(Key::EffectParameter { slot: 1, index });
+        let whole = [2.0, 3.0].map(|whole: f32| Some(whole.to_bits()));
+        assert_eq!([bits(TABLE_OF), bits(TABLE_COUNT)], whole);
         let table: Vec<(f32, f32)> = settings.table().take(4).collect();
         assert_eq!(
             table,

@@ -501,7 +501,6 @@ impl Drop for Link {
 mod tests {
     use super::*;
     use clap::Parser;
-    use model_core::catalogue::Effect;
 
     #[derive(Parser)]
     struct Arguments {

@@ -233,8 +233,8 @@ impl Key {
                 slot: digit(slot, EFFECTS)?,
                 index: digit(index, EFFECT_PARAMETERS)?,
             }),
-            [b't', b'.', b'x', node] => Some(Self::TableNode(hexadecimal(node)?)),
-            [b't', b'.', b'q', node] => Some(Self::TableForce(hexadecimal(node)?)),
+            [b't', b'.', b'x', node] => Some(Self::TableNode(hexadecimal(*node)?)),
+            [b't', b'.', b'q', node] => Some(Self::TableForce(hexadecimal(*node)?)),
             [b'f', b'.', b'c', point] => Some(Self::FlexCounts(digit(point, FLEX_POINTS)?)),
             [b'f', b'.', b'a', point] => Some(Self::FlexAngle(digit(point, FLEX_POINTS)?)),
             _ => Self::parse_scalar(Keyword::parse(word)?),
@@ -270,10 +270,10 @@ impl Key {
 pub struct Settings([u32; COUNT as usize]);
 
 /// The node of a table, 0 to f.
-const fn hexadecimal(byte: &u8) -> Option<u8> {
-    match *byte {
-        b'0'..=b'9' => Some(*byte - b'0'),
-        b'a'..=b'f' => Some(*byte - b'a' + 10),
+const fn hexadecimal(byte: u8) -> Option<u8> {
+    match byte {
+        b'0'..=b'9' => Some(byte - b'0'),
+        b'a'..=b'f' => Some(byte - b'a' + 10),
         _ => None,
     }
 }

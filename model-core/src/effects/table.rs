@@ -385,8 +385,8 @@ mod tests {
 
     /// Nodes that increase by at least 2⁻⁷, and forces.
     fn any_pairs() -> impl Strategy<Value = (Vec<f32>, Vec<f64>)> {
-        prop::collection::vec((0.0078125..1.0_f32, -2.0..2.0_f64), MIN_NODES..=MAX_NODES).prop_map(
-            |pairs| {
+        prop::collection::vec((0.007_812_5..1.0_f32, -2.0..2.0_f64), MIN_NODES..=MAX_NODES)
+            .prop_map(|pairs| {
                 let mut node = -3.0;
                 pairs
                     .into_iter()
@@ -395,8 +395,7 @@ mod tests {
                         (node, force)
                     })
                     .unzip()
-            },
-        )
+            })
     }
 
     #[test]

@@ -26,6 +26,11 @@ fn any_dynamics() -> impl Strategy<Value = Dynamics<f64>> {
 
 /// Any table of five nodes: the last three shares are what it is of, where it
 /// begins, and how wide it is.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "small, positive, and rounded on purpose"
+)]
 fn any_table(shares: [f64; 8]) -> Effect<f64> {
     let forces = [0, 1, 2, 3, 4].map(|k: usize| 10.0 * shares[k] - 5.0);
     let [of, begin, width] = [shares[5], shares[6], shares[7]];
