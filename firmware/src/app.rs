@@ -171,13 +171,13 @@ struct Derived {
 }
 
 impl Derived {
-    /// Checks settings as a whole.
-    fn of(settings: &Settings) -> Result<Self, Refusal> {
-        check(settings)?;
-        let model = model(settings).map_err(|_| Refusal::BadSettings)?;
-        Ok(Self {
-            calibration: calibration(settings).map_err(|_| Refusal::BadSettings)?,
-            observer: of_model(model, settings).map_err(|_| Refusal::BadSettings)?,
+    /// Of settings that [`check`] has passed; none if the model cannot be stepped.
+    fn of(settings: &Settings) -> Option<Self> {
+        let calibration = calibration(settings).ok()?;
+        let observer = of_model(model(settings).ok()?, settings).ok()?;
+        Some(Self {
+            calibration,
+            observer,
         })
     }
 }
@@ -198,24 +198,35 @@ impl App {
     /// that a board is shipped with if none are or if they are damaged, which is
     /// a fault.
     pub fn new(eeprom: &impl Eeprom, reset: ResetCause) -> Self {
-        let (settings, damaged) = match load(eeprom) {
-            Loaded::Stored(settings) => (settings, false),
-            Loaded::Shipped => (Settings::DEFAULT, false),
-            Loaded::Damaged => (Settings::DEFAULT, true),
-        };
-        let derived = Derived::of(&settings).ok();
+        let mut app = Self::empty(reset);
+        app.load(eeprom);
+        app
+    }
+
+    /// Reads the settings and computes what follows from them. Apart from
+    /// [`App::empty`], so that on the board there is one application and not a
+    /// second one on the stack meanwhile.
+    #[inline(never)]
+    pub fn load(&mut self, eeprom: &impl Eeprom) {
+        let found = load(eeprom, &mut self.settings);
+        self.draft.clone_from(&self.settings);
+        self.derived = Derived::of(&self.settings);
+        self.conditions.settings_damaged = found == Loaded::Damaged || self.derived.is_none();
+    }
+
+    /// An application that has not read its settings.
+    pub fn empty(reset: ResetCause) -> Self {
         Self {
-            draft: settings.clone(),
-            settings,
+            draft: Settings::EMPTY,
+            settings: Settings::EMPTY,
             sensors: Sensors::new(),
             supervisor: Supervisor::new(),
             conditions: Conditions {
                 watchdog: reset == ResetCause::Watchdog,
                 brown_out: reset == ResetCause::BrownOut,
-                settings_damaged: damaged || derived.is_none(),
                 ..Conditions::default()
             },
-            derived,
+            derived: None,
             reset,
             homing: None,
             controller: Controller::new(),
@@ -694,7 +705,7 @@ impl App {
                     .set(key, bits)
                     .map_err(|_| Refusal::OutOfBounds)?;
             }
-            Command::Discard => self.draft = self.settings.clone(),
+            Command::Discard => self.draft.clone_from(&self.settings),
             Command::Save => self.save()?,
             Command::Tare => {
                 if self.state() != State::Idle {
@@ -714,21 +725,26 @@ impl App {
     ///
     /// The reply comes at once and says that the settings are in use;
     /// [`App::report`] says some 3 s later whether the EEPROM has them.
+    #[inline(never)] // What it needs on the stack is not for `main` to keep.
     fn save(&mut self) -> Result<(), Refusal> {
         let resting = matches!(self.state(), State::Idle | State::Fault);
         if !resting || self.saving.is_busy() {
             return Err(Refusal::NotNow);
         }
-        let derived = Derived::of(&self.draft)?;
-        if self
-            .derived
-            .as_ref()
-            .is_none_or(|before| before.calibration != derived.calibration)
-        {
+        check(&self.draft)?;
+        let calibrated = calibration(&self.draft).ok();
+        let before = self.derived.as_ref().map(|derived| &derived.calibration);
+        let same_sensors = before == calibrated.as_ref();
+        // In place: two of them are too much for the stack.
+        self.derived = Derived::of(&self.draft);
+        if self.derived.is_none() {
+            self.derived = Derived::of(&self.settings);
+            return Err(Refusal::BadSettings);
+        }
+        if !same_sensors {
             self.sensors = Sensors::new();
         }
-        self.derived = Some(derived);
-        self.settings = self.draft.clone();
+        self.settings.clone_from(&self.draft);
         self.monitor.restart();
         self.saving = Saving::Accepted;
         Ok(())

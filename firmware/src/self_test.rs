@@ -9,7 +9,8 @@ use core::hint::black_box;
 
 use model_core::{
     actuator::{Dynamics, InvalidModel, Model, State},
-    catalogue::Kind,
+    catalogue::{Effect, Kind},
+    effects::table::{InModel, Table, Variable},
     input::Held,
     integrate::{Scheme, step},
     power::{GuardedMicromath, Minimax, Power},
@@ -59,8 +60,13 @@ impl Tested for GuardedMicromath {
     const POWER: u8 = stretch::POWER_MICROMATH;
 }
 
-/// The most parameters that an effect has.
+/// The most parameters that an effect has, but for a table.
 const MOST_PARAMETERS: usize = 8;
+
+/// Nodes (rad/s) of the table: the step begins on a slope.
+const NODES: [f32; 3] = [-0.3, 0.05, 0.7];
+/// Its forces (N).
+const FORCES: [f32; 3] = [-0.01, 0.001, -0.03];
 
 /// The model with one effect, its parameters small but within their bounds.
 ///
@@ -68,6 +74,15 @@ const MOST_PARAMETERS: usize = 8;
 ///
 /// [`InvalidModel`] if the effect has no such parameters, which the tests rule out.
 pub fn with_effect(kind: Kind) -> Result<Model<f32, Minimax>, InvalidModel> {
+    if kind == Kind::Table {
+        let table =
+            Table::new(Variable::Rate, &NODES, &FORCES).map_err(|_| InvalidModel::NotOneTable)?;
+        return Model::of_slots(
+            DYNAMICS,
+            [Some(Effect::Table(InModel)), None, None],
+            Some(table),
+        );
+    }
     let mut values = [0.0; MOST_PARAMETERS];
     for (index, value) in values.iter_mut().enumerate() {
         if let Some((lower, upper)) = kind.bounds(index) {
@@ -77,9 +92,9 @@ pub fn with_effect(kind: Kind) -> Result<Model<f32, Minimax>, InvalidModel> {
     }
     let effect = values
         .get(..kind.parameter_count())
-        .and_then(|values| kind.build(values))
+        .and_then(|values| kind.build_slot(values))
         .ok_or(InvalidModel::TooManyEffects)?;
-    Model::new(DYNAMICS, &[effect])
+    Model::of_slots(DYNAMICS, [Some(effect), None, None], None)
 }
 
 /// Prints what the firmware is and one step with each power function and effect.

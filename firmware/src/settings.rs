@@ -6,18 +6,26 @@
 //! checked against its own bounds before, by [`Settings::set`].
 
 use model_core::{
-    actuator::{Dynamics, InvalidModel, MAX_EFFECTS, Model},
+    actuator::{Dynamics, InvalidModel, MAX_EFFECTS, Model, Slot},
     catalogue::{Effect, Kind},
+    effects::table::{InModel, InvalidTable, MAX_NODES, Table, Variable},
     power::Minimax,
 };
 use wire::{
     reply::Refusal,
-    settings::{EFFECT_PARAMETERS, EFFECTS, FLEX_POINTS, Key, Settings, effect_id},
+    settings::{
+        EFFECT_PARAMETERS, EFFECTS, FLEX_POINTS, Key, Settings, TABLE_COUNT, TABLE_NODES, TABLE_OF,
+        effect_id,
+    },
 };
 
 use crate::sensing::{Calibration, flex, flex::Flex, pressure::Pressure};
 
-const _: () = assert!(FLEX_POINTS == flex::MOST_POINTS && EFFECTS as usize == MAX_EFFECTS);
+const _: () = assert!(
+    FLEX_POINTS == flex::MOST_POINTS
+        && EFFECTS as usize == MAX_EFFECTS
+        && TABLE_NODES as usize == MAX_NODES
+);
 
 /// Most microsteps from the retracted end to the largest volume: as far as a
 /// single-precision number counts every step.
@@ -36,6 +44,8 @@ pub enum Flaw {
     },
     /// The parameters are not those of a model.
     Model(InvalidModel),
+    /// The numbers of the table are not a table.
+    Table(InvalidTable),
     /// The flex sensor's table does not rise or fall strictly; see
     /// [`Flex::new`].
     FlexTable,
@@ -62,7 +72,7 @@ macro_rules! kinds {
                     return Some(Kind::$name);
                 }
             )+
-            None
+            (id == const { effect_id(Kind::Table.name()) }).then_some(Kind::Table)
         }
 
         const _: () = {
@@ -75,30 +85,59 @@ macro_rules! kinds {
 }
 model_core::for_each_effect!(kinds);
 
-/// The effect in a slot; none for an empty one.
-fn effect(settings: &Settings, slot: u8) -> Result<Option<Effect<f32>>, Flaw> {
+/// The effect in a slot, a table without its numbers; none for an empty one.
+#[inline(never)] // Three slots, one copy.
+fn effect(settings: &Settings, slot: u8) -> Result<Option<Slot<f32>>, Flaw> {
     let unknown = Flaw::UnknownEffect { slot };
     let id = settings.bits(Key::EffectKind { slot }).unwrap_or(0);
     if id == 0 {
         return Ok(None);
     }
     let kind = u16::try_from(id).ok().and_then(kind).ok_or(unknown)?;
+    if kind == Kind::Table {
+        return Ok(Some(Effect::Table(InModel)));
+    }
     let mut values = [0.0; EFFECT_PARAMETERS as usize];
     for (value, index) in values.iter_mut().zip(0..) {
         *value = settings.number(Key::EffectParameter { slot, index });
     }
     values
         .get(..kind.parameter_count())
-        .and_then(|values| kind.build(values))
+        .and_then(|values| kind.build_slot(values))
         .map(Some)
         .ok_or(unknown)
+}
+
+/// The table whose slot is `slot`.
+#[inline(never)]
+fn table(settings: &Settings, slot: u8) -> Result<Table<f32>, Flaw> {
+    let whole = |index| {
+        let value = settings.number(Key::EffectParameter { slot, index });
+        // The conversion saturates; what is not a whole number differs after it.
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let whole = value as u8;
+        #[allow(clippy::float_cmp)] // Whole numbers are exact.
+        (f32::from(whole) == value).then_some(whole)
+    };
+    let of = match whole(TABLE_OF) {
+        Some(0) => Variable::Angle,
+        Some(1) => Variable::Rate,
+        Some(2) => Variable::Pressure,
+        Some(3) => Variable::Time,
+        _ => return Err(Flaw::UnknownEffect { slot }),
+    };
+    let count = whole(TABLE_COUNT).ok_or(Flaw::Table(InvalidTable::NodeCount))?;
+    if count > TABLE_NODES {
+        return Err(Flaw::Table(InvalidTable::NodeCount));
+    }
+    Table::of_pairs(of, settings.table().take(usize::from(count))).map_err(Flaw::Table)
 }
 
 /// The model of the settings; empty slots between effects do not matter.
 ///
 /// # Errors
 ///
-/// [`Flaw::UnknownEffect`] or [`Flaw::Model`].
+/// [`Flaw::UnknownEffect`], [`Flaw::Table`] or [`Flaw::Model`].
 pub fn model(settings: &Settings) -> Result<Model<f32, Minimax>, Flaw> {
     let dynamics = Dynamics {
         inertia: settings.number(Key::Inertia),
@@ -108,10 +147,20 @@ pub fn model(settings: &Settings) -> Result<Model<f32, Minimax>, Flaw> {
         input_gain: settings.number(Key::InputGain),
     };
     let mut effects = [None; EFFECTS as usize];
-    for (place, slot) in effects.iter_mut().zip(0..) {
-        *place = effect(settings, slot)?;
+    let mut places = effects.iter_mut();
+    let mut numbers = None;
+    for slot in 0..EFFECTS {
+        let Some(found) = effect(settings, slot)? else {
+            continue;
+        };
+        if let Effect::Table(_) = found {
+            numbers = Some(table(settings, slot)?);
+        }
+        if let Some(place) = places.next() {
+            *place = Some(found);
+        }
     }
-    Model::of_effects(dynamics, effects.into_iter().flatten()).map_err(Flaw::Model)
+    Model::of_slots(dynamics, effects, numbers).map_err(Flaw::Model)
 }
 
 /// The sensors' calibration.
@@ -129,17 +178,21 @@ pub fn calibration(settings: &Settings) -> Result<Calibration, Flaw> {
     // The conversion saturates; what is not a whole number differs after it.
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     let whole = points as u8;
-    let flex = Flex::new(whole, |point| {
-        (
-            settings.number(Key::FlexCounts(point)),
-            settings.number(Key::FlexAngle(point)),
-        )
-    });
+    let flex = Flex::new(whole, |point| flex_point(settings, point));
     match flex {
         #[allow(clippy::float_cmp)] // Whole numbers are exact.
         Some(flex) if f32::from(whole) == points => Ok(Calibration { pressure, flex }),
         _ => Err(Flaw::FlexTable),
     }
+}
+
+/// A point of the flex sensor's table: counts and degrees.
+#[inline(never)] // One copy of five.
+fn flex_point(settings: &Settings, point: u8) -> (f32, f32) {
+    (
+        settings.number(Key::FlexCounts(point)),
+        settings.number(Key::FlexAngle(point)),
+    )
 }
 
 /// Where the rig is stopped.
@@ -250,7 +303,7 @@ mod tests {
 
     #[test]
     fn every_effect_of_the_catalogue_is_found_by_its_identifier() {
-        for &kind in Kind::ALL {
+        for &kind in Kind::NAMES {
             let mut values = std::vec![0.0; kind.parameter_count()];
             for (index, value) in values.iter_mut().enumerate() {
                 let (lower, upper) = kind.bounds(index).unwrap();
@@ -260,9 +313,75 @@ mod tests {
             put(&mut settings, 1, kind, &values);
             assert_eq!(check(&settings), Ok(()), "{kind:?}");
             let model = model(&settings).unwrap();
-            let effects: std::vec::Vec<_> = model.effects().copied().collect();
+            let effects: std::vec::Vec<_> = model.effects().collect();
             assert_eq!(effects, [kind.build(&values).unwrap()]);
         }
+    }
+
+    fn put_table(settings: &mut Settings, slot: u8, of: f32, nodes: &[f32], forces: &[f32]) {
+        #[allow(clippy::cast_precision_loss)]
+        put(settings, slot, Kind::Table, &[of, nodes.len() as f32]);
+        for (index, (node, force)) in (0..).zip(nodes.iter().zip(forces)) {
+            settings.set(Key::TableNode(index), node.to_bits()).unwrap();
+            settings
+                .set(Key::TableForce(index), force.to_bits())
+                .unwrap();
+        }
+    }
+
+    #[test]
+    fn a_table_is_read_whatever_it_is_of() {
+        let (nodes, forces) = ([-0.5, 0.0, 0.7], [0.1, 0.0, -0.3]);
+        for (index, of) in (0_u8..).zip(Variable::ALL) {
+            let mut settings = Settings::DEFAULT;
+            put(&mut settings, 0, Kind::QuadraticDamping, &[0.1]);
+            put_table(&mut settings, 2, f32::from(index), &nodes, &forces);
+            assert_eq!(check(&settings), Ok(()), "{of:?}");
+            let expected = Table::new(of, &nodes, &forces).unwrap();
+            let model = model(&settings).unwrap();
+            assert_eq!(model.table(), Some(&expected));
+            assert_eq!(model.effects().last(), Some(Effect::Table(expected)));
+        }
+    }
+
+    #[test]
+    fn flaws_of_a_table_are_found() {
+        let nodes: std::vec::Vec<f32> = (0..16_u8).map(f32::from).collect();
+        let forces = [0.1; 16];
+        let with = |slot, of: f32, change: &[(Key, f32)]| {
+            let mut settings = Settings::DEFAULT;
+            put_table(&mut settings, slot, of, &nodes, &forces);
+            for &(key, value) in change {
+                settings.set(key, value.to_bits()).unwrap();
+            }
+            examine(&settings)
+        };
+        assert_eq!(with(1, 1.0, &[]), Ok(()));
+        for of in [4.0, 0.5, -1.0] {
+            assert_eq!(with(1, of, &[]), Err(Flaw::UnknownEffect { slot: 1 }));
+        }
+        let count = Key::EffectParameter {
+            slot: 1,
+            index: TABLE_COUNT,
+        };
+        for bad in [0.0, 1.0, 2.5, 17.0, -3.0] {
+            let flaw = Flaw::Table(InvalidTable::NodeCount);
+            assert_eq!(with(1, 1.0, &[(count, bad)]), Err(flaw), "{bad}");
+        }
+        assert_eq!(
+            with(1, 1.0, &[(Key::TableNode(7), 6.0)]),
+            Err(Flaw::Table(InvalidTable::NotIncreasing(7)))
+        );
+        // What lies beyond the nodes in use does not matter.
+        assert_eq!(
+            with(1, 1.0, &[(count, 7.0), (Key::TableNode(7), 6.0)]),
+            Ok(())
+        );
+
+        let mut two = Settings::DEFAULT;
+        put_table(&mut two, 0, 0.0, &nodes, &forces);
+        put_table(&mut two, 1, 1.0, &nodes, &forces);
+        assert_eq!(examine(&two), Err(Flaw::Model(InvalidModel::NotOneTable)));
     }
 
     #[test]
@@ -271,7 +390,7 @@ mod tests {
         put(&mut settings, 0, Kind::QuadraticDamping, &[0.1]);
         put(&mut settings, 2, Kind::CoulombFriction, &[0.02, 0.05]);
         let model = model(&settings).unwrap();
-        let kinds: std::vec::Vec<_> = model.effects().map(Effect::kind).collect();
+        let kinds: std::vec::Vec<_> = model.effects().map(|effect| effect.kind()).collect();
         assert_eq!(kinds, [Kind::QuadraticDamping, Kind::CoulombFriction]);
     }
 

@@ -37,6 +37,11 @@ pub trait Eeprom {
     /// Starts to write a byte, once what was written before is done. On the
     /// board that takes 3.3 ms, and reading waits for it.
     fn write(&mut self, address: u16, byte: u8);
+    /// Fills in what a board is shipped with. A constant lies in RAM on the board, so
+    /// that it has its own way to read it.
+    fn ship(&self, settings: &mut Settings) {
+        *settings = Settings::DEFAULT;
+    }
 }
 
 /// What a slot's ends say when the record between them is whole.
@@ -46,16 +51,23 @@ const NO_MARK: u8 = 0;
 /// What cells hold that were never written.
 const ERASED: u8 = 0xff;
 
-/// Changes whenever the words change their meaning.
-const VERSION: u8 = 1;
+/// Changes whenever the words change their meaning. A record of another version is
+/// [`Loaded::Damaged`]: the words of version 1 have no shape of a Bouc–Wen hysteresis,
+/// and the zero in that place would be another loop.
+const VERSION: u8 = 2;
 
-const WORD_BYTES: u8 = 4;
+const WORD_BYTES: u16 = 4;
 /// Version, number of words, sequence.
-const HEADER: u8 = 4;
-const SEQUENCE_AT: u8 = 2;
-const CHECKED: u8 = HEADER + WORD_BYTES * COUNT;
+const HEADER: u16 = 4;
+const SEQUENCE_AT: u16 = 2;
+const CHECKED: u16 = HEADER + WORD_BYTES * COUNT as u16;
 /// Everything between the marks.
-const BODY: u8 = CHECKED + 2;
+const BODY: u16 = CHECKED + 2;
+
+/// Version and number of words of the records of version 1. Their second slot lies
+/// within the first one of today, so what they leave without a mark in the first
+/// one is no sign that nothing was ever stored.
+const VERSION_1: (u8, u8) = (1, 57);
 
 /// Bytes that the two slots take, from address zero on.
 ///
@@ -63,8 +75,8 @@ const BODY: u8 = CHECKED + 2;
 /// supply in the middle of a write is known to spoil that one.
 pub const SIZE: u16 = FIRST + 2 * SLOT;
 const FIRST: u16 = 16;
-const SLOT: u16 = 256;
-const _: () = assert!(BODY as u16 + 2 <= SLOT && COUNT < 63, "a slot is too small");
+const SLOT: u16 = 512;
+const _: () = assert!(BODY + 2 <= SLOT, "a slot is too small");
 
 /// One of the two places of a record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -88,8 +100,8 @@ impl Slot {
         }
     }
 
-    const fn body(self, offset: u8) -> u16 {
-        self.head() + 1 + offset as u16
+    const fn body(self, offset: u16) -> u16 {
+        self.head() + 1 + offset
     }
 
     const fn tail(self) -> u16 {
@@ -113,12 +125,12 @@ impl Slot {
             ])
         };
         let marked = eeprom.read(self.head()) == MARK || eeprom.read(self.tail()) == MARK;
-        let ours = eeprom.read(self.body(0)) == VERSION && eeprom.read(self.body(1)) == COUNT;
+        let layout = (eeprom.read(self.body(0)), eeprom.read(self.body(1)));
         if erased {
             Content::Erased
-        } else if !marked {
+        } else if !marked && layout != VERSION_1 {
             Content::Unfinished
-        } else if ours && pair(CHECKED) == crc.value() {
+        } else if marked && layout == (VERSION, COUNT) && pair(CHECKED) == crc.value() {
             Content::Whole {
                 sequence: pair(SEQUENCE_AT),
             }
@@ -127,10 +139,9 @@ impl Slot {
         }
     }
 
-    fn settings(self, eeprom: &impl Eeprom) -> Settings {
-        let mut words = [0; COUNT as usize];
+    fn read(self, eeprom: &impl Eeprom, settings: &mut Settings) {
         let mut address = self.body(HEADER);
-        for word in &mut words {
+        for word in settings.words_mut() {
             let mut bytes = [0; WORD_BYTES as usize];
             for byte in &mut bytes {
                 *byte = eeprom.read(address);
@@ -138,7 +149,6 @@ impl Slot {
             }
             *word = u32::from_le_bytes(bytes);
         }
-        Settings::from_words(words)
     }
 }
 
@@ -179,26 +189,33 @@ fn newest(a: Content, b: Content) -> Option<(Slot, u16)> {
 }
 
 /// What was found in the memory.
-#[derive(Clone, Debug, PartialEq, Eq)]
-#[allow(clippy::large_enum_variant)] // Moved once, at start-up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Loaded {
     /// The newest settings, which also pass [`check`].
-    Stored(Settings),
-    /// Nothing was ever stored.
+    Stored,
+    /// Nothing was ever stored; what a board is shipped with.
     Shipped,
     /// Something was stored and cannot be trusted any more, or makes no sense to
-    /// this firmware.
+    /// this firmware; what a board is shipped with.
     Damaged,
 }
 
-/// Reads the newest settings.
-pub fn load(eeprom: &impl Eeprom) -> Loaded {
+/// Reads the newest settings into `settings`.
+pub fn load(eeprom: &impl Eeprom, settings: &mut Settings) -> Loaded {
+    let found = find(eeprom, settings);
+    if found != Loaded::Stored {
+        eeprom.ship(settings);
+    }
+    found
+}
+
+fn find(eeprom: &impl Eeprom, settings: &mut Settings) -> Loaded {
     let (a, b) = (Slot::A.look(eeprom), Slot::B.look(eeprom));
     match (newest(a, b), a, b) {
         (Some((slot, _)), ..) => {
-            let settings = slot.settings(eeprom);
-            if check(&settings).is_ok() {
-                Loaded::Stored(settings)
+            slot.read(eeprom, settings);
+            if check(settings).is_ok() {
+                Loaded::Stored
             } else {
                 Loaded::Damaged
             }
@@ -239,14 +256,14 @@ enum Stage {
 const READS: u8 = 16;
 
 /// Writes settings, at most a byte a call, so that a control loop goes on
-/// meanwhile: at most 240 writes and 30 further calls.
+/// meanwhile: at most 364 writes and 50 further calls.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Writer {
     slot: Slot,
     sequence: u16,
     stage: Stage,
     /// Place in the stage.
-    place: u8,
+    place: u16,
     crc: Crc16,
 }
 
@@ -315,7 +332,7 @@ impl Writer {
     }
 
     fn body_byte(self, settings: &Settings) -> u8 {
-        let pick = |bytes: &[u8], at: u8| bytes.get(usize::from(at)).copied().unwrap_or(0);
+        let pick = |bytes: &[u8], at: u16| bytes.get(usize::from(at)).copied().unwrap_or(0);
         match self.place {
             0 => VERSION,
             1 => COUNT,
@@ -353,7 +370,7 @@ impl Writer {
 #[cfg(test)]
 mod tests {
     extern crate std;
-    use super::*;
+    use super::{Loaded as Found, *};
     use proptest::prelude::*;
     use wire::settings::{EFFECT_PARAMETERS, Key};
 
@@ -386,7 +403,7 @@ mod tests {
         /// Writes as the application does, until it is done or the power fails.
         fn save(&mut self, settings: &Settings) -> Poll {
             let mut writer = Writer::new(self);
-            for _ in 0..300 {
+            for _ in 0..450 {
                 let writes = self.writes;
                 let poll = writer.step(settings, self);
                 assert!(self.writes - writes <= 1, "a byte a call");
@@ -426,6 +443,29 @@ mod tests {
         }
     }
 
+    /// What was found, with its settings.
+    #[derive(Clone, Debug, PartialEq, Eq)]
+    #[allow(clippy::large_enum_variant)]
+    enum Loaded {
+        Stored(Settings),
+        Shipped,
+        Damaged,
+    }
+
+    fn load(memory: &Memory) -> Loaded {
+        let mut settings = Settings::from_words([0; COUNT as usize]);
+        let found = super::load(memory, &mut settings);
+        if found == Found::Stored {
+            return Loaded::Stored(settings);
+        }
+        assert_eq!(settings, Settings::DEFAULT);
+        if found == Found::Shipped {
+            Loaded::Shipped
+        } else {
+            Loaded::Damaged
+        }
+    }
+
     fn settings(damping: f32) -> Settings {
         let mut settings = Settings::DEFAULT;
         // Differ in many bytes, and stay valid.
@@ -455,7 +495,7 @@ mod tests {
     fn bytes_that_are_right_are_not_written() {
         let mut memory = Memory::new();
         memory.save(&settings(1.0));
-        assert!((200..=240).contains(&memory.writes), "{}", memory.writes);
+        assert!((300..=364).contains(&memory.writes), "{}", memory.writes);
         memory.save(&settings(1.0));
         memory.writes = 0;
         memory.save(&settings(1.0));
@@ -507,7 +547,7 @@ mod tests {
         start.save(&settings(1.0));
         start.bytes[40] ^= 4;
         assert_eq!(load(&start), Loaded::Damaged);
-        for cut in 1..250 {
+        for cut in 1..370 {
             let mut memory = start.clone();
             memory.fails = Some((cut, 0x5c));
             let poll = memory.save(&settings(2.0));
@@ -557,7 +597,7 @@ mod tests {
 
     #[test]
     fn settings_that_change_under_way_are_not_stored() {
-        for changed in (20..230).step_by(7) {
+        for changed in (20..360).step_by(7) {
             let mut memory = Memory::new();
             memory.save(&settings(1.0));
             let mut writer = Writer::new(&memory);
@@ -577,6 +617,51 @@ mod tests {
         }
     }
 
+    /// A board whose words meant something else asks for settings instead of
+    /// running another model.
+    #[test]
+    fn a_record_of_another_version_is_damaged() {
+        let mut memory = Memory::new();
+        memory.save(&settings(1.0));
+        let version = usize::from(Slot::A.body(0));
+        memory.bytes[version] = VERSION + 1;
+        let mut crc = Crc16::new();
+        for offset in 0..CHECKED {
+            crc.update(memory.bytes[usize::from(Slot::A.body(offset))]);
+        }
+        let at = usize::from(Slot::A.body(CHECKED));
+        memory.bytes[at..at + 2].copy_from_slice(&crc.value().to_le_bytes());
+        assert_eq!(load(&memory), Loaded::Damaged);
+    }
+
+    /// Version 1 had slots of 256 bytes and 57 words.
+    #[test]
+    fn records_of_version_1_are_damaged_whichever_slot_they_are_in() {
+        const OLD_SLOT: usize = 256;
+        const OLD_BODY: usize = 4 + 4 * 57 + 2;
+        let record = |memory: &mut Memory, slot: usize, mark: u8| {
+            let head = usize::from(FIRST) + slot * OLD_SLOT;
+            memory.bytes[head..][..=OLD_BODY + 1].fill(0x3f);
+            (memory.bytes[head], memory.bytes[head + 1 + OLD_BODY]) = (mark, mark);
+            (memory.bytes[head + 1], memory.bytes[head + 2]) = VERSION_1;
+        };
+        for (a, b) in [
+            (Some(MARK), None),
+            (Some(MARK), Some(MARK)),
+            (Some(NO_MARK), Some(MARK)),
+        ] {
+            let mut memory = Memory::new();
+            for (slot, mark) in [a, b].into_iter().enumerate() {
+                if let Some(mark) = mark {
+                    record(&mut memory, slot, mark);
+                }
+            }
+            assert_eq!(load(&memory), Loaded::Damaged);
+            assert_eq!(memory.save(&settings(1.0)), Poll::Done);
+            assert_eq!(load(&memory), Loaded::Stored(settings(1.0)));
+        }
+    }
+
     #[test]
     fn settings_without_sense_are_damaged() {
         let mut memory = Memory::new();
@@ -590,7 +675,7 @@ mod tests {
         /// Any number of saves, each cut off anywhere or not at all.
         #[test]
         fn whatever_was_saved_last_is_there(
-            saves in prop::collection::vec((1.0..100.0_f32, prop::option::of((1..260_u32, any::<u8>()))), 1..12),
+            saves in prop::collection::vec((1.0..100.0_f32, prop::option::of((1..380_u32, any::<u8>()))), 1..12),
         ) {
             let mut memory = Memory::new();
             let mut expected = Loaded::Shipped;

@@ -211,4 +211,32 @@ mod tests {
         assert_eq!(slope(2.3), 0.0);
         assert_eq!(slope(0.5), 0.0);
     }
+
+    proptest! {
+        /// By a force at a node, and by the place within a piece.
+        #[test]
+        fn tables_have_exact_derivatives(
+            forces in proptest::array::uniform4(-2.0..2.0_f64),
+            share in 0.1..0.9_f64,
+            piece in 0..3_usize,
+            node in 0..4_usize,
+        ) {
+            use model_core::effects::table::{Table, Variable};
+            let nodes = [-1.0_f32, -0.25, 0.5, 2.0];
+            let [start, end] = [nodes[piece], nodes[piece + 1]].map(f64::from);
+            let x = start + share * (end - start);
+            let at = |forces: [Dual<2>; 4], x| {
+                Table::new(Variable::Angle, &nodes, &forces).unwrap().at(x)
+            };
+            let constant = forces.map(Dual::constant);
+            agrees(|force| {
+                let mut forces = constant;
+                forces[node] = force;
+                at(forces, Dual::constant(x))
+            }, forces[node]);
+            let slope = at(constant, Dual::variable(x, 0, 1.0)).partials()[0];
+            let expected = (forces[piece + 1] - forces[piece]) / (end - start);
+            prop_assert!((slope - expected).abs() < 1e-12 * (1.0 + expected.abs()));
+        }
+    }
 }

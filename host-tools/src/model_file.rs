@@ -8,10 +8,11 @@ use std::path::{Path, PathBuf};
 
 use model_core::actuator::{Dynamics, InvalidModel, MAX_EFFECTS, Model, ParameterId};
 use model_core::catalogue::{Effect, Kind};
+use model_core::effects::table::{self, MAX_NODES, MIN_NODES, Variable};
 use model_core::ludwick::{Beam, Ludwick, SecondMoment};
 use model_core::material::find;
 use model_core::power::Exact;
-use toml_edit::{ArrayOfTables, Document, DocumentMut, Item, Table, Value};
+use toml_edit::{Array, ArrayOfTables, Document, DocumentMut, Item, Table, Value};
 
 use crate::error::InputError;
 use crate::recording::PASCAL_PER_KPA;
@@ -111,7 +112,12 @@ impl ModelFile {
                     table["kind"] = toml_edit::value(effect.kind().name());
                     tables.push(table);
                 }
-                if let Some(table) = tables.get_mut(slot) {
+                let Some(table) = tables.get_mut(slot) else {
+                    continue;
+                };
+                if let Effect::Table(numbers) = &effect {
+                    write_table(table, numbers);
+                } else {
                     for (row, value) in effect.parameters().iter().zip(effect.values()) {
                         replace_number(&mut table[row.key], tidy(row.unit.from_si(value)));
                     }
@@ -123,6 +129,66 @@ impl ModelFile {
         }
         document.to_string()
     }
+}
+
+/// Writes a table into its section: the forces anew, what is right already as it
+/// stands.
+fn write_table(section: &mut Table, numbers: &table::Table<f64>) {
+    let of = numbers.of();
+    if section.get("of").and_then(Item::as_str) != Some(of.name()) {
+        section["of"] = toml_edit::value(of.name());
+    }
+    let si =
+        |item: &Item| item_numbers(item).map(|list| list.iter().map(|x| node_si(of, *x)).collect());
+    let nodes: Option<Vec<f32>> = section.get("nodes").and_then(si);
+    if nodes.as_deref() != Some(numbers.nodes()) {
+        let shown = numbers.nodes().iter().map(|&node| node_in_file(of, node));
+        let mut value = Value::from(shown.collect::<Array>());
+        value
+            .decor_mut()
+            .set_suffix(format!("   # {}", of.unit().symbol()));
+        section["nodes"] = Item::Value(value);
+    }
+    let forces = numbers.forces().iter().map(|&force| tidy(force));
+    let present = section.get_mut("forces_n").and_then(Item::as_array_mut);
+    match present {
+        Some(list) if list.len() == numbers.forces().len() => {
+            for (value, force) in list.iter_mut().zip(forces) {
+                let decor = value.decor().clone();
+                *value = Value::from(force);
+                *value.decor_mut() = decor;
+            }
+        }
+        _ => section["forces_n"] = toml_edit::value(forces.collect::<Array>()),
+    }
+}
+
+/// The numbers of a list; none if it is anything else.
+fn item_numbers(item: &Item) -> Option<Vec<f64>> {
+    item.as_array()?.iter().map(value_number).collect()
+}
+
+fn value_number(value: &Value) -> Option<f64> {
+    value
+        .as_float()
+        .or_else(|| value.as_integer().map(|whole| whole as f64))
+}
+
+/// A node in the unit of files in the board's single precision and SI units.
+fn node_si(of: Variable, node: f64) -> f32 {
+    #[allow(clippy::cast_possible_truncation)] // Rounding is the point.
+    let node = of.unit().to_si(node) as f32;
+    node
+}
+
+/// The number with the fewest digits that is read as this node.
+pub fn node_in_file(of: Variable, node: f32) -> f64 {
+    let value = of.unit().from_si(f64::from(node));
+    #[allow(clippy::float_cmp)] // To the bit is the point.
+    let shown = (0..17)
+        .filter_map(|digits| format!("{value:.digits$e}").parse().ok())
+        .find(|&shown| node_si(of, shown) == node);
+    shown.unwrap_or(value)
 }
 
 /// The name of a parameter as `[fit] free` and reports spell it.
@@ -429,15 +495,18 @@ impl Reader<'_> {
                 format!("use one of: {}", known.join(", ")),
             )
         })?;
+        if kind == Kind::Table {
+            return self.numbers_of_table(table).map(Effect::Table);
+        }
         let mut keys = vec!["kind"];
         keys.extend(kind.parameters().iter().map(|row| row.key));
         self.known_keys(table, &format!("the effect {}", kind.name()), &keys)?;
         let values = kind
             .parameters()
             .iter()
-            .map(|row| match (self.number(table, row.key)?, row.held) {
+            .map(|row| match (self.number(table, row.key)?, row.left_out()) {
                 (Some(value), _) => Ok(row.unit.to_si(value)),
-                (None, Some(held)) => Ok(f64::from(held)),
+                (None, Some(value)) => Ok(f64::from(value)),
                 (None, None) => self.required(table, "[effect]", row.key),
             })
             .collect::<Result<Vec<f64>, InputError>>()?;
@@ -445,7 +514,129 @@ impl Reader<'_> {
             .ok_or_else(|| self.fail("has an incomplete effect", "add its parameters"))
     }
 
+    fn numbers_of_table(&self, section: &Table) -> Result<table::Table<f64>, InputError> {
+        let name = "the effect table";
+        self.known_keys(section, name, &["kind", "of", "nodes", "forces_n"])?;
+        let variables = Variable::ALL
+            .map(|of| format!("\"{}\"", of.name()))
+            .join(", ");
+        let advice = format!("write of = one of: {variables}");
+        let item = section.get("of").ok_or_else(|| {
+            self.fail_at(
+                section.span(),
+                format!("{name} does not say of what it is"),
+                advice.clone(),
+            )
+        })?;
+        let of = Variable::ALL
+            .into_iter()
+            .find(|of| item.as_str() == Some(of.name()))
+            .ok_or_else(|| {
+                let shown = item.to_string();
+                self.fail_at(
+                    item.span(),
+                    format!("of = {} is nothing that a table can be of", shown.trim()),
+                    advice,
+                )
+            })?;
+        let nodes = self.list(section, "nodes")?;
+        let forces = self.list(section, "forces_n")?;
+        if !(MIN_NODES..=MAX_NODES).contains(&nodes.len()) {
+            return Err(self.fail_at(
+                section.get("nodes").and_then(Item::span),
+                format!("the table has {} nodes", nodes.len()),
+                format!("give {MIN_NODES} to {MAX_NODES}"),
+            ));
+        }
+        if nodes.len() != forces.len() {
+            return Err(self.fail_at(
+                section.get("forces_n").and_then(Item::span),
+                format!(
+                    "the table has {} nodes and {} forces",
+                    nodes.len(),
+                    forces.len()
+                ),
+                "give a force for each node",
+            ));
+        }
+        let unit = of.unit().symbol();
+        let mut before = None;
+        for (node, span) in &nodes {
+            if before.is_some_and(|before| node_si(of, *node) <= node_si(of, before)) {
+                return Err(self.fail_at(
+                    span.clone(),
+                    format!("the node {node} {unit} is not above the one before it"),
+                    "write the nodes in rising order, apart by what seven digits can tell",
+                ));
+            }
+            before = Some(*node);
+        }
+        let (nodes, forces): (Vec<f32>, Vec<f64>) = nodes
+            .iter()
+            .zip(&forces)
+            .map(|((node, _), (force, _))| (node_si(of, *node), *force))
+            .unzip();
+        table::Table::new(of, &nodes, &forces).map_err(|error| {
+            self.fail_at(
+                section.get("nodes").and_then(Item::span),
+                format!("the table {error}"),
+                "give nodes in rising order, and a finite force for each",
+            )
+        })
+    }
+
+    /// A list of finite numbers, with their places.
+    #[allow(clippy::type_complexity)] // A number and where it stands.
+    fn list(
+        &self,
+        section: &Table,
+        key: &str,
+    ) -> Result<Vec<(f64, Option<std::ops::Range<usize>>)>, InputError> {
+        let item = section.get(key).ok_or_else(|| {
+            self.fail_at(
+                section.span(),
+                format!("the table has no {key}"),
+                format!("add `{key} = […]`, a list of numbers"),
+            )
+        })?;
+        let list = item.as_array().ok_or_else(|| {
+            self.fail_at(
+                item.span(),
+                format!("{key} is not a list"),
+                format!("write it as {key} = [-1.0, 0.0, 1.0]"),
+            )
+        })?;
+        list.iter()
+            .map(|value| match value_number(value) {
+                #[allow(clippy::cast_possible_truncation)] // A board has single precision.
+                Some(number) if (number as f32).is_finite() => Ok((number, value.span())),
+                _ => Err(self.fail_at(
+                    value.span(),
+                    format!(
+                        "{} in {key} is not a finite number",
+                        value.to_string().trim()
+                    ),
+                    "write numbers without quotes and without a unit",
+                )),
+            })
+            .collect()
+    }
+
     fn invalid(&self, error: InvalidModel, dynamics: &Table, effects: &[&Table]) -> InputError {
+        if error == InvalidModel::NotOneTable {
+            let is_table = |table: &&&Table| {
+                table.get("kind").and_then(Item::as_str) == Some(Kind::Table.name())
+            };
+            return self.fail_at(
+                effects
+                    .iter()
+                    .filter(is_table)
+                    .nth(1)
+                    .and_then(|table| table.span()),
+                error.to_string(),
+                "keep one: a model, like a board, has room for the numbers of one table",
+            );
+        }
         let (InvalidModel::NotFinite(id)
         | InvalidModel::NotPositive(id)
         | InvalidModel::Negative(id)
@@ -512,20 +703,26 @@ impl Reader<'_> {
                 "write it as free = [\"damping\", \"stiffness\"]",
             )
         })?;
-        let mut known: Vec<(String, ParameterId)> = BASE
+        let mut known: Vec<(String, Vec<ParameterId>)> = BASE
             .iter()
-            .map(|(id, name, _)| ((*name).to_owned(), *id))
+            .map(|(id, name, _)| ((*name).to_owned(), vec![*id]))
             .collect();
         for (slot, effect) in model.effects().enumerate() {
-            for parameter in 0..effect.parameters().len() {
-                let id = ParameterId::Effect { slot, parameter };
-                known.push((parameter_name(model, id), id));
+            let ids = (0..effect.parameters().len())
+                .map(|parameter| ParameterId::Effect { slot, parameter });
+            if effect.kind() == Kind::Table {
+                // All of them, in a word.
+                known.push((
+                    format!("{}.forces_n", Kind::Table.name()),
+                    ids.clone().collect(),
+                ));
             }
+            known.extend(ids.map(|id| (parameter_name(model, id), vec![id])));
         }
         let mut free = Vec::new();
         for value in list {
             let name = value.as_str().unwrap_or("");
-            let (_, id) = known
+            let (_, ids) = known
                 .iter()
                 .find(|(known, _)| known == name)
                 .ok_or_else(|| {
@@ -539,8 +736,10 @@ impl Reader<'_> {
                         format!("use any of: {}", names.join(", ")),
                     )
                 })?;
-            if !free.contains(id) {
-                free.push(*id);
+            for id in ids {
+                if !free.contains(id) {
+                    free.push(*id);
+                }
             }
         }
         Ok(free)
@@ -663,6 +862,152 @@ force_n = 0.02
         }
     }
 
+    const TABLE: &str = r#"
+[[effect]]
+kind = "table"
+of = "pressure"
+nodes = [-10, 0.1, 12.5, 80.0]   # where it was measured
+forces_n = [
+  -0.2, # below
+  0.0,
+  0.15,
+  0.2,
+]
+"#;
+
+    fn with_table() -> String {
+        GOOD.to_owned() + TABLE
+    }
+
+    #[test]
+    fn a_table_is_read_into_si_units_and_its_forces_can_be_freed() {
+        let text = with_table().replace(
+            "\"stiffness\"]",
+            "\"table.forces_n[2]\", \"table.forces_n\"]",
+        );
+        let file = parse(&text).unwrap();
+        let table = file.model.table().unwrap();
+        assert_eq!(table.of(), Variable::Pressure);
+        assert_eq!(table.nodes(), [-1e4, 100.0, 12_500.0, 8e4]);
+        assert_eq!(table.forces(), [-0.2, 0.0, 0.15, 0.2]);
+        let force = |parameter| ParameterId::Effect { slot: 1, parameter };
+        let forces = [2, 0, 1, 3].map(force);
+        assert_eq!(file.free[0], ParameterId::Damping);
+        assert_eq!(file.free[1..], forces);
+        assert_eq!(file.parameter_name(force(2)), "table.forces_n[2]");
+        assert_eq!(parameter_unit(&file.model, force(2)), "N");
+        let message = parse(&with_table().replace("\"stiffness\"]", "\"table.forces_n[4]\"]"))
+            .unwrap_err()
+            .to_string();
+        assert!(
+            message.contains("line 12") && message.contains("table.forces_n[3]"),
+            "{message}"
+        );
+    }
+
+    #[test]
+    fn faults_of_a_table_name_line_column_and_remedy() {
+        for (from, to, parts) in [
+            (
+                "\"pressure\"",
+                "\"voltage\"",
+                vec!["line 20, column 6", "\"voltage\"", "\"rate\""],
+            ),
+            (
+                "of = \"pressure\"\n",
+                "",
+                vec!["line 18", "of what", "\"angle\""],
+            ),
+            (
+                "  0.15,\n",
+                "",
+                vec!["line 22, column 12", "4 nodes and 3 forces"],
+            ),
+            (
+                "12.5",
+                "0.1",
+                vec!["line 21, column 20", "0.1 kPa is not above", "rising"],
+            ),
+            ("12.5", "0.100000001", vec!["line 21", "seven digits"]),
+            (
+                "12.5",
+                "nan",
+                vec!["line 21, column 20", "nan in nodes", "number"],
+            ),
+            ("0.15", "inf", vec!["line 25, column 3", "inf in forces_n"]),
+            ("0.15", "\"much\"", vec!["line 25", "not a finite number"]),
+            ("0.15", "1e99", vec!["line 25", "not a finite number"]),
+            (
+                "[-10, 0.1, 12.5, 80.0]",
+                "-10",
+                vec!["line 21, column 9", "not a list"],
+            ),
+            (
+                "[-10, 0.1, 12.5, 80.0]",
+                "[1]",
+                vec!["line 21", "1 nodes", "2 to 16"],
+            ),
+            (
+                "[-10, ",
+                "[-30, -29, -28, -27, -26, -25, -24, -23, -22, -21, -20, -19, -18, -17, ",
+                vec!["line 21", "17 nodes", "2 to 16"],
+            ),
+            (
+                "nodes =",
+                "knots =",
+                vec!["line 21, column 1", "no key knots", "forces_n"],
+            ),
+        ] {
+            let text = with_table().replace(from, to);
+            let message = parse(&text).unwrap_err().to_string();
+            for part in parts {
+                assert!(message.contains(part), "{part:?} not in {message:?}");
+            }
+        }
+        let two = with_table() + TABLE;
+        let message = parse(&two).unwrap_err().to_string();
+        assert!(
+            message.contains("line 29") && message.contains("one table"),
+            "{message}"
+        );
+    }
+
+    #[test]
+    fn a_table_is_written_back_and_appended() {
+        let file = parse(&with_table()).unwrap();
+        let id = ParameterId::Effect {
+            slot: 1,
+            parameter: 2,
+        };
+        let text = file.text_with(&file.model.with_value(id, 0.175), "");
+        // The friction's smoothing is written out.
+        let expected = with_table().replace("0.15", "0.175").replace(
+            "force_n = 0.02\n",
+            "force_n = 0.02\nsmoothing_rad_per_s = 0.02\n",
+        );
+        assert_eq!(text, expected);
+
+        let file = parse(GOOD).unwrap();
+        for (of, nodes) in [
+            (Variable::Pressure, [-33.3_f32, 12_345.678, 70_000.1]),
+            (Variable::Angle, [-0.1, 1.0 / 3.0, 1.2]),
+            (Variable::Rate, [-0.02, 0.02, 3.0]),
+            (Variable::Time, [0.0, 1234.5678, 1e5]),
+        ] {
+            let table = table::Table::new(of, &nodes, &[-0.25, 0.0, 1.0]).unwrap();
+            let effects: Vec<_> = file.model.effects().chain([Effect::Table(table)]).collect();
+            let model = Model::new(*file.model.dynamics(), &effects).unwrap();
+            let text = file.text_with(&model, "# added\n");
+            let back = parse(&text).unwrap();
+            assert_eq!(back.model.table(), Some(&table), "{text}");
+            let unit = format!("]   # {}", of.unit().symbol());
+            assert!(
+                text.contains(&unit) && text.contains("forces_n = [-0.25, 0.0, 1.0]"),
+                "{text}"
+            );
+        }
+    }
+
     #[test]
     fn stiffness_and_exponent_come_from_the_material_if_left_out() {
         let derived = GOOD
@@ -688,7 +1033,7 @@ force_n = 0.02
     fn writing_back_keeps_comments_and_appends_effects() {
         let file = parse(GOOD).unwrap();
         let drag = Kind::QuadraticDamping.build(&[0.5]).unwrap();
-        let effects: Vec<_> = file.model.effects().copied().chain([drag]).collect();
+        let effects: Vec<_> = file.model.effects().chain([drag]).collect();
         let model = Model::new(*file.model.dynamics(), &effects)
             .unwrap()
             .with_value(ParameterId::Damping, 0.5);

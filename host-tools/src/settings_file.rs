@@ -8,7 +8,8 @@ use std::fmt::Write;
 use std::path::Path;
 
 use model_core::actuator::Model;
-use model_core::catalogue::Kind;
+use model_core::catalogue::{Effect, Kind};
+use model_core::effects::table::Variable;
 use toml_edit::{Document, Item, Value};
 use wire::settings::{EFFECT_PARAMETERS, EFFECTS, Key, Settings, effect_id};
 
@@ -48,7 +49,20 @@ pub fn from_model(file: &ModelFile) -> Result<Vec<Assignment>, InputError> {
         let effect = effects.get(usize::from(slot));
         let id = effect.map_or(0, |effect| effect_id(effect.kind().name()));
         kinds.push((Key::EffectKind { slot }, u32::from(id)));
-        let values: Vec<f64> = effect.map_or_else(Vec::new, |effect| effect.values().collect());
+        let values: Vec<f64> = match effect {
+            None => Vec::new(),
+            Some(Effect::Table(table)) => {
+                let pairs = table.nodes().iter().zip(table.forces());
+                for (index, (&node, &force)) in (0..).zip(pairs) {
+                    wanted.push((Key::TableNode(index), f64::from(node)));
+                    wanted.push((Key::TableForce(index), force));
+                }
+                let of = Variable::ALL.iter().position(|&of| of == table.of());
+                // What it is of, and how many nodes: a few.
+                vec![of.unwrap_or(0) as f64, table.nodes().len() as f64]
+            }
+            Some(effect) => effect.values().collect(),
+        };
         if let Some(effect) = effect
             && values.len() > usize::from(EFFECT_PARAMETERS)
         {
@@ -353,6 +367,7 @@ pub fn to_text(settings: &Settings, about: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use wire::settings::{TABLE_COUNT, TABLE_OF};
 
     #[test]
     fn zeros_move_the_calibration_by_what_the_sensors_show() {
@@ -446,6 +461,28 @@ mod tests {
         assert_eq!(bits(Key::EffectParameter { slot: 2, index: 3 }), 0);
         // Calibration and limits are not the model's.
         assert_eq!(assignments.len(), 5 + 3 * 5);
+    }
+
+    #[test]
+    fn a_table_becomes_settings_of_its_own() {
+        let text = MODEL.to_owned()
+            + "[[effect]]\nkind = \"table\"\nof = \"pressure\"\nnodes = [0, 12.5, 40]\nforces_n = [0.1, 0.2, -0.3]\n";
+        let file = ModelFile::parse(&text, Path::new("m.toml")).unwrap();
+        let mut settings = Settings::DEFAULT;
+        for (key, bits) in from_model(&file).unwrap() {
+            settings.set(key, bits).unwrap();
+        }
+        let id = settings.bits(Key::EffectKind { slot: 1 });
+        assert_eq!(id, Some(u32::from(effect_id("table"))));
+        let bits = |index| settings.bits(Key::EffectParameter { slot: 1, index });
+        let whole = [2.0, 3.0].map(|whole: f32| Some(whole.to_bits()));
+        assert_eq!([bits(TABLE_OF), bits(TABLE_COUNT)], whole);
+        let table: Vec<(f32, f32)> = settings.table().take(4).collect();
+        assert_eq!(
+            table,
+            [(0.0, 0.1), (12_500.0, 0.2), (40_000.0, -0.3), (0.0, 0.0)]
+        );
+        assert!(to_text(&settings, "a board").contains("t.x1       = 12500.0"));
     }
 
     #[test]

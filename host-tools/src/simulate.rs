@@ -487,7 +487,7 @@ mod tests {
             };
             run(model, &signal, start, 2).reading
         };
-        for &kind in Kind::ALL {
+        for &kind in Kind::NAMES {
             let example = make(Hidden::Effect(kind), 0.0, 5).unwrap();
             let path = std::path::Path::new("truth.toml");
             let model = ModelFile::parse(&example.truth, path).unwrap().model;

@@ -177,8 +177,8 @@ fn told(answer: &str, name: &str) -> f64 {
     number.unwrap_or_else(|| panic!("no {name:?} in {answer}"))
 }
 
-fn kinds<'a>(effects: impl Iterator<Item = &'a Effect<f64>>) -> Vec<Kind> {
-    effects.map(Effect::kind).collect()
+fn kinds(effects: impl Iterator<Item = Effect<f64>>) -> Vec<Kind> {
+    effects.map(|effect| effect.kind()).collect()
 }
 
 #[test]

@@ -26,6 +26,7 @@ use core::fmt;
 use core::marker::PhantomData;
 
 use crate::catalogue::Effect;
+use crate::effects::table::{InModel, Table, Variable};
 use crate::effects::{Hidden, Instant, Mechanism, Motion, Rest};
 use crate::input::Input;
 use crate::power::{Power, signed_power};
@@ -87,6 +88,67 @@ pub enum ParameterId {
     },
 }
 
+/// Checks every parameter of a model. Apart from the model, so that the board has it
+/// once for all power functions.
+#[inline(never)]
+fn validate<R: Real>(
+    d: &Dynamics<R>,
+    effects: &[Option<Slot<R>>; MAX_EFFECTS],
+    table: Option<&Table<R>>,
+) -> Result<(), InvalidModel> {
+    use ParameterId::{Damping, Exponent, Inertia, InputGain, Stiffness};
+    for (value, id) in [
+        (d.inertia, Inertia),
+        (d.damping, Damping),
+        (d.stiffness, Stiffness),
+        (d.exponent, Exponent),
+        (d.input_gain, InputGain),
+    ] {
+        if !value.is_finite() {
+            return Err(InvalidModel::NotFinite(id));
+        }
+    }
+    for (value, id) in [(d.inertia, Inertia), (d.exponent, Exponent)] {
+        if value <= R::zero() {
+            return Err(InvalidModel::NotPositive(id));
+        }
+    }
+    for (value, id) in [(d.damping, Damping), (d.stiffness, Stiffness)] {
+        if value < R::zero() {
+            return Err(InvalidModel::Negative(id));
+        }
+    }
+    let mut tables = 0_u8;
+    for (slot, effect) in effects.iter().map_while(Option::as_ref).enumerate() {
+        for parameter in 0..effect.kind().parameter_count() {
+            let value = match effect {
+                Effect::Table(_) => table.and_then(|table| table.value(parameter)),
+                effect => effect.slot_value(parameter),
+            };
+            let Some(value) = value else { break };
+            let id = ParameterId::Effect { slot, parameter };
+            if !value.is_finite() {
+                return Err(InvalidModel::NotFinite(id));
+            }
+            let within = effect
+                .kind()
+                .bounds(parameter)
+                .is_some_and(|(lower, upper)| {
+                    (R::from_f32(lower)..=R::from_f32(upper)).contains(&value)
+                });
+            if !within {
+                return Err(InvalidModel::OutOfBounds(id));
+            }
+        }
+        tables += u8::from(matches!(effect, Effect::Table(_)));
+    }
+    if tables == u8::from(table.is_some()) {
+        Ok(())
+    } else {
+        Err(InvalidModel::NotOneTable)
+    }
+}
+
 /// Why a set of parameters is not a model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
@@ -101,6 +163,8 @@ pub enum InvalidModel {
     OutOfBounds(ParameterId),
     /// More effects than [`MAX_EFFECTS`].
     TooManyEffects,
+    /// More than one effect is a table, or the numbers of the one are missing.
+    NotOneTable,
 }
 
 impl fmt::Display for InvalidModel {
@@ -111,11 +175,15 @@ impl fmt::Display for InvalidModel {
             Self::Negative(_) => "must not be negative",
             Self::OutOfBounds(_) => "is outside the bounds of its effect",
             Self::TooManyEffects => "has more effects than a model can hold",
+            Self::NotOneTable => "has more than one table",
         })
     }
 }
 
 impl core::error::Error for InvalidModel {}
+
+/// An effect in a model.
+pub type Slot<R> = Effect<R, InModel>;
 
 /// A validated model: the base equation and its effects.
 ///
@@ -123,7 +191,10 @@ impl core::error::Error for InvalidModel {}
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Model<R: Real, P = <R as Real>::DefaultPower> {
     dynamics: Dynamics<R>,
-    effects: [Option<Effect<R>>; MAX_EFFECTS],
+    effects: [Option<Slot<R>>; MAX_EFFECTS],
+    /// The numbers of the effect that is a table. Once beside the slots, since in
+    /// each of them it would take eight times the RAM of any other effect.
+    table: Option<Table<R>>,
     /// Whether any of them has a hidden state that is integrated, looked up once.
     integrates: bool,
     power: PhantomData<P>,
@@ -174,55 +245,36 @@ impl<R: Real, P: Power<R>> Model<R, P> {
         dynamics: Dynamics<R>,
         effects: impl IntoIterator<Item = Effect<R>>,
     ) -> Result<Self, InvalidModel> {
-        use ParameterId::{Damping, Exponent, Inertia, InputGain, Stiffness};
-        let d = &dynamics;
-        for (value, id) in [
-            (d.inertia, Inertia),
-            (d.damping, Damping),
-            (d.stiffness, Stiffness),
-            (d.exponent, Exponent),
-            (d.input_gain, InputGain),
-        ] {
-            if !value.is_finite() {
-                return Err(InvalidModel::NotFinite(id));
-            }
-        }
-        for (value, id) in [(d.inertia, Inertia), (d.exponent, Exponent)] {
-            if value <= R::zero() {
-                return Err(InvalidModel::NotPositive(id));
-            }
-        }
-        for (value, id) in [(d.damping, Damping), (d.stiffness, Stiffness)] {
-            if value < R::zero() {
-                return Err(InvalidModel::Negative(id));
-            }
-        }
         let mut slots = [None; MAX_EFFECTS];
+        let mut table = None;
         for (slot, effect) in effects.into_iter().enumerate() {
-            for (parameter, value) in effect.values().enumerate() {
-                let id = ParameterId::Effect { slot, parameter };
-                if !value.is_finite() {
-                    return Err(InvalidModel::NotFinite(id));
-                }
-                let within = effect
-                    .kind()
-                    .bounds(parameter)
-                    .is_some_and(|(lower, upper)| {
-                        (R::from_f32(lower)..=R::from_f32(upper)).contains(&value)
-                    });
-                if !within {
-                    return Err(InvalidModel::OutOfBounds(id));
-                }
+            let place = slots.get_mut(slot).ok_or(InvalidModel::TooManyEffects)?;
+            if let Effect::Table(numbers) = effect {
+                table = Some(numbers);
             }
-            match slots.get_mut(slot) {
-                Some(place) => *place = Some(effect),
-                None => return Err(InvalidModel::TooManyEffects),
-            }
+            *place = effect.convert(|value| value, Some(InModel));
         }
+        Self::of_slots(dynamics, slots, table)
+    }
+
+    /// [`Model::new`] for effects without their table, which comes by itself: what
+    /// a board uses, that has no room for a table in every effect. Effects behind
+    /// an empty slot are not part of the model.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`Model::new`].
+    pub fn of_slots(
+        dynamics: Dynamics<R>,
+        effects: [Option<Slot<R>>; MAX_EFFECTS],
+        table: Option<Table<R>>,
+    ) -> Result<Self, InvalidModel> {
+        validate(&dynamics, &effects, table.as_ref())?;
         Ok(Self {
             dynamics,
-            effects: slots,
-            integrates: slots.iter().flatten().any(Mechanism::integrates),
+            effects,
+            table,
+            integrates: effects.iter().flatten().any(Mechanism::<R>::integrates),
             power: PhantomData,
         })
     }
@@ -233,9 +285,20 @@ impl<R: Real, P: Power<R>> Model<R, P> {
     }
 
     /// The effects, in the order in which they act.
-    pub fn effects(&self) -> impl Iterator<Item = &Effect<R>> {
+    pub fn effects(&self) -> impl Iterator<Item = Effect<R>> {
+        self.occupied()
+            .filter_map(|slot| slot.convert(|value| value, self.table))
+    }
+
+    /// The effects without their table.
+    pub(crate) fn occupied(&self) -> impl Iterator<Item = &Slot<R>> {
         // The slots are filled from the first on.
         self.effects.iter().map_while(Option::as_ref)
+    }
+
+    /// The table of the effect that is one.
+    pub fn table(&self) -> Option<&Table<R>> {
+        self.table.as_ref()
     }
 
     /// The value of a parameter, in SI units; none if the model has no such
@@ -249,7 +312,10 @@ impl<R: Real, P: Power<R>> Model<R, P> {
             ParameterId::Exponent => d.exponent,
             ParameterId::InputGain => d.input_gain,
             ParameterId::Effect { slot, parameter } => {
-                return self.effects.get(slot)?.as_ref()?.value(parameter);
+                return match self.effects.get(slot)?.as_ref()? {
+                    Effect::Table(_) => self.table.as_ref()?.value(parameter),
+                    effect => effect.slot_value(parameter),
+                };
             }
         })
     }
@@ -266,8 +332,12 @@ impl<R: Real, P: Power<R>> Model<R, P> {
             ParameterId::Exponent => d.exponent = value,
             ParameterId::InputGain => d.input_gain = value,
             ParameterId::Effect { slot, parameter } => {
-                if let Some(Some(effect)) = self.effects.get_mut(slot) {
-                    effect.set_value(parameter, value);
+                match (self.effects.get_mut(slot), &mut self.table) {
+                    (Some(Some(Effect::Table(_))), Some(table)) => {
+                        table.set_value(parameter, value);
+                    }
+                    (Some(Some(effect)), _) => effect.set_slot_value(parameter, value),
+                    _ => {}
                 }
             }
         }
@@ -278,11 +348,14 @@ impl<R: Real, P: Power<R>> Model<R, P> {
     pub fn map<S: Real, Q: Power<S>>(&self, mut f: impl FnMut(R) -> S) -> Model<S, Q> {
         let mut effects = [None; MAX_EFFECTS];
         for (to, from) in effects.iter_mut().zip(&self.effects) {
-            *to = from.as_ref().map(|effect| effect.map(&mut f));
+            *to = from
+                .as_ref()
+                .and_then(|effect| effect.convert(&mut f, Some(InModel)));
         }
         Model {
             dynamics: self.dynamics.map(&mut f),
             effects,
+            table: self.table.as_ref().map(|table| table.map(&mut f)),
             integrates: self.integrates,
             power: PhantomData,
         }
@@ -310,7 +383,7 @@ impl<R: Real, P: Power<R>> Model<R, P> {
         };
         let mut hidden = [[R::zero(); 2]; MAX_EFFECTS];
         let mut unused = [R::zero(); 2];
-        for (slot, effect) in hidden.iter_mut().zip(self.effects()) {
+        for (slot, effect) in hidden.iter_mut().zip(self.occupied()) {
             *slot = effect.at_rest(&rest);
             rest.pressure = effect.input(rest.pressure, slot, &mut unused);
             rest.reading = effect.sensor(rest.reading, R::zero(), slot, &mut unused);
@@ -325,12 +398,23 @@ impl<R: Real, P: Power<R>> Model<R, P> {
 
     /// The rate of change of `state`, `offset` seconds into the current step.
     pub fn derivative(&self, state: &State<R>, input: &impl Input<R>, offset: R) -> Derivative<R> {
+        let late = if self.effects[0].is_none() {
+            offset
+        } else {
+            offset - self.delay()
+        };
+        self.derivative_under(state, input.pressure(late))
+    }
+
+    /// [`Model::derivative`] under `pressure` (Pa), which the delays have let through
+    /// by now. Apart, so that the board has it once for all inputs.
+    fn derivative_under(&self, state: &State<R>, mut pressure: R) -> Derivative<R> {
         let mut rates = [[R::zero(); 2]; MAX_EFFECTS];
         if self.effects[0].is_none() {
             // Half of all steps are of the base model alone: no loops over
             // effects, which on a desktop cost a tenth of it.
             let d = &self.dynamics;
-            let force = d.input_gain * input.pressure(offset)
+            let force = d.input_gain * pressure
                 - d.damping * state.rate
                 - d.stiffness * signed_power::<R, P>(state.angle, d.exponent);
             return Derivative {
@@ -339,7 +423,6 @@ impl<R: Real, P: Power<R>> Model<R, P> {
                 hidden: rates,
             };
         }
-        let mut pressure = input.pressure(offset - self.delay());
         for ((effect, hidden), rates) in self.slots(&state.hidden, &mut rates) {
             pressure = effect.input(pressure, hidden, rates);
         }
@@ -361,7 +444,7 @@ impl<R: Real, P: Power<R>> Model<R, P> {
     #[inline]
     fn delay(&self) -> R {
         let mut delay = R::zero();
-        for effect in self.effects() {
+        for effect in self.occupied() {
             delay += effect.delay();
         }
         delay
@@ -378,7 +461,7 @@ impl<R: Real, P: Power<R>> Model<R, P> {
             pressure,
         };
         let mut d = self.dynamics;
-        for (effect, hidden) in self.effects().zip(&state.hidden) {
+        for (effect, hidden) in self.occupied().zip(&state.hidden) {
             effect.modulate(&at, hidden, &mut d);
         }
         let mut force = d.input_gain * pressure
@@ -386,6 +469,9 @@ impl<R: Real, P: Power<R>> Model<R, P> {
             - d.stiffness * signed_power::<R, P>(state.angle, d.exponent);
         for ((effect, hidden), rates) in self.slots(&state.hidden, rates) {
             force -= effect.force(&at, hidden, rates);
+        }
+        if let Some(table) = &self.table {
+            force -= table.at(table.of().at(&at));
         }
         force
     }
@@ -431,14 +517,14 @@ impl<R: Real, P: Power<R>> Model<R, P> {
     /// take note of the state that a step arrived at, `offset` seconds after its
     /// start.
     pub fn note(&self, state: &mut State<R>, input: &impl Input<R>, offset: R) {
-        if self.effects().any(Mechanism::has_memory) {
+        if self.occupied().any(Mechanism::<R>::has_memory) {
             self.note_events(state, input.pressure(offset - self.delay()));
         }
     }
 
     fn note_events(&self, state: &mut State<R>, mut pressure: R) {
         let mut unused = [R::zero(); 2];
-        for (effect, hidden) in self.effects().zip(&mut state.hidden) {
+        for (effect, hidden) in self.occupied().zip(&mut state.hidden) {
             let entering = pressure;
             pressure = effect.input(entering, hidden, &mut unused);
             effect.note(state.angle, entering, hidden);
@@ -451,24 +537,38 @@ impl<R: Real, P: Power<R>> Model<R, P> {
     /// Nothing holds against a leak: it is taken as not begun. Not finite if the
     /// input gain is zero, or if the stiffness grows faster with the pressure
     /// than the force does, so that no pressure holds.
+    #[inline(never)] // Once on the board, which asks in several places.
     pub fn holding_pressure(&self, angle: R) -> R {
         let state = self.at_rest(angle, R::zero());
         let mut unused = [[R::zero(); 2]; MAX_EFFECTS];
-        let mut missing = |pressure| -self.force(&state, pressure, &mut unused);
+        let of_pressure = self
+            .table
+            .as_ref()
+            .filter(|table| table.of() == Variable::Pressure);
+        // A table of the pressure apart: the rest is a straight line.
+        let mut missing = |pressure| {
+            let missing = -self.force(&state, pressure, &mut unused);
+            of_pressure.map_or(missing, |table| missing - table.at(pressure))
+        };
         let unforced = missing(R::zero());
-        let mut chamber = unforced / self.dynamics.input_gain;
-        if self.effects().any(Mechanism::stiffens) {
+        let mut gain = self.dynamics.input_gain;
+        let mut chamber = unforced / gain;
+        if self.occupied().any(Mechanism::<R>::stiffens) {
             // Then too the force is a straight line over the pressure, as long as
             // some stiffness is left. From a small step first, then from there,
             // where rounding matters less.
             let mut solve = |step: R| {
                 let slope = (unforced - missing(step)) / step;
-                unforced / slope.max(R::zero())
+                gain = slope.max(R::zero());
+                unforced / gain
             };
             chamber = solve(R::from_i16(2048));
             if chamber.is_finite() && chamber.abs() > R::one() {
                 chamber = solve(chamber);
             }
+        }
+        if let Some(table) = of_pressure {
+            chamber = table.balance(unforced, gain);
         }
         let effects = self.effects.iter().flatten();
         effects
@@ -480,7 +580,7 @@ impl<R: Real, P: Power<R>> Model<R, P> {
     /// angles up to `angle` (rad): what a step length has to resolve.
     pub fn fastest_rate(&self, angle: R) -> Rates<R> {
         let mut d = self.dynamics;
-        for effect in self.effects() {
+        for effect in self.occupied() {
             effect.enlarge(angle, &mut d);
         }
         // The slope of the power law at the end of the range, where it is
@@ -491,8 +591,13 @@ impl<R: Real, P: Power<R>> Model<R, P> {
             stiffness: slope / d.inertia,
             relaxation: d.damping / d.inertia,
         };
-        for effect in self.effects() {
+        for effect in self.occupied() {
             let more = effect.fastest_rate(&d, angle);
+            rates.stiffness += more.stiffness;
+            rates.relaxation += more.relaxation;
+        }
+        if let Some(table) = &self.table {
+            let more = table.fastest_rate(&d, angle);
             rates.stiffness += more.stiffness;
             rates.relaxation += more.relaxation;
         }
@@ -508,8 +613,8 @@ impl<R: Real, P: Power<R>> Model<R, P> {
         &'a self,
         hidden: &'a [Hidden<R>; MAX_EFFECTS],
         rates: &'a mut [Hidden<R>; MAX_EFFECTS],
-    ) -> impl Iterator<Item = ((&'a Effect<R>, &'a Hidden<R>), &'a mut Hidden<R>)> {
-        self.effects().zip(hidden).zip(rates)
+    ) -> impl Iterator<Item = ((&'a Slot<R>, &'a Hidden<R>), &'a mut Hidden<R>)> {
+        self.occupied().zip(hidden).zip(rates)
     }
 }
 

@@ -2,9 +2,11 @@
 //!
 //! Files, fits and reports reach effects through [`Kind`]; the integrator runs
 //! them through [`Effect`]. To add one, write its file in `effects/` and name
-//! it in the list at the end of this file.
+//! it in the list at the end of this file. A [`Table`] is not in that list, since
+//! it has no fixed list of parameters.
 
 use crate::actuator::{Dynamics, Rates};
+use crate::effects::table::{self, Table};
 use crate::effects::{Hidden, Info, Instant, Mechanism, Motion, Parameter, Rest};
 use crate::real::Real;
 
@@ -18,26 +20,38 @@ macro_rules! catalogue {
                 #[doc = concat!("See [`crate::effects::", stringify!($module), "`].")]
                 $name,
             )+
+            /// See [`crate::effects::table`].
+            Table,
         }
 
         /// An effect with its parameters.
+        ///
+        /// `T` is what stands for a table: the table itself, or
+        /// [`table::InModel`] where a model keeps it beside its slots.
         #[derive(Clone, Copy, Debug, PartialEq)]
         #[non_exhaustive]
-        pub enum Effect<R> {
+        pub enum Effect<R, T = Table<R>> {
             $(
                 #[doc = concat!("See [`crate::effects::", stringify!($module), "`].")]
                 $name(crate::effects::$module::$name<R>),
             )+
+            /// See [`crate::effects::table`].
+            Table(T),
         }
 
         impl Kind {
             /// Every effect, in the order of the catalogue.
-            pub const ALL: &'static [Self] = &[$( Self::$name ),+];
+            pub const ALL: &'static [Self] = &[$( Self::$name, )+ Self::Table];
+
+            /// Every effect that names a cause, in the order of the catalogue: what
+            /// a search for causes goes through. See [`Self::is_name`].
+            pub const NAMES: &'static [Self] = &[$( Self::$name ),+];
 
             /// Name, equation and texts.
             pub const fn info(self) -> &'static Info {
                 match self {
                     $( Self::$name => &crate::effects::$module::INFO, )+
+                    Self::Table => &table::INFO,
                 }
             }
 
@@ -45,14 +59,16 @@ macro_rules! catalogue {
             pub const fn parameters(self) -> &'static [Parameter] {
                 match self {
                     $( Self::$name => crate::effects::$module::$name::<()>::PARAMETERS, )+
+                    Self::Table => table::PARAMETERS,
                 }
             }
 
             /// Rows of the parameter table, without the table: see
-            /// [`Self::bounds`].
+            /// [`Self::bounds`]. Of a [`Table`] the most that it can have.
             pub const fn parameter_count(self) -> usize {
                 match self {
                     $( Self::$name => crate::effects::$module::$name::<()>::COUNT, )+
+                    Self::Table => table::MAX_NODES,
                 }
             }
 
@@ -65,31 +81,72 @@ macro_rules! catalogue {
             pub const fn bounds(self, index: usize) -> Option<(f32, f32)> {
                 match self {
                     $( Self::$name => crate::effects::$module::$name::<()>::bounds(index), )+
+                    Self::Table => table::bounds(index),
                 }
             }
 
             /// Creates the effect from values in SI units, in the order of the
-            /// table; none if their number differs. Bounds are checked when a
+            /// table; none if their number differs, and none for a [`Table`],
+            /// which needs nodes ([`Table::new`]). Bounds are checked when a
             /// model is made of it.
             pub fn build<R: Copy>(self, values: &[R]) -> Option<Effect<R>> {
+                self.build_slot(values)
+            }
+
+            /// [`Self::build`], for a slot of a model.
+            pub fn build_slot<R: Copy, T>(self, values: &[R]) -> Option<Effect<R, T>> {
                 Some(match self {
                     $( Self::$name => Effect::$name(crate::effects::$module::$name::from_values(values)?), )+
+                    Self::Table => return None,
+                })
+            }
+        }
+
+        impl<R: Copy, T> Effect<R, T> {
+            /// Which effect it is.
+            pub const fn kind(&self) -> Kind {
+                match self {
+                    $( Self::$name(_) => Kind::$name, )+
+                    Self::Table(_) => Kind::Table,
+                }
+            }
+
+            /// The value at `index` of the parameter table; none for a table.
+            pub(crate) fn slot_value(&self, index: usize) -> Option<R> {
+                match self {
+                    $( Self::$name(effect) => effect.value(index), )+
+                    Self::Table(_) => None,
+                }
+            }
+
+            /// Replaces the value at `index`; nothing for a table.
+            pub(crate) fn set_slot_value(&mut self, index: usize, value: R) {
+                match self {
+                    $( Self::$name(effect) => effect.set_value(index, value), )+
+                    Self::Table(_) => {}
+                }
+            }
+
+            /// Converts every parameter with `f`, and puts `table` in place of a
+            /// table; none where there is no `table`.
+            pub(crate) fn convert<S, U>(
+                &self,
+                f: impl FnMut(R) -> S,
+                table: Option<U>,
+            ) -> Option<Effect<S, U>> {
+                Some(match self {
+                    $( Self::$name(effect) => Effect::$name(effect.map(f)), )+
+                    Self::Table(_) => Effect::Table(table?),
                 })
             }
         }
 
         impl<R: Copy> Effect<R> {
-            /// Which effect it is.
-            pub const fn kind(&self) -> Kind {
-                match self {
-                    $( Self::$name(_) => Kind::$name, )+
-                }
-            }
-
             /// The value at `index` of the parameter table, in SI units.
             pub fn value(&self, index: usize) -> Option<R> {
                 match self {
                     $( Self::$name(effect) => effect.value(index), )+
+                    Self::Table(table) => table.value(index),
                 }
             }
 
@@ -98,6 +155,7 @@ macro_rules! catalogue {
             pub fn set_value(&mut self, index: usize, value: R) {
                 match self {
                     $( Self::$name(effect) => effect.set_value(index, value), )+
+                    Self::Table(table) => table.set_value(index, value),
                 }
             }
 
@@ -105,58 +163,59 @@ macro_rules! catalogue {
             pub fn map<S>(&self, f: impl FnMut(R) -> S) -> Effect<S> {
                 match self {
                     $( Self::$name(effect) => Effect::$name(effect.map(f)), )+
+                    Self::Table(table) => Effect::Table(table.map(f)),
                 }
             }
         }
 
-        impl<R: Real> Mechanism<R> for Effect<R> {
+        impl<R: Real, T: Mechanism<R>> Mechanism<R> for Effect<R, T> {
             fn integrates(&self) -> bool {
-                match self { $( Self::$name(effect) => Mechanism::<R>::integrates(effect), )+ }
+                match self { $( Self::$name(effect) => Mechanism::<R>::integrates(effect), )+ Self::Table(effect) => Mechanism::<R>::integrates(effect), }
             }
             fn at_rest(&self, rest: &Rest<R>) -> Hidden<R> {
-                match self { $( Self::$name(effect) => effect.at_rest(rest), )+ }
+                match self { $( Self::$name(effect) => effect.at_rest(rest), )+ Self::Table(effect) => effect.at_rest(rest), }
             }
             fn delay(&self) -> R {
-                match self { $( Self::$name(effect) => effect.delay(), )+ }
+                match self { $( Self::$name(effect) => effect.delay(), )+ Self::Table(effect) => effect.delay(), }
             }
             fn input(&self, pressure: R, hidden: &Hidden<R>, rates: &mut Hidden<R>) -> R {
-                match self { $( Self::$name(effect) => effect.input(pressure, hidden, rates), )+ }
+                match self { $( Self::$name(effect) => effect.input(pressure, hidden, rates), )+ Self::Table(effect) => effect.input(pressure, hidden, rates), }
             }
             fn modulate(&self, at: &Instant<R>, hidden: &Hidden<R>, dynamics: &mut Dynamics<R>) {
-                match self { $( Self::$name(effect) => effect.modulate(at, hidden, dynamics), )+ }
+                match self { $( Self::$name(effect) => effect.modulate(at, hidden, dynamics), )+ Self::Table(effect) => effect.modulate(at, hidden, dynamics), }
             }
             fn enlarge(&self, angle: R, dynamics: &mut Dynamics<R>) {
-                match self { $( Self::$name(effect) => effect.enlarge(angle, dynamics), )+ }
+                match self { $( Self::$name(effect) => effect.enlarge(angle, dynamics), )+ Self::Table(effect) => effect.enlarge(angle, dynamics), }
             }
             fn force(&self, at: &Instant<R>, hidden: &Hidden<R>, rates: &mut Hidden<R>) -> R {
-                match self { $( Self::$name(effect) => effect.force(at, hidden, rates), )+ }
+                match self { $( Self::$name(effect) => effect.force(at, hidden, rates), )+ Self::Table(effect) => effect.force(at, hidden, rates), }
             }
             fn respond(&self, acceleration: R, hidden: &Hidden<R>, rates: &mut Hidden<R>) {
-                match self { $( Self::$name(effect) => effect.respond(acceleration, hidden, rates), )+ }
+                match self { $( Self::$name(effect) => effect.respond(acceleration, hidden, rates), )+ Self::Table(effect) => effect.respond(acceleration, hidden, rates), }
             }
             // Inlined, because LLVM for the AVR otherwise passes some of it on the
             // stack and loses the pointer on the way (llvm#163015).
             #[inline(always)]
             fn sensor(&self, angle: R, time: R, hidden: &Hidden<R>, rates: &mut Hidden<R>) -> R {
-                match self { $( Self::$name(effect) => effect.sensor(angle, time, hidden, rates), )+ }
+                match self { $( Self::$name(effect) => effect.sensor(angle, time, hidden, rates), )+ Self::Table(effect) => effect.sensor(angle, time, hidden, rates), }
             }
             fn pressure_behind(&self, pressure: R) -> R {
-                match self { $( Self::$name(effect) => Mechanism::<R>::pressure_behind(effect, pressure), )+ }
+                match self { $( Self::$name(effect) => Mechanism::<R>::pressure_behind(effect, pressure), )+ Self::Table(effect) => Mechanism::<R>::pressure_behind(effect, pressure), }
             }
             fn behind(&self, shown: Motion<R>) -> Motion<R> {
-                match self { $( Self::$name(effect) => effect.behind(shown), )+ }
+                match self { $( Self::$name(effect) => effect.behind(shown), )+ Self::Table(effect) => effect.behind(shown), }
             }
             fn stiffens(&self) -> bool {
-                match self { $( Self::$name(effect) => Mechanism::<R>::stiffens(effect), )+ }
+                match self { $( Self::$name(effect) => Mechanism::<R>::stiffens(effect), )+ Self::Table(effect) => Mechanism::<R>::stiffens(effect), }
             }
             fn has_memory(&self) -> bool {
-                match self { $( Self::$name(effect) => Mechanism::<R>::has_memory(effect), )+ }
+                match self { $( Self::$name(effect) => Mechanism::<R>::has_memory(effect), )+ Self::Table(effect) => Mechanism::<R>::has_memory(effect), }
             }
             fn note(&self, angle: R, pressure: R, hidden: &mut Hidden<R>) {
-                match self { $( Self::$name(effect) => effect.note(angle, pressure, hidden), )+ }
+                match self { $( Self::$name(effect) => effect.note(angle, pressure, hidden), )+ Self::Table(effect) => effect.note(angle, pressure, hidden), }
             }
             fn fastest_rate(&self, dynamics: &Dynamics<R>, angle: R) -> Rates<R> {
-                match self { $( Self::$name(effect) => effect.fastest_rate(dynamics, angle), )+ }
+                match self { $( Self::$name(effect) => effect.fastest_rate(dynamics, angle), )+ Self::Table(effect) => effect.fastest_rate(dynamics, angle), }
             }
         }
     };
@@ -168,6 +227,12 @@ impl Kind {
         self.info().name
     }
 
+    /// Whether it names a cause. A table does not: it repairs a model and says what
+    /// the missing force depends on.
+    pub const fn is_name(self) -> bool {
+        !matches!(self, Self::Table)
+    }
+
     /// Looks an effect up by the name that it has in files.
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.iter().copied().find(|kind| kind.name() == name)
@@ -175,9 +240,12 @@ impl Kind {
 }
 
 impl<R: Copy> Effect<R> {
-    /// The parameter table of its kind.
-    pub const fn parameters(&self) -> &'static [Parameter] {
-        self.kind().parameters()
+    /// The parameter table of its kind; of a table as many rows as it has nodes.
+    pub fn parameters(&self) -> &'static [Parameter] {
+        match self {
+            Self::Table(table) => table.parameters(),
+            _ => self.kind().parameters(),
+        }
     }
 
     /// The values in the order of the table, in SI units.
@@ -186,7 +254,8 @@ impl<R: Copy> Effect<R> {
     }
 }
 
-/// Hands the list of all effects, as `module::Type`, to a macro.
+/// Hands the list of all effects, as `module::Type`, to a macro: all but the table,
+/// which is no list of parameters.
 ///
 /// For code outside of this crate that needs a constant for each effect and
 /// must not forget one.
@@ -266,6 +335,14 @@ mod tests {
     }
 
     #[test]
+    fn all_but_the_table_are_names() {
+        let names = Kind::ALL.iter().copied().filter(|kind| kind.is_name());
+        assert!(names.eq(Kind::NAMES.iter().copied()));
+        assert_eq!(Kind::ALL.len(), Kind::NAMES.len() + 1);
+        assert_eq!(Kind::Table.build(&[1.0; table::MAX_NODES]), None);
+    }
+
+    #[test]
     fn tables_are_consistent() {
         for &kind in Kind::ALL {
             let rows = kind.parameters();
@@ -288,6 +365,9 @@ mod tests {
                     Kind::from_name(name).is_some_and(|other| other != kind),
                     "{name}"
                 );
+            }
+            if kind == Kind::Table {
+                continue;
             }
             let ones = [1.0; 8];
             let effect = kind.build(&ones[..rows.len()]).unwrap();

@@ -147,7 +147,7 @@ fn advance<R: Real, P: Power<R>>(
     next.rate += slope.acceleration * dt;
     if model.integrates() {
         // A memory of events has no rate and stays.
-        for ((_, hidden), rates) in model.effects().zip(&mut next.hidden).zip(&slope.hidden) {
+        for ((_, hidden), rates) in model.occupied().zip(&mut next.hidden).zip(&slope.hidden) {
             for (value, rate) in hidden.iter_mut().zip(rates) {
                 *value += *rate * dt;
             }
@@ -160,7 +160,7 @@ fn add<R: Real, P: Power<R>>(model: &Model<R, P>, sum: &mut Derivative<R>, term:
     sum.rate += term.rate;
     sum.acceleration += term.acceleration;
     if model.integrates() {
-        for ((_, sum), term) in model.effects().zip(&mut sum.hidden).zip(&term.hidden) {
+        for ((_, sum), term) in model.occupied().zip(&mut sum.hidden).zip(&term.hidden) {
             for (sum, term) in sum.iter_mut().zip(term) {
                 *sum += *term;
             }

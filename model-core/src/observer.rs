@@ -178,7 +178,7 @@ impl<P: Power<f32>> Observer<P> {
     /// [`Unobservable`].
     pub fn new(model: Model<f32, P>, farthest: f32) -> Result<Self, Unobservable> {
         let mut delay = 0.0;
-        for effect in model.effects() {
+        for effect in model.occupied() {
             delay += effect.delay();
         }
         if !(0.0..=MAX_DELAY_S).contains(&delay) {

@@ -70,7 +70,7 @@ impl Tally {
 #[test]
 fn hidden_effects_are_named() {
     let mut tally = Tally::default();
-    for &kind in Kind::ALL {
+    for &kind in Kind::NAMES {
         for seed in [301, 302] {
             let diagnosis = diagnose(Hidden::Effect(kind), NOISE_DEG, seed, &["step", "triangle"]);
             tally.count(kind.name(), &diagnosis);
@@ -94,7 +94,7 @@ fn hidden_effects_are_named() {
     // Steps and a triangle do not tell every look-alike apart: friction from
     // hysteresis, a drift of the stiffness from one of the sensor. Then the
     // truth has to be in the answer set.
-    let all = 2 * Kind::ALL.len();
+    let all = 2 * Kind::NAMES.len();
     assert!(tally.silent <= 1, "{tally:?} of {all}");
     assert!(5 * tally.exact >= 4 * all, "{tally:?} of {all}");
 }
@@ -135,7 +135,7 @@ fn survey() {
     );
     let mut seed = setting("SOFTRIG_SURVEY_FROM", 100);
     for _ in 0..setting("SOFTRIG_SURVEY_SEEDS", 5) {
-        let effects = Kind::ALL.iter().map(|&kind| Hidden::Effect(kind));
+        let effects = Kind::NAMES.iter().map(|&kind| Hidden::Effect(kind));
         for hidden in effects.chain([Hidden::Nothing; 4]) {
             seed += 1;
             let found = diagnose(hidden, noise_deg, seed, &only);

@@ -12,7 +12,11 @@ use virtual_rig::{Image, Options, VirtualRig};
 use wire::{
     command::{Command, Request},
     protocol::Named,
+    settings::{Key, TABLE_COUNT, effect_id},
 };
+
+/// Longer than settings take to be in EEPROM.
+const SAVING_S: f64 = 5.0;
 
 struct Text(String);
 
@@ -38,6 +42,33 @@ pub fn run(path: &Path) -> anyhow::Result<()> {
     for command in [Command::Help, Command::Status, Command::SelfTest] {
         send(&mut rig, command)?;
         rig.run_for(1.0)?;
+    }
+    // A model with a table is the largest that can be saved; and away with it.
+    for kind in [effect_id("table"), 0] {
+        let number = f32::to_bits;
+        let slot = 0;
+        for (key, bits) in [
+            (Key::EffectKind { slot }, u32::from(kind)),
+            (
+                Key::EffectParameter {
+                    slot,
+                    index: TABLE_COUNT,
+                },
+                number(2.0),
+            ),
+            (Key::TableNode(1), number(1.0)),
+        ] {
+            send(&mut rig, Command::Set { key, bits })?;
+            rig.run_for(0.1)?;
+        }
+        send(&mut rig, Command::Save)?;
+        rig.run_for(SAVING_S)?;
+        let lines = rig.take_lines();
+        ensure!(
+            lines.iter().any(|line| line.contains("saved")),
+            "the settings were not saved:\n{}",
+            lines.join("\n")
+        );
     }
     send(&mut rig, Command::Arm)?;
     let limit = 60;

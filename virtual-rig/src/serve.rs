@@ -138,8 +138,9 @@ fn positive(text: &str) -> Result<f64, String> {
 }
 
 fn kind(text: &str) -> Result<Kind, String> {
-    Kind::from_name(text).ok_or_else(|| {
-        let known: Vec<&str> = Kind::ALL.iter().map(|kind| kind.name()).collect();
+    let kind = Kind::from_name(text).filter(|kind| kind.is_name());
+    kind.ok_or_else(|| {
+        let known: Vec<&str> = Kind::NAMES.iter().map(|kind| kind.name()).collect();
         format!("use one of: {}", known.join(", "))
     })
 }
@@ -500,7 +501,6 @@ impl Drop for Link {
 mod tests {
     use super::*;
     use clap::Parser;
-    use model_core::catalogue::Effect;
 
     #[derive(Parser)]
     struct Arguments {
@@ -568,7 +568,11 @@ mod tests {
     #[test]
     fn an_effect_can_be_asked_for_and_an_unknown_one_names_the_others() {
         let drawn = plant(&["--hide", "7", "--effect", "gravity"]);
-        let kinds: Vec<Kind> = drawn.actuator.effects().map(Effect::kind).collect();
+        let kinds: Vec<Kind> = drawn
+            .actuator
+            .effects()
+            .map(|effect| effect.kind())
+            .collect();
         assert_eq!(kinds, [Kind::Gravity]);
         let refused = refusal(&["--hide", "7", "--effect", "warp_drive"]);
         assert!(

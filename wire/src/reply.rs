@@ -18,8 +18,9 @@ use crate::{
     line::{LineError, Sealed, open},
 };
 
-/// The version of everything in this crate; board and computer must agree.
-pub const VERSION: u8 = 1;
+/// The version of everything in this crate; board and computer must agree, also on
+/// what the words of the settings mean.
+pub const VERSION: u8 = 2;
 
 macro_rules! refusals {
     ($( $(#[$doc:meta])* $variant:ident = $code:literal, $sentence:literal; )+) => {

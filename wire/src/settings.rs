@@ -11,6 +11,8 @@ use crate::keyword::Keyword;
 pub const EFFECTS: u8 = 3;
 /// The most parameters of one effect.
 pub const EFFECT_PARAMETERS: u8 = 4;
+/// The most nodes of the table that the model can have.
+pub const TABLE_NODES: u8 = 16;
 /// The most points of the flex sensor's calibration table.
 pub const FLEX_POINTS: u8 = 8;
 
@@ -34,6 +36,11 @@ macro_rules! scalars {
                 /// The parameter, below [`EFFECT_PARAMETERS`].
                 index: u8,
             },
+            /// A node of the model's table (SI units). What it is a table of and how
+            /// many nodes it has are the first two parameters of its slot.
+            TableNode(u8),
+            /// The force at a node of the model's table (N).
+            TableForce(u8),
             /// The flex sensor's reading at a calibration point (counts of a
             /// ten-bit converter, with fractions).
             FlexCounts(u8),
@@ -75,7 +82,9 @@ macro_rules! scalars {
                     // An identifier; any value may be stored, and an unknown
                     // one is refused when a model is made of it.
                     Self::EffectKind { .. } => (f32::NEG_INFINITY, f32::INFINITY),
-                    Self::EffectParameter { .. } => (-1e9, 1e9),
+                    Self::EffectParameter { .. } | Self::TableNode(_) | Self::TableForce(_) => {
+                        (-1e9, 1e9)
+                    }
                     Self::FlexCounts(_) => (0.0, 1023.0),
                     Self::FlexAngle(_) => (-180.0, 360.0),
                 }
@@ -86,7 +95,8 @@ macro_rules! scalars {
                 match self {
                     $( Self::$variant => $unit, )+
                     Self::EffectKind { .. } => "identifier",
-                    Self::EffectParameter { .. } => "SI",
+                    Self::EffectParameter { .. } | Self::TableNode(_) => "SI",
+                    Self::TableForce(_) => "N",
                     Self::FlexCounts(_) => "counts",
                     Self::FlexAngle(_) => "deg",
                 }
@@ -98,6 +108,8 @@ macro_rules! scalars {
                     $( Self::$variant => $doc, )+
                     Self::EffectKind { .. } => "Effect in a slot of the model",
                     Self::EffectParameter { .. } => "Parameter of an effect",
+                    Self::TableNode(_) => "Node of the model's table",
+                    Self::TableForce(_) => "Force at a node of the model's table",
                     Self::FlexCounts(_) => "Flex sensor's reading at a calibration point",
                     Self::FlexAngle(_) => "Bending angle at a calibration point",
                 }
@@ -145,7 +157,19 @@ scalars! {
 }
 
 /// Words in the settings.
-pub const COUNT: u8 = SCALAR_COUNT + EFFECTS * (1 + EFFECT_PARAMETERS) + 2 * FLEX_POINTS;
+pub const COUNT: u8 = FIRST_TABLE + 2 * TABLE_NODES;
+
+/// Words that are not zero in what a board is shipped with, and all before them.
+pub const SHIPPED_COUNT: u8 = FIRST_TABLE;
+
+const FIRST_FLEX: u8 = SCALAR_COUNT + EFFECTS * (1 + EFFECT_PARAMETERS);
+const FIRST_TABLE: u8 = FIRST_FLEX + 2 * FLEX_POINTS;
+
+/// The parameter of a table's slot that says what it is a table of, as a whole
+/// number: the place in `Variable::ALL` of model-core.
+pub const TABLE_OF: u8 = 0;
+/// The parameter of a table's slot that says how many nodes it has.
+pub const TABLE_COUNT: u8 = 1;
 
 /// The flex sensor's table as shipped: a divider of a sensor with
 /// 25 kΩ (70/25)^(θ/90°) to 5 V and 47 kΩ to ground.
@@ -164,7 +188,6 @@ impl Key {
     /// The place in the list; none for an index beyond a list's end.
     pub const fn index(self) -> Option<u8> {
         let after_scalars = SCALAR_COUNT;
-        let after_effects = after_scalars + EFFECTS * (1 + EFFECT_PARAMETERS);
         match self {
             Self::EffectKind { slot } if slot < EFFECTS => {
                 Some(after_scalars + slot * (1 + EFFECT_PARAMETERS))
@@ -174,10 +197,10 @@ impl Key {
             {
                 Some(after_scalars + slot * (1 + EFFECT_PARAMETERS) + 1 + index)
             }
-            Self::FlexCounts(point) if point < FLEX_POINTS => Some(after_effects + point),
-            Self::FlexAngle(point) if point < FLEX_POINTS => {
-                Some(after_effects + FLEX_POINTS + point)
-            }
+            Self::TableNode(node) if node < TABLE_NODES => Some(FIRST_TABLE + node),
+            Self::TableForce(node) if node < TABLE_NODES => Some(FIRST_TABLE + TABLE_NODES + node),
+            Self::FlexCounts(point) if point < FLEX_POINTS => Some(FIRST_FLEX + point),
+            Self::FlexAngle(point) if point < FLEX_POINTS => Some(FIRST_FLEX + FLEX_POINTS + point),
             _ => self.scalar_index(),
         }
     }
@@ -195,6 +218,8 @@ impl Key {
             .chain(effects)
             .chain((0..FLEX_POINTS).map(Self::FlexCounts))
             .chain((0..FLEX_POINTS).map(Self::FlexAngle))
+            .chain((0..TABLE_NODES).map(Self::TableNode))
+            .chain((0..TABLE_NODES).map(Self::TableForce))
     }
 
     /// Reads the word of a line.
@@ -208,6 +233,8 @@ impl Key {
                 slot: digit(slot, EFFECTS)?,
                 index: digit(index, EFFECT_PARAMETERS)?,
             }),
+            [b't', b'.', b'x', node] => Some(Self::TableNode(hexadecimal(*node)?)),
+            [b't', b'.', b'q', node] => Some(Self::TableForce(hexadecimal(*node)?)),
             [b'f', b'.', b'c', point] => Some(Self::FlexCounts(digit(point, FLEX_POINTS)?)),
             [b'f', b'.', b'a', point] => Some(Self::FlexAngle(digit(point, FLEX_POINTS)?)),
             _ => Self::parse_scalar(Keyword::parse(word)?),
@@ -224,6 +251,8 @@ impl Key {
         match self {
             Self::EffectKind { slot } => uwrite!(out, "e{}.kind", slot),
             Self::EffectParameter { slot, index } => uwrite!(out, "e{}.p{}", slot, index),
+            Self::TableNode(node) => uwrite!(out, "t.x{:x}", node),
+            Self::TableForce(node) => uwrite!(out, "t.q{:x}", node),
             Self::FlexCounts(point) => uwrite!(out, "f.c{}", point),
             Self::FlexAngle(point) => uwrite!(out, "f.a{}", point),
             scalar => match scalar.scalar_keyword() {
@@ -240,6 +269,15 @@ impl Key {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Settings([u32; COUNT as usize]);
 
+/// The node of a table, 0 to f.
+const fn hexadecimal(byte: u8) -> Option<u8> {
+    match byte {
+        b'0'..=b'9' => Some(byte - b'0'),
+        b'a'..=b'f' => Some(byte - b'a' + 10),
+        _ => None,
+    }
+}
+
 /// Why a setting cannot have a value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
@@ -254,6 +292,9 @@ impl Settings {
     /// What a board is shipped with.
     pub const DEFAULT: Self = Self::shipped();
 
+    /// All words zero: no settings yet.
+    pub const EMPTY: Self = Self([0; COUNT as usize]);
+
     const fn shipped() -> Self {
         let mut words = [0; COUNT as usize];
         let scalars = scalar_defaults();
@@ -262,7 +303,7 @@ impl Settings {
             words[index] = scalars[index].to_bits();
             index += 1;
         }
-        let counts = SCALAR_COUNT as usize + EFFECTS as usize * (1 + EFFECT_PARAMETERS as usize);
+        let counts = FIRST_FLEX as usize;
         let angles = counts + FLEX_POINTS as usize;
         let mut point = 0;
         while point < FLEX.len() {
@@ -278,6 +319,12 @@ impl Settings {
         Self(words)
     }
 
+    /// The words, to be filled in unchecked: in place, since a copy is large for a
+    /// board's stack.
+    pub const fn words_mut(&mut self) -> &mut [u32; COUNT as usize] {
+        &mut self.0
+    }
+
     /// The words, as they are stored.
     pub const fn words(&self) -> &[u32; COUNT as usize] {
         &self.0
@@ -291,6 +338,15 @@ impl Settings {
     /// A setting as a number; not-a-number for an index beyond a list's end.
     pub fn number(&self, key: Key) -> f32 {
         self.bits(key).map_or(f32::NAN, f32::from_bits)
+    }
+
+    /// The nodes of the table (SI units) with the forces at them (N), also those that
+    /// are not in use.
+    pub fn table(&self) -> impl Iterator<Item = (f32, f32)> {
+        let (_, words) = self.0.split_at(FIRST_TABLE as usize);
+        let (nodes, forces) = words.split_at(TABLE_NODES as usize);
+        let pairs = nodes.iter().zip(forces);
+        pairs.map(|(&node, &force)| (f32::from_bits(node), f32::from_bits(force)))
     }
 
     /// Changes a setting.
@@ -351,6 +407,14 @@ mod tests {
     }
 
     #[test]
+    fn what_is_shipped_has_no_table() {
+        let (_, table) = Settings::DEFAULT
+            .words()
+            .split_at(usize::from(SHIPPED_COUNT));
+        assert!(table.len() == 2 * usize::from(TABLE_NODES) && table.iter().all(|&word| word == 0));
+    }
+
+    #[test]
     fn what_is_shipped_is_allowed() {
         let mut settings = Settings::DEFAULT;
         for key in Key::all() {
@@ -374,7 +438,17 @@ mod tests {
             Err(InvalidSetting::NoSuchKey)
         );
         assert_eq!(settings, Settings::DEFAULT);
-        for word in [&b""[..], b"e3.kind", b"e0.p4", b"f.c8", b"f.c", b"warp"] {
+        for word in [
+            &b""[..],
+            b"e3.kind",
+            b"e0.p4",
+            b"t.xg",
+            b"t.q",
+            b"t.x10",
+            b"f.c8",
+            b"f.c",
+            b"warp",
+        ] {
             assert_eq!(Key::parse(word), None);
         }
     }

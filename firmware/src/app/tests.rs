@@ -308,7 +308,7 @@ fn who_it_is_and_how_it_is_are_machine_readable() {
     let crc = format!("{:04x}", checksum(&Settings::DEFAULT));
     assert_eq!(
         rig.ask(Command::Hello).unwrap(),
-        format!("softrig 0.1.0 wire 1 settings {crc}")
+        format!("softrig 0.1.0 wire 2 settings {crc}")
     );
     assert_eq!(
         rig.ask(Command::Status).unwrap(),

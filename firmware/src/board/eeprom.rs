@@ -8,6 +8,9 @@ use core::arch::asm;
 
 use avr_device::atmega2560::EEPROM;
 use firmware::store;
+use wire::settings::{SHIPPED_COUNT, Settings};
+
+use super::texts::flash_byte;
 
 /// Erases and writes.
 const BOTH: u8 = 0b00 << 4;
@@ -30,7 +33,36 @@ impl Eeprom {
     }
 }
 
+/// What a board is shipped with, up to the table, which is empty.
+#[unsafe(link_section = ".progmem.data")]
+static SHIPPED: [u32; SHIPPED_COUNT as usize] = {
+    let mut words = [0; SHIPPED_COUNT as usize];
+    let mut index = 0;
+    while index < words.len() {
+        words[index] = Settings::DEFAULT.words()[index];
+        index += 1;
+    }
+    words
+};
+
 impl store::Eeprom for Eeprom {
+    fn ship(&self, settings: &mut Settings) {
+        let mut at = SHIPPED.as_ptr().cast::<u8>();
+        for (index, word) in settings.words_mut().iter_mut().enumerate() {
+            let mut bytes = [0; 4];
+            if index >= SHIPPED.len() {
+                *word = 0;
+                continue;
+            }
+            for byte in &mut bytes {
+                // SAFETY: within the words, which are in flash.
+                *byte = unsafe { flash_byte(at) };
+                at = at.wrapping_add(1);
+            }
+            *word = u32::from_le_bytes(bytes);
+        }
+    }
+
     fn read(&self, address: u16) -> u8 {
         self.wait();
         self.0.eear().write(|w| w.set(address));

@@ -131,7 +131,9 @@ impl Room {
     pub fn start(self, eeprom: &Eeprom, cause: ResetCause) -> &'static mut App {
         static APP: place::Place<App> = place::Place::new();
         // SAFETY: `Board::take` makes one room, and it is used up here.
-        unsafe { APP.put(App::new(eeprom, cause)) }
+        let app = unsafe { APP.put(App::empty(cause)) };
+        app.load(eeprom);
+        app
     }
 }
 

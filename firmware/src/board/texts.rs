@@ -41,7 +41,7 @@ impl<const N: usize> Lines<N> {
 ///
 /// `at` must point to a static in `.progmem`, which the linker puts into the
 /// lowest 64 KiB of flash, right behind the interrupt vectors.
-unsafe fn flash_byte(at: *const u8) -> u8 {
+pub(super) unsafe fn flash_byte(at: *const u8) -> u8 {
     let byte: u8;
     // SAFETY: reading flash changes nothing.
     unsafe {

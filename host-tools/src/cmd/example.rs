@@ -43,13 +43,17 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let hidden = match args.effect.as_deref() {
         None => Hidden::Drawn,
         Some("none") => Hidden::Nothing,
-        Some(name) => Hidden::Effect(Kind::from_name(name).ok_or_else(|| {
-            let known: Vec<&str> = Kind::ALL.iter().map(|kind| kind.name()).collect();
-            InputError::new(
-                format!("{name} is not a known kind of effect"),
-                format!("use \"none\" or one of: {}", known.join(", ")),
-            )
-        })?),
+        Some(name) => Hidden::Effect(
+            Kind::from_name(name)
+                .filter(|kind| kind.is_name())
+                .ok_or_else(|| {
+                    let known: Vec<&str> = Kind::NAMES.iter().map(|kind| kind.name()).collect();
+                    InputError::new(
+                        format!("{name} is not a known kind of effect"),
+                        format!("use \"none\" or one of: {}", known.join(", ")),
+                    )
+                })?,
+        ),
     };
     let example = make(hidden, args.noise_deg, args.hide)?;
     example.write(&args.output)?;

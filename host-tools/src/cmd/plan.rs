@@ -124,7 +124,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
 /// The two explanations in `--between`.
 fn between(text: &str) -> Result<[Vec<Kind>; 2], InputError> {
     let advice = || {
-        let known: Vec<&str> = Kind::ALL.iter().map(|kind| kind.name()).collect();
+        let known: Vec<&str> = Kind::NAMES.iter().map(|kind| kind.name()).collect();
         format!(
             "name two effects with a comma between them, of: {}",
             known.join(", ")
@@ -135,7 +135,8 @@ fn between(text: &str) -> Result<[Vec<Kind>; 2], InputError> {
         .map(|side| {
             side.split('+')
                 .map(|name| {
-                    Kind::from_name(name.trim()).ok_or_else(|| {
+                    let kind = Kind::from_name(name.trim()).filter(|kind| kind.is_name());
+                    kind.ok_or_else(|| {
                         InputError::new(format!("there is no effect \"{}\"", name.trim()), advice())
                     })
                 })
@@ -202,7 +203,6 @@ fn made_up(file: &ModelFile, kinds: &[Kind]) -> Result<Vec<Recording>, InputErro
     let effects: Vec<_> = file
         .model
         .effects()
-        .copied()
         .chain(kinds.iter().filter_map(|&kind| typical(kind, &scales)))
         .collect();
     let truth: Model<f64> = Model::new(*file.model.dynamics(), &effects).map_err(|error| {

@@ -292,7 +292,7 @@ pub fn applicable(nominal: &Model<f64>, fitter: &Fitter<'_>) -> (Vec<Kind>, Vec<
     });
     let mut tried = Vec::new();
     let mut untried = Vec::new();
-    for &kind in Kind::ALL {
+    for &kind in Kind::NAMES {
         if nominal.effects().any(|effect| effect.kind() == kind) {
             untried.push(Untried {
                 kind,
@@ -442,7 +442,7 @@ pub fn without(ground: &Ground<'_>, candidate: &Candidate, out: Kind) -> Option<
         .effects()
         .enumerate()
         .filter(|(index, _)| *index != slot)
-        .map(|(_, effect)| *effect)
+        .map(|(_, effect)| effect)
         .collect();
     let added: Vec<Kind> = candidate
         .added
@@ -516,7 +516,7 @@ fn starts(file: &ModelFile, scales: &Scales, base: &Candidate, kind: Kind) -> St
         let Some(effect) = kind.build(values) else {
             continue;
         };
-        let effects: Vec<_> = base.fit.model.effects().copied().chain([effect]).collect();
+        let effects: Vec<_> = base.fit.model.effects().chain([effect]).collect();
         starts.from_fitted.extend(Model::new(fitted, &effects));
         starts.from_nominal.extend(Model::new(nominal, &effects));
     }

@@ -230,7 +230,7 @@ fn diagnose_zeros(
         diagnosis.answer,
         Answer::NoDiscrepancy | Answer::ParametersOnly
     );
-    let effect = select::required_evidence(1, Kind::ALL.len());
+    let effect = select::required_evidence(1, Kind::NAMES.len());
     if !quiet || cost_of_zeros(&diagnosis.data, &diagnosis.refit) < effect {
         return Ok(found);
     }

@@ -388,7 +388,7 @@ mod tests {
         };
         let rivals = [
             with(Kind::CoulombFriction, &[0.4, 0.02]),
-            with(Kind::BoucWenHysteresis, &[0.4, 0.06]),
+            with(Kind::BoucWenHysteresis, &[0.4, 0.06, 0.5]),
         ];
         let list = proposals(&believed(), &rivals, 0.007, &Limits::default());
         let evidence = |name: &str| {

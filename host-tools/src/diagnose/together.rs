@@ -79,7 +79,7 @@ fn directions(ground: &Ground<'_>, base: &Candidate, kind: Kind, at: &Point) -> 
     let mut found: Vec<(f64, Direction)> = starts_from(ground, base, kind)
         .par_iter()
         .filter_map(|start| {
-            let direction = at.direction(ground.excerpt, kind, *start, &free)?;
+            let direction = at.direction(ground.excerpt, kind, start, &free)?;
             let none = DMatrix::zeros(at.residual.nrows(), 0);
             Some((left_by(&at.residual, &direction.columns, &none)?, direction))
         })
@@ -138,12 +138,12 @@ impl Point {
         &self,
         fitter: &Fitter<'_>,
         kind: Kind,
-        start: Model<f64>,
+        start: &Model<f64>,
         free: &[ParameterId],
     ) -> Option<Direction> {
         /// How often a force is made smaller.
         const ATTEMPTS: usize = 4;
-        let mut start = start;
+        let mut start = *start;
         for attempt in 1.. {
             let (changed, jacobian) = fitter.linearised(&start, free, &self.nuisances)?;
             let change = changed - &self.whole;
@@ -209,12 +209,11 @@ fn left_by(residual: &DMatrix<f64>, a: &DMatrix<f64>, b: &DMatrix<f64>) -> Optio
 
 /// The base with both effects at their starts.
 fn both(base: &Candidate, a: &Direction, b: &Direction) -> Option<Model<f64>> {
-    let last = |model: &Model<f64>| model.effects().last().copied();
+    let last = |model: &Model<f64>| model.effects().last();
     let effects: Vec<_> = base
         .fit
         .model
         .effects()
-        .copied()
         .chain([last(&a.start)?, last(&b.start)?])
         .collect();
     Model::new(*base.fit.model.dynamics(), &effects).ok()

@@ -478,10 +478,10 @@ mod tests {
     #[test]
     fn a_held_out_segment_keeps_the_memory_of_its_session() {
         for (kind, values) in [
-            (Kind::MullinsSoftening, [0.4, 0.5]),
-            (Kind::BoucWenHysteresis, [0.4, 0.2]),
+            (Kind::MullinsSoftening, &[0.4, 0.5][..]),
+            (Kind::BoucWenHysteresis, &[0.4, 0.2, 0.5]),
         ] {
-            let model = model(&[kind.build(&values).unwrap()]);
+            let model = model(&[kind.build(values).unwrap()]);
             let steps = [60e3, 20e3, 40e3];
             let recording = recorded(&model, &steps, &Nuisance::AT_ZERO);
             let last = 2 * STEP..3 * STEP;

@@ -34,6 +34,7 @@ parameters! {
             lower: -1.0,
             upper: f32::INFINITY,
             held: None,
+            default: None,
             starts: &[-0.4, 0.5, 2.0],
         },
     }

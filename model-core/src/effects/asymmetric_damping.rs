@@ -32,6 +32,7 @@ parameters! {
             lower: -1.0,
             upper: f32::INFINITY,
             held: None,
+            default: None,
             starts: &[-0.5, 0.5, 2.0],
         },
     }

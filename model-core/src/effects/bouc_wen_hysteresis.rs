@@ -1,11 +1,24 @@
-//! Bouc–Wen hysteresis: Q = a w, D ẇ = ω − ½|ω|w − ½ω|w|.
+//! Bouc–Wen hysteresis: Q = a w, D ẇ = ω − ½|ω|w − B ω|w|.
 //!
-//! a (N) is the largest force of the loop, D (rad) the way over which it builds
-//! up, w the share of the loop (between −1 and 1), ω the angular rate (rad/s).
-//! Bouc (1967) and Wen (J. Eng. Mech. 102, 1976), with β = γ = ½ and exponent 1,
-//! which loads along 1 − e^(−θ/D) and unloads along a straight line of slope
-//! 1/D. Every term has one factor of ω, so the loop depends on the way and not
-//! on the speed; below D it is a spring a/D, beyond it a friction a.
+//! a (N) is the scale of the force, D (rad) the way over which it builds up, w
+//! the share of the loop, B (dimensionless) its shape, ω the angular rate
+//! (rad/s). Bouc (1967) and Wen (J. Eng. Mech. 102, 1976), with exponent 1,
+//! β = ½ and γ = B. β is no parameter: a, D and β scale each other.
+//!
+//! Along the way, with w > 0, loading has the slope D dw/dθ = 1 − (½ + B)w and
+//! unloading 1 + (½ − B)w. So
+//!
+//! - for B > −½ loading ends at w = 1/(½ + B): the largest force is a/(½ + B),
+//!   which is a itself for B = ½;
+//! - for B = ½ it loads along 1 − e^(−θ/D) and unloads along a straight line of
+//!   slope 1/D; for smaller B unloading is steeper than that, for larger B it
+//!   bends the other way and the loop is thin;
+//! - for B ≤ −½ loading does not end: it goes on along a straight line (B = −½)
+//!   or stiffens, and nothing but the range of the angle bounds the force.
+//!
+//! Unloading is steeper than loading for every B, so a closed loop takes energy.
+//! Every term has one factor of ω, so the loop depends on the way and not on the
+//! speed; below D it is a spring a/D.
 //!
 //! ẇ has corners at ω = 0 and w = 0. w is stiff where D is small: its rate is
 //! |ω|/D. A run starts with w = 0, as if the actuator had been worked loose; a
@@ -21,11 +34,13 @@ pub const INFO: Info = Info {
     name: "bouc_wen_hysteresis",
     title: "hysteresis (Bouc–Wen)",
     place: Place::Force,
-    equation: "Q = a w, D ẇ = ω − ½|ω|w − ½ω|w|",
+    equation: "Q = a w, D ẇ = ω − ½|ω|w − B ω|w|",
     text: "The way back differs from the way there however slowly it is gone: filled rubber, \
            fibres that slide in the wall, layers that shift. After each reversal the actuator \
-           first gives way like a spring, then like a friction; the loop does not shrink as the \
-           cycle slows.",
+           first gives way like a spring, then like a friction of a/(½ + B); the loop does not \
+           shrink as the cycle slows. The shape B makes its ends round or pointed; at −½ and \
+           below, the force grows as far as the actuator bends (Bouc 1967, Wen 1976, with β = ½ \
+           and γ = B).",
     signature: "angle since the last reversal",
     look_alikes: &["coulomb_friction", "input_backlash", "maxwell_branch"],
 };
@@ -33,7 +48,7 @@ pub const INFO: Info = Info {
 parameters! {
     /// Bouc–Wen hysteresis.
     BoucWenHysteresis {
-        /// Largest force a of the loop (N).
+        /// Force a of the loop (N); the largest is a/(½ + B).
         force: Parameter {
             key: "force_n",
             symbol: "a",
@@ -41,6 +56,7 @@ parameters! {
             lower: 0.0,
             upper: f32::INFINITY,
             held: None,
+            default: None,
             starts: &[0.05, 0.2],
         },
         /// Angle D over which it builds up (rad).
@@ -52,7 +68,20 @@ parameters! {
             lower: 0.000_976_562_5,
             upper: 2.0,
             held: None,
+            default: None,
             starts: &[0.03, 0.2],
+        },
+        /// Shape B of the loop, Wen's γ beside β = ½.
+        shape: Parameter {
+            key: "shape",
+            symbol: "B",
+            unit: Unit::One,
+            lower: -1.0,
+            upper: 1.0,
+            held: None,
+            // The only shape of earlier model files.
+            default: Some(0.5),
+            starts: &[0.5, 0.0],
         },
     }
 }
@@ -64,7 +93,7 @@ impl<R: Real> Mechanism<R> for BoucWenHysteresis<R> {
 
     fn force(&self, at: &Instant<R>, hidden: &Hidden<R>, rates: &mut Hidden<R>) -> R {
         let [w, _] = *hidden;
-        let fading = (at.rate.abs() * w + at.rate * w.abs()) * R::half();
+        let fading = at.rate.abs() * w * R::half() + at.rate * w.abs() * self.shape;
         rates[0] = (at.rate - fading) / self.yield_angle;
         self.force * w
     }
@@ -73,9 +102,13 @@ impl<R: Real> Mechanism<R> for BoucWenHysteresis<R> {
         // The rate is not known here; as for quadratic damping, a swing through
         // the whole range bounds it well enough for a step length.
         let swing = (angle + R::one()) * R::half();
+        // Unloading from the end of the loop is the steepest: 1/(½ + B) times
+        // the slope at w = 0. Where no end bounds the loop, eight times.
+        let end = (R::half() + self.shape).max(R::from_f32(0.125));
+        let steepest = (R::one() / end).max(R::one());
         Rates {
-            stiffness: self.force / (self.yield_angle * dynamics.inertia),
-            relaxation: swing / self.yield_angle,
+            stiffness: self.force * steepest / (self.yield_angle * dynamics.inertia),
+            relaxation: swing * (R::half() + self.shape.abs()) / self.yield_angle,
         }
     }
 }
@@ -85,13 +118,20 @@ mod tests {
     use crate::actuator::State;
     use crate::catalogue::Kind;
     use crate::effects::testing::{run, spring};
+    use crate::effects::{Instant, Mechanism};
     use crate::input::Held;
 
     const YIELD: f64 = 0.2;
 
+    /// The same for the shape ½.
+    fn after(state: State<f64>, rate: f64, way: f64) -> State<f64> {
+        after_shape(0.5, state, rate, way)
+    }
+
     /// w after a free mass, too heavy to feel the loop, went `way` at `rate`.
-    fn after(mut state: State<f64>, rate: f64, way: f64) -> State<f64> {
-        let effect = Kind::BoucWenHysteresis.build(&[1e-12, YIELD]).unwrap();
+    fn after_shape(shape: f64, mut state: State<f64>, rate: f64, way: f64) -> State<f64> {
+        let values = [1e-12, YIELD, shape];
+        let effect = Kind::BoucWenHysteresis.build(&values).unwrap();
         let model = spring(1.0, 0.0, 0.0, &[effect]);
         state.rate = rate;
         run(&model, state, &Held(0.0), (way / rate).abs(), 4_000)
@@ -124,5 +164,56 @@ mod tests {
             after(there, -rate, -0.3).hidden[0][0]
         };
         assert!((end(5.0) - end(0.01)).abs() < 1e-9);
+    }
+
+    #[test]
+    fn loading_ends_at_one_over_a_half_plus_the_shape() {
+        for shape in [1.0, 0.5, 0.0, -0.25] {
+            let end = 1.0 / (0.5 + shape);
+            let way = 40.0 * YIELD * end;
+            let there = after_shape(shape, at_zero(), 0.7, way).hidden[0][0];
+            let back = after_shape(shape, at_zero(), -0.7, -way).hidden[0][0];
+            assert!((there - end).abs() < 1e-9, "{shape}: {there}");
+            assert!((back + end).abs() < 1e-9, "{shape}: {back}");
+        }
+        // Without an end: a straight line, and an exponential.
+        let straight = after_shape(-0.5, at_zero(), 0.7, 0.8).hidden[0][0];
+        assert!((straight - 0.8 / YIELD).abs() < 1e-9);
+        let stiffening = after_shape(-1.0, at_zero(), 0.7, 0.8).hidden[0][0];
+        let expected = 2.0 * (f64::exp(0.5 * 0.8 / YIELD) - 1.0);
+        assert!((stiffening - expected).abs() < 1e-8, "{stiffening}");
+    }
+
+    #[test]
+    fn unloading_follows_its_own_exponential() {
+        for shape in [1.0, 0.25, 0.0, -0.4, -0.8] {
+            let loaded = after_shape(shape, at_zero(), 0.7, 0.3);
+            let w = loaded.hidden[0][0];
+            let unloaded = after_shape(shape, loaded, -0.7, -0.05).hidden[0][0];
+            // D dw/dθ = 1 + b w, backwards.
+            let b = 0.5 - shape;
+            let expected = ((1.0 + b * w) * f64::exp(-b * 0.05 / YIELD) - 1.0) / b;
+            assert!((unloaded - expected).abs() < 1e-9, "{shape}: {unloaded}");
+        }
+    }
+
+    /// The same rate to the last bit as the formula of the files that had no
+    /// shape.
+    #[test]
+    fn shape_of_one_half_is_the_loop_of_earlier_files() {
+        let effect = Kind::BoucWenHysteresis.build(&[0.3_f32, 0.1, 0.5]).unwrap();
+        for (rate, w) in [(0.7, 0.3), (-0.2, 0.91), (1.3, -0.77), (-3.1, -0.013)] {
+            let at = Instant {
+                time: 0.0,
+                angle: 0.2,
+                rate,
+                pressure: 0.0,
+            };
+            let mut rates = [0.0; 2];
+            let force = effect.force(&at, &[w, 0.0], &mut rates);
+            let before: f32 = (rate - (rate.abs() * w + rate * w.abs()) * 0.5) / 0.1;
+            assert_eq!(rates[0].to_bits(), before.to_bits());
+            assert_eq!(force.to_bits(), (0.3 * w).to_bits());
+        }
     }
 }

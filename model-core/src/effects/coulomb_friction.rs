@@ -35,6 +35,7 @@ parameters! {
             lower: 0.0,
             upper: f32::INFINITY,
             held: None,
+            default: None,
             starts: &[0.01, 0.1],
         },
         /// Rate ω_s at which the sign is smoothed (rad/s).
@@ -45,6 +46,7 @@ parameters! {
             lower: 1e-4,
             upper: 10.0,
             held: Some(0.02),
+            default: None,
             starts: &[],
         },
     }

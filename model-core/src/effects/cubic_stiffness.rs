@@ -31,6 +31,7 @@ parameters! {
             lower: f32::NEG_INFINITY,
             upper: f32::INFINITY,
             held: None,
+            default: None,
             starts: &[-0.05, 0.05, 0.5],
         },
     }

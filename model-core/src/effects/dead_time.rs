@@ -31,6 +31,7 @@ parameters! {
             lower: 0.0,
             upper: 5.0,
             held: None,
+            default: None,
             starts: &[0.05, 0.25],
         },
     }

@@ -33,6 +33,7 @@ parameters! {
             lower: 0.0,
             upper: f32::INFINITY,
             held: None,
+            default: None,
             starts: &[0.5, 4.0],
         },
         /// Angle θ_s at which it begins (rad).
@@ -43,6 +44,7 @@ parameters! {
             lower: 0.0,
             upper: 4.0,
             held: None,
+            default: None,
             starts: &[0.6, 1.0, 1.4],
         },
     }

@@ -33,6 +33,7 @@ parameters! {
             lower: -3.0,
             upper: 3.0,
             held: None,
+            default: None,
             starts: &[-0.3, 0.3],
         },
     }

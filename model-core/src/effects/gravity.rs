@@ -33,6 +33,7 @@ parameters! {
             lower: f32::NEG_INFINITY,
             upper: f32::INFINITY,
             held: None,
+            default: None,
             starts: &[-0.3, 0.3, 1.0],
         },
         /// Tilt θ₀ of the base (rad).
@@ -43,6 +44,7 @@ parameters! {
             lower: -3.2,
             upper: 3.2,
             held: Some(0.0),
+            default: None,
             starts: &[-1.5, 1.5],
         },
     }

@@ -40,6 +40,7 @@ parameters! {
             lower: 0.0,
             upper: f32::INFINITY,
             held: None,
+            default: None,
             starts: &[0.03, 0.1],
         },
     }

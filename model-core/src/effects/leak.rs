@@ -43,6 +43,7 @@ parameters! {
             lower: 0.125,
             upper: 8192.0,
             held: None,
+            default: None,
             starts: &[3.0, 20.0, 100.0],
         },
     }

@@ -32,6 +32,7 @@ parameters! {
             lower: 0.0,
             upper: f32::INFINITY,
             held: None,
+            default: None,
             starts: &[0.2],
         },
         /// Time constant τ (s).
@@ -42,6 +43,7 @@ parameters! {
             lower: 0.01,
             upper: 1000.0,
             held: None,
+            default: None,
             starts: &[0.5, 3.0, 15.0],
         },
     }

@@ -50,6 +50,7 @@ pub mod sensor_nonlinearity;
 pub mod sensor_offset;
 pub mod stiffness_drift;
 pub mod stribeck_friction;
+pub mod table;
 pub mod vent_asymmetry;
 
 /// Hidden states of one effect; unused ones stay zero.
@@ -261,10 +262,23 @@ pub struct Parameter {
     /// Value that a file may leave out and that a first fit holds; none for a
     /// parameter that has to be found.
     pub held: Option<f32>,
+    /// Value that a file may leave out of a parameter that is fitted all the same.
+    pub default: Option<f32>,
     /// Where fits start: seconds, hertz, radians and dimensionless numbers as
     /// they are, other units relative to the size that the recordings suggest. A
     /// held parameter without starts is never fitted.
     pub starts: &'static [f32],
+}
+
+impl Parameter {
+    /// The value of a file that leaves the parameter out; none if it must be
+    /// there.
+    pub const fn left_out(&self) -> Option<f32> {
+        match self.held {
+            Some(held) => Some(held),
+            None => self.default,
+        }
+    }
 }
 
 /// What the catalogue knows about an effect besides its equation.

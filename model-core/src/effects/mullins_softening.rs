@@ -39,6 +39,7 @@ parameters! {
             lower: 0.0,
             upper: 1.0,
             held: None,
+            default: None,
             starts: &[0.1, 0.4],
         },
         /// Angle θ_m over which it is lost (rad).
@@ -49,6 +50,7 @@ parameters! {
             lower: 0.031_25,
             upper: 8.0,
             held: None,
+            default: None,
             starts: &[0.3, 1.0],
         },
     }

@@ -39,6 +39,7 @@ parameters! {
             lower: 0.0,
             upper: f32::INFINITY,
             held: None,
+            default: None,
             starts: &[0.05],
         },
         /// Frequency f (Hz).
@@ -49,6 +50,7 @@ parameters! {
             lower: 0.031_25,
             upper: 64.0,
             held: None,
+            default: None,
             starts: &[0.5, 2.0, 8.0],
         },
         /// Phase φ at the start of the session (rad).
@@ -59,6 +61,7 @@ parameters! {
             lower: -6.5,
             upper: 6.5,
             held: None,
+            default: None,
             starts: &[-1.5, 1.5],
         },
     }

@@ -33,6 +33,7 @@ parameters! {
             lower: 0.001_953_125,
             upper: 100.0,
             held: None,
+            default: None,
             starts: &[0.05, 0.3],
         },
     }

@@ -40,6 +40,7 @@ parameters! {
             lower: -0.000_030_517_578,
             upper: 0.000_244_140_63,
             held: None,
+            default: None,
             starts: &[-0.2, 0.3, 1.0],
         },
     }

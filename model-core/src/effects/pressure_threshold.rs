@@ -32,6 +32,7 @@ parameters! {
             lower: 0.0,
             upper: f32::INFINITY,
             held: None,
+            default: None,
             starts: &[0.05, 0.2],
         },
     }

@@ -35,6 +35,7 @@ parameters! {
             lower: 0.125,
             upper: 64.0,
             held: None,
+            default: None,
             starts: &[2.0, 5.0, 12.0],
         },
         /// Damping ratio ζ₂.
@@ -45,6 +46,7 @@ parameters! {
             lower: 0.0,
             upper: 2.0,
             held: None,
+            default: None,
             starts: &[0.08],
         },
         /// Coupling b.
@@ -55,6 +57,7 @@ parameters! {
             lower: -8.0,
             upper: 8.0,
             held: None,
+            default: None,
             starts: &[-0.3, 0.3],
         },
     }

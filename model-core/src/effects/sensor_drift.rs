@@ -33,6 +33,7 @@ parameters! {
             lower: -1.0,
             upper: 1.0,
             held: None,
+            default: None,
             starts: &[-0.003, 0.003],
         },
     }

@@ -33,6 +33,7 @@ parameters! {
             lower: -0.25,
             upper: 0.25,
             held: None,
+            default: None,
             starts: &[-0.1, 0.1],
         },
     }

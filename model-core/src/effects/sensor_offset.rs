@@ -30,6 +30,7 @@ parameters! {
             lower: -3.2,
             upper: 3.2,
             held: None,
+            default: None,
             starts: &[0.0],
         },
     }

@@ -48,6 +48,7 @@ parameters! {
             lower: -0.125,
             upper: 0.125,
             held: None,
+            default: None,
             starts: &[-0.3, 0.3],
         },
     }

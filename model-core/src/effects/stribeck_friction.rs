@@ -39,6 +39,7 @@ parameters! {
             lower: 0.0,
             upper: f32::INFINITY,
             held: None,
+            default: None,
             starts: &[0.01, 0.1],
         },
         /// What is added near standstill, ΔT (N).
@@ -49,6 +50,7 @@ parameters! {
             lower: 0.0,
             upper: f32::INFINITY,
             held: None,
+            default: None,
             starts: &[0.05],
         },
         /// Rate ω_S over which the addition fades (rad/s).
@@ -60,6 +62,7 @@ parameters! {
             lower: 0.001_953_125,
             upper: 16.0,
             held: None,
+            default: None,
             starts: &[0.05, 0.2],
         },
     }

@@ -35,6 +35,7 @@ parameters! {
             lower: 0.001_953_125,
             upper: 100.0,
             held: None,
+            default: None,
             starts: &[0.1],
         },
         /// Time constant τ_vent of venting (s).
@@ -45,6 +46,7 @@ parameters! {
             lower: 0.001_953_125,
             upper: 100.0,
             held: None,
+            default: None,
             starts: &[0.1, 0.5],
         },
     }

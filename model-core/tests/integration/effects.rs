@@ -12,7 +12,8 @@ use model_core::real::Real;
 
 use crate::solver::{Values, solve};
 use crate::support::{
-    F32, F64, Scalar, lively, run, sample_effects, sample_values, varied_pressure_pa,
+    ANGLE_NODES, F32, F64, RATE_NODES, Scalar, effect_of, lively, run, sample_effects,
+    sample_values, varied_pressure_pa,
 };
 
 const DURATION_S: u32 = 10;
@@ -111,10 +112,10 @@ fn equations(kind: Kind, values: &'static [f64]) -> Equations {
                 0.0
             }
         }),
-        // Q = a w, D ẇ = ω − ½|ω|w − ½ω|w|
+        // Q = a w, D ẇ = ω − ½|ω|w − B ω|w|
         Kind::BoucWenHysteresis => Box::new(move |time, at| {
             let acceleration = acceleration(&d, varied_pressure_pa(time), at, values[0] * at[2]);
-            let w_rate = at[1] - 0.5 * at[1].abs() * at[2] - 0.5 * at[1] * at[2].abs();
+            let w_rate = at[1] - 0.5 * at[1].abs() * at[2] - values[2] * at[1] * at[2].abs();
             [at[1], acceleration, w_rate / values[1], 0.0]
         }),
         // K → K(1 + ρ t)
@@ -197,8 +198,22 @@ fn equations(kind: Kind, values: &'static [f64]) -> Equations {
             let acceleration = acceleration(&d, varied_pressure_pa(time), at, q);
             [at[1], acceleration, values[1], 0.0]
         }),
+        // Straight lines between the nodes.
+        Kind::Table if values.len() == 6 => force(|v, at| interpolated(&RATE_NODES, v, at[1])),
+        Kind::Table => force(|v, at| interpolated(&ANGLE_NODES, v, at[0])),
         _ => panic!("{}: write its equation here a second time", kind.name()),
     }
+}
+
+/// The straight line through the nodes around `x`, the end value beyond them: the
+/// sum of what each piece adds.
+fn interpolated(nodes: &[f32], forces: &[f64], x: f64) -> f64 {
+    let pieces = nodes.windows(2).zip(forces.windows(2));
+    let risen = pieces.map(|(ends, at_ends)| {
+        let [start, end] = [ends[0], ends[1]].map(f64::from);
+        (at_ends[1] - at_ends[0]) * ((x - start) / (end - start)).clamp(0.0, 1.0)
+    });
+    forces[0] + risen.sum::<f64>()
 }
 
 /// The output of a play of half-width `b` (Pa) under the varied pressure: each
@@ -251,6 +266,7 @@ fn has_corners(kind: Kind) -> bool {
             | Kind::BoucWenHysteresis
             | Kind::EndStop
             | Kind::MullinsSoftening
+            | Kind::Table
             | Kind::VentAsymmetry
             | Kind::PressureThreshold
             | Kind::InputBacklash
@@ -270,7 +286,7 @@ fn errors<R: Real, P: Power<R>>(
     rate_hz: u32,
     scalar: Scalar<R>,
 ) -> Errors {
-    let effect = kind.build(values).expect("as many as in the table");
+    let effect = effect_of(kind, values);
     let model: Model<f64> = Model::new(lively(), &[effect]).expect("within bounds");
     let model: Model<R, P> = model.map(scalar.from_f64);
     let start = model.at_rest(

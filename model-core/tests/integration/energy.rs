@@ -6,9 +6,11 @@
 
 use model_core::actuator::{Dynamics, Model, State};
 use model_core::catalogue::Kind;
+use model_core::effects::{Instant, Mechanism};
 use model_core::integrate::Scheme;
+use proptest::prelude::*;
 
-use crate::support::{F64, lively, model_of, run, sample_values};
+use crate::support::{ANGLE_NODES, F64, effect_of, lively, model_of, run, sample_values};
 
 fn energy(d: &Dynamics<f64>, state: &State<f64>, pressure_pa: f64) -> f64 {
     let whole = d.exponent + 1.0;
@@ -191,8 +193,7 @@ fn stored(kind: Kind, values: &[f64], d: &Dynamics<f64>, state: &State<f64>) -> 
         | Kind::AngleDependentDamping
         | Kind::AsymmetricDamping => 0.0,
         Kind::MaxwellBranch => 0.5 * values[0] * (state.angle - hidden).powi(2),
-        // Unloading is a straight line of slope a/D.
-        Kind::BoucWenHysteresis => 0.5 * values[0] * values[1] * hidden * hidden,
+        Kind::BoucWenHysteresis => values[0] * values[1] * released(hidden, values[2]),
         Kind::LinearStiffness => 0.5 * values[0] * state.angle * state.angle,
         Kind::CubicStiffness => 0.25 * values[0] * state.angle.powi(4),
         Kind::EndStop => 0.5 * values[0] * (state.angle - values[1]).max(0.0).powi(2),
@@ -208,8 +209,36 @@ fn stored(kind: Kind, values: &[f64], d: &Dynamics<f64>, state: &State<f64>) -> 
             let whole = d.exponent + 1.0;
             -lost * d.stiffness * state.angle.abs().powf(whole) / whole
         }
+        // Six forces are of the rate and always against it.
+        Kind::Table if values.len() == 6 => 0.0,
+        Kind::Table => {
+            let table = |angle: f64| {
+                let pieces = ANGLE_NODES.windows(2).zip(values.windows(2));
+                // Trapezia up to the angle, and the constant ends.
+                let between: f64 = pieces
+                    .map(|(ends, q)| {
+                        let [start, end] = [ends[0], ends[1]].map(f64::from);
+                        let way = angle.clamp(start, end) - start;
+                        way * q[0] + 0.5 * way * way * (q[1] - q[0]) / (end - start)
+                    })
+                    .sum();
+                let [first, last] = [ANGLE_NODES[0], ANGLE_NODES[3]].map(f64::from);
+                between + (angle - first).min(0.0) * values[0] + (angle - last).max(0.0) * values[3]
+            };
+            table(state.angle) - table(0.0)
+        }
         _ => return None,
     })
+}
+
+/// What the loop of a Bouc–Wen hysteresis gives back on the way from `w` to zero,
+/// by a and D: the integral of w dw/(1 + b w), b = ½ − B.
+fn released(w: f64, shape: f64) -> f64 {
+    let (w, b) = (w.abs(), 0.5 - shape);
+    if b.abs() < 1e-6 {
+        return 0.5 * w * w;
+    }
+    (w - (b * w).ln_1p() / b) / b
 }
 
 /// A swing without pressure never gains energy from an effect that has no
@@ -224,7 +253,7 @@ fn effects_without_a_source_never_add_energy() {
                 damping: if damped { lively().damping } else { 0.0 },
                 ..lively()
             };
-            let effect = kind.build(values).expect("as many as in the table");
+            let effect = effect_of(kind, values);
             let model: Model<f64> = Model::new(d, &[effect]).expect("within bounds");
             let start = model.moving(0.2, 2.0, 0.0);
             let Some(extra) = stored(kind, values, &d, &start) else {
@@ -251,10 +280,13 @@ fn effects_without_a_source_never_add_energy() {
                 "{name} {values:?}: {first:.3} to {before:.3} N·rad, at most +{largest_gain:.0e} a step"
             );
             assert!(largest_gain < 1e-6, "{name} {values:?}: {largest_gain}");
-            let keeps = matches!(
-                kind,
-                Kind::LinearStiffness | Kind::CubicStiffness | Kind::EndStop | Kind::Gravity
-            );
+            let keeps = match kind {
+                Kind::Table => values.len() != 6,
+                _ => matches!(
+                    kind,
+                    Kind::LinearStiffness | Kind::CubicStiffness | Kind::EndStop | Kind::Gravity
+                ),
+            };
             let lost = (first - before) / first;
             assert!(
                 if keeps {
@@ -265,5 +297,58 @@ fn effects_without_a_source_never_add_energy() {
                 "{name} {values:?}: {lost}"
             );
         }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    /// A hysteresis takes energy on any closed way, whatever the shape of its loop,
+    /// and the force stays below a/(½ + B) where that is a bound.
+    #[test]
+    fn closed_hysteresis_loops_take_energy(
+        shape in -1.0..=1.0_f64,
+        yield_rad in 0.05..1.0_f64,
+        turns in proptest::collection::vec(-1.5..1.5_f64, 1..6),
+    ) {
+        const STEPS: u32 = 500;
+        let effect = Kind::BoucWenHysteresis.build(&[1.0, yield_rad, shape]).unwrap();
+        let mut hidden = [0.0; 2];
+        let mut angle = 0.0;
+        // From turn to turn and back to the first one, so that the way is closed.
+        let mut taken = 0.0;
+        let mut stored_before = 0.0;
+        let way = [0.3].iter().chain(&turns).chain(&[0.3]);
+        for (leg, &turn) in way.enumerate() {
+            let rate = (turn - angle) / f64::from(STEPS);
+            let rate_of = |hidden: [f64; 2]| {
+                let at = Instant { time: 0.0, angle: 0.0, rate, pressure: 0.0 };
+                let mut rates = [0.0; 2];
+                let force = effect.force(&at, &hidden, &mut rates);
+                (force, rates[0])
+            };
+            for _ in 0..STEPS {
+                // Runge–Kutta over the way, with the work beside it.
+                let (q1, k1) = rate_of(hidden);
+                let (q2, k2) = rate_of([hidden[0] + 0.5 * k1, 0.0]);
+                let (q3, k3) = rate_of([hidden[0] + 0.5 * k2, 0.0]);
+                let (q4, k4) = rate_of([hidden[0] + k3, 0.0]);
+                hidden[0] += (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0;
+                if leg > 0 {
+                    taken += (q1 + 2.0 * q2 + 2.0 * q3 + q4) * rate / 6.0;
+                }
+                if shape > -0.5 {
+                    prop_assert!(hidden[0].abs() <= (1.0 + 1e-9) / (0.5 + shape));
+                }
+            }
+            angle = turn;
+            if leg == 0 {
+                stored_before = yield_rad * released(hidden[0], shape);
+            }
+        }
+        let stored = yield_rad * released(hidden[0], shape) - stored_before;
+        // A loop that is closed in w too stores nothing: it takes what was put in.
+        let rounding = 1e-4 * (1.0 + taken.abs() + stored.abs());
+        prop_assert!(taken - stored >= -rounding, "{taken} and {stored}");
     }
 }

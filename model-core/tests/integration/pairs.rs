@@ -77,6 +77,11 @@ fn commute(first: Kind, second: Kind) -> bool {
     }
 }
 
+/// A model has room for one.
+fn are_two_tables(first: Effect<f64>, second: Effect<f64>) -> bool {
+    [first, second].map(|effect| effect.kind()) == [Kind::Table; 2]
+}
+
 fn largest_difference(a: &[f64], b: &[f64]) -> f64 {
     let differences = a.iter().zip(b).map(|(a, b)| (a - b).abs());
     // A NaN must not hide.
@@ -97,6 +102,9 @@ fn order_of_two_effects_does_not_matter() {
     for (k, (first, alone_first)) in alone.iter().enumerate() {
         for (second, alone_second) in alone.iter().skip(k + 1).step_by(PAIR_STRIDE) {
             let (first, second) = (*first, *second);
+            if are_two_tables(first, second) {
+                continue;
+            }
             let there = readings(&model(&[first, second]), varied_pressure_pa, STEPS);
             let back = readings(&model(&[second, first]), varied_pressure_pa, STEPS);
             let apart = largest_difference(&there, &back);
@@ -153,6 +161,9 @@ fn forces_of_two_effects_add() {
     for &first in &forces {
         assert!((acceleration(&[first]) - none).abs() > 1e-3, "{first:?}");
         for &second in &forces {
+            if are_two_tables(first, second) {
+                continue;
+            }
             let sum = acceleration(&[first]) + acceleration(&[second]) - none;
             assert!((acceleration(&[first, second]) - sum).abs() < 1e-12);
         }
@@ -224,9 +235,9 @@ fn two_of_a_kind_are_one_with_the_sum() {
         (Kind::EndStop, &[2.0, 0.5], &[1.0, 0.5], &[3.0, 0.5]),
         (
             Kind::BoucWenHysteresis,
-            &[0.2, 0.1],
-            &[0.1, 0.1],
-            &[0.3, 0.1],
+            &[0.2, 0.1, 0.2],
+            &[0.1, 0.1, 0.2],
+            &[0.3, 0.1, 0.2],
         ),
         (Kind::PressureThreshold, &[4e3], &[7e3], &[11e3]),
         (Kind::InputBacklash, &[4e3], &[3e3], &[7e3]),

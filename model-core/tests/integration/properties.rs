@@ -2,13 +2,14 @@
 
 use model_core::actuator::{Dynamics, InvalidModel, MAX_EFFECTS, Model, ParameterId};
 use model_core::catalogue::{Effect, Kind};
+use model_core::effects::table::{Table, Variable};
 use model_core::input::Held;
 use model_core::integrate::step;
 use model_core::power::{GuardedMicromath, Minimax, Power};
 use model_core::real::Real;
 use proptest::prelude::*;
 
-use crate::support::{F32, F64, SCHEMES, Scalar, lively};
+use crate::support::{F32, F64, SCHEMES, Scalar, effect_of, lively, sample_values};
 
 /// Far beyond any actuator, in both directions.
 fn any_dynamics() -> impl Strategy<Value = Dynamics<f64>> {
@@ -23,11 +24,38 @@ fn any_dynamics() -> impl Strategy<Value = Dynamics<f64>> {
     )
 }
 
+/// Any table of five nodes: the last three shares are what it is of, where it
+/// begins, and how wide it is.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "small, positive, and rounded on purpose"
+)]
+fn any_table(shares: [f64; 8]) -> Effect<f64> {
+    let forces = [0, 1, 2, 3, 4].map(|k: usize| 10.0 * shares[k] - 5.0);
+    let [of, begin, width] = [shares[5], shares[6], shares[7]];
+    let of = match (4.0 * of) as usize {
+        0 => Variable::Angle,
+        1 => Variable::Rate,
+        2 => Variable::Pressure,
+        _ => Variable::Time,
+    };
+    let scale = if of == Variable::Pressure { 1e5 } else { 1.0 };
+    let nodes = [0.0, 0.1, 0.4, 0.5, 1.0].map(|node| {
+        let node = scale * (2.0 * begin - 2.0 + node * (0.2 + 3.0 * width));
+        node as f32
+    });
+    Effect::Table(Table::new(of, &nodes, &forces).expect("increasing"))
+}
+
 /// Any effect with values anywhere within its bounds, or within ±5 where the
 /// table has none.
 fn any_effect() -> impl Strategy<Value = Effect<f64>> {
     (0..Kind::ALL.len(), proptest::array::uniform8(0.0..=1.0)).prop_map(|(kind, shares)| {
         let kind = Kind::ALL[kind];
+        if kind == Kind::Table {
+            return any_table(shares);
+        }
         let rows = kind.parameters();
         let values: Vec<f64> = rows
             .iter()
@@ -44,8 +72,14 @@ fn any_effect() -> impl Strategy<Value = Effect<f64>> {
 
 fn any_model() -> impl Strategy<Value = Model<f64>> {
     let effects = proptest::collection::vec(any_effect(), 0..=MAX_EFFECTS);
-    (any_dynamics(), effects)
-        .prop_map(|(dynamics, effects)| Model::new(dynamics, &effects).expect("within bounds"))
+    (any_dynamics(), effects).prop_map(|(dynamics, mut effects)| {
+        let mut tables = 0;
+        effects.retain(|effect| {
+            tables += usize::from(effect.kind() == Kind::Table);
+            effect.kind().is_name() || tables == 1
+        });
+        Model::new(dynamics, &effects).expect("within bounds")
+    })
 }
 
 /// Where a model is put before its step: angle (rad), rate (rad/s), pressure (Pa).
@@ -110,7 +144,7 @@ proptest! {
     ) {
         // A spring that softens without limit runs away in finite time once it
         // is past its peak; so do the equations.
-        if model.effects().any(softens) {
+        if model.effects().any(|effect| softens(&effect)) {
             return Ok(());
         }
         prop_assert!(stays_finite(&model, instant, F64));
@@ -170,7 +204,8 @@ proptest! {
         // The size of the forces that have to cancel.
         let scale = d.input_gain * pressure.abs() + d.stiffness * angle.abs().powf(d.exponent)
             * (1.0 + growth.abs() * pressure.abs())
-            + 1.0;
+            // And of a table, ±5.
+            + 6.0;
         // Where the stiffness grows nearly as fast as the force, little is left
         // of both.
         let rounding = if growth == 0.0 { 1e-13 } else { 1e-9 };
@@ -193,8 +228,8 @@ proptest! {
     #[test]
     fn angle_behind_a_reading_is_found_again(model in any_model(), angle in -3.0..3.0) {
         // A curved sensor shows two angles alike beyond its turning point.
-        let curved = |effect: &&Effect<f64>| effect.kind() == Kind::SensorNonlinearity;
-        let offset = |effect: &Effect<f64>| effect.kind() == Kind::SensorOffset;
+        let curved = |effect: &Effect<f64>| effect.kind() == Kind::SensorNonlinearity;
+        let offset = |effect: Effect<f64>| effect.kind() == Kind::SensorOffset;
         let angle = match model.effects().filter(curved).count() {
             0 => angle,
             1 if !model.effects().any(offset) => 0.4 * angle,
@@ -256,8 +291,8 @@ fn numbers_that_are_not_finite_are_rejected_and_named() {
             );
         }
         for &kind in Kind::ALL {
-            for parameter in 0..kind.parameters().len() {
-                let mut effect = kind.build(crate::support::sample_values(kind)[0]).unwrap();
+            for parameter in 0..sample_values(kind)[0].len() {
+                let mut effect = effect_of(kind, sample_values(kind)[0]);
                 effect.set_value(parameter, bad);
                 assert_eq!(
                     Model::<f64>::new(lively(), &[effect]).unwrap_err(),

@@ -2,6 +2,7 @@
 
 use model_core::actuator::{Dynamics, Model, State};
 use model_core::catalogue::{Effect, Kind};
+use model_core::effects::table::{Table, Variable};
 use model_core::input::FromFn;
 use model_core::integrate::{Scheme, step};
 use model_core::power::Power;
@@ -111,7 +112,7 @@ pub fn sample_values(kind: Kind) -> [&'static [f64]; 2] {
         Kind::StribeckFriction => [&[0.1, 0.2, 0.3], &[0.3, 0.1, 0.5]],
         Kind::AngleDependentDamping => [&[0.8], &[-0.9]],
         Kind::AsymmetricDamping => [&[1.5], &[-0.6]],
-        Kind::BoucWenHysteresis => [&[0.3, 0.1], &[0.2, 0.4]],
+        Kind::BoucWenHysteresis => [&[0.3, 0.1, 0.5], &[0.2, 0.4, -0.2]],
         Kind::LinearStiffness => [&[0.8], &[0.3]],
         Kind::EndStop => [&[6.0, 0.5], &[2.0, 0.3]],
         Kind::StiffnessDrift => [&[0.05], &[-0.04]],
@@ -126,16 +127,38 @@ pub fn sample_values(kind: Kind) -> [&'static [f64]; 2] {
         Kind::SensorNonlinearity => [&[0.15], &[-0.2]],
         Kind::SensorDrift => [&[0.02], &[-0.05]],
         Kind::PeriodicDisturbance => [&[0.3, 1.37, 0.8], &[0.2, 0.73, -2.0]],
+        // Of the rate with a jump at zero, and of the angle: see `effect_of`.
+        Kind::Table => [&[-0.5, -0.2, -0.1, 0.1, 0.2, 0.5], &[-0.3, 0.0, 0.2, 0.9]],
         _ => panic!("{}: no values to test it with", kind.name()),
     }
+}
+
+/// Nodes of a table of the rate (rad/s).
+pub const RATE_NODES: [f32; 6] = [-2.0, -0.5, -0.125, 0.125, 0.5, 2.0];
+/// Nodes of a table of the angle (rad).
+pub const ANGLE_NODES: [f32; 4] = [-0.5, 0.0, 0.25, 1.0];
+
+/// The effect with some of its [`sample_values`]; how many there are tells what a
+/// table is of.
+///
+/// # Panics
+///
+/// If they are not as many as in the table.
+pub fn effect_of(kind: Kind, values: &[f64]) -> Effect<f64> {
+    let table = match (kind, values.len()) {
+        (Kind::Table, 6) => Table::new(Variable::Rate, &RATE_NODES, values),
+        (Kind::Table, _) => Table::new(Variable::Angle, &ANGLE_NODES, values),
+        _ => return kind.build(values).expect("as many as in the table"),
+    };
+    Effect::Table(table.expect("as many as nodes"))
 }
 
 /// Every effect of the catalogue, with the first and then the second of its
 /// [`sample_values`].
 pub fn sample_effects() -> impl Iterator<Item = Effect<f64>> {
-    Kind::ALL.iter().flat_map(|&kind| {
-        sample_values(kind).map(|values| kind.build(values).expect("as many as in the table"))
-    })
+    Kind::ALL
+        .iter()
+        .flat_map(|&kind| sample_values(kind).map(|values| effect_of(kind, values)))
 }
 
 /// A pressure (Pa) with a sine, two smoothed steps, and both signs: it crosses

@@ -15,6 +15,9 @@
 //! - stiffening by pressure: mirrored, it stiffens under the mirrored pressure;
 //! - the lag of filling and venting: mirrored, the two change places.
 //!
+//! A table is odd if its forces are, but only up to rounding, since a line is
+//! interpolated from its left end: its own tests look at that.
+//!
 //! And some are one-sided, without a mirror image in the catalogue: a stop, a
 //! threshold, a damping of one direction, and a disturbance that only another
 //! phase would mirror.
@@ -50,7 +53,8 @@ fn mirrored(effect: Effect<f64>) -> Option<Effect<f64>> {
         Kind::AsymmetricDamping
         | Kind::EndStop
         | Kind::PressureThreshold
-        | Kind::PeriodicDisturbance => return None,
+        | Kind::PeriodicDisturbance
+        | Kind::Table => return None,
         Kind::VentAsymmetry => {
             let [fill, vent] = [0, 1].map(|index| effect.value(index).expect("it has two"));
             return Kind::VentAsymmetry.build(&[vent, fill]);
@@ -152,7 +156,8 @@ fn gravity_without_tilt_is_odd() {
 #[test]
 fn directed_effects_are_not_odd() {
     let mut directed = 0;
-    for effect in sample_effects().filter(|&effect| !is_odd(effect)) {
+    let names = sample_effects().filter(|effect| effect.kind().is_name());
+    for effect in names.filter(|&effect| !is_odd(effect)) {
         let there = trace::<f64, Exact>(Scheme::Rk4, &[effect], 1.0, F64);
         let back = trace::<f64, Exact>(Scheme::Rk4, &[effect], -1.0, F64);
         let entries = there.len() / 1_800;

@@ -56,7 +56,7 @@ pub struct Actuator {
 impl Actuator {
     /// An actuator that rests without pressure, for steps of `interval` seconds.
     pub fn at_rest(model: &Model<f64>, interval: f64) -> Self {
-        let delay: f64 = model.effects().map(Mechanism::delay).sum();
+        let delay: f64 = model.effects().map(|effect| effect.delay()).sum();
         // Delays are bounded by the effect's table.
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         let length = (delay / interval).ceil() as usize + 3;
@@ -217,11 +217,11 @@ mod tests {
     #[test]
     fn moves_as_the_simulation_of_the_tools_does_with_every_effect() {
         let pressure = |t: f64| PRESSURE * (1.0 - (2.0 * t).cos());
-        for &kind in Kind::ALL {
+        for &kind in Kind::NAMES {
             let values: Vec<f64> = kind
                 .parameters()
                 .iter()
-                .map(|row| row.held.map_or_else(|| noticeable(row), f64::from))
+                .map(|row| row.left_out().map_or_else(|| noticeable(row), f64::from))
                 .collect();
             let effect = kind.build(&values).unwrap();
             let model: Model<f64> = Model::new(dynamics(), &[effect]).unwrap();

@@ -4,6 +4,7 @@
 use model_core::{
     actuator::{Dynamics, Model},
     catalogue::{Effect, Kind},
+    effects::table::{Table, Variable},
     observer::Observer,
     power::Minimax,
 };
@@ -104,6 +105,58 @@ fn a_model_with_memory_is_repeated_to_the_bit() {
         let effect = kind.build(values).expect("an effect");
         repeats_to_the_bit(&mut bench, shipped(&[effect]));
     }
+}
+
+/// The numbers of a table have settings of their own.
+fn upload_table(bench: &mut Bench, table: &Table<f32>) {
+    let of = Variable::ALL.iter().position(|&of| of == table.of());
+    #[allow(clippy::cast_precision_loss)] // A few.
+    let head = [of.expect("in the list") as f32, table.nodes().len() as f32];
+    for (index, (node, force)) in (0..).zip(table.nodes().iter().zip(table.forces())) {
+        bench.set(Key::TableNode(index), *node);
+        bench.set(Key::TableForce(index), *force);
+    }
+    upload(bench, Kind::Table, &head);
+}
+
+#[test]
+fn tables_of_everything_are_repeated_to_the_bit() {
+    let sixteen: [f32; 16] = std::array::from_fn(|k| 0.1 * (k as f32 - 2.0));
+    let wave = sixteen.map(|angle| 0.4 * (3.0 * angle).sin());
+    for (of, nodes, forces) in [
+        (Variable::Angle, &sixteen[..], &wave[..]),
+        (
+            Variable::Rate,
+            &[-2.0, -0.5, -0.02, 0.02, 0.5, 2.0],
+            &[-0.2, -0.15, -0.1, 0.1, 0.15, 0.2],
+        ),
+        (Variable::Pressure, &[0.0, 2e4, 9e4], &[0.0, 0.3, -0.2]),
+        (Variable::Time, &[0.5, 8.0], &[0.5, -0.5]),
+    ] {
+        let Some(mut bench) = Bench::start(healthy()) else {
+            return;
+        };
+        let table = Table::new(of, nodes, forces).expect("a table");
+        upload_table(&mut bench, &table);
+        repeats_to_the_bit(&mut bench, shipped(&[Effect::Table(table)]));
+    }
+}
+
+/// Saved and read back after a reset, with the plain effects around it.
+#[test]
+fn a_table_survives_a_reset() {
+    let Some(mut bench) = Bench::start(healthy()) else {
+        return;
+    };
+    let table = Table::new(Variable::Angle, &[0.1, 0.7, 1.1], &[0.0, 0.2, -0.1]).expect("a table");
+    upload_table(&mut bench, &table);
+    let mut options = healthy();
+    options.eeprom = Some(bench.rig.eeprom());
+    let Some(mut bench) = Bench::start(options) else {
+        return;
+    };
+    assert_eq!(bench.fault(), None);
+    repeats_to_the_bit(&mut bench, shipped(&[Effect::Table(table)]));
 }
 
 /// Friction that the model does not know raises the flag, and the repaired model

@@ -103,9 +103,9 @@ fn power_cuts_leave_the_old_or_the_new_settings() {
         bench.set(Key::Damping, wanted);
         bench.set(Key::Stiffness, wanted);
         bench.obey(Command::Save);
-        // The few bytes that differ are written within half a second; what comes
-        // then is reading back. Every second cut waits for a byte to be written.
-        let mut cycles = random.random_range(0..u64::from(CLOCK_HZ) / 2);
+        // The few bytes that differ are written, and all are read back, within
+        // three quarters of a second. Every second cut waits for a byte to be written.
+        let mut cycles = random.random_range(0..u64::from(CLOCK_HZ) * 3 / 4);
         bench.rig.run_cycles(cycles).expect("the board runs");
         if cut % 2 == 0 {
             let last = cycles + u64::from(CLOCK_HZ);
