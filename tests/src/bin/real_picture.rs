@@ -109,7 +109,9 @@ impl Simulated {
 
     fn error(&self) -> Vec<f64> {
         let pairs = self.predicted_deg.iter().zip(&self.measured_deg);
-        pairs.map(|(predicted, measured)| predicted - measured).collect()
+        pairs
+            .map(|(predicted, measured)| predicted - measured)
+            .collect()
     }
 
     fn rms(&self) -> f64 {
