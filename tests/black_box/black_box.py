@@ -255,7 +255,8 @@ def folds(runs):
 def intervals(runs):
     slowest = max(run.interval() for run in runs)
     duration = sum(run.t[-1] - run.t[0] for run in runs)
-    return [f * slowest for f in RATE_FACTORS if f == 1 or duration / (f * slowest) > FEWEST_SAMPLES]
+    tried = [factor * slowest for factor in RATE_FACTORS]
+    return [dt for dt in tried if dt == slowest or duration / dt > FEWEST_SAMPLES]
 
 
 def least_squares(matrix, target):
@@ -364,7 +365,8 @@ def refine(model, runs):
         y = structure.simulate(
             np.repeat(many, len(slow), 0), np.tile(inputs, (count, 1)), np.tile(starts, (count, 1))
         ).reshape(count, len(slow), -1)
-        parts = [y[:, i, structure.start : len(m)] - m[structure.start :] for i, m in enumerate(measured)]
+        first = structure.start
+        parts = [y[:, i, first : len(m)] - m[first:] for i, m in enumerate(measured)]
         return np.concatenate(parts, 1)
 
     at = model.coefficients.copy()
@@ -522,7 +524,8 @@ def self_check():
         for k in range(2, samples):
             y[k] = 1.5 * y[k - 1] - 0.7 * y[k - 2] + 0.5 * u[k - 1] + 0.2 * u[k - 2]
             y[k] -= cubic * y[k - 1] ** 3
-        return Run(0.01 * np.arange(samples), 100 + 10 * u, 30 + y + noise * random.normal(size=samples))
+        y += 30 + noise * random.normal(size=samples)
+        return Run(0.01 * np.arange(samples), 100 + 10 * u, y)
 
     def expect(holds, what):
         if not holds:
@@ -555,8 +558,10 @@ def self_check():
     plain, free = rms(model.free_run([off])), with_freedom(model, [off])
     expect(free < 0.2 * plain, f"zeros and start {plain} {free}")
 
-    slow = Run(np.arange(0, 2, 0.01), np.ones(200), np.sin(np.arange(0, 2, 0.01))).at_rate(0.04)
-    expect(np.allclose(slow.y, np.sin(slow.t), atol=1e-4) and np.allclose(slow.u, 1.0), "resampling")
+    t = 0.01 * np.arange(200)
+    slow = Run(t, np.ones(200), np.sin(t)).at_rate(0.04)
+    expect(np.allclose(slow.y, np.sin(slow.t), atol=1e-4), "resampled output")
+    expect(np.allclose(slow.u, 1.0), "resampled input")
 
     unstable = Model(Structure.linear(1, ()), [0.0, 1.2], Scale(runs), 0.01)
     expect(not np.isfinite(rms(unstable.free_run(left))), "a model that diverges")

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use super::{
     BlackBoxes, COMMAND, Row,
-    results::{BlackBox, significant},
+    results::{BlackBox, Diagnosed, significant},
 };
 
 /// Headings of the table.
@@ -20,9 +20,12 @@ const HEADINGS: [&str; 13] = [
     "ARX",
     "NARX",
     "NARX, start free",
-    "s (CPU)",
+    "diagnosis, s (CPU)",
     "ARX + NARX, s (CPU)",
 ];
+
+/// Errors that differ by less than this share are those of one model.
+const SAME: f64 = 1e-3;
 
 /// Columns of text; the others are numbers.
 const TEXT_COLUMNS: usize = 3;
@@ -138,13 +141,13 @@ fn anchor(title: &str) -> String {
 
 /// What the rows come to.
 pub fn summary(rows: &[Row]) -> String {
-    let named = |control: bool| {
+    let count = |control: bool, holds: fn(&Diagnosed) -> bool| {
         let rows = || rows.iter().filter(move |row| row.rig.is_control == control);
-        let named = rows().filter(|row| {
+        let counted = rows().filter(|row| {
             let diagnosed = row.diagnosis.as_ref();
-            diagnosed.is_ok_and(|(diagnosed, _)| diagnosed.names_something())
+            diagnosed.is_ok_and(|(diagnosed, _)| holds(diagnosed))
         });
-        format!("{} of {}", named.count(), rows().count())
+        format!("{} of {}", counted.count(), rows().count())
     };
     // Repaired model and best black box that is allowed as much.
     let pairs: Vec<(f64, f64)> = rows
@@ -159,11 +162,13 @@ pub fn summary(rows: &[Row]) -> String {
         .collect();
     let better = pairs.iter().filter(|(ours, theirs)| ours <= theirs).count();
     format!(
-        "An effect or a family is named for {} rigs with something known, and for {} controls. \
-         The model that `-o` writes predicts at least as well as the better black box, whose start \
-         may be free, on {better} of {}.",
-        named(false),
-        named(true),
+        "An effect or a family is named for {} rigs with something known and for {} controls;\n\
+         {} controls are said to lack nothing. The model that `-o` writes predicts at least as\n\
+         well as the best of the black boxes, taken with hindsight and with or without a free\n\
+         start, on {better} of {}.",
+        count(false, Diagnosed::names_something),
+        count(true, Diagnosed::names_something),
+        count(true, Diagnosed::lacks_nothing),
         pairs.len()
     )
 }
@@ -180,8 +185,8 @@ little or nothing is missing, and a name is the error.
 ";
 
 const READING: &str = "\
-- **nominal, refit, repaired**: RMS error on the validation recordings in the column's unit,
-  which the recording format calls degrees (the axis of each picture says what it is). They
+- **nominal, refit, repaired**: RMS error on the validation recordings, in the unit of the
+  column `angle_deg`, which is no degree for every rig (the axis of each picture says what it is). They
   come from the JSON of `rig diagnose`. Without a repair, the repaired model is the refit.
 - **closure**: the share of the gap that the repair explains (`closure.overall` of the JSON,
   where that is there, else `adequacy.holdout_gap_closed`).
@@ -197,7 +202,7 @@ const READING: &str = "\
   judged at every sample. Recordings of several sampling rates are brought to the slowest of the
   fitted ones for the black boxes, and may be slowed down further by two or four; their
   errors are taken at the times of the recorded samples all the same.
-- **s (CPU)**: seconds from start to end, and processor seconds, of the diagnosis and of
+- **diagnosis, ARX + NARX, s (CPU)**: seconds from start to end, and processor seconds, of the diagnosis and of
   choosing, fitting and judging each black box, on the machine that wrote this page.
 - Each picture shows the validation run on which the refit misses most.
 ";
@@ -231,11 +236,18 @@ fn section(row: &Row) -> String {
         Ok((diagnosed, _)) => {
             let _ = write!(
                 text,
-                "The diagnosis: {} Held out, the refit misses by {}, the repaired model by {}.",
+                "The diagnosis: {} On the validation recordings the refit misses by {}",
                 diagnosed.sentence(),
-                number(diagnosed.refit),
-                number(diagnosed.repaired)
+                number(diagnosed.refit)
             );
+            text += &if diagnosed
+                .ratio()
+                .is_some_and(|ratio| (ratio - 1.0).abs() < SAME)
+            {
+                ", and there is no repair.".to_owned()
+            } else {
+                format!(", the repaired model by {}.", number(diagnosed.repaired))
+            };
         }
         Err(why) => {
             let _ = write!(text, "The diagnosis failed: {}.", one_cell(why));
@@ -266,10 +278,7 @@ fn section(row: &Row) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bench_real::{
-        results::{Diagnosed, Seconds},
-        rigs::RIGS,
-    };
+    use crate::bench_real::{results::Seconds, rigs::RIGS};
 
     fn rows() -> Vec<Row> {
         let verdict = r#"{"verdict": "effect_found", "effects": [{"kind": "gravity"}],
@@ -344,7 +353,7 @@ mod tests {
     fn the_summary_counts_names_and_wins() {
         let said = summary(&rows());
         assert!(
-            said.contains("for 1 of 1 rigs with something known, and for 0 of 1 controls"),
+            said.contains("for 1 of 1 rigs with something known and for 0 of 1 controls"),
             "{said}"
         );
         assert!(said.ends_with("on 1 of 1."), "{said}");

@@ -116,6 +116,11 @@ impl Diagnosed {
         !self.verdict.named.is_empty() || self.verdict.family.is_some()
     }
 
+    /// Whether the answer is that no effect is missing.
+    pub fn lacks_nothing(&self) -> bool {
+        ["parameters_only", "no_discrepancy"].contains(&self.verdict.answer.as_str())
+    }
+
     /// The repaired over the refitted error.
     pub fn ratio(&self) -> Option<f64> {
         Some(self.repaired? / self.refit?).filter(|ratio| ratio.is_finite())

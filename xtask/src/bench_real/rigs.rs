@@ -158,8 +158,7 @@ pub const RIGS: [Rig; 8] = [
         known: "nothing",
         quantity: "fallen height (0.1 m)",
         about: "Two drops of the heaviest ball of the study, by video at 15 Hz. Over 35 m its \
-                drag is too small to be seen. Two seconds from one drop say little: a control \
-                for keeping silent.",
+                drag is too small to be seen. Two seconds of one drop are all that is fitted.",
         source: "B. M. de Silva et al. (Frontiers in Artificial Intelligence 3, 2020), \
                  briandesilva/discovery-of-physics-from-data @ b79c3431",
         link: "https://github.com/briandesilva/discovery-of-physics-from-data",
