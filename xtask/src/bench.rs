@@ -2,6 +2,7 @@
 //! and how long a diagnosis takes.
 
 use std::{
+    ffi::OsString,
     fs,
     path::{Path, PathBuf},
     process::{Command, Stdio},
@@ -9,7 +10,7 @@ use std::{
 };
 
 use crate::{
-    avr,
+    avr, bench_real, setup,
     shell::{Outcome, cargo, has_program, read, root, run, run_quietly, seconds, target_dir, text},
     test::virtual_rig,
 };
@@ -54,7 +55,7 @@ pub fn diagnosis() -> Outcome {
         "rig",
     ]))?;
     let rig = target_dir().join("release/rig");
-    let pendulum = root().join("../shared/data/real/pendulum");
+    let pendulum = bench_real::shared().join("pendulum");
     let (folder, name) = if pendulum.is_dir() {
         (pendulum, "real pendulum")
     } else {
@@ -142,38 +143,45 @@ fn pinned(program: &Path) -> Command {
 
 /// A Python with SciPy, in a folder of its own.
 fn python(folder: &Path) -> Outcome<PathBuf> {
-    let environment = folder.join("python");
-    let python = environment.join("bin/python");
-    let imports = |python: &Path| {
-        read(Command::new(python).args(["-c", "import numpy, scipy.integrate"])).is_ok()
-    };
-    if imports(&python) {
+    virtual_environment(
+        &folder.join("python"),
+        "import numpy, scipy.integrate",
+        &PYTHON_PACKAGES.map(Into::into),
+    )
+}
+
+/// A Python that can do `imports`, in a folder of its own: packages are installed into it
+/// by `pip install` with these words, unless they are there.
+pub fn virtual_environment(
+    folder: &Path,
+    imports: &str,
+    packages: &[OsString],
+) -> Outcome<PathBuf> {
+    let python = folder.join("bin/python");
+    let works = || read(Command::new(&python).args(["-c", imports])).is_ok();
+    if works() {
         return Ok(python);
     }
-    println!("bench: installing SciPy");
-    let made = run_quietly(
-        Command::new("python3")
-            .args(["-m", "venv"])
-            .arg(&environment),
+    setup::python()?;
+    println!("bench: installing Python packages");
+    run_quietly(
+        Command::new("python3").args(["-m", "venv"]).arg(folder),
         PYTHON_LIMIT,
-    );
-    if let Err(failure) = made {
-        return Err(format!(
-            "no Python environment for the comparison: {failure}\n\
-             On Debian: sudo apt-get install --no-install-recommends python3-venv"
-        )
-        .into());
-    }
+    )?;
     run_quietly(
         Command::new(&python)
             .args(["-m", "pip", "install", "--quiet", "--only-binary", ":all:"])
-            .args(PYTHON_PACKAGES),
+            .args(packages),
         PYTHON_LIMIT,
     )?;
-    if imports(&python) {
+    if works() {
         Ok(python)
     } else {
-        Err("SciPy was installed but cannot be imported".into())
+        Err(format!(
+            "the Python packages were installed, but `{imports}` fails in {}",
+            folder.display()
+        )
+        .into())
     }
 }
 

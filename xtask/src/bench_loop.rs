@@ -390,7 +390,7 @@ fn case(programs: &Programs, seed: u64, folder: &Folder) -> Outcome<Done> {
 }
 
 /// The line of a failure that says why: the last one, without the command.
-fn reason(failure: &str) -> String {
+pub fn reason(failure: &str) -> String {
     const LIMIT: &str = " took more than ";
     let last = failure.trim().lines().last().unwrap_or_default();
     match last.rsplit_once(LIMIT) {

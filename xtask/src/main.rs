@@ -8,6 +8,7 @@
 mod avr;
 mod bench;
 mod bench_loop;
+mod bench_real;
 mod demo;
 mod flash;
 mod json;
@@ -45,6 +46,10 @@ Tasks:
                          the demo's loop for many actuators, drawn from seeds A
                          to B (both included) or a list 1,5,9; --jobs at a time
                          (half the cores); --docs writes docs/loop.md
+  bench real [--only NAME,…] [--docs] [--rig PROGRAM]
+                         recordings of eight real rigs: the diagnosis beside
+                         black boxes; --docs writes docs/real.md; --rig takes
+                         another `rig` than the one of this source
   flash --port PORT [--no-console] [--dry-run]
                          put the image on a board and show what it says
 
@@ -53,6 +58,7 @@ Examples:
   cargo xtask test --host-only
   cargo xtask bench board
   cargo xtask bench loop --seeds 201..212
+  cargo xtask bench real --only pendulum,silverbox
   cargo xtask flash --port /dev/ttyACM0
 ";
 
@@ -88,6 +94,10 @@ fn main() -> ExitCode {
         ["bench", "blind", options @ ..] => bench::blind(options),
         ["bench", "loop", words @ ..] => match bench_loop::Options::parse(words) {
             Ok(options) => bench_loop::bench(&options),
+            Err(problem) => return usage(&problem),
+        },
+        ["bench", "real", words @ ..] => match bench_real::Options::parse(words) {
+            Ok(options) => bench_real::bench(&options),
             Err(problem) => return usage(&problem),
         },
         ["flash", words @ ..] => match flash::Options::parse(words) {

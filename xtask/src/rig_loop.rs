@@ -332,11 +332,16 @@ impl Verdict {
     /// A sentence for someone who has never seen a verdict.
     pub fn sentence(&self) -> String {
         let named = in_words(&self.named);
+        let (are, they) = if self.named.len() > 1 {
+            ("are", "they explain")
+        } else {
+            ("is", "it explains")
+        };
         match self.answer.as_str() {
             "effect_found" if self.is_part => {
-                format!("{named} is missing; it explains part of the gap.")
+                format!("{named} {are} missing; {they} part of the gap.")
             }
-            "effect_found" => format!("{named} is missing."),
+            "effect_found" => format!("{named} {are} missing."),
             "parameters_only" => {
                 "no effect is missing; the parameters were off, and are corrected.".into()
             }

@@ -96,6 +96,28 @@ pub fn chromium() -> Option<PathBuf> {
         .find_map(find_program)
 }
 
+/// Finds Python with its virtual environments, or installs both: only some benchmarks
+/// need them, so that they are not among the [`NEEDS`].
+pub fn python() -> Outcome {
+    const PACKAGES: [&str; 2] = ["python3", "python3-venv"];
+    let works = || read(Command::new("python3").args(["-c", "import ensurepip, venv"])).is_ok();
+    if works() {
+        return Ok(());
+    }
+    if has_program("apt-get") && as_root().is_some() {
+        Apt::new(Mode::Install).install(&PACKAGES)?;
+    }
+    if works() {
+        return Ok(());
+    }
+    Err(format!(
+        "this benchmark needs Python 3 with its module venv.\n\
+         On Debian: sudo apt-get install --no-install-recommends {}",
+        PACKAGES.join(" ")
+    )
+    .into())
+}
+
 /// The version of ravedude that was tried.
 const RAVEDUDE: &str = "0.2.2";
 
