@@ -129,10 +129,11 @@ fn report(case: &Case, diagnosis: &Diagnosis) -> Report {
 /// The diagnosis with nothing named.
 fn without_a_name(found: &Diagnosis) -> Diagnosis {
     let mut other = found.clone();
-    other.repaired = Candidate {
-        added: Vec::new(),
-        fit: found.refit.clone(),
-    };
+    other.repaired = Candidate::of(Vec::new(), found.refit.clone());
+    other.named = Vec::new();
+    other.strength = None;
+    other.closure = None;
+    other.gap_left = None;
     other.probability = Vec::new();
     other.held_out.repaired = found.held_out.refit;
     other.held_out.repaired_on_board = found.held_out.refit;
