@@ -156,8 +156,10 @@ fn run(args: &Args) -> Result<ExitCode, InputError> {
 /// Cases of another generator are other cases.
 fn folder_name(start: &str, kinds: &[String], generator: &str) -> String {
     let hash = stable_hash(generator.as_bytes()) >> 32;
-    let kinds: String = kinds.iter().map(|kind| format!("_{kind}")).collect();
-    format!("{start}{kinds}_{hash:08x}")
+    let words: Vec<&str> = std::iter::once(start)
+        .chain(kinds.iter().map(String::as_str))
+        .collect();
+    format!("{}_{hash:08x}", words.join("_"))
 }
 
 /// The set `bench`: its cases do not depend on how many there are, so all of a

@@ -62,10 +62,11 @@ enum Shape {
         swing: f64,
         period: f64,
     },
-    /// Sines of equal size: frequency (Hz) and phase (rad).
+    /// Sines of equal size, frequency (Hz) and phase (rad), within limits.
     Multisine {
         centre: f64,
         size: f64,
+        limits: [f64; 2],
         sines: Vec<(f64, f64)>,
     },
 }
@@ -87,13 +88,14 @@ impl Shape {
             Self::Multisine {
                 centre,
                 size,
+                limits: [least, most],
                 sines,
             } => {
                 let sum: f64 = sines
                     .iter()
                     .map(|(frequency, phase)| (TAU * frequency * time + phase).sin())
                     .sum();
-                centre + size * sum
+                (centre + size * sum).clamp(*least, *most)
             }
         }
     }
@@ -375,6 +377,7 @@ fn sections(
             let shape = Shape::Multisine {
                 centre: 48f64.to_radians(),
                 size: 11f64.to_radians(),
+                limits: [lowest.max(4.0).to_radians(), 92f64.to_radians()],
                 sines,
             };
             vec![Section::of(
@@ -432,6 +435,7 @@ fn integrator(random: &mut Pcg64Mcg) -> Vec<Section> {
         let shape = Shape::Multisine {
             centre: 0.0,
             size: 0.28,
+            limits: [-1.0, 1.0],
             sines: sines(random, 10, 0.15, 3.0),
         };
         Section::of("multisine pressure".to_owned(), vec![(shape, 16.0)])
@@ -458,6 +462,7 @@ fn broad_band(random: &mut Pcg64Mcg) -> Vec<Section> {
             let shape = Shape::Multisine {
                 centre: 0.0,
                 size: 1.0 / (2.5 * 18f64.sqrt()),
+                limits: [-1.2, 1.2],
                 sines: sines(random, 36, 0.05, 3.0),
             };
             Section::of(
