@@ -229,6 +229,8 @@ pub struct Scored {
     pub said: Said,
     /// What it is worth.
     pub grade: Grade,
+    /// Why there is no verdict.
+    pub refused: Option<String>,
     /// Wall time (s).
     pub seconds: f64,
     /// Processor time (s), where it is known.
@@ -243,6 +245,7 @@ impl Scored {
             grade: Grade::of(&answer.kinds, &said),
             answer: answer.clone(),
             said,
+            refused: outcome.refused.clone(),
             seconds: outcome.seconds,
             cpu_seconds: outcome.cpu_seconds,
         }
@@ -337,6 +340,8 @@ pub struct Figures {
     pub outside_full: Rate,
     /// Outside the catalogue: a name for a part.
     pub outside_part: Rate,
+    /// Outside the catalogue: `unexplained`.
+    pub outside_silent: Rate,
     /// Any case: no verdict.
     pub refused: Rate,
     /// Median held-out RMSE of the repaired model over the refit's, where one or
@@ -397,6 +402,7 @@ impl Figures {
             quiet_right: rate(&quiet, &|grade| grade == Grade::Denied),
             outside_full: rate(&outside, &|grade| grade.is_name_at(Strength::Full)),
             outside_part: rate(&outside, &|grade| grade.is_name_at(Strength::Part)),
+            outside_silent: rate(&outside, &|grade| grade == Grade::Silent),
             refused: rate(&that(&|_| true), &|grade| grade == Grade::Refused),
             held_out: held_out(&hides),
             held_out_outside: held_out(&outside),

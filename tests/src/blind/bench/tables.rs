@@ -93,6 +93,10 @@ fn rows(figures: &Figures) -> Vec<(String, String)> {
         shown(figures.outside_full),
     );
     row("outside: a name for a part", shown(figures.outside_part));
+    row(
+        "outside: silent (unexplained)",
+        shown(figures.outside_silent),
+    );
     row("any case: refused", shown(figures.refused));
     row(
         "held-out RMSE, repaired over refit, median",
@@ -231,13 +235,30 @@ fn faint(scored: &[Scored]) -> String {
     .to_owned()
 }
 
+/// A line for each case without a verdict: why.
+fn refusals(scored: &[Scored]) -> Vec<String> {
+    scored
+        .iter()
+        .filter_map(|case| {
+            let reason = case.refused.as_deref()?;
+            // The path before the file's name says nothing.
+            let reason = reason.rsplit_once("recordings/").map_or(reason, |it| it.1);
+            Some(format!("{} was refused: {reason}", case.answer.case))
+        })
+        .collect()
+}
+
 /// The tables for a terminal.
 pub fn terminal(scored: &[Scored]) -> String {
     let mut text = String::from("\nbench set\n\n");
     let mut table = vec![KIND_HEAD.map(str::to_owned).to_vec()];
     table.extend(kind_rows(scored).into_iter().map(Vec::from));
     text += &aligned(&table);
-    let _ = writeln!(text, "\n  {}\n", faint(scored));
+    let _ = writeln!(text, "\n  {}", faint(scored));
+    for line in refusals(scored) {
+        let _ = writeln!(text, "  {line}");
+    }
+    text.push('\n');
     let table: Vec<Vec<String>> = rows(&Figures::of(scored))
         .into_iter()
         .map(|(label, figure)| vec![label, figure])
@@ -264,6 +285,9 @@ pub fn section(scored: &[Scored], command: &str, tool: &str) -> String {
         let _ = writeln!(text, "| {} |", row.join(" | "));
     }
     let _ = writeln!(text, "\n{}.", faint(scored));
+    for line in refusals(scored) {
+        let _ = writeln!(text, "\n{line}.");
+    }
     text
 }
 
