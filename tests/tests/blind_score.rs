@@ -12,10 +12,7 @@ use softrig_tests::blind::verdicts::Outcome;
 fn said(verdict: serde_json::Value) -> Said {
     Said::of(&Outcome {
         verdict: Some(verdict),
-        refused: None,
-        fitted: Vec::new(),
-        repaired: String::new(),
-        seconds: 1.0,
+        ..Outcome::default()
     })
 }
 

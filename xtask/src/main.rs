@@ -41,7 +41,8 @@ Tasks:
   bench [diagnosis | host | board]
                          a whole diagnosis; our solver beside SciPy's; cycles
   bench blind [--fast | OPTIONS]
-                         effects hidden in recordings of another simulator
+                         effects hidden in recordings of another simulator;
+                         --set bench: in whole sessions, as on a bench
   bench loop --seeds A..B [--jobs N] [--docs]
                          the demo's loop for many actuators, drawn from seeds A
                          to B (both included) or a list 1,5,9; --jobs at a time

@@ -7,6 +7,7 @@ use std::time::Instant;
 
 use clap::{Parser, ValueEnum};
 use host_tools::error::{InputError, write_atomically};
+use softrig_tests::blind::bench;
 use softrig_tests::blind::cases::{Answer, make_all, plan, stable_hash};
 use softrig_tests::blind::experiments::Set;
 use softrig_tests::blind::gate::Gate;
@@ -51,7 +52,10 @@ struct Args {
 enum Which {
     Rich,
     Paper,
+    /// Rich and paper
     Both,
+    /// Whole sessions, as on a bench
+    Bench,
 }
 
 fn main() -> ExitCode {
@@ -89,18 +93,14 @@ fn run(args: &Args) -> Result<ExitCode, InputError> {
         Which::Rich => vec![Set::Rich],
         Which::Paper => vec![Set::Paper],
         Which::Both => vec![Set::Rich, Set::Paper],
+        Which::Bench => return run_bench(args),
     };
-    let mut name = format!("seed{seed}_{cases}");
-    if !args.kinds.is_empty() {
-        name += &format!("_{}", args.kinds.join("_"));
-    }
-    // Cases of another generator are other cases.
-    let hash = stable_hash(GENERATOR.as_bytes()) >> 32;
+    let name = folder_name(&format!("seed{seed}_{cases}"), &args.kinds, GENERATOR);
     let bench = Bench {
         sets,
         cases,
         seed,
-        folder: args.folder.join(format!("{name}_{hash:08x}")),
+        folder: args.folder.join(name),
     };
     let tool = tool_hash();
     let verdicts = bench.folder.join(format!("verdicts_{tool}"));
@@ -122,7 +122,14 @@ fn run(args: &Args) -> Result<ExitCode, InputError> {
     write(&verdicts.join("blind.md"), &page)?;
     let docs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs");
     if args.docs {
-        write(&docs.join("blind.md"), &page)?;
+        let path = docs.join("blind.md");
+        let before = std::fs::read_to_string(&path).unwrap_or_default();
+        // The section of the set `bench` is written by another command.
+        let page = match bench::tables::own_section(&before) {
+            Some(section) => bench::tables::with_section(&page, section),
+            None => page,
+        };
+        write(&path, &page)?;
     }
     for &set in &bench.sets {
         let picture = tables::picture(set, &scored);
@@ -146,12 +153,104 @@ fn run(args: &Args) -> Result<ExitCode, InputError> {
     Ok(ExitCode::SUCCESS)
 }
 
+/// Cases of another generator are other cases.
+fn folder_name(start: &str, kinds: &[String], generator: &str) -> String {
+    let hash = stable_hash(generator.as_bytes()) >> 32;
+    let words: Vec<&str> = std::iter::once(start)
+        .chain(kinds.iter().map(String::as_str))
+        .collect();
+    format!("{}_{hash:08x}", words.join("_"))
+}
+
+/// The set `bench`: its cases do not depend on how many there are, so all of a
+/// seed share a folder.
+fn run_bench(args: &Args) -> Result<ExitCode, InputError> {
+    let start = format!("bench_seed{}", args.seed);
+    let folder = args
+        .folder
+        .join(folder_name(&start, &args.kinds, bench::GENERATOR));
+    let tool = tool_hash();
+    let verdicts = folder.join(format!("verdicts_{tool}"));
+    println!("blind: {}", folder.display());
+
+    let plans = bench::cases::plan(args.cases, &args.kinds, args.seed);
+    let names = draw_bench(&folder, &plans, args.seed)?;
+    diagnose_all(&folder.join("cases"), &verdicts, &names, args.jobs)?;
+
+    let mut answers = Vec::new();
+    for name in &names {
+        let path = folder.join("sealed").join(format!("{name}.json"));
+        let text =
+            std::fs::read_to_string(&path).map_err(|error| InputError::from_io(&path, &error))?;
+        answers.push(serde_json::from_str(&text).map_err(|error| {
+            InputError::new(
+                format!("is damaged: {error}"),
+                "delete the folder and run the command again",
+            )
+            .in_file(&path)
+        })?);
+    }
+    let scored = bench::score::score(&answers, &verdicts);
+    let text = bench::tables::terminal(&scored);
+    print!("{text}");
+    let write = |path: &Path, text: &str| write_atomically(path, text.as_bytes());
+    write(&verdicts.join("score.txt"), &text)?;
+    write(&verdicts.join("cases.csv"), &bench::tables::csv(&scored))?;
+    let command = format!("cargo xtask bench blind {}", arguments(args));
+    let section = bench::tables::section(&scored, command.trim(), &tool);
+    write(&verdicts.join("blind.md"), &section)?;
+    if args.docs {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/blind.md");
+        let page =
+            std::fs::read_to_string(&path).map_err(|error| InputError::from_io(&path, &error))?;
+        write(&path, &bench::tables::with_section(&page, &section))?;
+    }
+    println!("\nevery case: {}", verdicts.join("cases.csv").display());
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Writes the cases that are not there yet, each answer into a file of its own;
+/// their names.
+fn draw_bench(
+    folder: &Path,
+    plans: &[bench::cases::Plan],
+    seed: u64,
+) -> Result<Vec<String>, InputError> {
+    let sealed = folder.join("sealed");
+    std::fs::create_dir_all(&sealed).map_err(|error| InputError::from_io(&sealed, &error))?;
+    let answer_of = |name: &str| sealed.join(format!("{name}.json"));
+    let names: Vec<String> = (0..plans.len()).map(bench::cases::case_name).collect();
+    let open: Vec<usize> = (0..plans.len())
+        .filter(|&number| !answer_of(&names[number]).exists())
+        .collect();
+    if open.len() < plans.len() {
+        eprintln!("{} cases are there already", plans.len() - open.len());
+    }
+    let clock = Instant::now();
+    let done = AtomicUsize::new(0);
+    bench::cases::make_all(plans, &open, seed, |made| {
+        made.write(&folder.join("cases").join(&made.answer.case))?;
+        let text = serde_json::to_string_pretty(&made.answer).map_err(|error| {
+            InputError::new(format!("the answer cannot be written: {error}"), "")
+        })?;
+        write_atomically(&answer_of(&made.answer.case), text.as_bytes())?;
+        let done = done.fetch_add(1, Ordering::Relaxed) + 1;
+        if done.is_multiple_of(10) || done == open.len() {
+            let left = remaining(clock.elapsed(), done, open.len());
+            eprintln!("{done:>4} of {} bench cases drawn, {left}", open.len());
+        }
+        Ok::<_, InputError>(())
+    })?;
+    Ok(names)
+}
+
 /// The options as they would be typed, without those that change no figure.
 fn arguments(args: &Args) -> String {
     let set = match args.set {
         Which::Rich => "rich",
         Which::Paper => "paper",
         Which::Both => "both",
+        Which::Bench => "bench",
     };
     let mut text = format!("--set {set} --cases {} --seed {}", args.cases, args.seed);
     if !args.kinds.is_empty() {

@@ -369,12 +369,12 @@ struct Drawn {
 }
 
 /// Pressure at 90° in proportion to which sizes are drawn, and the like.
-struct Scale {
+pub(super) struct Scale {
     /// Elastic force at 90° (N).
-    force: f64,
+    pub(super) force: f64,
     /// Pressure at 90° (Pa).
-    pressure: f64,
-    damping: f64,
+    pub(super) pressure: f64,
+    pub(super) damping: f64,
 }
 
 impl Drawn {
@@ -597,7 +597,7 @@ pub fn typical_effect(formula: Formula, base: &Base, seed: u64) -> Effect {
     }
 }
 
-fn logarithmic(random: &mut Pcg64Mcg, low: f64, high: f64) -> f64 {
+pub(super) fn logarithmic(random: &mut Pcg64Mcg, low: f64, high: f64) -> f64 {
     random.random_range(low.ln()..high.ln()).exp()
 }
 
@@ -605,7 +605,7 @@ fn logarithmic(random: &mut Pcg64Mcg, low: f64, high: f64) -> f64 {
 /// size is moved to where it matters.
 // One arm for each formula or for those that differ in their equation only.
 #[allow(clippy::too_many_lines, clippy::match_same_arms)]
-fn typical(formula: Formula, scale: &Scale, random: &mut Pcg64Mcg) -> [f64; VALUES] {
+pub(super) fn typical(formula: Formula, scale: &Scale, random: &mut Pcg64Mcg) -> [f64; VALUES] {
     let Scale {
         force,
         pressure,
@@ -713,7 +713,7 @@ fn typical(formula: Formula, scale: &Scale, random: &mut Pcg64Mcg) -> [f64; VALU
 /// real actuator, and not change its nature (a damping that turns negative).
 // Limits that happen to be equal have different reasons.
 #[allow(clippy::match_same_arms)]
-fn largest(effect: &Effect) -> f64 {
+pub(super) fn largest(effect: &Effect) -> f64 {
     let [first, second, ..] = effect.values;
     let most = match effect.formula {
         Formula::AngleDamping | Formula::AngleDampingSquare if first < 0.0 => 0.35,

@@ -7,6 +7,7 @@
 //! what it found; [`score`] opens the answers. The physics is
 //! [`truth`], which shares no code with the crates under test.
 
+pub mod bench;
 pub mod cases;
 pub mod experiments;
 pub mod gate;
@@ -17,7 +18,7 @@ pub mod tables;
 pub mod truth;
 pub mod verdicts;
 
-/// The sources that decide what the cases are.
+/// The sources that decide what the cases of the rich and the paper set are.
 pub const GENERATOR: &str = concat!(
     include_str!("cases.rs"),
     include_str!("experiments.rs"),

@@ -94,17 +94,28 @@ fn residuals(truth: &Truth, runs: &[Fitted], steps: u32) -> Vec<f64> {
 pub fn refit(start: &Truth, free: &[Free], runs: &[Fitted], steps: u32) -> Truth {
     let mut from = start.clone();
     let origin: Vec<f64> = free.iter().map(|free| *free.of(&mut from)).collect();
+    let scale: Vec<f64> = origin
+        .iter()
+        .map(|value| if *value == 0.0 { 1e-3 } else { value.abs() })
+        .collect();
+    let truth = |position: &[f64]| {
+        let mut truth = start.clone();
+        for (k, free) in free.iter().enumerate() {
+            *free.of(&mut truth) = origin[k] + scale[k] * position[k];
+        }
+        truth
+    };
+    truth(&least_squares(free.len(), &|position| {
+        residuals(&truth(position), runs, steps)
+    }))
+}
+
+/// Where the squares of residuals are least, near zero; numbers are scaled so
+/// that one is a large move. Residuals that are not finite end the search.
+pub(super) fn least_squares(count: usize, residuals: &dyn Fn(&[f64]) -> Vec<f64>) -> Vec<f64> {
     let problem = Problem {
-        start,
-        free,
-        runs,
-        steps,
-        scale: origin
-            .iter()
-            .map(|value| if *value == 0.0 { 1e-3 } else { value.abs() })
-            .collect(),
-        origin,
-        position: DVector::zeros(free.len()),
+        residuals,
+        position: DVector::zeros(count),
     };
     let (solved, _) = LevenbergMarquardt::new()
         .with_ftol(1e-5)
@@ -113,30 +124,17 @@ pub fn refit(start: &Truth, free: &[Free], runs: &[Fitted], steps: u32) -> Truth
         .with_stepbound(0.5)
         .with_patience(6)
         .minimize(problem);
-    solved.truth(&solved.position)
+    solved.position.as_slice().to_vec()
 }
 
 struct Problem<'a> {
-    start: &'a Truth,
-    free: &'a [Free],
-    runs: &'a [Fitted],
-    steps: u32,
-    origin: Vec<f64>,
-    scale: Vec<f64>,
+    residuals: &'a dyn Fn(&[f64]) -> Vec<f64>,
     position: DVector<f64>,
 }
 
 impl Problem<'_> {
-    fn truth(&self, position: &DVector<f64>) -> Truth {
-        let mut truth = self.start.clone();
-        for (k, free) in self.free.iter().enumerate() {
-            *free.of(&mut truth) = self.origin[k] + self.scale[k] * position[k];
-        }
-        truth
-    }
-
     fn at(&self, position: &DVector<f64>) -> Option<DVector<f64>> {
-        let residuals = residuals(&self.truth(position), self.runs, self.steps);
+        let residuals = (self.residuals)(position.as_slice());
         residuals
             .iter()
             .all(|r| r.is_finite())
@@ -165,8 +163,8 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
         /// Large enough to step over the rounding of hysteresis to whole steps.
         const STEP: f64 = 1e-3;
         let here = self.at(&self.position)?;
-        let mut jacobian = DMatrix::zeros(here.len(), self.free.len());
-        for column in 0..self.free.len() {
+        let mut jacobian = DMatrix::zeros(here.len(), self.position.len());
+        for column in 0..self.position.len() {
             let mut moved = self.position.clone();
             moved[column] += STEP;
             let there = self.at(&moved)?;

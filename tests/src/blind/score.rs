@@ -525,10 +525,7 @@ mod tests {
     fn said(verdict: serde_json::Value) -> Said {
         Said::of(&Outcome {
             verdict: Some(verdict),
-            refused: None,
-            fitted: Vec::new(),
-            repaired: String::new(),
-            seconds: 0.0,
+            ..Outcome::default()
         })
     }
 

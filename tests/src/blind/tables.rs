@@ -9,7 +9,7 @@ use super::score::{Class, Figures, Rate, Scored};
 use super::truth::kinds;
 
 /// "92 % (85–96), 74 of 80".
-fn shown(rate: Rate) -> String {
+pub(super) fn shown(rate: Rate) -> String {
     match (rate.share(), rate.wilson()) {
         (Some(share), Some((low, high))) => format!(
             "{:.0} % ({:.0}–{:.0}), {} of {}",
@@ -23,7 +23,7 @@ fn shown(rate: Rate) -> String {
     }
 }
 
-fn number(value: Option<f64>, digits: usize) -> String {
+pub(super) fn number(value: Option<f64>, digits: usize) -> String {
     value.map_or_else(|| "–".to_owned(), |value| format!("{value:.digits$}"))
 }
 
@@ -274,7 +274,7 @@ fn faint(scored: &[Scored]) -> String {
 }
 
 /// Columns padded to their widest entry.
-fn aligned(rows: &[Vec<String>]) -> String {
+pub(super) fn aligned(rows: &[Vec<String>]) -> String {
     let mut text = String::new();
     let columns = rows.first().map_or(0, Vec::len);
     let width = |column: usize| {

@@ -24,9 +24,9 @@ pub const SAMPLES_HZ: u32 = 100;
 pub const VALUES: usize = 4;
 
 /// Integrated states of one effect.
-const STATES: usize = 8;
+pub(super) const STATES: usize = 8;
 /// Remembered numbers of one effect.
-const MEMORY: usize = 8;
+pub(super) const MEMORY: usize = 8;
 /// The most effects at once.
 pub const EFFECTS: usize = 2;
 /// Angle, rate, and the states of the effects.
@@ -58,7 +58,7 @@ impl Base {
 }
 
 /// sign(θ)|θ|ⁿ.
-fn power(angle: f64, exponent: f64) -> f64 {
+pub(super) fn power(angle: f64, exponent: f64) -> f64 {
     angle.abs().powf(exponent).copysign(angle)
 }
 
@@ -385,12 +385,12 @@ const STOPS: [f64; 6] = [0.25, 0.5, 0.75, 1.0, 1.25, 1.5];
 
 /// What the effects see.
 #[derive(Clone, Copy)]
-struct Moment {
-    time: f64,
-    angle: f64,
-    rate: f64,
-    pressure: f64,
-    run: u32,
+pub(super) struct Moment {
+    pub(super) time: f64,
+    pub(super) angle: f64,
+    pub(super) rate: f64,
+    pub(super) pressure: f64,
+    pub(super) run: u32,
 }
 
 /// A phase (rad) that looks drawn but is the same every time.
@@ -401,7 +401,7 @@ fn drawn_phase(index: f64, run: u32) -> f64 {
 
 impl Effect {
     /// Pressure behind this effect; the rates of its states go into `rates`.
-    fn input(
+    pub(super) fn input(
         &self,
         line: &Line,
         at: Moment,
@@ -480,7 +480,13 @@ impl Effect {
     }
 
     /// Changes the base parameters.
-    fn modulate(&self, at: Moment, states: &[f64], memory: &[f64; MEMORY], base: &mut Base) {
+    pub(super) fn modulate(
+        &self,
+        at: Moment,
+        states: &[f64],
+        memory: &[f64; MEMORY],
+        base: &mut Base,
+    ) {
         let [a, b, ..] = self.values;
         match self.formula {
             Formula::AngleDamping => base.damping *= 1.0 + a * at.angle.abs(),
@@ -517,7 +523,7 @@ impl Effect {
     /// Q (N).
     // One arm for each formula of the table.
     #[allow(clippy::too_many_lines)]
-    fn force(
+    pub(super) fn force(
         &self,
         at: Moment,
         inertia: f64,
@@ -643,7 +649,7 @@ impl Effect {
     }
 
     /// What the sensor shows of `shown`, and the rates of states in its path.
-    fn sensor(
+    pub(super) fn sensor(
         &self,
         at: Moment,
         acceleration: f64,
@@ -686,7 +692,7 @@ impl Effect {
     }
 
     /// Brings what is remembered up to the end of a step.
-    fn remember(&self, at: Moment, memory: &mut [f64; MEMORY]) {
+    pub(super) fn remember(&self, at: Moment, memory: &mut [f64; MEMORY]) {
         let [a, b, c, _] = self.values;
         match self.formula {
             Formula::Mullins | Formula::MullinsSquare => memory[0] = memory[0].max(at.angle.abs()),

@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 use super::cases::stable_hash;
 
 /// What the second phase leaves of a case.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Outcome {
     /// The verdict as `rig diagnose --json` writes it; none if the diagnosis
     /// refused the recordings.
@@ -31,6 +31,10 @@ pub struct Outcome {
     pub repaired: String,
     /// Wall time (s).
     pub seconds: f64,
+    /// Processor time on all cores (s); none where it is not known, or where
+    /// several cases were diagnosed at the same time.
+    #[serde(default)]
+    pub cpu_seconds: Option<f64>,
 }
 
 /// A parameter of the final fit, in the units of files.
@@ -60,13 +64,17 @@ impl Outcome {
             holdout: &[],
             seed: 1,
         };
-        let clock = Instant::now();
+        let (clock, processor) = (Instant::now(), processor_seconds());
         // A panic is a wrong answer to one case, not the end of the benchmark.
         let diagnosis = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
             diagnose(&request, &|_| {}).map_err(|error| error.to_string())
         }))
         .unwrap_or_else(|_| Err("the diagnosis panicked".to_owned()));
         let seconds = clock.elapsed().as_secs_f64();
+        let cpu_seconds = match (processor, processor_seconds()) {
+            (Some(before), Some(after)) => Some(after - before),
+            _ => None,
+        };
         let diagnosis = match diagnosis {
             Ok(diagnosis) => diagnosis,
             Err(refusal) => {
@@ -76,6 +84,7 @@ impl Outcome {
                     fitted: Vec::new(),
                     repaired: String::new(),
                     seconds,
+                    cpu_seconds,
                 });
             }
         };
@@ -106,6 +115,7 @@ impl Outcome {
             fitted,
             repaired: file.text_with(&fit.model, ""),
             seconds,
+            cpu_seconds,
         })
     }
 
@@ -113,6 +123,19 @@ impl Outcome {
     pub fn read(path: &Path) -> Option<Self> {
         serde_json::from_str(&std::fs::read_to_string(path).ok()?).ok()
     }
+}
+
+/// Processor time of this process so far (s), as Linux counts it.
+fn processor_seconds() -> Option<f64> {
+    /// Linux counts in hundredths of a second for every program.
+    const TICKS_PER_SECOND: f64 = 100.0;
+    let text = std::fs::read_to_string("/proc/self/stat").ok()?;
+    // The name of the program may hold blanks; it ends with the last bracket.
+    let (_, fields) = text.rsplit_once(')')?;
+    let mut ticks = fields.split_whitespace().skip(11);
+    let user: f64 = ticks.next()?.parse().ok()?;
+    let system: f64 = ticks.next()?.parse().ok()?;
+    Some((user + system) / TICKS_PER_SECOND)
 }
 
 /// The recordings in a folder, in the order of their names.
@@ -182,7 +205,10 @@ pub fn diagnose_all(
     let (next, finished) = (AtomicUsize::new(0), AtomicUsize::new(0));
     let work = || -> Result<(), InputError> {
         while let Some(name) = open.get(next.fetch_add(1, Ordering::Relaxed)) {
-            let outcome = Outcome::of(&cases.join(name))?;
+            let mut outcome = Outcome::of(&cases.join(name))?;
+            if jobs > 1 {
+                outcome.cpu_seconds = None;
+            }
             let text = serde_json::to_string_pretty(&outcome).map_err(|error| {
                 InputError::new(format!("the verdict cannot be written: {error}"), "")
             })?;
