@@ -385,7 +385,14 @@ pub fn run_from<R: FromF64, P: Power<R>>(
     let mut diverged = false;
     for sample in 1..signal.time.len() {
         if !diverged {
-            advance(model, signal, sample, origin.pressure_zero, stepping, &mut state);
+            advance(
+                model,
+                signal,
+                sample,
+                origin.pressure_zero,
+                stepping,
+                &mut state,
+            );
             diverged = is_lost(state.angle);
         }
         reading.push(if diverged {

@@ -100,7 +100,6 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let clock = Instant::now();
     let spinner = super::spinner();
     let diagnosis = diagnose_from(&request, &checkpoint, &|stage| {
-        if std::env::var("TRACE").is_ok() { eprintln!("{:.2} {stage}", clock.elapsed().as_secs_f64()); }
         spinner.set_message(stage.to_owned());
     });
     spinner.finish_and_clear();

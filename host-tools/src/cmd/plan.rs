@@ -232,7 +232,10 @@ fn fitted(
 ) -> Result<Vec<Candidate>, InputError> {
     let data = assemble(recordings, &[])?.data;
     let fitter = Fitter::new(&file.model, &data);
-    let refit = Candidate::of(Vec::new(), fitter.fit(&file.model, &file.free, Effort::Full));
+    let refit = Candidate::of(
+        Vec::new(),
+        fitter.fit(&file.model, &file.free, Effort::Full),
+    );
     let excerpt = excerpt(&data.guessing(&refit.fit.nuisances), &refit.fit.model);
     let scales = Scales::of(&fitter, &refit.fit);
     let ground = Ground {

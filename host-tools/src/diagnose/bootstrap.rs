@@ -264,7 +264,12 @@ mod tests {
             .collect();
         let data = Dataset::of(&recordings);
         let fitter = Fitter::new(&file.model, &data);
-        let fitted = |added: &[Kind], start: &Model<f64>| Candidate::of(added.to_vec(), fitter.fit(start, &free_parameters(&file, added), Effort::Full));
+        let fitted = |added: &[Kind], start: &Model<f64>| {
+            Candidate::of(
+                added.to_vec(),
+                fitter.fit(start, &free_parameters(&file, added), Effort::Full),
+            )
+        };
         let refit = fitted(&[], &file.model);
         let friction = Kind::CoulombFriction.build(&[0.05, 0.02]).unwrap();
         let start = Model::new(*refit.fit.model.dynamics(), &[friction]).unwrap();

@@ -473,7 +473,10 @@ pub fn finish(ground: &Ground<'_>, candidate: &Candidate) -> Candidate {
         data: guessed.as_ref().unwrap_or(all),
         ..*ground.fitter
     };
-    Candidate::of(candidate.added.clone(), fitter.fit_kept(&candidate.fit.model, &free, Effort::Full, ground.checkpoint))
+    Candidate::of(
+        candidate.added.clone(),
+        fitter.fit_kept(&candidate.fit.model, &free, Effort::Full, ground.checkpoint),
+    )
 }
 
 /// Where `base`, as it was fitted, can start with `kind` added.

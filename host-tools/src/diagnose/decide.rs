@@ -11,6 +11,7 @@
 //!    brings evidence for each further effect.
 //! 3. What the leader closes of the error on segments that were not fitted is its
 //!    strength: it explains the error, or part of it, or nothing is named.
+//!    A trace that has overwhelming evidence is shown without a name.
 //! 4. Others with nearly as much evidence are rivals. Rivals of the same families as the
 //!    leader make a family the answer; others make it "cannot tell".
 
@@ -70,17 +71,19 @@ pub fn decide(scored: &[Scored], policy: &Policy) -> Decision {
         };
     };
     let closes = scored[leader].closure.overall;
-    let strength = if closes >= policy.explains {
-        Strength::Explains
-    } else if closes >= policy.part {
-        Strength::Part
-    } else {
+    let is_trace = closes < policy.part;
+    if is_trace && (closes < policy.trace || scored[leader].evidence < policy.trace_evidence) {
         return Decision::Unexplained {
             nearest: Some(leader),
         };
+    }
+    let strength = if closes >= policy.explains {
+        Strength::Explains
+    } else {
+        Strength::Part
     };
     let rivals = rivals(scored, leader, policy);
-    if rivals.len() == 1 {
+    if rivals.len() == 1 && !is_trace {
         return Decision::Named {
             structure: leader,
             strength,
@@ -105,11 +108,10 @@ fn leader(scored: &[Scored], policy: &Policy) -> Option<usize> {
         let Some(best) = best_of_size(scored, size, policy) else {
             continue;
         };
-        let (size_before, left, evidence) =
-            chosen.map_or((0, 1.0, 0.0), |index| {
-                let row = &scored[index];
-                (row.kinds.len(), 1.0 - row.closure.overall, row.evidence)
-            });
+        let (size_before, left, evidence) = chosen.map_or((0, 1.0, 0.0), |index| {
+            let row = &scored[index];
+            (row.kinds.len(), 1.0 - row.closure.overall, row.evidence)
+        });
         let row = &scored[best];
         // At most three.
         let more = (size - size_before) as f64;
@@ -162,7 +164,7 @@ fn rivals(scored: &[Scored], leader: usize, policy: &Policy) -> Vec<usize> {
                 && row.kinds.len() == first.kinds.len()
                 && is_of_distinct_families(&row.kinds)
                 && row.leaves <= policy.comparable * first.leaves
-                && row.closure.overall >= policy.part
+                && row.closure.overall >= policy.part.min(0.5 * first.closure.overall)
                 && row.evidence >= first.evidence - margin
                 && !is_special_case(&first.kinds, &row.kinds)
         })
@@ -228,7 +230,11 @@ mod tests {
         let m = [MaxwellBranch];
         let pair = [CoulombFriction, Gravity];
         let cases: Vec<(&str, Vec<Scored>, Decision)> = vec![
-            ("nothing was fitted", vec![], Decision::Unexplained { nearest: None }),
+            (
+                "nothing was fitted",
+                vec![],
+                Decision::Unexplained { nearest: None },
+            ),
             (
                 "too little evidence",
                 vec![row(&g, 0.9, 99.0)],
@@ -246,7 +252,26 @@ mod tests {
             ),
             (
                 "explains too little",
-                vec![row(&g, 0.33, 500.0)],
+                vec![row(&g, 0.33, 499.0)],
+                Decision::Unexplained { nearest: Some(0) },
+            ),
+            (
+                "a trace with overwhelming evidence",
+                vec![row(&g, 0.2, 500.0)],
+                Decision::CannotTell {
+                    rivals: vec![0],
+                    families: vec![Family::StiffnessShape],
+                    strength: Strength::Part,
+                },
+            ),
+            (
+                "a trace with less",
+                vec![row(&g, 0.2, 499.0)],
+                Decision::Unexplained { nearest: Some(0) },
+            ),
+            (
+                "less than a trace",
+                vec![row(&g, 0.14, 5000.0)],
                 Decision::Unexplained { nearest: Some(0) },
             ),
             (
@@ -308,7 +333,10 @@ mod tests {
             ),
             (
                 "two of one family are one cause",
-                vec![row(&g, 0.5, 500.0), row(&[CubicStiffness, Gravity], 0.9, 900.0)],
+                vec![
+                    row(&g, 0.5, 500.0),
+                    row(&[CubicStiffness, Gravity], 0.9, 900.0),
+                ],
                 named(0, Strength::Part),
             ),
             (
@@ -349,9 +377,10 @@ mod tests {
             row(&[CoulombFriction, Gravity], 0.93, 1090.0),
         ];
         let kinds = |rows: &[Scored]| match decide(rows, &POLICY) {
-            Decision::CannotTell { rivals, .. } => {
-                rivals.iter().map(|&k| rows[k].kinds.clone()).collect::<Vec<_>>()
-            }
+            Decision::CannotTell { rivals, .. } => rivals
+                .iter()
+                .map(|&k| rows[k].kinds.clone())
+                .collect::<Vec<_>>(),
             other => panic!("{other:?}"),
         };
         let mut turned = rows.clone();

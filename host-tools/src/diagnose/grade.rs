@@ -10,7 +10,7 @@ use model_core::catalogue::Kind;
 use rayon::prelude::*;
 
 use super::Progress;
-use super::candidates::{Candidate, Ground, finish};
+use super::candidates::{Candidate, Ground, finish, glance};
 use super::decide::{Decision, Scored, decide};
 use super::holdout::Judge;
 use super::judge::{Findings, RIVALS_PLANNED, RIVALS_SHOWN, Tried, names};
@@ -18,8 +18,8 @@ use super::levels::{Estimate, Levels};
 use super::measure::{Baseline, Measured, Ruler};
 use super::noise::NoiseFloor;
 use super::policy::Policy;
+use super::together;
 use super::verdict::{Alternative, Answer};
-use crate::estimate::fit::Effort;
 use crate::model_file::parameter_name;
 
 /// Structures to which another effect is added, at each size.
@@ -32,6 +32,13 @@ pub struct Graded {
     /// Every structure that was measured.
     pub measured: Vec<Measured>,
 }
+
+/// Pairs that are followed because the two promise much together: some help only beside
+/// each other.
+const JOINED: usize = 4;
+
+/// Folds in which segments are left out while structures are measured.
+const FOLDS: usize = 4;
 
 /// Combinations that are fitted to everything by output error, in case one leaves only
 /// noise.
@@ -51,7 +58,10 @@ impl Graded {
         rows.par_iter()
             .filter_map(|(_, row)| {
                 let fit = row.estimate.fits.last()?.clone();
-                Some(finish(ground, &Candidate::of(row.estimate.added.clone(), fit)))
+                Some(finish(
+                    ground,
+                    &Candidate::of(row.estimate.added.clone(), fit),
+                ))
             })
             .collect()
     }
@@ -257,29 +267,16 @@ impl Graded {
     }
 }
 
-/// A structure fitted to everything at the level that counts, or as it was fitted to the
-/// subsample if that simulates better; with the residuals of a simulation.
+/// A structure as it is shown and written: fitted to the end by output error, or as it
+/// was fitted at a shorter horizon, with the residuals of a simulation.
 fn everything(ground: &Ground<'_>, row: &Measured) -> Candidate {
-    let level = row.candidate.level;
     let mut candidate = row.candidate.clone();
-    let free = &row.candidate.fit.free;
-    let fitter = ground.fitter.at(level.as_ref());
-    let model = &row.candidate.fit.model;
-    candidate.fit = fitter.fit_kept(model, free, Effort::Full, ground.checkpoint);
-    if level.is_some() {
-        let simulated = ground.fitter.compare(&candidate.fit.model);
-        let before = ground.fitter.compare(model);
-        if before.sse() < simulated.sse() {
-            let mut known = row.candidate.fit.clone();
-            known.nuisances.clone_from(&before.nuisances);
-            candidate.fit = fitter.informed(&known);
-            candidate.fit.residuals = before.residuals;
-            candidate.fit.nuisances = before.nuisances;
-        } else {
-            candidate.fit.residuals = simulated.residuals;
-            candidate.fit.nuisances = simulated.nuisances;
-        }
+    if candidate.level.is_none() {
+        return finish(ground, &candidate);
     }
+    let simulated = ground.fitter.compare(&candidate.fit.model);
+    candidate.fit.residuals = simulated.residuals;
+    candidate.fit.nuisances = simulated.nuisances;
     candidate
 }
 
@@ -297,10 +294,13 @@ pub fn graded(
     let noise = floor.rms.hypot(floor.input);
     let levels = Levels::of(*ground, refit, noise);
     let base = levels.base(refit)?;
-    let in_turn = judge.in_turn().then(|| Judge::new(ground.file, ground.excerpt, floor.input));
+    let in_turn = judge
+        .in_turn()
+        .then(|| Judge::with_folds(ground.file, ground.fitter, floor.input, FOLDS));
     let ruler = Ruler {
         levels: &levels,
-        fitter: ground.excerpt,
+        excerpt: ground.excerpt,
+        fitter: ground.fitter,
         judge: in_turn.as_ref().unwrap_or(judge),
         noise,
         policy,
@@ -323,7 +323,12 @@ pub fn graded(
             .iter()
             .map(|(estimate, at)| (estimate, at.clone()))
             .collect();
-        search.extend(&leads, &[]);
+        let joined: Vec<Candidate> = together::promises(ground, refit, kinds)
+            .par_iter()
+            .take(JOINED)
+            .filter_map(|promise| glance(ground, promise))
+            .collect();
+        search.extend(&leads, &joined);
     }
     let measured = search.measured;
     let scored: Vec<Scored> = measured.iter().map(|row| row.scored.clone()).collect();
@@ -350,15 +355,8 @@ impl Search<'_> {
             .iter()
             .map(|row| row.scored.kinds.clone())
             .collect();
-        let t = std::time::Instant::now();
         let found = self.levels.extended(bases, self.kinds, coarse, &known);
-        if std::env::var("TRACE").is_ok() { eprintln!("  extended {} in {:.2}", found.len(), t.elapsed().as_secs_f64()); }
-        let measured: Vec<Measured> = found
-            .into_par_iter()
-            .filter_map(|estimate| self.ruler.measure(self.baseline, estimate))
-            .collect();
-        if std::env::var("TRACE").is_ok() { eprintln!("  measured {:.2}", t.elapsed().as_secs_f64());
-            for m in &measured { eprintln!("    {:?} lev {} leaves {:.3} closure {:.3} evidence {:.0} held {:.3}", m.scored.kinds, m.level, m.scored.leaves, m.scored.closure.overall, m.scored.evidence, m.held_out.full.to_degrees()); } }
+        let measured = self.ruler.measure(self.baseline, found);
         self.measured.extend(measured);
     }
 
@@ -381,7 +379,9 @@ impl Search<'_> {
             .iter()
             .max_by(|a, b| a.scored.evidence.total_cmp(&b.scored.evidence));
         if let Some(row) = evidence
-            && leads.iter().all(|lead| lead.scored.kinds != row.scored.kinds)
+            && leads
+                .iter()
+                .all(|lead| lead.scored.kinds != row.scored.kinds)
         {
             leads.push(row);
         }

@@ -164,11 +164,21 @@ impl<'a> Judge<'a> {
     /// Creates a judge. The noise of the measured pressure leaves an error of
     /// `input` (rad) that no model removes.
     pub fn new(file: &'a ModelFile, fitter: &'a Fitter<'a>, input: f64) -> Self {
+        Self::with_folds(file, fitter, input, usize::MAX)
+    }
+
+    /// The same with so many folds at most: fewer are quicker and ask for more.
+    pub fn with_folds(
+        file: &'a ModelFile,
+        fitter: &'a Fitter<'a>,
+        input: f64,
+        most: usize,
+    ) -> Self {
         let fitted = fitter.data.recordings(true);
         let given = fitter.data.recordings(false);
         let (floor, folds, only_repeats) = if given.is_empty() {
             let floor = NoiseFloor::of(&fitted);
-            let folds = folds(fitted.len(), &floor.groups);
+            let folds = merged(folds(fitted.len(), &floor.groups), most);
             let only_repeats = folds.iter().all(|fold| {
                 let fitted = |other: &usize| !fold.contains(other);
                 fold.iter()
@@ -329,7 +339,7 @@ impl<'a> Judge<'a> {
     /// blocks of two horizons (s) and over whole segments.
     pub fn errors_over(&self, candidate: &Candidate, horizons: [f64; 2]) -> Errors {
         let found = self.collect(candidate, |fitter, model| {
-            let validation = fitter.validate(model);
+            let validation = fitter.validate_near(model);
             let [short, medium] = horizons.map(|horizon| {
                 block_errors(model, fitter.data, &validation.nuisances, horizon, false)
             });
@@ -357,10 +367,7 @@ impl<'a> Judge<'a> {
         let mut each = vec![T::default(); self.lengths().len()];
         for fold in &self.folds {
             let data = self.fitter.data.without(fold);
-            let found = squares(
-                &Fitter::new(nominal, &data),
-                Some(fold),
-            );
+            let found = squares(&Fitter::new(nominal, &data), Some(fold));
             let mut places = fold.clone();
             places.sort_unstable();
             for (run, sum) in places.into_iter().zip(found) {
@@ -406,11 +413,9 @@ impl<'a> Judge<'a> {
             };
             // From the whole fit it is not far, and a thousandth of the error
             // decides nothing.
-            let refitted = rest.at(candidate.level.as_ref()).fit(
-                &candidate.fit.model,
-                &free,
-                Effort::Glance,
-            );
+            let refitted =
+                rest.at(candidate.level.as_ref())
+                    .fit(&candidate.fit.model, &free, Effort::Glance);
             squares(rest, &refitted.model)
         })
     }
@@ -440,6 +445,18 @@ fn folds(runs: usize, repeats: &[Vec<usize>]) -> Vec<Vec<usize>> {
     }
     folds.retain(|fold| !fold.is_empty());
     folds
+}
+
+/// Deals folds into fewer ones.
+fn merged(folds: Vec<Vec<usize>>, most: usize) -> Vec<Vec<usize>> {
+    if folds.len() <= most {
+        return folds;
+    }
+    let mut merged = vec![Vec::new(); most];
+    for (place, fold) in folds.into_iter().enumerate() {
+        merged[place % most].extend(fold);
+    }
+    merged
 }
 
 /// Whether a run repeats one of those for which `fitted` holds.

@@ -39,9 +39,7 @@ pub struct Estimate {
 impl Estimate {
     /// The effects in the order of the catalogue.
     pub fn set(&self) -> Vec<Kind> {
-        let mut set = self.added.clone();
-        set.sort_unstable();
-        set
+        sorted(&self.added)
     }
 }
 
@@ -50,6 +48,15 @@ struct Task<'a> {
     base: &'a Estimate,
     kind: Kind,
     level: usize,
+}
+
+/// A structure to fit through all levels.
+struct Chosen<'a> {
+    added: Vec<Kind>,
+    /// What it extends, if it was found by extending.
+    base: Option<&'a Estimate>,
+    /// Where it starts at each level, as far as it was screened there.
+    starts: Vec<Option<Model<f64>>>,
 }
 
 /// Fits structures at every level, on the subsample of a fit context.
@@ -97,7 +104,8 @@ impl<'a> Levels<'a> {
         for level in 0..self.levels.len() {
             let mut starts = vec![self.ground.file.model, refit.fit.model];
             starts.extend(fits.last().map(|shorter| shorter.model));
-            fits.push(self.fitter(level).best_of(&starts, free, FITTED)?);
+            // What evidence is counted from must not be half-way.
+            fits.push(self.fitter(level).best_of(&starts, free, Effort::Full)?);
         }
         Some(Estimate {
             added: Vec::new(),
@@ -127,7 +135,6 @@ impl<'a> Levels<'a> {
             })
             .filter(|task| !known.contains(&task.set()))
             .collect();
-        let t = std::time::Instant::now();
         let screened: Vec<(&Task<'b>, f64, Model<f64>)> = tasks
             .par_iter()
             .filter_map(|task| {
@@ -135,18 +142,19 @@ impl<'a> Levels<'a> {
                 Some((task, sse, model))
             })
             .collect();
-        if std::env::var("TRACE").is_ok() { eprintln!("  screened {} {:.2}", screened.len(), t.elapsed().as_secs_f64()); }
-        let mut chosen: Vec<(&'b Estimate, Kind, Vec<Option<Model<f64>>>)> = Vec::new();
-        let mut keep = |base: &'b Estimate, kind, level: usize, model: &Model<f64>| {
-            let set = set_of(&base.added, kind);
-            let place = chosen
-                .iter()
-                .position(|(base, kind, _)| set == set_of(&base.added, *kind));
+        let mut chosen: Vec<Chosen<'b>> = Vec::new();
+        let mut keep = |added: Vec<Kind>, base, level: usize, model: &Model<f64>| {
+            let set = sorted(&added);
+            let place = chosen.iter().position(|it| sorted(&it.added) == set);
             let place = place.unwrap_or_else(|| {
-                chosen.push((base, kind, vec![None; self.levels.len()]));
+                chosen.push(Chosen {
+                    added,
+                    base,
+                    starts: vec![None; self.levels.len()],
+                });
                 chosen.len() - 1
             });
-            chosen[place].2[level] = Some(*model);
+            chosen[place].starts[level] = Some(*model);
         };
         for level in 0..self.levels.len() {
             let mut here: Vec<_> = screened
@@ -155,17 +163,18 @@ impl<'a> Levels<'a> {
                 .collect();
             here.sort_by(|a, b| a.1.total_cmp(&b.1));
             for (task, _, model) in here.into_iter().take(KEPT) {
-                keep(task.base, task.kind, level, model);
+                let added = appended(&task.base.added, task.kind);
+                keep(added, Some(task.base), level, model);
             }
         }
         for candidate in coarse.iter().take(KEPT) {
-            if let (Some((base, _)), Some(&kind)) = (bases.first(), candidate.added.last()) {
-                keep(base, kind, self.output_error(), &candidate.fit.model);
-            }
+            let model = &candidate.fit.model;
+            keep(candidate.added.clone(), None, self.output_error(), model);
         }
         chosen
             .par_iter()
-            .filter_map(|(base, kind, starts)| self.through_levels(base, *kind, starts))
+            .filter(|it| !known.contains(&sorted(&it.added)))
+            .filter_map(|it| self.through_levels(it))
             .collect()
     }
 
@@ -197,46 +206,66 @@ impl<'a> Levels<'a> {
 
     /// Fits a structure at every level, from its own start there and from the next
     /// shorter level's result.
-    fn through_levels(
-        &self,
-        base: &Estimate,
-        kind: Kind,
-        starts: &[Option<Model<f64>>],
-    ) -> Option<Estimate> {
-        let added = appended(&base.added, kind);
-        let free = free_parameters(self.ground.file, &added);
+    fn through_levels(&self, chosen: &Chosen<'_>) -> Option<Estimate> {
+        let Chosen {
+            added,
+            base,
+            starts,
+        } = chosen;
+        let free = free_parameters(self.ground.file, added);
         let mut fits: Vec<Fit> = Vec::new();
         for (level, start) in starts.iter().enumerate() {
             let fitter = self.fitter(level);
             let mut from: Vec<Model<f64>> = start.iter().copied().collect();
             from.extend(fits.last().map(|shorter| shorter.model));
-            if from.is_empty() || (level == self.output_error() && start.is_none()) {
+            let needs_own = from.is_empty() || level == self.output_error();
+            if let (true, None, Some(base), Some(&kind)) = (needs_own, start, base, added.last()) {
                 from.extend(self.promising(&fitter, base, kind, level));
+            }
+            if from.is_empty() {
+                from.extend(starts.iter().flatten().next());
             }
             fits.push(fitter.best_of(&from, &free, FITTED)?);
         }
-        Some(Estimate { added, fits })
+        Some(Estimate {
+            added: added.clone(),
+            fits,
+        })
     }
 
-    /// A structure at one level; with what is known of its parameters if that is asked
-    /// for.
-    pub fn candidate(&self, estimate: &Estimate, level: usize, informed: bool) -> Candidate {
-        let fit = &estimate.fits[level];
+    /// A structure fitted to everything at one level, with what is known of its
+    /// parameters; from where the fit to the subsample stands.
+    pub fn candidate(&self, estimate: &Estimate, level: usize) -> Candidate {
+        let chosen = self.level(level);
+        let start = &estimate.fits[level];
+        let data = self.ground.fitter.data;
+        let guessed = (start.nuisances.len() == data.sessions().len())
+            .then(|| data.guessing(&start.nuisances));
+        let fitter = Fitter {
+            data: guessed.as_ref().unwrap_or(data),
+            ..self.ground.fitter.at(chosen.as_ref())
+        };
+        let mut fit = fitter.fit(&start.model, &start.free, FITTED);
+        let whole = self.ground.fitter;
+        let thinned = self.ground.excerpt.data.samples() < data.samples();
+        // At a short horizon thinned samples are other data: the better simulation counts.
+        if chosen.is_some()
+            && thinned
+            && whole.compare(&start.model).sse() < whole.compare(&fit.model).sse()
+        {
+            fit = fitter.fit(&start.model, &start.free, Effort::Steps(0));
+        }
         Candidate {
             added: estimate.added.clone(),
-            fit: if informed {
-                self.fitter(level).informed(fit)
-            } else {
-                fit.clone()
-            },
-            level: self.level(level),
+            fit: fitter.informed(&fit),
+            level: chosen,
         }
     }
 }
 
 impl Task<'_> {
     fn set(&self) -> Vec<Kind> {
-        set_of(&self.base.added, self.kind)
+        sorted(&appended(&self.base.added, self.kind))
     }
 }
 
@@ -244,8 +273,8 @@ fn appended(added: &[Kind], kind: Kind) -> Vec<Kind> {
     added.iter().copied().chain([kind]).collect()
 }
 
-fn set_of(added: &[Kind], kind: Kind) -> Vec<Kind> {
-    let mut set = appended(added, kind);
+fn sorted(kinds: &[Kind]) -> Vec<Kind> {
+    let mut set = kinds.to_vec();
     set.sort_unstable();
     set
 }

@@ -6,6 +6,9 @@
 //! what remains is a process of its own ([`super::discrepancy`]), or a random-walk
 //! force; the larger of the two counts.
 
+use model_core::actuator::Model;
+use rayon::prelude::*;
+
 use super::candidates::Candidate;
 use super::decide::{Closure, Scored};
 use super::discrepancy;
@@ -13,7 +16,7 @@ use super::holdout::{Errors, Judge};
 use super::levels::{Estimate, Levels};
 use super::policy::Policy;
 use crate::estimate::filter::Pace;
-use crate::estimate::fit::{Fit, Fitter};
+use crate::estimate::fit::Fitter;
 use crate::estimate::horizon::{Squares, block_errors};
 
 /// A structure with its measurements and its best fit.
@@ -34,8 +37,9 @@ pub struct Measured {
 /// The nominal structure, to which others are compared.
 pub struct Baseline {
     estimate: Estimate,
-    /// Least error of any level at each horizon, on fitted and on held-out segments
-    /// (rad).
+    /// Least error of any level at each horizon (rad): on the subsample, on everything
+    /// that is fitted, on what is held out.
+    on_excerpt: [f64; 3],
     fitted: [f64; 3],
     held_out: [f64; 3],
     /// Deviance of what output error leaves.
@@ -44,11 +48,21 @@ pub struct Baseline {
     random_walk: f64,
 }
 
+/// A structure as the subsample shows it.
+struct Rough {
+    estimate: Estimate,
+    level: usize,
+    leaves: f64,
+    evidence: f64,
+}
+
 /// What measurements are made with.
 pub struct Ruler<'a> {
     /// The fits.
     pub levels: &'a Levels<'a>,
-    /// The subsample that is fitted.
+    /// The subsample, on which levels are chosen.
+    pub excerpt: &'a Fitter<'a>,
+    /// Everything.
     pub fitter: &'a Fitter<'a>,
     /// Selection by segments that were not fitted.
     pub judge: &'a Judge<'a>,
@@ -61,54 +75,105 @@ pub struct Ruler<'a> {
 impl Ruler<'_> {
     /// Measures the nominal structure.
     pub fn baseline(&self, estimate: Estimate) -> Baseline {
-        let mut fitted = [f64::INFINITY; 3];
+        let mut fitted = [[f64::INFINITY; 3]; 2];
         let mut held_out = [f64::INFINITY; 3];
-        for level in 0..estimate.fits.len() {
-            let candidate = self.levels.candidate(&estimate, level, self.judge.in_turn());
-            let errors = self.judge.errors_over(&candidate, self.horizons());
-            let own = self.fitted_errors(&estimate.fits[level]);
-            for horizon in 0..3 {
-                fitted[horizon] = fitted[horizon].min(own.values()[horizon]);
-                held_out[horizon] = held_out[horizon].min(errors.values()[horizon]);
+        let least = |least: &mut [f64; 3], errors: Errors| {
+            for (least, error) in least.iter_mut().zip(errors.values()) {
+                *least = least.min(error);
             }
+        };
+        for (level, fit) in estimate.fits.iter().enumerate() {
+            let candidate = self.levels.candidate(&estimate, level);
+            least(
+                &mut held_out,
+                self.judge.errors_over(&candidate, self.horizons()),
+            );
+            least(&mut fitted[0], self.fitted_errors(self.excerpt, &fit.model));
+            least(
+                &mut fitted[1],
+                self.fitted_errors(self.fitter, &candidate.fit.model),
+            );
         }
+        let [on_excerpt, fitted] = fitted;
         Baseline {
             discrepancy: self.discrepancy(&estimate),
             random_walk: self.random_walk(&estimate),
             estimate,
+            on_excerpt,
             fitted,
             held_out,
         }
     }
 
-    /// Measures a structure against the nominal one.
-    pub fn measure(&self, baseline: &Baseline, estimate: Estimate) -> Option<Measured> {
-        let (level, left) = (0..estimate.fits.len())
+    /// Measures structures against the nominal one: those with the most evidence, and
+    /// those that leave least.
+    pub fn measure(&self, baseline: &Baseline, estimates: Vec<Estimate>) -> Vec<Measured> {
+        /// As many of each.
+        const MEASURED: usize = 5;
+        let mut rough: Vec<Rough> = estimates
+            .into_par_iter()
+            .filter_map(|estimate| self.rough(baseline, estimate))
+            .collect();
+        rough.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+        let mut others = rough.split_off(rough.len().min(MEASURED));
+        others.sort_by(|a, b| a.leaves.total_cmp(&b.leaves));
+        let ahead = rough
+            .iter()
+            .map(|row| row.leaves)
+            .fold(f64::INFINITY, f64::min);
+        others.truncate(MEASURED);
+        others.retain(|row| row.leaves <= self.policy.comparable * ahead);
+        rough.extend(others);
+        rough
+            .into_par_iter()
+            .filter_map(|rough| self.thorough(baseline, rough))
+            .collect()
+    }
+
+    fn rough(&self, baseline: &Baseline, estimate: Estimate) -> Option<Rough> {
+        let (level, leaves) = (0..estimate.fits.len())
             .map(|level| {
-                let errors = self.fitted_errors(&estimate.fits[level]);
-                (level, mean_share(&self.shares(&errors, &baseline.fitted)))
+                let errors = self.fitted_errors(self.excerpt, &estimate.fits[level].model);
+                (
+                    level,
+                    mean_share(&self.shares(&errors, &baseline.on_excerpt)),
+                )
             })
             .filter(|(_, left)| left.is_finite())
             .min_by(|a, b| a.1.total_cmp(&b.1))?;
-        let candidate = self.levels.candidate(&estimate, level, self.judge.in_turn());
-        let held_out = self.judge.errors_over(&candidate, self.horizons());
-        let shares = self.shares(&held_out, &baseline.held_out);
-        let left_out = mean_share(&shares);
-        if !left_out.is_finite() {
-            return None;
-        }
-        let parameters = candidate.fit.free.len();
-        let more = parameters as f64 - baseline.estimate.fits[0].free.len() as f64;
-        let samples = candidate.fit.samples().max(2) as f64;
+        let fit = &estimate.fits[level];
+        let more = fit.free.len() as f64 - baseline.estimate.fits[0].free.len() as f64;
+        let samples = fit.samples().max(2) as f64;
         let gained = (baseline.discrepancy - self.discrepancy(&estimate))
             .max(baseline.random_walk - self.random_walk(&estimate));
-        Some(Measured {
+        Some(Rough {
+            evidence: gained - more * samples.ln(),
+            estimate,
+            level,
+            leaves,
+        })
+    }
+
+    fn thorough(&self, baseline: &Baseline, rough: Rough) -> Option<Measured> {
+        let Rough {
+            estimate,
+            level,
+            evidence,
+            ..
+        } = rough;
+        let candidate = self.levels.candidate(&estimate, level);
+        let fitted = self.fitted_errors(self.fitter, &candidate.fit.model);
+        let held_out = self.judge.errors_over(&candidate, self.horizons());
+        let shares = self.shares(&held_out, &baseline.held_out);
+        let left = mean_share(&self.shares(&fitted, &baseline.fitted));
+        let left_out = mean_share(&shares);
+        (left.is_finite() && left_out.is_finite()).then(|| Measured {
             scored: Scored {
                 kinds: estimate.set(),
                 closure: of_shares(shares),
                 leaves: (left * left_out).sqrt(),
-                evidence: gained - more * samples.ln(),
-                parameters,
+                evidence,
+                parameters: candidate.fit.free.len(),
             },
             estimate,
             level,
@@ -122,10 +187,9 @@ impl Ruler<'_> {
     }
 
     /// Errors on the fitted segments, zeros and starts as they suit best.
-    fn fitted_errors(&self, fit: &Fit) -> Errors {
-        let model = &fit.model;
-        let compared = self.fitter.compare(model);
-        let data = self.fitter.data;
+    fn fitted_errors(&self, fitter: &Fitter<'_>, model: &Model<f64>) -> Errors {
+        let compared = fitter.compare(model);
+        let data = fitter.data;
         let [short, medium] = self
             .horizons()
             .map(|horizon| block_errors(model, data, &compared.nuisances, horizon, true));
@@ -145,7 +209,7 @@ impl Ruler<'_> {
 
     fn discrepancy(&self, estimate: &Estimate) -> f64 {
         let fit = &estimate.fits[self.levels.output_error()];
-        discrepancy::deviance(&fit.residuals) + fit.departure
+        discrepancy::deviance(&fit.residuals)
     }
 
     fn random_walk(&self, estimate: &Estimate) -> f64 {
@@ -153,7 +217,7 @@ impl Ruler<'_> {
             .iter()
             .map(|fit| {
                 let samples = fit.samples().max(1) as f64;
-                samples * (fit.sse() / samples).ln() + fit.departure
+                samples * (fit.sse() / samples).ln()
             })
             .fold(f64::INFINITY, f64::min)
     }
@@ -173,11 +237,7 @@ pub fn closure(before: &[f64; 3], after: &[f64; 3], noise: f64) -> Closure {
 /// Shares of the excess error that are left at each horizon.
 fn shares(before: &[f64; 3], after: &[f64; 3], noise: f64, policy: &Policy) -> [f64; 3] {
     let least = policy.noise_share * noise;
-    let excess = |error: f64| {
-        (error * error - noise * noise)
-            .max(least * least)
-            .sqrt()
-    };
+    let excess = |error: f64| (error * error - noise * noise).max(least * least).sqrt();
     std::array::from_fn(|horizon| excess(after[horizon]) / excess(before[horizon]))
 }
 

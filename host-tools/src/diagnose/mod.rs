@@ -56,6 +56,7 @@ use crate::model_file::{ModelFile, tidy, to_file_units};
 use crate::recording::Recording;
 use crate::statistics::correlated_rms;
 use candidates::{Candidate, Ground, Scales, Untried, applicable};
+use family::Family;
 use holdout::{HeldOut, Judge};
 use identify::Identifiability;
 use judge::{Court, Findings, Tried};
@@ -67,7 +68,6 @@ use verdict::{
     Adequacy, Alternative, Answer, Closure, Experiment, FittedError, HeldOutError, NamedEffect,
     Place, Remaining, Repair, SCHEMA, Strength, Verdict, Zeros,
 };
-use family::Family;
 
 /// A residual counts as noise if its correlated part stays below this share of
 /// the noise floor …
@@ -525,13 +525,21 @@ fn search_and_judge(
         search::singles(&ground, floor, &kinds, refit, means.progress);
     let mut graded = None;
     if !search::settles(&pool, floor) {
-        graded = grade::graded(&ground, judge, floor, &kinds, refit, &coarse, means.progress);
+        let mut singles = pool[1..].to_vec();
+        singles.sort_by(|a, b| a.fit.sse().total_cmp(&b.fit.sse()));
+        let singles = if singles.is_empty() { coarse } else { singles };
+        graded = grade::graded(
+            &ground,
+            judge,
+            floor,
+            &kinds,
+            refit,
+            &singles,
+            means.progress,
+        );
         if let Some(graded) = &graded {
             pool.extend(graded.finished(&ground));
         }
-    }
-    if std::env::var("SOFTRIG_OLD").is_ok() {
-        pool = search::combinations(&ground, floor, &kinds, refit, pool, means.progress);
     }
     // What the best structure leaves is the nearest to what the rig itself does not
     // repeat.
@@ -554,9 +562,10 @@ fn search_and_judge(
         seed: means.seed,
     }
     .findings(refit, &pool);
-    let settled = matches!(exact.answer, Answer::EffectFound | Answer::CannotTell)
-        && search::settles(&pool, floor)
-        || exact.answer == Answer::ParametersOnly;
+    let settled = match exact.answer {
+        Answer::CannotTell => search::settles(&pool, floor),
+        answer => answer != Answer::Unexplained,
+    };
     let found = match graded {
         Some(graded) if !settled => graded.findings(&ground, judge, refit, exact),
         _ => exact,

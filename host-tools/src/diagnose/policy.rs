@@ -39,6 +39,10 @@ policy! {
     explains: 0.666_666_666_666_666_6, "–", "two thirds: what remains is half of what is explained";
     /// Closure from which it explains part of it.
     part: 0.333_333_333_333_333_3, "–", "one third: what remains is twice what is explained";
+    /// Closure from which a trace of an effect is shown as an answer set, without a name …
+    trace: 0.15, "–", "half of what names a part";
+    /// … if it has so much evidence.
+    trace_evidence: 500.0, "2 ln Bayes factor", "five times what a name needs";
     /// Structures within this share of the best evidence are rivals …
     rival_share: 0.1, "–", "spread between formulas of one family, real rigs";
     /// … and so are those within this much.

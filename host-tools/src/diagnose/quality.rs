@@ -151,8 +151,8 @@ pub fn odd_one_out(
     }
     let others = fitter.data.without(&[index]);
     let nominal = fitter.nominal;
-    let without = Fitter::new(nominal, &others)
-    .fit(&candidate.fit.model, &candidate.fit.free, Effort::Full);
+    let without =
+        Fitter::new(nominal, &others).fit(&candidate.fit.model, &candidate.fit.free, Effort::Full);
     let only = fitter.data.only(&[index]);
     let alone = Fitter::new(nominal, &only);
     let predicted = alone.compare(&without.model).rmse();
@@ -345,7 +345,10 @@ pub(super) mod tests {
         };
         let data = Dataset::of(&recordings);
         let fitter = Fitter::new(&file.model, &data);
-        let refit = Candidate::of(Vec::new(), fitter.fit(&file.model, &file.free, Effort::Full));
+        let refit = Candidate::of(
+            Vec::new(),
+            fitter.fit(&file.model, &file.free, Effort::Full),
+        );
         let floor = NoiseFloor::of(&recordings).white;
         let odd = odd_one_out(&file, &fitter, &refit, floor).unwrap();
         assert_eq!(

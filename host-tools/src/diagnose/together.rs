@@ -277,7 +277,10 @@ mod tests {
         let recordings = swings(&file, effects, &[1.1, 0.7, 0.3]);
         let data = Dataset::of(&recordings);
         let fitter = Fitter::new(&file.model, &data);
-        let base = Candidate::of(Vec::new(), fitter.fit(&file.model, &file.free, Effort::Full));
+        let base = Candidate::of(
+            Vec::new(),
+            fitter.fit(&file.model, &file.free, Effort::Full),
+        );
         let ground = Ground {
             file: &file,
             fitter: &fitter,

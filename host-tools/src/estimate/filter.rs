@@ -239,8 +239,7 @@ pub fn normalised(
             let innovations = &passed[range];
             sum += innovations.iter().map(|it| it.variance.ln()).sum::<f64>();
             count += innovations.len();
-            let over_spread =
-                |it: &Innovation<2>| it.error.value() / it.variance.sqrt();
+            let over_spread = |it: &Innovation<2>| it.error.value() / it.variance.sqrt();
             series.push(innovations.iter().map(over_spread).collect());
         }
     }
@@ -249,12 +248,7 @@ pub fn normalised(
 
 /// −2 log L of the measured angles under a level, the noise profiled out, with every
 /// innovation counted by its square; infinite where the model cannot be followed.
-pub fn deviance(
-    model: &Model<f64>,
-    data: &Dataset,
-    nuisances: &[Nuisance],
-    level: &Level,
-) -> f64 {
+pub fn deviance(model: &Model<f64>, data: &Dataset, nuisances: &[Nuisance], level: &Level) -> f64 {
     let Some((series, log_variance)) = normalised(model, data, nuisances, level) else {
         return f64::INFINITY;
     };

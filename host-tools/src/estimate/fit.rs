@@ -306,6 +306,39 @@ impl<'a> Fitter<'a> {
         }
     }
 
+    /// As [`Fitter::validate`], with the guesses of zeros and starts as they are where a
+    /// session is fitted in part: a few segments hardly move them.
+    pub fn validate_near(&self, model: &Model<f64>) -> Validation {
+        let held_out = |index: &usize| !self.data.ranges(*index, false).is_empty();
+        let sessions = 0..self.data.sessions().len();
+        let partly = |index: usize| !self.data.fitted_ranges(index).is_empty();
+        if !sessions.clone().filter(held_out).all(partly) {
+            return self.validate(model);
+        }
+        let nuisances: Vec<Nuisance> = self
+            .data
+            .sessions()
+            .iter()
+            .map(|session| session.guess())
+            .collect();
+        let residuals = sessions
+            .filter(held_out)
+            .flat_map(|index| {
+                let session = &self.data.sessions()[index];
+                let residual = session.residual_of(&session.simulate(model, &nuisances[index]));
+                let ranges = self.data.ranges(index, false);
+                ranges
+                    .into_iter()
+                    .map(move |range| residual[range].to_vec())
+                    .collect::<Vec<_>>()
+            })
+            .collect();
+        Validation {
+            residuals,
+            nuisances,
+        }
+    }
+
     /// Widens the standard errors of a fit by what is not known about parameters
     /// that it held.
     pub fn allow_for(&self, fit: &mut Fit, held: &[ParameterId]) {
@@ -354,7 +387,9 @@ impl<'a> Fitter<'a> {
     /// a score test at the price of a single simulation with derivatives. Not
     /// finite where the model cannot be simulated.
     pub fn promise(&self, start: &Model<f64>, free: &[ParameterId]) -> f64 {
-        Problem::new(self, start, free, Compared::Fitted).at_level(self.level).promise()
+        Problem::new(self, start, free, Compared::Fitted)
+            .at_level(self.level)
+            .promise()
     }
 
     /// Residuals (rad) of a model at every fitted sample, and their derivatives in

@@ -95,8 +95,12 @@ fn blocks(session: &Session, ranges: &[Range<usize>], horizon: f64) -> Vec<Range
     let samples = session.recording().len();
     // At most as many as there are.
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-    let length = (horizon / session.interval()).clamp(FEWEST as f64, samples.max(FEWEST) as f64) as usize;
-    let mut cuts: Vec<usize> = ranges.iter().flat_map(|range| [range.start, range.end]).collect();
+    let length =
+        (horizon / session.interval()).clamp(FEWEST as f64, samples.max(FEWEST) as f64) as usize;
+    let mut cuts: Vec<usize> = ranges
+        .iter()
+        .flat_map(|range| [range.start, range.end])
+        .collect();
     cuts.extend([0, samples]);
     cuts.sort_unstable();
     cuts.dedup();

@@ -191,13 +191,19 @@ impl Prior {
 }
 
 /// What a zero beyond [`FARTHEST`] deviations adds to its residual, and the slope of
-/// that: a wall, which a solver meets without being stopped by it.
-pub fn wall(departure: f64) -> [f64; 2] {
-    /// Residual for each deviation beyond.
-    const STEEP: f64 = 30.0;
+/// that, in a fit to so many samples: a wall, which a solver meets without being stopped
+/// by it. What lies beyond has to gain more than any prior can cost where thousands of
+/// samples are off by an effect that is missing, so the wall grows with them: a deviation
+/// beyond weighs as much as all samples being off by three times their noise.
+pub fn wall(departure: f64, samples: usize) -> [f64; 2] {
+    /// Noise of every sample that a deviation beyond weighs.
+    const STEEP: f64 = 3.0;
+    /// A wall is a wall with few samples as well.
+    const FEWEST: f64 = 100.0;
+    let steep = STEEP * (samples as f64).max(FEWEST).sqrt();
     let beyond = departure.abs() - FARTHEST;
     if beyond > 0.0 {
-        [STEEP * beyond * departure.signum(), STEEP]
+        [steep * beyond * departure.signum(), steep]
     } else {
         [0.0, 0.0]
     }

@@ -83,9 +83,9 @@ impl Part<'_> {
 }
 
 /// What keeps a zero in its range: see [`wall`]. A start has no such range.
-fn wall_of(unknown: usize, departure: f64) -> [f64; 2] {
+fn wall_of(unknown: usize, departure: f64, samples: usize) -> [f64; 2] {
     if ZEROS.contains(&unknown) {
-        wall(departure)
+        wall(departure, samples)
     } else {
         [0.0, 0.0]
     }
@@ -391,7 +391,7 @@ impl<'a> Problem<'a> {
                         }
                         _ => own[unknown],
                     };
-                    let [wall, _] = wall_of(unknown, own[unknown]);
+                    let [wall, _] = wall_of(unknown, own[unknown], part.rows());
                     self.scale * part.session.prior().noise * (residual + wall)
                 }))
             })
@@ -409,7 +409,7 @@ impl<'a> Problem<'a> {
             _ => (1.0, 0.0),
         };
         let slope = if of.index == by.index {
-            let [_, wall] = wall_of(unknown, self.position[first + unknown]);
+            let [_, wall] = wall_of(unknown, self.position[first + unknown], of.rows());
             by_itself + wall
         } else {
             by_other
@@ -424,7 +424,7 @@ impl<'a> Problem<'a> {
             return [0.0; UNKNOWNS];
         };
         std::array::from_fn(|unknown| {
-            let [_, wall] = wall_of(unknown, self.position[first + unknown]);
+            let [_, wall] = wall_of(unknown, self.position[first + unknown], part.rows());
             self.scale * part.session.prior().noise * (1.0 + wall)
         })
     }
