@@ -27,6 +27,9 @@ const SCREENED: Effort = Effort::Steps(2);
 /// Steps of a fit at a level.
 const FITTED: Effort = Effort::Steps(8);
 
+/// Steps by output error, whose residual is what evidence is taken from.
+const FITTED_BY_OUTPUT_ERROR: Effort = Effort::Steps(25);
+
 /// A structure as fitted at every level.
 #[derive(Clone, Debug)]
 pub struct Estimate {
@@ -225,7 +228,12 @@ impl<'a> Levels<'a> {
             if from.is_empty() {
                 from.extend(starts.iter().flatten().next());
             }
-            fits.push(fitter.best_of(&from, &free, FITTED)?);
+            let effort = if level == self.output_error() {
+                FITTED_BY_OUTPUT_ERROR
+            } else {
+                FITTED
+            };
+            fits.push(fitter.best_of(&from, &free, effort)?);
         }
         Some(Estimate {
             added: added.clone(),

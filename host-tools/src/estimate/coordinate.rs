@@ -92,7 +92,7 @@ impl Coordinate {
     /// The coordinate of a value. On a bound the slope is zero and the solver
     /// could never leave, so starts keep a small distance.
     pub fn position(self, value: f64) -> f64 {
-        const MARGIN: f64 = 2e-3;
+        const MARGIN: f64 = 2e-5;
         match self {
             Self::Linear { scale } => value / scale,
             Self::Above { lower, scale } => {
