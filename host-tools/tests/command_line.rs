@@ -910,6 +910,12 @@ fn obeys(value: &Value, schema: &Value, root: &Value) -> bool {
             let place = rule.as_str().unwrap().strip_prefix('#').unwrap();
             obeys(value, root.pointer(place).unwrap(), root)
         }
+        "type" if rule.is_array() => {
+            let kinds = rule.as_array().unwrap().iter();
+            kinds
+                .map(|kind| serde_json::json!({ "type": kind }))
+                .any(|rule| obeys(value, &rule, root))
+        }
         "type" => match rule.as_str().unwrap() {
             "object" => value.is_object(),
             "array" => value.is_array(),
@@ -917,6 +923,7 @@ fn obeys(value: &Value, schema: &Value, root: &Value) -> bool {
             "boolean" => value.is_boolean(),
             "number" => value.is_number(),
             "integer" => value.is_i64() || value.is_u64(),
+            "null" => value.is_null(),
             other => panic!("unknown type {other}"),
         },
         "const" => value == rule,
@@ -926,6 +933,10 @@ fn obeys(value: &Value, schema: &Value, root: &Value) -> bool {
         "oneOf" => {
             let list = rule.as_array().unwrap();
             list.iter().filter(|rule| obeys(value, rule, root)).count() == 1
+        }
+        "anyOf" => {
+            let mut list = rule.as_array().unwrap().iter();
+            list.any(|rule| obeys(value, rule, root))
         }
         "required" => value.as_object().is_none_or(|object| {
             let mut keys = rule.as_array().unwrap().iter();
@@ -949,10 +960,18 @@ fn obeys(value: &Value, schema: &Value, root: &Value) -> bool {
 /// Checks everything that a verdict promises, whatever it says.
 fn assert_verdict(verdict: &Value, schema: &Value) {
     assert!(obeys(verdict, schema, schema), "{verdict:#}");
+    // What is only there where it says something.
+    let optional = ["strength", "family", "closure", "repair"];
+    let mut always = keys(verdict);
+    always.retain(|key| !optional.contains(key));
     assert_eq!(
-        keys(verdict).join(" "),
-        "schema verdict effects alternatives adequacy where rmse_deg holdout_rmse_deg \
-         nuisance upload next_experiment recordings seed tool_version seconds"
+        always.join(" "),
+        "schema verdict effects alternatives adequacy remaining where rmse_deg \
+         holdout_rmse_deg nuisance upload next_experiment recordings seed tool_version seconds"
+    );
+    assert_eq!(
+        verdict["strength"].is_string(),
+        verdict["verdict"] == "effect_found"
     );
     assert_eq!(verdict["schema"], 1);
     let list = |key: &str| verdict[key].as_array().unwrap();

@@ -59,16 +59,13 @@ pub fn of_every_kind(folder: &Path) -> Vec<Report> {
     let mut right = case(Hidden::Nothing, &folder.join("nothing"));
     right.file.model = moved.refit.model;
     let agreed = right.diagnose();
-    [
-        (&missing, cannot_tell(&found)),
-        (&missing, unexplained(&found)),
-        (&missing, found),
-        (&wrong, moved),
-        (&right, agreed),
+    vec![
+        report(&missing, &cannot_tell(&found)),
+        report(&missing, &unexplained(&found)),
+        report(&missing, &found),
+        report(&wrong, &moved),
+        report(&right, &agreed),
     ]
-    .into_iter()
-    .map(|(case, diagnosis)| report(case, &diagnosis))
-    .collect()
 }
 
 /// Three runs to fit and two to judge by; the names of one and of the model

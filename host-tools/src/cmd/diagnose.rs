@@ -7,7 +7,9 @@ use clap::Parser;
 
 use super::input::InputArgs;
 use crate::checkpoint::Checkpoint;
-use crate::diagnose::{Request, diagnose_from};
+use crate::diagnose::family::title;
+use crate::diagnose::verdict::Answer;
+use crate::diagnose::{Diagnosis, Request, diagnose_from};
 use crate::error::write_atomically;
 use crate::report::Outputs;
 use crate::report::content::Content;
@@ -124,11 +126,23 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         outputs.picture = Some(path);
     }
     if let Some(path) = &args.output {
-        let comment = "# Added by rig diagnose.\n";
-        let text = file.text_with(diagnosis.model_to_keep(&file), comment);
+        let text = file.text_with(diagnosis.model_to_keep(&file), &comment(&diagnosis));
         write_atomically(path, text.as_bytes())?;
         outputs.model = Some(path);
     }
     let text = summary(&content, &outputs, args.seed, seconds);
     Ok(super::print(&text)?)
+}
+
+/// What stands above the effects that are added to the model.
+fn comment(diagnosis: &Diagnosis) -> String {
+    let what = match diagnosis.answer {
+        Answer::CannotTell if diagnosis.families.is_empty() => {
+            "Added by rig diagnose: one of several that these recordings cannot tell apart.".into()
+        }
+        Answer::CannotTell => format!("representative of {}", title(&diagnosis.families)),
+        Answer::Unexplained => "Added by rig diagnose: lowers the error, not named.".to_owned(),
+        _ => "Added by rig diagnose.".into(),
+    };
+    format!("# {what}\n")
 }

@@ -46,7 +46,7 @@ const GAP_CUT_LARGE: f64 = 0.9;
 
 /// How many times the noise so many effects may leave before more is asked of
 /// them.
-pub fn left_allowed(effects: usize, only_repeats: bool) -> f64 {
+fn left_allowed(effects: usize, only_repeats: bool) -> f64 {
     if only_repeats {
         LEFT_ON_REPEATS
     } else if effects > 1 {
@@ -58,7 +58,7 @@ pub fn left_allowed(effects: usize, only_repeats: bool) -> f64 {
 
 /// The share of the held-out gap that so many effects have to remove for a name
 /// if they leave `left` times the noise.
-pub fn share_needed(effects: usize, left: f64, only_repeats: bool) -> f64 {
+fn share_needed(effects: usize, left: f64, only_repeats: bool) -> f64 {
     if left > left_allowed(effects, only_repeats) {
         GAP_CUT_LARGE
     } else if effects > 1 {

@@ -66,7 +66,7 @@ struct Chosen<'a> {
 pub struct Levels<'a> {
     ground: Ground<'a>,
     /// From the shortest horizon to output error, which is none.
-    levels: Vec<Option<Level>>,
+    horizons: Vec<Option<Level>>,
     /// The pace of the recorded motion.
     pub pace: Pace,
 }
@@ -81,30 +81,30 @@ impl<'a> Levels<'a> {
         let chosen = levels(&refit.fit.model, data, &compared.nuisances, noise, pace);
         Self {
             ground,
-            levels: chosen.into_iter().map(Some).chain([None]).collect(),
+            horizons: chosen.into_iter().map(Some).chain([None]).collect(),
             pace,
         }
     }
 
     /// The place of output error among the levels.
     pub fn output_error(&self) -> usize {
-        self.levels.len() - 1
+        self.horizons.len() - 1
     }
 
     /// The level at a place.
     pub fn level(&self, place: usize) -> Option<Level> {
-        self.levels.get(place).copied().flatten()
+        self.horizons.get(place).copied().flatten()
     }
 
     fn fitter(&self, level: usize) -> Fitter<'_> {
-        self.ground.excerpt.at(self.levels[level].as_ref())
+        self.ground.excerpt.at(self.horizons[level].as_ref())
     }
 
     /// The nominal structure at every level.
     pub fn base(&self, refit: &Candidate) -> Option<Estimate> {
         let free = &self.ground.file.free;
         let mut fits: Vec<Fit> = Vec::new();
-        for level in 0..self.levels.len() {
+        for level in 0..self.horizons.len() {
             let mut starts = vec![self.ground.file.model, refit.fit.model];
             starts.extend(fits.last().map(|shorter| shorter.model));
             // What evidence is counted from must not be half-way.
@@ -153,13 +153,13 @@ impl<'a> Levels<'a> {
                 chosen.push(Chosen {
                     added,
                     base,
-                    starts: vec![None; self.levels.len()],
+                    starts: vec![None; self.horizons.len()],
                 });
                 chosen.len() - 1
             });
             chosen[place].starts[level] = Some(*model);
         };
-        for level in 0..self.levels.len() {
+        for level in 0..self.horizons.len() {
             let mut here: Vec<_> = screened
                 .iter()
                 .filter(|(task, ..)| task.level == level)

@@ -39,17 +39,17 @@ policy! {
     explains: 0.666_666_666_666_666_6, "–", "two thirds: what remains is half of what is explained";
     /// Closure from which it explains part of it.
     part: 0.333_333_333_333_333_3, "–", "one third: what remains is twice what is explained";
-    /// Closure from which a trace of an effect is shown as an answer set, without a name …
+    /// Closure from which a trace of an effect is shown as an answer set, without a name.
     trace: 0.15, "–", "half of what names a part";
-    /// … if it has so much evidence.
+    /// Evidence that such a trace has to have.
     trace_evidence: 500.0, "2 ln Bayes factor", "five times what a name needs";
-    /// Structures within this share of the best evidence are rivals …
+    /// Structures within this share of the best evidence are rivals.
     rival_share: 0.1, "–", "spread between formulas of one family, real rigs";
-    /// … and so are those within this much.
+    /// Structures within this much of the best evidence are rivals in any case.
     rival_least: 30.0, "2 ln Bayes factor", "three times very strong (Kass and Raftery 1995)";
-    /// A further effect leaves at most this share of what remained without it …
+    /// A further effect leaves at most this share of what remained without it.
     further_leaves: 0.5, "–", "half: the least that a person would call another cause";
-    /// … and brings so much more evidence.
+    /// Evidence that a further effect has to add.
     further_evidence: 100.0, "2 ln Bayes factor", "as for the first effect";
     /// An excess error below this share of the noise is not told from none.
     noise_share: 0.3, "noise", "how well the noise is known: 4 % of its size";

@@ -143,7 +143,7 @@ pub fn pass<const N: usize>(
         silent[range.clone()].fill(true);
     }
     let mut found = Vec::with_capacity(recording.len());
-    for sample in 0..recording.len() {
+    for (sample, &is_silent) in silent.iter().enumerate() {
         if sample > 0 {
             let interval = recording.time[sample] - recording.time[sample - 1];
             state.angle = state.angle.seeded(first, [1.0, 0.0]);
@@ -188,7 +188,7 @@ pub fn pass<const N: usize>(
         let error = shown - Dual::constant(recording.angle[sample]);
         let variance = covariance[(0, 0)] + 1.0;
         found.push(Innovation { error, variance });
-        if !silent[sample] {
+        if !is_silent {
             let gain = covariance.column(0) / variance;
             state.angle -= error * Dual::constant(gain[0]);
             state.rate -= error * Dual::constant(gain[1]);
@@ -206,7 +206,7 @@ pub fn pass<const N: usize>(
 fn response(left: f64, interval: f64) -> [f64; 2] {
     /// Hardly any decay: the limit without damping.
     const ALL: f64 = 0.99;
-    if !(left < ALL) {
+    if left.is_nan() || left >= ALL {
         return [interval, 0.5 * interval * interval];
     }
     // Of a rate that turns back within an interval no decay can be told.

@@ -302,18 +302,16 @@ impl<'a> Problem<'a> {
             self.triangulate();
             let cost = residuals.norm_squared();
             let found = self.residuals().zip(self.jacobian());
-            match found.filter(|(residuals, _)| residuals.norm_squared() < cost) {
-                Some(better) => {
-                    (residuals, jacobian) = better;
-                    damping *= CALMER;
-                    if residuals.norm_squared() > (1.0 - DONE) * cost {
-                        break;
-                    }
+            let better = found.filter(|(residuals, _)| residuals.norm_squared() < cost);
+            if let Some(better) = better {
+                (residuals, jacobian) = better;
+                damping *= CALMER;
+                if residuals.norm_squared() > (1.0 - DONE) * cost {
+                    break;
                 }
-                None => {
-                    self.position = before;
-                    damping *= STRONGER;
-                }
+            } else {
+                self.position = before;
+                damping *= STRONGER;
             }
         }
         self

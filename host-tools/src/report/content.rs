@@ -9,10 +9,12 @@ use model_core::effects::Place;
 use serde::Serialize;
 
 use crate::cmd::fit::number;
+use crate::diagnose::family::Family;
 use crate::diagnose::holdout::share_closed;
 use crate::diagnose::judge::{self, Tried};
 use crate::diagnose::noise::NoiseFloor;
-use crate::diagnose::verdict::Answer;
+use crate::diagnose::policy::Policy;
+use crate::diagnose::verdict::{Answer, Closure, Strength};
 use crate::diagnose::{Diagnosis, Request};
 use crate::estimate::fit::Fit;
 use crate::model_file::{parameter_name, parameter_unit, to_file_units};
@@ -42,7 +44,7 @@ pub struct Content {
     /// Errors on fitted runs, and on runs that were not fitted.
     pub errors: Vec<ErrorRow>,
     /// Whether effects were added to the model.
-    pub named: bool,
+    pub repaired: bool,
     /// Whether the model to go on with is another than the one supplied.
     pub upload: bool,
     /// How much of the gap the added effects close, as a sentence.
@@ -125,10 +127,21 @@ pub struct Effect {
     pub text: &'static str,
     /// Where it acts.
     pub place: &'static str,
-    /// Probability among the explanations that were tried.
-    pub probability: String,
+    /// Probability among the explanations that were tried; none for an effect that
+    /// repairs the model and is not named.
+    pub probability: Option<String>,
     /// Its parameters.
     pub parameters: Vec<ParameterRow>,
+}
+
+impl Effect {
+    /// How sure its name is.
+    pub fn standing(&self) -> String {
+        self.probability.as_ref().map_or_else(
+            || "lowers the error, not named".into(),
+            |probability| format!("probability {probability}"),
+        )
+    }
 }
 
 /// A parameter with what is known about it, in the unit of files.
@@ -255,7 +268,7 @@ pub struct NextRun {
 impl Content {
     /// Puts a diagnosis into words.
     pub fn of(request: &Request<'_>, diagnosis: &Diagnosis) -> Self {
-        let named = !diagnosis.named.is_empty();
+        let repaired = !diagnosis.repaired.added.is_empty();
         Self {
             answer: diagnosis.answer,
             sentence: sentence(diagnosis),
@@ -263,15 +276,11 @@ impl Content {
             keys: keys(diagnosis),
             notices: notices(diagnosis),
             errors: errors(diagnosis),
-            named,
+            repaired,
             upload: diagnosis.is_better(),
-            closed: named.then(|| {
-                format!(
-                    "On runs that were not fitted it closes {} of the gap to the noise; {}.",
-                    percent(diagnosis.adequacy.holdout_gap_closed),
-                    left_over(diagnosis)
-                )
-            }),
+            closed: diagnosis
+                .closure
+                .map(|closure| explained(diagnosis, &closure)),
             effects: effects(diagnosis),
             base: base(request, diagnosis),
             zeros: diagnosis.zeros().to_string(),
@@ -311,7 +320,15 @@ pub fn sentence(diagnosis: &Diagnosis) -> String {
         Answer::ParametersOnly => {
             "No effect is missing: the structure is right, only the parameters were off.".into()
         }
+        Answer::EffectFound if diagnosis.strength == Some(Strength::Part) => format!(
+            "The model lacks {}, which explains part of the error.",
+            titles(&diagnosis.named)
+        ),
         Answer::EffectFound => format!("The model lacks {}.", titles(&diagnosis.named)),
+        Answer::CannotTell if diagnosis.alternatives.len() == 1 => format!(
+            "There is a trace of {}, too faint for a name.",
+            titles_of_names(&diagnosis.alternatives[0].kinds)
+        ),
         Answer::CannotTell => {
             let rivals: Vec<String> = diagnosis
                 .alternatives
@@ -321,15 +338,54 @@ pub fn sentence(diagnosis: &Diagnosis) -> String {
                     kinds.join(" with ")
                 })
                 .collect();
-            format!(
-                "Something is missing, but these recordings cannot tell apart {}.",
-                listed(&rivals)
-            )
+            if diagnosis.families.is_empty() {
+                format!(
+                    "Something is missing, but these recordings cannot tell apart {}.",
+                    listed(&rivals)
+                )
+            } else {
+                format!(
+                    "The model lacks {}; these recordings cannot tell apart {}.",
+                    in_words(&diagnosis.families),
+                    listed(&rivals)
+                )
+            }
         }
         Answer::Unexplained => {
             "Something is missing, and it is none of the effects that are known.".into()
         }
     }
+}
+
+/// Families in a sentence: "a kind of dry friction and a kind of creep".
+fn in_words(families: &[Family]) -> String {
+    let kinds: Vec<String> = families
+        .iter()
+        .map(|family| format!("a kind of {family}"))
+        .collect();
+    kinds.join(" and ")
+}
+
+/// How much of the error beyond the noise the repaired model explains, at which
+/// horizons, and what remains.
+fn explained(diagnosis: &Diagnosis, closure: &Closure) -> String {
+    let remaining = diagnosis.remaining();
+    let goes_with = remaining
+        .goes_with
+        .map_or_else(String::new, |feature| format!(" and go with the {feature}"));
+    let share = |share: f64| percent(share.max(0.0));
+    format!(
+        "On runs that were not fitted it explains {} of the error beyond the noise ({} over a \
+         quarter of a swing, {} over two and a half, {} over whole runs); {} remain, {} times \
+         the noise{goes_with}: {}.",
+        share(closure.overall),
+        share(closure.short),
+        share(closure.medium),
+        share(closure.full),
+        degrees(remaining.rmse_deg.to_radians()),
+        short(remaining.times_noise),
+        left_over(diagnosis)
+    )
 }
 
 /// What the sentence rests on, and what to do.
@@ -406,7 +462,7 @@ fn best_closed(diagnosis: &Diagnosis) -> Option<f64> {
 
 /// Why the structure that closed most of the gap is not named, as sentences.
 fn why_no_name(diagnosis: &Diagnosis) -> String {
-    let Some((best, error, closed)) = closed_most(diagnosis) else {
+    let Some((_, _, closed)) = closed_most(diagnosis) else {
         return String::new();
     };
     if closed < 0.005 {
@@ -415,43 +471,23 @@ fn why_no_name(diagnosis: &Diagnosis) -> String {
     format!(
         "The best of all that was tried closes {} of that gap. {} ",
         percent(closed),
-        shortfall(
-            best.kinds.len(),
-            error / diagnosis.held_out.floor,
-            closed,
-            diagnosis.held_out.only_repeats
-        )
+        shortfall(closed)
     )
 }
 
-/// What a structure of `effects` effects lacks for a name that leaves `left`
-/// times the noise on runs that were not fitted, and closes `closed` of the gap.
-fn shortfall(effects: usize, left: f64, closed: f64, only_repeats: bool) -> String {
-    let needed = judge::share_needed(effects, left, only_repeats);
+/// What a structure that closed so much of the gap lacks for a name.
+fn shortfall(closed: f64) -> String {
+    let needed = Policy::STANDARD.part;
     if closed >= needed {
-        return "That share would do for a name, but the rest of the evidence does not: what it \
-                gains over simpler explanations could be chance, or is too little on runs that \
-                were not fitted."
-            .into();
-    }
-    let percent = 100.0 * needed;
-    let allowed = judge::left_allowed(effects, only_repeats);
-    if left > allowed {
-        let because = if only_repeats {
-            ", because every run that was held out repeats one that was fitted"
-        } else {
-            ""
-        };
-        format!(
-            "That is not enough: where more than {allowed} times the noise is left, a name needs \
-             at least {percent:.0} %{because}."
-        )
-    } else if effects > 1 {
-        format!(
-            "That is not enough: several effects together need at least {percent:.0} % for a name."
-        )
+        "That share would do for a name, but the rest of the evidence does not: what it gains \
+         over simpler explanations could be chance, or is too little on runs that were not \
+         fitted."
+            .into()
     } else {
-        format!("That is not enough: a name needs at least {percent:.0} %.")
+        format!(
+            "That is not enough: a name needs at least {}.",
+            percent(needed)
+        )
     }
 }
 
@@ -616,6 +652,13 @@ fn error_key(diagnosis: &Diagnosis) -> Key {
                 degrees(held_out.nominal)
             ),
         ),
+        Answer::CannotTell | Answer::Unexplained if !diagnosis.repaired.added.is_empty() => (
+            from_to(held_out.refit, held_out.repaired_on_board),
+            format!(
+                "RMS, refitted → repaired without a name; nominal {}",
+                degrees(held_out.nominal)
+            ),
+        ),
         Answer::ParametersOnly | Answer::CannotTell | Answer::Unexplained => (
             from_to(held_out.nominal, held_out.refit),
             "RMS, nominal → refitted".into(),
@@ -753,7 +796,13 @@ fn effects(diagnosis: &Diagnosis) -> Vec<Effect> {
                     Place::Force => "in the balance of forces",
                     Place::Sensor => "between the angle and what its sensor shows",
                 },
-                probability: probability(diagnosis.probability.get(offset).copied().unwrap_or(0.0)),
+                probability: diagnosis
+                    .named
+                    .iter()
+                    .position(|named| named == kind)
+                    .map(|place| {
+                        probability(diagnosis.probability.get(place).copied().unwrap_or(0.0))
+                    }),
                 parameters: (0..kind.parameters().len())
                     .map(|parameter| {
                         let id = ParameterId::Effect {
@@ -1201,11 +1250,8 @@ mod tests {
 
     #[test]
     fn what_a_name_needs_depends_on_what_is_left() {
-        assert!(shortfall(1, 1.2, 0.7, false).contains("75 %"));
-        assert!(shortfall(2, 1.2, 0.78, false).contains("80 %"));
-        assert!(shortfall(1, 1.7, 0.85, false).contains("90 %"));
-        assert!(shortfall(1, 1.3, 0.85, true).contains("90 %"));
-        assert!(shortfall(1, 1.2, 0.78, false).contains("chance"));
+        assert!(shortfall(0.2).contains("33 %"));
+        assert!(shortfall(0.5).contains("chance"));
     }
 
     #[test]

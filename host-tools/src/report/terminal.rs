@@ -16,8 +16,10 @@ pub fn summary(content: &Content, outputs: &Outputs<'_>, seed: u64, seconds: f64
     lines.push(String::new());
     for effect in &content.effects {
         lines.push(format!(
-            "{}: {}   (probability {})",
-            effect.kind, effect.equation, effect.probability
+            "{}: {}   ({})",
+            effect.kind,
+            effect.equation,
+            effect.standing()
         ));
         lines.extend(effect.parameters.iter().map(|row| {
             // Keys of effects carry their unit already.
@@ -90,12 +92,12 @@ fn base_title(answer: Answer) -> &'static str {
     }
 }
 
-/// The table: nominal, refit and, where something is named, repaired on fitted
+/// The table: nominal, refit and, where something is added, repaired on fitted
 /// and on held-out runs.
 fn errors(content: &Content) -> Vec<String> {
     let line = |cells: [&str; 6]| {
         let [name, runs, nominal, refit, repaired, floor] = cells;
-        let repaired = if content.named {
+        let repaired = if content.repaired {
             format!("{repaired:>10} ")
         } else {
             String::new()
@@ -187,6 +189,7 @@ fn written(content: &Content, outputs: &Outputs<'_>) -> Vec<String> {
     let model = match content.answer {
         _ if !content.upload => "Model, unchanged",
         Answer::EffectFound => "Repaired model",
+        _ if content.repaired => "Repaired model, without a name",
         _ => "Refitted model",
     };
     let lines: Vec<String> = [
