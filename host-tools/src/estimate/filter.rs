@@ -315,3 +315,223 @@ pub fn levels(
         })
         .collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use model_core::actuator::{Dynamics, ParameterId};
+    use nalgebra::{DMatrix, DVector};
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    use super::*;
+    use crate::estimate::fit::{Effort, Fitter};
+    use crate::recording::Recording;
+
+    const INTERVAL_S: f64 = 0.02;
+
+    fn spring(damping: f64, stiffness: f64) -> Model<f64> {
+        let dynamics = Dynamics {
+            inertia: 0.5,
+            damping,
+            stiffness,
+            exponent: 1.0,
+            input_gain: 1e-4,
+        };
+        Model::new(dynamics, &[]).unwrap()
+    }
+
+    /// A spring under a wandering force of this intensity (N/√s), and the noise of its
+    /// sensor (rad).
+    fn wandering(
+        model: &Model<f64>,
+        (intensity, noise): (f64, f64),
+        samples: usize,
+        seed: u64,
+    ) -> Recording {
+        const STEPS: u32 = 20;
+        let mut random = rand_pcg::Pcg64Mcg::seed_from_u64(seed);
+        let mut draw = || -> f64 { StandardNormal.sample(&mut random) };
+        let d = model.dynamics();
+        let pressure_at = |time: f64| 8e3 * (1.0 + (0.9 * time).sin());
+        let dt = INTERVAL_S / f64::from(STEPS);
+        let (mut angle, mut rate, mut force) = (0.4, 0.0, 0.0);
+        let mut recording = Recording::default();
+        for sample in 0..samples {
+            let time = INTERVAL_S * sample as f64;
+            recording.time.push(time);
+            recording.pressure.push(pressure_at(time));
+            recording.angle.push(angle + noise * draw());
+            for part in 0..STEPS {
+                let now = time + dt * f64::from(part);
+                force += intensity * dt.sqrt() * draw();
+                let pushed = d.input_gain * pressure_at(now)
+                    - d.damping * rate
+                    - d.stiffness * angle
+                    - force;
+                rate += dt * pushed / d.inertia;
+                angle += dt * rate;
+            }
+        }
+        recording
+    }
+
+    fn level(intensity: f64, noise: f64, data: &Dataset) -> Level {
+        Level {
+            intensity: intensity / noise,
+            noise,
+            pace: Pace::of(data),
+            outlier: None,
+        }
+    }
+
+    /// The likelihood of a short linear recording by the covariance of all its samples:
+    /// no recursion, no gains.
+    #[test]
+    fn the_filter_has_the_likelihood_of_the_joint_density() {
+        let model = spring(0.7, 3.0);
+        let (intensity, noise) = (0.4, 0.01);
+        let recording = wandering(&model, (intensity, noise), 24, 11);
+        let data = Dataset::of(&[recording.clone()]);
+        let level = level(intensity, noise, &data);
+        let nuisance = Nuisance::AT_ZERO;
+        let found = deviance(&model, &data, &[nuisance], &level);
+
+        // Angle, rate, force: exact transition of a constant force over an interval, by
+        // a series of the matrix exponential.
+        let d = model.dynamics();
+        let h = INTERVAL_S;
+        let system = Matrix3::new(
+            0.0,
+            1.0,
+            0.0,
+            -d.stiffness / d.inertia,
+            -d.damping / d.inertia,
+            -1.0 / d.inertia,
+            0.0,
+            0.0,
+            0.0,
+        );
+        let mut transition = Matrix3::identity();
+        let mut term = Matrix3::identity();
+        for k in 1..20 {
+            term = term * system * (h / f64::from(k));
+            transition += term;
+        }
+        // The walk in a hundred small kicks.
+        let mut kicks = Matrix3::<f64>::zeros();
+        let parts = 100;
+        for part in 0..parts {
+            let left = h * (f64::from(part) + 0.5) / f64::from(parts);
+            let mut reach = Matrix3::identity();
+            let mut term = Matrix3::identity();
+            for k in 1..20 {
+                term = term * system * (left / f64::from(k));
+                reach += term;
+            }
+            let kick = reach.column(2).into_owned();
+            kicks += kick * kick.transpose() * (level.intensity.powi(2) * h / f64::from(parts));
+        }
+        let start = Matrix3::from_diagonal(&Vector3::new(
+            1.0,
+            (3.0 * level.pace.rate / noise).powi(2),
+            level.intensity.powi(2) * level.pace.period,
+        ));
+        let count = recording.len();
+        let mut covariances = vec![start];
+        for _ in 1..count {
+            let before = covariances[covariances.len() - 1];
+            covariances.push(transition * before * transition.transpose() + kicks);
+        }
+        let mut joint = DMatrix::<f64>::identity(count, count);
+        for i in 0..count {
+            let mut cross = covariances[i];
+            for j in i..count {
+                joint[(i, j)] += cross[(0, 0)];
+                if j > i {
+                    joint[(j, i)] = joint[(i, j)];
+                }
+                cross *= transition.transpose();
+            }
+        }
+        let fitter = Fitter::new(&model, &data);
+        let free_run = data.sessions()[0].simulate(&model, &nuisance);
+        assert_eq!(fitter.data.samples(), count);
+        let error = DVector::from_iterator(
+            count,
+            free_run.iter().zip(&recording.angle).map(|(a, b)| a - b),
+        );
+        let factor = joint.cholesky().unwrap();
+        let squares = error.dot(&factor.solve(&error));
+        let log_determinant: f64 = 2.0 * factor.l().diagonal().iter().map(|v| v.ln()).sum::<f64>();
+        let n = count as f64;
+        let expected = n * (squares / n).ln() + log_determinant;
+        assert!(
+            (found - expected).abs() < 0.02 * n,
+            "{found}, not {expected}"
+        );
+    }
+
+    /// Where a force wanders, output error takes it for a spring; the likely level does
+    /// not, over many such forces.
+    #[test]
+    fn a_wandering_force_does_not_bend_the_stiffness() {
+        let truth = spring(0.7, 3.0);
+        let (intensity, noise) = (0.3, 0.005);
+        let nominal = spring(1.0, 4.0);
+        let free = [ParameterId::Damping, ParameterId::Stiffness];
+        let errors: Vec<[f64; 2]> = (0..12)
+            .map(|seed| {
+                let recording = wandering(&truth, (intensity, noise), 1_500, seed);
+                let data = Dataset::of(&[recording]);
+                let fitter = Fitter::new(&nominal, &data);
+                let refit = fitter.fit(&nominal, &free, Effort::Full);
+                let pace = Pace::of(&data);
+                let known = fitter.compare(&truth).nuisances;
+                let found = levels(&truth, &data, &known, noise, pace);
+                let likeliest = found[0].intensity * noise;
+                assert!(
+                    (0.1..1.0).contains(&likeliest),
+                    "the walk of {intensity} N/√s is found as {likeliest}"
+                );
+                let level = fitter.at(Some(&found[0]));
+                let at = level.fit(&refit.model, &free, Effort::Full);
+                [refit, at].map(|fit| fit.model.dynamics().stiffness / 3.0 - 1.0)
+            })
+            .collect();
+        let [output_error, level] =
+            [0, 1].map(|k| rms(&errors.iter().map(|pair| pair[k]).collect::<Vec<_>>()));
+        assert!(level < 0.7 * output_error, "{level}, {output_error}");
+    }
+
+    /// A hand on the actuator: half a second of nonsense moves a robust level little.
+    #[test]
+    fn outliers_count_by_their_size() {
+        let level = Level {
+            intensity: 1.0,
+            noise: 0.01,
+            pace: Pace {
+                period: 1.0,
+                rate: 1.0,
+            },
+            outlier: Some(2.0),
+        };
+        let [inside, slope] = level.counted(-1.5);
+        assert!((inside + 1.5).abs() < 1e-12 && (slope - 1.0).abs() < 1e-12);
+        let [outside, slope] = level.counted(10.0);
+        // ρ(e) = 2ce − c².
+        assert!((outside.powi(2) - (2.0 * 2.0 * 10.0 - 4.0)).abs() < 1e-12);
+        let difference = (level.counted(10.0 + 1e-6)[0] - level.counted(10.0 - 1e-6)[0]) / 2e-6;
+        assert!((slope - difference).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_push_on_an_overdamped_actuator_reaches_its_final_rate() {
+        // e^(−50): rate 1/γ, way h/γ.
+        let decay: f64 = 500.0;
+        let [coasted, pushed] = response((-decay * 0.04_f64).exp(), 0.04);
+        assert!((coasted * decay - 1.0).abs() < 1e-6);
+        assert!((pushed / ((0.04 - 1.0 / decay) / decay) - 1.0).abs() < 1e-6);
+        let [coasted, pushed] = response(1.0, 0.04);
+        assert!((coasted - 0.04).abs() < 1e-12 && (pushed - 0.0008).abs() < 1e-12);
+    }
+}

@@ -239,3 +239,101 @@ fn corrected(state: &State<Dual<2>>, correction: Vector2<f64>) -> State<Dual<2>>
     }
     state
 }
+
+#[cfg(test)]
+mod tests {
+    use model_core::actuator::Dynamics;
+    use model_core::catalogue::Kind;
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    use super::*;
+    use crate::estimate::fit::Fitter;
+    use crate::recording::Recording;
+    use crate::simulate::{Signal, Start as From, run};
+
+    const NOISE: f64 = 0.004;
+
+    fn model(stiffness: f64, effects: &[model_core::catalogue::Effect<f64>]) -> Model<f64> {
+        let dynamics = Dynamics {
+            inertia: 1.0,
+            damping: 0.05,
+            stiffness,
+            exponent: 1.0,
+            input_gain: 1e-4,
+        };
+        Model::new(dynamics, effects).unwrap()
+    }
+
+    /// A free swing with noise.
+    fn swing(truth: &Model<f64>) -> Dataset {
+        let mut random = rand_pcg::Pcg64Mcg::seed_from_u64(3);
+        let time: Vec<f64> = (0..3_000).map(|k| f64::from(k) * 0.01).collect();
+        let pressure = vec![0.0; time.len()];
+        let signal = Signal::new(time.clone(), pressure.clone());
+        let from = From {
+            angle: 0.6,
+            rate: 0.0,
+        };
+        let angle = run(truth, &signal, from, 4)
+            .reading
+            .into_iter()
+            .map(|angle| {
+                let draw: f64 = StandardNormal.sample(&mut random);
+                angle + NOISE * draw
+            })
+            .collect();
+        Dataset::of(&[Recording {
+            time,
+            pressure,
+            angle,
+            ..Recording::default()
+        }])
+    }
+
+    fn error(model: &Model<f64>, data: &Dataset, horizon: f64) -> f64 {
+        let nuisances = Fitter::new(model, data).compare(model).nuisances;
+        let squares = block_errors(model, data, &nuisances, horizon, true);
+        squares[0].mean().sqrt()
+    }
+
+    /// The right model leaves the noise at every horizon, degrees of freedom paid for.
+    #[test]
+    fn the_truth_leaves_the_noise_at_every_horizon() {
+        let effect = Kind::MaxwellBranch.build(&[4.0, 0.8]).unwrap();
+        let truth = model(30.0, &[effect]);
+        let data = swing(&truth);
+        for horizon in [0.15, 0.6, 3.0, 100.0] {
+            let error = error(&truth, &data, horizon);
+            assert!((error / NOISE - 1.0).abs() < 0.06, "{horizon} s: {error}");
+        }
+    }
+
+    /// A wrong frequency is invisible within a part of a swing and grows with the horizon.
+    #[test]
+    fn a_wrong_frequency_shows_at_long_horizons() {
+        let data = swing(&model(30.0, &[]));
+        let off = model(30.6, &[]);
+        let errors = [0.15, 1.5, 12.0].map(|horizon| error(&off, &data, horizon));
+        assert!(errors[0] < 1.2 * NOISE, "{errors:?}");
+        assert!(errors[0] < errors[1] && errors[1] < errors[2], "{errors:?}");
+        assert!(errors[2] > 5.0 * NOISE, "{errors:?}");
+    }
+
+    /// No block reaches into a segment that is not counted.
+    #[test]
+    fn blocks_end_where_segments_end() {
+        let data = swing(&model(30.0, &[]));
+        let session = &data.sessions()[0];
+        let ranges = [100..450, 450..460, 1_000..2_000];
+        let found = blocks(session, &ranges, 0.5);
+        assert_eq!(found.first().map(|block| block.start), Some(0));
+        assert_eq!(found.last().map(|block| block.end), Some(3_000));
+        for pair in found.windows(2) {
+            assert_eq!(pair[0].end, pair[1].start);
+        }
+        for edge in ranges.iter().flat_map(|range| [range.start, range.end]) {
+            assert!(found.iter().any(|block| block.start == edge), "{edge}");
+        }
+    }
+}

@@ -4,9 +4,10 @@
 //! the step, so that a stage at the wrong instant shows as well, and the angle
 //! stays well above zero, where a power that is not whole has all derivatives.
 
-use model_core::actuator::{Model, State};
+use model_core::actuator::{Dynamics, Model, State};
 use model_core::catalogue::{Effect, Kind};
-use model_core::integrate::Scheme;
+use model_core::input::Held;
+use model_core::integrate::{Scheme, step};
 
 use crate::solver::{Values, solve};
 use crate::support::{F64, SCHEMES, lively, run};
@@ -65,6 +66,7 @@ fn assert_orders(
     for (scheme, steps, band) in [
         (Scheme::SemiImplicitEuler, 400, 0.01),
         (Scheme::Heun, 100, 0.03),
+        (Scheme::ExponentialHeun, 100, 0.03),
         (Scheme::Rk4, 20, 0.05),
     ] {
         let errors = [1, 2, 4].map(|finer| error(scheme, model, solution, values, finer * steps));
@@ -155,4 +157,54 @@ fn every_scheme_keeps_the_time() {
         );
         assert!((end.time - 1.0).abs() < 1e-15, "{scheme:?}: {}", end.time);
     }
+}
+
+/// An overdamped actuator whose damping other schemes would have to resolve: it creeps
+/// towards its rest with K/C, and a step fifty times longer than M/C sees that.
+#[test]
+fn exponential_steps_carry_a_strong_damping() {
+    let dynamics = Dynamics {
+        inertia: 0.002,
+        damping: 1.0,
+        stiffness: 2.0,
+        exponent: 1.0,
+        input_gain: 2e-5,
+    };
+    let model: Model<f64> = Model::new(dynamics, &[]).expect("test parameters are valid");
+    let (dt, steps) = (0.1, 30);
+    let mut state = model.at_rest(0.0, 0.0);
+    let force = dynamics.input_gain * MEAN_PRESSURE_PA;
+    for _ in 0..steps {
+        step(
+            Scheme::ExponentialHeun,
+            &model,
+            &mut state,
+            &Held(MEAN_PRESSURE_PA),
+            dt,
+        );
+    }
+    // Both roots of M s² + C s + K = 0.
+    let root = (dynamics.damping.powi(2) - 4.0 * dynamics.inertia * dynamics.stiffness).sqrt();
+    let (fast, slow) = (
+        (-dynamics.damping - root) / (2.0 * dynamics.inertia),
+        (-dynamics.damping + root) / (2.0 * dynamics.inertia),
+    );
+    let time = dt * f64::from(steps);
+    let exact = force / dynamics.stiffness
+        * (1.0 + (slow * (fast * time).exp() - fast * (slow * time).exp()) / (fast - slow));
+    assert!(
+        (state.angle / exact - 1.0).abs() < 2e-3,
+        "{} and {exact}",
+        state.angle
+    );
+    // The rest is exact: nothing moves there.
+    let mut rest = model.at_rest(force / dynamics.stiffness, MEAN_PRESSURE_PA);
+    step(
+        Scheme::ExponentialHeun,
+        &model,
+        &mut rest,
+        &Held(MEAN_PRESSURE_PA),
+        dt,
+    );
+    assert!((rest.angle * dynamics.stiffness / force - 1.0).abs() < 1e-12);
 }
