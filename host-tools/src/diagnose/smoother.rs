@@ -102,7 +102,10 @@ impl Smoother<'_> {
 
     /// Estimates motion and missing force over one recording.
     pub fn smooth(&self, recording: &Recording, walk: f64) -> ForceSeries {
-        let (passed, _) = self.forwards(recording, walk);
+        let (mut passed, _) = self.forwards(recording, walk);
+        // A stiff model may leave all bounds: what comes after is not known.
+        let known = |at: &Passed| at.corrected.0.iter().all(|value| value.is_finite());
+        passed.truncate(passed.iter().take_while(|at| known(at)).count());
         let mut series = ForceSeries {
             time: recording.time.clone(),
             ..ForceSeries::default()
@@ -129,6 +132,11 @@ impl Smoother<'_> {
             series.force.push(state[2]);
             series.deviation.push(deviation);
         }
+        let unknown = |values: &mut Vec<f64>| values.resize(recording.len(), f64::NAN);
+        unknown(&mut series.angle);
+        unknown(&mut series.rate);
+        unknown(&mut series.force);
+        unknown(&mut series.deviation);
         series
     }
 
@@ -236,6 +244,33 @@ mod tests {
     use model_core::actuator::Dynamics;
     use rand::SeedableRng;
     use rand_distr::{Distribution, StandardNormal};
+
+    /// A model that cannot be followed leaves a series of the recording's length.
+    #[test]
+    fn a_model_that_diverges_is_not_known_and_no_panic() {
+        let dynamics = Dynamics {
+            inertia: 1e-6,
+            damping: 0.0,
+            stiffness: 1e9,
+            exponent: 3.0,
+            input_gain: 1.0,
+        };
+        let model: Model<f64> = Model::new(dynamics, &[]).unwrap();
+        let time: Vec<f64> = (0..200).map(|k| f64::from(k) * 0.1).collect();
+        let recording = Recording {
+            pressure: time.iter().map(|t| 1e9 * t.sin()).collect(),
+            angle: time.iter().map(|t| t.sin()).collect(),
+            time,
+            ..Recording::default()
+        };
+        let smoother = Smoother {
+            model: &model,
+            noise: 1e-3,
+            force: 1e9,
+        };
+        let found = smoother.smooth(&recording, 1e9);
+        assert_eq!(found.slice(&(150..200)).force.len(), 50);
+    }
 
     /// A force that nobody modelled is found within its own error bars.
     #[test]

@@ -11,8 +11,9 @@
 //!   alternatives; beside a name only alternatives with a probability of 5 % or
 //!   more count. `unexplained` has no answer set.
 //! - **a name**: the verdict is `effect_found`. On data that hide nothing, or
-//!   only parameters, or an effect that the catalogue does not hold, every name
-//!   is false.
+//!   only parameters, every name is false. On an effect that the catalogue does not
+//!   hold, a name that explains the error is false; one that says itself that it
+//!   explains a part is not.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -89,6 +90,8 @@ pub struct Said {
     pub verdict: String,
     /// What is named.
     pub named: Kinds,
+    /// Whether that explains part of the error only.
+    pub in_part: bool,
     /// Every explanation that the verdict leaves open, the named one included.
     pub answer_set: BTreeSet<Kinds>,
 }
@@ -125,6 +128,7 @@ impl Said {
             }
         }
         Self {
+            in_part: verdict["strength"] == "part",
             verdict: word,
             named,
             answer_set,
@@ -496,7 +500,9 @@ impl Figures {
                 hidden(Hidden::Parameters).map(|case| case.said.names()),
             ),
             false_names: Rate::count(of(Class::EffectFree).map(|case| case.said.names())),
-            outside: Rate::count(of(Class::Outside).map(|case| case.said.names())),
+            outside: Rate::count(
+                of(Class::Outside).map(|case| case.said.names() && !case.said.in_part),
+            ),
             pair: Rate::count(
                 of(Class::Two).map(|case| case.said.names_exactly(&case.answer.kinds)),
             ),

@@ -71,7 +71,7 @@ fn rows(figures: &Figures) -> Vec<(&'static str, &'static str, String)> {
         ("… nothing hidden", "", shown(figures.false_on_nothing)),
         ("… parameters only", "", shown(figures.false_on_parameters)),
         (
-            "outside the catalogue: a name",
+            "outside the catalogue: a name at full strength",
             asked("≤ 15 %", "≤ 25 %"),
             shown(figures.outside),
         ),
