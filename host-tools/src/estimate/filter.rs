@@ -6,7 +6,7 @@
 //! number, the process-noise intensity λ: the missing force is a random walk
 //! df = σ dW with λ = σ/r, where r is the noise of the angle. A large λ forgets
 //! within a few samples, so that only fast dynamics are compared; λ = 0 corrects
-//! nothing but the start, which is the output error that [`super::problem`] simulates.
+//! nothing but the start, which is the output error that `problem` simulates.
 //!
 //! The filter estimates θ, ω and f from
 //!
@@ -391,7 +391,7 @@ mod tests {
         let model = spring(0.7, 3.0);
         let (intensity, noise) = (0.4, 0.01);
         let recording = wandering(&model, (intensity, noise), 24, 11);
-        let data = Dataset::of(&[recording.clone()]);
+        let data = Dataset::of(std::slice::from_ref(&recording));
         let level = level(intensity, noise, &data);
         let nuisance = Nuisance::AT_ZERO;
         let found = deviance(&model, &data, &[nuisance], &level);

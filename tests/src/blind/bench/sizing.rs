@@ -23,7 +23,7 @@ const ANGLE_ZERO: f64 = 6.0 * std::f64::consts::PI / 180.0;
 /// Large moves of a start: rad, and rad/s.
 const START: [f64; 2] = [0.1, 0.3];
 
-/// Drives with what a perfect sensor shows of a world, at [`COMPARED_HZ`].
+/// Drives with what a perfect sensor shows of a world, at `COMPARED_HZ`.
 #[derive(Clone, Debug)]
 pub struct Seen<'a> {
     rig: Rig,
