@@ -418,6 +418,11 @@ fn lede(diagnosis: &Diagnosis) -> String {
             },
             left_over(diagnosis)
         ),
+        Answer::CannotTell if diagnosis.alternatives.len() == 1 => format!(
+            "Refitting the parameters leaves {refit} on runs that were not fitted, where noise \
+             alone leaves {floor}. One effect explains a little of that, with much evidence; most \
+             of it is something else."
+        ),
         Answer::CannotTell => format!(
             "Refitting the parameters leaves {refit} on runs that were not fitted, where noise \
              alone leaves {floor}. Several explanations close that gap, and these recordings \
