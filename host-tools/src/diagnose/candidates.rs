@@ -11,7 +11,7 @@ use model_core::effects::{Mechanism, Parameter, Place, Unit};
 use crate::checkpoint::Checkpoint;
 use crate::estimate::filter::Level;
 use crate::estimate::fit::{Effort, Fit, Fitter};
-use crate::model_file::ModelFile;
+use crate::model_file::{ModelFile, parameter_name};
 use crate::smooth::{half_window, motion};
 
 /// A structure (which effects were added) with its fit.
@@ -33,6 +33,17 @@ impl Candidate {
             fit,
             level: None,
         }
+    }
+
+    /// Names of the parameters that ended at the edge of the range that was searched.
+    pub fn at_bound(&self) -> Vec<String> {
+        let fit = &self.fit;
+        fit.free
+            .iter()
+            .enumerate()
+            .filter(|(index, _)| fit.at_bound(*index))
+            .map(|(_, &id)| parameter_name(&fit.model, id))
+            .collect()
     }
 
     /// The added effects in the order of the catalogue: structures that differ
@@ -430,36 +441,6 @@ fn remembers(kind: Kind) -> bool {
             .is_some_and(|effect| {
                 Mechanism::<f64>::integrates(&effect) || Mechanism::<f64>::has_memory(&effect)
             })
-}
-
-/// A candidate with one of its effects taken out, fitted to the end. None if the
-/// effect is not among those that it added, or the rest makes no model.
-pub fn without(ground: &Ground<'_>, candidate: &Candidate, out: Kind) -> Option<Candidate> {
-    let position = candidate.added.iter().position(|&kind| kind == out)?;
-    let model = &candidate.fit.model;
-    let slot = model.effects().count() - candidate.added.len() + position;
-    let effects: Vec<_> = model
-        .effects()
-        .enumerate()
-        .filter(|(index, _)| *index != slot)
-        .map(|(_, effect)| effect)
-        .collect();
-    let added: Vec<Kind> = candidate
-        .added
-        .iter()
-        .copied()
-        .filter(|&kind| kind != out)
-        .collect();
-    let free = free_parameters(ground.file, &added);
-    let start = Model::new(*model.dynamics(), &effects).ok()?;
-    // With the zeros of the refit it would fall back into the valley that it missed.
-    let data = ground.fitter.data.guessing(&candidate.fit.nuisances);
-    let fitter = Fitter {
-        data: &data,
-        ..*ground.fitter
-    };
-    let fit = fitter.fit_kept(&start, &free, Effort::Full, ground.checkpoint);
-    fit.sse().is_finite().then_some(Candidate::of(added, fit))
 }
 
 /// Fits a candidate on to the end from where it stands.

@@ -2,7 +2,7 @@
 //!
 //! On a real rig no structure leaves only noise. Structures are fitted at several
 //! horizons, measured, and decided by what they explain: the single effects first, then
-//! the best of them with each other effect, and with two.
+//! the best of them with each other effect.
 
 use std::collections::BTreeSet;
 
@@ -20,7 +20,6 @@ use super::noise::NoiseFloor;
 use super::policy::Policy;
 use super::together;
 use super::verdict::{Alternative, Answer};
-use crate::model_file::parameter_name;
 
 /// Structures to which another effect is added, at each size.
 const LEADS: usize = 2;
@@ -227,7 +226,6 @@ impl Graded {
             let kinds = &row.scored.kinds;
             let (behind, weight) = weight(row);
             let probability = weight / totals[kinds.len() - 1];
-            let fit = &row.candidate.fit;
             tried.push(Tried {
                 kinds: row.estimate.added.clone(),
                 rmse: row
@@ -240,13 +238,7 @@ impl Graded {
                 separation: 0.0,
                 probability,
                 rejected: first != Some(index) && !rivals.contains(&index),
-                at_bound: fit
-                    .free
-                    .iter()
-                    .enumerate()
-                    .filter(|(index, _)| fit.at_bound(*index))
-                    .map(|(_, &id)| parameter_name(&fit.model, id))
-                    .collect(),
+                at_bound: row.candidate.at_bound(),
             });
             if kinds.len() == size {
                 let alternative = Alternative {
@@ -280,7 +272,7 @@ fn everything(ground: &Ground<'_>, row: &Measured) -> Candidate {
     candidate
 }
 
-/// Measures structures of up to three effects and decides.
+/// Measures single effects and pairs, and decides.
 pub fn graded(
     ground: &Ground<'_>,
     judge: &Judge<'_>,

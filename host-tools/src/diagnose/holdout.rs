@@ -21,7 +21,7 @@ use model_core::power::Minimax;
 use super::candidates::{Candidate, free_parameters};
 use super::noise::{NoiseFloor, repeats};
 use crate::estimate::Segment;
-use crate::estimate::fit::{Effort, Fitter};
+use crate::estimate::fit::{Effort, Fitter, Validation};
 use crate::estimate::horizon::{Squares, block_errors};
 use crate::model_file::ModelFile;
 
@@ -119,6 +119,22 @@ impl Errors {
     pub fn values(&self) -> [f64; 3] {
         [self.short, self.medium, self.full]
     }
+}
+
+/// Squared errors of each segment: over blocks of two horizons, and of whole segments
+/// that leave these residuals (rad).
+pub fn at_horizons(
+    residuals: &[Vec<f64>],
+    horizons: [f64; 2],
+    over_blocks: impl Fn(f64) -> Vec<Squares>,
+) -> Vec<[Squares; 3]> {
+    let [short, medium] = horizons.map(over_blocks);
+    residuals
+        .iter()
+        .map(|residual| Squares::of(residual))
+        .zip(short.into_iter().zip(medium))
+        .map(|(full, (short, medium))| [short, medium, full])
+        .collect()
 }
 
 /// Squared errors of a segment.
@@ -339,17 +355,13 @@ impl<'a> Judge<'a> {
     /// blocks of two horizons (s) and over whole segments.
     pub fn errors_over(&self, candidate: &Candidate, horizons: [f64; 2]) -> Errors {
         let found = self.collect(candidate, |fitter, model| {
-            let validation = fitter.validate_near(model);
-            let [short, medium] = horizons.map(|horizon| {
-                block_errors(model, fitter.data, &validation.nuisances, horizon, false)
-            });
-            validation
-                .residuals
-                .iter()
-                .map(|residual| Squares::of(residual))
-                .zip(short.into_iter().zip(medium))
-                .map(|(full, (short, medium))| [short, medium, full])
-                .collect()
+            let Validation {
+                residuals,
+                nuisances,
+            } = fitter.validate_near(model);
+            at_horizons(&residuals, horizons, |horizon| {
+                block_errors(model, fitter.data, &nuisances, horizon, false)
+            })
         });
         Errors::of(&found)
     }

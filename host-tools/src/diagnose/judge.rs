@@ -20,7 +20,6 @@ use super::noise::NoiseFloor;
 use super::select::{Growth, Ranked, Scoring, required_evidence};
 use super::verdict::{Alternative, Answer};
 use super::{RMS_FACTOR, adequate};
-use crate::model_file::parameter_name;
 
 /// A repair that removes less than this share of the held-out gap explains
 /// nothing. In trials with 27 effects, known ones removed 77 % and more, unknown
@@ -220,13 +219,7 @@ impl Court<'_> {
             separation: entry.separation,
             probability: entry.probability,
             rejected: entry.rejected,
-            at_bound: fit
-                .free
-                .iter()
-                .enumerate()
-                .filter(|(index, _)| fit.at_bound(*index))
-                .map(|(_, &id)| parameter_name(&fit.model, id))
-                .collect(),
+            at_bound: candidate.at_bound(),
         }
     }
 

@@ -12,12 +12,12 @@ use rayon::prelude::*;
 use super::candidates::Candidate;
 use super::decide::{Closure, Scored};
 use super::discrepancy;
-use super::holdout::{Errors, Judge};
+use super::holdout::{Errors, Judge, at_horizons};
 use super::levels::{Estimate, Levels};
 use super::policy::Policy;
 use crate::estimate::filter::Pace;
 use crate::estimate::fit::Fitter;
-use crate::estimate::horizon::{Squares, block_errors};
+use crate::estimate::horizon::block_errors;
 
 /// A structure with its measurements and its best fit.
 #[derive(Clone, Debug)]
@@ -190,17 +190,11 @@ impl Ruler<'_> {
     fn fitted_errors(&self, fitter: &Fitter<'_>, model: &Model<f64>) -> Errors {
         let compared = fitter.compare(model);
         let data = fitter.data;
-        let [short, medium] = self
-            .horizons()
-            .map(|horizon| block_errors(model, data, &compared.nuisances, horizon, true));
-        let segments: Vec<[Squares; 3]> = compared
-            .residuals
-            .iter()
-            .map(|residual| Squares::of(residual))
-            .zip(short.into_iter().zip(medium))
-            .map(|(full, (short, medium))| [short, medium, full])
-            .collect();
-        Errors::of(&segments)
+        Errors::of(&at_horizons(
+            &compared.residuals,
+            self.horizons(),
+            |horizon| block_errors(model, data, &compared.nuisances, horizon, true),
+        ))
     }
 
     fn shares(&self, errors: &Errors, before: &[f64; 3]) -> [f64; 3] {

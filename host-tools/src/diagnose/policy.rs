@@ -53,8 +53,6 @@ policy! {
     further_evidence: 100.0, "2 ln Bayes factor", "as for the first effect";
     /// An excess error below this share of the noise is not told from none.
     noise_share: 0.3, "noise", "how well the noise is known: 4 % of its size";
-    /// Rivals that an answer lists at most.
-    answer_set: 3.0, "structures", "more are no answer";
     /// A structure that adds effects to what is named is the repaired model if it leaves
     /// at most this share of what that leaves.
     adds_to_repair: 0.8, "–", "a fifth: less is not worth another effect on the board";

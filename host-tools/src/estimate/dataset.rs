@@ -128,19 +128,37 @@ impl Session {
         model: &Model<R, P>,
         nuisance: &Nuisance,
     ) -> Vec<f64> {
-        let origin = Origin {
+        run_from(
+            model,
+            &self.signal,
+            self.origin(nuisance),
+            self.stepping(model),
+        )
+        .reading
+        .into_iter()
+        .map(|reading| reading.to_f64() + nuisance.angle_zero)
+        .collect()
+    }
+
+    /// Where a simulation of the session starts.
+    pub fn origin<R: FromF64>(&self, nuisance: &Nuisance) -> Origin<R> {
+        Origin {
             start: Start {
                 angle: R::from_f64(nuisance.start.angle - nuisance.angle_zero),
                 rate: R::from_f64(nuisance.start.rate),
             },
             pressure_zero: R::from_f64(nuisance.pressure_zero),
             clock: R::from_f64(self.clock),
-        };
-        run_from(model, &self.signal, origin, self.stepping(model))
-            .reading
-            .into_iter()
-            .map(|reading| reading.to_f64() + nuisance.angle_zero)
-            .collect()
+        }
+    }
+
+    /// Whether the angle says nothing, a word a sample.
+    pub fn silence(&self) -> Vec<bool> {
+        let mut silent = vec![false; self.recording.len()];
+        for range in &self.silent {
+            silent[range.clone()].fill(true);
+        }
+        silent
     }
 
     /// A simulated reading minus the measured angle (rad); zero where that says

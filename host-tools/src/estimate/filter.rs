@@ -29,7 +29,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::dataset::{Dataset, Session};
 use super::nuisance::Nuisance;
 use crate::dual::Dual;
-use crate::simulate::{Origin, Start, advance, is_lost, state_at};
+use crate::simulate::{Origin, advance, is_lost, state_at};
 use crate::smooth::{half_window, motion};
 use crate::statistics::{mean, rms, robust_deviation};
 
@@ -123,12 +123,8 @@ pub fn pass<const N: usize>(
     let stepping = session.stepping(&plain);
     let inertia = plain.dynamics().inertia;
     let origin = Origin {
-        start: Start {
-            angle: Dual::constant(nuisance.start.angle - nuisance.angle_zero),
-            rate: Dual::constant(nuisance.start.rate),
-        },
         pressure_zero,
-        clock: Dual::constant(session.clock()),
+        ..session.origin(nuisance)
     };
     let mut state = state_at(model, signal, &origin);
     let mut force = Dual::constant(0.0);
@@ -138,12 +134,8 @@ pub fn pass<const N: usize>(
         (3.0 * level.pace.rate / level.noise).powi(2),
         growth * level.pace.period,
     ));
-    let mut silent = vec![false; recording.len()];
-    for range in session.silent() {
-        silent[range.clone()].fill(true);
-    }
     let mut found = Vec::with_capacity(recording.len());
-    for (sample, &is_silent) in silent.iter().enumerate() {
+    for (sample, &is_silent) in session.silence().iter().enumerate() {
         if sample > 0 {
             let interval = recording.time[sample] - recording.time[sample - 1];
             state.angle = state.angle.seeded(first, [1.0, 0.0]);

@@ -14,7 +14,7 @@ use nalgebra::{Matrix2, Vector2};
 use super::dataset::{Dataset, Session};
 use super::nuisance::Nuisance;
 use crate::dual::Dual;
-use crate::simulate::{Origin, Start, advance, is_lost, state_at};
+use crate::simulate::{advance, is_lost, state_at};
 
 /// Fewer samples than this tell nothing beside an angle and a rate.
 const FEWEST: usize = 8;
@@ -131,19 +131,8 @@ fn over_blocks(
     let zero = Dual::constant(nuisance.pressure_zero);
     let plain: Model<f64> = model.map(|value| value.value());
     let stepping = session.stepping(&plain);
-    let origin = Origin {
-        start: Start {
-            angle: Dual::constant(nuisance.start.angle - nuisance.angle_zero),
-            rate: Dual::constant(nuisance.start.rate),
-        },
-        pressure_zero: zero,
-        clock: Dual::constant(session.clock()),
-    };
-    let mut begin = state_at(model, signal, &origin);
-    let mut silent = vec![false; session.recording().len()];
-    for range in session.silent() {
-        silent[range.clone()].fill(true);
-    }
+    let mut begin = state_at(model, signal, &session.origin(nuisance));
+    let silent = session.silence();
     let measured = &session.recording().angle;
     let mut found = Vec::with_capacity(blocks.len());
     for block in blocks {
