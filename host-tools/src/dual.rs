@@ -3,102 +3,144 @@
 //! Fits need the derivative of every simulated sample by every parameter. A
 //! [`Dual`] is a value with `N` partial derivatives (forward-mode automatic
 //! differentiation), so that running the model once on duals gives the
-//! simulation and its exact gradient, with no difference step to choose. The
-//! arithmetic is that of the crate `num-dual`; this module lets the shared
-//! physics run on it.
+//! simulation and its exact gradient, with no difference step to choose.
+//!
+//! Our own, where a library has the same arithmetic: `num-dual` keeps the derivatives of
+//! a constant as an `Option`, and its branches keep the compiler from vectorising.
 
 use std::cmp::Ordering;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
 use model_core::power::{Exact, Power};
 use model_core::real::Real;
-use nalgebra::{Const, SVector};
-use num_dual::{Derivative, DualNum, DualSVec64};
 
 /// A value and its derivatives by `N` parameters.
 #[derive(Clone, Copy, Debug)]
-pub struct Dual<const N: usize>(DualSVec64<N>);
+pub struct Dual<const N: usize> {
+    value: f64,
+    partials: [f64; N],
+}
 
 impl<const N: usize> Dual<N> {
     /// A number that depends on no parameter.
+    #[inline]
     pub fn constant(value: f64) -> Self {
-        Self(DualSVec64::from_re(value))
+        Self {
+            value,
+            partials: [0.0; N],
+        }
     }
 
     /// A number whose derivative by parameter `index` is `slope`, and zero by
     /// all others.
     pub fn variable(value: f64, index: usize, slope: f64) -> Self {
-        let mut partials = SVector::<f64, N>::zeros();
-        if let Some(partial) = partials.get_mut(index) {
+        let mut this = Self::constant(value);
+        if let Some(partial) = this.partials.get_mut(index) {
             *partial = slope;
         }
-        Self(DualSVec64::new(value, Derivative::some(partials)))
+        this
     }
 
     /// The same with two of its derivatives replaced, from column `first` on.
     pub fn seeded(mut self, first: usize, slopes: [f64; 2]) -> Self {
-        let mut partials = self.0.eps.unwrap_generic(Const::<N>, Const::<1>);
         for (column, slope) in (first..).zip(slopes) {
-            if let Some(partial) = partials.get_mut(column) {
+            if let Some(partial) = self.partials.get_mut(column) {
                 *partial = slope;
             }
         }
-        self.0.eps = Derivative::some(partials);
         self
     }
 
     /// The value.
-    pub fn value(&self) -> f64 {
-        self.0.re
+    #[inline]
+    pub const fn value(&self) -> f64 {
+        self.value
     }
 
     /// The partial derivatives.
-    pub fn partials(&self) -> [f64; N] {
-        self.0.eps.unwrap_generic(Const::<N>, Const::<1>).into()
+    #[inline]
+    pub const fn partials(&self) -> [f64; N] {
+        self.partials
+    }
+
+    /// A function of this number, by its value and its slope there (the chain rule).
+    #[inline]
+    pub fn chain(self, value: f64, slope: f64) -> Self {
+        Self {
+            value,
+            partials: self.partials.map(|partial| slope * partial),
+        }
+    }
+
+    /// The partials of a number from those of two.
+    #[inline]
+    fn both(self, other: &Self, value: f64, partial: impl Fn(f64, f64) -> f64) -> Self {
+        Self {
+            value,
+            partials: std::array::from_fn(|k| partial(self.partials[k], other.partials[k])),
+        }
     }
 }
 
 /// Comparisons look at values alone.
 impl<const N: usize> PartialEq for Dual<N> {
     fn eq(&self, other: &Self) -> bool {
-        self.0.re == other.0.re
+        self.value == other.value
     }
 }
 
 impl<const N: usize> PartialOrd for Dual<N> {
     fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        self.0.re.partial_cmp(&other.0.re)
+        self.value.partial_cmp(&other.value)
     }
 }
 
-macro_rules! operator {
-    ($name:ident, $method:ident) => {
-        impl<const N: usize> $name for Dual<N> {
-            type Output = Self;
-            #[inline]
-            fn $method(self, other: Self) -> Self {
-                Self($name::$method(self.0, other.0))
-            }
-        }
-    };
+impl<const N: usize> Add for Dual<N> {
+    type Output = Self;
+    #[inline]
+    fn add(self, other: Self) -> Self {
+        self.both(&other, self.value + other.value, |a, b| a + b)
+    }
 }
 
-operator!(Add, add);
-operator!(Sub, sub);
-operator!(Mul, mul);
-operator!(Div, div);
+impl<const N: usize> Sub for Dual<N> {
+    type Output = Self;
+    #[inline]
+    fn sub(self, other: Self) -> Self {
+        self.both(&other, self.value - other.value, |a, b| a - b)
+    }
+}
+
+impl<const N: usize> Mul for Dual<N> {
+    type Output = Self;
+    #[inline]
+    fn mul(self, other: Self) -> Self {
+        let (x, y) = (self.value, other.value);
+        self.both(&other, x * y, |a, b| a * y + x * b)
+    }
+}
+
+impl<const N: usize> Div for Dual<N> {
+    type Output = Self;
+    #[inline]
+    fn div(self, other: Self) -> Self {
+        let inverse = 1.0 / other.value;
+        let quotient = self.value * inverse;
+        self.both(&other, quotient, |a, b| (a - quotient * b) * inverse)
+    }
+}
 
 impl<const N: usize> AddAssign for Dual<N> {
     #[inline]
     fn add_assign(&mut self, other: Self) {
-        self.0 += other.0;
+        *self = *self + other;
     }
 }
 
 impl<const N: usize> SubAssign for Dual<N> {
     #[inline]
     fn sub_assign(&mut self, other: Self) {
-        self.0 -= other.0;
+        *self = *self - other;
     }
 }
 
@@ -106,36 +148,39 @@ impl<const N: usize> Neg for Dual<N> {
     type Output = Self;
     #[inline]
     fn neg(self) -> Self {
-        Self(-self.0)
+        self.chain(-self.value, -1.0)
     }
 }
 
 impl<const N: usize> Real for Dual<N> {
     type DefaultPower = Exact;
 
+    #[inline]
     fn from_i16(n: i16) -> Self {
         Self::constant(f64::from(n))
     }
+    #[inline]
     fn from_f32(x: f32) -> Self {
         Self::constant(f64::from(x))
     }
     fn exp(self) -> Self {
-        Self(self.0.exp())
+        let exp = self.value.exp();
+        self.chain(exp, exp)
     }
     fn tanh(self) -> Self {
-        // The library divides sinh by cosh, which overflow where a friction
-        // has long saturated.
-        let tanh = self.0.re.tanh();
-        Self(DualSVec64::new(tanh, self.0.eps * (1.0 - tanh * tanh)))
+        let tanh = self.value.tanh();
+        self.chain(tanh, 1.0 - tanh * tanh)
     }
     fn sin(self) -> Self {
-        Self(self.0.sin())
+        let (sin, cos) = self.value.sin_cos();
+        self.chain(sin, cos)
     }
     fn cos(self) -> Self {
-        Self(self.0.cos())
+        let (sin, cos) = self.value.sin_cos();
+        self.chain(cos, -sin)
     }
     fn is_finite(self) -> bool {
-        self.0.re.is_finite() && self.partials().iter().all(|partial| partial.is_finite())
+        self.value.is_finite() && self.partials.iter().all(|partial| partial.is_finite())
     }
 }
 
@@ -145,18 +190,20 @@ impl<const N: usize> Power<Dual<N>> for Exact {
     #[expect(clippy::float_cmp, reason = "the limit differs at exactly 1")]
     #[inline]
     fn pow(base: Dual<N>, exponent: Dual<N>) -> Dual<N> {
-        let n = exponent.0.re;
-        let value = <Self as Power<f64>>::pow(base.0.re, n);
-        let by_base = if base.0.re > 0.0 {
-            n * value / base.0.re
+        let n = exponent.value;
+        let value = <Self as Power<f64>>::pow(base.value, n);
+        let by_base = if base.value > 0.0 {
+            n * value / base.value
         } else {
             f64::from(u8::from(n == 1.0))
         };
-        let mut partials = base.0.eps * by_base;
-        if base.0.re > 0.0 && exponent.0.eps != Derivative::none() {
-            partials += exponent.0.eps * (value * base.0.re.ln());
+        let is_free = exponent.partials.iter().any(|partial| *partial != 0.0);
+        if base.value > 0.0 && is_free {
+            let by_exponent = value * base.value.ln();
+            base.both(&exponent, value, |a, b| by_base * a + by_exponent * b)
+        } else {
+            base.chain(value, by_base)
         }
-        Dual(DualSVec64::new(value, partials))
     }
 }
 

@@ -104,12 +104,12 @@ impl Signal {
         let k = self.interval(self.time[start] + position, start);
         let width = self.time[k + 1] - self.time[k];
         let begin = self.time[k] - self.time[start];
-        let u = (offset - R::from_f64(begin)) * R::from_f64(1.0 / width);
+        let u = (position - begin) / width;
         let rise = self.value[k + 1] - self.value[k];
         let (m0, m1) = (self.slope[k] * width, self.slope[k + 1] * width);
-        let c2 = R::from_f64(3.0 * rise - 2.0 * m0 - m1);
-        let c3 = R::from_f64(m0 + m1 - 2.0 * rise);
-        R::from_f64(self.value[k]) + u * (R::from_f64(m0) + u * (c2 + u * c3))
+        let (c2, c3) = (3.0 * rise - 2.0 * m0 - m1, m0 + m1 - 2.0 * rise);
+        let value = self.value[k] + u * (m0 + u * (c2 + u * c3));
+        offset.chain(value, (m0 + u * (2.0 * c2 + 3.0 * u * c3)) / width)
     }
 }
 
@@ -140,6 +140,8 @@ pub trait FromF64: Real {
     fn from_f64(value: f64) -> Self;
     /// The value, without derivatives.
     fn to_f64(self) -> f64;
+    /// A function of this number, by its value and its slope there (the chain rule).
+    fn chain(self, value: f64, slope: f64) -> Self;
 }
 
 impl FromF64 for f64 {
@@ -148,6 +150,9 @@ impl FromF64 for f64 {
     }
     fn to_f64(self) -> f64 {
         self
+    }
+    fn chain(self, value: f64, _slope: f64) -> Self {
+        value
     }
 }
 
@@ -159,6 +164,10 @@ impl FromF64 for f32 {
     fn to_f64(self) -> f64 {
         f64::from(self)
     }
+    #[allow(clippy::cast_possible_truncation)]
+    fn chain(self, value: f64, _slope: f64) -> Self {
+        value as f32
+    }
 }
 
 impl<const N: usize> FromF64 for crate::dual::Dual<N> {
@@ -167,6 +176,9 @@ impl<const N: usize> FromF64 for crate::dual::Dual<N> {
     }
     fn to_f64(self) -> f64 {
         self.value()
+    }
+    fn chain(self, value: f64, slope: f64) -> Self {
+        Self::chain(self, value, slope)
     }
 }
 
@@ -216,63 +228,123 @@ pub struct Trajectory<R> {
 }
 
 /// How an interval between samples is integrated.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stepping {
     /// The scheme.
     pub scheme: Scheme,
     /// Integration steps in a usual interval.
     pub substeps: usize,
+    /// Where fewer do.
+    pub sliding: Option<Sliding>,
+}
+
+/// How finely an oscillation is resolved. RK4 loses phase as (ωh)⁴/120.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Grain {
+    /// A fifth of a radian a step: the phase is kept within 2·10⁻⁵.
+    #[default]
+    Fine,
+    /// Two fifths: within 2·10⁻⁴. That is a frequency which a later fit shifts, and good
+    /// enough to rank what is fitted to the end.
+    Coarse,
+}
+
+impl Grain {
+    /// Largest angle ωh of an oscillation that a step spans (rad).
+    const fn angle_a_step(self) -> f64 {
+        match self {
+            Self::Fine => 0.2,
+            Self::Coarse => 0.4,
+        }
+    }
+}
+
+/// A motion so fast that the sign of every friction is saturated. The steep slope of a
+/// smoothed sign has to be resolved only where the motion turns.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sliding {
+    /// Rate (rad/s) from which it is so.
+    pub beyond: f64,
+    /// Integration steps in a usual interval.
+    pub substeps: usize,
 }
 
 impl Stepping {
+    /// So many Runge–Kutta steps in every interval.
+    pub const fn runge_kutta(substeps: usize) -> Self {
+        Self {
+            scheme: Scheme::Rk4,
+            substeps,
+            sliding: None,
+        }
+    }
+
     /// Runge–Kutta steps for an interval of `interval` seconds and angles up to `angle`
     /// (rad), see [`substeps`]; or exponential ones where the damping is so strong that
     /// those would be too many. An exponential step carries the damping exactly and has
     /// to resolve only the slow motion K/C of an overdamped actuator.
-    pub fn of<R: FromF64, P: Power<R>>(model: &Model<R, P>, interval: f64, angle: f64) -> Self {
+    pub fn of<R: FromF64, P: Power<R>>(
+        model: &Model<R, P>,
+        interval: f64,
+        angle: f64,
+        grain: Grain,
+    ) -> Self {
         /// Share of the slow time constant C/K in an exponential step.
         const SLOW: f64 = 0.1;
-        let Rates {
-            stiffness,
-            relaxation,
-        } = model.fastest_rate(R::from_f64(angle));
-        let stiffness = stiffness.to_f64().max(0.0);
-        let relaxation = relaxation.to_f64().max(0.0);
-        let runge_kutta = substeps(model, interval, angle);
         let damping = (model.dynamics().damping / model.dynamics().inertia).to_f64();
-        let others = (relaxation - damping).max(0.0);
-        let exponential =
-            count((stiffness / damping * interval / SLOW).max(2.0 * others * interval));
+        let exponential = |rates: [f64; 2]| {
+            let [stiffness, relaxation] = rates;
+            let others = (relaxation - damping).max(0.0);
+            count((stiffness / damping * interval / SLOW).max(2.0 * others * interval))
+        };
+        let rates = upper(model.fastest_rate(R::from_f64(angle)));
+        let sliding = model
+            .sliding(R::from_f64(angle))
+            .map(|(beyond, rates)| (beyond.to_f64(), upper(rates)));
+        let runge_kutta = resolving(rates, interval, grain);
         // Two evaluations a step instead of four.
-        let pays = exponential < runge_kutta && runge_kutta > 2;
-        if damping * damping > 4.0 * stiffness && pays {
-            Self {
-                scheme: Scheme::ExponentialHeun,
-                substeps: exponential,
+        let pays = exponential(rates) < runge_kutta && runge_kutta > 2;
+        let is_exponential = damping * damping > 4.0 * rates[0] && pays;
+        let needed = |rates| {
+            if is_exponential {
+                exponential(rates)
+            } else {
+                resolving(rates, interval, grain)
             }
-        } else {
-            Self {
-                scheme: Scheme::Rk4,
-                substeps: runge_kutta,
-            }
+        };
+        Self {
+            scheme: if is_exponential {
+                Scheme::ExponentialHeun
+            } else {
+                Scheme::Rk4
+            },
+            substeps: needed(rates),
+            sliding: sliding.map(|(beyond, rates)| Sliding {
+                beyond,
+                substeps: needed(rates),
+            }),
         }
     }
+}
+
+/// Stiffness over inertia (1/s²) and relaxation (1/s), neither below zero.
+fn upper<R: FromF64>(rates: Rates<R>) -> [f64; 2] {
+    [rates.stiffness, rates.relaxation].map(|rate| rate.to_f64().max(0.0))
 }
 
 /// Runge–Kutta steps for each sampling interval of `interval` seconds that
 /// resolve the model's own rates over angles up to `angle` (rad).
 ///
-/// RK4 loses phase as (ωh)⁴/120 and is stable to λh = 2.78: a fifth of a
-/// radian keeps the phase within 2·10⁻⁵. λh ≤ 2 keeps fast decays stable and gone
+/// RK4 is stable to λh = 2.78: λh ≤ 2 keeps fast decays stable and gone
 /// within a few steps; nobody sees their course.
 pub fn substeps<R: FromF64, P: Power<R>>(model: &Model<R, P>, interval: f64, angle: f64) -> usize {
-    let Rates {
-        stiffness,
-        relaxation,
-    } = model.fastest_rate(R::from_f64(angle));
-    let oscillation = stiffness.to_f64().max(0.0).sqrt() * interval / 0.2;
-    let decay = relaxation.to_f64().max(0.0) * interval / 2.0;
-    count(oscillation.max(decay))
+    let rates = upper(model.fastest_rate(R::from_f64(angle)));
+    resolving(rates, interval, Grain::Fine)
+}
+
+fn resolving([stiffness, relaxation]: [f64; 2], interval: f64, grain: Grain) -> usize {
+    let oscillation = stiffness.sqrt() * interval / grain.angle_a_step();
+    count(oscillation.max(relaxation * interval / 2.0))
 }
 
 /// So many steps, at least one and at most [`MOST_SUBSTEPS`].
@@ -310,8 +382,41 @@ pub fn advance<R: FromF64, P: Power<R>>(
     stepping: Stepping,
     state: &mut State<R>,
 ) {
+    if let Some(Sliding { beyond, substeps }) = stepping.sliding
+        && substeps < stepping.substeps
+        && state.rate.to_f64().abs() > beyond
+    {
+        let before = *state;
+        cross(
+            model,
+            signal,
+            sample,
+            zero,
+            (stepping.scheme, substeps),
+            state,
+        );
+        let kept = before.rate.to_f64().signum() * state.rate.to_f64();
+        if kept > beyond {
+            return;
+        }
+        // It turned: once more, in small steps.
+        *state = before;
+    }
+    let steps = (stepping.scheme, stepping.substeps);
+    cross(model, signal, sample, zero, steps, state);
+}
+
+/// Advances `state` by an interval in steps of a scheme, so many in a usual one.
+fn cross<R: FromF64, P: Power<R>>(
+    model: &Model<R, P>,
+    signal: &Signal,
+    sample: usize,
+    zero: R,
+    (scheme, substeps): (Scheme, usize),
+    state: &mut State<R>,
+) {
     let interval = signal.time[sample] - signal.time[sample - 1];
-    let substeps = across(interval, signal.usual_interval(), stepping.substeps);
+    let substeps = across(interval, signal.usual_interval(), substeps);
     let dt = R::from_f64(interval / substeps as f64);
     for part in 0..substeps {
         let around = Around {
@@ -320,7 +425,7 @@ pub fn advance<R: FromF64, P: Power<R>>(
             begin: R::from_f64(interval * part as f64 / substeps as f64),
             zero,
         };
-        step(stepping.scheme, model, state, &around, dt);
+        step(scheme, model, state, &around, dt);
     }
 }
 
@@ -360,10 +465,7 @@ pub fn run<R: FromF64, P: Power<R>>(
     start: Start<R>,
     substeps: usize,
 ) -> Trajectory<R> {
-    let stepping = Stepping {
-        scheme: Scheme::Rk4,
-        substeps,
-    };
+    let stepping = Stepping::runge_kutta(substeps);
     let origin = Origin {
         start,
         pressure_zero: R::zero(),

@@ -604,6 +604,22 @@ impl<R: Real, P: Power<R>> Model<R, P> {
         rates
     }
 
+    /// The rate (rad/s) beyond which every friction's sign is saturated, and an upper
+    /// estimate of the fastest rate of the equations there for angles up to `angle`
+    /// (rad). None without such a friction.
+    pub fn sliding(&self, angle: R) -> Option<(R, Rates<R>)> {
+        let mut beyond = R::zero();
+        let mut rates = self.fastest_rate(angle);
+        for effect in self.occupied() {
+            let saturation = effect.saturation();
+            if saturation > R::zero() {
+                beyond = beyond.max(saturation);
+                rates.relaxation -= effect.fastest_rate(&self.dynamics, angle).relaxation;
+            }
+        }
+        (beyond > R::zero()).then_some((beyond, rates))
+    }
+
     /// Whether any hidden state is integrated with the motion.
     pub(crate) fn integrates(&self) -> bool {
         self.integrates

@@ -214,7 +214,10 @@ macro_rules! catalogue {
             fn note(&self, angle: R, pressure: R, hidden: &mut Hidden<R>) {
                 match self { $( Self::$name(effect) => effect.note(angle, pressure, hidden), )+ Self::Table(effect) => effect.note(angle, pressure, hidden), }
             }
-            fn fastest_rate(&self, dynamics: &Dynamics<R>, angle: R) -> Rates<R> {
+fn saturation(&self) -> R {
+                match self { $( Self::$name(effect) => effect.saturation(), )+ Self::Table(effect) => effect.saturation(), }
+            }
+                        fn fastest_rate(&self, dynamics: &Dynamics<R>, angle: R) -> Rates<R> {
                 match self { $( Self::$name(effect) => effect.fastest_rate(dynamics, angle), )+ Self::Table(effect) => effect.fastest_rate(dynamics, angle), }
             }
         }

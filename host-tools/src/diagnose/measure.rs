@@ -6,7 +6,6 @@
 //! what remains is a process of its own ([`super::discrepancy`]), or a random-walk
 //! force; the larger of the two counts.
 
-use model_core::actuator::Model;
 use rayon::prelude::*;
 
 use super::candidates::Candidate;
@@ -16,7 +15,7 @@ use super::holdout::{Errors, Judge, at_horizons};
 use super::levels::{Estimate, Levels};
 use super::policy::Policy;
 use crate::estimate::filter::Pace;
-use crate::estimate::fit::Fitter;
+use crate::estimate::fit::{Fit, Fitter};
 use crate::estimate::horizon::block_errors;
 
 /// A structure with its measurements and its best fit.
@@ -88,10 +87,10 @@ impl Ruler<'_> {
                 &mut held_out,
                 self.judge.errors_over(&candidate, self.horizons()),
             );
-            least(&mut fitted[0], self.fitted_errors(self.excerpt, &fit.model));
+            least(&mut fitted[0], self.fitted_errors(self.excerpt, fit));
             least(
                 &mut fitted[1],
-                self.fitted_errors(self.fitter, &candidate.fit.model),
+                self.fitted_errors(self.fitter, &candidate.fit),
             );
         }
         let [on_excerpt, fitted] = fitted;
@@ -133,7 +132,7 @@ impl Ruler<'_> {
     fn rough(&self, baseline: &Baseline, estimate: Estimate) -> Option<Rough> {
         let (level, leaves) = (0..estimate.fits.len())
             .map(|level| {
-                let errors = self.fitted_errors(self.excerpt, &estimate.fits[level].model);
+                let errors = self.fitted_errors(self.excerpt, &estimate.fits[level]);
                 (
                     level,
                     mean_share(&self.shares(&errors, &baseline.on_excerpt)),
@@ -162,7 +161,7 @@ impl Ruler<'_> {
             ..
         } = rough;
         let candidate = self.levels.candidate(&estimate, level);
-        let fitted = self.fitted_errors(self.fitter, &candidate.fit.model);
+        let fitted = self.fitted_errors(self.fitter, &candidate.fit);
         let held_out = self.judge.errors_over(&candidate, self.horizons());
         let shares = self.shares(&held_out, &baseline.held_out);
         let left = mean_share(&self.shares(&fitted, &baseline.fitted));
@@ -187,8 +186,9 @@ impl Ruler<'_> {
     }
 
     /// Errors on the fitted segments, zeros and starts as they suit best.
-    fn fitted_errors(&self, fitter: &Fitter<'_>, model: &Model<f64>) -> Errors {
-        let compared = fitter.compare(model);
+    fn fitted_errors(&self, fitter: &Fitter<'_>, fit: &Fit) -> Errors {
+        let model = &fit.model;
+        let compared = fitter.compare_near(model, &fit.nuisances);
         let data = fitter.data;
         Errors::of(&at_horizons(
             &compared.residuals,

@@ -13,7 +13,7 @@ use nalgebra::{Matrix3, RowVector3, Vector3};
 
 use crate::dual::Dual;
 use crate::recording::Recording;
-use crate::simulate::{Signal, Stepping, advance};
+use crate::simulate::{Grain, Signal, Stepping, advance};
 
 /// Estimated motion and missing force of one run.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -150,7 +150,7 @@ impl Smoother<'_> {
             .angle
             .iter()
             .fold(0.0, |reach: f64, angle| angle.abs().max(reach));
-        let stepping = Stepping::of(self.model, recording.interval(), reach);
+        let stepping = Stepping::of(self.model, recording.interval(), reach, Grain::Fine);
         let dual: Model<Dual<2>> = self.model.map(Dual::constant);
         let variance = self.noise.powi(2).max(1e-12);
         let observed = RowVector3::new(1.0, 0.0, 0.0);

@@ -14,7 +14,7 @@ use model_core::power::Power;
 use super::nuisance::{Nuisance, Prior};
 use crate::denoise;
 use crate::recording::Recording;
-use crate::simulate::{FromF64, Origin, Signal, Start, Stepping, run_from};
+use crate::simulate::{FromF64, Grain, Origin, Signal, Start, Stepping, run_from};
 
 /// A recording that is simulated whole.
 #[derive(Clone, Debug)]
@@ -31,6 +31,8 @@ pub struct Session {
     reach: f64,
     /// Samples whose angle says nothing.
     silent: Vec<Range<usize>>,
+    /// How finely simulations resolve it.
+    grain: Grain,
 }
 
 impl Session {
@@ -51,6 +53,15 @@ impl Session {
                 .fold(0.0, |reach, angle| angle.abs().max(reach)),
             silent,
             recording,
+            grain: Grain::Fine,
+        }
+    }
+
+    /// The same for ranking, simulated less finely.
+    pub fn coarse(self) -> Self {
+        Self {
+            grain: Grain::Coarse,
+            ..self
         }
     }
 
@@ -119,7 +130,7 @@ impl Session {
 
     /// How a model is integrated between two samples.
     pub fn stepping<R: FromF64, P: Power<R>>(&self, model: &Model<R, P>) -> Stepping {
-        Stepping::of(model, self.interval, self.reach)
+        Stepping::of(model, self.interval, self.reach, self.grain)
     }
 
     /// What the angle sensor shows under a model (rad), its zero included.

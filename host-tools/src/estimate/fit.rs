@@ -188,6 +188,16 @@ pub enum Effort {
     Full,
 }
 
+impl Effort {
+    /// Whether it pays to choose among starts before going on.
+    const fn is_long(self) -> bool {
+        match self {
+            Self::Steps(steps) => steps >= 8,
+            Self::Glance | Self::Full => true,
+        }
+    }
+}
+
 /// Fits models to data.
 #[derive(Clone, Copy, Debug)]
 pub struct Fitter<'a> {
@@ -363,6 +373,16 @@ impl<'a> Fitter<'a> {
         self.fit(model, &[], Effort::Full)
     }
 
+    /// As [`Fitter::compare`], by a few steps from zeros and starts that are nearly
+    /// right: for errors, and for nothing that rests on how well they are known.
+    pub fn compare_near(&self, model: &Model<f64>, nuisances: &[Nuisance]) -> Fit {
+        const NEAR: Effort = Effort::Steps(3);
+        let (problem, converged) = Problem::new(self, model, &[], Compared::Fitted)
+            .with_nuisances(nuisances)
+            .solved(NEAR);
+        problem.finish(converged, NEAR)
+    }
+
     /// Derivatives of the simulated angles by the free parameters of a fit to
     /// other recordings, in the coordinates in which that was solved, without
     /// what zeros and starts can follow. A row a fitted sample.
@@ -444,6 +464,10 @@ impl<'a> Fitter<'a> {
         effort: Effort,
         checkpoint: &Checkpoint,
     ) -> Option<Fit> {
+        if let (true, Some(ahead)) = (effort.is_long(), self.ahead(starts, free)) {
+            return Some(self.fit_kept(&ahead, free, effort, checkpoint))
+                .filter(|fit| fit.sse().is_finite());
+        }
         starts
             .par_iter()
             .map(|start| self.fit_kept(start, free, effort, checkpoint))
@@ -451,6 +475,22 @@ impl<'a> Fitter<'a> {
             .into_iter()
             .filter(|fit| fit.sse().is_finite())
             .min_by(|a, b| a.sse().total_cmp(&b.sse()))
+    }
+
+    /// Where the start that leads after a few steps has come to; none if there is no
+    /// choice.
+    fn ahead(&self, starts: &[Model<f64>], free: &[ParameterId]) -> Option<Model<f64>> {
+        /// Steps after which the valley is chosen.
+        const RACED: Effort = Effort::Steps(4);
+        if starts.len() < 2 {
+            return None;
+        }
+        starts
+            .par_iter()
+            .map(|start| self.fit(start, free, RACED))
+            .filter(|fit| fit.sse().is_finite())
+            .min_by(|a, b| a.sse().total_cmp(&b.sse()))
+            .map(|fit| fit.model)
     }
 }
 

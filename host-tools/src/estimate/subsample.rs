@@ -125,7 +125,7 @@ pub fn excerpt(data: &Dataset, model: &Model<f64>) -> Dataset {
             continue;
         }
         room = room.saturating_sub(thinned.len());
-        let mut part = Session::new(thinned, session.clock(), silent);
+        let mut part = Session::new(thinned, session.clock(), silent).coarse();
         part = part.guessing(session.guess(), session.prior());
         found.push(part, marks);
     }

@@ -57,6 +57,11 @@ impl<R: Real> Mechanism<R> for CoulombFriction<R> {
         self.force * (at.rate / self.smoothing).tanh()
     }
 
+    /// 1 − tanh 6 = 10⁻⁵.
+    fn saturation(&self) -> R {
+        self.smoothing * R::from_i16(6)
+    }
+
     fn fastest_rate(&self, dynamics: &Dynamics<R>, _angle: R) -> Rates<R> {
         Rates {
             stiffness: R::zero(),

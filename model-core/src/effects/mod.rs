@@ -149,6 +149,11 @@ pub trait Mechanism<R: Real> {
     /// Updates a memory of events after a step that arrived at `angle` (rad)
     /// and at the pressure (Pa) that enters the effect.
     fn note(&self, _angle: R, _pressure: R, _hidden: &mut Hidden<R>) {}
+    /// The rate (rad/s) beyond which a friction's sign is saturated, so that it no longer
+    /// adds to the fastest rate of the equations; zero for what is no such friction.
+    fn saturation(&self) -> R {
+        R::zero()
+    }
     /// How much the effect adds to the fastest rate of the equations, for
     /// angles up to `angle` (rad).
     fn fastest_rate(&self, _dynamics: &Dynamics<R>, _angle: R) -> Rates<R> {

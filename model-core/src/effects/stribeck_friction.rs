@@ -75,6 +75,11 @@ impl<R: Real> Mechanism<R> for StribeckFriction<R> {
         size * (rate * R::from_i16(SHARPNESS)).tanh()
     }
 
+    /// e⁻⁹ = 10⁻⁴ of the extra force is left, and of the smoothed sign's slope nothing.
+    fn saturation(&self) -> R {
+        self.stribeck * R::from_i16(3)
+    }
+
     fn fastest_rate(&self, dynamics: &Dynamics<R>, _angle: R) -> Rates<R> {
         let steepest = (self.force + self.extra_force) * R::from_i16(SHARPNESS);
         Rates {
