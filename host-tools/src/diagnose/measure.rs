@@ -124,9 +124,17 @@ impl Ruler<'_> {
         others.truncate(MEASURED);
         others.retain(|row| row.leaves <= self.policy.comparable * ahead);
         rough.extend(others);
+        self.levels.ground.progress.step("validation", rough.len());
         rough
             .into_par_iter()
             .filter_map(|rough| self.thorough(baseline, rough))
+            .inspect(|row| {
+                self.levels.ground.progress.measured(
+                    &row.scored,
+                    baseline.held_out[2],
+                    row.held_out.full,
+                )
+            })
             .collect()
     }
 

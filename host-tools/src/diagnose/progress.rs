@@ -1,0 +1,308 @@
+//! What a diagnosis is doing and how far it is.
+//!
+//! A [`Progress`] only keeps count. Nothing is shown unless somebody asks for its
+//! [`State`], so a caller who wants nothing passes `&Progress::default()`. How many fits are
+//! still to come is known for one step of a stage and not for all of them: whether
+//! combinations are tried depends on what single effects leave. The estimate says so.
+
+use std::fmt;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use model_core::catalogue::Kind;
+
+use super::candidates::Candidate;
+use super::decide::Scored;
+use super::family::{Family, title};
+use super::judge::names;
+use super::policy::Policy;
+
+/// Counts what a diagnosis does. Any thread may report.
+#[derive(Debug)]
+pub struct Progress {
+    started: Instant,
+    now: Mutex<Now>,
+}
+
+/// What is being done.
+#[derive(Debug)]
+struct Now {
+    /// Why the diagnosis is made once more; empty the first time.
+    again: &'static str,
+    stage: String,
+    step: &'static str,
+    /// When the step began, or the stage if it has none.
+    since: Instant,
+    planned: usize,
+    done: usize,
+    fits: usize,
+    /// RMS residual (rad) of the refit of the nominal structure.
+    refit: Option<f64>,
+    best: Option<Best>,
+}
+
+/// The best explanation so far.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Best {
+    /// The effects that it adds.
+    pub kinds: Vec<Kind>,
+    /// RMS error that it leaves (rad).
+    pub leaves: f64,
+    /// RMS error that the refit leaves (rad), if known.
+    pub of: Option<f64>,
+    /// Share of the error that it explains on segments that were not fitted; none as long as
+    /// there is only a fit.
+    pub explains: Option<f64>,
+}
+
+/// A snapshot of what is known.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct State {
+    /// What is being done.
+    pub stage: String,
+    /// Fits of the present step that are finished.
+    pub done: usize,
+    /// Fits of the present step; 0 where they are not counted in advance.
+    pub planned: usize,
+    /// Finished fits of all steps.
+    pub fits: usize,
+    /// Time since the beginning.
+    pub elapsed: Duration,
+    /// Time since the beginning of the present step.
+    pub in_step: Duration,
+    /// The best explanation so far.
+    pub best: Option<Best>,
+}
+
+impl Default for Progress {
+    fn default() -> Self {
+        let started = Instant::now();
+        Self {
+            started,
+            now: Mutex::new(Now {
+                again: "",
+                stage: "reading the recordings".into(),
+                step: "",
+                since: started,
+                planned: 0,
+                done: 0,
+                fits: 0,
+                refit: None,
+                best: None,
+            }),
+        }
+    }
+}
+
+impl Progress {
+    /// Announces a stage of so many fits; 0 if that is not known.
+    pub fn stage(&self, what: impl Into<String>, planned: usize) {
+        let mut now = self.now();
+        now.stage = what.into();
+        now.begin("", planned);
+    }
+
+    /// Announces a step of the stage, of so many fits.
+    pub fn step(&self, what: &'static str, planned: usize) {
+        self.now().begin(what, planned);
+    }
+
+    /// Announces that all is done once more. What was best before is so no longer: it was
+    /// fitted to other data.
+    pub fn again(&self, why: &'static str) {
+        let mut now = self.now();
+        now.again = why;
+        now.best = None;
+    }
+
+    /// Notes what the refit of the nominal structure leaves (rad).
+    pub fn refitted(&self, leaves: f64) {
+        self.now().refit = Some(leaves);
+    }
+
+    /// Counts a fit, once what is returned is dropped: also where the fit fails.
+    pub fn fit(&self) -> Counted<'_> {
+        Counted(self)
+    }
+
+    /// Offers a fit as the best so far.
+    pub fn fitted(&self, candidate: &Candidate) {
+        let mut now = self.now();
+        let best = Best {
+            kinds: candidate.set(),
+            leaves: candidate.fit.rmse(),
+            of: now.refit,
+            explains: None,
+        };
+        now.offer(best);
+    }
+
+    /// Offers a measured structure as the best so far. RMS errors on segments that were not
+    /// fitted (rad): of the refit, and of the structure.
+    pub fn measured(&self, scored: &Scored, refit: f64, leaves: f64) {
+        self.now().offer(Best {
+            kinds: scored.kinds.clone(),
+            leaves,
+            of: Some(refit),
+            explains: Some(scored.closure.overall),
+        });
+    }
+
+    /// What is known at this moment.
+    pub fn state(&self) -> State {
+        let now = self.now();
+        let mut stage = String::new();
+        for part in [now.again, &now.stage, now.step] {
+            if !part.is_empty() {
+                stage += if stage.is_empty() { "" } else { ": " };
+                stage += part;
+            }
+        }
+        State {
+            stage,
+            done: now.done,
+            planned: now.planned,
+            fits: now.fits,
+            elapsed: self.started.elapsed(),
+            in_step: now.since.elapsed(),
+            best: now.best.clone(),
+        }
+    }
+
+    fn now(&self) -> MutexGuard<'_, Now> {
+        self.now.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Now {
+    fn begin(&mut self, step: &'static str, planned: usize) {
+        self.step = step;
+        self.since = Instant::now();
+        self.planned = planned;
+        self.done = 0;
+    }
+
+    fn offer(&mut self, best: Best) {
+        let is_better = self.best.as_ref().is_none_or(|before| best.beats(before));
+        if best.leaves.is_finite() && is_better {
+            self.best = Some(best);
+        }
+    }
+}
+
+/// A fit under way, which counts once this is dropped.
+#[derive(Debug)]
+#[must_use = "the fit counts as finished once this is dropped"]
+pub struct Counted<'a>(&'a Progress);
+
+impl Drop for Counted<'_> {
+    fn drop(&mut self) {
+        let mut now = self.0.now();
+        now.done += 1;
+        now.fits += 1;
+    }
+}
+
+impl Best {
+    /// Whether it takes the place of `other`: a structure that was measured before one that
+    /// was only fitted, and a larger one only if it leaves so much less that the decision
+    /// would take it.
+    fn beats(&self, other: &Self) -> bool {
+        let left = match (self.explains, other.explains) {
+            (Some(explains), Some(other)) => [1.0 - explains, 1.0 - other],
+            (None, None) => [self.leaves, other.leaves],
+            (measured, _) => return measured.is_some(),
+        };
+        let further = Policy::STANDARD.further_leaves;
+        match self.kinds.len().cmp(&other.kinds.len()) {
+            std::cmp::Ordering::Greater => left[0] <= further * left[1],
+            std::cmp::Ordering::Equal => left[0] < left[1],
+            std::cmp::Ordering::Less => further * left[0] < left[1],
+        }
+    }
+}
+
+impl fmt::Display for Best {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let families = title(&Family::of_all(&self.kinds));
+        let effects = names(&self.kinds).join(" + ");
+        write!(f, "{families} ({effects}), leaves {}", degrees(self.leaves))?;
+        if let Some(of) = self.of {
+            write!(f, " of {}", degrees(of))?;
+        }
+        match self.explains {
+            Some(share) => write!(f, ", explains {:.0} %", 100.0 * share.max(0.0)),
+            None => f.write_str(", not yet tested on segments that were not fitted"),
+        }
+    }
+}
+
+fn degrees(radians: f64) -> String {
+    format!("{:.2}°", radians.to_degrees())
+}
+
+impl State {
+    /// How long the present step still takes, by the fits that are finished; none before a
+    /// tenth of them is.
+    pub fn remaining(&self) -> Option<Duration> {
+        let enough = self.done >= 2 && 10 * self.done >= self.planned;
+        let left = self.planned.checked_sub(self.done).filter(|_| enough)?;
+        (left > 0).then(|| self.in_step.mul_f64(left as f64 / self.done as f64))
+    }
+
+    /// How far it is: fits, time, and an estimate for the present step.
+    pub fn how_far(&self) -> String {
+        let mut text = match (self.planned, self.fits) {
+            (0, 0) => String::new(),
+            (0, fits) => format!("{fits} fits, "),
+            (planned, fits) if fits == self.done => {
+                format!("{} of {planned} fits, ", self.done)
+            }
+            (planned, fits) => {
+                format!("{} of {planned} fits ({fits} in all), ", self.done)
+            }
+        };
+        text += &format!("{} so far", duration(self.elapsed));
+        if let Some(remaining) = self.remaining() {
+            text += &format!(", this step about {} more", about(remaining));
+        }
+        text
+    }
+
+    /// The best explanation so far, or that there is none.
+    pub fn best_so_far(&self) -> String {
+        match &self.best {
+            Some(best) => format!("best so far: {best}"),
+            None => "no explanation so far".into(),
+        }
+    }
+}
+
+/// All of it in one line.
+impl fmt::Display for State {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { stage, .. } = self;
+        write!(f, "{stage}; {}; {}", self.how_far(), self.best_so_far())
+    }
+}
+
+/// Whole seconds, with minutes and hours where there are any: 42 s, 3 min 20 s.
+fn duration(time: Duration) -> String {
+    let seconds = time.as_secs();
+    match (seconds / 3600, seconds / 60 % 60, seconds % 60) {
+        (0, 0, seconds) => format!("{seconds} s"),
+        (0, minutes, seconds) => format!("{minutes} min {seconds} s"),
+        (hours, minutes, _) => format!("{hours} h {minutes} min"),
+    }
+}
+
+/// An estimate with no more digits than it deserves: 1, 2, 5, 10, 20 … s, whole minutes.
+fn about(time: Duration) -> String {
+    let seconds = time.as_secs_f64();
+    if seconds >= 90.0 {
+        let minutes = (seconds / 60.0).round() as u64;
+        return duration(Duration::from_secs(60 * minutes)).replace(" 0 s", "");
+    }
+    let unit = if seconds < 10.0 { 1.0 } else { 10.0 };
+    format!("{:.0} s", ((seconds / unit).round() * unit).max(1.0))
+}
