@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
+use indicatif::ProgressBar;
 
 use crate::diagnose::Progress;
 use crate::diagnose::progress::State;
@@ -81,19 +81,22 @@ impl Display {
     fn of(progress: Arc<Progress>) -> Self {
         let (close, closed) = channel();
         let thread = std::thread::spawn(move || {
-            let lines = Lines::new();
-            let pause = if lines.is_some() { DRAWN } else { LOGGED };
+            let spinner = spinner();
+            let pause = if spinner.is_some() { DRAWN } else { LOGGED };
             while closed.recv_timeout(pause) == Err(RecvTimeoutError::Timeout) {
                 let state = progress.state();
-                match &lines {
-                    Some(lines) => lines.draw(&state),
+                match &spinner {
+                    Some(spinner) => {
+                        spinner.set_message(lines(&state));
+                        spinner.tick();
+                    }
                     None => {
                         let _ = writeln!(std::io::stderr(), "{state}");
                     }
                 }
             }
-            if let Some(lines) = &lines {
-                lines.clear();
+            if let Some(spinner) = &spinner {
+                spinner.finish_and_clear();
             }
         });
         Self { close, thread }
@@ -107,42 +110,20 @@ impl Display {
     }
 }
 
-/// Three lines on a terminal: what is done, how far it is, what is best so far.
-struct Lines {
-    all: MultiProgress,
-    each: [ProgressBar; 3],
+/// A spinner on stderr; none if that is no terminal.
+fn spinner() -> Option<ProgressBar> {
+    let spinner = ProgressBar::new_spinner();
+    (!spinner.is_hidden()).then_some(spinner)
 }
 
-impl Lines {
-    /// None if stderr is no terminal.
-    fn new() -> Option<Self> {
-        let all = MultiProgress::new();
-        if all.is_hidden() {
-            return None;
-        }
-        // Lines that are cut off at the width of the terminal.
-        let each = ["{spinner} {wide_msg}", "  {wide_msg}", "  {wide_msg}"].map(|template| {
-            let style = ProgressStyle::with_template(template)
-                .unwrap_or_else(|_| ProgressStyle::default_spinner());
-            all.add(ProgressBar::new_spinner().with_style(style))
-        });
-        Some(Self { all, each })
-    }
-
-    fn draw(&self, state: &State) {
-        let texts = [state.stage.clone(), state.how_far(), state.best_so_far()];
-        for (line, text) in self.each.iter().zip(texts) {
-            line.set_message(text);
-            line.tick();
-        }
-    }
-
-    fn clear(&self) {
-        for line in &self.each {
-            line.finish_and_clear();
-        }
-        let _ = self.all.clear();
-    }
+/// What a terminal shows: what is done, how far it is, what is best so far.
+fn lines(state: &State) -> String {
+    format!(
+        "{}\n  {}\n  {}",
+        state.stage,
+        state.how_far(),
+        state.best_so_far()
+    )
 }
 
 #[cfg(test)]

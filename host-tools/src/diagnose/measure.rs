@@ -110,6 +110,7 @@ impl Ruler<'_> {
     pub fn measure(&self, baseline: &Baseline, estimates: Vec<Estimate>) -> Vec<Measured> {
         /// As many of each.
         const MEASURED: usize = 5;
+        self.levels.ground.progress.step("evidence", 0);
         let mut rough: Vec<Rough> = estimates
             .into_par_iter()
             .filter_map(|estimate| self.rough(baseline, estimate))

@@ -183,8 +183,8 @@ impl Now {
     }
 
     fn offer(&mut self, best: Best) {
-        let is_better = self.best.as_ref().is_none_or(|before| best.beats(before));
-        if best.leaves.is_finite() && is_better {
+        let helps = best.leaves < best.of.unwrap_or(f64::INFINITY);
+        if helps && self.best.as_ref().is_none_or(|before| best.beats(before)) {
             self.best = Some(best);
         }
     }
@@ -232,7 +232,7 @@ impl fmt::Display for Best {
         }
         match self.explains {
             Some(share) => write!(f, ", explains {:.0} %", 100.0 * share.max(0.0)),
-            None => f.write_str(", not yet tested on segments that were not fitted"),
+            None => f.write_str(", not yet validated"),
         }
     }
 }
@@ -296,13 +296,180 @@ fn duration(time: Duration) -> String {
     }
 }
 
-/// An estimate with no more digits than it deserves: 1, 2, 5, 10, 20 … s, whole minutes.
+/// An estimate with no more digits than it deserves: 7 s, 40 s, 3 min.
 fn about(time: Duration) -> String {
     let seconds = time.as_secs_f64();
     if seconds >= 90.0 {
         let minutes = (seconds / 60.0).round() as u64;
-        return duration(Duration::from_secs(60 * minutes)).replace(" 0 s", "");
+        let minutes = duration(Duration::from_secs(60 * minutes));
+        return minutes.trim_end_matches(" 0 s").to_owned();
     }
     let unit = if seconds < 10.0 { 1.0 } else { 10.0 };
     format!("{:.0} s", ((seconds / unit).round() * unit).max(1.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::verdict::Closure;
+    use Kind::{CoulombFriction, Gravity, MaxwellBranch};
+
+    fn scored(kinds: &[Kind], closes: f64) -> Scored {
+        Scored {
+            kinds: kinds.to_vec(),
+            closure: Closure {
+                short: closes,
+                medium: closes,
+                full: closes,
+                overall: closes,
+            },
+            leaves: 1.0 - closes,
+            evidence: 0.0,
+            parameters: 4,
+        }
+    }
+
+    fn best(progress: &Progress) -> Vec<Kind> {
+        progress.state().best.map_or(Vec::new(), |best| best.kinds)
+    }
+
+    #[test]
+    fn fits_count_for_their_step_and_for_all() {
+        let progress = Progress::default();
+        progress.stage("9 effects", 2);
+        drop(progress.fit());
+        let unfinished = progress.fit();
+        let counts = |state: &State| (state.done, state.planned, state.fits);
+        assert_eq!(counts(&progress.state()), (1, 2, 1));
+        drop(unfinished);
+        progress.step("screening", 100);
+        std::thread::scope(|scope| {
+            for _ in 0..4 {
+                scope.spawn(|| (0..20).for_each(|_| drop(progress.fit())));
+            }
+        });
+        let state = progress.state();
+        assert_eq!(counts(&state), (80, 100, 82));
+        assert_eq!(state.stage, "9 effects: screening");
+        progress.again("once more");
+        progress.stage("quality of the recordings", 0);
+        let state = progress.state();
+        assert_eq!(counts(&state), (0, 0, 82));
+        assert_eq!(state.stage, "once more: quality of the recordings");
+    }
+
+    #[test]
+    fn a_larger_structure_has_to_leave_half_to_be_best() {
+        let progress = Progress::default();
+        let pair = [CoulombFriction, Gravity];
+        let measured = |kinds: &[Kind], closes| {
+            progress.measured(&scored(kinds, closes), 1.0, 1.0 - closes);
+        };
+        measured(&[Gravity], 0.6);
+        measured(&[MaxwellBranch], 0.5);
+        assert_eq!(best(&progress), [Gravity]);
+        measured(&pair, 0.79);
+        assert_eq!(best(&progress), [Gravity]);
+        measured(&pair, 0.81);
+        assert_eq!(best(&progress), pair);
+        measured(&[MaxwellBranch], 0.61);
+        assert_eq!(best(&progress), pair);
+        measured(&[MaxwellBranch], 0.63);
+        assert_eq!(best(&progress), [MaxwellBranch]);
+        progress.again("once more");
+        assert_eq!(best(&progress), []);
+    }
+
+    #[test]
+    fn a_fit_gives_way_to_a_measurement_and_must_help() {
+        let mut now = Progress::default().now.into_inner().unwrap();
+        let mut offered = |leaves, explains| {
+            now.offer(Best {
+                kinds: vec![Gravity],
+                leaves,
+                of: Some(1.0),
+                explains,
+            });
+            now.best.as_ref().map(|best| best.leaves)
+        };
+        assert_eq!(offered(1.2, None), None);
+        assert_eq!(offered(f64::NAN, None), None);
+        assert_eq!(offered(0.5, None), Some(0.5));
+        assert_eq!(offered(0.6, None), Some(0.5));
+        assert_eq!(offered(0.7, Some(0.3)), Some(0.7));
+        assert_eq!(offered(0.1, None), Some(0.7));
+    }
+
+    #[test]
+    fn a_line_says_where_how_far_and_what() {
+        let state = State {
+            stage: "27 effects at several horizons: screening".into(),
+            done: 12,
+            planned: 54,
+            fits: 63,
+            elapsed: Duration::from_secs(200),
+            in_step: Duration::from_secs(24),
+            best: Some(Best {
+                kinds: vec![CoulombFriction, Gravity],
+                leaves: 0.39_f64.to_radians(),
+                of: Some(1.214_f64.to_radians()),
+                explains: Some(0.712),
+            }),
+        };
+        assert_eq!(
+            state.to_string(),
+            "27 effects at several horizons: screening; 12 of 54 fits (63 in all), \
+             3 min 20 s so far, this step about 80 s more; \
+             best so far: dry friction + stiffness shape (coulomb_friction + gravity), \
+             leaves 0.39° of 1.21°, explains 71 %"
+        );
+        let begun = State {
+            stage: "refit of the nominal structure".into(),
+            ..State::default()
+        };
+        assert_eq!(
+            begun.to_string(),
+            "refit of the nominal structure; 0 s so far; no explanation so far"
+        );
+        let coarse = Best {
+            kinds: vec![Gravity],
+            leaves: 0.01,
+            of: None,
+            explains: None,
+        };
+        assert_eq!(
+            coarse.to_string(),
+            "stiffness shape (gravity), leaves 0.57°, not yet validated"
+        );
+    }
+
+    #[test]
+    fn an_estimate_waits_for_a_tenth_and_is_no_finer_than_it_deserves() {
+        let state = |done, planned, seconds| State {
+            done,
+            planned,
+            in_step: Duration::from_secs(seconds),
+            ..State::default()
+        };
+        let none = [(0, 0), (1, 4), (5, 54), (4, 4), (7, 4), (3, 0)];
+        for (done, planned) in none {
+            assert_eq!(
+                state(done, planned, 60).remaining(),
+                None,
+                "{done}/{planned}"
+            );
+        }
+        let remaining = state(6, 54, 60).remaining().unwrap();
+        assert_eq!(remaining, Duration::from_secs(480));
+        for (seconds, text) in [
+            (0.2, "1 s"),
+            (7.4, "7 s"),
+            (44.0, "40 s"),
+            (89.0, "90 s"),
+            (100.0, "2 min"),
+            (3600.0, "1 h 0 min"),
+        ] {
+            assert_eq!(about(Duration::from_secs_f64(seconds)), text);
+        }
+    }
 }
