@@ -141,7 +141,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
 fn go_on(resume: Option<&Path>) -> String {
     match resume {
         Some(folder) => format!(
-            "To go on, repeat the command: the fits that {} keeps are not made again.",
+            "To go on, repeat the command: the fits kept in {} are not made again.",
             folder.display()
         ),
         None => {

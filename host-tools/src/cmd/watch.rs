@@ -110,10 +110,11 @@ impl Display {
     }
 }
 
-/// A spinner on stderr; none if that is no terminal.
+/// A spinner on stderr; none if that is no terminal, or one that cannot erase.
 fn spinner() -> Option<ProgressBar> {
     let spinner = ProgressBar::new_spinner();
-    (!spinner.is_hidden()).then_some(spinner)
+    let is_dumb = std::env::var_os("TERM").map_or(cfg!(unix), |term| term == "dumb");
+    (!spinner.is_hidden() && !is_dumb).then_some(spinner)
 }
 
 /// What a terminal shows: what is done, how far it is, what is best so far.
@@ -142,7 +143,7 @@ mod tests {
         let text = unfinished(&state, "Repeat the command.");
         assert_eq!(
             text,
-            "unfinished: not a diagnosis\nscreening\n3 of 12 fits, 0 s so far, this step about 1 s more\nno explanation so far\nNo results were written. Repeat the command.\n"
+            "unfinished: not a diagnosis\nscreening\n3 of 12 fits, 0 s so far\nno explanation so far\nNo results were written. Repeat the command.\n"
         );
     }
 }

@@ -291,10 +291,7 @@ pub fn graded(
     let policy = &Policy::STANDARD;
     let noise = floor.rms.hypot(floor.input);
     let levels = Levels::of(*ground, refit, noise);
-    progress.stage(
-        "nominal structure at several horizons",
-        levels.output_error() + 1,
-    );
+    progress.stage("nominal structure at several horizons", 0);
     let base = levels.base(refit)?;
     let in_turn = judge
         .in_turn()

@@ -104,6 +104,7 @@ impl<'a> Levels<'a> {
     pub fn base(&self, refit: &Candidate) -> Option<Estimate> {
         let free = &self.ground.file.free;
         let mut fits: Vec<Fit> = Vec::new();
+        self.ground.progress.step("fits", self.horizons.len());
         for level in 0..self.horizons.len() {
             let _fit = self.ground.progress.fit();
             let mut starts = vec![self.ground.file.model, refit.fit.model];
@@ -176,9 +177,8 @@ impl<'a> Levels<'a> {
             let model = &candidate.fit.model;
             keep(candidate.added.clone(), None, self.output_error(), model);
         }
-        self.ground
-            .progress
-            .step("fits at every horizon", chosen.len() * self.horizons.len());
+        let fits = chosen.len() * self.horizons.len();
+        self.ground.progress.step("fits", fits);
         chosen
             .par_iter()
             .filter(|it| !known.contains(&sorted(&it.added)))

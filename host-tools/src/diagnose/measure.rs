@@ -110,7 +110,8 @@ impl Ruler<'_> {
     pub fn measure(&self, baseline: &Baseline, estimates: Vec<Estimate>) -> Vec<Measured> {
         /// As many of each.
         const MEASURED: usize = 5;
-        self.levels.ground.progress.step("evidence", 0);
+        let progress = self.levels.ground.progress;
+        progress.step("evidence", 0);
         let mut rough: Vec<Rough> = estimates
             .into_par_iter()
             .filter_map(|estimate| self.rough(baseline, estimate))
@@ -125,17 +126,11 @@ impl Ruler<'_> {
         others.truncate(MEASURED);
         others.retain(|row| row.leaves <= self.policy.comparable * ahead);
         rough.extend(others);
-        self.levels.ground.progress.step("validation", rough.len());
+        progress.step("validation", rough.len());
         rough
             .into_par_iter()
             .filter_map(|rough| self.thorough(baseline, rough))
-            .inspect(|row| {
-                self.levels.ground.progress.measured(
-                    &row.scored,
-                    baseline.held_out[2],
-                    row.held_out.full,
-                )
-            })
+            .inspect(|row| progress.measured(row, baseline.held_out[2]))
             .collect()
     }
 

@@ -12,9 +12,9 @@ use std::time::{Duration, Instant};
 use model_core::catalogue::Kind;
 
 use super::candidates::Candidate;
-use super::decide::Scored;
 use super::family::{Family, title};
 use super::judge::names;
+use super::measure::Measured;
 use super::policy::Policy;
 
 /// Counts what a diagnosis does. Any thread may report.
@@ -137,14 +137,14 @@ impl Progress {
         now.offer(best);
     }
 
-    /// Offers a measured structure as the best so far. RMS errors on segments that were not
-    /// fitted (rad): of the refit, and of the structure.
-    pub fn measured(&self, scored: &Scored, refit: f64, leaves: f64) {
+    /// Offers a measured structure as the best so far, beside the RMS error (rad) of the refit
+    /// on segments that were not fitted.
+    pub fn measured(&self, row: &Measured, refit: f64) {
         self.now().offer(Best {
-            kinds: scored.kinds.clone(),
-            leaves,
+            kinds: row.scored.kinds.clone(),
+            leaves: row.held_out.full,
             of: Some(refit),
-            explains: Some(scored.closure.overall),
+            explains: Some(row.scored.closure.overall),
         });
     }
 
@@ -243,9 +243,11 @@ fn degrees(radians: f64) -> String {
 
 impl State {
     /// How long the present step still takes, by the fits that are finished; none before a
-    /// tenth of them is.
+    /// tenth of them is, or in the first second.
     pub fn remaining(&self) -> Option<Duration> {
-        let enough = self.done >= 2 && 10 * self.done >= self.planned;
+        let enough = self.done >= 2
+            && 10 * self.done >= self.planned
+            && self.in_step >= Duration::from_secs(1);
         let left = self.planned.checked_sub(self.done).filter(|_| enough)?;
         (left > 0).then(|| self.in_step.mul_f64(left as f64 / self.done as f64))
     }
@@ -298,39 +300,27 @@ fn duration(time: Duration) -> String {
 
 /// An estimate with no more digits than it deserves: 7 s, 40 s, 3 min.
 fn about(time: Duration) -> String {
-    let seconds = time.as_secs_f64();
-    if seconds >= 90.0 {
-        let minutes = (seconds / 60.0).round() as u64;
-        let minutes = duration(Duration::from_secs(60 * minutes));
-        return minutes.trim_end_matches(" 0 s").to_owned();
+    let in_units = |unit: u64| Duration::from_secs((time.as_secs() + unit / 2) / unit * unit);
+    match time.as_secs() {
+        0..10 => duration(in_units(1).max(Duration::from_secs(1))),
+        10..90 => format!("{} s", in_units(10).as_secs()),
+        _ => duration(in_units(60)).trim_end_matches(" 0 s").to_owned(),
     }
-    let unit = if seconds < 10.0 { 1.0 } else { 10.0 };
-    format!("{:.0} s", ((seconds / unit).round() * unit).max(1.0))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnose::verdict::Closure;
     use Kind::{CoulombFriction, Gravity, MaxwellBranch};
 
-    fn scored(kinds: &[Kind], closes: f64) -> Scored {
-        Scored {
+    /// An explanation that was measured if it says how much it explains.
+    fn found(kinds: &[Kind], leaves: f64, explains: Option<f64>) -> Best {
+        Best {
             kinds: kinds.to_vec(),
-            closure: Closure {
-                short: closes,
-                medium: closes,
-                full: closes,
-                overall: closes,
-            },
-            leaves: 1.0 - closes,
-            evidence: 0.0,
-            parameters: 4,
+            leaves,
+            of: Some(1.0),
+            explains,
         }
-    }
-
-    fn best(progress: &Progress) -> Vec<Kind> {
-        progress.state().best.map_or(Vec::new(), |best| best.kinds)
     }
 
     #[test]
@@ -360,44 +350,37 @@ mod tests {
 
     #[test]
     fn a_larger_structure_has_to_leave_half_to_be_best() {
-        let progress = Progress::default();
         let pair = [CoulombFriction, Gravity];
-        let measured = |kinds: &[Kind], closes| {
-            progress.measured(&scored(kinds, closes), 1.0, 1.0 - closes);
+        let progress = Progress::default();
+        let best_after = |kinds: &[Kind], closes: f64| {
+            progress
+                .now()
+                .offer(found(kinds, 1.0 - closes, Some(closes)));
+            progress.state().best.unwrap().kinds
         };
-        measured(&[Gravity], 0.6);
-        measured(&[MaxwellBranch], 0.5);
-        assert_eq!(best(&progress), [Gravity]);
-        measured(&pair, 0.79);
-        assert_eq!(best(&progress), [Gravity]);
-        measured(&pair, 0.81);
-        assert_eq!(best(&progress), pair);
-        measured(&[MaxwellBranch], 0.61);
-        assert_eq!(best(&progress), pair);
-        measured(&[MaxwellBranch], 0.63);
-        assert_eq!(best(&progress), [MaxwellBranch]);
+        assert_eq!(best_after(&[Gravity], 0.6), [Gravity]);
+        assert_eq!(best_after(&[MaxwellBranch], 0.5), [Gravity]);
+        assert_eq!(best_after(&pair, 0.79), [Gravity]);
+        assert_eq!(best_after(&pair, 0.81), pair);
+        assert_eq!(best_after(&[MaxwellBranch], 0.61), pair);
+        assert_eq!(best_after(&[MaxwellBranch], 0.63), [MaxwellBranch]);
         progress.again("once more");
-        assert_eq!(best(&progress), []);
+        assert_eq!(progress.state().best, None);
     }
 
     #[test]
     fn a_fit_gives_way_to_a_measurement_and_must_help() {
-        let mut now = Progress::default().now.into_inner().unwrap();
-        let mut offered = |leaves, explains| {
-            now.offer(Best {
-                kinds: vec![Gravity],
-                leaves,
-                of: Some(1.0),
-                explains,
-            });
-            now.best.as_ref().map(|best| best.leaves)
+        let progress = Progress::default();
+        let left_after = |leaves, explains| {
+            progress.now().offer(found(&[Gravity], leaves, explains));
+            progress.state().best.map(|best| best.leaves)
         };
-        assert_eq!(offered(1.2, None), None);
-        assert_eq!(offered(f64::NAN, None), None);
-        assert_eq!(offered(0.5, None), Some(0.5));
-        assert_eq!(offered(0.6, None), Some(0.5));
-        assert_eq!(offered(0.7, Some(0.3)), Some(0.7));
-        assert_eq!(offered(0.1, None), Some(0.7));
+        assert_eq!(left_after(1.2, None), None);
+        assert_eq!(left_after(f64::NAN, None), None);
+        assert_eq!(left_after(0.5, None), Some(0.5));
+        assert_eq!(left_after(0.6, None), Some(0.5));
+        assert_eq!(left_after(0.7, Some(0.3)), Some(0.7));
+        assert_eq!(left_after(0.1, None), Some(0.7));
     }
 
     #[test]
@@ -459,6 +442,7 @@ mod tests {
                 "{done}/{planned}"
             );
         }
+        assert_eq!(state(27, 54, 0).remaining(), None);
         let remaining = state(6, 54, 60).remaining().unwrap();
         assert_eq!(remaining, Duration::from_secs(480));
         for (seconds, text) in [

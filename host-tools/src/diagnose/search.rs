@@ -44,10 +44,8 @@ pub fn singles(
     refit: &Candidate,
     progress: &Progress,
 ) -> Singles {
-    progress.stage(
-        format!("coarse fits of {} effects, one at a time", kinds.len()),
-        kinds.len(),
-    );
+    let what = format!("coarse fits of {} effects, one at a time", kinds.len());
+    progress.stage(what, kinds.len());
     let mut coarse: Vec<Candidate> = kinds
         .par_iter()
         .filter_map(|&kind| glance(ground, &promise(ground, refit, kind)?))
@@ -59,15 +57,9 @@ pub fn singles(
     let mut pool = vec![refit.clone()];
     if coarse.iter().take(1).any(|best| may_settle(&best)) {
         let hopeless = HOPELESS * coarse.first().map_or(0.0, |best| best.fit.sse());
-        let near = coarse
-            .iter()
-            .take(FINISHED)
-            .filter(|it| it.fit.sse() <= hopeless)
-            .count();
-        progress.stage(
-            "final fits of the best single effects",
-            near.max(coarse.len().min(RIVALS_SHOWN)),
-        );
+        let near = coarse.partition_point(|it| it.fit.sse() <= hopeless);
+        let planned = near.clamp(RIVALS_SHOWN, FINISHED).min(coarse.len());
+        progress.stage("final fits of the best single effects", planned);
         let finished: Vec<Candidate> = coarse
             .par_iter()
             .take(FINISHED)
