@@ -16,7 +16,7 @@ use std::{
 };
 
 use host_tools::{
-    diagnose::{Diagnosis, Request, diagnose, verdict::Answer, verdict::Verdict},
+    diagnose::{Diagnosis, Progress, Request, diagnose, verdict::Answer, verdict::Verdict},
     model_file::{ModelFile, to_file_units},
     recording::{PASCAL_PER_KPA, Recording},
 };
@@ -115,7 +115,7 @@ fn go(image: &Path, simulator: &Path) -> Pass {
         holdout: &[],
         seed: 1,
     };
-    let diagnosis = diagnose(&request, &|_| ()).unwrap();
+    let diagnosis = diagnose(&request, &Progress::default()).unwrap();
     let verdict = diagnosis.verdict(&request, 0.0);
     println!("{}", serde_json::to_string(&verdict).unwrap());
     Pass {

@@ -6,7 +6,7 @@ pub mod reports;
 
 use std::path::{Path, PathBuf};
 
-use host_tools::diagnose::{Diagnosis, Request, diagnose};
+use host_tools::diagnose::{Diagnosis, Progress, Request, diagnose};
 use host_tools::example::Example;
 use host_tools::model_file::ModelFile;
 use host_tools::recording::{Recording, read_all};
@@ -91,7 +91,7 @@ impl Case {
             holdout: &self.holdout,
             seed: 1,
         };
-        diagnose(&request, &|_| {}).unwrap()
+        diagnose(&request, &Progress::default()).unwrap()
     }
 }
 

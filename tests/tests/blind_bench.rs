@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use host_tools::columns::Columns;
-use host_tools::diagnose::{Request, diagnose};
+use host_tools::diagnose::{Progress, Request, diagnose};
 use host_tools::model_file::ModelFile;
 use host_tools::recording::{Recording, read_all};
 use serde_json::json;
@@ -438,7 +438,7 @@ fn a_session_is_diagnosed_and_not_refused() {
         holdout: &[],
         seed: 1,
     };
-    let diagnosis = diagnose(&request, &|_| {}).unwrap();
+    let diagnosis = diagnose(&request, &Progress::default()).unwrap();
     assert!(diagnosis.refit.rmse().is_finite());
     std::fs::remove_dir_all(&folder).unwrap();
 }

@@ -1,11 +1,12 @@
 //! `rig diagnose`: which effect does the model lack?
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::Parser;
 
 use super::input::InputArgs;
+use super::watch::Watched;
 use crate::checkpoint::Checkpoint;
 use crate::diagnose::family::title;
 use crate::diagnose::verdict::Answer;
@@ -33,6 +34,8 @@ Examples:
   rig diagnose --model m.toml monday.csv tuesday.csv      sessions of one rig
   rig diagnose --model m.toml id_*.csv --holdout vad_*.csv --plot gap.svg
   rig diagnose --model m.toml run.csv --resume fits       after an interruption
+
+Ctrl-C prints what is known so far, writes nothing, and exits with code 130.
 
 The verdict is one of: effect_found, parameters_only, no_discrepancy,
 cannot_tell, unexplained. `rig schema` prints the schema of the JSON.")]
@@ -100,11 +103,9 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         None => Checkpoint::default(),
     };
     let clock = Instant::now();
-    let spinner = super::spinner();
-    let diagnosis = diagnose_from(&request, &checkpoint, &|stage| {
-        spinner.set_message(stage.to_owned());
-    });
-    spinner.finish_and_clear();
+    let watched = Watched::start(go_on(args.resume.as_deref()))?;
+    let diagnosis = diagnose_from(&request, &checkpoint, &watched.progress);
+    let writing = watched.finish();
     let diagnosis = diagnosis?;
     let seconds = clock.elapsed().as_secs_f64();
 
@@ -130,8 +131,23 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         write_atomically(path, text.as_bytes())?;
         outputs.model = Some(path);
     }
+    // A reader of the summary that waits can be interrupted again.
+    drop(writing);
     let text = summary(&content, &outputs, args.seed, seconds);
     Ok(super::print(&text)?)
+}
+
+/// How an interrupted diagnosis is taken up.
+fn go_on(resume: Option<&Path>) -> String {
+    match resume {
+        Some(folder) => format!(
+            "To go on, repeat the command: the fits kept in {} are not made again.",
+            folder.display()
+        ),
+        None => {
+            "It would start anew: with --resume FOLDER, a diagnosis keeps finished fits.".into()
+        }
+    }
 }
 
 /// What stands above the effects that are added to the model.

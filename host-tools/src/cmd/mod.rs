@@ -16,6 +16,7 @@ pub mod record;
 pub mod simulate;
 pub mod upload;
 pub mod virtual_rig;
+mod watch;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};

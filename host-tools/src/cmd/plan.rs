@@ -8,6 +8,7 @@ use model_core::catalogue::Kind;
 
 use super::input::InputArgs;
 use crate::checkpoint::Checkpoint;
+use crate::diagnose::Progress;
 use crate::diagnose::candidates::{Candidate, Ground, Scales, added, typical};
 use crate::diagnose::judge::names;
 use crate::diagnose::noise::NoiseFloor;
@@ -245,6 +246,7 @@ fn fitted(
         excerpt: &Fitter::new(&file.model, &excerpt),
         scales: &scales,
         checkpoint: &Checkpoint::default(),
+        progress: &Progress::default(),
     };
     pair.iter()
         .map(|kinds| {

@@ -8,6 +8,7 @@ use model_core::actuator::{MAX_EFFECTS, Model, ParameterId};
 use model_core::catalogue::{Effect, Kind};
 use model_core::effects::{Mechanism, Parameter, Place, Unit};
 
+use super::Progress;
 use crate::checkpoint::Checkpoint;
 use crate::estimate::filter::Level;
 use crate::estimate::fit::{Effort, Fit, Fitter};
@@ -355,6 +356,8 @@ pub struct Ground<'a> {
     pub scales: &'a Scales,
     /// Fits of an interrupted run, and where to keep further ones.
     pub checkpoint: &'a Checkpoint,
+    /// Where fits are counted.
+    pub progress: &'a Progress,
 }
 
 /// One effect added to a fitted structure, with what it promises.
@@ -425,6 +428,7 @@ pub fn promise(ground: &Ground<'_>, base: &Candidate, kind: Kind) -> Option<Prom
 
 /// Follows a promise: a fit at a glance to the excerpt.
 pub fn glance(ground: &Ground<'_>, promise: &Promise) -> Option<Candidate> {
+    let _fit = ground.progress.fit();
     let free = free_parameters(ground.file, &promise.added);
     let fit =
         ground
@@ -445,6 +449,7 @@ fn remembers(kind: Kind) -> bool {
 
 /// Fits a candidate on to the end from where it stands.
 pub fn finish(ground: &Ground<'_>, candidate: &Candidate) -> Candidate {
+    let _fit = ground.progress.fit();
     let free = free_parameters(ground.file, &candidate.added);
     let all = ground.fitter.data;
     // Zeros go with the parameters, if the excerpt holds every session.

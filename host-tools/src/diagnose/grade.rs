@@ -54,6 +54,9 @@ impl Graded {
             .collect();
         rows.sort_by(|a, b| a.0.total_cmp(&b.0));
         rows.truncate(FINISHED);
+        ground
+            .progress
+            .stage("final fits of the best combinations", rows.len());
         rows.par_iter()
             .filter_map(|(_, row)| {
                 let fit = row.estimate.fits.last()?.clone();
@@ -80,6 +83,9 @@ impl Graded {
             Decision::CannotTell { rivals, .. } => rivals.first().copied(),
             Decision::Unexplained { .. } => None,
         };
+        ground
+            .progress
+            .stage("validation of the augmented model", 0);
         let repaired = self.repaired(ground, judge, refit, first);
         let shown = first.map_or(1, |row| self.measured[row].scored.kinds.len());
         let (tried, alternatives) = self.standings(first, shown);
@@ -280,11 +286,12 @@ pub fn graded(
     kinds: &[Kind],
     refit: &Candidate,
     coarse: &[Candidate],
-    progress: Progress<'_>,
+    progress: &Progress,
 ) -> Option<Graded> {
     let policy = &Policy::STANDARD;
     let noise = floor.rms.hypot(floor.input);
     let levels = Levels::of(*ground, refit, noise);
+    progress.stage("nominal structure at several horizons", 0);
     let base = levels.base(refit)?;
     let in_turn = judge
         .in_turn()
@@ -297,6 +304,7 @@ pub fn graded(
         noise,
         policy,
     };
+    progress.step("validation", base.fits.len());
     let baseline = ruler.baseline(base.clone());
     let screened = vec![0, levels.output_error().saturating_sub(1)];
     let mut search = Search {
@@ -306,15 +314,16 @@ pub fn graded(
         kinds,
         measured: Vec::new(),
     };
-    progress(&format!("{} effects at several horizons", kinds.len()));
+    progress.stage(format!("{} effects at several horizons", kinds.len()), 0);
     search.extend(&[(&base, screened)], coarse);
     if !search.leaves_noise(1, noise) {
-        progress("combinations of 2 effects at several horizons");
+        progress.stage("combinations of 2 effects at several horizons", 0);
         let leads = search.leads(1);
         let leads: Vec<(&Estimate, Vec<usize>)> = leads
             .iter()
             .map(|(estimate, at)| (estimate, at.clone()))
             .collect();
+        progress.step("pair screening", JOINED);
         let joined: Vec<Candidate> = together::promises(ground, refit, kinds)
             .par_iter()
             .take(JOINED)

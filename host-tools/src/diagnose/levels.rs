@@ -64,7 +64,7 @@ struct Chosen<'a> {
 
 /// Fits structures at every level, on the subsample of a fit context.
 pub struct Levels<'a> {
-    ground: Ground<'a>,
+    pub(super) ground: Ground<'a>,
     /// From the shortest horizon to output error, which is none.
     horizons: Vec<Option<Level>>,
     /// The pace of the recorded motion.
@@ -104,7 +104,9 @@ impl<'a> Levels<'a> {
     pub fn base(&self, refit: &Candidate) -> Option<Estimate> {
         let free = &self.ground.file.free;
         let mut fits: Vec<Fit> = Vec::new();
+        self.ground.progress.step("fits", self.horizons.len());
         for level in 0..self.horizons.len() {
+            let _fit = self.ground.progress.fit();
             let mut starts = vec![self.ground.file.model, refit.fit.model];
             starts.extend(fits.last().map(|shorter| shorter.model));
             // What evidence is counted from must not be half-way.
@@ -138,6 +140,7 @@ impl<'a> Levels<'a> {
             })
             .filter(|task| !known.contains(&task.set()))
             .collect();
+        self.ground.progress.step("screening", tasks.len());
         let screened: Vec<(&Task<'b>, f64, Model<f64>)> = tasks
             .par_iter()
             .filter_map(|task| {
@@ -174,6 +177,8 @@ impl<'a> Levels<'a> {
             let model = &candidate.fit.model;
             keep(candidate.added.clone(), None, self.output_error(), model);
         }
+        let fits = chosen.len() * self.horizons.len();
+        self.ground.progress.step("fits", fits);
         chosen
             .par_iter()
             .filter(|it| !known.contains(&sorted(&it.added)))
@@ -183,6 +188,7 @@ impl<'a> Levels<'a> {
 
     /// The best start of an effect at a level, two steps on.
     fn screened(&self, task: &Task<'_>) -> Option<(f64, Model<f64>)> {
+        let _fit = self.ground.progress.fit();
         let added = appended(&task.base.added, task.kind);
         let free = free_parameters(self.ground.file, &added);
         let fitter = self.fitter(task.level);
@@ -218,6 +224,7 @@ impl<'a> Levels<'a> {
         let free = free_parameters(self.ground.file, added);
         let mut fits: Vec<Fit> = Vec::new();
         for (level, start) in starts.iter().enumerate() {
+            let _fit = self.ground.progress.fit();
             let fitter = self.fitter(level);
             let mut from: Vec<Model<f64>> = start.iter().copied().collect();
             from.extend(fits.last().map(|shorter| shorter.model));
@@ -244,6 +251,7 @@ impl<'a> Levels<'a> {
     /// A structure fitted to everything at one level, with what is known of its
     /// parameters; from where the fit to the subsample stands.
     pub fn candidate(&self, estimate: &Estimate, level: usize) -> Candidate {
+        let _fit = self.ground.progress.fit();
         let chosen = self.level(level);
         let start = &estimate.fits[level];
         let data = self.ground.fitter.data;

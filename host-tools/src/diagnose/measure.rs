@@ -109,6 +109,8 @@ impl Ruler<'_> {
     pub fn measure(&self, baseline: &Baseline, estimates: Vec<Estimate>) -> Vec<Measured> {
         /// As many of each.
         const MEASURED: usize = 5;
+        let progress = self.levels.ground.progress;
+        progress.step("evidence", 0);
         let mut rough: Vec<Rough> = estimates
             .into_par_iter()
             .filter_map(|estimate| self.rough(baseline, estimate))
@@ -123,9 +125,11 @@ impl Ruler<'_> {
         others.truncate(MEASURED);
         others.retain(|row| row.leaves <= self.policy.comparable * ahead);
         rough.extend(others);
+        progress.step("validation", rough.len());
         rough
             .into_par_iter()
             .filter_map(|rough| self.thorough(baseline, rough))
+            .inspect(|row| progress.measured(row, baseline.held_out[2]))
             .collect()
     }
 

@@ -34,6 +34,7 @@ pub mod measure;
 pub mod noise;
 pub mod plan;
 pub mod policy;
+pub mod progress;
 pub mod quality;
 pub mod search;
 pub mod select;
@@ -63,6 +64,7 @@ use judge::{Court, Findings, Tried};
 use localise::{Gap, localise};
 use noise::NoiseFloor;
 use plan::{Limits, Proposal};
+pub use progress::Progress;
 use quality::Concern;
 use verdict::{
     Adequacy, Alternative, Answer, Closure, Experiment, FittedError, HeldOutError, NamedEffect,
@@ -152,16 +154,13 @@ pub struct Diagnosis {
     pub untried: Vec<Untried>,
 }
 
-/// Tells a person what is going on during long work.
-pub type Progress<'a> = &'a (dyn Fn(&str) + Sync);
-
 /// Diagnoses a model against recordings.
 ///
 /// # Errors
 ///
 /// Refuses a single recording without others to judge by, recordings that are
 /// damaged beyond handling, and a model that cannot be simulated.
-pub fn diagnose(request: &Request<'_>, progress: Progress<'_>) -> Result<Diagnosis, InputError> {
+pub fn diagnose(request: &Request<'_>, progress: &Progress) -> Result<Diagnosis, InputError> {
     diagnose_from(request, &Checkpoint::default(), progress)
 }
 
@@ -173,7 +172,7 @@ pub fn diagnose(request: &Request<'_>, progress: Progress<'_>) -> Result<Diagnos
 pub fn diagnose_from(
     request: &Request<'_>,
     checkpoint: &Checkpoint,
-    progress: Progress<'_>,
+    progress: &Progress,
 ) -> Result<Diagnosis, InputError> {
     let assembled = assemble(request.recordings, request.holdout)?;
     let fitted = assembled.data.indices(true).len();
@@ -187,7 +186,7 @@ pub fn diagnose_from(
     let mut odd_concern = None;
     let mut left_out = None;
     if let Some(odd) = found.odd {
-        progress("once more, without the recording that does not belong");
+        progress.again("once more, without the recording that does not belong");
         let others = assembled.data.dropping(odd.index);
         left_out = assembled.data.fitted().nth(odd.index).and_then(|segment| {
             let path = &segment.recording.path;
@@ -222,7 +221,7 @@ fn diagnose_zeros(
     request: &Request<'_>,
     data: &Dataset,
     checkpoint: &Checkpoint,
-    progress: Progress<'_>,
+    progress: &Progress,
 ) -> Result<Found, InputError> {
     let found = diagnose_all(request, data, checkpoint, progress)?;
     let diagnosis = &found.diagnosis;
@@ -234,7 +233,7 @@ fn diagnose_zeros(
     if !quiet || cost_of_zeros(&diagnosis.data, &diagnosis.refit) < effect {
         return Ok(found);
     }
-    progress("once more, with zeros as calibrated");
+    progress.again("once more, with zeros as calibrated");
     let calibrated = diagnose_all(request, &data.calibrated(), checkpoint, progress)?;
     let explains = matches!(
         calibrated.diagnosis.answer,
@@ -247,9 +246,9 @@ fn diagnose_all(
     request: &Request<'_>,
     data: &Dataset,
     checkpoint: &Checkpoint,
-    progress: Progress<'_>,
+    progress: &Progress,
 ) -> Result<Found, InputError> {
-    progress("quality of the recordings");
+    progress.stage("quality of the recordings", 0);
     let (floor, mut concerns) = examined(request.file, data)?;
     let Baseline {
         data,
@@ -262,7 +261,8 @@ fn diagnose_all(
     let file = &file;
     let fitter = Fitter::new(&file.model, &data);
     let mut judge = Judge::new(file, &fitter, floor.input);
-    progress("where the gap lives");
+    progress.refitted(refit.fit.rmse());
+    progress.stage("where the gap lives", 0);
     let gap = localise(&refit.fit.model, &data, &refit.fit.nuisances, floor.white);
     let (found, untried) = if let Some(answer) = quiet(&nominal, &refit, &floor, &judge) {
         (Findings::nothing(answer, &refit), Vec::new())
@@ -275,7 +275,7 @@ fn diagnose_all(
         search_and_judge(&nominal, &refit, &mut judge, &mut floor, means)
     };
 
-    progress("held-out runs in the board's arithmetic");
+    progress.stage("validation in the board's arithmetic", 0);
     let held_out = judge.errors(&refit, &found.repaired);
     let is_adequate = adequate(&found.repaired.fit, &floor);
     let adequacy = Adequacy {
@@ -389,9 +389,9 @@ impl Baseline {
         request: &Request<'_>,
         data: &Dataset,
         floor: &NoiseFloor,
-        progress: Progress<'_>,
+        progress: &Progress,
     ) -> Result<Self, InputError> {
-        progress("refit of the nominal structure");
+        progress.stage("refit of the nominal structure", 0);
         let nominal = &request.file.model;
         let fitter = Fitter::new(nominal, data);
         let (refit, file, identified) = identify::refit(request.file, &fitter);
@@ -488,7 +488,7 @@ fn cost_of_zeros(data: &Dataset, fit: &Fit) -> f64 {
 #[derive(Clone, Copy)]
 struct Means<'a> {
     checkpoint: &'a Checkpoint,
-    progress: Progress<'a>,
+    progress: &'a Progress,
     seed: u64,
 }
 
@@ -520,6 +520,7 @@ fn search_and_judge(
         },
         scales: &scales,
         checkpoint: means.checkpoint,
+        progress: means.progress,
     };
     let search::Singles { coarse, mut pool } =
         search::singles(&ground, floor, &kinds, refit, means.progress);
@@ -550,7 +551,7 @@ fn search_and_judge(
         *floor = floor.clone().with_repeats(&best.fit.residuals);
         judge.with_scatter(floor.rms);
     }
-    (means.progress)("judgement on runs that were not fitted");
+    means.progress.stage("selection by validation", 0);
     if let Some(answer) = quiet(nominal, refit, floor, judge) {
         return (Findings::nothing(answer, refit), untried);
     }

@@ -42,12 +42,14 @@ pub fn singles(
     floor: &NoiseFloor,
     kinds: &[Kind],
     refit: &Candidate,
-    progress: Progress<'_>,
+    progress: &Progress,
 ) -> Singles {
-    progress(&format!("{} effects, one at a time", kinds.len()));
+    let what = format!("coarse fits of {} effects, one at a time", kinds.len());
+    progress.stage(what, kinds.len());
     let mut coarse: Vec<Candidate> = kinds
         .par_iter()
         .filter_map(|&kind| glance(ground, &promise(ground, refit, kind)?))
+        .inspect(|candidate| progress.fitted(candidate))
         .collect();
     coarse.sort_by(|a, b| a.fit.sse().total_cmp(&b.fit.sse()));
     let may_settle =
@@ -55,12 +57,16 @@ pub fn singles(
     let mut pool = vec![refit.clone()];
     if coarse.iter().take(1).any(|best| may_settle(&best)) {
         let hopeless = HOPELESS * coarse.first().map_or(0.0, |best| best.fit.sse());
+        let near = coarse.partition_point(|it| it.fit.sse() <= hopeless);
+        let planned = near.clamp(RIVALS_SHOWN, FINISHED).min(coarse.len());
+        progress.stage("final fits of the best single effects", planned);
         let finished: Vec<Candidate> = coarse
             .par_iter()
             .take(FINISHED)
             .enumerate()
             .filter(|(place, candidate)| *place < RIVALS_SHOWN || candidate.fit.sse() <= hopeless)
             .map(|(_, candidate)| finish(ground, candidate))
+            .inspect(|candidate| progress.fitted(candidate))
             .collect();
         pool.extend(finished);
     }

@@ -223,6 +223,7 @@ fn both(base: &Candidate, a: &Direction, b: &Direction) -> Option<Model<f64>> {
 mod tests {
     use std::path::Path;
 
+    use super::super::Progress;
     use super::super::candidates::Scales;
     use super::*;
     use crate::checkpoint::Checkpoint;
@@ -288,6 +289,7 @@ mod tests {
             excerpt: &fitter,
             scales: &Scales::of(&fitter, &base.fit),
             checkpoint: &Checkpoint::default(),
+            progress: &Progress::default(),
         };
         let kinds = [
             Kind::CoulombFriction,

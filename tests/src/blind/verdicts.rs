@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use host_tools::columns::Columns;
-use host_tools::diagnose::{Request, diagnose};
+use host_tools::diagnose::{Progress, Request, diagnose};
 use host_tools::error::{InputError, write_atomically};
 use host_tools::model_file::{ModelFile, to_file_units};
 use host_tools::recording::read_all;
@@ -67,7 +67,7 @@ impl Outcome {
         let (clock, processor) = (Instant::now(), processor_seconds());
         // A panic is a wrong answer to one case, not the end of the benchmark.
         let diagnosis = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
-            diagnose(&request, &|_| {}).map_err(|error| error.to_string())
+            diagnose(&request, &Progress::default()).map_err(|error| error.to_string())
         }))
         .unwrap_or_else(|_| Err("the diagnosis panicked".to_owned()));
         let seconds = clock.elapsed().as_secs_f64();

@@ -1,0 +1,459 @@
+//! What a diagnosis is doing and how far it is.
+//!
+//! A [`Progress`] only keeps count. Nothing is shown unless somebody asks for its
+//! [`State`], so a caller who wants nothing passes `&Progress::default()`. How many fits are
+//! still to come is known for one step of a stage and not for all of them: whether
+//! combinations are tried depends on what single effects leave. The estimate says so.
+
+use std::fmt;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use model_core::catalogue::Kind;
+
+use super::candidates::Candidate;
+use super::family::{Family, title};
+use super::judge::names;
+use super::measure::Measured;
+use super::policy::Policy;
+
+/// Counts what a diagnosis does. Any thread may report.
+#[derive(Debug)]
+pub struct Progress {
+    started: Instant,
+    now: Mutex<Now>,
+}
+
+/// What is being done.
+#[derive(Debug)]
+struct Now {
+    /// Why the diagnosis is made once more; empty the first time.
+    again: &'static str,
+    stage: String,
+    step: &'static str,
+    /// When the step began, or the stage if it has none.
+    since: Instant,
+    planned: usize,
+    done: usize,
+    fits: usize,
+    /// RMS residual (rad) of the refit of the nominal structure.
+    refit: Option<f64>,
+    best: Option<Best>,
+}
+
+/// The best explanation so far.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Best {
+    /// The effects that it adds.
+    pub kinds: Vec<Kind>,
+    /// RMS error that it leaves (rad).
+    pub leaves: f64,
+    /// RMS error that the refit leaves (rad), if known.
+    pub of: Option<f64>,
+    /// Share of the error that it explains on segments that were not fitted; none as long as
+    /// there is only a fit.
+    pub explains: Option<f64>,
+}
+
+/// A snapshot of what is known.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct State {
+    /// What is being done.
+    pub stage: String,
+    /// Fits of the present step that are finished.
+    pub done: usize,
+    /// Fits of the present step; 0 where they are not counted in advance.
+    pub planned: usize,
+    /// Finished fits of all steps.
+    pub fits: usize,
+    /// Time since the beginning.
+    pub elapsed: Duration,
+    /// Time since the beginning of the present step.
+    pub in_step: Duration,
+    /// The best explanation so far.
+    pub best: Option<Best>,
+}
+
+impl Default for Progress {
+    fn default() -> Self {
+        let started = Instant::now();
+        Self {
+            started,
+            now: Mutex::new(Now {
+                again: "",
+                stage: "reading the recordings".into(),
+                step: "",
+                since: started,
+                planned: 0,
+                done: 0,
+                fits: 0,
+                refit: None,
+                best: None,
+            }),
+        }
+    }
+}
+
+impl Progress {
+    /// Announces a stage of so many fits; 0 if that is not known.
+    pub fn stage(&self, what: impl Into<String>, planned: usize) {
+        let mut now = self.now();
+        now.stage = what.into();
+        now.begin("", planned);
+    }
+
+    /// Announces a step of the stage, of so many fits.
+    pub fn step(&self, what: &'static str, planned: usize) {
+        self.now().begin(what, planned);
+    }
+
+    /// Announces that all is done once more. What was best before is so no longer: it was
+    /// fitted to other data.
+    pub fn again(&self, why: &'static str) {
+        let mut now = self.now();
+        now.again = why;
+        now.best = None;
+    }
+
+    /// Notes what the refit of the nominal structure leaves (rad).
+    pub fn refitted(&self, leaves: f64) {
+        self.now().refit = Some(leaves);
+    }
+
+    /// Counts a fit, once what is returned is dropped: also where the fit fails.
+    pub fn fit(&self) -> Counted<'_> {
+        Counted(self)
+    }
+
+    /// Offers a fit as the best so far.
+    pub fn fitted(&self, candidate: &Candidate) {
+        let mut now = self.now();
+        let best = Best {
+            kinds: candidate.set(),
+            leaves: candidate.fit.rmse(),
+            of: now.refit,
+            explains: None,
+        };
+        now.offer(best);
+    }
+
+    /// Offers a measured structure as the best so far, beside the RMS error (rad) of the refit
+    /// on segments that were not fitted.
+    pub fn measured(&self, row: &Measured, refit: f64) {
+        self.now().offer(Best {
+            kinds: row.scored.kinds.clone(),
+            leaves: row.held_out.full,
+            of: Some(refit),
+            explains: Some(row.scored.closure.overall),
+        });
+    }
+
+    /// What is known at this moment.
+    pub fn state(&self) -> State {
+        let now = self.now();
+        let mut stage = String::new();
+        for part in [now.again, &now.stage, now.step] {
+            if !part.is_empty() {
+                stage += if stage.is_empty() { "" } else { ": " };
+                stage += part;
+            }
+        }
+        State {
+            stage,
+            done: now.done,
+            planned: now.planned,
+            fits: now.fits,
+            elapsed: self.started.elapsed(),
+            in_step: now.since.elapsed(),
+            best: now.best.clone(),
+        }
+    }
+
+    fn now(&self) -> MutexGuard<'_, Now> {
+        self.now.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Now {
+    fn begin(&mut self, step: &'static str, planned: usize) {
+        self.step = step;
+        self.since = Instant::now();
+        self.planned = planned;
+        self.done = 0;
+    }
+
+    fn offer(&mut self, best: Best) {
+        let helps = best.leaves < best.of.unwrap_or(f64::INFINITY);
+        if helps && self.best.as_ref().is_none_or(|before| best.beats(before)) {
+            self.best = Some(best);
+        }
+    }
+}
+
+/// A fit under way, which counts once this is dropped.
+#[derive(Debug)]
+#[must_use = "the fit counts as finished once this is dropped"]
+pub struct Counted<'a>(&'a Progress);
+
+impl Drop for Counted<'_> {
+    fn drop(&mut self) {
+        let mut now = self.0.now();
+        now.done += 1;
+        now.fits += 1;
+    }
+}
+
+impl Best {
+    /// Whether it takes the place of `other`: a structure that was measured before one that
+    /// was only fitted, and a larger one only if it leaves so much less that the decision
+    /// would take it.
+    fn beats(&self, other: &Self) -> bool {
+        let left = match (self.explains, other.explains) {
+            (Some(explains), Some(other)) => [1.0 - explains, 1.0 - other],
+            (None, None) => [self.leaves, other.leaves],
+            (measured, _) => return measured.is_some(),
+        };
+        let further = Policy::STANDARD.further_leaves;
+        match self.kinds.len().cmp(&other.kinds.len()) {
+            std::cmp::Ordering::Greater => left[0] <= further * left[1],
+            std::cmp::Ordering::Equal => left[0] < left[1],
+            std::cmp::Ordering::Less => further * left[0] < left[1],
+        }
+    }
+}
+
+impl fmt::Display for Best {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let families = title(&Family::of_all(&self.kinds));
+        let effects = names(&self.kinds).join(" + ");
+        write!(f, "{families} ({effects}), leaves {}", degrees(self.leaves))?;
+        if let Some(of) = self.of {
+            write!(f, " of {}", degrees(of))?;
+        }
+        match self.explains {
+            Some(share) => write!(f, ", explains {:.0} %", 100.0 * share.max(0.0)),
+            None => f.write_str(", not yet validated"),
+        }
+    }
+}
+
+fn degrees(radians: f64) -> String {
+    format!("{:.2}°", radians.to_degrees())
+}
+
+impl State {
+    /// How long the present step still takes, by the fits that are finished; none before a
+    /// tenth of them is, or in the first second.
+    pub fn remaining(&self) -> Option<Duration> {
+        let enough = self.done >= 2
+            && 10 * self.done >= self.planned
+            && self.in_step >= Duration::from_secs(1);
+        let left = self.planned.checked_sub(self.done).filter(|_| enough)?;
+        (left > 0).then(|| self.in_step.mul_f64(left as f64 / self.done as f64))
+    }
+
+    /// How far it is: fits, time, and an estimate for the present step.
+    pub fn how_far(&self) -> String {
+        let mut text = match (self.planned, self.fits) {
+            (0, 0) => String::new(),
+            (0, fits) => format!("{fits} fits, "),
+            (planned, fits) if fits == self.done => {
+                format!("{} of {planned} fits, ", self.done)
+            }
+            (planned, fits) => {
+                format!("{} of {planned} fits ({fits} in all), ", self.done)
+            }
+        };
+        text += &format!("{} so far", duration(self.elapsed));
+        if let Some(remaining) = self.remaining() {
+            text += &format!(", this step about {} more", about(remaining));
+        }
+        text
+    }
+
+    /// The best explanation so far, or that there is none.
+    pub fn best_so_far(&self) -> String {
+        match &self.best {
+            Some(best) => format!("best so far: {best}"),
+            None => "no explanation so far".into(),
+        }
+    }
+}
+
+/// All of it in one line.
+impl fmt::Display for State {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { stage, .. } = self;
+        write!(f, "{stage}; {}; {}", self.how_far(), self.best_so_far())
+    }
+}
+
+/// Whole seconds, with minutes and hours where there are any: 42 s, 3 min 20 s.
+fn duration(time: Duration) -> String {
+    let seconds = time.as_secs();
+    match (seconds / 3600, seconds / 60 % 60, seconds % 60) {
+        (0, 0, seconds) => format!("{seconds} s"),
+        (0, minutes, seconds) => format!("{minutes} min {seconds} s"),
+        (hours, minutes, _) => format!("{hours} h {minutes} min"),
+    }
+}
+
+/// An estimate with no more digits than it deserves: 7 s, 40 s, 3 min.
+fn about(time: Duration) -> String {
+    let in_units = |unit: u64| Duration::from_secs((time.as_secs() + unit / 2) / unit * unit);
+    match time.as_secs() {
+        0..10 => duration(in_units(1).max(Duration::from_secs(1))),
+        10..90 => format!("{} s", in_units(10).as_secs()),
+        _ => duration(in_units(60)).trim_end_matches(" 0 s").to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use Kind::{CoulombFriction, Gravity, MaxwellBranch};
+
+    /// An explanation that was measured if it says how much it explains.
+    fn found(kinds: &[Kind], leaves: f64, explains: Option<f64>) -> Best {
+        Best {
+            kinds: kinds.to_vec(),
+            leaves,
+            of: Some(1.0),
+            explains,
+        }
+    }
+
+    #[test]
+    fn fits_count_for_their_step_and_for_all() {
+        let progress = Progress::default();
+        progress.stage("9 effects", 2);
+        drop(progress.fit());
+        let unfinished = progress.fit();
+        let counts = |state: &State| (state.done, state.planned, state.fits);
+        assert_eq!(counts(&progress.state()), (1, 2, 1));
+        drop(unfinished);
+        progress.step("screening", 100);
+        std::thread::scope(|scope| {
+            for _ in 0..4 {
+                scope.spawn(|| (0..20).for_each(|_| drop(progress.fit())));
+            }
+        });
+        let state = progress.state();
+        assert_eq!(counts(&state), (80, 100, 82));
+        assert_eq!(state.stage, "9 effects: screening");
+        progress.again("once more");
+        progress.stage("quality of the recordings", 0);
+        let state = progress.state();
+        assert_eq!(counts(&state), (0, 0, 82));
+        assert_eq!(state.stage, "once more: quality of the recordings");
+    }
+
+    #[test]
+    fn a_larger_structure_has_to_leave_half_to_be_best() {
+        let pair = [CoulombFriction, Gravity];
+        let progress = Progress::default();
+        let best_after = |kinds: &[Kind], closes: f64| {
+            progress
+                .now()
+                .offer(found(kinds, 1.0 - closes, Some(closes)));
+            progress.state().best.unwrap().kinds
+        };
+        assert_eq!(best_after(&[Gravity], 0.6), [Gravity]);
+        assert_eq!(best_after(&[MaxwellBranch], 0.5), [Gravity]);
+        assert_eq!(best_after(&pair, 0.79), [Gravity]);
+        assert_eq!(best_after(&pair, 0.81), pair);
+        assert_eq!(best_after(&[MaxwellBranch], 0.61), pair);
+        assert_eq!(best_after(&[MaxwellBranch], 0.63), [MaxwellBranch]);
+        progress.again("once more");
+        assert_eq!(progress.state().best, None);
+    }
+
+    #[test]
+    fn a_fit_gives_way_to_a_measurement_and_must_help() {
+        let progress = Progress::default();
+        let left_after = |leaves, explains| {
+            progress.now().offer(found(&[Gravity], leaves, explains));
+            progress.state().best.map(|best| best.leaves)
+        };
+        assert_eq!(left_after(1.2, None), None);
+        assert_eq!(left_after(f64::NAN, None), None);
+        assert_eq!(left_after(0.5, None), Some(0.5));
+        assert_eq!(left_after(0.6, None), Some(0.5));
+        assert_eq!(left_after(0.7, Some(0.3)), Some(0.7));
+        assert_eq!(left_after(0.1, None), Some(0.7));
+    }
+
+    #[test]
+    fn a_line_says_where_how_far_and_what() {
+        let state = State {
+            stage: "27 effects at several horizons: screening".into(),
+            done: 12,
+            planned: 54,
+            fits: 63,
+            elapsed: Duration::from_secs(200),
+            in_step: Duration::from_secs(24),
+            best: Some(Best {
+                kinds: vec![CoulombFriction, Gravity],
+                leaves: 0.39_f64.to_radians(),
+                of: Some(1.214_f64.to_radians()),
+                explains: Some(0.712),
+            }),
+        };
+        assert_eq!(
+            state.to_string(),
+            "27 effects at several horizons: screening; 12 of 54 fits (63 in all), \
+             3 min 20 s so far, this step about 80 s more; \
+             best so far: dry friction + stiffness shape (coulomb_friction + gravity), \
+             leaves 0.39° of 1.21°, explains 71 %"
+        );
+        let begun = State {
+            stage: "refit of the nominal structure".into(),
+            ..State::default()
+        };
+        assert_eq!(
+            begun.to_string(),
+            "refit of the nominal structure; 0 s so far; no explanation so far"
+        );
+        let coarse = Best {
+            kinds: vec![Gravity],
+            leaves: 0.01,
+            of: None,
+            explains: None,
+        };
+        assert_eq!(
+            coarse.to_string(),
+            "stiffness shape (gravity), leaves 0.57°, not yet validated"
+        );
+    }
+
+    #[test]
+    fn an_estimate_waits_for_a_tenth_and_is_no_finer_than_it_deserves() {
+        let state = |done, planned, seconds| State {
+            done,
+            planned,
+            in_step: Duration::from_secs(seconds),
+            ..State::default()
+        };
+        let none = [(0, 0), (1, 4), (5, 54), (4, 4), (7, 4), (3, 0)];
+        for (done, planned) in none {
+            assert_eq!(
+                state(done, planned, 60).remaining(),
+                None,
+                "{done}/{planned}"
+            );
+        }
+        assert_eq!(state(27, 54, 0).remaining(), None);
+        let remaining = state(6, 54, 60).remaining().unwrap();
+        assert_eq!(remaining, Duration::from_secs(480));
+        for (seconds, text) in [
+            (0.2, "1 s"),
+            (7.4, "7 s"),
+            (44.0, "40 s"),
+            (89.0, "90 s"),
+            (100.0, "2 min"),
+            (3600.0, "1 h 0 min"),
+        ] {
+            assert_eq!(about(Duration::from_secs_f64(seconds)), text);
+        }
+    }
+}
