@@ -110,7 +110,8 @@ impl<'a> Levels<'a> {
             let mut starts = vec![self.ground.file.model, refit.fit.model];
             starts.extend(fits.last().map(|shorter| shorter.model));
             // What evidence is counted from must not be half-way.
-            fits.push(self.fitter(level).best_of(&starts, free, Effort::Full)?);
+            let fitter = self.fitter(level);
+            fits.push(fitter.best_of_kept(&starts, free, Effort::Full, self.ground.checkpoint)?);
         }
         Some(Estimate {
             added: Vec::new(),
@@ -193,7 +194,7 @@ impl<'a> Levels<'a> {
         let free = free_parameters(self.ground.file, &added);
         let fitter = self.fitter(task.level);
         let start = self.promising(&fitter, task.base, task.kind, task.level)?;
-        let fit = fitter.fit(&start, &free, SCREENED);
+        let fit = fitter.fit_kept(&start, &free, SCREENED, self.ground.checkpoint);
         let sse = fit.sse();
         sse.is_finite().then_some((sse, fit.model))
     }
@@ -240,7 +241,7 @@ impl<'a> Levels<'a> {
             } else {
                 FITTED
             };
-            fits.push(fitter.best_of(&from, &free, effort)?);
+            fits.push(fitter.best_of_kept(&from, &free, effort, self.ground.checkpoint)?);
         }
         Some(Estimate {
             added: added.clone(),
@@ -261,7 +262,8 @@ impl<'a> Levels<'a> {
             data: guessed.as_ref().unwrap_or(data),
             ..self.ground.fitter.at(chosen.as_ref())
         };
-        let mut fit = fitter.fit(&start.model, &start.free, FITTED);
+        let kept = self.ground.checkpoint;
+        let mut fit = fitter.fit_kept(&start.model, &start.free, FITTED, kept);
         let whole = self.ground.fitter;
         let thinned = self.ground.excerpt.data.samples() < data.samples();
         // At a short horizon thinned samples are other data: the better simulation counts.

@@ -464,7 +464,7 @@ impl<'a> Fitter<'a> {
         effort: Effort,
         checkpoint: &Checkpoint,
     ) -> Option<Fit> {
-        if let (true, Some(ahead)) = (effort.is_long(), self.ahead(starts, free)) {
+        if let (true, Some(ahead)) = (effort.is_long(), self.ahead(starts, free, checkpoint)) {
             return Some(self.fit_kept(&ahead, free, effort, checkpoint))
                 .filter(|fit| fit.sse().is_finite());
         }
@@ -479,7 +479,12 @@ impl<'a> Fitter<'a> {
 
     /// Where the start that leads after a few steps has come to; none if there is no
     /// choice.
-    fn ahead(&self, starts: &[Model<f64>], free: &[ParameterId]) -> Option<Model<f64>> {
+    fn ahead(
+        &self,
+        starts: &[Model<f64>],
+        free: &[ParameterId],
+        checkpoint: &Checkpoint,
+    ) -> Option<Model<f64>> {
         /// Steps after which the valley is chosen.
         const RACED: Effort = Effort::Steps(4);
         if starts.len() < 2 {
@@ -487,7 +492,7 @@ impl<'a> Fitter<'a> {
         }
         starts
             .par_iter()
-            .map(|start| self.fit(start, free, RACED))
+            .map(|start| self.fit_kept(start, free, RACED, checkpoint))
             .filter(|fit| fit.sse().is_finite())
             .min_by(|a, b| a.sse().total_cmp(&b.sse()))
             .map(|fit| fit.model)
