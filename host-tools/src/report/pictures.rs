@@ -2,7 +2,8 @@
 //!
 //! Those of the page are drawn for a narrow column: side by side on a desk and
 //! on paper, one below the other on a phone, with letters that can be read on
-//! either.
+//! either. Below the angle of every run stands the pressure that drove it: whether
+//! an error follows the input is the first thing to look for.
 
 use super::content::{degrees, sentence, short};
 use super::runs::{RunView, runs};
@@ -21,6 +22,8 @@ const COLUMN_PX: f64 = 420.0;
 
 /// Labels of the curves; the page's switches go by them.
 pub const MEASURED: &str = "measured";
+/// What drove the run.
+pub const PRESSURE: &str = "pressure";
 /// The model as supplied.
 pub const NOMINAL: &str = "nominal";
 /// The same structure, refitted.
@@ -51,10 +54,7 @@ pub fn figure(diagnosis: &Diagnosis) -> Figure {
         degrees(diagnosis.held_out.refit),
         degrees(diagnosis.held_out.floor)
     );
-    let mut figure = Figure::new(sentence(diagnosis))
-        .with_subtitle(gap)
-        .with_columns(2)
-        .with_separate_x();
+    let mut figure = Figure::new(sentence(diagnosis)).with_subtitle(gap);
     figure.row_height_px = ROW_HEIGHT_PX;
     let all = runs(diagnosis);
     let fitted = worst(&all, |run| !run.held_out);
@@ -66,6 +66,7 @@ pub fn figure(diagnosis: &Diagnosis) -> Figure {
         worst(&all, |run| run.held_out)
     };
     let drawn: Vec<&RunView<'_>> = [fitted, other].into_iter().flatten().collect();
+    figure.columns = drawn.len().max(1);
     let curves = |run: &RunView<'_>| -> Vec<(&'static str, Style)> {
         if run.repaired == run.refit {
             vec![(REFITTED, Style::BEFORE)]
@@ -94,9 +95,15 @@ pub fn figure(diagnosis: &Diagnosis) -> Figure {
         figure = figure.with_panel(panel);
     }
     for run in &drawn {
-        let mut panel = Panel::new("time (s)", "simulated − measured (°)");
+        figure = figure.with_panel(pressure_panel(run));
+    }
+    for run in &drawn {
+        let mut panel = Panel::new("time (s)", "simulated − measured (°)")
+            .with_legend(false)
+            .with_level(0.0);
         for (label, style) in curves(run) {
             let error = residual(run, label);
+            let style = Style::new(style.role, Mark::Thin);
             panel = panel.with_series(Series::new(label, &run.recording.time, &error, style));
         }
         figure = figure.with_panel(panel);
@@ -165,7 +172,21 @@ pub fn style_of(label: &str) -> Style {
     }
 }
 
-/// One run: angles above, what each model misses below.
+/// The measured pressure of a run: narrow, for its shape says when, and not how much.
+fn pressure_panel(run: &RunView<'_>) -> Panel {
+    let style = Style::new(Role::Measured, Mark::Line);
+    Panel::new("time (s)", "pressure (kPa)")
+        .with_legend(false)
+        .with_weight(0.4)
+        .with_series(Series::new(
+            PRESSURE,
+            &run.recording.time,
+            &run.pressure,
+            style,
+        ))
+}
+
+/// One run: angles above, the pressure under them, what each model misses below.
 pub fn run_figure(run: &RunView<'_>, answer: Answer) -> Figure {
     let curve = |label: &'static str| -> Curve<'_> {
         let residual = match label {
@@ -198,7 +219,10 @@ pub fn run_figure(run: &RunView<'_>, answer: Answer) -> Figure {
         let style = Style::new(style.role, Mark::Thin);
         errors = errors.with_series(Series::new(label, time, residual, style));
     }
-    column().with_panel(angles).with_panel(errors)
+    column()
+        .with_panel(angles)
+        .with_panel(pressure_panel(run))
+        .with_panel(errors)
 }
 
 /// Runs whose missing force is drawn: as many as there are colours.

@@ -20,6 +20,8 @@ pub struct RunView<'a> {
     pub index: usize,
     /// The measured angle.
     pub measured: Vec<f64>,
+    /// The measured pressure in kPa, its zero still in it.
+    pub pressure: Vec<f64>,
     /// Simulated minus measured angle of the model as supplied.
     pub nominal: Vec<f64>,
     /// The same of the refitted model.
@@ -70,6 +72,12 @@ pub fn runs<'d>(diagnosis: &'d Diagnosis) -> Vec<RunView<'d>> {
             held_out,
             index,
             measured: degrees(&segment.recording.angle),
+            pressure: segment
+                .recording
+                .pressure
+                .iter()
+                .map(|pa| pa / 1e3)
+                .collect(),
             nominal: residual(series.nominal),
             refit: residual(series.refit),
             repaired: residual(series.repaired),
