@@ -101,7 +101,12 @@ impl Residuals {
                 Some(goes) if white => format!(", but {goes}."),
                 Some(goes) => format!(", and {goes}."),
                 None if white => ", and does not go with the pressure.".to_owned(),
-                None => ", but does not go with the pressure.".to_owned(),
+                // A slow residual hides what goes with a slow input.
+                None => format!(
+                    "; with the pressure it has no more in common ({}) than chance gives signals \
+                     as slow as these.",
+                    short(input.peak().map_or(0.0, |(_, peak)| peak.abs()))
+                ),
             },
         };
         let before = match &self.left[..] {
@@ -290,6 +295,6 @@ mod tests {
         let coloured = said(0.3, -0.4);
         assert!(coloured.contains("is not white"), "{coloured}");
         assert!(coloured.contains("and is not lost at any lag shown, and goes with"));
-        assert!(said(0.3, 0.0).contains("but does not go with the pressure"));
+        assert!(said(0.3, 0.01).contains("no more in common (0.0100) than chance"));
     }
 }
