@@ -272,7 +272,7 @@ fn an_error_is_the_same_number_wherever_it_stands() {
             content.lede
         );
     }
-    // No number that a person reads has more than three digits that count.
+    // No error or parameter that a person reads has more than three digits that count.
     let long = |text: &str| {
         text.trim_start_matches(['0', '.', '−'])
             .replace('.', "")

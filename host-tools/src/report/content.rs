@@ -232,9 +232,9 @@ pub struct TriedRow {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Standing {
-    /// It is the answer.
+    /// It is what is named.
     Named,
-    /// It repairs the model, without a name.
+    /// It repairs the model, with more than is named.
     Repair,
     /// The recordings cannot reject it.
     Rival,
@@ -1017,9 +1017,10 @@ fn standing(tried: &Tried, diagnosis: &Diagnosis) -> Standing {
         .iter()
         .any(|rival| are_the_same(&tried.kinds, &rival.kinds));
     let added = judge::names(&diagnosis.repaired.added);
+    let named = judge::names(&diagnosis.named);
     match diagnosis.answer {
         Answer::CannotTell if listed => Standing::Rival,
-        Answer::EffectFound if are_the_same(&tried.kinds, &added) => Standing::Named,
+        Answer::EffectFound if are_the_same(&tried.kinds, &named) => Standing::Named,
         _ if !added.is_empty() && are_the_same(&tried.kinds, &added) => Standing::Repair,
         Answer::Unexplained if listed => Standing::Closest,
         _ if is_to_be_separated(tried, diagnosis) => Standing::Rival,

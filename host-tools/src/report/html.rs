@@ -24,6 +24,7 @@ use crate::diagnose::localise::{Feature, Gap, SINCE_LAST_EDGE};
 use crate::diagnose::verdict::Answer;
 use crate::diagnose::{Diagnosis, Request};
 use crate::plot::{Figure, Mark, PlotError, css_colour, diverging, to_inline_svg};
+use crate::statistics::median;
 
 const TEMPLATE: &str = include_str!("assets/template.html");
 const STYLE: &str = include_str!("assets/style.css");
@@ -39,6 +40,9 @@ const FEATURES_DRAWN: usize = 4;
 /// A feature that explains less than this is not worth a picture, unless it
 /// is one of the first two.
 const FEATURE_WORTH: f64 = 0.1;
+
+/// Below what was tried, where the repaired model is not the best fit to whole runs.
+const HORIZON: &str = "The repaired model was fitted over a horizon shorter than whole runs, where it predicts best what was not fitted. The errors of the others on fitted runs are those of fits over whole runs, which are smaller there.";
 
 /// Why a page could not be made.
 #[derive(Debug, thiserror::Error)]
@@ -129,6 +133,8 @@ struct Page<'a> {
     runs: Vec<Picture>,
     /// What the band behind a curve is, or why there is none.
     confidence: Option<String>,
+    /// Why the errors on fitted runs are not all of one kind.
+    horizon: Option<&'static str>,
     left: Option<Left>,
     runs_total: usize,
     table: Vec<RunRow>,
@@ -215,6 +221,7 @@ pub fn page(
             .map(|&view| run_picture(view, &views[view], &curves, confidence.as_ref()))
             .collect::<Result<_, _>>()?,
         confidence: confidence.as_ref().map(Confidence::text),
+        horizon: (content.repaired && diagnosis.repaired.level.is_some()).then_some(HORIZON),
         left: Residuals::of(diagnosis, &views)
             .as_ref()
             .map(left)
@@ -387,7 +394,12 @@ fn run_picture(
             ""
         };
         let widest = half.iter().copied().fold(0.0, f64::max);
-        format!("; 95 % band up to ±{}°{thin}", short(widest))
+        let usual = median(&mut half.to_vec());
+        format!(
+            "; 95 % band ±{}°, at most ±{}°{thin}",
+            short(usual),
+            short(widest)
+        )
     });
     let role = if view.held_out {
         "not fitted"

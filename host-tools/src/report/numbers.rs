@@ -52,9 +52,11 @@ fn digits(value: f64, count: i32) -> String {
     rounded(value, magnitude(value.abs()), count)
 }
 
-#[allow(clippy::cast_possible_truncation)] // a decimal exponent of f64 is below 400
+/// The decimal exponent once three digits are rounded: 0.009 999 9 is 0.0100.
 fn magnitude(value: f64) -> i32 {
-    value.log10().floor() as i32
+    let text = format!("{value:.2e}");
+    let exponent = text.split_once('e').map(|(_, exponent)| exponent.parse());
+    exponent.and_then(Result::ok).unwrap_or(0)
 }
 
 /// Rounds to the last of so many digits of a number of this magnitude; with a power of ten
@@ -84,6 +86,8 @@ mod tests {
             (0.0, "0"),
             (0.486_71, "0.487"),
             (-27.93, "−27.9"),
+            (0.009_999_99, "0.0100"),
+            (999.7, "1000"),
             (27_934.0, "27900"),
             (209_872.0, "210000"),
             (2.174e-5, "2.17e−5"),
