@@ -28,6 +28,9 @@ pub const CLOSEST: &str = "Closest, but not good enough";
 /// The share of the error beyond the noise that is gone.
 const EXPLAINED: &str = "error explained";
 
+/// By what it is explained where nothing is named.
+const UNNAMED: &str = "by a repair without a name";
+
 /// Evidence (Δχ²) from which on a run is expected to separate two rivals.
 const VERY_STRONG: f64 = 20.0;
 
@@ -632,11 +635,15 @@ fn keys(diagnosis: &Diagnosis) -> Vec<Key> {
             ),
         ],
         Answer::CannotTell => [
-            key(
-                EXPLAINED,
-                likeliest_explains(diagnosis).map_or_else(|| "–".into(), |it| it.to_string()),
-                "by the best explanation, over whole runs",
-            ),
+            if diagnosis.repaired.added.is_empty() {
+                key(
+                    EXPLAINED,
+                    likeliest_explains(diagnosis).map_or_else(|| "–".into(), |it| it.to_string()),
+                    "by the best explanation, over whole runs",
+                )
+            } else {
+                repair_key(diagnosis, UNNAMED)
+            },
             probability_key(
                 diagnosis.alternatives.first().map(|best| best.probability),
                 "of the best explanation: too little for a name",
@@ -650,7 +657,7 @@ fn keys(diagnosis: &Diagnosis) -> Vec<Key> {
                     "of what is beyond the noise, by the best that was tried",
                 )
             } else {
-                repair_key(diagnosis, "by a repair without a name")
+                repair_key(diagnosis, UNNAMED)
             },
             key(
                 "missing force",
