@@ -54,8 +54,10 @@ fn every_verdict_makes_a_whole_page() {
             .filter_map(|section| section.attr("id"))
             .collect();
         let expected: &[&str] = match what {
-            Answer::NoDiscrepancy | Answer::ParametersOnly => &["model", "runs", "open", "made"],
-            _ => &["where", "tried", "model", "runs", "open", "made"],
+            Answer::NoDiscrepancy | Answer::ParametersOnly => {
+                &["model", "runs", "left", "open", "made"]
+            }
+            _ => &["where", "tried", "model", "runs", "left", "open", "made"],
         };
         assert_eq!(sections, expected, "{what:?}");
         // Each section has a heading and says something.
@@ -178,6 +180,111 @@ fn what_cannot_be_told_apart_is_drawn_with_letters() {
         assert_eq!(switches.iter().any(|label| label == "with B"), lettered);
         let said = text(all(&page, "#runs")[0]);
         assert_eq!(said.contains("A is "), lettered, "{said}");
+    }
+}
+
+#[test]
+fn the_pressure_stands_under_every_angle() {
+    for report in REPORTS.iter() {
+        let page = Html::parse_document(&report.html);
+        for picture in all(&page, "#run-pictures svg") {
+            let panels = Selector::parse(".panel").unwrap();
+            let ordinates: Vec<&str> = picture
+                .select(&panels)
+                .filter_map(|panel| panel.attr("data-y-label"))
+                .collect();
+            let expected = ["angle (°)", "pressure (kPa)", "simulated − measured (°)"];
+            assert_eq!(ordinates, expected);
+            // One time axis.
+            let ranges: Vec<&str> = picture
+                .select(&panels)
+                .filter_map(|panel| panel.attr("data-x"))
+                .collect();
+            assert!(ranges.iter().all(|range| range == &ranges[0]));
+        }
+    }
+}
+
+#[test]
+fn what_is_left_is_said_in_words_and_two_panels() {
+    for report in REPORTS.iter() {
+        let page = Html::parse_document(&report.html);
+        assert_eq!(all(&page, "#left svg").len(), 2);
+        let said = text(all(&page, "#left p")[0]);
+        let white = said.starts_with("What is left is white")
+            || said.starts_with("What is left is nearly white");
+        // Drag is missing from these; the others lack nothing.
+        let lacks = matches!(report.answer, Answer::CannotTell | Answer::Unexplained);
+        assert_eq!(white, !lacks, "{:?}: {said}", report.answer);
+        assert_eq!(
+            said.contains("does not go with the pressure"),
+            white,
+            "{said}"
+        );
+    }
+}
+
+#[test]
+fn the_repaired_curve_has_a_band_behind_it() {
+    for report in REPORTS.iter() {
+        let page = Html::parse_document(&report.html);
+        let bands = all(&page, "#run-pictures .series polygon").len();
+        let expected = match report.answer {
+            Answer::EffectFound | Answer::ParametersOnly => 5,
+            _ => 0,
+        };
+        assert_eq!(bands, expected, "{:?}", report.answer);
+        let said = text(all(&page, "#runs p")[0]);
+        assert_eq!(said.contains("confidence"), expected > 0, "{said}");
+    }
+}
+
+#[test]
+fn an_error_is_the_same_number_wherever_it_stands() {
+    let report = REPORTS
+        .iter()
+        .find(|report| report.answer == Answer::EffectFound)
+        .unwrap();
+    let content = &report.content;
+    let [fitted, held_out] = &content.errors[..] else {
+        panic!("two rows")
+    };
+    let rows = content.tried.iter().flat_map(|group| &group.rows);
+    for row in rows {
+        if row.name.is_empty() {
+            assert_eq!(
+                [&row.fitted, &row.held_out],
+                [&fitted.refit, &held_out.refit]
+            );
+        }
+        if row.name == "quadratic_damping" {
+            let errors = [&fitted.repaired, &held_out.repaired];
+            assert_eq!([&row.fitted, &row.held_out], errors);
+            assert!(content.keys[2].note.contains(&row.explained));
+        }
+    }
+    let key = format!("{} → {}°", held_out.refit, held_out.repaired);
+    assert_eq!(content.keys[0].value, key);
+    for error in [&held_out.refit, &held_out.repaired, &held_out.floor] {
+        assert!(
+            content.lede.contains(&format!("{error}°")),
+            "{}",
+            content.lede
+        );
+    }
+    // No error or parameter that a person reads has more than three digits that count.
+    let long = |text: &str| {
+        text.trim_start_matches(['0', '.', '−'])
+            .replace('.', "")
+            .len()
+            > 3
+    };
+    let page = Html::parse_document(&report.html);
+    for cell in all(
+        &page,
+        ".totals td:not([data-label=number]), .parameters td.number",
+    ) {
+        assert!(!long(&text(cell)), "{}", text(cell));
     }
 }
 

@@ -318,7 +318,7 @@ impl Bench {
             .arg(root().join(format!("docs/images/real_{}.svg", row.rig.name)))
             .args([
                 "--title",
-                &format!("{}: {}", row.rig.title, diagnosed.answer()),
+                &format!("{}: {}", row.rig.title, diagnosed.heading()),
             ])
             .args(["--subtitle", &subtitle(diagnosed, is_repaired)])
             .args(["--quantity", row.rig.quantity])

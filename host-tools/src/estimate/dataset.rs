@@ -361,6 +361,14 @@ impl Dataset {
         this
     }
 
+    /// The same with all segments fitted.
+    pub fn all_fitted(&self) -> Self {
+        Self {
+            fitted: vec![true; self.segments.len()],
+            ..self.clone()
+        }
+    }
+
     /// Only the fitted segments at these places, in data of their own.
     pub fn only(&self, places: &[usize]) -> Self {
         let mut this = self.clone();

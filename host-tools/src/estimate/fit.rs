@@ -508,7 +508,7 @@ pub struct Validation {
     pub nuisances: Vec<Nuisance>,
 }
 /// The quantile of Student's distribution between whose two values 95 % lie.
-fn student95(degrees_of_freedom: usize) -> f64 {
+pub(super) fn student95(degrees_of_freedom: usize) -> f64 {
     StudentsT::new(0.0, 1.0, degrees_of_freedom.max(1) as f64)
         .map_or(f64::INFINITY, |student| student.inverse_cdf(0.975))
 }

@@ -8,9 +8,11 @@
 //! beside the model in every fit: the zeros of both sensors and how the session
 //! starts; [`subsample`] takes parts that are enough to rank candidates. [`fit`] finds
 //! the parameters, by way of a least-squares `problem` in the `coordinate`s of the
-//! solver, and [`information`] is what the recordings say about them.
+//! solver, and [`information`] is what the recordings say about them; [`band`] is what
+//! that leaves open of the simulated curves.
 
 pub mod assemble;
+pub mod band;
 mod coordinate;
 pub mod dataset;
 pub mod filter;

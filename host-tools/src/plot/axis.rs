@@ -4,7 +4,7 @@
 //! power of ten is taken out where the digits would be many. Values that no
 //! axis can hold are told apart here as well.
 
-use super::text::{TICK_PX, text_width};
+use super::text::{TICK_PX, Weight, text_width};
 
 /// A value that can be drawn: finite, and far enough from the ends of `f64`
 /// that differences and paddings stay finite too.
@@ -99,7 +99,7 @@ impl Axis {
     pub(super) fn label_width(&self) -> f64 {
         self.labels
             .iter()
-            .map(|label| text_width(label, TICK_PX))
+            .map(|label| text_width(label, TICK_PX, Weight::Regular))
             .fold(0.0, f64::max)
     }
 

@@ -18,6 +18,8 @@ const SOFT_INK: RGBColor = RGBColor(0x55, 0x55, 0x55);
 /// Widths in tenths of a pixel. No other line may have the width that stands
 /// for dashes.
 const LINE_TENTHS: u32 = 16;
+/// Width of an ordinary line in pixels.
+pub const LINE_PX: f64 = LINE_TENTHS as f64 / 10.0;
 const DASHED_TENTHS: u32 = 17;
 const THIN_TENTHS: u32 = 9;
 const WIDE_TENTHS: u32 = 42;

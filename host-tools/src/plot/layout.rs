@@ -10,7 +10,7 @@ use super::axis::drawable;
 use super::canvas::{Anchor, Canvas, Medium, TextLook};
 use super::panel::Placed;
 use super::rectangle::Rectangle;
-use super::text::{LEADING, SUBTITLE_PX, TITLE_PX, wrap};
+use super::text::{LEADING, SUBTITLE_PX, TITLE_PX, Weight, wrap};
 use super::{Figure, PlotError};
 
 const MARGIN: f64 = 16.0;
@@ -39,8 +39,8 @@ impl Layout {
             230.0
         };
         let text_room = width - 2.0 * MARGIN;
-        let title = wrap(&figure.title, TITLE_PX, text_room);
-        let subtitle = wrap(&figure.subtitle, SUBTITLE_PX, text_room);
+        let title = wrap(&figure.title, TITLE_PX, Weight::Bold, text_room);
+        let subtitle = wrap(&figure.subtitle, SUBTITLE_PX, Weight::Regular, text_room);
         let mut top = MARGIN
             + title.len() as f64 * TITLE_PX * LEADING
             + subtitle.len() as f64 * SUBTITLE_PX * LEADING

@@ -4,7 +4,7 @@
 //! once and wraps to the width of its panel, so that it never covers a curve.
 
 use super::canvas::{Canvas, stroke};
-use super::text::{LEGEND_PX, text_width};
+use super::text::{LEGEND_PX, Weight, text_width};
 use super::{Mark, Panel, PlotError, Style};
 
 pub(super) const LEGEND_SAMPLE: f64 = 24.0;
@@ -18,7 +18,7 @@ pub(super) struct LegendEntry {
 
 impl LegendEntry {
     pub(super) fn width(&self) -> f64 {
-        LEGEND_SAMPLE + 6.0 + text_width(&self.label, LEGEND_PX)
+        LEGEND_SAMPLE + 6.0 + text_width(&self.label, LEGEND_PX, Weight::Regular)
     }
 }
 

@@ -40,6 +40,7 @@ use crate::error::{InputError, write_atomically};
 use canvas::Medium;
 use layout::Layout;
 
+pub use canvas::LINE_PX;
 pub use style::{Mark, Role, Style, css_colour, diverging};
 
 /// Why a picture could not be drawn or written.

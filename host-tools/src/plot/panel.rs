@@ -12,7 +12,9 @@ use super::legend::{
     LEGEND_GAP, LEGEND_SAMPLE, LegendEntry, draw_sample, legend_rows, legend_width,
 };
 use super::rectangle::Rectangle;
-use super::text::{LABEL_PX, LEADING, LEGEND_PX, PANEL_TITLE_PX, TICK_PX, text_width, wrap};
+use super::text::{
+    LABEL_PX, LEADING, LEGEND_PX, PANEL_TITLE_PX, TICK_PX, Weight, text_width, wrap,
+};
 use super::{Figure, Mark, Panel, PlotError};
 
 const FRAME: RGBColor = RGBColor(0x9A, 0x9A, 0x9A);
@@ -58,7 +60,7 @@ impl Placed {
             plot_height,
             42.0,
         );
-        let y_label = wrap(&panel.y_label, LABEL_PX, plot_height);
+        let y_label = wrap(&panel.y_label, LABEL_PX, Weight::Regular, plot_height);
         let gutter = y_label.len() as f64 * LABEL_PX * LEADING + 6.0 + y.label_width() + 8.0;
         let area = Rectangle {
             left: left + gutter,
@@ -92,7 +94,12 @@ impl Placed {
             area.right - area.left,
             78.0,
         );
-        let title = wrap(&panel.title, PANEL_TITLE_PX, area.right - area.left);
+        let title = wrap(
+            &panel.title,
+            PANEL_TITLE_PX,
+            Weight::Bold,
+            area.right - area.left,
+        );
         let legend = if panel.legend {
             legend_rows(panel, area.right - area.left)
         } else {
@@ -102,7 +109,7 @@ impl Placed {
             && title.len() <= 1
             && title
                 .iter()
-                .map(|line| text_width(line, PANEL_TITLE_PX) + 2.0 * LEGEND_GAP)
+                .map(|line| text_width(line, PANEL_TITLE_PX, Weight::Bold) + 2.0 * LEGEND_GAP)
                 .sum::<f64>()
                 + legend.first().map_or(0.0, |row| legend_width(row))
                 <= area.right - area.left;

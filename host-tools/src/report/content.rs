@@ -8,9 +8,9 @@ use model_core::catalogue::Kind;
 use model_core::effects::Place;
 use serde::Serialize;
 
-use crate::cmd::fit::number;
+use super::numbers::{degrees, percent, short, with_ends};
+use super::shares::Explained;
 use crate::diagnose::family::Family;
-use crate::diagnose::holdout::share_closed;
 use crate::diagnose::judge::{self, Tried};
 use crate::diagnose::noise::NoiseFloor;
 use crate::diagnose::policy::Policy;
@@ -24,6 +24,12 @@ const TRIED_LISTED: usize = 6;
 
 /// What stands above rivals that explain too little.
 pub const CLOSEST: &str = "Closest, but not good enough";
+
+/// The share of the error beyond the noise that is gone.
+const EXPLAINED: &str = "error explained";
+
+/// By what it is explained where nothing is named.
+const UNNAMED: &str = "by a repair without a name";
 
 /// Evidence (Δχ²) from which on a run is expected to separate two rivals.
 const VERY_STRONG: f64 = 20.0;
@@ -213,8 +219,8 @@ pub struct TriedRow {
     pub fitted: String,
     /// RMS error on runs that were not fitted (°).
     pub held_out: String,
-    /// Share of the gap that it closes (%).
-    pub closed: String,
+    /// Share of the refit's error beyond the noise that it explains over whole runs.
+    pub explained: String,
     /// Evidence against it.
     pub delta_bic: String,
     /// Its probability among the structures of its size.
@@ -229,8 +235,10 @@ pub struct TriedRow {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Standing {
-    /// It is the answer.
+    /// It is what is named.
     Named,
+    /// It repairs the model, with more than is named.
+    Repair,
     /// The recordings cannot reject it.
     Rival,
     /// It comes closest, and explains too little.
@@ -378,7 +386,7 @@ fn explained(diagnosis: &Diagnosis, closure: &Closure) -> String {
         "On runs that were not fitted it explains {} of the error beyond the noise ({} over a \
          quarter of a swing, {} over two and a half, {} over whole runs); {} remain, {} times \
          the noise{goes_with}: {}.",
-        share(closure.overall),
+        at_horizons(diagnosis, closure).in_words(),
         share(closure.short),
         share(closure.medium),
         share(closure.full),
@@ -386,6 +394,19 @@ fn explained(diagnosis: &Diagnosis, closure: &Closure) -> String {
         short(remaining.times_noise),
         left_over(diagnosis)
     )
+}
+
+/// What the repaired model explains over the three horizons together.
+fn at_horizons(diagnosis: &Diagnosis, closure: &Closure) -> Explained {
+    let held_out = &diagnosis.held_out;
+    let share = closure.overall.max(0.0);
+    Explained::known(share, held_out.repaired_on_board, held_out.floor)
+}
+
+/// What an error (rad) on runs that were not fitted explains of the refit's.
+fn of_the_refit(diagnosis: &Diagnosis, error: f64) -> Explained {
+    let held_out = &diagnosis.held_out;
+    Explained::of_whole_runs(held_out.refit, error, held_out.floor)
 }
 
 /// What the sentence rests on, and what to do.
@@ -471,10 +492,10 @@ fn why_no_name(diagnosis: &Diagnosis) -> String {
         return String::new();
     };
     if closed < 0.005 {
-        return "Nothing that was tried closes any of that gap. ".into();
+        return "Nothing that was tried explains any of that. ".into();
     }
     format!(
-        "The best of all that was tried closes {} of that gap. {} ",
+        "The best of all that was tried explains {} of what is beyond the noise. {} ",
         percent(closed),
         shortfall(closed)
     )
@@ -529,11 +550,11 @@ fn lettered(diagnosis: &Diagnosis) -> Option<String> {
     ))
 }
 
-/// The share of the held-out gap that the best of the rivals closes.
-fn likeliest_closes(diagnosis: &Diagnosis) -> Option<f64> {
+/// What the best of the rivals explains over whole runs.
+fn likeliest_explains(diagnosis: &Diagnosis) -> Option<Explained> {
     let best = diagnosis.alternatives.first()?;
-    let tried = fitted_as(diagnosis, &best.kinds)?;
-    tried.held_out.map(|(_, closed)| closed)
+    let (error, _) = fitted_as(diagnosis, &best.kinds)?.held_out?;
+    Some(of_the_refit(diagnosis, error))
 }
 
 /// The structure that adds these effects, as it was fitted.
@@ -600,34 +621,44 @@ fn keys(diagnosis: &Diagnosis) -> Vec<Key> {
             ),
         ],
         Answer::ParametersOnly => [
-            closed_key(
-                share_closed(held_out.nominal, held_out.refit, held_out.floor),
-                "by parameters alone",
+            explained_key(
+                Explained::of_whole_runs(held_out.nominal, held_out.refit, held_out.floor),
+                "by parameters alone, over whole runs",
             ),
             key("effects needed", "0".into(), "what is left is noise"),
         ],
         Answer::EffectFound => [
-            closed_key(diagnosis.adequacy.holdout_gap_closed, left_over(diagnosis)),
+            repair_key(diagnosis, left_over(diagnosis)),
             probability_key(
                 diagnosis.probability.iter().copied().reduce(f64::min),
                 "among what was tried",
             ),
         ],
         Answer::CannotTell => [
-            closed_key(
-                likeliest_closes(diagnosis).unwrap_or(f64::NAN),
-                "by the best explanation",
-            ),
+            if diagnosis.repaired.added.is_empty() {
+                key(
+                    EXPLAINED,
+                    likeliest_explains(diagnosis).map_or_else(|| "–".into(), |it| it.to_string()),
+                    "by the best explanation, over whole runs",
+                )
+            } else {
+                repair_key(diagnosis, UNNAMED)
+            },
             probability_key(
                 diagnosis.alternatives.first().map(|best| best.probability),
                 "of the best explanation: too little for a name",
             ),
         ],
         Answer::Unexplained => [
-            closed_key(
-                best_closed(diagnosis).unwrap_or(0.0),
-                "by the best that was tried",
-            ),
+            if diagnosis.repaired.added.is_empty() {
+                key(
+                    EXPLAINED,
+                    percent(best_closed(diagnosis).unwrap_or(0.0)),
+                    "of what is beyond the noise, by the best that was tried",
+                )
+            } else {
+                repair_key(diagnosis, UNNAMED)
+            },
             key(
                 "missing force",
                 format!("{} N", short(diagnosis.gap.rms)),
@@ -672,8 +703,22 @@ fn error_key(diagnosis: &Diagnosis) -> Key {
     key("error on runs not fitted", value, note)
 }
 
-fn closed_key(share: f64, note: &str) -> Key {
-    key("share of the gap closed", percent(share), note)
+fn explained_key(explained: Explained, note: &str) -> Key {
+    key(EXPLAINED, explained.to_string(), note)
+}
+
+/// What the repaired model explains; over whole runs it stands in the table of what was
+/// tried.
+fn repair_key(diagnosis: &Diagnosis, note: &str) -> Key {
+    let held_out = &diagnosis.held_out;
+    let whole = of_the_refit(diagnosis, held_out.repaired_on_board);
+    match &diagnosis.closure {
+        Some(closure) => explained_key(
+            at_horizons(diagnosis, closure),
+            &format!("over three horizons, {whole} over whole runs; {note}"),
+        ),
+        None => explained_key(whole, &format!("over whole runs; {note}")),
+    }
 }
 
 fn probability_key(value: Option<f64>, note: &str) -> Key {
@@ -734,7 +779,7 @@ fn notices(diagnosis: &Diagnosis) -> Vec<Notice> {
 fn errors(diagnosis: &Diagnosis) -> Vec<ErrorRow> {
     let held_out = &diagnosis.held_out;
     let row = |name, runs, values: [f64; 4]| {
-        let [nominal, refit, repaired, floor] = values.map(|value| number(value.to_degrees()));
+        let [nominal, refit, repaired, floor] = values.map(|value| short(value.to_degrees()));
         ErrorRow {
             name,
             runs,
@@ -846,20 +891,30 @@ fn base(request: &Request<'_>, diagnosis: &Diagnosis) -> Vec<ParameterRow> {
 }
 
 fn parameter_row(fit: &Fit, id: ParameterId, nominal: Option<f64>) -> ParameterRow {
-    let shown = |value: f64| number(to_file_units(&fit.model, id, value));
+    let in_file = |value: f64| to_file_units(&fit.model, id, value);
     let name = parameter_name(&fit.model, id);
     let position = fit.free.iter().position(|&free| free == id);
+    let ends = position
+        .and_then(|index| fit.interval95(index))
+        .filter(|(low, high)| (high - low).is_finite())
+        .map(|(low, high)| [in_file(low), in_file(high)]);
+    let value = fit.model.value(id).map(in_file);
+    let (value, interval) = match (value, ends) {
+        (Some(value), Some(ends)) => {
+            let (value, ends) = with_ends(value, ends);
+            (value, Some(ends))
+        }
+        (Some(value), None) => (short(value), None),
+        (None, _) => (String::new(), None),
+    };
     ParameterRow {
         name: name.rsplit('.').next().unwrap_or(&name).to_owned(),
         symbol: symbol(fit, id),
         unit: parameter_unit(&fit.model, id),
-        nominal: nominal.map(shown),
-        value: fit.model.value(id).map_or_else(String::new, shown),
+        nominal: nominal.map(|value| short(in_file(value))),
+        value,
         free: position.is_some(),
-        interval: position
-            .and_then(|index| fit.interval95(index))
-            .filter(|(low, high)| (high - low).is_finite())
-            .map(|(low, high)| [shown(low), shown(high)]),
+        interval,
     }
 }
 
@@ -912,6 +967,7 @@ fn tried(diagnosis: &Diagnosis) -> Vec<TriedGroup> {
 
 fn tried_row(tried: &Tried, diagnosis: &Diagnosis) -> TriedRow {
     let names: Vec<&str> = tried.kinds.iter().map(|kind| kind.name()).collect();
+    let (fitted, held_out) = errors_of(tried, diagnosis);
     TriedRow {
         title: if tried.kinds.is_empty() {
             "the refitted model".into()
@@ -919,14 +975,13 @@ fn tried_row(tried: &Tried, diagnosis: &Diagnosis) -> TriedRow {
             titles(&tried.kinds)
         },
         name: names.join(" + "),
-        fitted: number(tried.rmse.to_degrees()),
+        fitted: short(fitted.to_degrees()),
         // Not found for those far behind.
-        held_out: tried
-            .held_out
-            .map_or_else(|| "–".into(), |(error, _)| number(error.to_degrees())),
-        closed: tried
-            .held_out
-            .map_or_else(|| "–".into(), |(_, closed)| percent(closed)),
+        held_out: held_out.map_or_else(|| "–".into(), |error| short(error.to_degrees())),
+        explained: held_out.map_or_else(
+            || "–".into(),
+            |error| of_the_refit(diagnosis, error).to_string(),
+        ),
         // The refit has no rival of its size.
         delta_bic: if tried.kinds.is_empty() {
             "–".into()
@@ -943,6 +998,25 @@ fn tried_row(tried: &Tried, diagnosis: &Diagnosis) -> TriedRow {
     }
 }
 
+/// Errors (rad) on fitted runs and on those that were not. Refit and repaired model have
+/// those of the headline: their search may have fitted them at another horizon, or left
+/// out other runs together.
+fn errors_of(tried: &Tried, diagnosis: &Diagnosis) -> (f64, Option<f64>) {
+    let added = &diagnosis.repaired.added;
+    let held_out = &diagnosis.held_out;
+    if tried.kinds.is_empty() {
+        (diagnosis.refit.rmse(), Some(held_out.refit))
+    } else if !added.is_empty() && are_the_same(&tried.kinds, &judge::names(added)) {
+        (
+            diagnosis.repaired.fit.rmse(),
+            Some(held_out.repaired_on_board),
+        )
+    } else {
+        let error = tried.held_out.map(|(error, _)| error);
+        (tried.rmse, error)
+    }
+}
+
 /// What became of a structure.
 fn standing(tried: &Tried, diagnosis: &Diagnosis) -> Standing {
     let alternatives = &diagnosis.alternatives;
@@ -950,10 +1024,12 @@ fn standing(tried: &Tried, diagnosis: &Diagnosis) -> Standing {
         .iter()
         .any(|rival| are_the_same(&tried.kinds, &rival.kinds));
     let added = judge::names(&diagnosis.repaired.added);
+    let named = judge::names(&diagnosis.named);
     match diagnosis.answer {
-        _ if !added.is_empty() && are_the_same(&tried.kinds, &added) => Standing::Named,
-        Answer::Unexplained if listed => Standing::Closest,
         Answer::CannotTell if listed => Standing::Rival,
+        Answer::EffectFound if are_the_same(&tried.kinds, &named) => Standing::Named,
+        _ if !added.is_empty() && are_the_same(&tried.kinds, &added) => Standing::Repair,
+        Answer::Unexplained if listed => Standing::Closest,
         _ if is_to_be_separated(tried, diagnosis) => Standing::Rival,
         _ if shares_the_named(tried, diagnosis) => Standing::Rival,
         _ => Standing::Rejected,
@@ -1200,33 +1276,6 @@ fn probability(value: f64) -> String {
     }
 }
 
-/// A share in whole percent.
-pub(crate) fn percent(share: f64) -> String {
-    if !share.is_finite() {
-        return "–".into();
-    }
-    format!("{:.0} %", 100.0 * share).replace('-', "−")
-}
-
-/// An angle (rad) in degrees with three significant digits.
-pub(crate) fn degrees(radians: f64) -> String {
-    format!("{}°", short(radians.to_degrees()))
-}
-
-/// Three significant digits, as many as a sentence can use.
-pub(crate) fn short(value: f64) -> String {
-    if !value.is_finite() {
-        return "–".into();
-    }
-    if value == 0.0 {
-        return "0".into();
-    }
-    // Decimals of three significant digits; at most six.
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-    let decimals = (2.0 - value.abs().log10().floor()).clamp(0.0, 6.0) as usize;
-    format!("{value:.decimals$}").replace('-', "−")
-}
-
 /// A word as a shell wants it.
 pub(crate) fn quoted(word: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "-_./:=,+@%".contains(c);
@@ -1245,11 +1294,6 @@ mod tests {
     fn words_and_numbers_for_people() {
         assert_eq!(listed(&["a"]), "a");
         assert_eq!(listed(&["a", "b", "c"]), "a, b and c");
-        assert_eq!(short(0.486_71), "0.487");
-        assert_eq!(short(-27.93), "−27.9");
-        assert_eq!(short(f64::NAN), "–");
-        assert_eq!(percent(f64::NAN), "–");
-        assert_eq!(percent(-0.12), "−12 %");
         assert_eq!(probability(0.999), "> 0.99");
     }
 

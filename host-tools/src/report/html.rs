@@ -10,19 +10,21 @@ use minijinja::value::Serde;
 use minijinja::{Environment, UndefinedBehavior};
 use serde::Serialize;
 
-use super::content::{CLOSEST, Content, degrees, percent, short};
+use super::confidence::Confidence;
+use super::content::{CLOSEST, Content};
+use super::numbers::{degrees, percent, short};
 use super::pictures::{
-    MEASURED, RIVALS, curves_of, feature_figure, force_figure, largest_forces, map_figure,
-    run_figure, style_of,
+    MEASURED, curves_of, error_of, feature_figure, force_figure, is_thinner_than_its_line,
+    largest_forces, map_figure, run_figure, style_of,
 };
 use super::provenance::{FITTED, Provenance, Source};
+use super::residuals::Residuals;
 use super::runs::{RunView, runs};
-use crate::cmd::fit::number;
 use crate::diagnose::localise::{Feature, Gap, SINCE_LAST_EDGE};
 use crate::diagnose::verdict::Answer;
 use crate::diagnose::{Diagnosis, Request};
 use crate::plot::{Figure, Mark, PlotError, css_colour, diverging, to_inline_svg};
-use crate::statistics::rms;
+use crate::statistics::median;
 
 const TEMPLATE: &str = include_str!("assets/template.html");
 const STYLE: &str = include_str!("assets/style.css");
@@ -38,6 +40,9 @@ const FEATURES_DRAWN: usize = 4;
 /// A feature that explains less than this is not worth a picture, unless it
 /// is one of the first two.
 const FEATURE_WORTH: f64 = 0.1;
+
+/// Below what was tried, where the repaired model is not the best fit to whole runs.
+const HORIZON: &str = "The repaired model was fitted over a horizon shorter than whole runs, where it predicts best what was not fitted. The errors of the others on fitted runs are those of fits over whole runs, which are smaller there.";
 
 /// Why a page could not be made.
 #[derive(Debug, thiserror::Error)]
@@ -69,6 +74,14 @@ struct Map {
     scale: [String; 3],
     /// The colours of the scale.
     colours: String,
+}
+
+/// What is left, before and after.
+#[derive(Debug, Serialize)]
+struct Left {
+    sentence: String,
+    caption: String,
+    panels: Vec<String>,
 }
 
 /// A run as a row of the table.
@@ -118,6 +131,11 @@ struct Page<'a> {
     legend: Vec<Legend>,
     run_switches: Vec<Switch>,
     runs: Vec<Picture>,
+    /// What the band behind a curve is, or why there is none.
+    confidence: Option<String>,
+    /// Why the errors on fitted runs are not all of one kind.
+    horizon: Option<&'static str>,
+    left: Option<Left>,
     runs_total: usize,
     table: Vec<RunRow>,
     model_text: String,
@@ -144,6 +162,8 @@ pub fn page(
     let views = runs(diagnosis);
     let drawn = most_telling(&views);
     let missing = content.something_is_missing();
+    let curves = curves_of(diagnosis);
+    let confidence = Confidence::of(request, diagnosis);
     let shown: Vec<(usize, &str)> = largest_forces(diagnosis)
         .into_iter()
         .filter_map(|index| Some((index, views.get(index)?.recording.name.as_str())))
@@ -187,7 +207,7 @@ pub fn page(
         } else {
             Vec::new()
         },
-        legend: legend(content.answer, diagnosis.rivals.len()),
+        legend: legend(&curves[0]),
         run_switches: drawn
             .iter()
             .map(|&view| Switch {
@@ -198,8 +218,14 @@ pub fn page(
             .collect(),
         runs: drawn
             .iter()
-            .map(|&view| run_picture(view, &views[view], content.answer))
+            .map(|&view| run_picture(view, &views[view], &curves, confidence.as_ref()))
             .collect::<Result<_, _>>()?,
+        confidence: confidence.as_ref().map(Confidence::text),
+        horizon: (content.repaired && diagnosis.repaired.level.is_some()).then_some(HORIZON),
+        left: Residuals::of(diagnosis, &views)
+            .as_ref()
+            .map(left)
+            .transpose()?,
         runs_total: views.len(),
         table: views.iter().map(run_row).collect(),
         model_text: request.file.text_with(
@@ -332,9 +358,9 @@ fn maps(gap: &Gap) -> Result<Vec<Map>, PlotError> {
 }
 
 /// The curves of the runs' pictures.
-fn legend(answer: Answer, rivals: usize) -> Vec<Legend> {
+fn legend(curves: &[&'static str]) -> Vec<Legend> {
     std::iter::once(MEASURED)
-        .chain(curves_of(answer, rivals)[0].iter().copied())
+        .chain(curves.iter().copied())
         .map(|label| {
             let style = style_of(label);
             Legend {
@@ -350,18 +376,31 @@ fn legend(answer: Answer, rivals: usize) -> Vec<Legend> {
         .collect()
 }
 
-fn run_picture(place: usize, view: &RunView<'_>, answer: Answer) -> Result<Picture, PlotError> {
-    let [nominal, refit, repaired] = view.rms().map(short);
-    let errors = match answer {
-        Answer::NoDiscrepancy => format!("RMS error {nominal}°"),
-        Answer::ParametersOnly => format!("RMS error {nominal}° nominal, {refit}° refitted"),
-        Answer::EffectFound => format!("RMS error {refit}° refitted, {repaired}° repaired"),
-        Answer::CannotTell => RIVALS.iter().zip(&view.rivals).fold(
-            format!("RMS error {refit}° refitted"),
-            |said, (label, residual)| format!("{said}, {}° {label}", short(rms(residual))),
-        ),
-        Answer::Unexplained => format!("RMS error {refit}° refitted"),
-    };
+fn run_picture(
+    place: usize,
+    view: &RunView<'_>,
+    curves: &[Vec<&'static str>; 2],
+    confidence: Option<&Confidence>,
+) -> Result<Picture, PlotError> {
+    let errors: Vec<String> = curves[1]
+        .iter()
+        .map(|label| format!("{}° {label}", short(error_of(view, label))))
+        .collect();
+    let band = confidence.and_then(|all| Some((all.label, all.of_run(place)?)));
+    let width = band.map_or_else(String::new, |(_, half)| {
+        let thin = if is_thinner_than_its_line(view, half) {
+            ", thinner than its line"
+        } else {
+            ""
+        };
+        let widest = half.iter().copied().fold(0.0, f64::max);
+        let usual = median(&mut half.to_vec());
+        format!(
+            "; 95 % band ±{}°, at most ±{}°{thin}",
+            short(usual),
+            short(widest)
+        )
+    });
     let role = if view.held_out {
         "not fitted"
     } else {
@@ -370,29 +409,36 @@ fn run_picture(place: usize, view: &RunView<'_>, answer: Answer) -> Result<Pictu
     Ok(Picture {
         run: Some(place),
         ..picture(
-            &run_figure(view, answer),
+            &run_figure(view, curves, band),
             view.recording.name.clone(),
-            format!("{role}; {errors}."),
+            format!("{role}; RMS error {}{width}.", errors.join(", ")),
         )?
     })
 }
 
+fn left(residuals: &Residuals) -> Result<Left, PlotError> {
+    let panels = residuals.figures();
+    Ok(Left {
+        sentence: residuals.sentence(),
+        caption: residuals.caption(),
+        panels: panels
+            .iter()
+            .map(|(name, figure)| to_inline_svg(figure, name))
+            .collect::<Result<_, _>>()?,
+    })
+}
+
 fn run_row(view: &RunView<'_>) -> RunRow {
-    let errors = if view.held_out {
-        view.not_fitted.unwrap_or_else(|| view.rms())
-    } else {
-        view.rms()
-    };
     RunRow {
         name: view.recording.name.clone(),
         role: if view.held_out { "held out" } else { "fitted" },
         seconds: format!("{:.1}", view.recording.duration()),
         samples: view.recording.len(),
-        errors: errors.map(number),
+        errors: view.errors().map(short),
         left_out: view
             .not_fitted
             .filter(|_| !view.held_out)
-            .map(|[_, refit, repaired]| [refit, repaired].map(number)),
+            .map(|[_, refit, repaired]| [refit, repaired].map(short)),
     }
 }
 

@@ -4,13 +4,20 @@
 //! What is said is decided once, in [`content`]: sentences and rounded numbers.
 //! [`terminal`] sets them in lines, [`html`] on a page with [`pictures`]; how
 //! the page was made, down to the hashes of its files, stands in
-//! [`provenance`].
+//! [`provenance`]. What is left is analysed in [`residuals`] by its [`correlation`], what
+//! the parameters leave open of a curve in [`confidence`]. Numbers are set in [`numbers`],
+//! shares of the error in [`shares`].
 
+pub mod confidence;
 pub mod content;
+pub mod correlation;
 pub mod html;
+pub mod numbers;
 pub mod pictures;
 pub mod provenance;
+pub mod residuals;
 pub mod runs;
+pub mod shares;
 pub mod terminal;
 
 use std::path::Path;

@@ -2,25 +2,29 @@
 //!
 //! Those of the page are drawn for a narrow column: side by side on a desk and
 //! on paper, one below the other on a phone, with letters that can be read on
-//! either.
+//! either. Below the angle of every run stands the pressure that drove it: whether
+//! an error follows the input is the first thing to look for.
 
-use super::content::{degrees, sentence, short};
+use super::content::sentence;
+use super::numbers::{degrees, short};
 use super::runs::{RunView, runs};
 use crate::diagnose::Diagnosis;
 use crate::diagnose::localise::{Feature, ForceMap, Gap, MapAxis};
 use crate::diagnose::noise::NoiseFloor;
 use crate::diagnose::verdict::Answer;
-use crate::plot::{Cell, Figure, Mark, Panel, Role, Series, Style};
-use crate::statistics::rms;
+use crate::plot::{Cell, Figure, LINE_PX, Mark, Panel, Role, Series, Style};
+use crate::statistics::{rms, swing};
 
 /// Height of a row of panels: low enough for a picture in a README.
-const ROW_HEIGHT_PX: f64 = 150.0;
+pub(super) const ROW_HEIGHT_PX: f64 = 150.0;
 
 /// Width of a picture on the page.
-const COLUMN_PX: f64 = 420.0;
+pub(super) const COLUMN_PX: f64 = 420.0;
 
 /// Labels of the curves; the page's switches go by them.
 pub const MEASURED: &str = "measured";
+/// What drove the run.
+pub const PRESSURE: &str = "pressure";
 /// The model as supplied.
 pub const NOMINAL: &str = "nominal";
 /// The same structure, refitted.
@@ -31,9 +35,6 @@ pub const REPAIRED: &str = "repaired";
 /// With the first, second and third explanation that these recordings cannot tell
 /// apart.
 pub const RIVALS: [&str; 3] = ["with A", "with B", "with C"];
-
-/// Label, look and simulated minus measured angle of a curve.
-type Curve<'a> = (&'static str, Style, &'a [f64]);
 
 /// The picture of `--plot`: the fitted and the held-out run with the largest
 /// gap, measured, before and after, and what is left of each below.
@@ -51,10 +52,7 @@ pub fn figure(diagnosis: &Diagnosis) -> Figure {
         degrees(diagnosis.held_out.refit),
         degrees(diagnosis.held_out.floor)
     );
-    let mut figure = Figure::new(sentence(diagnosis))
-        .with_subtitle(gap)
-        .with_columns(2)
-        .with_separate_x();
+    let mut figure = Figure::new(sentence(diagnosis)).with_subtitle(gap);
     figure.row_height_px = ROW_HEIGHT_PX;
     let all = runs(diagnosis);
     let fitted = worst(&all, |run| !run.held_out);
@@ -66,6 +64,7 @@ pub fn figure(diagnosis: &Diagnosis) -> Figure {
         worst(&all, |run| run.held_out)
     };
     let drawn: Vec<&RunView<'_>> = [fitted, other].into_iter().flatten().collect();
+    figure.columns = drawn.len().max(1);
     let curves = |run: &RunView<'_>| -> Vec<(&'static str, Style)> {
         if run.repaired == run.refit {
             vec![(REFITTED, Style::BEFORE)]
@@ -94,9 +93,15 @@ pub fn figure(diagnosis: &Diagnosis) -> Figure {
         figure = figure.with_panel(panel);
     }
     for run in &drawn {
-        let mut panel = Panel::new("time (s)", "simulated − measured (°)");
+        figure = figure.with_panel(pressure_panel(run));
+    }
+    for run in &drawn {
+        let mut panel = Panel::new("time (s)", "simulated − measured (°)")
+            .with_legend(false)
+            .with_level(0.0);
         for (label, style) in curves(run) {
             let error = residual(run, label);
+            let style = Style::new(style.role, Mark::Thin);
             panel = panel.with_series(Series::new(label, &run.recording.time, &error, style));
         }
         figure = figure.with_panel(panel);
@@ -133,21 +138,49 @@ fn column() -> Figure {
     figure
 }
 
-/// Which curves of a run are drawn, beside the measured one, above and below, if
-/// so many explanations cannot be told apart.
-pub fn curves_of(answer: Answer, rivals: usize) -> [Vec<&'static str>; 2] {
-    let curves: [&[&str]; 2] = match answer {
+/// Which curves of a run are drawn, beside the measured one, above and below.
+pub fn curves_of(diagnosis: &Diagnosis) -> [Vec<&'static str>; 2] {
+    let curves: [&[&str]; 2] = match diagnosis.answer {
         Answer::NoDiscrepancy => [&[NOMINAL], &[NOMINAL]],
         Answer::ParametersOnly => [&[NOMINAL, REFITTED], &[NOMINAL, REFITTED]],
-        Answer::EffectFound => [&[NOMINAL, REFITTED, REPAIRED], &[REFITTED, REPAIRED]],
         Answer::CannotTell => {
-            let rivals = &RIVALS[..rivals.min(RIVALS.len())];
+            let rivals = &RIVALS[..diagnosis.rivals.len().min(RIVALS.len())];
             let curves = || [&[REFITTED], rivals].concat();
             return [curves(), curves()];
         }
-        Answer::Unexplained => [&[NOMINAL, REFITTED], &[REFITTED]],
+        Answer::Unexplained if diagnosis.repaired.added.is_empty() => {
+            [&[NOMINAL, REFITTED], &[REFITTED]]
+        }
+        Answer::EffectFound | Answer::Unexplained => {
+            [&[NOMINAL, REFITTED, REPAIRED], &[REFITTED, REPAIRED]]
+        }
     };
     curves.map(<[&str]>::to_vec)
+}
+
+/// What the model of the curve with this label misses of a run (°).
+fn residual_of<'r>(run: &'r RunView<'_>, label: &str) -> &'r [f64] {
+    match label {
+        NOMINAL => &run.nominal,
+        REFITTED => &run.refit,
+        REPAIRED => &run.repaired,
+        _ => RIVALS
+            .iter()
+            .position(|rival| *rival == label)
+            .and_then(|place| run.rivals.get(place))
+            .unwrap_or(&run.repaired),
+    }
+}
+
+/// RMS error (°) of the model of the curve with this label on a run.
+pub fn error_of(run: &RunView<'_>, label: &str) -> f64 {
+    let [nominal, refit, repaired] = run.errors();
+    match label {
+        NOMINAL => nominal,
+        REFITTED => refit,
+        REPAIRED => repaired,
+        _ => rms(residual_of(run, label)),
+    }
 }
 
 /// Look of the curve with this label.
@@ -165,40 +198,63 @@ pub fn style_of(label: &str) -> Style {
     }
 }
 
-/// One run: angles above, what each model misses below.
-pub fn run_figure(run: &RunView<'_>, answer: Answer) -> Figure {
-    let curve = |label: &'static str| -> Curve<'_> {
-        let residual = match label {
-            NOMINAL => &run.nominal,
-            REFITTED => &run.refit,
-            REPAIRED => &run.repaired,
-            _ => RIVALS
-                .iter()
-                .position(|rival| *rival == label)
-                .and_then(|place| run.rivals.get(place))
-                .unwrap_or(&run.repaired),
-        };
-        (label, style_of(label), residual)
-    };
-    let [above, below] = curves_of(answer, run.rivals.len());
+/// The measured pressure of a run: narrow, for its shape says when, and not how much.
+fn pressure_panel(run: &RunView<'_>) -> Panel {
+    let style = Style::new(Role::Measured, Mark::Line);
+    Panel::new("time (s)", "pressure (kPa)")
+        .with_legend(false)
+        .with_weight(0.4)
+        .with_series(Series::new(
+            PRESSURE,
+            &run.recording.time,
+            &run.pressure,
+            style,
+        ))
+}
+
+/// One run: angles above, the pressure under them, what each model misses below. A curve
+/// may have a band of such half widths (°).
+pub fn run_figure(
+    run: &RunView<'_>,
+    [above, below]: &[Vec<&'static str>; 2],
+    band: Option<(&str, &[f64])>,
+) -> Figure {
     let time = &run.recording.time;
     let mut angles = Panel::new("time (s)", "angle (°)")
         .with_legend(false)
         .with_series(Series::new(MEASURED, time, &run.measured, Style::MEASURED));
-    for (label, style, residual) in above.iter().map(|label| curve(label)) {
-        let angle = run.angle(residual);
-        angles = angles.with_series(Series::new(label, time, &angle, style));
+    if let Some((label, half)) = band {
+        let middle = run.angle(residual_of(run, label));
+        let edge = |sign: f64| -> Vec<f64> {
+            let both = middle.iter().zip(half);
+            both.map(|(angle, half)| angle + sign * half).collect()
+        };
+        let role = style_of(label).role;
+        angles = angles.with_series(Series::band(label, time, &edge(-1.0), &edge(1.0), role));
+    }
+    for &label in above {
+        let angle = run.angle(residual_of(run, label));
+        angles = angles.with_series(Series::new(label, time, &angle, style_of(label)));
     }
     let mut errors = Panel::new("time (s)", "simulated − measured (°)")
         .with_legend(false)
         .with_level(0.0)
         .with_weight(0.75);
-    for (label, style, residual) in below.iter().map(|label| curve(label)) {
+    for &label in below {
         // Noise would fill the picture with wider lines.
-        let style = Style::new(style.role, Mark::Thin);
-        errors = errors.with_series(Series::new(label, time, residual, style));
+        let style = Style::new(style_of(label).role, Mark::Thin);
+        errors = errors.with_series(Series::new(label, time, residual_of(run, label), style));
     }
-    column().with_panel(angles).with_panel(errors)
+    column()
+        .with_panel(angles)
+        .with_panel(pressure_panel(run))
+        .with_panel(errors)
+}
+
+/// Whether a band of such half widths (°) is thinner than the line that it lies behind.
+pub fn is_thinner_than_its_line(run: &RunView<'_>, half: &[f64]) -> bool {
+    let widest = half.iter().copied().fold(0.0, f64::max);
+    2.0 * widest / swing(&run.measured) * ROW_HEIGHT_PX < LINE_PX
 }
 
 /// Runs whose missing force is drawn: as many as there are colours.

@@ -20,6 +20,10 @@ pub struct RunView<'a> {
     pub index: usize,
     /// The measured angle.
     pub measured: Vec<f64>,
+    /// The measured pressure in kPa, its zero still in it.
+    pub pressure: Vec<f64>,
+    /// Whether the measured angle says nothing, a word a sample.
+    pub silent: Vec<bool>,
     /// Simulated minus measured angle of the model as supplied.
     pub nominal: Vec<f64>,
     /// The same of the refitted model.
@@ -37,6 +41,15 @@ impl RunView<'_> {
     /// RMS errors of nominal, refitted and repaired model as drawn.
     pub fn rms(&self) -> [f64; 3] {
         [&self.nominal, &self.refit, &self.repaired].map(|residual| rms(residual))
+    }
+
+    /// RMS errors of the three as they are judged by: of a run that was held out, in the
+    /// board's arithmetic.
+    pub fn errors(&self) -> [f64; 3] {
+        match self.not_fitted {
+            Some(errors) if self.held_out => errors,
+            _ => self.rms(),
+        }
     }
 
     /// The angle that a model with this residual has.
@@ -64,12 +77,26 @@ pub fn runs<'d>(diagnosis: &'d Diagnosis) -> Vec<RunView<'d>> {
         let run = diagnosis.held_out.runs.get(index)?;
         Some([run.nominal, run.refit, run.repaired_on_board].map(f64::to_degrees))
     };
+    let silent = |segment: &Segment| {
+        let session = diagnosis.data.sessions().get(segment.session);
+        let silence = session.map(|session| session.silence()).unwrap_or_default();
+        silence
+            .get(segment.range.clone())
+            .map_or_else(|| vec![false; segment.recording.len()], <[bool]>::to_vec)
+    };
     let view = |segment: &'d Segment, index: usize, held_out: bool, series: &Residuals<'_>| {
         let residual = |all: &[Vec<f64>]| all.get(index).map_or_else(Vec::new, |r| degrees(r));
         RunView {
             held_out,
             index,
             measured: degrees(&segment.recording.angle),
+            pressure: segment
+                .recording
+                .pressure
+                .iter()
+                .map(|pa| pa / 1e3)
+                .collect(),
+            silent: silent(segment),
             nominal: residual(series.nominal),
             refit: residual(series.refit),
             repaired: residual(series.repaired),

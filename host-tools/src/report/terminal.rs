@@ -155,7 +155,7 @@ fn rival(rival: &Rival) -> String {
                 rival.delta_bic
             )
         }
-        (None, Some(closed)) => format!("{name} (closes {closed} of the gap)"),
+        (None, Some(closed)) => format!("{name} (explains {closed})"),
         (None, None) => name.clone(),
     }
 }

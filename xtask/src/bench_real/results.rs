@@ -74,6 +74,15 @@ impl Diagnosed {
         })
     }
 
+    /// The answer in a few words, for the heading of a picture: of a family, without its
+    /// members, which stand in the text beside it.
+    pub fn heading(&self) -> String {
+        match &self.verdict.family {
+            Some(family) if self.verdict.answer == "cannot_tell" => format!("family {family}"),
+            _ => self.answer(),
+        }
+    }
+
     /// The answer in one cell.
     pub fn answer(&self) -> String {
         let verdict = &self.verdict;
@@ -306,6 +315,7 @@ mod tests {
             [{"kinds": ["a"]}, {"kinds": ["b", "c_d"]}, {"kinds": ["e"]}, {"kinds": ["f"]}]}"#;
         let open = Diagnosed::parse(family).unwrap();
         assert_eq!(open.answer(), "family dry friction: a / b and c d / e / …");
+        assert_eq!(open.heading(), "family dry friction");
         assert!(open.names_something());
         assert_eq!(Diagnosed::parse("{}"), None);
     }

@@ -1,0 +1,83 @@
+//! The 95 % confidence band of the curve that a diagnosis ends with.
+
+use crate::diagnose::verdict::Answer;
+use crate::diagnose::{Diagnosis, Request};
+use crate::estimate::band::NoBand;
+use crate::estimate::fit::{Effort, Fitter};
+use crate::model_file::parameter_name;
+
+use super::pictures::{REFITTED, REPAIRED};
+
+/// Bands of all runs, or why there are none.
+#[derive(Clone, Debug)]
+pub struct Confidence {
+    /// The curve that they belong to, by its label.
+    pub label: &'static str,
+    /// Half widths (°), a series a run, fitted ones first; or why there are none, as a
+    /// clause.
+    pub half_widths: Result<Vec<Vec<f64>>, String>,
+}
+
+impl Confidence {
+    /// The bands of the repaired curves, or of the refitted ones where that is the answer;
+    /// none where the answer is no curve.
+    pub fn of(request: &Request<'_>, diagnosis: &Diagnosis) -> Option<Self> {
+        let label = match diagnosis.answer {
+            Answer::EffectFound => REPAIRED,
+            Answer::Unexplained if !diagnosis.repaired.added.is_empty() => REPAIRED,
+            Answer::ParametersOnly => REFITTED,
+            Answer::NoDiscrepancy | Answer::CannotTell | Answer::Unexplained => return None,
+        };
+        let fit = &diagnosis.repaired.fit;
+        let half_widths = bands(request, diagnosis).map_err(|reason| match reason {
+            NoBand::NothingFitted => "no parameter was fitted".to_owned(),
+            NoBand::AtBound(id) => format!(
+                "{} is at the edge of its range",
+                parameter_name(&fit.model, id)
+            ),
+            NoBand::Undetermined => "these runs leave some parameters open".to_owned(),
+        });
+        Some(Self { label, half_widths })
+    }
+
+    /// What the band is, or why there is none, in sentences.
+    pub fn text(&self) -> String {
+        let label = self.label;
+        match &self.half_widths {
+            Ok(_) => format!(
+                "The faint band is where the {label} curve lies with 95 % confidence, sample by \
+                 sample, as far as its parameters are uncertain: derivatives of the simulation \
+                 times the covariance of the fit. Noise of the sensor and errors of the model \
+                 itself are not in it."
+            ),
+            Err(reason) => format!("The {label} curves have no confidence band, for {reason}."),
+        }
+    }
+
+    /// The half widths (°) of one run.
+    pub fn of_run(&self, place: usize) -> Option<&[f64]> {
+        let all = self.half_widths.as_ref().ok()?;
+        all.get(place).map(Vec::as_slice)
+    }
+}
+
+/// Half widths (°) of each run, fitted ones first.
+fn bands(request: &Request<'_>, diagnosis: &Diagnosis) -> Result<Vec<Vec<f64>>, NoBand> {
+    let fit = &diagnosis.repaired.fit;
+    let [fitted, held_out] = [true, false].map(|which| diagnosis.data.indices(which));
+    let data = diagnosis.data.all_fitted();
+    let fitter = Fitter::new(&request.file.model, &data);
+    let half_widths = if held_out.is_empty() {
+        fitter.band95(fit)?
+    } else {
+        // A fit knows zeros and starts of the sessions that it was made to.
+        let mut placed = fit.clone();
+        placed.nuisances = fitter.fit(&fit.model, &[], Effort::Glance).nuisances;
+        fitter.band95(&placed)?
+    };
+    let in_degrees = |index: usize| -> Vec<f64> {
+        let half = half_widths.get(index).map_or(&[][..], Vec::as_slice);
+        half.iter().map(|half| half.to_degrees()).collect()
+    };
+    Ok(fitted.into_iter().chain(held_out).map(in_degrees).collect())
+}

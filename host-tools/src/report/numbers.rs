@@ -1,0 +1,115 @@
+//! Numbers as people read them: three significant digits.
+//!
+//! More would be read as if they meant something, and the same error with three digits
+//! in one place and four in another looks like two. Files and JSON keep what was
+//! computed.
+
+/// A share in whole percent.
+pub fn percent(share: f64) -> String {
+    if !share.is_finite() {
+        return "–".into();
+    }
+    format!("{:.0} %", 100.0 * share).replace('-', "−")
+}
+
+/// An angle (rad) in degrees.
+pub fn degrees(radians: f64) -> String {
+    format!("{}°", short(radians.to_degrees()))
+}
+
+/// Three significant digits.
+pub fn short(value: f64) -> String {
+    digits(value, 3)
+}
+
+/// A value and the ends of its interval: three digits, and more only where the ends
+/// agree in those.
+pub fn with_ends(value: f64, [low, high]: [f64; 2]) -> (String, [String; 2]) {
+    /// Relative width that three digits can show.
+    const SHOWN: f64 = 0.01;
+    /// Beyond these digits an interval has no width.
+    const MOST: i32 = 7;
+    let largest = low.abs().max(high.abs());
+    if !(largest.is_normal() && high - low < SHOWN * largest) {
+        return (short(value), [short(low), short(high)]);
+    }
+    let magnitude = magnitude(largest);
+    let at = |value: f64, count: i32| rounded(value, magnitude, count);
+    let count = (3..MOST)
+        .find(|&count| at(low, count) != at(high, count))
+        .unwrap_or(3);
+    (at(value, count), [at(low, count), at(high, count)])
+}
+
+/// So many significant digits.
+fn digits(value: f64, count: i32) -> String {
+    if !value.is_finite() {
+        return "–".into();
+    }
+    if value == 0.0 {
+        return "0".into();
+    }
+    rounded(value, magnitude(value.abs()), count)
+}
+
+/// The decimal exponent once three digits are rounded: 0.009 999 9 is 0.0100.
+fn magnitude(value: f64) -> i32 {
+    let text = format!("{value:.2e}");
+    let exponent = text.split_once('e').map(|(_, exponent)| exponent.parse());
+    exponent.and_then(Result::ok).unwrap_or(0)
+}
+
+/// Rounds to the last of so many digits of a number of this magnitude; with a power of ten
+/// where zeros would fill the place.
+#[allow(clippy::cast_sign_loss)] // not below zero where it is cast
+fn rounded(value: f64, magnitude: i32, count: i32) -> String {
+    let decimals = count - 1 - magnitude;
+    let text = if !(-4..6).contains(&magnitude) {
+        let mantissa = value / 10f64.powi(magnitude);
+        format!("{mantissa:.*}e{magnitude}", (count - 1).max(0) as usize)
+    } else if decimals >= 0 {
+        format!("{value:.*}", decimals as usize)
+    } else {
+        let unit = 10f64.powi(-decimals);
+        format!("{:.0}", (value / unit).round() * unit)
+    };
+    text.replace('-', "−")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn three_digits_and_no_more() {
+        for (value, text) in [
+            (0.0, "0"),
+            (0.486_71, "0.487"),
+            (-27.93, "−27.9"),
+            (0.009_999_99, "0.0100"),
+            (999.7, "1000"),
+            (27_934.0, "27900"),
+            (209_872.0, "210000"),
+            (2.174e-5, "2.17e−5"),
+            (0.000_217_4, "0.000217"),
+            (3.2e7, "3.20e7"),
+            (f64::NAN, "–"),
+        ] {
+            assert_eq!(short(value), text);
+        }
+        assert_eq!(percent(f64::NAN), "–");
+        assert_eq!(percent(-0.12), "−12 %");
+    }
+
+    #[test]
+    fn the_ends_of_an_interval_can_be_told_apart() {
+        let said = |value, ends| {
+            let (value, [low, high]) = with_ends(value, ends);
+            format!("{value} {low} {high}")
+        };
+        assert_eq!(said(0.2751, [0.2383, 0.3119]), "0.275 0.238 0.312");
+        assert_eq!(said(1.2534, [1.2491, 1.2582]), "1.25 1.25 1.26");
+        assert_eq!(said(1.0002, [0.9999, 1.0005]), "1.0002 0.9999 1.0005");
+        assert_eq!(said(0.01, [0.0, 0.02]), "0.0100 0 0.0200");
+    }
+}
