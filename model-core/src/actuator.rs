@@ -604,20 +604,21 @@ impl<R: Real, P: Power<R>> Model<R, P> {
         rates
     }
 
-    /// The rate (rad/s) beyond which every friction's sign is saturated, and an upper
-    /// estimate of the fastest rate of the equations there for angles up to `angle`
-    /// (rad). None without such a friction.
-    pub fn sliding(&self, angle: R) -> Option<(R, Rates<R>)> {
-        let mut beyond = R::zero();
-        let mut rates = self.fastest_rate(angle);
-        for effect in self.occupied() {
-            let saturation = effect.saturation();
-            if saturation > R::zero() {
-                beyond = beyond.max(saturation);
-                rates.relaxation -= effect.fastest_rate(&self.dynamics, angle).relaxation;
+    /// The sharpest and the widest sign of the frictions (rad/s), and what they add to the
+    /// fastest rate of the equations together (1/s). None without a friction.
+    pub fn signs(&self) -> Option<([R; 2], R)> {
+        let mut signs = self.occupied().filter_map(|it| it.sign(&self.dynamics));
+        let first = signs.next()?;
+        let mut widths = [first.width; 2];
+        let mut relaxation = first.relaxation;
+        for sign in signs {
+            if sign.width < widths[0] {
+                widths[0] = sign.width;
             }
+            widths[1] = widths[1].max(sign.width);
+            relaxation += sign.relaxation;
         }
-        (beyond > R::zero()).then_some((beyond, rates))
+        Some((widths, relaxation))
     }
 
     /// Whether any hidden state is integrated with the motion.

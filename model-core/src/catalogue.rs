@@ -7,7 +7,7 @@
 
 use crate::actuator::{Dynamics, Rates};
 use crate::effects::table::{self, Table};
-use crate::effects::{Hidden, Info, Instant, Mechanism, Motion, Parameter, Rest};
+use crate::effects::{Hidden, Info, Instant, Mechanism, Motion, Parameter, Rest, Sign};
 use crate::real::Real;
 
 macro_rules! catalogue {
@@ -214,8 +214,8 @@ macro_rules! catalogue {
             fn note(&self, angle: R, pressure: R, hidden: &mut Hidden<R>) {
                 match self { $( Self::$name(effect) => effect.note(angle, pressure, hidden), )+ Self::Table(effect) => effect.note(angle, pressure, hidden), }
             }
-fn saturation(&self) -> R {
-                match self { $( Self::$name(effect) => effect.saturation(), )+ Self::Table(effect) => effect.saturation(), }
+fn sign(&self, dynamics: &Dynamics<R>) -> Option<Sign<R>> {
+                match self { $( Self::$name(effect) => effect.sign(dynamics), )+ Self::Table(effect) => effect.sign(dynamics), }
             }
                         fn fastest_rate(&self, dynamics: &Dynamics<R>, angle: R) -> Rates<R> {
                 match self { $( Self::$name(effect) => effect.fastest_rate(dynamics, angle), )+ Self::Table(effect) => effect.fastest_rate(dynamics, angle), }

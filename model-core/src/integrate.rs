@@ -52,8 +52,24 @@ pub fn step<R: Real, P: Power<R>>(
         Scheme::SemiImplicitEuler => semi_implicit_euler(model, state, input, dt),
         Scheme::Heun => heun(model, state, input, dt),
         Scheme::Rk4 => rk4(model, state, input, dt),
-        Scheme::ExponentialHeun => exponential_heun(model, state, input, dt),
+        Scheme::ExponentialHeun => {
+            let decay = model.dynamics().damping / model.dynamics().inertia;
+            exponential_heun(model, state, input, dt, decay)
+        }
     };
+    model.note(state, input, dt);
+}
+
+/// As [`step`] with [`Scheme::ExponentialHeun`], about a decay (1/s) of the rate that is
+/// not only that of the damping: a friction that sticks is a strong one.
+pub fn step_about<R: Real, P: Power<R>>(
+    decay: R,
+    model: &Model<R, P>,
+    state: &mut State<R>,
+    input: &impl Input<R>,
+    dt: R,
+) {
+    *state = exponential_heun(model, state, input, dt, decay);
     model.note(state, input, dt);
 }
 
@@ -88,8 +104,8 @@ fn exponential_heun<R: Real, P: Power<R>>(
     state: &State<R>,
     input: &impl Input<R>,
     dt: R,
+    decay: R,
 ) -> State<R> {
-    let decay = model.dynamics().damping / model.dynamics().inertia;
     let time_constant = R::one() / decay;
     // Way of a rate of one that decays freely, and that of an acceleration of one.
     let coasting = (R::one() - (-(decay * dt)).exp()) * time_constant;

@@ -6,7 +6,7 @@
 //! Canudas de Wit, Automatica 30, 1994); below ω_s the friction is a strong
 //! viscous damping T/ω_s, so the actuator creeps instead of sticking.
 
-use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
+use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Sign, Unit, parameters};
 use crate::actuator::{Dynamics, Rates};
 use crate::real::Real;
 
@@ -57,16 +57,18 @@ impl<R: Real> Mechanism<R> for CoulombFriction<R> {
         self.force * (at.rate / self.smoothing).tanh()
     }
 
-    /// 1 − tanh 6 = 10⁻⁵.
-    fn saturation(&self) -> R {
-        self.smoothing * R::from_i16(6)
-    }
-
     fn fastest_rate(&self, dynamics: &Dynamics<R>, _angle: R) -> Rates<R> {
         Rates {
             stiffness: R::zero(),
             relaxation: self.force / (self.smoothing * dynamics.inertia),
         }
+    }
+
+    fn sign(&self, dynamics: &Dynamics<R>) -> Option<Sign<R>> {
+        Some(Sign {
+            width: self.smoothing,
+            relaxation: self.force / (self.smoothing * dynamics.inertia),
+        })
     }
 }
 

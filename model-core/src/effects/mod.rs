@@ -91,6 +91,16 @@ pub struct Motion<R> {
     pub rate: R,
 }
 
+/// The sign of the rate in a friction, smoothed as tanh(ω/w).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sign<R> {
+    /// The width w (rad/s). Within half of it the sign is a viscous damping; beyond six
+    /// times it is saturated, to 10⁻⁵.
+    pub width: R,
+    /// What its slope at rest adds to the fastest rate of the equations (1/s).
+    pub relaxation: R,
+}
+
 /// What an effect does. Every method defaults to doing nothing.
 pub trait Mechanism<R: Real> {
     /// Whether hidden states are integrated with the motion.
@@ -149,10 +159,9 @@ pub trait Mechanism<R: Real> {
     /// Updates a memory of events after a step that arrived at `angle` (rad)
     /// and at the pressure (Pa) that enters the effect.
     fn note(&self, _angle: R, _pressure: R, _hidden: &mut Hidden<R>) {}
-    /// The rate (rad/s) beyond which a friction's sign is saturated, so that it no longer
-    /// adds to the fastest rate of the equations; zero for what is no such friction.
-    fn saturation(&self) -> R {
-        R::zero()
+    /// The smoothed sign of a friction; none for what has none.
+    fn sign(&self, _dynamics: &Dynamics<R>) -> Option<Sign<R>> {
+        None
     }
     /// How much the effect adds to the fastest rate of the equations, for
     /// angles up to `angle` (rad).

@@ -8,7 +8,7 @@
 //! the peak the friction falls with the rate: a negative damping, which makes
 //! slow motions stick and slip.
 
-use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
+use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Sign, Unit, parameters};
 use crate::actuator::{Dynamics, Rates};
 use crate::real::Real;
 
@@ -75,17 +75,22 @@ impl<R: Real> Mechanism<R> for StribeckFriction<R> {
         size * (rate * R::from_i16(SHARPNESS)).tanh()
     }
 
-    /// e⁻⁹ = 10⁻⁴ of the extra force is left, and of the smoothed sign's slope nothing.
-    fn saturation(&self) -> R {
-        self.stribeck * R::from_i16(3)
-    }
-
     fn fastest_rate(&self, dynamics: &Dynamics<R>, _angle: R) -> Rates<R> {
         let steepest = (self.force + self.extra_force) * R::from_i16(SHARPNESS);
         Rates {
             stiffness: R::zero(),
             relaxation: steepest / (self.stribeck * dynamics.inertia),
         }
+    }
+
+    /// The slope of the extra force remains where the sign is saturated: it is steepest,
+    /// 2P/(ω_S √(2e)), at ω_S/√2.
+    fn sign(&self, dynamics: &Dynamics<R>) -> Option<Sign<R>> {
+        let remains = self.extra_force.abs() / (self.stribeck * dynamics.inertia);
+        Some(Sign {
+            width: self.stribeck / R::from_i16(SHARPNESS),
+            relaxation: self.fastest_rate(dynamics, R::zero()).relaxation - remains,
+        })
     }
 }
 
