@@ -13,7 +13,8 @@
 //!    strength: it explains the error, or part of it, or nothing is named.
 //!    A trace that has overwhelming evidence is shown without a name.
 //! 4. Others with nearly as much evidence are rivals. Rivals of the same families as the
-//!    leader make a family the answer; others make it "cannot tell".
+//!    leader make a family the answer. If they differ, what all of them have in common is
+//!    named as far as it goes alone; else it is "cannot tell".
 
 use model_core::catalogue::Kind;
 
@@ -77,11 +78,7 @@ pub fn decide(scored: &[Scored], policy: &Policy) -> Decision {
             nearest: Some(leader),
         };
     }
-    let strength = if closes >= policy.explains {
-        Strength::Explains
-    } else {
-        Strength::Part
-    };
+    let strength = strength(&scored[leader], policy);
     let rivals = rivals(scored, leader, policy);
     if rivals.len() == 1 && !is_trace {
         return Decision::Named {
@@ -93,11 +90,40 @@ pub fn decide(scored: &[Scored], policy: &Policy) -> Decision {
     let one = rivals
         .iter()
         .all(|&rival| Family::of_all(&scored[rival].kinds) == families);
+    if !one && let Some(structure) = in_all(scored, &rivals, policy) {
+        return Decision::Named {
+            structure,
+            strength: self::strength(&scored[structure], policy),
+        };
+    }
     Decision::CannotTell {
         rivals,
         families: if one { families } else { Vec::new() },
         strength,
     }
+}
+
+fn strength(row: &Scored, policy: &Policy) -> Strength {
+    if row.closure.overall >= policy.explains {
+        Strength::Explains
+    } else {
+        Strength::Part
+    }
+}
+
+/// The structure of the effects that all rivals have in common, if it could be named by
+/// itself: what goes with it cannot be told, but it is missing.
+fn in_all(scored: &[Scored], rivals: &[usize], policy: &Policy) -> Option<usize> {
+    let (first, others) = rivals.split_first()?;
+    let common: Vec<Kind> = scored[*first]
+        .kinds
+        .iter()
+        .copied()
+        .filter(|kind| others.iter().all(|&it| scored[it].kinds.contains(kind)))
+        .collect();
+    scored.iter().position(|row| {
+        row.kinds == common && row.closure.overall >= policy.part && row.evidence >= policy.evidence
+    })
 }
 
 /// The structure that the evidence asks for; none if no effect has enough.
@@ -339,6 +365,28 @@ mod tests {
                     row(&[CubicStiffness, Gravity], 0.9, 900.0),
                 ],
                 named(0, Strength::Part),
+            ),
+            (
+                "one effect in all pairs that cannot be told apart",
+                vec![
+                    row(&g, 0.5, 500.0),
+                    row(&[Gravity, MaxwellBranch], 0.8, 800.0),
+                    row(&pair, 0.8, 790.0),
+                ],
+                named(0, Strength::Part),
+            ),
+            (
+                "one effect in all pairs that says too little alone",
+                vec![
+                    row(&g, 0.3, 500.0),
+                    row(&[Gravity, MaxwellBranch], 0.8, 800.0),
+                    row(&pair, 0.8, 790.0),
+                ],
+                Decision::CannotTell {
+                    rivals: vec![1, 2],
+                    families: vec![],
+                    strength: Strength::Explains,
+                },
             ),
             (
                 "two that help only together",

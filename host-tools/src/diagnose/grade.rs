@@ -18,8 +18,10 @@ use super::levels::{Estimate, Levels};
 use super::measure::{Baseline, Measured, Ruler};
 use super::noise::NoiseFloor;
 use super::policy::Policy;
+use super::tables;
 use super::together;
 use super::verdict::{Alternative, Answer};
+use crate::estimate::fit::Fit;
 
 /// Structures to which another effect is added, at each size.
 const LEADS: usize = 2;
@@ -44,6 +46,34 @@ const FOLDS: usize = 4;
 const FINISHED: usize = 3;
 
 impl Graded {
+    /// Whether any structure may leave only noise once it is fitted to the end: then the
+    /// exact formulas decide.
+    pub fn may_leave_noise(&self, floor: &NoiseFloor) -> bool {
+        /// Times the noise.
+        const MAY: f64 = 2.0;
+        let Some(best) = self.nearest() else {
+            return true;
+        };
+        let floor = floor.clone().with_repeats(&best.candidate.fit.residuals);
+        let left = best.estimate.fits.last().map_or(0.0, Fit::rmse);
+        left <= MAY * floor.rms.hypot(floor.input)
+    }
+
+    /// The structure that leaves least by output error.
+    fn nearest(&self) -> Option<&Measured> {
+        let left = |row: &Measured| row.estimate.fits.last().map_or(f64::INFINITY, Fit::sse);
+        self.measured
+            .iter()
+            .min_by(|a, b| left(a).total_cmp(&left(b)))
+    }
+
+    /// The same, if its residuals are those of a simulation.
+    pub fn simulated(&self) -> Option<&Candidate> {
+        self.nearest()
+            .map(|row| &row.candidate)
+            .filter(|candidate| candidate.level.is_none())
+    }
+
     /// The combinations that leave least by output error, fitted to everything.
     pub fn finished(&self, ground: &Ground<'_>) -> Vec<Candidate> {
         let mut rows: Vec<(f64, &Measured)> = self
@@ -69,15 +99,8 @@ impl Graded {
     }
 
     /// The findings: names as far as they are earned, and the model that predicts best
-    /// where it was not fitted. What the exact formulas said is kept for those that were
-    /// not measured.
-    pub fn findings(
-        self,
-        ground: &Ground<'_>,
-        judge: &Judge<'_>,
-        refit: &Candidate,
-        exact: Findings,
-    ) -> Findings {
+    /// where it was not fitted.
+    pub fn findings(self, ground: &Ground<'_>, judge: &Judge<'_>, refit: &Candidate) -> Findings {
         let first = match &self.decision {
             Decision::Named { structure, .. } => Some(*structure),
             Decision::CannotTell { rivals, .. } => rivals.first().copied(),
@@ -86,12 +109,21 @@ impl Graded {
         ground
             .progress
             .stage("validation of the augmented model", 0);
-        let repaired = self.repaired(ground, judge, refit, first);
+        // Of rivals, what predicts best is written.
+        let representative = match &self.decision {
+            Decision::CannotTell { rivals, .. } => {
+                let leaves = |row: &usize| self.measured[*row].scored.leaves;
+                let best = rivals.iter().min_by(|a, b| leaves(a).total_cmp(&leaves(b)));
+                best.copied()
+            }
+            _ => first,
+        };
+        let repaired = self.repaired(ground, judge, refit, representative);
         let shown = first.map_or(1, |row| self.measured[row].scored.kinds.len());
         let (tried, alternatives) = self.standings(first, shown);
         let base = Findings {
             tried,
-            best: exact.best,
+            best: self.nearest().map(|row| row.candidate.clone()),
             ..Findings::nothing(Answer::Unexplained, &repaired)
         };
         match &self.decision {
@@ -175,7 +207,7 @@ impl Graded {
             .min_by(|a, b| a.scored.leaves.total_cmp(&b.scored.leaves));
         let error = |candidate: &Candidate| judge.error_of(candidate);
         let most = policy.worth_writing * error(refit);
-        least
+        let by_name = least
             .into_iter()
             .chain(first)
             .map(|row| everything(ground, row))
@@ -183,7 +215,14 @@ impl Graded {
             .unwrap_or_else(|| match first {
                 Some(first) => everything(ground, first),
                 None => refit.clone(),
-            })
+            });
+        let enough = policy.adds_to_repair * error(&by_name);
+        if enough <= judge.floor() {
+            return by_name;
+        }
+        tables::with_table(ground, &by_name)
+            .filter(|with_table| error(with_table) <= enough)
+            .unwrap_or(by_name)
     }
 
     /// Every structure that was measured, and those of a size as alternatives by their
@@ -234,11 +273,7 @@ impl Graded {
             let probability = weight / totals[kinds.len() - 1];
             tried.push(Tried {
                 kinds: row.estimate.added.clone(),
-                rmse: row
-                    .estimate
-                    .fits
-                    .last()
-                    .map_or(f64::INFINITY, crate::estimate::fit::Fit::rmse),
+                rmse: row.estimate.fits.last().map_or(f64::INFINITY, Fit::rmse),
                 held_out: Some((row.held_out.full, row.scored.closure.overall)),
                 delta_bic: behind,
                 separation: 0.0,
@@ -357,7 +392,14 @@ impl Search<'_> {
             .map(|row| row.scored.kinds.clone())
             .collect();
         let found = self.levels.extended(bases, self.kinds, coarse, &known);
-        let measured = self.ruler.measure(self.baseline, found);
+        // What leaves hardly less than a single effect will neither be named nor repair.
+        let single = self
+            .measured
+            .iter()
+            .map(|row| row.leaves_roughly)
+            .fold(f64::INFINITY, f64::min);
+        let most = self.ruler.policy.worth_writing * single;
+        let measured = self.ruler.measure(self.baseline, found, most);
         self.measured.extend(measured);
     }
 

@@ -27,6 +27,8 @@ pub struct Measured {
     pub estimate: Estimate,
     /// Place of the level that counts.
     pub level: usize,
+    /// Share of the error that it leaves on the fitted subsample.
+    pub leaves_roughly: f64,
     /// The fit at that level, finished.
     pub candidate: Candidate,
     /// Errors on segments that were not fitted (rad).
@@ -105,8 +107,14 @@ impl Ruler<'_> {
     }
 
     /// Measures structures against the nominal one: those with the most evidence, and
-    /// those that leave least.
-    pub fn measure(&self, baseline: &Baseline, estimates: Vec<Estimate>) -> Vec<Measured> {
+    /// those that leave least; of structures that add to others, only those that leave
+    /// less than `most` on the subsample.
+    pub fn measure(
+        &self,
+        baseline: &Baseline,
+        estimates: Vec<Estimate>,
+        most: f64,
+    ) -> Vec<Measured> {
         /// As many of each.
         const MEASURED: usize = 5;
         let progress = self.levels.ground.progress;
@@ -114,6 +122,7 @@ impl Ruler<'_> {
         let mut rough: Vec<Rough> = estimates
             .into_par_iter()
             .filter_map(|estimate| self.rough(baseline, estimate))
+            .filter(|row| row.leaves <= most)
             .collect();
         rough.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
         let mut others = rough.split_off(rough.len().min(MEASURED));
@@ -162,7 +171,7 @@ impl Ruler<'_> {
             estimate,
             level,
             evidence,
-            ..
+            leaves: leaves_roughly,
         } = rough;
         let candidate = self.levels.candidate(&estimate, level);
         let fitted = self.fitted_errors(self.fitter, &candidate.fit);
@@ -180,6 +189,7 @@ impl Ruler<'_> {
             },
             estimate,
             level,
+            leaves_roughly,
             candidate,
             held_out,
         })

@@ -40,6 +40,7 @@ pub mod search;
 pub mod select;
 pub mod slips;
 pub mod smoother;
+pub mod tables;
 pub mod together;
 pub mod verdict;
 
@@ -58,6 +59,7 @@ use crate::recording::Recording;
 use crate::statistics::correlated_rms;
 use candidates::{Candidate, Ground, Scales, Untried, applicable};
 use family::Family;
+use grade::Graded;
 use holdout::{HeldOut, Judge};
 use identify::Identifiability;
 use judge::{Court, Findings, Tried};
@@ -538,14 +540,18 @@ fn search_and_judge(
             &singles,
             means.progress,
         );
-        if let Some(graded) = &graded {
-            pool.extend(graded.finished(&ground));
-        }
+    }
+    if let Some(graded) = &graded
+        && graded.may_leave_noise(floor)
+    {
+        pool.extend(graded.finished(&ground));
     }
     // What the best structure leaves is the nearest to what the rig itself does not
     // repeat.
+    let nearest = graded.as_ref().and_then(Graded::simulated);
     if let Some(best) = pool
         .iter()
+        .chain(nearest)
         .min_by(|a, b| a.fit.sse().total_cmp(&b.fit.sse()))
     {
         *floor = floor.clone().with_repeats(&best.fit.residuals);
@@ -554,6 +560,9 @@ fn search_and_judge(
     means.progress.stage("selection by validation", 0);
     if let Some(answer) = quiet(nominal, refit, floor, judge) {
         return (Findings::nothing(answer, refit), untried);
+    }
+    if let Some(graded) = graded.take_if(|graded| !graded.may_leave_noise(floor)) {
+        return (graded.findings(&ground, judge, refit), untried);
     }
     let exact = Court {
         ground,
@@ -568,7 +577,7 @@ fn search_and_judge(
         answer => answer != Answer::Unexplained,
     };
     let found = match graded {
-        Some(graded) if !settled => graded.findings(&ground, judge, refit, exact),
+        Some(graded) if !settled => graded.findings(&ground, judge, refit),
         _ => exact,
     };
     (found, untried)
@@ -734,6 +743,12 @@ impl Diagnosis {
     fn repair(&self) -> Option<Repair> {
         let unnamed = self.answer == Answer::Unexplained;
         let first = self.repaired.added.first().filter(|_| unnamed)?;
+        if let Some(table) = self.repaired.fit.model.table() {
+            return Some(Repair {
+                kind: Kind::Table.name().to_owned(),
+                of: vec![table.of().name().to_owned()],
+            });
+        }
         Some(Repair {
             kind: first.name().to_owned(),
             of: judge::names(&self.repaired.added),

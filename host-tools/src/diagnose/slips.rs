@@ -10,12 +10,12 @@
 //!
 //! What was said on the command line ([`Columns`]) is not doubted.
 
-use model_core::actuator::ParameterId;
+use model_core::actuator::{Dynamics, Model, ParameterId};
 
 use crate::columns::{ATMOSPHERE_KPA, AngleUnit, Columns, PressureUnit, TimeUnit};
 use crate::error::InputError;
 use crate::estimate::Dataset;
-use crate::estimate::fit::Fitter;
+use crate::estimate::fit::{Effort, Fitter};
 use crate::model_file::ModelFile;
 use crate::recording::{PASCAL_PER_KPA, Recording};
 use crate::statistics::{mean, median, rms};
@@ -152,6 +152,25 @@ fn convincing(file: &ModelFile, recording: &Recording) -> Option<Columns> {
         })
         .min_by(|a, b| a.0.total_cmp(&b.0))
         .map(|(_, slip)| slip)
+        .filter(|_| !agrees_refitted(file, recording))
+}
+
+/// Whether the model agrees with a recording as it stands once its parameters are
+/// fitted, without the leap in gain or damping that a wrong unit takes. The stiffness may
+/// leap: where an actuator hardly springs back, nobody knows it, and a simulation runs off
+/// as it likes.
+fn agrees_refitted(file: &ModelFile, recording: &Recording) -> bool {
+    /// Psi for kPa is a factor of 6.9, the smallest of all.
+    const LEAP: f64 = 4.0;
+    let start = start_of(recording);
+    let data = Dataset::of(std::slice::from_ref(&start)).calibrated();
+    let fit = Fitter::new(&file.model, &data).fit(&file.model, &file.free, Effort::Glance);
+    let leaps = |of: fn(&Dynamics<f64>) -> f64| {
+        let by_inertia = |model: &Model<f64>| of(model.dynamics()) / model.dynamics().inertia;
+        let factor = by_inertia(&fit.model) / by_inertia(&file.model);
+        !(1.0 / LEAP..LEAP).contains(&factor)
+    };
+    fit.rmse() < RIGHT * rms(&start.angle) && !leaps(|d| d.input_gain) && !leaps(|d| d.damping)
 }
 
 /// Whether a pressure in the unit of a slip could be absolute.

@@ -1,0 +1,172 @@
+//! A force without a formula: what repairs where no effect that is known does.
+//!
+//! The force that a model lacks may go with the angle, the rate, the pressure or the time
+//! although no formula of the catalogue has its shape. A table, piecewise linear over one
+//! of them, follows any shape; the board runs it like any other effect. It is a repair and
+//! never a name.
+//!
+//! A table of the angle can be a spring, one of the rate a damper, one of the pressure a
+//! gain: the parameter that does the same is held where the fit without the table left it.
+
+use model_core::actuator::{MAX_EFFECTS, Model, ParameterId};
+use model_core::catalogue::{Effect, Kind};
+use model_core::effects::table::{FIRST_FORCE, Table, Variable};
+use rayon::prelude::*;
+use statrs::statistics::{Data, OrderStatistics};
+
+use super::candidates::{Candidate, Ground};
+use crate::estimate::fit::{Effort, Fitter};
+use crate::smooth::{half_window, motion};
+
+/// Nodes of a table of anything but the rate.
+const NODES: usize = 8;
+
+/// Steps of a fit of a table.
+const FITTED: Effort = Effort::Steps(8);
+
+/// A structure with the table that leaves least of what the structure leaves, fitted to
+/// everything. None if there is no room for one, or nothing to put in it.
+pub fn with_table(ground: &Ground<'_>, base: &Candidate) -> Option<Candidate> {
+    let fits: Vec<Candidate> = Variable::ALL
+        .par_iter()
+        .filter_map(|&of| fitted(ground, base, of))
+        .collect();
+    let best = fits
+        .into_iter()
+        .filter(|candidate| candidate.fit.sse().is_finite())
+        .min_by(|a, b| a.fit.sse().total_cmp(&b.fit.sse()))?;
+    let _fit = ground.progress.fit();
+    let whole = ground.fitter;
+    let fit = whole.fit(&best.fit.model, &best.fit.free, FITTED);
+    Some(Candidate::of(best.added, whole.informed(&fit)))
+}
+
+fn fitted(ground: &Ground<'_>, base: &Candidate, of: Variable) -> Option<Candidate> {
+    let _fit = ground.progress.fit();
+    let from = &base.fit.model;
+    let slot = from.effects().count();
+    if slot >= MAX_EFFECTS || from.table().is_some() {
+        return None;
+    }
+    let nodes = nodes(ground.fitter, of)?;
+    let table = Table::new(of, &nodes, &vec![0.0; nodes.len()]).ok()?;
+    let effects: Vec<Effect<f64>> = from.effects().chain([Effect::Table(table)]).collect();
+    let model = Model::new(*from.dynamics(), &effects).ok()?;
+    let forces = (0..nodes.len()).map(|node| ParameterId::Effect {
+        slot,
+        parameter: FIRST_FORCE + node,
+    });
+    let free: Vec<ParameterId> = base
+        .fit
+        .free
+        .iter()
+        .copied()
+        .filter(|id| !does_the_same(of, *id))
+        .chain(forces)
+        .collect();
+    let added = base.added.iter().copied().chain([Kind::Table]).collect();
+    let kept = ground.checkpoint;
+    let fit = ground.excerpt.fit_kept(&model, &free, FITTED, kept);
+    Some(Candidate::of(added, fit))
+}
+
+/// Whether a parameter of the base equation does what a table can do.
+fn does_the_same(of: Variable, id: ParameterId) -> bool {
+    match of {
+        Variable::Angle => matches!(id, ParameterId::Stiffness | ParameterId::Exponent),
+        Variable::Rate => id == ParameterId::Damping,
+        Variable::Pressure => id == ParameterId::InputGain,
+        Variable::Time => false,
+    }
+}
+
+/// Nodes (SI units) over what the fitted recordings show of a variable; none if that
+/// hardly changes.
+fn nodes(fitter: &Fitter<'_>, of: Variable) -> Option<Vec<f32>> {
+    /// Shares of the samples between which the outermost nodes lie.
+    const ENDS: [f64; 2] = [0.01, 0.99];
+    /// Nodes of a table of the rate, as shares of the fastest: the two innermost let it
+    /// jump where the motion turns.
+    const OF_RATE: [f64; 6] = [-1.0, -0.33, -0.03, 0.03, 0.33, 1.0];
+    let mut values: Vec<f64> = Vec::new();
+    for segment in fitter.data.fitted() {
+        let recording = &segment.recording;
+        let clock = fitter.data.sessions()[segment.session].clock();
+        match of {
+            Variable::Angle => values.extend(&recording.angle),
+            Variable::Pressure => values.extend(&recording.pressure),
+            Variable::Time => values.extend(recording.time.iter().map(|time| clock + time)),
+            Variable::Rate => {
+                let half = half_window(recording);
+                let within = half..recording.len().saturating_sub(half);
+                values.extend(within.step_by(half.max(1)).filter_map(|at| {
+                    let motion = motion(recording, at - half, at + half + 1, at)?;
+                    Some(motion.rate.abs())
+                }));
+            }
+        }
+    }
+    let mut values = Data::new(values);
+    let [low, high] = ENDS.map(|share| values.quantile(share));
+    let wide = (high - low).is_finite() && high - low > 1e-6 * high.abs().max(low.abs());
+    // Single precision, as in files and on the board.
+    #[allow(clippy::cast_possible_truncation)]
+    let single = |value: f64| value as f32;
+    wide.then(|| match of {
+        Variable::Rate => OF_RATE.map(|share| single(share * high)).to_vec(),
+        _ => (0..NODES)
+            .map(|node| single(low + (high - low) * node as f64 / (NODES - 1) as f64))
+            .collect(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::checkpoint::Checkpoint;
+    use crate::diagnose::Progress;
+    use crate::diagnose::candidates::Scales;
+    use crate::estimate::Dataset;
+    use crate::example::{Hidden, make};
+    use crate::model_file::ModelFile;
+    use std::path::Path;
+
+    /// A cubic spring is a table of the angle, a drag one of the rate: each closes most of
+    /// what is missing, by the variable that it is of.
+    #[test]
+    fn a_table_follows_a_force_whose_formula_is_not_known() {
+        for (kind, of) in [
+            (Kind::CubicStiffness, Variable::Angle),
+            (Kind::QuadraticDamping, Variable::Rate),
+        ] {
+            let example = make(Hidden::Effect(kind), 0.05, 3).unwrap();
+            let file = ModelFile::parse(&example.model, Path::new("model.toml")).unwrap();
+            let recordings: Vec<_> = example.recordings.into_iter().map(|it| it.1).collect();
+            let data = Dataset::of(&recordings);
+            let fitter = Fitter::new(&file.model, &data);
+            let refit = Candidate::of(
+                Vec::new(),
+                fitter.fit(&file.model, &file.free, Effort::Full),
+            );
+            let scales = Scales::of(&fitter, &refit.fit);
+            let ground = Ground {
+                file: &file,
+                fitter: &fitter,
+                pieces: None,
+                excerpt: &fitter,
+                scales: &scales,
+                checkpoint: &Checkpoint::default(),
+                progress: &Progress::default(),
+            };
+            let repaired = with_table(&ground, &refit).unwrap();
+            let table = repaired.fit.model.table().unwrap();
+            assert_eq!(table.of(), of, "{kind:?}");
+            assert!(
+                repaired.fit.rmse() < 0.5 * refit.fit.rmse(),
+                "{kind:?}: {} of {}",
+                repaired.fit.rmse(),
+                refit.fit.rmse()
+            );
+        }
+    }
+}
