@@ -27,7 +27,7 @@ use core::marker::PhantomData;
 
 use crate::catalogue::Effect;
 use crate::effects::table::{InModel, Table, Variable};
-use crate::effects::{Hidden, Instant, Mechanism, Motion, Rest};
+use crate::effects::{Hidden, Instant, Mechanism, Motion, Rest, Sign};
 use crate::input::Input;
 use crate::power::{Power, signed_power};
 use crate::real::Real;
@@ -604,21 +604,20 @@ impl<R: Real, P: Power<R>> Model<R, P> {
         rates
     }
 
-    /// The sharpest and the widest sign of the frictions (rad/s), and what they add to the
-    /// fastest rate of the equations together (1/s). None without a friction.
-    pub fn signs(&self) -> Option<([R; 2], R)> {
-        let mut signs = self.occupied().filter_map(|it| it.sign(&self.dynamics));
-        let first = signs.next()?;
-        let mut widths = [first.width; 2];
-        let mut relaxation = first.relaxation;
-        for sign in signs {
-            if sign.width < widths[0] {
-                widths[0] = sign.width;
-            }
-            widths[1] = widths[1].max(sign.width);
-            relaxation += sign.relaxation;
-        }
-        Some((widths, relaxation))
+    /// The signs of all frictions as one: the least width, the last to saturate, and what
+    /// they add to the fastest rate together. None without a friction.
+    pub fn signs(&self) -> Option<Sign<R>> {
+        self.occupied()
+            .filter_map(|effect| effect.sign(&self.dynamics))
+            .reduce(|all, sign| Sign {
+                width: if sign.width < all.width {
+                    sign.width
+                } else {
+                    all.width
+                },
+                saturated: all.saturated.max(sign.saturated),
+                relaxation: all.relaxation + sign.relaxation,
+            })
     }
 
     /// Whether any hidden state is integrated with the motion.

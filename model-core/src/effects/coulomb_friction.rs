@@ -67,6 +67,7 @@ impl<R: Real> Mechanism<R> for CoulombFriction<R> {
     fn sign(&self, dynamics: &Dynamics<R>) -> Option<Sign<R>> {
         Some(Sign {
             width: self.smoothing,
+            saturated: self.smoothing * R::from_i16(6),
             relaxation: self.force / (self.smoothing * dynamics.inertia),
         })
     }

@@ -94,9 +94,11 @@ pub struct Motion<R> {
 /// The sign of the rate in a friction, smoothed as tanh(ω/w).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sign<R> {
-    /// The width w (rad/s). Within half of it the sign is a viscous damping; beyond six
-    /// times it is saturated, to 10⁻⁵.
+    /// The width w (rad/s): within half of it the sign is a viscous damping.
     pub width: R,
+    /// The rate (rad/s) beyond which the friction does not depend on the rate any more, to
+    /// 10⁻⁴ of it.
+    pub saturated: R,
     /// What its slope at rest adds to the fastest rate of the equations (1/s).
     pub relaxation: R,
 }

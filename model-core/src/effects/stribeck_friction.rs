@@ -83,13 +83,13 @@ impl<R: Real> Mechanism<R> for StribeckFriction<R> {
         }
     }
 
-    /// The slope of the extra force remains where the sign is saturated: it is steepest,
-    /// 2P/(ω_S √(2e)), at ω_S/√2.
+    /// Where the extra force falls the motion is unstable and has to be resolved as well:
+    /// e⁻⁹ of it is left at 3ω_S.
     fn sign(&self, dynamics: &Dynamics<R>) -> Option<Sign<R>> {
-        let remains = self.extra_force.abs() / (self.stribeck * dynamics.inertia);
         Some(Sign {
             width: self.stribeck / R::from_i16(SHARPNESS),
-            relaxation: self.fastest_rate(dynamics, R::zero()).relaxation - remains,
+            saturated: self.stribeck * R::from_i16(3),
+            relaxation: self.fastest_rate(dynamics, R::zero()).relaxation,
         })
     }
 }
