@@ -643,7 +643,10 @@ mod tests {
                 ..stepping
             });
             let found = error_deg(stepping);
-            assert!(found < 2.0 * short + 1e-3, "{found}° for {short}° {stepping:?}");
+            assert!(
+                found < 2.0 * short + 1e-3,
+                "{found}° for {short}° {stepping:?}"
+            );
         }
     }
 

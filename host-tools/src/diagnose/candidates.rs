@@ -428,32 +428,12 @@ pub fn promise(ground: &Ground<'_>, base: &Candidate, kind: Kind) -> Option<Prom
 
 /// Follows a promise: a fit at a glance to the excerpt.
 pub fn glance(ground: &Ground<'_>, promise: &Promise) -> Option<Candidate> {
-    follow(ground, promise, Effort::Glance)
-}
-
-/// The first steps from each start of a promise.
-pub fn first_steps(ground: &Ground<'_>, promise: &Promise) -> Option<Candidate> {
-    follow(ground, promise, Effort::Steps(4))
-}
-
-/// As [`glance`], from where the first steps have led.
-pub fn go_on(ground: &Ground<'_>, candidate: &Candidate) -> Candidate {
-    let from = &candidate.fit;
-    let excerpt = ground.excerpt;
-    let fit = excerpt.fit_kept(&from.model, &from.free, Effort::Glance, ground.checkpoint);
-    if fit.sse() <= from.sse() {
-        Candidate::of(candidate.added.clone(), fit)
-    } else {
-        candidate.clone()
-    }
-}
-
-fn follow(ground: &Ground<'_>, promise: &Promise, effort: Effort) -> Option<Candidate> {
     let _fit = ground.progress.fit();
     let free = free_parameters(ground.file, &promise.added);
-    let fit = ground
-        .excerpt
-        .best_of_kept(&promise.starts, &free, effort, ground.checkpoint)?;
+    let fit =
+        ground
+            .excerpt
+            .best_of_kept(&promise.starts, &free, Effort::Glance, ground.checkpoint)?;
     Some(Candidate::of(promise.added.clone(), fit))
 }
 

@@ -7,7 +7,7 @@
 use model_core::catalogue::Kind;
 use rayon::prelude::*;
 
-use super::candidates::{Candidate, Ground, finish, first_steps, go_on, promise};
+use super::candidates::{Candidate, Ground, finish, glance, promise};
 use super::noise::NoiseFloor;
 use super::{Progress, adequate};
 
@@ -46,23 +46,9 @@ pub fn singles(
 ) -> Singles {
     let what = format!("coarse fits of {} effects, one at a time", kinds.len());
     progress.stage(what, kinds.len());
-    let started: Vec<Candidate> = kinds
+    let mut coarse: Vec<Candidate> = kinds
         .par_iter()
-        .filter_map(|&kind| first_steps(ground, &promise(ground, refit, kind)?))
-        .collect();
-    let least = started
-        .iter()
-        .map(|candidate| candidate.fit.sse())
-        .fold(f64::INFINITY, f64::min);
-    let mut coarse: Vec<Candidate> = started
-        .into_par_iter()
-        .map(|candidate| {
-            if candidate.fit.sse() <= HOPELESS * least {
-                go_on(ground, &candidate)
-            } else {
-                candidate
-            }
-        })
+        .filter_map(|&kind| glance(ground, &promise(ground, refit, kind)?))
         .inspect(|candidate| progress.fitted(candidate))
         .collect();
     coarse.sort_by(|a, b| a.fit.sse().total_cmp(&b.fit.sse()));
