@@ -100,10 +100,12 @@ pub fn refuse(file: &ModelFile, recordings: &[Recording]) -> Result<(), InputErr
             first,
         ));
     }
-    let Some((first, slip)) = recordings
-        .iter()
-        .find_map(|recording| Some((recording, convincing(file, recording)?)))
-    else {
+    let Some((first, slip)) = recordings.iter().find_map(|recording| {
+        let slip = convincing(file, recording, |slip| {
+            slip.angle.is_none() || could_be_radians(file, recordings)
+        })?;
+        Some((recording, slip))
+    }) else {
         return Ok(());
     };
     // Where one shows it, it is likely in all that agree better so.
@@ -127,8 +129,29 @@ fn names(recordings: &[Recording], shows: impl Fn(&Recording) -> bool) -> String
     }
 }
 
-/// The slip that a recording shows, if it does.
-fn convincing(file: &ModelFile, recording: &Recording) -> Option<Columns> {
+/// Whether it can be that the model misses because angles are radians. A full turn is more
+/// than an actuator bends: recordings that reach farther are in degrees, and where the model
+/// misses those as well, it is not for the unit. Without a dry friction that holds the
+/// actuator back a model runs far ahead and seems to count in larger units.
+fn could_be_radians(file: &ModelFile, recordings: &[Recording]) -> bool {
+    let farthest = |recording: &Recording| {
+        let angles = recording.angle.iter();
+        angles.fold(0.0, |farthest: f64, angle| {
+            farthest.max(angle.abs().to_degrees())
+        })
+    };
+    recordings
+        .iter()
+        .filter(|recording| farthest(recording) > std::f64::consts::TAU)
+        .all(|recording| as_it_is(file, recording) < WRONG)
+}
+
+/// The slip that a recording shows, if it does, among those that are possible.
+fn convincing(
+    file: &ModelFile,
+    recording: &Recording,
+    is_possible: impl Fn(&Columns) -> bool,
+) -> Option<Columns> {
     let as_it_is = as_it_is(file, recording);
     if let Some(slip) = rests_in_air(recording)
         && undone(file, &slip, recording) < BETTER_IN_AIR * as_it_is
@@ -140,6 +163,7 @@ fn convincing(file: &ModelFile, recording: &Recording) -> Option<Columns> {
     }
     slips(recording)
         .into_iter()
+        .filter(is_possible)
         .map(|slip| (undone(file, &slip, recording), slip))
         .filter(|(miss, slip)| {
             let opposite = slip.flip_angle && as_it_is >= OPPOSITE;
@@ -494,6 +518,17 @@ mod tests {
         for part in parts {
             assert!(said.contains(part), "no {part:?} in {said:?}");
         }
+    }
+
+    /// Two recordings that are as good in radians, and one that bends too far for them.
+    #[test]
+    fn what_a_friction_holds_back_is_no_matter_of_units() {
+        let (file, mut recordings) = example(22);
+        recordings.truncate(3);
+        change(&mut recordings, |_, _, angle| *angle = angle.to_radians());
+        assert!(refusal(&file, &recordings).contains("radians"));
+        change(&mut recordings[2..], |_, _, angle| *angle *= 15.0);
+        refuse(&file, &recordings).unwrap();
     }
 
     #[test]
