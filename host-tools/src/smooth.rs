@@ -41,6 +41,14 @@ pub fn motion(recording: &Recording, from: usize, to: usize, at: usize) -> Optio
     })
 }
 
+/// The motion at even distances over a recording, half a window from one to the next.
+pub fn motions(recording: &Recording) -> impl Iterator<Item = Motion> {
+    let half = half_window(recording);
+    (half..recording.len().saturating_sub(half))
+        .step_by(half)
+        .filter_map(move |at| motion(recording, at - half, at + half + 1, at))
+}
+
 /// Half a window, in samples, that suits the noise: 60 ms for clean signals,
 /// 200 ms where the noise would drown the acceleration.
 pub fn half_window(recording: &Recording) -> usize {

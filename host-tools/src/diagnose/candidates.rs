@@ -13,7 +13,7 @@ use crate::checkpoint::Checkpoint;
 use crate::estimate::filter::Level;
 use crate::estimate::fit::{Effort, Fit, Fitter};
 use crate::model_file::{ModelFile, parameter_name};
-use crate::smooth::{half_window, motion};
+use crate::smooth::motions;
 
 /// A structure (which effects were added) with its fit.
 #[derive(Clone, Debug)]
@@ -145,13 +145,7 @@ fn fastest_rate(fitter: &Fitter<'_>) -> f64 {
     let mut rates: Vec<f64> = fitter
         .data
         .fitted()
-        .flat_map(|segment| {
-            let recording = &segment.recording;
-            let half = half_window(recording);
-            (half..recording.len().saturating_sub(half))
-                .step_by(half)
-                .filter_map(move |k| motion(recording, k - half, k + half + 1, k))
-        })
+        .flat_map(|segment| motions(&segment.recording))
         .map(|motion| motion.rate.abs())
         .collect();
     rates.sort_unstable_by(f64::total_cmp);

@@ -16,7 +16,7 @@ use statrs::statistics::{Data, OrderStatistics};
 
 use super::candidates::{Candidate, Ground};
 use crate::estimate::fit::{Effort, Fitter};
-use crate::smooth::{half_window, motion};
+use crate::smooth::motions;
 
 /// Nodes of a table of anything but the rate.
 const NODES: usize = 8;
@@ -27,6 +27,10 @@ const FITTED: Effort = Effort::Steps(8);
 /// A structure with the table that leaves least of what the structure leaves, fitted to
 /// everything. None if there is no room for one, or nothing to put in it.
 pub fn with_table(ground: &Ground<'_>, base: &Candidate) -> Option<Candidate> {
+    let from = &base.fit.model;
+    if from.effects().count() >= MAX_EFFECTS || from.table().is_some() {
+        return None;
+    }
     let fits: Vec<Candidate> = Variable::ALL
         .par_iter()
         .filter_map(|&of| fitted(ground, base, of))
@@ -45,9 +49,6 @@ fn fitted(ground: &Ground<'_>, base: &Candidate, of: Variable) -> Option<Candida
     let _fit = ground.progress.fit();
     let from = &base.fit.model;
     let slot = from.effects().count();
-    if slot >= MAX_EFFECTS || from.table().is_some() {
-        return None;
-    }
     let nodes = nodes(ground.fitter, of)?;
     let table = Table::new(of, &nodes, &vec![0.0; nodes.len()]).ok()?;
     let effects: Vec<Effect<f64>> = from.effects().chain([Effect::Table(table)]).collect();
@@ -96,14 +97,7 @@ fn nodes(fitter: &Fitter<'_>, of: Variable) -> Option<Vec<f32>> {
             Variable::Angle => values.extend(&recording.angle),
             Variable::Pressure => values.extend(&recording.pressure),
             Variable::Time => values.extend(recording.time.iter().map(|time| clock + time)),
-            Variable::Rate => {
-                let half = half_window(recording);
-                let within = half..recording.len().saturating_sub(half);
-                values.extend(within.step_by(half.max(1)).filter_map(|at| {
-                    let motion = motion(recording, at - half, at + half + 1, at)?;
-                    Some(motion.rate.abs())
-                }));
-            }
+            Variable::Rate => values.extend(motions(recording).map(|it| it.rate.abs())),
         }
     }
     let mut values = Data::new(values);

@@ -30,7 +30,7 @@ use super::dataset::{Dataset, Session};
 use super::nuisance::Nuisance;
 use crate::dual::Dual;
 use crate::simulate::{Origin, advance, is_lost, state_at};
-use crate::smooth::{half_window, motion};
+use crate::smooth::motions;
 use crate::statistics::{mean, rms, robust_deviation};
 
 /// How the recorded motion runs: the scales of a filter's first covariance.
@@ -50,12 +50,7 @@ impl Pace {
         let mut longest: f64 = 0.0;
         for segment in data.fitted() {
             let recording = &segment.recording;
-            let half = half_window(recording);
-            let within = half..recording.len().saturating_sub(half);
-            rates.extend(within.step_by(half).filter_map(|k| {
-                let motion = motion(recording, k - half, k + half + 1, k)?;
-                Some(motion.rate)
-            }));
+            rates.extend(motions(recording).map(|motion| motion.rate));
             let middle = mean(&recording.angle);
             spread.extend(recording.angle.iter().map(|angle| angle - middle));
             longest = longest.max(recording.duration());
