@@ -47,6 +47,26 @@ impl Candidate {
             .collect()
     }
 
+    /// Whether an added effect ended as its special case: a parameter that the special
+    /// case has not is not told from the edge of its range, as Stribeck friction whose
+    /// peak at low rates may be none, which is Coulomb friction.
+    pub fn is_degenerate(&self) -> bool {
+        let fit = &self.fit;
+        let first = fit.model.effects().count() - self.added.len();
+        fit.free.iter().enumerate().any(|(index, &id)| {
+            let ParameterId::Effect { slot, parameter } = id else {
+                return false;
+            };
+            let Some(kind) = slot.checked_sub(first).and_then(|it| self.added.get(it)) else {
+                return false;
+            };
+            let own = kind.parameters().get(parameter).map(|row| row.key);
+            kind.special_case()
+                .is_some_and(|special| special.parameters().iter().all(|row| Some(row.key) != own))
+                && fit.reaches_bound(index)
+        })
+    }
+
     /// The added effects in the order of the catalogue: structures that differ
     /// in order alone are the same.
     pub fn set(&self) -> Vec<Kind> {

@@ -5,8 +5,8 @@
 //!
 //! 1. Of each size, structures that leave little more than the best of that size take
 //!    part; the one with the most evidence leads, unless its special case has nearly as
-//!    much. Two effects of one family are one cause by a better formula: they repair, and
-//!    are no name.
+//!    much or it ended as that. Two effects of one family are one cause by a better
+//!    formula: they repair, and are no name.
 //! 2. A larger structure replaces a smaller one if it leaves half of what remained and
 //!    brings evidence for each further effect.
 //! 3. What the leader closes of the error on segments that were not fitted is its
@@ -36,6 +36,8 @@ pub struct Scored {
     pub evidence: f64,
     /// Free parameters.
     pub parameters: usize,
+    /// Whether an effect ended as its special case.
+    pub degenerate: bool,
 }
 
 /// What follows from the measurements; structures by their index.
@@ -172,7 +174,8 @@ fn best_of_size(scored: &[Scored], size: usize, policy: &Policy) -> Option<usize
         takes_part(row)
             && is_special_case(&row.kinds, &scored[best].kinds)
             && row.parameters < scored[best].parameters
-            && scored[best].evidence - row.evidence < policy.special_case
+            && (scored[best].degenerate
+                || scored[best].evidence - row.evidence < policy.special_case)
     });
     special.or(Some(best))
 }
@@ -238,6 +241,7 @@ mod tests {
             leaves: 1.0 - closes,
             evidence,
             parameters: 3 + kinds.len(),
+            degenerate: false,
         }
     }
 
@@ -412,8 +416,11 @@ mod tests {
         let rows = [general.clone(), special.clone()];
         assert_eq!(decide(&rows, &POLICY), named(1, Strength::Explains));
         general.evidence = 1150.0;
-        let rows = [general, special];
+        let mut rows = [general, special];
         assert_eq!(decide(&rows, &POLICY), named(0, Strength::Explains));
+        // A peak of no height is none, whatever its width is good for.
+        rows[0].degenerate = true;
+        assert_eq!(decide(&rows, &POLICY), named(1, Strength::Explains));
     }
 
     /// The order of the rows is that of a search and must not matter.

@@ -186,6 +186,7 @@ impl Ruler<'_> {
                 leaves: (left * left_out).sqrt(),
                 evidence,
                 parameters: candidate.fit.free.len(),
+                degenerate: candidate.is_degenerate(),
             },
             estimate,
             level,

@@ -14,9 +14,9 @@
 use model_core::actuator::ParameterId;
 use model_core::catalogue::Kind;
 
-use super::adequate;
 use super::candidates::{Candidate, Scales};
 use super::noise::NoiseFloor;
+use super::{RMS_FACTOR, adequate};
 use crate::estimate::fit::Fit;
 use crate::statistics::independent_stretch;
 
@@ -217,15 +217,21 @@ impl<'a> Scoring<'a> {
     }
 
     /// Gives the probability of an effect to its special case where that leaves
-    /// only noise as well: no parameter without need.
+    /// only noise as well, or where the effect ended as the special case and that leaves
+    /// hardly more: no parameter without need.
     fn prefer_special_cases(&self, pool: &[Candidate], ranked: &mut [Ranked]) {
         for general in 0..ranked.len() {
             let special = ranked.iter().position(|entry| {
                 let (wide, narrow) = (&pool[ranked[general].index], &pool[entry.index]);
+                let as_good = || {
+                    entry.delta - ranked[general].delta < VERY_STRONG
+                        && adequate(&narrow.fit, self.floor)
+                };
+                let the_same =
+                    || wide.is_degenerate() && narrow.fit.rmse() <= RMS_FACTOR * wide.fit.rmse();
                 is_special_case(&narrow.added, &wide.added)
                     && narrow.fit.free.len() < wide.fit.free.len()
-                    && entry.delta - ranked[general].delta < VERY_STRONG
-                    && adequate(&narrow.fit, self.floor)
+                    && (as_good() || the_same())
             });
             if let Some(special) = special {
                 let moved = std::mem::take(&mut ranked[general].probability);

@@ -157,6 +157,19 @@ impl Fit {
             .is_some_and(|(coordinate, &u)| coordinate.is_at_edge(u))
     }
 
+    /// Whether the recordings do not tell the free parameter at `index` from an edge of
+    /// its range: it ended there, or its 95 % interval reaches it.
+    pub fn reaches_bound(&self, index: usize) -> bool {
+        self.at_bound(index)
+            || self
+                .interval95(index)
+                .zip(self.free.get(index))
+                .is_some_and(|((low, high), &id)| {
+                    let (lower, upper) = bounds(&self.model, id);
+                    low <= lower || high >= upper
+                })
+    }
+
     /// 95 % interval of the free parameter at `index` in SI units, by Student's
     /// distribution, cut at the parameter's bounds.
     pub fn interval95(&self, index: usize) -> Option<(f64, f64)> {
