@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use host_tools::diagnose::holdout::Judge;
+use host_tools::diagnose::validation::CrossValidator;
 use host_tools::estimate::assemble::assemble;
 use host_tools::estimate::fit::Fitter;
 use host_tools::example::{Hidden, make};
@@ -15,7 +15,7 @@ use host_tools::recording::Recording;
 fn sees_only_repeats(file: &ModelFile, fitted: &[Recording], held_out: &[Recording]) -> bool {
     let data = assemble(fitted, held_out).unwrap().data;
     let fitter = Fitter::new(&file.model, &data);
-    Judge::new(file, &fitter, 0.0).has_only_repeats()
+    CrossValidator::new(file, &fitter, 0.0).has_only_repeats()
 }
 
 #[test]

@@ -7,7 +7,7 @@
 //! [`softrig_tests::shared`].
 
 use host_tools::diagnose::Diagnosis;
-use host_tools::diagnose::slips::refuse;
+use host_tools::diagnose::unit_errors::refuse;
 use host_tools::diagnose::verdict::Answer;
 use host_tools::estimate::assemble::assemble;
 use softrig_tests::{Case, named, shared};

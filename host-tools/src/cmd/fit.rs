@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Parser;
 
 use super::input::InputArgs;
-use crate::diagnose::slips;
+use crate::diagnose::unit_errors;
 use crate::diagnose::verdict::Zeros;
 use crate::error::write_atomically;
 use crate::estimate::assemble::assemble;
@@ -43,7 +43,7 @@ pub struct Args {
 pub fn run(args: &Args) -> anyhow::Result<()> {
     super::check_outputs([&args.output])?;
     let (file, recordings) = super::read(&args.model, &args.recordings, &args.input.columns())?;
-    slips::refuse(&file, &recordings)?;
+    unit_errors::refuse(&file, &recordings)?;
     let assembled = assemble(&recordings, &[])?;
     for concern in &assembled.concerns {
         super::warn(&concern.to_string());

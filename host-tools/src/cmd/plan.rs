@@ -9,10 +9,10 @@ use model_core::catalogue::Kind;
 use super::input::InputArgs;
 use crate::checkpoint::Checkpoint;
 use crate::diagnose::Progress;
-use crate::diagnose::candidates::{Candidate, Ground, Scales, added, typical};
-use crate::diagnose::judge::names;
+use crate::diagnose::candidates::{Candidate, FitContext, Scales, added, typical};
 use crate::diagnose::noise::NoiseFloor;
 use crate::diagnose::plan::{Limits, proposals};
+use crate::diagnose::selection::names;
 use crate::error::{InputError, write_atomically};
 use crate::estimate::assemble::assemble;
 use crate::estimate::fit::{Effort, Fitter};
@@ -239,7 +239,7 @@ fn fitted(
     );
     let excerpt = excerpt(&data.guessing(&refit.fit.nuisances), &refit.fit.model);
     let scales = Scales::of(&fitter, &refit.fit);
-    let ground = Ground {
+    let context = FitContext {
         file,
         fitter: &fitter,
         pieces: None,
@@ -252,7 +252,7 @@ fn fitted(
         .map(|kinds| {
             kinds
                 .iter()
-                .try_fold(refit.clone(), |base, &kind| added(&ground, &base, kind))
+                .try_fold(refit.clone(), |base, &kind| added(&context, &base, kind))
                 .ok_or_else(|| {
                     InputError::new(
                         format!("{} cannot be simulated", names(kinds).join(" + ")),

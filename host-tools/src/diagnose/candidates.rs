@@ -294,9 +294,9 @@ pub fn typical(kind: Kind, scales: &Scales) -> Option<Effect<f64>> {
 }
 
 /// A structure with one effect more, fitted to the end.
-pub fn added(ground: &Ground<'_>, base: &Candidate, kind: Kind) -> Option<Candidate> {
-    let promise = promise(ground, base, kind)?;
-    glance(ground, &promise).map(|candidate| finish(ground, &candidate))
+pub fn added(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Option<Candidate> {
+    let predicted = predicted(context, base, kind)?;
+    coarse_fit(context, &predicted).map(|candidate| final_fit(context, &candidate))
 }
 
 /// Why an effect was not tried.
@@ -356,7 +356,7 @@ pub fn free_parameters(file: &ModelFile, added: &[Kind]) -> Vec<ParameterId> {
 
 /// What candidates are fitted to and from.
 #[derive(Clone, Copy, Debug)]
-pub struct Ground<'a> {
+pub struct FitContext<'a> {
     /// The nominal model.
     pub file: &'a ModelFile,
     /// The recordings.
@@ -374,20 +374,19 @@ pub struct Ground<'a> {
     pub progress: &'a Progress,
 }
 
-/// One effect added to a fitted structure, with what it promises.
+/// An effect added to a fitted structure, with the predicted SSE of one Gauss–Newton step.
 #[derive(Clone, Debug)]
-pub struct Promise {
+pub struct Predicted {
     /// The effects, the new one last.
     pub added: Vec<Kind>,
-    /// The sum of squares on the excerpt that one step from the best start
-    /// promises (rad²).
+    /// The sum of squares (rad²) on the subsample after one step from the best start.
     pub sse: f64,
-    /// The most promising starts.
+    /// The initial guesses with the least.
     starts: Vec<Model<f64>>,
 }
 
-impl Promise {
-    /// What two effects beside those of `base` promise from one start.
+impl Predicted {
+    /// Two effects beside those of `base`, from one initial guess.
     pub fn of_start(base: &Candidate, pair: [Kind; 2], sse: f64, start: Model<f64>) -> Self {
         Self {
             added: base.added.iter().copied().chain(pair).collect(),
@@ -404,25 +403,25 @@ impl Promise {
     }
 }
 
-/// What one effect more promises, by a score test at each of its starts. None
+/// The predicted SSE of one effect more, by a score test at each of its initial guesses. None
 /// if the model is full, or cannot be simulated with it.
-pub fn promise(ground: &Ground<'_>, base: &Candidate, kind: Kind) -> Option<Promise> {
+pub fn predicted(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Option<Predicted> {
     /// Starts from which it is worth going on.
     const BEST: usize = 2;
-    let file = ground.file;
+    let file = context.file;
     if file.model.effects().count() + base.added.len() >= MAX_EFFECTS {
         return None;
     }
     let mut added = base.added.clone();
     added.push(kind);
     let free = free_parameters(file, &added);
-    let starts = starts(file, ground.scales, base, kind);
-    let best = ground.excerpt.promising(&starts.from_fitted, &free, BEST);
+    let starts = starts(file, context.scales, base, kind);
+    let best = context.excerpt.promising(&starts.from_fitted, &free, BEST);
     let sse = best.first()?.0;
     let mut starts_on: Vec<Model<f64>> = best.into_iter().map(|(_, model)| model).collect();
     // Where simulation and measurement are out of step, whole runs lead
     // nowhere: the way is found on short pieces.
-    if let Some(pieces) = ground.pieces
+    if let Some(pieces) = context.pieces
         && !added.iter().any(|kind| remembers(*kind))
     {
         let anywhere = if base.added.is_empty() {
@@ -430,25 +429,27 @@ pub fn promise(ground: &Ground<'_>, base: &Candidate, kind: Kind) -> Option<Prom
         } else {
             starts.from_fitted.clone()
         };
-        let near = pieces.best_of(&anywhere, &free, Effort::Glance);
+        let near = pieces.best_of(&anywhere, &free, Effort::Coarse);
         starts_on.extend(near.map(|fit| fit.model));
     }
-    Some(Promise {
+    Some(Predicted {
         added,
         sse,
         starts: starts_on,
     })
 }
 
-/// Follows a promise: a fit at a glance to the excerpt.
-pub fn glance(ground: &Ground<'_>, promise: &Promise) -> Option<Candidate> {
-    let _fit = ground.progress.fit();
-    let free = free_parameters(ground.file, &promise.added);
-    let fit =
-        ground
-            .excerpt
-            .best_of_kept(&promise.starts, &free, Effort::Glance, ground.checkpoint)?;
-    Some(Candidate::of(promise.added.clone(), fit))
+/// A coarse fit to the subsample.
+pub fn coarse_fit(context: &FitContext<'_>, predicted: &Predicted) -> Option<Candidate> {
+    let _fit = context.progress.fit();
+    let free = free_parameters(context.file, &predicted.added);
+    let fit = context.excerpt.best_of_kept(
+        &predicted.starts,
+        &free,
+        Effort::Coarse,
+        context.checkpoint,
+    )?;
+    Some(Candidate::of(predicted.added.clone(), fit))
 }
 
 /// Whether an effect depends on what happened before.
@@ -462,26 +463,31 @@ fn remembers(kind: Kind) -> bool {
 }
 
 /// Fits a candidate on to the end from where it stands.
-pub fn finish(ground: &Ground<'_>, candidate: &Candidate) -> Candidate {
-    let _fit = ground.progress.fit();
-    let free = free_parameters(ground.file, &candidate.added);
-    let all = ground.fitter.data;
+pub fn final_fit(context: &FitContext<'_>, candidate: &Candidate) -> Candidate {
+    let _fit = context.progress.fit();
+    let free = free_parameters(context.file, &candidate.added);
+    let all = context.fitter.data;
     // Zeros go with the parameters, if the excerpt holds every session.
     let guessed = (candidate.fit.nuisances.len() == all.sessions().len())
         .then(|| all.guessing(&candidate.fit.nuisances));
     let fitter = Fitter {
         data: guessed.as_ref().unwrap_or(all),
-        ..*ground.fitter
+        ..*context.fitter
     };
     Candidate::of(
         candidate.added.clone(),
-        fitter.fit_kept(&candidate.fit.model, &free, Effort::Full, ground.checkpoint),
+        fitter.fit_kept(
+            &candidate.fit.model,
+            &free,
+            Effort::Full,
+            context.checkpoint,
+        ),
     )
 }
 
 /// Where `base`, as it was fitted, can start with `kind` added.
-pub fn starts_from(ground: &Ground<'_>, base: &Candidate, kind: Kind) -> Vec<Model<f64>> {
-    starts(ground.file, ground.scales, base, kind).from_fitted
+pub fn starts_from(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Vec<Model<f64>> {
+    starts(context.file, context.scales, base, kind).from_fitted
 }
 
 /// Where fits of `base` with `kind` added start: at every combination of the
@@ -559,8 +565,8 @@ fn held_value(row: &Parameter, held: f32, scales: &Scales) -> f64 {
 
 /// Frees the held parameters of the added effects that have starts of their
 /// own (the tilt of gravity), one variant for each start.
-pub fn released(ground: &Ground<'_>, candidate: &Candidate) -> Option<Candidate> {
-    let first = ground.file.model.effects().count();
+pub fn released(context: &FitContext<'_>, candidate: &Candidate) -> Option<Candidate> {
+    let first = context.file.model.effects().count();
     let mut free = candidate.fit.free.clone();
     let mut models = Vec::new();
     for (offset, kind) in candidate.added.iter().enumerate() {
@@ -580,8 +586,8 @@ pub fn released(ground: &Ground<'_>, candidate: &Candidate) -> Option<Candidate>
             }
         }
     }
-    let fit = ground
+    let fit = context
         .fitter
-        .best_of_kept(&models, &free, Effort::Full, ground.checkpoint)?;
+        .best_of_kept(&models, &free, Effort::Full, context.checkpoint)?;
     Some(Candidate::of(candidate.added.clone(), fit))
 }

@@ -20,7 +20,7 @@ use model_core::catalogue::Kind;
 
 use super::family::Family;
 use super::policy::Policy;
-use super::select::is_special_case;
+use super::ranking::is_special_case;
 pub use super::verdict::{Closure, Strength};
 
 /// What was measured of one structure.

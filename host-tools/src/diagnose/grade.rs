@@ -10,16 +10,16 @@ use model_core::catalogue::Kind;
 use rayon::prelude::*;
 
 use super::Progress;
-use super::candidates::{Candidate, Ground, finish, glance};
+use super::candidates::{Candidate, FitContext, coarse_fit, final_fit};
 use super::decide::{Decision, Scored, decide};
-use super::holdout::Judge;
-use super::judge::{Findings, RIVALS_PLANNED, RIVALS_SHOWN, Tried, names};
 use super::levels::{Estimate, Levels};
 use super::measure::{Baseline, Measured, Ruler};
 use super::noise::NoiseFloor;
+use super::pairs;
 use super::policy::Policy;
+use super::selection::{RIVALS_PLANNED, RIVALS_SHOWN, Selection, Tried, names};
 use super::tables;
-use super::together;
+use super::validation::CrossValidator;
 use super::verdict::{Alternative, Answer};
 use crate::estimate::fit::Fit;
 
@@ -34,7 +34,7 @@ pub struct Graded {
     pub measured: Vec<Measured>,
 }
 
-/// Pairs that are followed because the two promise much together: some help only beside
+/// Pairs that are fitted for the least predicted SSE of the two together: some help only beside
 /// each other.
 const JOINED: usize = 4;
 
@@ -75,7 +75,7 @@ impl Graded {
     }
 
     /// The combinations that leave least by output error, fitted to everything.
-    pub fn finished(&self, ground: &Ground<'_>) -> Vec<Candidate> {
+    pub fn finished(&self, context: &FitContext<'_>) -> Vec<Candidate> {
         let mut rows: Vec<(f64, &Measured)> = self
             .measured
             .iter()
@@ -84,14 +84,14 @@ impl Graded {
             .collect();
         rows.sort_by(|a, b| a.0.total_cmp(&b.0));
         rows.truncate(FINISHED);
-        ground
+        context
             .progress
             .stage("final fits of the best combinations", rows.len());
         rows.par_iter()
             .filter_map(|(_, row)| {
                 let fit = row.estimate.fits.last()?.clone();
-                Some(finish(
-                    ground,
+                Some(final_fit(
+                    context,
                     &Candidate::of(row.estimate.added.clone(), fit),
                 ))
             })
@@ -100,13 +100,18 @@ impl Graded {
 
     /// The findings: names as far as they are earned, and the model that predicts best
     /// where it was not fitted.
-    pub fn findings(self, ground: &Ground<'_>, judge: &Judge<'_>, refit: &Candidate) -> Findings {
+    pub fn selection(
+        self,
+        context: &FitContext<'_>,
+        validator: &CrossValidator<'_>,
+        refit: &Candidate,
+    ) -> Selection {
         let first = match &self.decision {
             Decision::Named { structure, .. } => Some(*structure),
             Decision::CannotTell { rivals, .. } => rivals.first().copied(),
             Decision::Unexplained { .. } => None,
         };
-        ground
+        context
             .progress
             .stage("validation of the augmented model", 0);
         // Of rivals, what predicts best is written.
@@ -118,13 +123,13 @@ impl Graded {
             }
             _ => first,
         };
-        let repaired = self.repaired(ground, judge, refit, representative);
+        let repaired = self.repaired(context, validator, refit, representative);
         let shown = first.map_or(1, |row| self.measured[row].scored.kinds.len());
         let (tried, alternatives) = self.standings(first, shown);
-        let base = Findings {
+        let base = Selection {
             tried,
             best: self.nearest().map(|row| row.candidate.clone()),
-            ..Findings::nothing(Answer::Unexplained, &repaired)
+            ..Selection::nothing(Answer::Unexplained, &repaired)
         };
         match &self.decision {
             Decision::Named {
@@ -138,7 +143,7 @@ impl Graded {
                     .map(|(_, alternative)| alternative)
                     .take(RIVALS_SHOWN)
                     .collect();
-                Findings {
+                Selection {
                     answer: Answer::EffectFound,
                     probability: vec![1.0; named.len()],
                     named,
@@ -151,7 +156,7 @@ impl Graded {
                 rivals,
                 families,
                 strength,
-            } => Findings {
+            } => Selection {
                 answer: Answer::CannotTell,
                 strength: Some(*strength),
                 families: families.clone(),
@@ -168,7 +173,7 @@ impl Graded {
                     .collect(),
                 ..base
             },
-            Decision::Unexplained { .. } => Findings {
+            Decision::Unexplained { .. } => Selection {
                 alternatives: alternatives
                     .into_iter()
                     .map(|(_, alternative)| alternative)
@@ -184,8 +189,8 @@ impl Graded {
     /// refit where none predicts better what was not fitted.
     fn repaired(
         &self,
-        ground: &Ground<'_>,
-        judge: &Judge<'_>,
+        context: &FitContext<'_>,
+        validator: &CrossValidator<'_>,
         refit: &Candidate,
         first: Option<usize>,
     ) -> Candidate {
@@ -205,22 +210,22 @@ impl Graded {
             .iter()
             .filter(takes_part)
             .min_by(|a, b| a.scored.leaves.total_cmp(&b.scored.leaves));
-        let error = |candidate: &Candidate| judge.error_of(candidate);
+        let error = |candidate: &Candidate| validator.error_of(candidate);
         let most = policy.worth_writing * error(refit);
         let by_name = least
             .into_iter()
             .chain(first)
-            .map(|row| everything(ground, row))
+            .map(|row| everything(context, row))
             .find(|candidate| error(candidate) <= most)
             .unwrap_or_else(|| match first {
-                Some(first) => everything(ground, first),
+                Some(first) => everything(context, first),
                 None => refit.clone(),
             });
         let enough = policy.adds_to_repair * error(&by_name);
-        if enough <= judge.floor() {
+        if enough <= validator.floor() {
             return by_name;
         }
-        tables::with_table(ground, &by_name)
+        tables::with_table(context, &by_name)
             .filter(|with_table| error(with_table) <= enough)
             .unwrap_or(by_name)
     }
@@ -302,12 +307,12 @@ impl Graded {
 
 /// A structure as it is shown and written: fitted to the end by output error, or as it
 /// was fitted at a shorter horizon, with the residuals of a simulation.
-fn everything(ground: &Ground<'_>, row: &Measured) -> Candidate {
+fn everything(context: &FitContext<'_>, row: &Measured) -> Candidate {
     let mut candidate = row.candidate.clone();
     if candidate.level.is_none() {
-        return finish(ground, &candidate);
+        return final_fit(context, &candidate);
     }
-    let simulated = ground.fitter.compare(&candidate.fit.model);
+    let simulated = context.fitter.compare(&candidate.fit.model);
     candidate.fit.residuals = simulated.residuals;
     candidate.fit.nuisances = simulated.nuisances;
     candidate
@@ -315,8 +320,8 @@ fn everything(ground: &Ground<'_>, row: &Measured) -> Candidate {
 
 /// Measures single effects and pairs, and decides.
 pub fn graded(
-    ground: &Ground<'_>,
-    judge: &Judge<'_>,
+    context: &FitContext<'_>,
+    validator: &CrossValidator<'_>,
     floor: &NoiseFloor,
     kinds: &[Kind],
     refit: &Candidate,
@@ -325,17 +330,17 @@ pub fn graded(
 ) -> Option<Graded> {
     let policy = &Policy::STANDARD;
     let noise = floor.rms.hypot(floor.input);
-    let levels = Levels::of(*ground, refit, noise);
+    let levels = Levels::of(*context, refit, noise);
     progress.stage("nominal structure at several horizons", 0);
     let base = levels.base(refit)?;
-    let in_turn = judge
+    let in_turn = validator
         .in_turn()
-        .then(|| Judge::with_folds(ground.file, ground.fitter, floor.input, FOLDS));
+        .then(|| CrossValidator::with_folds(context.file, context.fitter, floor.input, FOLDS));
     let ruler = Ruler {
         levels: &levels,
-        excerpt: ground.excerpt,
-        fitter: ground.fitter,
-        judge: in_turn.as_ref().unwrap_or(judge),
+        excerpt: context.excerpt,
+        fitter: context.fitter,
+        validator: in_turn.as_ref().unwrap_or(validator),
         noise,
         policy,
     };
@@ -359,10 +364,10 @@ pub fn graded(
             .map(|(estimate, at)| (estimate, at.clone()))
             .collect();
         progress.step("pair screening", JOINED);
-        let joined: Vec<Candidate> = together::promises(ground, refit, kinds)
+        let joined: Vec<Candidate> = pairs::ranked(context, refit, kinds)
             .par_iter()
             .take(JOINED)
-            .filter_map(|promise| glance(ground, promise))
+            .filter_map(|predicted| coarse_fit(context, predicted))
             .collect();
         search.extend(&leads, &joined);
     }

@@ -14,7 +14,7 @@ use model_core::actuator::{MAX_EFFECTS, Model};
 use model_core::catalogue::Kind;
 use rayon::prelude::*;
 
-use super::candidates::{Candidate, Ground, free_parameters, starts_from};
+use super::candidates::{Candidate, FitContext, free_parameters, starts_from};
 use crate::estimate::filter::{Level, Pace, levels};
 use crate::estimate::fit::{Effort, Fit, Fitter};
 
@@ -64,7 +64,7 @@ struct Chosen<'a> {
 
 /// Fits structures at every level, on the subsample of a fit context.
 pub struct Levels<'a> {
-    pub(super) ground: Ground<'a>,
+    pub(super) context: FitContext<'a>,
     /// From the shortest horizon to output error, which is none.
     horizons: Vec<Option<Level>>,
     /// The pace of the recorded motion.
@@ -74,13 +74,13 @@ pub struct Levels<'a> {
 impl<'a> Levels<'a> {
     /// Chooses the levels by the refit of the nominal structure; `noise` is that of the
     /// angle (rad).
-    pub fn of(ground: Ground<'a>, refit: &Candidate, noise: f64) -> Self {
-        let data = ground.excerpt.data;
-        let pace = Pace::of(ground.fitter.data);
-        let compared = ground.excerpt.compare(&refit.fit.model);
+    pub fn of(context: FitContext<'a>, refit: &Candidate, noise: f64) -> Self {
+        let data = context.excerpt.data;
+        let pace = Pace::of(context.fitter.data);
+        let compared = context.excerpt.compare(&refit.fit.model);
         let chosen = levels(&refit.fit.model, data, &compared.nuisances, noise, pace);
         Self {
-            ground,
+            context,
             horizons: chosen.into_iter().map(Some).chain([None]).collect(),
             pace,
         }
@@ -97,21 +97,21 @@ impl<'a> Levels<'a> {
     }
 
     fn fitter(&self, level: usize) -> Fitter<'_> {
-        self.ground.excerpt.at(self.horizons[level].as_ref())
+        self.context.excerpt.at(self.horizons[level].as_ref())
     }
 
     /// The nominal structure at every level.
     pub fn base(&self, refit: &Candidate) -> Option<Estimate> {
-        let free = &self.ground.file.free;
+        let free = &self.context.file.free;
         let mut fits: Vec<Fit> = Vec::new();
-        self.ground.progress.step("fits", self.horizons.len());
+        self.context.progress.step("fits", self.horizons.len());
         for level in 0..self.horizons.len() {
-            let _fit = self.ground.progress.fit();
-            let mut starts = vec![self.ground.file.model, refit.fit.model];
+            let _fit = self.context.progress.fit();
+            let mut starts = vec![self.context.file.model, refit.fit.model];
             starts.extend(fits.last().map(|shorter| shorter.model));
             // What evidence is counted from must not be half-way.
             let fitter = self.fitter(level);
-            fits.push(fitter.best_of_kept(&starts, free, Effort::Full, self.ground.checkpoint)?);
+            fits.push(fitter.best_of_kept(&starts, free, Effort::Full, self.context.checkpoint)?);
         }
         Some(Estimate {
             added: Vec::new(),
@@ -129,7 +129,7 @@ impl<'a> Levels<'a> {
         coarse: &[Candidate],
         known: &BTreeSet<Vec<Kind>>,
     ) -> Vec<Estimate> {
-        let room = MAX_EFFECTS - self.ground.file.model.effects().count();
+        let room = MAX_EFFECTS - self.context.file.model.effects().count();
         let tasks: Vec<Task<'b>> = bases
             .iter()
             .filter(|(base, _)| base.added.len() < room)
@@ -141,7 +141,7 @@ impl<'a> Levels<'a> {
             })
             .filter(|task| !known.contains(&task.set()))
             .collect();
-        self.ground.progress.step("screening", tasks.len());
+        self.context.progress.step("screening", tasks.len());
         let screened: Vec<(&Task<'b>, f64, Model<f64>)> = tasks
             .par_iter()
             .filter_map(|task| {
@@ -179,7 +179,7 @@ impl<'a> Levels<'a> {
             keep(candidate.added.clone(), None, self.output_error(), model);
         }
         let fits = chosen.len() * self.horizons.len();
-        self.ground.progress.step("fits", fits);
+        self.context.progress.step("fits", fits);
         chosen
             .par_iter()
             .filter(|it| !known.contains(&sorted(&it.added)))
@@ -189,12 +189,12 @@ impl<'a> Levels<'a> {
 
     /// The best start of an effect at a level, two steps on.
     fn screened(&self, task: &Task<'_>) -> Option<(f64, Model<f64>)> {
-        let _fit = self.ground.progress.fit();
+        let _fit = self.context.progress.fit();
         let added = appended(&task.base.added, task.kind);
-        let free = free_parameters(self.ground.file, &added);
+        let free = free_parameters(self.context.file, &added);
         let fitter = self.fitter(task.level);
         let start = self.promising(&fitter, task.base, task.kind, task.level)?;
-        let fit = fitter.fit_kept(&start, &free, SCREENED, self.ground.checkpoint);
+        let fit = fitter.fit_kept(&start, &free, SCREENED, self.context.checkpoint);
         let sse = fit.sse();
         sse.is_finite().then_some((sse, fit.model))
     }
@@ -207,9 +207,9 @@ impl<'a> Levels<'a> {
         level: usize,
     ) -> Option<Model<f64>> {
         let added = appended(&base.added, kind);
-        let free = free_parameters(self.ground.file, &added);
+        let free = free_parameters(self.context.file, &added);
         let from = Candidate::of(base.added.clone(), base.fits[level].clone());
-        let starts = starts_from(&self.ground, &from, kind);
+        let starts = starts_from(&self.context, &from, kind);
         let best = fitter.promising(&starts, &free, 1);
         best.into_iter().next().map(|(_, model)| model)
     }
@@ -222,10 +222,10 @@ impl<'a> Levels<'a> {
             base,
             starts,
         } = chosen;
-        let free = free_parameters(self.ground.file, added);
+        let free = free_parameters(self.context.file, added);
         let mut fits: Vec<Fit> = Vec::new();
         for (level, start) in starts.iter().enumerate() {
-            let _fit = self.ground.progress.fit();
+            let _fit = self.context.progress.fit();
             let fitter = self.fitter(level);
             let mut from: Vec<Model<f64>> = start.iter().copied().collect();
             from.extend(fits.last().map(|shorter| shorter.model));
@@ -241,7 +241,7 @@ impl<'a> Levels<'a> {
             } else {
                 FITTED
             };
-            fits.push(fitter.best_of_kept(&from, &free, effort, self.ground.checkpoint)?);
+            fits.push(fitter.best_of_kept(&from, &free, effort, self.context.checkpoint)?);
         }
         Some(Estimate {
             added: added.clone(),
@@ -252,20 +252,20 @@ impl<'a> Levels<'a> {
     /// A structure fitted to everything at one level, with what is known of its
     /// parameters; from where the fit to the subsample stands.
     pub fn candidate(&self, estimate: &Estimate, level: usize) -> Candidate {
-        let _fit = self.ground.progress.fit();
+        let _fit = self.context.progress.fit();
         let chosen = self.level(level);
         let start = &estimate.fits[level];
-        let data = self.ground.fitter.data;
+        let data = self.context.fitter.data;
         let guessed = (start.nuisances.len() == data.sessions().len())
             .then(|| data.guessing(&start.nuisances));
         let fitter = Fitter {
             data: guessed.as_ref().unwrap_or(data),
-            ..self.ground.fitter.at(chosen.as_ref())
+            ..self.context.fitter.at(chosen.as_ref())
         };
-        let kept = self.ground.checkpoint;
+        let kept = self.context.checkpoint;
         let mut fit = fitter.fit_kept(&start.model, &start.free, FITTED, kept);
-        let whole = self.ground.fitter;
-        let thinned = self.ground.excerpt.data.samples() < data.samples();
+        let whole = self.context.fitter;
+        let thinned = self.context.excerpt.data.samples() < data.samples();
         // At a short horizon thinned samples are other data: the better simulation counts.
         if chosen.is_some()
             && thinned

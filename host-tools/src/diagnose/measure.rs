@@ -11,9 +11,9 @@ use rayon::prelude::*;
 use super::candidates::Candidate;
 use super::decide::{Closure, Scored};
 use super::discrepancy;
-use super::holdout::{Errors, Judge, at_horizons};
 use super::levels::{Estimate, Levels};
 use super::policy::Policy;
+use super::validation::{CrossValidator, Errors, at_horizons};
 use crate::estimate::filter::Pace;
 use crate::estimate::fit::{Fit, Fitter};
 use crate::estimate::horizon::block_errors;
@@ -66,7 +66,7 @@ pub struct Ruler<'a> {
     /// Everything.
     pub fitter: &'a Fitter<'a>,
     /// Selection by segments that were not fitted.
-    pub judge: &'a Judge<'a>,
+    pub validator: &'a CrossValidator<'a>,
     /// Noise of the angle (rad).
     pub noise: f64,
     /// The constants.
@@ -87,7 +87,7 @@ impl Ruler<'_> {
             let candidate = self.levels.candidate(&estimate, level);
             least(
                 &mut held_out,
-                self.judge.errors_over(&candidate, self.horizons()),
+                self.validator.errors_over(&candidate, self.horizons()),
             );
             least(&mut fitted[0], self.fitted_errors(self.excerpt, fit));
             least(
@@ -117,7 +117,7 @@ impl Ruler<'_> {
     ) -> Vec<Measured> {
         /// As many of each.
         const MEASURED: usize = 5;
-        let progress = self.levels.ground.progress;
+        let progress = self.levels.context.progress;
         progress.step("evidence", 0);
         let mut rough: Vec<Rough> = estimates
             .into_par_iter()
@@ -175,7 +175,7 @@ impl Ruler<'_> {
         } = rough;
         let candidate = self.levels.candidate(&estimate, level);
         let fitted = self.fitted_errors(self.fitter, &candidate.fit);
-        let held_out = self.judge.errors_over(&candidate, self.horizons());
+        let held_out = self.validator.errors_over(&candidate, self.horizons());
         let shares = self.shares(&held_out, &baseline.held_out);
         let left = mean_share(&self.shares(&fitted, &baseline.fitted));
         let left_out = mean_share(&shares);

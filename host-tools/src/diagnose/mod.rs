@@ -2,19 +2,19 @@
 //!
 //! The steps, each a module whose output is data that reports can show:
 //!
-//! 1. [`quality`] and [`slips`]: recordings that cannot be used are refused, others
+//! 1. [`quality`] and [`unit_errors`]: recordings that cannot be used are refused, others
 //!    noted.
 //! 2. [`noise`]: how small a residual can get.
-//! 3. [`identify`]: refit, for a wrong parameter is not a missing effect, and
+//! 3. [`identifiability`]: refit, for a wrong parameter is not a missing effect, and
 //!    which parameters the recordings determine.
 //! 4. Adequate? If what is left cannot be told from noise, stop and say so.
 //! 5. [`mod@localise`]: where the gap lives, by a [`smoother`].
 //! 6. [`mod@search`]: simulate and fit the [`candidates`] of the catalogue, alone
-//!    and [`together`].
-//! 7. [`select`]: which structure the recordings ask for, with rivals that
+//!    and [`pairs`].
+//! 7. [`ranking`]: which structure the recordings ask for, with rivals that
 //!    cannot be rejected kept; [`mod@bootstrap`]: could chance have asked for it?
-//!    [`holdout`]: does it also hold on runs that were not fitted?
-//! 8. [`judge`]; the answer is written as a [`verdict`].
+//!    [`validation`]: does it also hold on runs that were not fitted?
+//! 8. [`selection`]; the answer is written as a [`verdict`].
 //! 9. [`plan`]: the run that would separate the rivals.
 //!
 //! A false name is worse than "cannot tell".
@@ -25,23 +25,23 @@ pub mod decide;
 pub mod discrepancy;
 pub mod family;
 pub mod grade;
-pub mod holdout;
-pub mod identify;
-pub mod judge;
+pub mod identifiability;
 pub mod levels;
 pub mod localise;
 pub mod measure;
 pub mod noise;
+pub mod pairs;
 pub mod plan;
 pub mod policy;
 pub mod progress;
 pub mod quality;
+pub mod ranking;
 pub mod search;
-pub mod select;
-pub mod slips;
+pub mod selection;
 pub mod smoother;
 pub mod tables;
-pub mod together;
+pub mod unit_errors;
+pub mod validation;
 pub mod verdict;
 
 use model_core::actuator::{Model, ParameterId};
@@ -57,17 +57,17 @@ use crate::estimate::subsample::{excerpt, pieces};
 use crate::model_file::{ModelFile, tidy, to_file_units};
 use crate::recording::Recording;
 use crate::statistics::correlated_rms;
-use candidates::{Candidate, Ground, Scales, Untried, applicable};
+use candidates::{Candidate, FitContext, Scales, Untried, applicable};
 use family::Family;
 use grade::Graded;
-use holdout::{HeldOut, Judge};
-use identify::Identifiability;
-use judge::{Court, Findings, Tried};
+use identifiability::Identifiability;
 use localise::{Gap, localise};
 use noise::NoiseFloor;
 use plan::{Limits, Proposal};
 pub use progress::Progress;
 use quality::Concern;
+use selection::{Selection, Selector, Tried};
+use validation::{CrossValidator, HeldOut};
 use verdict::{
     Adequacy, Alternative, Answer, Closure, Experiment, FittedError, HeldOutError, NamedEffect,
     Place, Remaining, Repair, SCHEMA, Strength, Verdict, Zeros,
@@ -231,7 +231,7 @@ fn diagnose_zeros(
         diagnosis.answer,
         Answer::NoDiscrepancy | Answer::ParametersOnly
     );
-    let effect = select::required_evidence(1, Kind::NAMES.len());
+    let effect = ranking::required_evidence(1, Kind::NAMES.len());
     if !quiet || cost_of_zeros(&diagnosis.data, &diagnosis.refit) < effect {
         return Ok(found);
     }
@@ -262,23 +262,23 @@ fn diagnose_all(
     } = Baseline::of(request, data, &floor, progress)?;
     let file = &file;
     let fitter = Fitter::new(&file.model, &data);
-    let mut judge = Judge::new(file, &fitter, floor.input);
+    let mut validator = CrossValidator::new(file, &fitter, floor.input);
     progress.refitted(refit.fit.rmse());
     progress.stage("where the gap lives", 0);
     let gap = localise(&refit.fit.model, &data, &refit.fit.nuisances, floor.white);
-    let (found, untried) = if let Some(answer) = quiet(&nominal, &refit, &floor, &judge) {
-        (Findings::nothing(answer, &refit), Vec::new())
+    let (found, untried) = if let Some(answer) = quiet(&nominal, &refit, &floor, &validator) {
+        (Selection::nothing(answer, &refit), Vec::new())
     } else {
-        let means = Means {
+        let options = Options {
             checkpoint,
             progress,
             seed: request.seed,
         };
-        search_and_judge(&nominal, &refit, &mut judge, &mut floor, means)
+        search_and_judge(&nominal, &refit, &mut validator, &mut floor, options)
     };
 
     progress.stage("validation in the board's arithmetic", 0);
-    let held_out = judge.errors(&refit, &found.repaired);
+    let held_out = validator.errors(&refit, &found.repaired);
     let is_adequate = adequate(&found.repaired.fit, &floor);
     let adequacy = Adequacy {
         adequate: is_adequate,
@@ -302,7 +302,7 @@ fn diagnose_all(
     let proposals = propose(&file.model, &found.rivals, &floor);
     let added = !found.repaired.added.is_empty();
     let closure =
-        added.then(|| closure_of(&judge, &refit, &found.repaired, &Pace::of(fitter.data)));
+        added.then(|| closure_of(&validator, &refit, &found.repaired, &Pace::of(fitter.data)));
     let gap_left = added.then(|| {
         let fit = &found.repaired.fit;
         localise(&fit.model, &data, &fit.nuisances, floor.white)
@@ -343,11 +343,16 @@ fn diagnose_all(
 
 /// What a structure closes of the refit's error beyond the noise, on segments that were
 /// not fitted.
-fn closure_of(judge: &Judge<'_>, refit: &Candidate, repaired: &Candidate, pace: &Pace) -> Closure {
+fn closure_of(
+    validator: &CrossValidator<'_>,
+    refit: &Candidate,
+    repaired: &Candidate,
+    pace: &Pace,
+) -> Closure {
     let horizons = measure::horizons(pace);
-    let before = judge.errors_over(refit, horizons);
-    let after = judge.errors_over(repaired, horizons);
-    measure::closure(&before.values(), &after.values(), judge.floor())
+    let before = validator.errors_over(refit, horizons);
+    let after = validator.errors_over(repaired, horizons);
+    measure::closure(&before.values(), &after.values(), validator.floor())
 }
 
 /// Looks at what is fitted and at what is held out. The noise of the sensor, and
@@ -369,7 +374,7 @@ fn examined(file: &ModelFile, data: &Dataset) -> Result<(NoiseFloor, Vec<Concern
         .iter()
         .map(|session| session.recording().clone())
         .collect();
-    slips::refuse(file, &sessions)?;
+    unit_errors::refuse(file, &sessions)?;
     Ok((floor, concerns))
 }
 
@@ -396,7 +401,7 @@ impl Baseline {
         progress.stage("refit of the nominal structure", 0);
         let nominal = &request.file.model;
         let fitter = Fitter::new(nominal, data);
-        let (refit, file, identified) = identify::refit(request.file, &fitter);
+        let (refit, file, identified) = identifiability::refit(request.file, &fitter);
         if !refit.fit.sse().is_finite() {
             return Err(InputError::new(
                 "the model cannot be simulated over these recordings: it diverges",
@@ -422,13 +427,13 @@ fn quiet(
     nominal: &Fit,
     refit: &Candidate,
     floor: &NoiseFloor,
-    judge: &Judge<'_>,
+    validator: &CrossValidator<'_>,
 ) -> Option<Answer> {
     if adequate(nominal, floor) {
         return Some(Answer::NoDiscrepancy);
     }
     // Parameters that do not help where they were not fitted were not off.
-    let helps = || judge.error_of(refit) < select::FIRST_EFFECT * judge.nominal_error();
+    let helps = || validator.error_of(refit) < ranking::FIRST_EFFECT * validator.nominal_error();
     adequate(&refit.fit, floor).then(|| {
         if helps() {
             Answer::ParametersOnly
@@ -453,7 +458,7 @@ pub struct Validations {
 }
 
 impl Validations {
-    fn of(fitter: &Fitter<'_>, refit: &Candidate, found: &Findings) -> Self {
+    fn of(fitter: &Fitter<'_>, refit: &Candidate, found: &Selection) -> Self {
         if fitter.data.held_out().next().is_none() {
             return Self::default();
         }
@@ -488,7 +493,7 @@ fn cost_of_zeros(data: &Dataset, fit: &Fit) -> f64 {
 
 /// What a search is carried out with.
 #[derive(Clone, Copy)]
-struct Means<'a> {
+struct Options<'a> {
     checkpoint: &'a Checkpoint,
     progress: &'a Progress,
     seed: u64,
@@ -499,11 +504,11 @@ struct Means<'a> {
 fn search_and_judge(
     nominal: &Fit,
     refit: &Candidate,
-    judge: &mut Judge<'_>,
+    validator: &mut CrossValidator<'_>,
     floor: &mut NoiseFloor,
-    means: Means<'_>,
-) -> (Findings, Vec<Untried>) {
-    let (file, fitter) = (judge.file(), judge.fitter());
+    options: Options<'_>,
+) -> (Selection, Vec<Untried>) {
+    let (file, fitter) = (validator.file(), validator.fitter());
     let (kinds, untried) = applicable(&file.model, fitter);
     let pieces = pieces(fitter.data, fitter.nominal);
     let excerpt = excerpt(fitter.data, &refit.fit.model);
@@ -512,7 +517,7 @@ fn search_and_judge(
         data: &pieces,
         ..*fitter
     };
-    let ground = Ground {
+    let context = FitContext {
         file,
         fitter,
         pieces: (!in_step(fitter.data, &refit.fit)).then_some(&in_pieces),
@@ -521,30 +526,30 @@ fn search_and_judge(
             ..*fitter
         },
         scales: &scales,
-        checkpoint: means.checkpoint,
-        progress: means.progress,
+        checkpoint: options.checkpoint,
+        progress: options.progress,
     };
     let search::Singles { coarse, mut pool } =
-        search::singles(&ground, floor, &kinds, refit, means.progress);
+        search::singles(&context, floor, &kinds, refit, options.progress);
     let mut graded = None;
     if !search::settles(&pool, floor) {
         let mut singles = pool[1..].to_vec();
         singles.sort_by(|a, b| a.fit.sse().total_cmp(&b.fit.sse()));
         let singles = if singles.is_empty() { coarse } else { singles };
         graded = grade::graded(
-            &ground,
-            judge,
+            &context,
+            validator,
             floor,
             &kinds,
             refit,
             &singles,
-            means.progress,
+            options.progress,
         );
     }
     if let Some(graded) = &graded
         && graded.may_leave_noise(floor)
     {
-        pool.extend(graded.finished(&ground));
+        pool.extend(graded.finished(&context));
     }
     // What the best structure leaves is the nearest to what the rig itself does not
     // repeat.
@@ -555,29 +560,29 @@ fn search_and_judge(
         .min_by(|a, b| a.fit.sse().total_cmp(&b.fit.sse()))
     {
         *floor = floor.clone().with_repeats(&best.fit.residuals);
-        judge.with_scatter(floor.rms);
+        validator.with_scatter(floor.rms);
     }
-    means.progress.stage("selection by validation", 0);
-    if let Some(answer) = quiet(nominal, refit, floor, judge) {
-        return (Findings::nothing(answer, refit), untried);
+    options.progress.stage("selection by validation", 0);
+    if let Some(answer) = quiet(nominal, refit, floor, validator) {
+        return (Selection::nothing(answer, refit), untried);
     }
     if let Some(graded) = graded.take_if(|graded| !graded.may_leave_noise(floor)) {
-        return (graded.findings(&ground, judge, refit), untried);
+        return (graded.selection(&context, validator, refit), untried);
     }
-    let exact = Court {
-        ground,
-        judge,
+    let exact = Selector {
+        context,
+        validator,
         floor,
         kinds: &kinds,
-        seed: means.seed,
+        seed: options.seed,
     }
-    .findings(refit, &pool);
+    .selection(refit, &pool);
     let settled = match exact.answer {
         Answer::CannotTell => search::settles(&pool, floor),
         answer => answer != Answer::Unexplained,
     };
     let found = match graded {
-        Some(graded) if !settled => graded.findings(&ground, judge, refit),
+        Some(graded) if !settled => graded.selection(&context, validator, refit),
         _ => exact,
     };
     (found, untried)
@@ -589,7 +594,7 @@ fn propose(
     rivals: &[Candidate],
     floor: &NoiseFloor,
 ) -> Vec<(Proposal, [Vec<String>; 2])> {
-    let names = |index: usize| judge::names(&rivals[index].added);
+    let names = |index: usize| selection::names(&rivals[index].added);
     plan::proposals(believed, rivals, floor.rms, &Limits::default())
         .into_iter()
         .take(PROPOSALS)
@@ -751,7 +756,7 @@ impl Diagnosis {
         }
         Some(Repair {
             kind: first.name().to_owned(),
-            of: judge::names(&self.repaired.added),
+            of: selection::names(&self.repaired.added),
         })
     }
 

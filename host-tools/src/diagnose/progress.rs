@@ -13,9 +13,9 @@ use model_core::catalogue::Kind;
 
 use super::candidates::Candidate;
 use super::family::{Family, title};
-use super::judge::names;
 use super::measure::Measured;
 use super::policy::Policy;
+use super::selection::names;
 
 /// Counts what a diagnosis does. Any thread may report.
 #[derive(Debug)]

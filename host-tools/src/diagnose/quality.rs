@@ -9,7 +9,7 @@
 //! | too short to leave a part out | refused |
 //! | no motion in any recording, or hardly any samples | refused |
 //! | no motion in one of them | said |
-//! | units mixed up, columns exchanged | refused, with what fits ([`super::slips`]) |
+//! | units mixed up, columns exchanged | refused, with what fits ([`super::unit_errors`]) |
 //! | sensor at the end of its range, gaps, jitter, a reset | what can be used is, the rest is said ([`crate::usable`]) |
 //! | another actuator among the recordings | left out, and named |
 //! | no repeats, short runs | said |

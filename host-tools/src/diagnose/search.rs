@@ -7,7 +7,7 @@
 use model_core::catalogue::Kind;
 use rayon::prelude::*;
 
-use super::candidates::{Candidate, Ground, finish, glance, promise};
+use super::candidates::{Candidate, FitContext, coarse_fit, final_fit, predicted};
 use super::noise::NoiseFloor;
 use super::{Progress, adequate};
 
@@ -38,7 +38,7 @@ pub struct Singles {
 
 /// Fits the refit with each effect alone.
 pub fn singles(
-    ground: &Ground<'_>,
+    context: &FitContext<'_>,
     floor: &NoiseFloor,
     kinds: &[Kind],
     refit: &Candidate,
@@ -48,7 +48,7 @@ pub fn singles(
     progress.stage(what, kinds.len());
     let mut coarse: Vec<Candidate> = kinds
         .par_iter()
-        .filter_map(|&kind| glance(ground, &promise(ground, refit, kind)?))
+        .filter_map(|&kind| coarse_fit(context, &predicted(context, refit, kind)?))
         .inspect(|candidate| progress.fitted(candidate))
         .collect();
     coarse.sort_by(|a, b| a.fit.sse().total_cmp(&b.fit.sse()));
@@ -65,7 +65,7 @@ pub fn singles(
             .take(FINISHED)
             .enumerate()
             .filter(|(place, candidate)| *place < RIVALS_SHOWN || candidate.fit.sse() <= hopeless)
-            .map(|(_, candidate)| finish(ground, candidate))
+            .map(|(_, candidate)| final_fit(context, candidate))
             .inspect(|candidate| progress.fitted(candidate))
             .collect();
         pool.extend(finished);

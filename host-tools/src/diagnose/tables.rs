@@ -14,7 +14,7 @@ use model_core::effects::table::{FIRST_FORCE, Table, Variable};
 use rayon::prelude::*;
 use statrs::statistics::{Data, OrderStatistics};
 
-use super::candidates::{Candidate, Ground};
+use super::candidates::{Candidate, FitContext};
 use crate::estimate::fit::{Effort, Fitter};
 use crate::smooth::motions;
 
@@ -26,30 +26,30 @@ const FITTED: Effort = Effort::Steps(8);
 
 /// A structure with the table that leaves least of what the structure leaves, fitted to
 /// everything. None if there is no room for one, or nothing to put in it.
-pub fn with_table(ground: &Ground<'_>, base: &Candidate) -> Option<Candidate> {
+pub fn with_table(context: &FitContext<'_>, base: &Candidate) -> Option<Candidate> {
     let from = &base.fit.model;
     if from.effects().count() >= MAX_EFFECTS || from.table().is_some() {
         return None;
     }
     let fits: Vec<Candidate> = Variable::ALL
         .par_iter()
-        .filter_map(|&of| fitted(ground, base, of))
+        .filter_map(|&of| fitted(context, base, of))
         .collect();
     let best = fits
         .into_iter()
         .filter(|candidate| candidate.fit.sse().is_finite())
         .min_by(|a, b| a.fit.sse().total_cmp(&b.fit.sse()))?;
-    let _fit = ground.progress.fit();
-    let whole = ground.fitter;
+    let _fit = context.progress.fit();
+    let whole = context.fitter;
     let fit = whole.fit(&best.fit.model, &best.fit.free, FITTED);
     Some(Candidate::of(best.added, whole.informed(&fit)))
 }
 
-fn fitted(ground: &Ground<'_>, base: &Candidate, of: Variable) -> Option<Candidate> {
-    let _fit = ground.progress.fit();
+fn fitted(context: &FitContext<'_>, base: &Candidate, of: Variable) -> Option<Candidate> {
+    let _fit = context.progress.fit();
     let from = &base.fit.model;
     let slot = from.effects().count();
-    let nodes = nodes(ground.fitter, of)?;
+    let nodes = nodes(context.fitter, of)?;
     let table = Table::new(of, &nodes, &vec![0.0; nodes.len()]).ok()?;
     let effects: Vec<Effect<f64>> = from.effects().chain([Effect::Table(table)]).collect();
     let model = Model::new(*from.dynamics(), &effects).ok()?;
@@ -66,8 +66,8 @@ fn fitted(ground: &Ground<'_>, base: &Candidate, of: Variable) -> Option<Candida
         .chain(forces)
         .collect();
     let added = base.added.iter().copied().chain([Kind::Table]).collect();
-    let kept = ground.checkpoint;
-    let fit = ground.excerpt.fit_kept(&model, &free, FITTED, kept);
+    let kept = context.checkpoint;
+    let fit = context.excerpt.fit_kept(&model, &free, FITTED, kept);
     Some(Candidate::of(added, fit))
 }
 
@@ -143,7 +143,7 @@ mod tests {
                 fitter.fit(&file.model, &file.free, Effort::Full),
             );
             let scales = Scales::of(&fitter, &refit.fit);
-            let ground = Ground {
+            let context = FitContext {
                 file: &file,
                 fitter: &fitter,
                 pieces: None,
@@ -152,7 +152,7 @@ mod tests {
                 checkpoint: &Checkpoint::default(),
                 progress: &Progress::default(),
             };
-            let repaired = with_table(&ground, &refit).unwrap();
+            let repaired = with_table(&context, &refit).unwrap();
             let table = repaired.fit.model.table().unwrap();
             assert_eq!(table.of(), of, "{kind:?}");
             assert!(

@@ -44,7 +44,7 @@ pub struct Fit {
     /// Whether the solver met its tolerance.
     pub converged: bool,
     /// What each segment says about the free parameters; empty after a
-    /// glance.
+    /// coarse fit.
     pub(super) information: Information,
     pub(super) coordinates: Vec<Coordinate>,
     pub(super) position: Vec<f64>,
@@ -105,7 +105,7 @@ impl Fit {
     }
 
     /// JᵀJ of all recordings in the coordinates of the solver; none after a
-    /// glance.
+    /// coarse fit.
     pub fn curvature(&self) -> Option<DMatrix<f64>> {
         (self.information.unknowns() == self.free.len() && !self.free.is_empty())
             .then(|| self.information.total(&[]))
@@ -195,7 +195,7 @@ pub enum Effort {
     /// So many damped Gauss–Newton steps, to rank starts and levels.
     Steps(usize),
     /// A few steps, to rank starts.
-    Glance,
+    Coarse,
     /// Until another step would change the sum of squares by a hundred-thousandth: far
     /// below what any test of significance can see.
     Full,
@@ -206,7 +206,7 @@ impl Effort {
     const fn is_long(self) -> bool {
         match self {
             Self::Steps(steps) => steps >= 8,
-            Self::Glance | Self::Full => true,
+            Self::Coarse | Self::Full => true,
         }
     }
 }
@@ -322,7 +322,7 @@ impl<'a> Fitter<'a> {
     /// [`Dataset::held_out`].
     pub fn validate(&self, model: &Model<f64>) -> Validation {
         let (problem, _) =
-            Problem::new(self, model, &[], Compared::Validated).solved(Effort::Glance);
+            Problem::new(self, model, &[], Compared::Validated).solved(Effort::Coarse);
         Validation {
             residuals: problem.residual_series(false),
             nuisances: problem.nuisances(),
@@ -416,13 +416,13 @@ impl<'a> Fitter<'a> {
         all
     }
 
-    /// The sum of squares (rad²) that one Gauss–Newton step from `start` promises:
+    /// The sum of squares (rad²) predicted after one Gauss–Newton step from `start`:
     /// a score test at the price of a single simulation with derivatives. Not
     /// finite where the model cannot be simulated.
-    pub fn promise(&self, start: &Model<f64>, free: &[ParameterId]) -> f64 {
+    pub fn predicted_sse(&self, start: &Model<f64>, free: &[ParameterId]) -> f64 {
         Problem::new(self, start, free, Compared::Fitted)
             .at_level(self.level)
-            .promise()
+            .predicted_sse()
     }
 
     /// Residuals (rad) of a model at every fitted sample, and their derivatives in
@@ -441,7 +441,7 @@ impl<'a> Fitter<'a> {
             .dense()
     }
 
-    /// The `count` starts that promise most.
+    /// The `count` starts with the least predicted SSE.
     pub fn promising(
         &self,
         starts: &[Model<f64>],
@@ -450,9 +450,9 @@ impl<'a> Fitter<'a> {
     ) -> Vec<(f64, Model<f64>)> {
         let mut ranked: Vec<(f64, Model<f64>)> = starts
             .par_iter()
-            .map(|start| (self.promise(start, free), *start))
+            .map(|start| (self.predicted_sse(start, free), *start))
             .collect();
-        ranked.retain(|(promise, _)| promise.is_finite());
+        ranked.retain(|(sse, _)| sse.is_finite());
         ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
         ranked.truncate(count);
         ranked

@@ -36,7 +36,7 @@ impl Effort {
         // coordinates. The solver's default of 100 leaps over the valley that
         // a start was chosen for.
         match self {
-            Self::Steps(_) | Self::Glance => solver
+            Self::Steps(_) | Self::Coarse => solver
                 .with_stepbound(1.0)
                 .with_patience(patience(GLANCES))
                 .with_ftol(1e-3)
@@ -236,8 +236,8 @@ impl<'a> Problem<'a> {
         self.position.as_slice()
     }
 
-    /// The sum of squares (rad²) that one Gauss–Newton step promises.
-    pub fn promise(mut self) -> f64 {
+    /// The sum of squares (rad²) predicted after one Gauss–Newton step.
+    pub fn predicted_sse(mut self) -> f64 {
         self.triangulate();
         let (Some(residuals), Some(jacobian)) = (self.residuals(), self.jacobian()) else {
             return f64::INFINITY;
@@ -678,11 +678,11 @@ impl<'a> Problem<'a> {
             .collect()
     }
 
-    /// The fit at this position. After a glance it says nothing of errors.
+    /// The fit at this position. After a coarse fit it says nothing of errors.
     pub fn finish(self, converged: bool, effort: Effort) -> Fit {
         let residuals = self.residual_series(true);
         let information = match effort {
-            Effort::Steps(_) | Effort::Glance => Information::default(),
+            Effort::Steps(_) | Effort::Coarse => Information::default(),
             Effort::Full => self.information(&residuals),
         };
         let free = self.free.len();

@@ -72,7 +72,7 @@ fn bands(request: &Request<'_>, diagnosis: &Diagnosis) -> Result<Vec<Vec<f64>>, 
     } else {
         // A fit knows zeros and starts of the sessions that it was made to.
         let mut placed = fit.clone();
-        placed.nuisances = fitter.fit(&fit.model, &[], Effort::Glance).nuisances;
+        placed.nuisances = fitter.fit(&fit.model, &[], Effort::Coarse).nuisances;
         fitter.band95(&placed)?
     };
     let in_degrees = |index: usize| -> Vec<f64> {

@@ -11,9 +11,9 @@ use serde::Serialize;
 use super::numbers::{degrees, percent, short, with_ends};
 use super::shares::Explained;
 use crate::diagnose::family::Family;
-use crate::diagnose::judge::{self, Tried};
 use crate::diagnose::noise::NoiseFloor;
 use crate::diagnose::policy::Policy;
+use crate::diagnose::selection::{self, Tried};
 use crate::diagnose::verdict::{Answer, Closure, Strength};
 use crate::diagnose::{Diagnosis, Request};
 use crate::estimate::fit::Fit;
@@ -574,7 +574,7 @@ fn what_separates(diagnosis: &Diagnosis) -> &'static str {
     if !next_suffices(diagnosis) {
         "No run that the board can make is expected to separate them: a different measurement \
          is needed."
-    } else if diagnosis.alternatives.len() > judge::RIVALS_PLANNED {
+    } else if diagnosis.alternatives.len() > selection::RIVALS_PLANNED {
         "The run proposed below would separate the likeliest of them."
     } else {
         "The run proposed below would separate them."
@@ -1006,7 +1006,7 @@ fn errors_of(tried: &Tried, diagnosis: &Diagnosis) -> (f64, Option<f64>) {
     let held_out = &diagnosis.held_out;
     if tried.kinds.is_empty() {
         (diagnosis.refit.rmse(), Some(held_out.refit))
-    } else if !added.is_empty() && are_the_same(&tried.kinds, &judge::names(added)) {
+    } else if !added.is_empty() && are_the_same(&tried.kinds, &selection::names(added)) {
         (
             diagnosis.repaired.fit.rmse(),
             Some(held_out.repaired_on_board),
@@ -1023,8 +1023,8 @@ fn standing(tried: &Tried, diagnosis: &Diagnosis) -> Standing {
     let listed = alternatives
         .iter()
         .any(|rival| are_the_same(&tried.kinds, &rival.kinds));
-    let added = judge::names(&diagnosis.repaired.added);
-    let named = judge::names(&diagnosis.named);
+    let added = selection::names(&diagnosis.repaired.added);
+    let named = selection::names(&diagnosis.named);
     match diagnosis.answer {
         Answer::CannotTell if listed => Standing::Rival,
         Answer::EffectFound if are_the_same(&tried.kinds, &named) => Standing::Named,

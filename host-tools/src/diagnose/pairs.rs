@@ -1,8 +1,8 @@
-//! Effects that help only together.
+//! Pair screening: effects that help only together.
 //!
 //! Drag and dry friction each bend the decay of a pendulum the wrong way, and
 //! neither alone brings anything; a search that adds one effect at a time never
-//! sees the two. Their promise together is linear algebra: what each effect does
+//! sees the two. What the two leave together is linear algebra: what each effect does
 //! to the simulated angle, to first order, is known from one simulation with
 //! derivatives, and every two of them can be set against the residual at once
 //! without another one.
@@ -17,7 +17,7 @@ use rayon::prelude::*;
 use crate::estimate::Nuisance;
 use crate::estimate::fit::Fitter;
 
-use super::candidates::{Candidate, Ground, Promise, free_parameters, starts_from};
+use super::candidates::{Candidate, FitContext, Predicted, free_parameters, starts_from};
 
 /// Starts of each effect that are set against those of every other.
 const STARTS: usize = 2;
@@ -34,22 +34,22 @@ struct Direction {
     columns: DMatrix<f64>,
 }
 
-/// What every two effects promise beside those of `base`, the best first. Empty
+/// The predicted SSE of every two effects beside those of `base`, least first. Empty
 /// where the model has no room for two more.
-pub fn promises(ground: &Ground<'_>, base: &Candidate, kinds: &[Kind]) -> Vec<Promise> {
-    let known = ground.file.model.effects().count() + base.added.len();
+pub fn ranked(context: &FitContext<'_>, base: &Candidate, kinds: &[Kind]) -> Vec<Predicted> {
+    let known = context.file.model.effects().count() + base.added.len();
     if known + 2 > MAX_EFFECTS {
         return Vec::new();
     }
-    let Some(at) = Point::of(ground, base) else {
+    let Some(at) = Point::of(context, base) else {
         return Vec::new();
     };
     let directions: Vec<Direction> = kinds
         .par_iter()
         .filter(|kind| !base.added.contains(kind))
-        .flat_map_iter(|&kind| directions(ground, base, kind, &at))
+        .flat_map_iter(|&kind| directions(context, base, kind, &at))
         .collect();
-    let mut promised: Vec<(f64, usize, usize)> = (0..directions.len())
+    let mut predicted: Vec<(f64, usize, usize)> = (0..directions.len())
         .into_par_iter()
         .flat_map_iter(|a| (0..a).map(move |b| (a, b)))
         .filter(|&(a, b)| directions[a].kind != directions[b].kind)
@@ -58,28 +58,33 @@ pub fn promises(ground: &Ground<'_>, base: &Candidate, kinds: &[Kind]) -> Vec<Pr
             Some((left_by(&at.residual, first, second)?, a, b))
         })
         .collect();
-    promised.sort_by(|x, y| x.0.total_cmp(&y.0));
+    predicted.sort_by(|x, y| x.0.total_cmp(&y.0));
     let mut seen = BTreeSet::new();
-    promised
+    predicted
         .into_iter()
         .filter_map(|(sse, a, b)| {
             let (a, b) = (&directions[a], &directions[b]);
-            let promise = Promise::of_start(base, [a.kind, b.kind], sse, both(base, a, b)?);
-            seen.insert(promise.set()).then_some(promise)
+            let predicted = Predicted::of_start(base, [a.kind, b.kind], sse, both(base, a, b)?);
+            seen.insert(predicted.set()).then_some(predicted)
         })
         .collect()
 }
 
 /// What an effect does at its most promising starts.
-fn directions(ground: &Ground<'_>, base: &Candidate, kind: Kind, at: &Point) -> Vec<Direction> {
+fn directions(
+    context: &FitContext<'_>,
+    base: &Candidate,
+    kind: Kind,
+    at: &Point,
+) -> Vec<Direction> {
     let mut added = base.added.clone();
     added.push(kind);
-    let own = free_parameters(ground.file, &added).split_off(base.fit.free.len());
+    let own = free_parameters(context.file, &added).split_off(base.fit.free.len());
     let free = [at.free.as_slice(), &own].concat();
-    let mut found: Vec<(f64, Direction)> = starts_from(ground, base, kind)
+    let mut found: Vec<(f64, Direction)> = starts_from(context, base, kind)
         .par_iter()
         .filter_map(|start| {
-            let direction = at.direction(ground.excerpt, kind, start, &free)?;
+            let direction = at.direction(context.excerpt, kind, start, &free)?;
             let none = DMatrix::zeros(at.residual.nrows(), 0);
             Some((left_by(&at.residual, &direction.columns, &none)?, direction))
         })
@@ -105,7 +110,7 @@ struct Point {
 }
 
 impl Point {
-    fn of(ground: &Ground<'_>, base: &Candidate) -> Option<Self> {
+    fn of(context: &FitContext<'_>, base: &Candidate) -> Option<Self> {
         let movable = |(index, &id)| (!base.fit.at_bound(index)).then_some(id);
         let free: Vec<ParameterId> = base
             .fit
@@ -114,8 +119,8 @@ impl Point {
             .enumerate()
             .filter_map(movable)
             .collect();
-        let nuisances = ground.excerpt.compare(&base.fit.model).nuisances;
-        let (whole, jacobian) = ground
+        let nuisances = context.excerpt.compare(&base.fit.model).nuisances;
+        let (whole, jacobian) = context
             .excerpt
             .linearised(&base.fit.model, &free, &nuisances)?;
         let reachable = jacobian.qr().q();
@@ -272,8 +277,8 @@ mod tests {
             .collect()
     }
 
-    /// The sets of effects that are promised to the refit of a spring, best first.
-    fn promised(effects: &[(Kind, &[f64])]) -> Vec<Vec<Kind>> {
+    /// The sets of effects that are predicted for the refit of a spring, best first.
+    fn predicted(effects: &[(Kind, &[f64])]) -> Vec<Vec<Kind>> {
         let file = ModelFile::parse(SWING, Path::new("swing.toml")).unwrap();
         let recordings = swings(&file, effects, &[1.1, 0.7, 0.3]);
         let data = Dataset::of(&recordings);
@@ -282,7 +287,7 @@ mod tests {
             Vec::new(),
             fitter.fit(&file.model, &file.free, Effort::Full),
         );
-        let ground = Ground {
+        let context = FitContext {
             file: &file,
             fitter: &fitter,
             pieces: None,
@@ -299,37 +304,40 @@ mod tests {
             Kind::SensorOffset,
             Kind::AsymmetricDamping,
         ];
-        promises(&ground, &base, &kinds)
+        ranked(&context, &base, &kinds)
             .iter()
-            .map(Promise::set)
+            .map(Predicted::set)
             .collect()
     }
 
     /// The decay that friction makes straight and drag steep looks viscous: each
     /// alone leaves what the other does.
     #[test]
-    fn drag_and_dry_friction_are_promised_together() {
-        let promised = promised(&[
+    fn drag_and_dry_friction_are_predicted_together() {
+        let predicted = predicted(&[
             (Kind::CoulombFriction, &[0.4, 0.05]),
             (Kind::QuadraticDamping, &[0.05]),
         ]);
         assert_eq!(
-            promised[0],
+            predicted[0],
             [Kind::CoulombFriction, Kind::QuadraticDamping],
-            "{promised:?}"
+            "{predicted:?}"
         );
     }
 
     #[test]
-    fn every_two_are_promised_once() {
-        let mut promised = promised(&[
+    fn every_two_are_predicted_once() {
+        let mut predicted = predicted(&[
             (Kind::CubicStiffness, &[-6.0]),
             (Kind::AsymmetricDamping, &[0.5]),
         ]);
-        assert_eq!(promised[0], [Kind::AsymmetricDamping, Kind::CubicStiffness]);
-        assert_eq!(promised.len(), 15);
-        promised.sort();
-        promised.dedup();
-        assert_eq!(promised.len(), 15);
+        assert_eq!(
+            predicted[0],
+            [Kind::AsymmetricDamping, Kind::CubicStiffness]
+        );
+        assert_eq!(predicted.len(), 15);
+        predicted.sort();
+        predicted.dedup();
+        assert_eq!(predicted.len(), 15);
     }
 }

@@ -12,12 +12,12 @@ use model_core::catalogue::Kind;
 use rayon::prelude::*;
 
 use super::bootstrap::{SIGNIFICANT, chance};
-use super::candidates::{Candidate, Ground, released};
+use super::candidates::{Candidate, FitContext, released};
 use super::decide::Strength;
 use super::family::Family;
-use super::holdout::Judge;
 use super::noise::NoiseFloor;
-use super::select::{Growth, Ranked, Scoring, required_evidence};
+use super::ranking::{Growth, Ranked, Scoring, required_evidence};
+use super::validation::CrossValidator;
 use super::verdict::{Alternative, Answer};
 use super::{RMS_FACTOR, adequate};
 
@@ -105,7 +105,7 @@ pub struct Tried {
 
 /// What a search came to.
 #[derive(Clone, Debug)]
-pub struct Findings {
+pub struct Selection {
     /// The answer.
     pub answer: Answer,
     /// The effects that are named, in the order of the repaired model.
@@ -129,7 +129,7 @@ pub struct Findings {
     pub best: Option<Candidate>,
 }
 
-impl Findings {
+impl Selection {
     /// An answer that names nothing.
     pub fn nothing(answer: Answer, refit: &Candidate) -> Self {
         Self {
@@ -153,11 +153,11 @@ pub fn names(kinds: &[Kind]) -> Vec<String> {
 }
 
 /// What a judgement rests on.
-pub struct Court<'a> {
+pub struct Selector<'a> {
     /// What candidates were fitted to.
-    pub ground: Ground<'a>,
+    pub context: FitContext<'a>,
     /// The held-out runs.
-    pub judge: &'a Judge<'a>,
+    pub validator: &'a CrossValidator<'a>,
     /// The noise floor.
     pub floor: &'a NoiseFloor,
     /// The effects that were tried.
@@ -166,10 +166,10 @@ pub struct Court<'a> {
     pub seed: u64,
 }
 
-impl Court<'_> {
+impl Selector<'_> {
     /// Judges a pool of structures, of which the first is the refit.
-    pub fn findings(&self, refit: &Candidate, pool: &[Candidate]) -> Findings {
-        let scoring = Scoring::of(pool, self.ground.scales, self.floor);
+    pub fn selection(&self, refit: &Candidate, pool: &[Candidate]) -> Selection {
+        let scoring = Scoring::of(pool, self.context.scales, self.floor);
         let ranked: Vec<Vec<Ranked>> = (0..=MAX_EFFECTS)
             .map(|size| scoring.rank(pool, size))
             .collect();
@@ -180,7 +180,7 @@ impl Court<'_> {
             .collect::<Vec<_>>()
             .par_iter()
             .for_each(|entry| {
-                self.judge.error_of(&pool[entry.index]);
+                self.validator.error_of(&pool[entry.index]);
             });
         let best = pool
             .iter()
@@ -191,7 +191,7 @@ impl Court<'_> {
             .flat_map(|ranked| ranked.iter().enumerate())
             .map(|(place, entry)| self.tried(refit, &pool[entry.index], entry, place))
             .collect();
-        Findings {
+        Selection {
             tried,
             best,
             ..self.decide(refit, pool, &scoring, &ranked)
@@ -211,8 +211,8 @@ impl Court<'_> {
             rmse: fit.rmse(),
             held_out: (place < RIVALS_SHOWN).then(|| {
                 (
-                    self.judge.error_of(candidate),
-                    self.judge.gap_closed(refit, candidate),
+                    self.validator.error_of(candidate),
+                    self.validator.gap_closed(refit, candidate),
                 )
             }),
             delta_bic: entry.delta,
@@ -225,9 +225,13 @@ impl Court<'_> {
 
     /// Whether a structure explains enough of the gap to be given as a cause.
     fn explains(&self, refit: &Candidate, candidate: &Candidate) -> bool {
-        let left = self.judge.error_of(candidate) / self.judge.floor();
-        let needed = share_needed(candidate.added.len(), left, self.judge.has_only_repeats());
-        self.judge.gap_closed(refit, candidate) >= needed
+        let left = self.validator.error_of(candidate) / self.validator.floor();
+        let needed = share_needed(
+            candidate.added.len(),
+            left,
+            self.validator.has_only_repeats(),
+        );
+        self.validator.gap_closed(refit, candidate) >= needed
     }
 
     /// Decides from the standing of the structures of each size in `ranked`.
@@ -237,7 +241,7 @@ impl Court<'_> {
         pool: &[Candidate],
         scoring: &Scoring<'_>,
         ranked: &[Vec<Ranked>],
-    ) -> Findings {
+    ) -> Selection {
         let chosen = self.choose(refit, pool, scoring, ranked);
         let size = pool[chosen].added.len();
         let ranked = &ranked[size.max(1)];
@@ -249,21 +253,21 @@ impl Court<'_> {
         if size == 0 && refit.fit.rmse() <= RMS_FACTOR * self.floor.white.hypot(self.floor.input) {
             // A trace of correlation that no effect accounts for, within the
             // noise of the sensors.
-            return Findings::nothing(Answer::ParametersOnly, refit);
+            return Selection::nothing(Answer::ParametersOnly, refit);
         }
         if size == 0 || !self.explains(refit, &pool[chosen]) {
-            return Findings {
+            return Selection {
                 alternatives: ranked.iter().take(RIVALS_SHOWN).map(alternative).collect(),
-                ..Findings::nothing(Answer::Unexplained, refit)
+                ..Selection::nothing(Answer::Unexplained, refit)
             };
         }
-        let closed = self.judge.gap_closed(refit, &pool[chosen]);
+        let closed = self.validator.gap_closed(refit, &pool[chosen]);
         let surviving: Vec<&Ranked> = ranked
             .iter()
             .filter(|entry| !entry.rejected)
             .filter(|entry| {
                 let rival = &pool[entry.index];
-                closed - self.judge.gap_closed(refit, rival) < FALLS_SHORT
+                closed - self.validator.gap_closed(refit, rival) < FALLS_SHORT
                     || self.explains(refit, rival)
             })
             .collect();
@@ -294,15 +298,15 @@ impl Court<'_> {
             let one = surviving
                 .iter()
                 .all(|entry| Family::of_all(&pool[entry.index].added) == families);
-            return Findings {
+            return Selection {
                 alternatives: surviving.iter().map(|entry| alternative(entry)).collect(),
                 rivals,
                 families: if one { families } else { Vec::new() },
-                ..Findings::nothing(Answer::CannotTell, &pool[surviving[0].index])
+                ..Selection::nothing(Answer::CannotTell, &pool[surviving[0].index])
             };
         };
         let repaired = self.with_released(named, scoring);
-        Findings {
+        Selection {
             answer: Answer::EffectFound,
             named: repaired.added.clone(),
             strength: Some(Strength::Explains),
@@ -318,7 +322,7 @@ impl Court<'_> {
                 .map(alternative)
                 .collect(),
             rivals,
-            ..Findings::nothing(Answer::EffectFound, &repaired)
+            ..Selection::nothing(Answer::EffectFound, &repaired)
         }
     }
 
@@ -361,17 +365,17 @@ impl Court<'_> {
             .take(RIVALS_DRAWN)
             .map(|entry| &pool[entry.index])
             .collect();
-        chance(self.ground.fitter, smaller, &rivals, self.seed)
+        chance(self.context.fitter, smaller, &rivals, self.seed)
     }
 
     fn growth(&self, smaller: &Candidate, larger: &Candidate) -> Growth {
         Growth {
             before: smaller.added.len(),
-            smaller: self.judge.error_of(smaller),
-            larger: self.judge.error_of(larger),
-            floor: self.judge.floor(),
+            smaller: self.validator.error_of(smaller),
+            larger: self.validator.error_of(larger),
+            floor: self.validator.floor(),
             adequate: adequate(&larger.fit, self.floor),
-            only_repeats: self.judge.has_only_repeats(),
+            only_repeats: self.validator.has_only_repeats(),
         }
     }
 
@@ -401,16 +405,16 @@ impl Court<'_> {
     /// they are, and the intervals of all others allow for it: nobody knows that
     /// gravity pulls just so.
     fn with_released(&self, mut candidate: Candidate, scoring: &Scoring<'_>) -> Candidate {
-        let Some(freed) = released(&self.ground, &candidate) else {
+        let Some(freed) = released(&self.context, &candidate) else {
             return candidate;
         };
         if scoring.score(&freed) <= scoring.score(&candidate)
-            && self.judge.error_of(&freed) < self.judge.error_of(&candidate)
+            && self.validator.error_of(&freed) < self.validator.error_of(&candidate)
         {
             return freed;
         }
         let held = &freed.fit.free[candidate.fit.free.len()..];
-        self.ground.fitter.allow_for(&mut candidate.fit, held);
+        self.context.fitter.allow_for(&mut candidate.fit, held);
         candidate
     }
 }

@@ -159,7 +159,7 @@ impl Squared for [Squares; 3] {
 type Key = (Vec<Kind>, Vec<ParameterId>, Option<u64>);
 
 /// Judges structures by segments that were not fitted.
-pub struct Judge<'a> {
+pub struct CrossValidator<'a> {
     file: &'a ModelFile,
     /// The data, whose held-out segments are those to judge by; if there are none,
     /// the fitted ones are left out in turn.
@@ -176,7 +176,7 @@ pub struct Judge<'a> {
     memo: Mutex<BTreeMap<Key, Vec<f64>>>,
 }
 
-impl<'a> Judge<'a> {
+impl<'a> CrossValidator<'a> {
     /// Creates a judge. The noise of the measured pressure leaves an error of
     /// `input` (rad) that no model removes.
     pub fn new(file: &'a ModelFile, fitter: &'a Fitter<'a>, input: f64) -> Self {
@@ -427,7 +427,7 @@ impl<'a> Judge<'a> {
             // decides nothing.
             let refitted =
                 rest.at(candidate.level.as_ref())
-                    .fit(&candidate.fit.model, &free, Effort::Glance);
+                    .fit(&candidate.fit.model, &free, Effort::Coarse);
             squares(rest, &refitted.model)
         })
     }

@@ -188,7 +188,7 @@ fn agrees_refitted(file: &ModelFile, recording: &Recording) -> bool {
     const LEAP: f64 = 4.0;
     let start = start_of(recording);
     let data = Dataset::of(std::slice::from_ref(&start)).calibrated();
-    let fit = Fitter::new(&file.model, &data).fit(&file.model, &file.free, Effort::Glance);
+    let fit = Fitter::new(&file.model, &data).fit(&file.model, &file.free, Effort::Coarse);
     let leaps = |of: fn(&Dynamics<f64>) -> f64| {
         let by_inertia = |model: &Model<f64>| of(model.dynamics()) / model.dynamics().inertia;
         let factor = by_inertia(&fit.model) / by_inertia(&file.model);
