@@ -1,29 +1,34 @@
-//! Writes the table of the decision's constants into the page on the diagnosis.
+//! Writes the tables of the decision's constants into the page on the diagnosis.
 //!
 //! `cargo run -p host-tools --example policy_table -- docs/diagnosis.md` replaces what
-//! stands between the table's head and the next text; a test holds the two together.
+//! stands between each table's head and the next text; a test holds the two together.
 
 use std::fmt::Write as _;
 
-use host_tools::diagnose::policy::Policy;
+use host_tools::diagnose::policy::{Exact, Policy, Row};
 
-/// The head of the table in the page.
+/// The head of a table in the page.
 const HEAD: &str = "   |---|---:|---|---|---|\n";
+
+/// The tables, in the order of the page.
+const TABLES: [&[Row]; 2] = [Policy::ROWS, Exact::ROWS];
 
 fn main() -> std::io::Result<()> {
     if let Some(path) = std::env::args().nth(1) {
         let page = std::fs::read_to_string(&path)?;
-        std::fs::write(&path, with_table(&page))?;
+        std::fs::write(&path, with_tables(&page))?;
     } else {
-        print!("{}", table());
+        for rows in TABLES {
+            println!("{}", table(rows));
+        }
     }
     Ok(())
 }
 
-/// The rows of the table, indented as a part of a list.
-fn table() -> String {
+/// The rows of a table, indented as a part of a list.
+fn table(rows: &[Row]) -> String {
     let mut text = String::new();
-    for (name, value, unit, meaning, origin) in Policy::ROWS {
+    for (name, value, unit, meaning, origin) in rows {
         let meaning = meaning.trim();
         // Writing to a string cannot fail.
         let _ = writeln!(
@@ -41,20 +46,21 @@ fn short(value: f64) -> String {
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
-/// The page with its table as the code has it.
-fn with_table(page: &str) -> String {
-    let Some((before, rest)) = page.split_once(HEAD) else {
-        return page.to_owned();
-    };
-    let after = rest
-        .lines()
-        .skip_while(|line| line.trim_start().starts_with('|') || line.starts_with("<!--"))
-        .fold(String::new(), |text, line| text + line + "\n");
-    format!(
-        "{before}{HEAD}{}\n{}",
-        table(),
-        after.trim_start_matches('\n')
-    )
+/// The page with its tables as the code has them.
+fn with_tables(page: &str) -> String {
+    let mut parts = page.split(HEAD);
+    let mut text = parts.next().unwrap_or_default().to_owned();
+    for (rows, rest) in TABLES.into_iter().zip(parts) {
+        let after: Vec<&str> = rest
+            .lines()
+            .skip_while(|line| line.trim_start().starts_with('|'))
+            .collect();
+        text += HEAD;
+        text += &table(rows);
+        text += &after.join("\n");
+        text += "\n";
+    }
+    text
 }
 
 #[cfg(test)]
@@ -63,10 +69,14 @@ mod tests {
     fn page_has_the_constants_of_the_code() {
         let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/diagnosis.md");
         let written = std::fs::read_to_string(path).unwrap_or_default();
-        assert!(
-            written.contains(&super::table()),
+        assert_eq!(
+            super::with_tables(&written),
+            written,
             "docs/diagnosis.md is out of date: \
              cargo run -p host-tools --example policy_table -- docs/diagnosis.md"
         );
+        for rows in super::TABLES {
+            assert!(written.contains(&super::table(rows)));
+        }
     }
 }

@@ -35,9 +35,6 @@ const SHORTEST: usize = 50;
 /// Fewer blocks cannot show a chance of one in a hundred.
 const FEWEST: usize = 8;
 
-/// A larger structure is not believed if chance does as well more often.
-pub const SIGNIFICANT: f64 = 0.01;
-
 /// The probability that noise alone lets the best of `rivals` gain on `smaller` as
 /// much as the first of them does. At least 1/500; 1 where the recordings are too
 /// short to say.
@@ -247,6 +244,7 @@ mod tests {
 
     use super::*;
     use crate::diagnose::candidates::free_parameters;
+    use crate::diagnose::policy::Exact;
     use crate::estimate::Dataset;
     use crate::estimate::fit::Effort;
     use crate::example::{Hidden, make};
@@ -283,7 +281,7 @@ mod tests {
         for seed in 1..=3 {
             assert!(chance_of_friction(there, seed) < 0.005);
             let absent = chance_of_friction(Hidden::Nothing, seed);
-            assert!(absent > SIGNIFICANT, "{absent}");
+            assert!(absent > Exact::STANDARD.chance, "{absent}");
         }
     }
 

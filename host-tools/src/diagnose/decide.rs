@@ -12,7 +12,9 @@
 //! 3. What the leader closes of the error on segments that were not fitted is its
 //!    strength: it explains the error, or part of it, or nothing is named.
 //!    A trace that has overwhelming evidence is shown without a name.
-//! 4. Others with nearly as much evidence are rivals. Rivals of the same families as the
+//! 4. A table of the named effect's own variable that leaves much less says that the
+//!    variable is right and the formula is not: the family is named ([`shaped`]).
+//! 5. Others with nearly as much evidence are rivals. Rivals of the same families as the
 //!    leader make a family the answer. If they differ, what all of them have in common is
 //!    named as far as it goes alone; else it is "cannot tell".
 
@@ -102,6 +104,24 @@ pub fn decide(scored: &[Scored], policy: &Policy) -> Decision {
         rivals,
         families: if one { families } else { Vec::new() },
         strength,
+    }
+}
+
+/// What becomes of a decision if a table of the named effect's own variable, beside the
+/// formula, leaves these shares of its error, fitted and held out: a right formula leaves
+/// nothing to a table. Where it does, the variable is right and the formula is not, and
+/// the family is named.
+pub fn shaped(decision: Decision, scored: &[Scored], left: [f64; 2], policy: &Policy) -> Decision {
+    match decision {
+        Decision::Named {
+            structure,
+            strength,
+        } if left.iter().all(|share| *share <= policy.shape) => Decision::CannotTell {
+            rivals: vec![structure],
+            families: Family::of_all(&scored[structure].kinds),
+            strength,
+        },
+        other => other,
     }
 }
 
@@ -421,6 +441,22 @@ mod tests {
         // A peak of no height is none, whatever its width is good for.
         rows[0].degenerate = true;
         assert_eq!(decide(&rows, &POLICY), named(1, Strength::Explains));
+    }
+
+    #[test]
+    fn a_formula_that_a_table_of_its_variable_beats_is_a_family() {
+        let rows = [row(&[CoulombFriction], 0.9, 1000.0)];
+        let name = || decide(&rows, &POLICY);
+        let family = Decision::CannotTell {
+            rivals: vec![0],
+            families: vec![Family::DryFriction],
+            strength: Strength::Explains,
+        };
+        assert_eq!(shaped(name(), &rows, [0.85, 0.85], &POLICY), family);
+        assert_eq!(shaped(name(), &rows, [0.85, 0.86], &POLICY), name());
+        assert_eq!(shaped(name(), &rows, [0.86, 0.85], &POLICY), name());
+        let none = Decision::Unexplained { nearest: None };
+        assert_eq!(shaped(none.clone(), &rows, [0.1, 0.1], &POLICY), none);
     }
 
     /// The order of the rows is that of a search and must not matter.

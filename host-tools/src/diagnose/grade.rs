@@ -11,12 +11,12 @@ use rayon::prelude::*;
 
 use super::Progress;
 use super::candidates::{Candidate, FitContext, coarse_fit, final_fit};
-use super::decide::{Decision, Scored, decide};
+use super::decide::{Decision, Scored, decide, shaped};
 use super::levels::{Estimate, Levels};
 use super::measure::{Baseline, Measured, Ruler};
 use super::noise::NoiseFloor;
 use super::pairs;
-use super::policy::Policy;
+use super::policy::{Exact, Policy};
 use super::selection::{RIVALS_PLANNED, RIVALS_SHOWN, Selection, Tried, names};
 use super::tables;
 use super::validation::CrossValidator;
@@ -34,6 +34,14 @@ pub struct Graded {
     pub measured: Vec<Measured>,
 }
 
+/// The model to go on with.
+struct Repaired {
+    candidate: Candidate,
+    /// Where it has a table, the shares of the error that this left of what the formulas
+    /// beside it had left: fitted, held out.
+    table_leaves: Option<[f64; 2]>,
+}
+
 /// Pairs that are fitted for the least predicted SSE of the two together: some help only beside
 /// each other.
 const JOINED: usize = 4;
@@ -49,14 +57,12 @@ impl Graded {
     /// Whether any structure may leave only noise once it is fitted to the end: then the
     /// exact formulas decide.
     pub fn may_leave_noise(&self, floor: &NoiseFloor) -> bool {
-        /// Times the noise.
-        const MAY: f64 = 2.0;
         let Some(best) = self.nearest() else {
             return true;
         };
         let floor = floor.clone().with_repeats(&best.candidate.fit.residuals);
         let left = best.estimate.fits.last().map_or(0.0, Fit::rmse);
-        left <= MAY * floor.rms.hypot(floor.input)
+        left <= Exact::STANDARD.may_leave * floor.rms.hypot(floor.input)
     }
 
     /// The structure that leaves least by output error.
@@ -101,7 +107,7 @@ impl Graded {
     /// The findings: names as far as they are earned, and the model that predicts best
     /// where it was not fitted.
     pub fn selection(
-        self,
+        mut self,
         context: &FitContext<'_>,
         validator: &CrossValidator<'_>,
         refit: &Candidate,
@@ -123,7 +129,18 @@ impl Graded {
             }
             _ => first,
         };
-        let repaired = self.repaired(context, validator, refit, representative);
+        let Repaired {
+            candidate: repaired,
+            table_leaves,
+        } = self.repaired(context, validator, refit, representative);
+        let shape = first
+            .filter(|_| repaired.added.len() == 2)
+            .and_then(|row| tables::own_variable(*self.measured[row].scored.kinds.first()?))
+            .filter(|&own| repaired.fit.model.table().is_some_and(|it| it.of() == own));
+        if let Some(left) = table_leaves.filter(|_| shape.is_some()) {
+            let scored: Vec<Scored> = self.measured.iter().map(|row| row.scored.clone()).collect();
+            self.decision = shaped(self.decision, &scored, left, &Policy::STANDARD);
+        }
         let shown = first.map_or(1, |row| self.measured[row].scored.kinds.len());
         let (tried, alternatives) = self.standings(first, shown);
         let base = Selection {
@@ -157,6 +174,7 @@ impl Graded {
                 families,
                 strength,
             } => Selection {
+                shape: shape.filter(|_| rivals.len() == 1),
                 answer: Answer::CannotTell,
                 strength: Some(*strength),
                 families: families.clone(),
@@ -193,7 +211,7 @@ impl Graded {
         validator: &CrossValidator<'_>,
         refit: &Candidate,
         first: Option<usize>,
-    ) -> Candidate {
+    ) -> Repaired {
         let policy = &Policy::STANDARD;
         let first = first.map(|row| &self.measured[row]);
         let takes_part = |row: &&Measured| match first {
@@ -222,12 +240,23 @@ impl Graded {
                 None => refit.clone(),
             });
         let enough = policy.adds_to_repair * error(&by_name);
-        if enough <= validator.floor() {
-            return by_name;
+        let table = (enough > validator.floor())
+            .then(|| tables::with_table(context, &by_name))
+            .flatten()
+            .filter(|with_table| error(with_table) <= enough);
+        match table {
+            Some(candidate) => Repaired {
+                table_leaves: Some([
+                    candidate.fit.rmse() / by_name.fit.rmse(),
+                    error(&candidate) / error(&by_name),
+                ]),
+                candidate,
+            },
+            None => Repaired {
+                candidate: by_name,
+                table_leaves: None,
+            },
         }
-        tables::with_table(context, &by_name)
-            .filter(|with_table| error(with_table) <= enough)
-            .unwrap_or(by_name)
     }
 
     /// Every structure that was measured, and those of a size as alternatives by their

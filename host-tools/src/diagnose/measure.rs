@@ -218,7 +218,7 @@ impl Ruler<'_> {
 
     fn discrepancy(&self, estimate: &Estimate) -> f64 {
         let fit = &estimate.fits[self.levels.output_error()];
-        discrepancy::deviance(&fit.residuals)
+        discrepancy::deviance(&fit.residuals) + fit.departure
     }
 
     fn random_walk(&self, estimate: &Estimate) -> f64 {

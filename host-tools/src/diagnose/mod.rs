@@ -19,6 +19,7 @@
 //!
 //! A false name is worse than "cannot tell".
 
+pub mod baseline;
 pub mod bootstrap;
 pub mod candidates;
 pub mod decide;
@@ -38,6 +39,7 @@ pub mod quality;
 pub mod ranking;
 pub mod search;
 pub mod selection;
+pub mod singles;
 pub mod smoother;
 pub mod tables;
 pub mod unit_errors;
@@ -46,6 +48,7 @@ pub mod verdict;
 
 use model_core::actuator::{Model, ParameterId};
 use model_core::catalogue::Kind;
+use model_core::effects::table::Variable;
 
 use crate::checkpoint::Checkpoint;
 use crate::error::InputError;
@@ -53,35 +56,24 @@ use crate::estimate::Dataset;
 use crate::estimate::assemble::assemble;
 use crate::estimate::filter::Pace;
 use crate::estimate::fit::{Fit, Fitter};
-use crate::estimate::subsample::{excerpt, pieces};
 use crate::model_file::{ModelFile, tidy, to_file_units};
 use crate::recording::Recording;
-use crate::statistics::correlated_rms;
-use candidates::{Candidate, FitContext, Scales, Untried, applicable};
+use baseline::Baseline;
+use candidates::{Candidate, Untried};
 use family::Family;
-use grade::Graded;
 use identifiability::Identifiability;
 use localise::{Gap, localise};
-use noise::NoiseFloor;
+use noise::{NoiseFloor, adequate};
 use plan::{Limits, Proposal};
 pub use progress::Progress;
 use quality::Concern;
-use selection::{Selection, Selector, Tried};
+use search::{Options, Searched, search};
+use selection::{Selection, Tried};
 use validation::{CrossValidator, HeldOut};
 use verdict::{
     Adequacy, Alternative, Answer, Closure, Experiment, FittedError, HeldOutError, NamedEffect,
     Place, Remaining, Repair, SCHEMA, Strength, Verdict, Zeros,
 };
-
-/// A residual counts as noise if its correlated part stays below this share of
-/// the noise floor …
-const CORRELATED_SHARE: f64 = 0.15;
-
-/// … and its RMS below this factor of the floor, …
-const RMS_FACTOR: f64 = 1.08;
-
-/// … each with as many times what the noise of the measured pressure leaves.
-const INPUT_FACTOR: f64 = 1.5;
 
 /// Proposals for the next experiment that are kept.
 const PROPOSALS: usize = 3;
@@ -125,6 +117,9 @@ pub struct Diagnosis {
     pub strength: Option<Strength>,
     /// The families that all rivals are of.
     pub families: Vec<Family>,
+    /// Where a family is named for its variable alone: over that a table follows the
+    /// missing force and no formula does.
+    pub shape: Option<Variable>,
     /// What the repaired model closes of the error at three horizons; none where
     /// nothing is added.
     pub closure: Option<Closure>,
@@ -252,31 +247,32 @@ fn diagnose_all(
 ) -> Result<Found, InputError> {
     progress.stage("quality of the recordings", 0);
     let (floor, mut concerns) = examined(request.file, data)?;
+    let baseline = Baseline::of(request, data, &floor, progress)?;
+    progress.refitted(baseline.refit.fit.rmse());
+    let options = Options {
+        checkpoint,
+        progress,
+        seed: request.seed,
+    };
+    let Searched {
+        found,
+        untried,
+        baseline,
+    } = search(baseline, options);
     let Baseline {
         data,
         file,
         nominal,
         refit,
         identified,
-        mut floor,
-    } = Baseline::of(request, data, &floor, progress)?;
+        floor,
+    } = baseline;
     let file = &file;
     let fitter = Fitter::new(&file.model, &data);
     let mut validator = CrossValidator::new(file, &fitter, floor.input);
-    progress.refitted(refit.fit.rmse());
+    validator.with_scatter(floor.rms);
     progress.stage("where the gap lives", 0);
     let gap = localise(&refit.fit.model, &data, &refit.fit.nuisances, floor.white);
-    let (found, untried) = if let Some(answer) = quiet(&nominal, &refit, &floor, &validator) {
-        (Selection::nothing(answer, &refit), Vec::new())
-    } else {
-        let options = Options {
-            checkpoint,
-            progress,
-            seed: request.seed,
-        };
-        search_and_judge(&nominal, &refit, &mut validator, &mut floor, options)
-    };
-
     progress.stage("validation in the board's arithmetic", 0);
     let held_out = validator.errors(&refit, &found.repaired);
     let is_adequate = adequate(&found.repaired.fit, &floor);
@@ -324,6 +320,7 @@ fn diagnose_all(
         named: found.named,
         strength: found.strength,
         families: found.families,
+        shape: found.shape,
         closure,
         gap_left,
         held_out,
@@ -378,71 +375,6 @@ fn examined(file: &ModelFile, data: &Dataset) -> Result<(NoiseFloor, Vec<Concern
     Ok((floor, concerns))
 }
 
-/// The model before any effect is added.
-struct Baseline {
-    /// The data, with guesses of zeros and starts from the refit.
-    data: Dataset,
-    /// The model file with what may still move.
-    file: ModelFile,
-    nominal: Fit,
-    refit: Candidate,
-    identified: Identifiability,
-    /// The noise floor, with what the pressure's noise leaves.
-    floor: NoiseFloor,
-}
-
-impl Baseline {
-    fn of(
-        request: &Request<'_>,
-        data: &Dataset,
-        floor: &NoiseFloor,
-        progress: &Progress,
-    ) -> Result<Self, InputError> {
-        progress.stage("refit of the nominal structure", 0);
-        let nominal = &request.file.model;
-        let fitter = Fitter::new(nominal, data);
-        let (refit, file, identified) = identifiability::refit(request.file, &fitter);
-        if !refit.fit.sse().is_finite() {
-            return Err(InputError::new(
-                "the model cannot be simulated over these recordings: it diverges",
-                "check units and signs of its parameters",
-            )
-            .in_file(&file.path));
-        }
-        let data = with_guesses(data, &refit.fit);
-        let guessed = Fitter::new(nominal, &data);
-        Ok(Self {
-            floor: floor.clone().with_input(&guessed, &refit.fit, request.seed),
-            nominal: fitter.compare(nominal),
-            refit,
-            file,
-            identified,
-            data,
-        })
-    }
-}
-
-/// The answer where nothing but noise is left without any effect.
-fn quiet(
-    nominal: &Fit,
-    refit: &Candidate,
-    floor: &NoiseFloor,
-    validator: &CrossValidator<'_>,
-) -> Option<Answer> {
-    if adequate(nominal, floor) {
-        return Some(Answer::NoDiscrepancy);
-    }
-    // Parameters that do not help where they were not fitted were not off.
-    let helps = || validator.error_of(refit) < ranking::FIRST_EFFECT * validator.nominal_error();
-    adequate(&refit.fit, floor).then(|| {
-        if helps() {
-            Answer::ParametersOnly
-        } else {
-            Answer::NoDiscrepancy
-        }
-    })
-}
-
 /// Residuals (rad) on the segments that were held out: of the nominal model, its
 /// refit, the repaired one, then the rivals. Empty where none were.
 #[derive(Clone, Debug, Default)]
@@ -491,103 +423,6 @@ fn cost_of_zeros(data: &Dataset, fit: &Fit) -> f64 {
         .sum()
 }
 
-/// What a search is carried out with.
-#[derive(Clone, Copy)]
-struct Options<'a> {
-    checkpoint: &'a Checkpoint,
-    progress: &'a Progress,
-    seed: u64,
-}
-
-/// Searches the structures that add effects to the refit, and judges them. Also
-/// the effects that the recordings cannot speak about.
-fn search_and_judge(
-    nominal: &Fit,
-    refit: &Candidate,
-    validator: &mut CrossValidator<'_>,
-    floor: &mut NoiseFloor,
-    options: Options<'_>,
-) -> (Selection, Vec<Untried>) {
-    let (file, fitter) = (validator.file(), validator.fitter());
-    let (kinds, untried) = applicable(&file.model, fitter);
-    let pieces = pieces(fitter.data, fitter.nominal);
-    let excerpt = excerpt(fitter.data, &refit.fit.model);
-    let scales = Scales::of(fitter, &refit.fit);
-    let in_pieces = Fitter {
-        data: &pieces,
-        ..*fitter
-    };
-    let context = FitContext {
-        file,
-        fitter,
-        pieces: (!in_step(fitter.data, &refit.fit)).then_some(&in_pieces),
-        excerpt: &Fitter {
-            data: &excerpt,
-            ..*fitter
-        },
-        scales: &scales,
-        checkpoint: options.checkpoint,
-        progress: options.progress,
-    };
-    let search::Singles { coarse, mut pool } =
-        search::singles(&context, floor, &kinds, refit, options.progress);
-    let mut graded = None;
-    if !search::settles(&pool, floor) {
-        let mut singles = pool[1..].to_vec();
-        singles.sort_by(|a, b| a.fit.sse().total_cmp(&b.fit.sse()));
-        let singles = if singles.is_empty() { coarse } else { singles };
-        graded = grade::graded(
-            &context,
-            validator,
-            floor,
-            &kinds,
-            refit,
-            &singles,
-            options.progress,
-        );
-    }
-    if let Some(graded) = &graded
-        && graded.may_leave_noise(floor)
-    {
-        pool.extend(graded.finished(&context));
-    }
-    // What the best structure leaves is the nearest to what the rig itself does not
-    // repeat.
-    let nearest = graded.as_ref().and_then(Graded::simulated);
-    if let Some(best) = pool
-        .iter()
-        .chain(nearest)
-        .min_by(|a, b| a.fit.sse().total_cmp(&b.fit.sse()))
-    {
-        *floor = floor.clone().with_repeats(&best.fit.residuals);
-        validator.with_scatter(floor.rms);
-    }
-    options.progress.stage("selection by validation", 0);
-    if let Some(answer) = quiet(nominal, refit, floor, validator) {
-        return (Selection::nothing(answer, refit), untried);
-    }
-    if let Some(graded) = graded.take_if(|graded| !graded.may_leave_noise(floor)) {
-        return (graded.selection(&context, validator, refit), untried);
-    }
-    let exact = Selector {
-        context,
-        validator,
-        floor,
-        kinds: &kinds,
-        seed: options.seed,
-    }
-    .selection(refit, &pool);
-    let settled = match exact.answer {
-        Answer::CannotTell => search::settles(&pool, floor),
-        answer => answer != Answer::Unexplained,
-    };
-    let found = match graded {
-        Some(graded) if !settled => graded.selection(&context, validator, refit),
-        _ => exact,
-    };
-    (found, untried)
-}
-
 /// The runs that separate rivals best, with their names.
 fn propose(
     believed: &Model<f64>,
@@ -603,36 +438,6 @@ fn propose(
             (proposal, [names(a), names(b)])
         })
         .collect()
-}
-
-/// The data with zeros and starts as a fit found them, unless it is so far off
-/// that they mean nothing.
-fn with_guesses(data: &Dataset, fit: &Fit) -> Dataset {
-    if in_step(data, fit) {
-        data.guessing(&fit.nuisances)
-    } else {
-        data.clone()
-    }
-}
-
-/// Whether simulation and recordings keep in step: what is left is small
-/// against the motion.
-fn in_step(data: &Dataset, fit: &Fit) -> bool {
-    const SMALL: f64 = 0.15;
-    let measured: f64 = data
-        .fitted()
-        .flat_map(|segment| &segment.recording.angle)
-        .map(|angle| angle * angle)
-        .sum();
-    fit.sse() <= SMALL * SMALL * measured
-}
-
-/// Whether a residual cannot be told from noise.
-fn adequate(fit: &Fit, floor: &NoiseFloor) -> bool {
-    let correlated = correlated_rms(&fit.residuals);
-    let input = INPUT_FACTOR * floor.input;
-    correlated <= (CORRELATED_SHARE * floor.rms).hypot(input)
-        && fit.rmse() <= (RMS_FACTOR * floor.rms).hypot(input)
 }
 
 impl Diagnosis {

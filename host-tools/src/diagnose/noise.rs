@@ -12,11 +12,12 @@ use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 
+use super::policy::Exact;
 use crate::estimate::Session;
 use crate::estimate::fit::{Fit, Fitter};
 use crate::estimate::nuisance::rest_at_start;
 use crate::recording::{Meta, Recording};
-use crate::statistics::{mean, noise_by_differences, quantum, rms};
+use crate::statistics::{correlated_rms, mean, noise_by_differences, quantum, rms};
 
 /// The noise floor and where it comes from.
 #[derive(Clone, Debug, PartialEq)]
@@ -231,6 +232,14 @@ fn pure_error(residuals: &[Vec<f64>], groups: &[Vec<usize>]) -> Option<f64> {
         freedom += shortest * runs.len().saturating_sub(1);
     }
     (freedom > 0).then(|| (sum / freedom as f64).sqrt())
+}
+
+/// Whether a residual cannot be told from noise.
+pub fn adequate(fit: &Fit, floor: &NoiseFloor) -> bool {
+    let correlated = correlated_rms(&fit.residuals);
+    let input = Exact::STANDARD.input_factor * floor.input;
+    correlated <= (Exact::STANDARD.coloured_share * floor.rms).hypot(input)
+        && fit.rmse() <= (Exact::STANDARD.rms_factor * floor.rms).hypot(input)
 }
 
 #[cfg(test)]

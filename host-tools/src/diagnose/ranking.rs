@@ -15,49 +15,11 @@ use model_core::actuator::ParameterId;
 use model_core::catalogue::Kind;
 
 use super::candidates::{Candidate, Scales};
-use super::noise::NoiseFloor;
-use super::{RMS_FACTOR, adequate};
+use super::noise::{NoiseFloor, adequate};
+use super::policy::Exact;
+
 use crate::estimate::fit::Fit;
 use crate::statistics::independent_stretch;
-
-/// Evidence that a larger structure has to bring for each effect, on top of
-/// the cost of its parameters: 10 is "very strong" on the scale of Kass and
-/// Raftery (1995).
-const VERY_STRONG: f64 = 10.0;
-
-/// The first effect also has to be better than this factor on runs that were
-/// not fitted, …
-pub const FIRST_EFFECT: f64 = 0.97;
-
-/// … and each further structure better than this factor: no term without need.
-const FURTHER_EFFECTS: f64 = 0.9;
-
-/// Structures less probable than this, relative to the best of their size, are
-/// rejected.
-const REJECTED: f64 = 0.05;
-
-/// A structure that leaves so many times as much beyond the noise as another, in
-/// squares, is worse than the choice of a formula can make it. The right
-/// effect by another formula leaves up to a fifth of what the wrong ones leave.
-const FAR_WORSE: f64 = 4.0;
-
-/// Beyond the noise counts from this share of its square on: below, what is
-/// left is known no better. With [`FAR_WORSE`] it says that a rival of a fit at
-/// the noise is far worse if it leaves a fifth more.
-const NOISE_SHARE: f64 = 0.11;
-
-/// Two structures that both leave only noise are told apart from this
-/// difference of scores on. The same phenomenon by another formula was seen to
-/// bring 43 to 135 for a look-alike.
-const FORMULA: f64 = 100.0;
-
-/// Evidence against a structure that leaves only noise, below that difference:
-/// it is less probable, and not rejected.
-const DOUBT: f64 = 4.0;
-
-/// An effect by another formula than here leaves up to this share of the gap, in
-/// squares, where one that imitates it leaves less.
-const BY_ANOTHER_FORMULA: f64 = 0.08;
 
 /// What structures are compared by.
 #[derive(Clone, Copy, Debug)]
@@ -107,7 +69,7 @@ impl<'a> Scoring<'a> {
     /// What a fit leaves beyond the noise (rad²).
     fn excess(&self, fit: &Fit) -> f64 {
         let noise = self.noise();
-        (fit.rmse().powi(2) - noise).max(NOISE_SHARE * noise)
+        (fit.rmse().powi(2) - noise).max(Exact::STANDARD.noise_share * noise)
     }
 
     /// The evidence against `rival`, whose score is `delta` behind that of
@@ -122,9 +84,9 @@ impl<'a> Scoring<'a> {
     /// does not put the rival before the best.
     fn against(&self, best: &Fit, rival: &Fit, delta: f64) -> (f64, f64) {
         let separation = separation(best, rival);
-        let evidence = if delta < FORMULA && adequate(rival, self.floor) {
-            delta.min(DOUBT)
-        } else if self.excess(rival) > FAR_WORSE * self.excess(best) {
+        let evidence = if delta < Exact::STANDARD.told_apart && adequate(rival, self.floor) {
+            delta.min(Exact::STANDARD.doubt)
+        } else if self.excess(rival) > Exact::STANDARD.far_worse * self.excess(best) {
             delta
         } else {
             let by_residuals = self.independent * (rival.sse() / best.sse()).ln();
@@ -182,7 +144,7 @@ impl<'a> Scoring<'a> {
             .iter()
             .fold(0.0, |most: f64, entry| most.max(entry.probability));
         for entry in &mut ranked {
-            entry.rejected = entry.probability < REJECTED * most;
+            entry.rejected = entry.probability < Exact::STANDARD.rejected * most;
             entry.probability /= total;
         }
         ranked.sort_by(|a, b| b.probability.total_cmp(&a.probability));
@@ -202,7 +164,7 @@ impl<'a> Scoring<'a> {
         let beyond = |candidate: &Candidate| candidate.fit.rmse().powi(2) - self.noise();
         let allowed = pool
             .first()
-            .map_or(0.0, |refit| BY_ANOTHER_FORMULA * beyond(refit));
+            .map_or(0.0, |refit| Exact::STANDARD.imitated * beyond(refit));
         let imitated = ranked
             .iter_mut()
             .filter(|entry| {
@@ -211,7 +173,7 @@ impl<'a> Scoring<'a> {
             })
             .min_by(|a, b| a.delta.total_cmp(&b.delta));
         if let Some(imitated) = imitated {
-            let doubted = most * (-DOUBT / 2.0).exp();
+            let doubted = most * (-Exact::STANDARD.doubt / 2.0).exp();
             imitated.probability = imitated.probability.max(doubted);
         }
     }
@@ -224,11 +186,13 @@ impl<'a> Scoring<'a> {
             let special = ranked.iter().position(|entry| {
                 let (wide, narrow) = (&pool[ranked[general].index], &pool[entry.index]);
                 let as_good = || {
-                    entry.delta - ranked[general].delta < VERY_STRONG
+                    entry.delta - ranked[general].delta < Exact::STANDARD.effect_evidence
                         && adequate(&narrow.fit, self.floor)
                 };
-                let the_same =
-                    || wide.is_degenerate() && narrow.fit.rmse() <= RMS_FACTOR * wide.fit.rmse();
+                let the_same = || {
+                    wide.is_degenerate()
+                        && narrow.fit.rmse() <= Exact::STANDARD.rms_factor * wide.fit.rmse()
+                };
                 is_special_case(&narrow.added, &wide.added)
                     && narrow.fit.free.len() < wide.fit.free.len()
                     && (as_good() || the_same())
@@ -339,7 +303,7 @@ pub struct Ranked {
 /// The evidence that `effects` more effects have to bring when the best of
 /// `choices` was taken for each.
 pub fn required_evidence(effects: usize, choices: usize) -> f64 {
-    effects as f64 * (VERY_STRONG + 2.0 * (choices.max(1) as f64).ln())
+    effects as f64 * (Exact::STANDARD.effect_evidence + 2.0 * (choices.max(1) as f64).ln())
 }
 
 /// Held-out errors (rad) of a structure and of a larger one.
@@ -366,15 +330,12 @@ impl Growth {
     /// nor all of it only mends the formula of the first. Repeats of what was
     /// fitted cannot tell the two apart, so there it has to be all.
     pub fn pays(&self) -> bool {
-        /// Most of it is gone, in squares, if no more than this part is left. Right
-        /// pairs left up to 0.21, effects that mended a formula 0.37 and more.
-        const PART_LEFT: f64 = 0.3;
         if self.before == 0 {
-            return self.larger < FIRST_EFFECT * self.smaller;
+            return self.larger < Exact::STANDARD.first_leaves * self.smaller;
         }
         let beyond = |error: f64| (error.powi(2) - self.floor.powi(2)).max(0.0);
-        let most = beyond(self.larger) <= PART_LEFT * beyond(self.smaller);
-        self.larger < FURTHER_EFFECTS * self.smaller
+        let most = beyond(self.larger) <= Exact::STANDARD.further_excess * beyond(self.smaller);
+        self.larger < Exact::STANDARD.further_leaves * self.smaller
             && (self.adequate || (most && !self.only_repeats))
     }
 }

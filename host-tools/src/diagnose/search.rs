@@ -1,92 +1,239 @@
-//! The single effects, by output error.
-//!
-//! A score test of every effect at each of its starts on a subsample (one simulation with
-//! derivatives each); a coarse fit of each on the subsample; where the best may leave only
-//! noise, final fits to everything of the best. Where none does, [`super::grade`] goes on.
+//! The search: which structures are fitted, and by which route they are selected.
 
 use model_core::catalogue::Kind;
-use rayon::prelude::*;
 
-use super::candidates::{Candidate, FitContext, coarse_fit, final_fit, predicted};
+use super::Progress;
+use super::baseline::{Baseline, in_step};
+use super::candidates::{Candidate, FitContext, Scales, Untried, applicable};
+use super::grade::{Graded, graded};
 use super::noise::NoiseFloor;
-use super::{Progress, adequate};
+use super::selection::{Selection, Selector};
+use super::singles::{Singles, settles, singles};
+use super::validation::CrossValidator;
+use super::verdict::Answer;
+use crate::checkpoint::Checkpoint;
+use crate::estimate::Dataset;
+use crate::estimate::fit::Fitter;
+use crate::estimate::subsample::{excerpt, pieces};
+use crate::model_file::ModelFile;
 
-/// Structures that are fitted to the end.
-const FINISHED: usize = 12;
-
-/// Candidates whose squared error in the coarse fit is this many times that of the
-/// best are not fitted to the end, except for as many as are shown as rivals.
-const HOPELESS: f64 = 6.0;
-
-/// Rivals that are fitted to the end in any case.
-const RIVALS_SHOWN: usize = 3;
-
-/// Times the noise that a coarse fit may leave for its final fit to leave only noise.
-const MAY_SETTLE: f64 = 3.0;
-
-/// Every structure that was fitted to the end; the first is the refit.
-pub type Pool = Vec<Candidate>;
-
-/// The refit with each effect alone: coarse fits to the subsample, the best first, and
-/// those that may leave only noise fitted to everything.
-pub struct Singles {
-    /// Coarse fits, the best first.
-    pub coarse: Vec<Candidate>,
-    /// The refit, then final fits.
-    pub pool: Pool,
+/// What a search is carried out with.
+#[derive(Clone, Copy)]
+pub struct Options<'a> {
+    /// Fits of an interrupted run, and where to keep further ones.
+    pub checkpoint: &'a Checkpoint,
+    /// Where fits are counted.
+    pub progress: &'a Progress,
+    /// Seed of the noise that is drawn.
+    pub seed: u64,
 }
 
-/// Fits the refit with each effect alone.
-pub fn singles(
-    context: &FitContext<'_>,
-    floor: &NoiseFloor,
-    kinds: &[Kind],
-    refit: &Candidate,
-    progress: &Progress,
-) -> Singles {
-    let what = format!("coarse fits of {} effects, one at a time", kinds.len());
-    progress.stage(what, kinds.len());
-    let mut coarse: Vec<Candidate> = kinds
-        .par_iter()
-        .filter_map(|&kind| coarse_fit(context, &predicted(context, refit, kind)?))
-        .inspect(|candidate| progress.fitted(candidate))
-        .collect();
-    coarse.sort_by(|a, b| a.fit.sse().total_cmp(&b.fit.sse()));
-    let may_settle =
-        |candidate: &&Candidate| candidate.fit.rmse() <= MAY_SETTLE * floor.rms.hypot(floor.input);
-    let mut pool = vec![refit.clone()];
-    if coarse.iter().take(1).any(|best| may_settle(&best)) {
-        let hopeless = HOPELESS * coarse.first().map_or(0.0, |best| best.fit.sse());
-        let near = coarse.partition_point(|it| it.fit.sse() <= hopeless);
-        let planned = near.clamp(RIVALS_SHOWN, FINISHED).min(coarse.len());
-        progress.stage("final fits of the best single effects", planned);
-        let finished: Vec<Candidate> = coarse
-            .par_iter()
-            .take(FINISHED)
-            .enumerate()
-            .filter(|(place, candidate)| *place < RIVALS_SHOWN || candidate.fit.sse() <= hopeless)
-            .map(|(_, candidate)| final_fit(context, candidate))
-            .inspect(|candidate| progress.fitted(candidate))
-            .collect();
-        pool.extend(finished);
+/// What a search came to.
+pub struct Searched {
+    /// What is selected.
+    pub found: Selection,
+    /// Effects that the recordings cannot speak about.
+    pub untried: Vec<Untried>,
+    /// What it is told from.
+    pub baseline: Baseline,
+}
+
+impl Searched {
+    fn nothing(answer: Answer, untried: Vec<Untried>, baseline: Baseline) -> Self {
+        Self {
+            found: Selection::nothing(answer, &baseline.refit),
+            untried,
+            baseline,
+        }
     }
-    Singles { coarse, pool }
 }
 
-/// Whether a structure of the pool leaves nothing that another effect could explain.
-pub fn settles(pool: &[Candidate], floor: &NoiseFloor) -> bool {
-    pool.iter()
-        .skip(1)
-        .any(|candidate| is_done(candidate, floor))
+/// Searches the structures that add effects to the refit, and selects among them.
+///
+/// Single effects are fitted by output error. Where one leaves only noise, exact formulas
+/// decide. Where none does, the best of them shows how much no formula explains: zeros
+/// are weighed against that, and structures are graded.
+pub fn search(mut baseline: Baseline, options: Options<'_>) -> Searched {
+    let (file, data) = (baseline.file.clone(), baseline.data.clone());
+    let fitter = Fitter::new(&file.model, &data);
+    let mut validator = CrossValidator::new(&file, &fitter, baseline.floor.input);
+    if let Some(answer) = baseline.quiet(&validator) {
+        return Searched::nothing(answer, Vec::new(), baseline);
+    }
+    let (kinds, untried) = applicable(&file.model, &fitter);
+    let material = Material::of(&fitter, &baseline.refit);
+    let fitters = material.fitters(&fitter);
+    let context = fitters.context(&file, &material, options);
+    let Singles { coarse, mut pool } = singles(
+        &context,
+        &baseline.floor,
+        &kinds,
+        &baseline.refit,
+        options.progress,
+    );
+    let mut graded = (!settles(&pool, &baseline.floor))
+        .then(|| Grading::of(&baseline, &kinds, &coarse, &pool, options))
+        .flatten();
+    if let Some(Grading { graded, .. }) = &graded
+        && graded.may_leave_noise(&baseline.floor)
+    {
+        pool.extend(graded.finished(&context));
+    }
+    // What the best structure leaves is the nearest to what the rig itself does not
+    // repeat.
+    let simulated = graded.as_ref().and_then(|it| it.graded.simulated());
+    let best = pool
+        .iter()
+        .chain(simulated)
+        .min_by(|a, b| a.fit.sse().total_cmp(&b.fit.sse()));
+    if let Some(best) = best {
+        baseline.floor = baseline.floor.with_repeats(&best.fit.residuals);
+        validator.with_scatter(baseline.floor.rms);
+    }
+    options.progress.stage("selection by validation", 0);
+    if let Some(answer) = baseline.quiet(&validator) {
+        return Searched::nothing(answer, untried, baseline);
+    }
+    let hopeless = |it: &Grading| !it.graded.may_leave_noise(&baseline.floor);
+    if let Some(graded) = graded.take_if(|it| hopeless(it)) {
+        return graded.searched(untried, baseline.floor, options);
+    }
+    let found = Selector {
+        context,
+        validator: &validator,
+        floor: &baseline.floor,
+        kinds: &kinds,
+        seed: options.seed,
+    }
+    .selection(&baseline.refit, &pool);
+    let settled = match found.answer {
+        Answer::CannotTell => settles(&pool, &baseline.floor),
+        answer => answer != Answer::Unexplained,
+    };
+    match graded {
+        Some(graded) if !settled => graded.searched(untried, baseline.floor, options),
+        _ => Searched {
+            found,
+            untried,
+            baseline,
+        },
+    }
 }
 
-/// Whether nothing is left that another effect could explain, or so little that
-/// the formula may be to blame: the right effect by another formula leaves up to
-/// a fifth more than the noise.
-fn is_done(candidate: &Candidate, floor: &NoiseFloor) -> bool {
-    const FORMULA: f64 = 1.2;
-    // What the rig itself does not repeat, no effect explains.
-    let floor = floor.clone().with_repeats(&candidate.fit.residuals);
-    let noise = floor.rms.hypot(floor.input);
-    adequate(&candidate.fit, &floor) || candidate.fit.rmse() <= FORMULA * noise
+/// Structures as they were graded, and from what.
+struct Grading {
+    graded: Graded,
+    baseline: Baseline,
+}
+
+impl Grading {
+    fn of(
+        baseline: &Baseline,
+        kinds: &[Kind],
+        coarse: &[Candidate],
+        pool: &[Candidate],
+        options: Options<'_>,
+    ) -> Option<Self> {
+        let mut singles = if pool.len() > 1 { &pool[1..] } else { coarse }.to_vec();
+        singles.sort_by(|a, b| a.fit.sse().total_cmp(&b.fit.sse()));
+        let best = singles.first().unwrap_or(&baseline.refit);
+        let baseline = baseline
+            .weighing_zeros(&best.fit.model)
+            .unwrap_or_else(|| baseline.clone());
+        let graded = {
+            let file = &baseline.file;
+            let fitter = Fitter::new(&file.model, &baseline.data);
+            let validator = CrossValidator::new(file, &fitter, baseline.floor.input);
+            let material = Material::of(&fitter, &baseline.refit);
+            let fitters = material.fitters(&fitter);
+            graded(
+                &fitters.context(file, &material, options),
+                &validator,
+                &baseline.floor,
+                kinds,
+                &baseline.refit,
+                &singles,
+                options.progress,
+            )?
+        };
+        Some(Self { graded, baseline })
+    }
+
+    /// What is selected by grades, over this noise floor.
+    fn searched(self, untried: Vec<Untried>, floor: NoiseFloor, options: Options<'_>) -> Searched {
+        let baseline = Baseline {
+            floor,
+            ..self.baseline
+        };
+        let found = {
+            let file = &baseline.file;
+            let fitter = Fitter::new(&file.model, &baseline.data);
+            let mut validator = CrossValidator::new(file, &fitter, baseline.floor.input);
+            validator.with_scatter(baseline.floor.rms);
+            let material = Material::of(&fitter, &baseline.refit);
+            let fitters = material.fitters(&fitter);
+            let context = fitters.context(file, &material, options);
+            self.graded.selection(&context, &validator, &baseline.refit)
+        };
+        Searched {
+            found,
+            untried,
+            baseline,
+        }
+    }
+}
+
+/// What candidates are fitted to, beside the whole data.
+struct Material {
+    pieces: Option<Dataset>,
+    excerpt: Dataset,
+    scales: Scales,
+}
+
+impl Material {
+    fn of(fitter: &Fitter<'_>, refit: &Candidate) -> Self {
+        Self {
+            pieces: (!in_step(fitter.data, &refit.fit))
+                .then(|| pieces(fitter.data, fitter.nominal)),
+            excerpt: excerpt(fitter.data, &refit.fit.model),
+            scales: Scales::of(fitter, &refit.fit),
+        }
+    }
+
+    fn fitters<'a>(&'a self, whole: &'a Fitter<'a>) -> Fitters<'a> {
+        Fitters {
+            whole,
+            pieces: self.pieces.as_ref().map(|data| Fitter { data, ..*whole }),
+            excerpt: Fitter {
+                data: &self.excerpt,
+                ..*whole
+            },
+        }
+    }
+}
+
+/// Fitters to the whole data and to parts of it.
+struct Fitters<'a> {
+    whole: &'a Fitter<'a>,
+    pieces: Option<Fitter<'a>>,
+    excerpt: Fitter<'a>,
+}
+
+impl<'a> Fitters<'a> {
+    fn context(
+        &'a self,
+        file: &'a ModelFile,
+        material: &'a Material,
+        options: Options<'a>,
+    ) -> FitContext<'a> {
+        FitContext {
+            file,
+            fitter: self.whole,
+            pieces: self.pieces.as_ref(),
+            excerpt: &self.excerpt,
+            scales: &material.scales,
+            checkpoint: options.checkpoint,
+            progress: options.progress,
+        }
+    }
 }

@@ -9,49 +9,28 @@ use std::collections::BTreeSet;
 
 use model_core::actuator::MAX_EFFECTS;
 use model_core::catalogue::Kind;
+use model_core::effects::table::Variable;
 use rayon::prelude::*;
 
-use super::bootstrap::{SIGNIFICANT, chance};
+use super::bootstrap::chance;
 use super::candidates::{Candidate, FitContext, released};
 use super::decide::Strength;
 use super::family::Family;
-use super::noise::NoiseFloor;
+use super::noise::{NoiseFloor, adequate};
+use super::policy::Exact;
 use super::ranking::{Growth, Ranked, Scoring, required_evidence};
 use super::validation::CrossValidator;
 use super::verdict::{Alternative, Answer};
-use super::{RMS_FACTOR, adequate};
-
-/// A repair that removes less than this share of the held-out gap explains
-/// nothing. In trials with 27 effects, known ones removed 77 % and more, unknown
-/// ones 72 % at most where one effect was fitted …
-const GAP_CUT: f64 = 0.75;
-
-/// … but several together imitate more.
-const GAP_CUT_SEVERAL: f64 = 0.8;
-
-/// What is left may be so many times the noise: the right effect by another
-/// formula left up to 1.6 times …
-const LEFT: f64 = 1.6;
-
-/// … and several effects that were right up to 1.4 times, …
-const LEFT_BY_SEVERAL: f64 = 1.45;
-
-/// … and less where all that is held out repeats what was fitted: repeats show
-/// how large the noise is, not whether a formula holds where it was not fitted.
-const LEFT_ON_REPEATS: f64 = 1.2;
-
-/// More may be left if the gap was so large that this share of it is removed.
-const GAP_CUT_LARGE: f64 = 0.9;
 
 /// How many times the noise so many effects may leave before more is asked of
 /// them.
 fn left_allowed(effects: usize, only_repeats: bool) -> f64 {
     if only_repeats {
-        LEFT_ON_REPEATS
+        Exact::STANDARD.leaves_on_repeats
     } else if effects > 1 {
-        LEFT_BY_SEVERAL
+        Exact::STANDARD.leaves_several
     } else {
-        LEFT
+        Exact::STANDARD.leaves
     }
 }
 
@@ -59,17 +38,13 @@ fn left_allowed(effects: usize, only_repeats: bool) -> f64 {
 /// if they leave `left` times the noise.
 fn share_needed(effects: usize, left: f64, only_repeats: bool) -> f64 {
     if left > left_allowed(effects, only_repeats) {
-        GAP_CUT_LARGE
+        Exact::STANDARD.closes_large
     } else if effects > 1 {
-        GAP_CUT_SEVERAL
+        Exact::STANDARD.closes_several
     } else {
-        GAP_CUT
+        Exact::STANDARD.closes
     }
 }
-
-/// What could not be named itself and removes so much less of the gap than the
-/// best is no rival.
-const FALLS_SHORT: f64 = 0.2;
 
 /// As many rivals are shown.
 pub const RIVALS_SHOWN: usize = 3;
@@ -114,6 +89,9 @@ pub struct Selection {
     pub strength: Option<Strength>,
     /// The families that all rivals are of; empty where they differ, or none is left.
     pub families: Vec<Family>,
+    /// Where a family is named for its variable alone: over that a table follows the
+    /// missing force and no formula does.
+    pub shape: Option<Variable>,
     /// The model that predicts best where it was not fitted, named or not; the refit
     /// where none is better.
     pub repaired: Candidate,
@@ -137,6 +115,7 @@ impl Selection {
             named: Vec::new(),
             strength: None,
             families: Vec::new(),
+            shape: None,
             repaired: refit.clone(),
             probability: Vec::new(),
             alternatives: Vec::new(),
@@ -250,7 +229,10 @@ impl Selector<'_> {
             probability: entry.probability,
             delta_bic: entry.delta,
         };
-        if size == 0 && refit.fit.rmse() <= RMS_FACTOR * self.floor.white.hypot(self.floor.input) {
+        if size == 0
+            && refit.fit.rmse()
+                <= Exact::STANDARD.rms_factor * self.floor.white.hypot(self.floor.input)
+        {
             // A trace of correlation that no effect accounts for, within the
             // noise of the sensors.
             return Selection::nothing(Answer::ParametersOnly, refit);
@@ -267,7 +249,7 @@ impl Selector<'_> {
             .filter(|entry| !entry.rejected)
             .filter(|entry| {
                 let rival = &pool[entry.index];
-                closed - self.validator.gap_closed(refit, rival) < FALLS_SHORT
+                closed - self.validator.gap_closed(refit, rival) < Exact::STANDARD.falls_short
                     || self.explains(refit, rival)
             })
             .collect();
@@ -350,7 +332,7 @@ impl Selector<'_> {
             let evidence = scoring.score(smaller) - scoring.score(larger);
             if evidence >= required_evidence(more, self.kinds.len())
                 && self.growth(smaller, larger).pays()
-                && self.chance(pool, smaller, ranked) <= SIGNIFICANT
+                && self.chance(pool, smaller, ranked) <= Exact::STANDARD.chance
             {
                 chosen = best;
             }

@@ -45,6 +45,25 @@ pub fn with_table(context: &FitContext<'_>, base: &Candidate) -> Option<Candidat
     Some(Candidate::of(best.added, whole.informed(&fit)))
 }
 
+/// The variable whose function an effect's force is by its formula; none for an effect
+/// with a memory, or of several variables.
+pub fn own_variable(kind: Kind) -> Option<Variable> {
+    match kind {
+        Kind::CoulombFriction
+        | Kind::StribeckFriction
+        | Kind::QuadraticDamping
+        | Kind::AsymmetricDamping => Some(Variable::Rate),
+        Kind::ExponentShift
+        | Kind::CubicStiffness
+        | Kind::LinearStiffness
+        | Kind::Gravity
+        | Kind::EndStop => Some(Variable::Angle),
+        Kind::PressureThreshold => Some(Variable::Pressure),
+        Kind::PeriodicDisturbance => Some(Variable::Time),
+        _ => None,
+    }
+}
+
 fn fitted(context: &FitContext<'_>, base: &Candidate, of: Variable) -> Option<Candidate> {
     let _fit = context.progress.fit();
     let from = &base.fit.model;

@@ -20,6 +20,7 @@ use model_core::power::Minimax;
 
 use super::candidates::{Candidate, free_parameters};
 use super::noise::{NoiseFloor, repeats};
+use super::policy::Exact;
 use crate::estimate::Segment;
 use crate::estimate::fit::{Effort, Fitter, Validation};
 use crate::estimate::horizon::{Squares, block_errors};
@@ -76,7 +77,7 @@ impl HeldOut {
 
     /// Whether the repaired model leaves nothing but noise.
     pub fn at_noise(&self) -> bool {
-        self.repaired <= super::RMS_FACTOR * self.floor
+        self.repaired <= Exact::STANDARD.rms_factor * self.floor
     }
 }
 

@@ -417,6 +417,16 @@ impl Dataset {
         })
     }
 
+    /// The same with zeros whose deviations count so many times the noise: what models
+    /// leave, over as many samples as say one thing.
+    pub fn weighing_zeros(&self, zero_weight: f64) -> Self {
+        self.mapped(|_, session| {
+            let mut session = session.clone();
+            session.prior.zero_weight = zero_weight;
+            Some(session)
+        })
+    }
+
     fn mapped(&self, change: impl Fn(usize, &Session) -> Option<Session>) -> Self {
         Self {
             sessions: self

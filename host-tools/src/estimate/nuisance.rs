@@ -22,6 +22,12 @@
 //! [`FARTHEST`] deviations is not a zero: a [`wall`] stands there, and an effect
 //! has to say what is left.
 //!
+//! That weighs a zero against noise. Where a model leaves an error that goes on for many
+//! samples, each of which follows from the last, zeros that run from their means could buy
+//! a little of that error in every sample for the price of a few samples' noise. There a
+//! departure is weighed against what is left over as many samples as say one thing
+//! ([`Prior::zero_weight`]).
+//!
 //! Recordings that say nothing of when they were made are those of one sitting:
 //! their zeros have a large part in common and only depart a little from each other
 //! ([`Shared`]). With zeros that know nothing of each other, twelve runs could hide a
@@ -112,6 +118,10 @@ pub struct Prior {
     pub apart: [Option<f64>; UNKNOWNS],
     /// Noise of the measured angle (rad), in which a deviation of one counts.
     pub noise: f64,
+    /// How many times the noise a deviation of a zero counts: 1, or where models leave
+    /// more than noise, the RMS of that over the noise times the root of the samples that
+    /// say one thing.
+    pub zero_weight: f64,
 }
 
 impl Prior {
@@ -160,7 +170,24 @@ impl Prior {
                 None,
             ],
             noise,
+            zero_weight: 1.0,
         }
+    }
+
+    /// What a deviation of an unknown counts (rad) in output error.
+    pub fn scale(&self, unknown: usize) -> f64 {
+        if ZEROS.contains(&unknown) {
+            self.noise * self.zero_weight
+        } else {
+            self.noise
+        }
+    }
+
+    /// The same for data of which every so manieth sample is left: as many fewer of
+    /// them say one thing.
+    pub fn thinned(mut self, every: usize) -> Self {
+        self.zero_weight = (self.zero_weight / (every as f64).sqrt()).max(1.0);
+        self
     }
 
     /// How far estimates are from what was known before, in standard deviations:

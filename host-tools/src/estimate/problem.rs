@@ -16,7 +16,7 @@ use super::coordinate::Coordinate;
 use super::filter::{Innovation, Level, normalised, pass};
 use super::fit::{Effort, Fit, Fitter};
 use super::information::{Block, Information, without_nuisance};
-use super::nuisance::{Nuisance, Shared, UNKNOWNS, ZEROS, wall};
+use super::nuisance::{Nuisance, Prior, Shared, UNKNOWNS, ZEROS, wall};
 use super::{Dataset, Session};
 use crate::dual::Dual;
 use crate::simulate::{Origin, Start, run_from};
@@ -390,10 +390,21 @@ impl<'a> Problem<'a> {
                         _ => own[unknown],
                     };
                     let [wall, _] = wall_of(unknown, own[unknown], part.rows());
-                    self.scale * part.session.prior().noise * (residual + wall)
+                    let prior = part.session.prior();
+                    self.scale * (self.counts(prior, unknown) * residual + prior.noise * wall)
                 }))
             })
             .collect()
+    }
+
+    /// What a deviation of an unknown counts (rad). Innovations are nearly white at any
+    /// horizon; what output error leaves is not.
+    fn counts(&self, prior: &Prior, unknown: usize) -> f64 {
+        if self.level.is_some() {
+            prior.noise
+        } else {
+            prior.scale(unknown)
+        }
     }
 
     /// The derivative of the row of one session's unknown by the same unknown of
@@ -406,13 +417,14 @@ impl<'a> Problem<'a> {
             Some(shared) if of.shares(unknown) && by.shares(unknown) => shared.slopes().into(),
             _ => (1.0, 0.0),
         };
+        let prior = of.session.prior();
         let slope = if of.index == by.index {
             let [_, wall] = wall_of(unknown, self.position[first + unknown], of.rows());
-            by_itself + wall
+            self.counts(prior, unknown) * by_itself + prior.noise * wall
         } else {
-            by_other
+            self.counts(prior, unknown) * by_other
         };
-        self.scale * of.session.prior().noise * slope
+        self.scale * slope
     }
 
     /// Derivatives of the rows of a session's own unknowns by themselves, as if it
@@ -423,7 +435,8 @@ impl<'a> Problem<'a> {
         };
         std::array::from_fn(|unknown| {
             let [_, wall] = wall_of(unknown, self.position[first + unknown], part.rows());
-            self.scale * part.session.prior().noise * (1.0 + wall)
+            let prior = part.session.prior();
+            self.scale * (self.counts(prior, unknown) + prior.noise * wall)
         })
     }
 
@@ -706,8 +719,13 @@ impl<'a> Problem<'a> {
             .parts
             .iter()
             .zip(self.prior_rows())
-            .filter_map(|(part, rows)| Some((part.session.prior().noise, rows?)))
-            .flat_map(|(noise, rows)| rows.map(|row| (row / noise).powi(2)))
+            .filter_map(|(part, rows)| Some((part.session.prior(), rows?)))
+            .flat_map(|(prior, rows)| {
+                let each = rows.into_iter().enumerate();
+                let counts: [f64; UNKNOWNS] =
+                    std::array::from_fn(|unknown| self.counts(prior, unknown));
+                each.map(move |(unknown, row)| (row / counts[unknown]).powi(2))
+            })
             .sum();
         Fit {
             model: self.model(),

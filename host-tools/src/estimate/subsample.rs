@@ -126,7 +126,7 @@ pub fn excerpt(data: &Dataset, model: &Model<f64>) -> Dataset {
         }
         room = room.saturating_sub(thinned.len());
         let mut part = Session::new(thinned, session.clock(), silent).coarse();
-        part = part.guessing(session.guess(), session.prior());
+        part = part.guessing(session.guess(), &session.prior().thinned(thin));
         found.push(part, marks);
     }
     found

@@ -321,6 +321,13 @@ impl Content {
 
 /// The verdict in one sentence.
 pub fn sentence(diagnosis: &Diagnosis) -> String {
+    if let (Answer::CannotTell, Some(of)) = (diagnosis.answer, diagnosis.shape) {
+        return format!(
+            "The model lacks {}: a force of the {} that no formula follows, and a table does.",
+            in_words(&diagnosis.families),
+            of.name()
+        );
+    }
     match diagnosis.answer {
         Answer::NoDiscrepancy => {
             "Nothing is missing: the model agrees with the recordings within their noise.".into()
