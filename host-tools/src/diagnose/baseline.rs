@@ -93,6 +93,7 @@ impl Baseline {
         let fit = fitter.best_of(&starts, &self.file.free, Effort::Full)?;
         let refit = Candidate::of(Vec::new(), fit);
         Some(Self {
+            nominal: fitter.compare(&self.nominal.model),
             data: with_guesses(&data, &refit.fit),
             refit,
             ..self.clone()
@@ -139,4 +140,67 @@ pub fn in_step(data: &Dataset, fit: &Fit) -> bool {
         .map(|angle| angle * angle)
         .sum();
     fit.sse() <= SMALL * SMALL * measured
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::example::{Hidden, make};
+    use crate::recording::Recording;
+    use model_core::catalogue::Kind;
+    use std::path::Path;
+
+    /// What the pressure sensor shows without pressure (Pa).
+    const PRESSURE_ZERO: f64 = 300.0;
+
+    /// What a deviation of a zero counts where it is weighed.
+    const WEIGHT: f64 = 30.0;
+
+    fn example(hidden: Hidden) -> (ModelFile, Dataset) {
+        let example = make(hidden, 0.05, 3).unwrap();
+        let file = ModelFile::parse(&example.model, Path::new("model.toml")).unwrap();
+        let recordings: Vec<Recording> = example
+            .recordings
+            .into_iter()
+            .map(|(_, mut recording, _)| {
+                recording
+                    .pressure
+                    .iter_mut()
+                    .for_each(|p| *p += PRESSURE_ZERO);
+                recording
+            })
+            .collect();
+        (file, Dataset::of(&recordings))
+    }
+
+    fn pressure_zeros(file: &ModelFile, data: &Dataset) -> Vec<f64> {
+        let fitter = Fitter::new(&file.model, data);
+        let fit = fitter.fit(&file.model, &file.free, Effort::Full);
+        fit.nuisances.iter().map(|it| it.pressure_zero).collect()
+    }
+
+    /// The recordings say so much of a zero that a weight does not move it.
+    #[test]
+    fn the_right_structure_finds_true_zeros_whatever_they_weigh() {
+        let (file, data) = example(Hidden::Nothing);
+        for zero in pressure_zeros(&file, &data.weighing_zeros(WEIGHT)) {
+            assert!(
+                (zero - PRESSURE_ZERO).abs() < 0.1 * PRESSURE_ZERO,
+                "{zero} Pa"
+            );
+        }
+    }
+
+    /// A refit that lacks an effect bends zeros to hide it; less so where they weigh more.
+    #[test]
+    fn zeros_that_weigh_hide_less() {
+        let (file, data) = example(Hidden::Effect(Kind::CubicStiffness));
+        let spread = |data: &Dataset| {
+            let zeros = pressure_zeros(&file, data);
+            let mean = zeros.iter().sum::<f64>() / zeros.len() as f64;
+            rms(&zeros.iter().map(|zero| zero - mean).collect::<Vec<_>>())
+        };
+        let (free, weighed) = (spread(&data), spread(&data.weighing_zeros(WEIGHT)));
+        assert!(weighed < 0.5 * free, "{weighed} Pa and {free} Pa");
+    }
 }

@@ -128,7 +128,7 @@ pub struct Effect {
     /// Name in sentences.
     pub title: &'static str,
     /// Its equation.
-    pub equation: &'static str,
+    pub equation: String,
     /// What it is and how it shows.
     pub text: &'static str,
     /// Where it acts.
@@ -846,7 +846,10 @@ fn effects(diagnosis: &Diagnosis) -> Vec<Effect> {
             Effect {
                 kind: info.name,
                 title: info.title,
-                equation: info.equation,
+                equation: match fit.model.table().filter(|_| *kind == Kind::Table) {
+                    Some(table) => format!("Q = piecewise linear in {}", table.of().symbol()),
+                    None => info.equation.to_owned(),
+                },
                 text: info.text,
                 place: match info.place {
                     Place::Input => "between the pressure sensor and the chamber",

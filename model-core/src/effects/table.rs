@@ -123,6 +123,16 @@ impl Variable {
         }
     }
 
+    /// The symbol in equations.
+    pub const fn symbol(self) -> &'static str {
+        match self {
+            Self::Angle => "θ",
+            Self::Rate => "ω",
+            Self::Pressure => "p_c",
+            Self::Time => "t",
+        }
+    }
+
     /// The unit of the nodes in files.
     pub const fn unit(self) -> Unit {
         match self {
