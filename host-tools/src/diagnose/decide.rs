@@ -194,8 +194,9 @@ fn best_of_size(scored: &[Scored], size: usize, policy: &Policy) -> Option<usize
         takes_part(row)
             && is_special_case(&row.kinds, &scored[best].kinds)
             && row.parameters < scored[best].parameters
-            && (scored[best].degenerate
-                || scored[best].evidence - row.evidence < policy.special_case)
+            && (scored[best].evidence - row.evidence < policy.special_case
+                || (scored[best].degenerate
+                    && row.leaves <= scored[best].leaves + policy.same_effect))
     });
     special.or(Some(best))
 }
@@ -441,6 +442,10 @@ mod tests {
         // A peak of no height is none, whatever its width is good for.
         rows[0].degenerate = true;
         assert_eq!(decide(&rows, &POLICY), named(1, Strength::Explains));
+        // One that leaves more than another width can is another effect.
+        rows[1].leaves = 0.19;
+        rows[0].leaves = 0.1;
+        assert_eq!(decide(&rows, &POLICY), named(0, Strength::Explains));
     }
 
     #[test]

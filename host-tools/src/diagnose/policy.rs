@@ -38,6 +38,9 @@ policy! {
     /// An effect's special case is preferred unless the general one has so much more
     /// evidence.
     special_case: 20.0, "2 ln Bayes factor", "twice very strong (Kass and Raftery 1995)";
+    /// An effect that is not told from its special case is that, if the special case
+    /// leaves at most so much more of the error.
+    same_effect: 0.08, "–", "the same effect by another formula";
     /// Closure from which an effect explains the error.
     explains: 0.666_666_666_666_666_6, "–", "two thirds: what remains is half of what is explained";
     /// Closure from which it explains part of it.

@@ -151,6 +151,17 @@ impl<'a> Scoring<'a> {
         ranked
     }
 
+    /// The squares beyond the noise (rad²) that a structure leaves in the mean.
+    fn beyond(&self, candidate: &Candidate) -> f64 {
+        candidate.fit.rmse().powi(2) - self.noise()
+    }
+
+    /// As many of them as the right effect leaves by another formula, at most.
+    fn by_another_formula(&self, pool: &[Candidate]) -> f64 {
+        pool.first()
+            .map_or(0.0, |refit| Exact::STANDARD.imitated * self.beyond(refit))
+    }
+
     /// Keeps the nearest effect that the best one may only imitate: the difference
     /// between the two is no larger than one between formulas.
     fn keep_imitated(&self, pool: &[Candidate], ranked: &mut [Ranked]) {
@@ -161,15 +172,12 @@ impl<'a> Scoring<'a> {
             return;
         };
         let (most, imitator) = (best.probability, &pool[best.index]);
-        let beyond = |candidate: &Candidate| candidate.fit.rmse().powi(2) - self.noise();
-        let allowed = pool
-            .first()
-            .map_or(0.0, |refit| Exact::STANDARD.imitated * beyond(refit));
+        let allowed = self.by_another_formula(pool);
         let imitated = ranked
             .iter_mut()
             .filter(|entry| {
                 let candidate = &pool[entry.index];
-                beyond(candidate) <= allowed && imitates(&imitator.added, &candidate.added)
+                self.beyond(candidate) <= allowed && imitates(&imitator.added, &candidate.added)
             })
             .min_by(|a, b| a.delta.total_cmp(&b.delta));
         if let Some(imitated) = imitated {
@@ -189,10 +197,8 @@ impl<'a> Scoring<'a> {
                     entry.delta - ranked[general].delta < Exact::STANDARD.effect_evidence
                         && adequate(&narrow.fit, self.floor)
                 };
-                let the_same = || {
-                    wide.is_degenerate()
-                        && narrow.fit.rmse() <= Exact::STANDARD.rms_factor * wide.fit.rmse()
-                };
+                let the_same =
+                    || wide.is_degenerate() && self.beyond(narrow) <= self.by_another_formula(pool);
                 is_special_case(&narrow.added, &wide.added)
                     && narrow.fit.free.len() < wide.fit.free.len()
                     && (as_good() || the_same())

@@ -864,13 +864,13 @@ fn effects(diagnosis: &Diagnosis) -> Vec<Effect> {
                         probability(diagnosis.probability.get(place).copied().unwrap_or(0.0))
                     }),
                 parameters: (0..kind.parameters().len())
-                    .map(|parameter| {
-                        let id = ParameterId::Effect {
-                            slot: first + offset,
-                            parameter,
-                        };
-                        parameter_row(fit, id, None)
+                    .map(|parameter| ParameterId::Effect {
+                        slot: first + offset,
+                        parameter,
                     })
+                    // A table has room for more nodes than it has.
+                    .filter(|&id| fit.model.value(id).is_some())
+                    .map(|id| parameter_row(fit, id, None))
                     .collect(),
             }
         })
