@@ -389,10 +389,20 @@ fn explained(diagnosis: &Diagnosis, closure: &Closure) -> String {
         .goes_with
         .map_or_else(String::new, |feature| format!(" and go with the {feature}"));
     let share = |share: f64| percent(share.max(0.0));
+    let (what, alone) = named_alone(diagnosis).map_or_else(
+        || ("it", String::new()),
+        |alone| {
+            let named = titles(&diagnosis.named);
+            (
+                "the repaired model",
+                format!("; {named} alone {}", share(alone)),
+            )
+        },
+    );
     format!(
-        "On runs that were not fitted it explains {} of the error beyond the noise ({} over a \
-         quarter of a swing, {} over two and a half, {} over whole runs); {} remain, {} times \
-         the noise{goes_with}: {}.",
+        "On runs that were not fitted {what} explains {} of the error beyond the noise ({} over \
+         a quarter of a swing, {} over two and a half, {} over whole runs{alone}); {} remain, {} \
+         times the noise{goes_with}: {}.",
         at_horizons(diagnosis, closure).in_words(),
         share(closure.short),
         share(closure.medium),
@@ -401,6 +411,19 @@ fn explained(diagnosis: &Diagnosis, closure: &Closure) -> String {
         short(remaining.times_noise),
         left_over(diagnosis)
     )
+}
+
+/// What the named effects close by themselves, where the repaired model has more.
+fn named_alone(diagnosis: &Diagnosis) -> Option<f64> {
+    let named = &diagnosis.named;
+    if named.is_empty() || named.len() == diagnosis.repaired.added.len() {
+        return None;
+    }
+    let is_it = |tried: &&Tried| {
+        tried.kinds.len() == named.len() && tried.kinds.iter().all(|kind| named.contains(kind))
+    };
+    let (_, closed) = diagnosis.tried.iter().find(is_it)?.held_out?;
+    Some(closed)
 }
 
 /// What the repaired model explains over the three horizons together.
