@@ -24,6 +24,9 @@
 //! the forces balance: static equilibria are exact for any step, and so is the decay of
 //! the rate by damping alone, however strong.
 //!
+//! Linear memories (a tube, a Maxwell branch) are carried beside it ([`crate::carried`]),
+//! their forces added by [`Leapfrog::step_against`]; the order stays two.
+//!
 //! An oscillation of ω₀ is off by its usual (ω₀h)²/24 in frequency. [`substeps`] says how
 //! many steps a sampling interval needs.
 
@@ -86,6 +89,8 @@ pub struct Leapfrog<R, S> {
     keep: R,
     /// A: way of a rate of one in a step (s).
     reach: R,
+    /// γ: what a force adds to the way (rad/N).
+    per_newton: R,
     /// γ·g: what a pressure adds to the way (rad/Pa).
     push: R,
     spring: S,
@@ -103,12 +108,13 @@ impl<R: Real, S: Pull<R>> Leapfrog<R, S> {
             let sixth = R::one() / R::from_i16(6);
             dt * (R::one() - decay * (R::half() - decay * sixth))
         };
-        let kick = dt * reach / dynamics.inertia;
+        let per_newton = dt * reach / dynamics.inertia;
         Self {
             keep,
             reach,
-            push: kick * dynamics.input_gain,
-            spring: spring(kick * dynamics.stiffness, dynamics.exponent),
+            per_newton,
+            push: per_newton * dynamics.input_gain,
+            spring: spring(per_newton * dynamics.stiffness, dynamics.exponent),
         }
     }
 
@@ -125,6 +131,22 @@ impl<R: Real, S: Pull<R>> Leapfrog<R, S> {
     pub fn step(&self, drift: &mut Drift<R>, pressure: R) {
         drift.angle += drift.way;
         drift.way = drift.way * self.keep + self.kick(drift.angle, pressure);
+    }
+
+    /// The same with a force against the motion, in units of the way
+    /// ([`Leapfrog::per_newton`]): from the way of this step (rad) and the angle at its end
+    /// (rad).
+    #[inline]
+    pub fn step_against(&self, drift: &mut Drift<R>, pressure: R, force: impl FnOnce(R, R) -> R) {
+        let moved = drift.way;
+        drift.angle += moved;
+        let against = force(moved, drift.angle);
+        drift.way = drift.way * self.keep + (self.kick(drift.angle, pressure) - against);
+    }
+
+    /// γ: what a force of 1 N adds to the way of the next drift (rad/N).
+    pub fn per_newton(&self) -> R {
+        self.per_newton
     }
 
     /// The rate (rad/s) at a sample with this pressure (Pa).
@@ -165,10 +187,20 @@ pub fn substeps(dynamics: &Dynamics<f32>, frequency: f32, interval: f32) -> u8 {
 mod tests {
     use super::*;
     use crate::actuator::{Model, State};
-    use crate::catalogue::Effect;
-    use crate::input::Held;
+    use crate::carried::{Branch, Lag};
+    use crate::catalogue::{Effect, Kind};
+    use crate::input::{Held, Input};
     use crate::integrate::{Scheme, step};
     use crate::power::{Exact, Minimax};
+
+    /// A pressure (Pa) and its slope (Pa/s).
+    struct Line(f64, f64);
+
+    impl Input<f64> for Line {
+        fn pressure(&self, offset: f64) -> f64 {
+            self.0 + self.1 * offset
+        }
+    }
 
     fn lively<R: Real>() -> Dynamics<R> {
         Dynamics {
@@ -221,6 +253,57 @@ mod tests {
                 let order = (coarse / fine).log2();
                 assert!((order - 2.0).abs() < 0.1, "{order}: {errors:?}");
             }
+        }
+    }
+
+    /// A tube before the chamber and a Maxwell branch beside the spring, carried over the
+    /// steps, against Runge–Kutta with the effects of the catalogue.
+    #[test]
+    fn order_two_with_carried_memories() {
+        const SECONDS: f64 = 0.8;
+        let dynamics = lively::<f64>();
+        let (tube, branch) = (0.05, [0.4, 0.3]);
+        let pressure = |time: f64| 50_000.0 + 40_000.0 * (6.0 * time).sin();
+        let effects = [
+            Kind::PneumaticLag.build(&[tube]).unwrap(),
+            Kind::MaxwellBranch.build(&branch).unwrap(),
+        ];
+        let model: Model<f64> = Model::new(dynamics, &effects).unwrap();
+        let mut truth = model.moving(0.9, 0.5, pressure(0.0));
+        let count = 20_000;
+        for k in 0..count {
+            let dt = SECONDS / f64::from(count);
+            let [p0, p1] = [k, k + 1].map(|k| pressure(dt * f64::from(k)));
+            step(
+                Scheme::Rk4,
+                &model,
+                &mut truth,
+                &Line(p0, (p1 - p0) / dt),
+                dt,
+            );
+        }
+        let errors = [100_u32, 200, 400].map(|steps| {
+            let dt = SECONDS / f64::from(steps);
+            let leapfrog = accurate(&dynamics, dt);
+            let lag = Lag::new(tube, dt);
+            let [stiffness, time_constant] = branch;
+            let maxwell = Branch::new(stiffness * leapfrog.per_newton(), time_constant, dt);
+            let mut chamber = pressure(0.0);
+            let mut relaxing = 0.0;
+            let mut drift = leapfrog.at(0.9, 0.5, chamber);
+            for k in 0..steps {
+                let [p0, p1] = [k, k + 1].map(|k| pressure(dt * f64::from(k)));
+                lag.carry(&mut chamber, p0, p1);
+                leapfrog.step_against(&mut drift, chamber, |moved, _| {
+                    maxwell.carry(&mut relaxing, moved);
+                    relaxing
+                });
+            }
+            (drift.angle - truth.angle).abs()
+        });
+        for pair in errors.windows(2) {
+            let order = (pair[0] / pair[1]).log2();
+            assert!((order - 2.0).abs() < 0.1, "{order}: {errors:?}");
         }
     }
 

@@ -13,6 +13,7 @@
 #![forbid(unsafe_code)]
 
 pub mod actuator;
+pub mod carried;
 pub mod catalogue;
 pub mod effects;
 pub mod elementary;
