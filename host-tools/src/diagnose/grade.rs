@@ -13,7 +13,7 @@ use super::Progress;
 use super::candidates::{Candidate, FitContext, coarse_fit, final_fit};
 use super::decide::{Decision, Scored, decide, shaped};
 use super::levels::{Estimate, Levels};
-use super::measure::{Baseline, Measured, Ruler, closure, horizons};
+use super::measure::{Baseline, Measured, Ruler, closed};
 use super::noise::NoiseFloor;
 use super::pairs;
 use super::policy::{Exact, Policy};
@@ -21,7 +21,6 @@ use super::selection::{RIVALS_PLANNED, RIVALS_SHOWN, Selection, Tried, names};
 use super::tables;
 use super::validation::CrossValidator;
 use super::verdict::{Alternative, Answer};
-use crate::estimate::filter::Pace;
 use crate::estimate::fit::Fit;
 
 /// Structures to which another effect is added, at each size.
@@ -247,9 +246,7 @@ impl Graded {
             .filter(|with_table| error(with_table) <= enough)
             // Whole runs alone would let it spoil what is predicted a swing ahead.
             .filter(|with_table| {
-                let horizons = horizons(&Pace::of(context.fitter.data));
-                let over = |candidate| validator.errors_over(candidate, horizons).values();
-                let closes = closure(&over(&by_name), &over(with_table), validator.floor());
+                let closes = closed(validator, &by_name, with_table);
                 closes.overall >= 1.0 - policy.adds_to_repair
             });
         match table {

@@ -233,9 +233,17 @@ impl Ruler<'_> {
 }
 
 /// The two shorter horizons (s): a quarter of a swing, and two and a half.
-pub fn horizons(pace: &Pace) -> [f64; 2] {
+fn horizons(pace: &Pace) -> [f64; 2] {
     const SWINGS: [f64; 2] = [0.25, 2.5];
     SWINGS.map(|swings| swings * pace.period)
+}
+
+/// What a structure closes of another's error beyond the noise, on segments that were not
+/// fitted.
+pub fn closed(validator: &CrossValidator<'_>, before: &Candidate, after: &Candidate) -> Closure {
+    let horizons = horizons(&Pace::of(validator.fitter().data));
+    let [before, after] = [before, after].map(|it| validator.errors_over(it, horizons).values());
+    closure(&before, &after, validator.floor())
 }
 
 /// What RMS errors (rad) at three horizons close of those before, beyond the noise.

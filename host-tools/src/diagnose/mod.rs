@@ -54,7 +54,6 @@ use crate::checkpoint::Checkpoint;
 use crate::error::InputError;
 use crate::estimate::Dataset;
 use crate::estimate::assemble::assemble;
-use crate::estimate::filter::Pace;
 use crate::estimate::fit::{Fit, Fitter};
 use crate::model_file::{ModelFile, tidy, to_file_units};
 use crate::recording::Recording;
@@ -297,8 +296,7 @@ fn diagnose_all(
     concerns.extend(quality::slow_effects(&found.repaired, &data));
     let proposals = propose(&file.model, &found.rivals, &floor);
     let added = !found.repaired.added.is_empty();
-    let closure =
-        added.then(|| closure_of(&validator, &refit, &found.repaired, &Pace::of(fitter.data)));
+    let closure = added.then(|| measure::closed(&validator, &refit, &found.repaired));
     let gap_left = added.then(|| {
         let fit = &found.repaired.fit;
         localise(&fit.model, &data, &fit.nuisances, floor.white)
@@ -336,20 +334,6 @@ fn diagnose_all(
         data,
     };
     Ok(Found { diagnosis, odd })
-}
-
-/// What a structure closes of the refit's error beyond the noise, on segments that were
-/// not fitted.
-fn closure_of(
-    validator: &CrossValidator<'_>,
-    refit: &Candidate,
-    repaired: &Candidate,
-    pace: &Pace,
-) -> Closure {
-    let horizons = measure::horizons(pace);
-    let before = validator.errors_over(refit, horizons);
-    let after = validator.errors_over(repaired, horizons);
-    measure::closure(&before.values(), &after.values(), validator.floor())
 }
 
 /// Looks at what is fitted and at what is held out. The noise of the sensor, and

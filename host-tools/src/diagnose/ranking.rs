@@ -17,7 +17,6 @@ use model_core::catalogue::Kind;
 use super::candidates::{Candidate, Scales};
 use super::noise::{NoiseFloor, adequate};
 use super::policy::Exact;
-
 use crate::estimate::fit::Fit;
 use crate::statistics::independent_stretch;
 

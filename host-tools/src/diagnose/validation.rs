@@ -159,7 +159,7 @@ impl Squared for [Squares; 3] {
 /// A structure as fitted: what identifies a held-out error.
 type Key = (Vec<Kind>, Vec<ParameterId>, Option<u64>);
 
-/// Judges structures by segments that were not fitted.
+/// Validates structures on segments that were not fitted.
 pub struct CrossValidator<'a> {
     file: &'a ModelFile,
     /// The data, whose held-out segments are those to judge by; if there are none,
@@ -178,7 +178,7 @@ pub struct CrossValidator<'a> {
 }
 
 impl<'a> CrossValidator<'a> {
-    /// Creates a judge. The noise of the measured pressure leaves an error of
+    /// Creates a cross-validator. The noise of the measured pressure leaves an error of
     /// `input` (rad) that no model removes.
     pub fn new(file: &'a ModelFile, fitter: &'a Fitter<'a>, input: f64) -> Self {
         Self::with_folds(file, fitter, input, usize::MAX)
@@ -219,11 +219,6 @@ impl<'a> CrossValidator<'a> {
             only_repeats,
             memo: Mutex::default(),
         }
-    }
-
-    /// The model file of the structures that are judged.
-    pub fn file(&self) -> &'a ModelFile {
-        self.file
     }
 
     /// The data, with those to judge by.

@@ -183,8 +183,8 @@ impl Prior {
         }
     }
 
-    /// The same for data of which every so manieth sample is left: as many fewer of
-    /// them say one thing.
+    /// The same for data thinned to every n-th sample: n times fewer of them say one
+    /// thing.
     pub fn thinned(mut self, every: usize) -> Self {
         self.zero_weight = (self.zero_weight / (every as f64).sqrt()).max(1.0);
         self
