@@ -19,8 +19,8 @@ from scipy.optimize import linprog
 
 SOURCE = pathlib.Path(__file__).parent.parent / "model-core" / "src" / "elementary.rs"
 
-# One degree less costs more than 10^-6 in each of the three.
-TANH_DEGREE, SIN_DEGREE, COS_DEGREE = 3, 2, 2
+# One degree less costs more than 10^-6 in each of the first three.
+TANH_DEGREE, SIN_DEGREE, COS_DEGREE, NEAR_DEGREE = 3, 2, 2, 2
 
 
 def chebyshev_grid(low, high, count=3001):
@@ -135,6 +135,11 @@ def main():
     r = chebyshev_grid(1e-2, np.pi / 4 * (1 + 1e-6))
     sin, error = fit(r**2, (np.sin(r) / r - 1) / r**2, np.sin(r) / r**3, SIN_DEGREE)
     emit("SIN", sin, error, "(sin r - r)/r^3 in r^2, relative to sin")
+
+    # sin x = x P(x^2) for a quarter of a turn on either side, good enough for a force.
+    x = chebyshev_grid(1e-3, np.pi / 2)
+    near, error = fit(x**2, np.sin(x) / x, 1 / x, NEAR_DEGREE)
+    emit("NEAR", near, error, "sin x in x^2 up to pi/2, absolute")
     cos, error = fit(r**2, (np.cos(r) - 1) / r**2, 1 / r**2, COS_DEGREE)
     emit("COS", cos, error, "(cos r - 1)/r^2 in r^2, absolute in cos")
 

@@ -15,7 +15,7 @@
 //! second time: what moves or saves is refused with [`Refusal::NotNow`], what
 //! sets or asks has the same result.
 
-use model_core::observer::Observer;
+use model_core::predictor::Predictor;
 use ufmt::{uWrite, uwrite};
 use wire::{
     checksum::Crc16,
@@ -31,14 +31,14 @@ use wire::{
 };
 
 use crate::{
-    control::{self, Controller, DEG_PER_RAD, KPA_PER_PA, Measured, limit},
+    control::{self, Controller, DEG_PER_RAD, KPA_PER_PA, Measured, RAD_PER_DEG, limit},
     homing::{self, Homing, Progress},
     io::{Inputs, Outputs, Pump, ResetCause, Valve},
-    observer::{Monitor, Seen, of_model},
+    monitor::{Monitor, Seen},
     probe::Probe,
     runner::{Memory, Runner},
     safety::{Conditions, Event, Supervisor, runs_into_end},
-    self_test,
+    self_test::SelfTest,
     sensing::{Calibration, Readings, Sensors},
     settings::{Limits, calibration, check, model},
     stall::Watch,
@@ -113,7 +113,10 @@ const VENTING: u8 = 20;
 pub struct App {
     settings: Settings,
     draft: Settings,
-    derived: Option<Derived>,
+    /// None while the settings make no sense.
+    calibration: Option<Calibration>,
+    /// The model of the settings; that of the self-test while there is one.
+    predictor: Predictor,
     sensors: Sensors,
     supervisor: Supervisor,
     conditions: Conditions,
@@ -140,6 +143,7 @@ pub struct App {
     saving: Saving,
     /// The next line of help, while there is one.
     help: Option<u8>,
+    self_test: Option<SelfTest>,
     /// A fault whose sentence is to be written.
     sentence: Option<Fault>,
 }
@@ -163,23 +167,11 @@ impl Saving {
     }
 }
 
-/// What is computed from the settings once.
-#[derive(Clone, Debug)]
-struct Derived {
-    calibration: Calibration,
-    observer: Observer,
-}
-
-impl Derived {
-    /// Of settings that [`check`] has passed; none if the model cannot be stepped.
-    fn of(settings: &Settings) -> Option<Self> {
-        let calibration = calibration(settings).ok()?;
-        let observer = of_model(model(settings).ok()?, settings).ok()?;
-        Some(Self {
-            calibration,
-            observer,
-        })
-    }
+/// Takes the model of settings for the prediction; whether it can be stepped.
+#[inline(never)]
+fn predict(predictor: &mut Predictor, settings: &Settings) -> bool {
+    let farthest = settings.number(Key::MaxAngle) * RAD_PER_DEG;
+    model(settings).is_ok_and(|model| predictor.restart(model, farthest).is_ok())
 }
 
 /// The checksum of all settings, by which a computer knows them again.
@@ -210,11 +202,14 @@ impl App {
     pub fn load(&mut self, eeprom: &impl Eeprom) {
         let found = load(eeprom, &mut self.settings);
         self.draft.clone_from(&self.settings);
-        self.derived = Derived::of(&self.settings);
-        self.conditions.settings_damaged = found == Loaded::Damaged || self.derived.is_none();
+        self.calibration = calibration(&self.settings).ok();
+        let is_steppable = predict(&mut self.predictor, &self.settings);
+        self.conditions.settings_damaged =
+            found == Loaded::Damaged || self.calibration.is_none() || !is_steppable;
     }
 
     /// An application that has not read its settings.
+    #[inline(always)] // Where it will stay: it is too large to be moved there.
     pub fn empty(reset: ResetCause) -> Self {
         Self {
             draft: Settings::EMPTY,
@@ -226,7 +221,8 @@ impl App {
                 brown_out: reset == ResetCause::BrownOut,
                 ..Conditions::default()
             },
-            derived: None,
+            calibration: None,
+            predictor: Predictor::empty(),
             reset,
             homing: None,
             controller: Controller::new(),
@@ -246,6 +242,7 @@ impl App {
             counters: Counters::default(),
             saving: Saving::No,
             help: None,
+            self_test: None,
             sentence: None,
         }
     }
@@ -288,6 +285,7 @@ impl App {
     }
 
     /// Lets one control period pass.
+    #[inline(never)]
     pub fn tick(&mut self, inputs: &Inputs, eeprom: &mut impl Eeprom) -> Outputs {
         self.inputs = *inputs;
         self.store(eeprom);
@@ -321,16 +319,24 @@ impl App {
             light: self.light(),
             ..self.supervisor.restrain(outputs)
         };
-        let judge = self.state() == State::Running;
-        if let Some(derived) = &self.derived {
-            self.monitor
-                .step(&derived.observer, &self.settings, &self.seen, judge);
-        }
+        self.predict();
         self.sequence = self.sequence.wrapping_add(1);
         self.outputs
     }
 
+    /// Steps the prediction, or prepares its tables a little further.
+    #[inline(never)]
+    fn predict(&mut self) {
+        if !self.predictor.prepare() || self.self_test.is_some() {
+            return;
+        }
+        let judge = self.state() == State::Running;
+        self.monitor
+            .step(&self.predictor, &self.settings, &self.seen, judge);
+    }
+
     /// Writes a byte of what is to be saved.
+    #[inline(never)]
     fn store(&mut self, eeprom: &mut impl Eeprom) {
         self.saving = match self.saving {
             Saving::Accepted => Saving::Writing(Writer::new(eeprom)),
@@ -347,12 +353,13 @@ impl App {
     }
 
     /// Reads the sensors; without a calibration there is nothing to read.
+    #[inline(never)]
     fn sense(&mut self, inputs: &Inputs) -> Readings {
-        let Some(derived) = &self.derived else {
+        let Some(calibration) = &self.calibration else {
             self.seen = Seen::default();
             return Readings::default();
         };
-        let readings = self.sensors.update(&derived.calibration, inputs);
+        let readings = self.sensors.update(calibration, inputs);
         let rounded =
             |value: Option<f32>, scale| value.map(|value| Hundredths::round(value * scale));
         self.seen = Seen {
@@ -363,6 +370,7 @@ impl App {
     }
 
     /// What may be wrong in this period.
+    #[inline(never)]
     fn look(&mut self, inputs: &Inputs, readings: &Readings) {
         let limits = Limits::of(&self.settings);
         let rate = match self.outputs.pump {
@@ -414,6 +422,7 @@ impl App {
         self.rest();
     }
 
+    #[inline(never)]
     fn home(&mut self, inputs: &Inputs) -> Outputs {
         let config = homing::Config::of(&self.settings);
         let homing = self.homing.get_or_insert_with(|| Homing::start(inputs));
@@ -440,8 +449,9 @@ impl App {
         }
     }
 
+    #[inline(never)]
     fn play(&mut self, measured: &Measured) -> Outputs {
-        let (Some(runner), Some(derived)) = (&mut self.runner, &self.derived) else {
+        let Some(runner) = &mut self.runner else {
             self.fail(Fault::Internal);
             return Outputs::default();
         };
@@ -456,7 +466,7 @@ impl App {
         let outputs = match demand {
             Demand::Track { track, level } => {
                 self.back = 0;
-                let model = derived.observer.model();
+                let model = self.predictor.model();
                 let flow = self
                     .controller
                     .track(&config, model, (track, level), measured);
@@ -542,15 +552,18 @@ impl App {
     }
 
     /// Writes at most one line that has been waiting: `# saved` or `# not saved`,
-    /// the sentence of a fault, help. One a period, so that the cable keeps up.
+    /// the sentence of a fault, help, the self-test. One a period, so that the cable
+    /// keeps up.
     ///
     /// # Errors
     ///
     /// Those of the output.
+    #[inline(never)]
     pub fn report<W: uWrite + ?Sized>(
         &mut self,
         texts: &impl Texts,
         out: &mut W,
+        probe: &mut impl Probe,
     ) -> Result<(), W::Error> {
         if let Saving::Over { kept } = self.saving {
             self.saving = Saving::No;
@@ -568,11 +581,19 @@ impl App {
             texts.fault(fault, &mut line)?;
             return line.finish();
         }
+        // A line and the telemetry do not fit into one period on the cable.
+        let has_room = self.sequence.is_multiple_of(4);
+        if let Some(test) = &mut self.self_test {
+            if has_room && !test.advance(&mut self.predictor, out, probe)? {
+                self.self_test = None;
+                predict(&mut self.predictor, &self.settings);
+            }
+            return Ok(());
+        }
         let Some(index) = self.help else {
             return Ok(());
         };
-        // A line and the telemetry do not fit into one period on the cable.
-        if self.sequence.is_multiple_of(4) {
+        if has_room {
             let mut line = Sealed::new(out);
             line.write_str("# ")?;
             let more = texts.help(index, &mut line)?;
@@ -592,11 +613,11 @@ impl App {
     /// # Errors
     ///
     /// Those of the output.
+    #[inline(never)]
     pub fn receive<W: uWrite + ?Sized>(
         &mut self,
         line: &[u8],
         out: &mut W,
-        probe: &mut impl Probe,
     ) -> Result<(), W::Error> {
         let request = match Request::parse(line) {
             Ok(request) => request,
@@ -636,11 +657,12 @@ impl App {
                 None => reply::no(out, id, Refusal::OutOfBounds),
             },
             Command::SelfTest => {
-                if !matches!(self.state(), State::Idle | State::Fault) {
+                if !matches!(self.state(), State::Idle | State::Fault) || self.is_busy() {
                     return reply::no(out, id, Refusal::NotNow);
                 }
-                reply::ok(out, id)?.finish()?;
-                self_test::run(out, probe)
+                self.monitor.restart();
+                self.self_test = Some(SelfTest::default());
+                reply::ok(out, id)?.finish()
             }
             command => match self.obey(command) {
                 Ok(()) => reply::ok(out, id)?.finish(),
@@ -650,11 +672,12 @@ impl App {
     }
 
     /// Commands whose reply says no more than ok or no.
+    #[inline(never)]
     fn obey(&mut self, command: Command) -> Result<(), Refusal> {
         match command {
             Command::Help => self.help = Some(0),
             Command::Arm => {
-                if self.saving.is_busy() {
+                if self.is_busy() {
                     return Err(Refusal::NotNow);
                 }
                 self.supervisor.handle(Event::Arm, &self.conditions)?;
@@ -721,6 +744,11 @@ impl App {
         Ok(())
     }
 
+    /// Whether something at rest is not to be disturbed.
+    fn is_busy(&self) -> bool {
+        self.saving.is_busy() || self.self_test.is_some()
+    }
+
     /// Uses the draft, if it makes sense as a whole, and starts to write it.
     ///
     /// The reply comes at once and says that the settings are in use;
@@ -728,20 +756,16 @@ impl App {
     #[inline(never)] // What it needs on the stack is not for `main` to keep.
     fn save(&mut self) -> Result<(), Refusal> {
         let resting = matches!(self.state(), State::Idle | State::Fault);
-        if !resting || self.saving.is_busy() {
+        if !resting || self.is_busy() {
             return Err(Refusal::NotNow);
         }
         check(&self.draft)?;
-        let calibrated = calibration(&self.draft).ok();
-        let before = self.derived.as_ref().map(|derived| &derived.calibration);
-        let same_sensors = before == calibrated.as_ref();
-        // In place: two of them are too much for the stack.
-        self.derived = Derived::of(&self.draft);
-        if self.derived.is_none() {
-            self.derived = Derived::of(&self.settings);
+        if !predict(&mut self.predictor, &self.draft) {
             return Err(Refusal::BadSettings);
         }
-        if !same_sensors {
+        let calibrated = calibration(&self.draft).ok();
+        if calibrated != self.calibration {
+            self.calibration = calibrated;
             self.sensors = Sensors::new();
         }
         self.settings.clone_from(&self.draft);
@@ -750,6 +774,7 @@ impl App {
         Ok(())
     }
 
+    #[inline(never)]
     fn status<W: uWrite + ?Sized>(&mut self, id: u8, out: &mut W) -> Result<(), W::Error> {
         let fault = self.supervisor.fault();
         self.sentence = fault;
@@ -772,17 +797,21 @@ impl App {
         line.finish()
     }
 
-    /// `SEQUENCE STEPS ANGLE RATE PRESSURE`: the observer belongs to the line of
+    /// `SEQUENCE STEPS ANGLE RATE PRESSURE`: the prediction belongs to the line of
     /// that number, and started so many steps before; then its angle (rad), rate
     /// (rad/s) and newest pressure (Pa) to the bit.
+    #[inline(never)]
     fn exact<W: uWrite + ?Sized>(&mut self, id: u8, out: &mut W) -> Result<(), W::Error> {
-        let Some(estimate) = self.monitor.estimate() else {
+        let Some(prediction) = self.monitor.prediction() else {
             return reply::no(out, id, Refusal::NoReading);
         };
         let mut line = reply::ok(out, id)?;
-        uwrite!(line, " {} {}", self.sequence, estimate.steps())?;
-        let state = estimate.state();
-        for value in [state.angle, state.rate, estimate.pressure()] {
+        uwrite!(line, " {} {}", self.sequence, prediction.steps())?;
+        for value in [
+            prediction.angle(),
+            self.predictor.rate(prediction),
+            prediction.pressure(),
+        ] {
             uwrite!(line, " {}", Word(value.to_bits()))?;
         }
         line.finish()

@@ -9,7 +9,7 @@ pub mod app;
 pub mod control;
 pub mod homing;
 pub mod io;
-pub mod observer;
+pub mod monitor;
 #[cfg(test)]
 #[allow(missing_docs, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 mod plant;

@@ -49,7 +49,7 @@ fn main() -> ! {
             match assembler.push(byte) {
                 Assembled::Pending => {}
                 Assembled::Line(line) => {
-                    let Ok(()) = app.receive(line, &mut board.serial, &mut board.marks);
+                    let Ok(()) = app.receive(line, &mut board.serial);
                 }
                 Assembled::Overlong => app.overlong(),
             }
@@ -84,7 +84,7 @@ fn main() -> ! {
             board.serial.send_or_drop(|out| {
                 let Ok(()) = telemetry.write(out);
             });
-            let Ok(()) = app.report(&FlashTexts, &mut board.serial);
+            let Ok(()) = app.report(&FlashTexts, &mut board.serial, &mut board.marks);
             if rests {
                 health.look(time_ms, &mut board.serial);
             }

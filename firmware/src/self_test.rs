@@ -8,12 +8,13 @@
 use core::hint::black_box;
 
 use model_core::{
-    actuator::{Dynamics, InvalidModel, Model, State},
+    actuator::{Dynamics, InvalidModel, MAX_EFFECTS, Model, Slot},
     catalogue::{Effect, Kind},
     effects::table::{InModel, Table, Variable},
-    input::Held,
-    integrate::{Scheme, step},
+    leapfrog::{Accurate, Leapfrog},
     power::{GuardedMicromath, Minimax, Power},
+    predictor::{Predictor, STEP_S},
+    prepared::{DEAREST, Motion},
 };
 use ufmt::{uWrite, uwrite};
 use wire::{line::Sealed, step_report::StepReport, stretch};
@@ -35,8 +36,8 @@ pub const ANGLE_RAD: f32 = 0.3;
 pub const RATE_RAD_PER_S: f32 = 0.1;
 /// Pressure during the step, in pascal.
 pub const PRESSURE_PA: f32 = 10_000.0;
-/// Length of the step in seconds: the control period.
-pub const STEP_S: f32 = 0.005;
+/// The largest angle that the models are planned for, in radians.
+pub const FARTHEST_RAD: f32 = 2.3;
 
 /// The text that ends the self-test.
 pub const DONE: &str = "self-test done";
@@ -83,6 +84,12 @@ pub fn with_effect(kind: Kind) -> Result<Model<f32, Minimax>, InvalidModel> {
             Some(table),
         );
     }
+    let effect = effect(kind).ok_or(InvalidModel::TooManyEffects)?;
+    Model::of_slots(DYNAMICS, [Some(effect), None, None], None)
+}
+
+/// An effect with small parameters within their bounds.
+fn effect(kind: Kind) -> Option<Slot<f32>> {
     let mut values = [0.0; MOST_PARAMETERS];
     for (index, value) in values.iter_mut().enumerate() {
         if let Some((lower, upper)) = kind.bounds(index) {
@@ -90,92 +97,180 @@ pub fn with_effect(kind: Kind) -> Result<Model<f32, Minimax>, InvalidModel> {
             *value = 0.05_f32.max(lower).min(upper);
         }
     }
-    let effect = values
-        .get(..kind.parameter_count())
-        .and_then(|values| kind.build_slot(values))
-        .ok_or(InvalidModel::TooManyEffects)?;
-    Model::of_slots(DYNAMICS, [Some(effect), None, None], None)
+    let values = values.get(..kind.parameter_count())?;
+    kind.build_slot(values)
 }
 
-/// Prints what the firmware is and one step with each power function and effect.
+/// The model with the dearest three effects.
 ///
 /// # Errors
 ///
-/// Those of the output.
-pub fn run<W: uWrite + ?Sized>(out: &mut W, probe: &mut impl Probe) -> Result<(), W::Error> {
-    let mut line = Sealed::new(out);
-    uwrite!(
-        line,
-        "softrig {} on an ATmega2560",
-        env!("CARGO_PKG_VERSION")
-    )?;
-    line.finish()?;
-
-    probe.open(stretch::NOTHING);
-    probe.close();
-    for_power::<Minimax, W>(out, probe)?;
-    for_power::<GuardedMicromath, W>(out, probe)?;
-    for (index, &kind) in (0..).zip(Kind::ALL) {
-        let state = with_effect(kind)
-            .map(|model| one_step(&model, stretch::effect(usize::from(index)), probe));
-        report(out, Minimax::NAME, Some(index), state)?;
+/// Those of [`with_effect`].
+pub fn with_dearest() -> Result<Model<f32, Minimax>, InvalidModel> {
+    let mut slots = [None; MAX_EFFECTS];
+    for (slot, kind) in slots.iter_mut().zip(DEAREST) {
+        *slot = effect(kind);
     }
-
-    let mut line = Sealed::new(out);
-    line.write_str(DONE)?;
-    line.finish()
+    Model::of_slots(DYNAMICS, slots, None)
 }
 
-fn for_power<P: Tested, W: uWrite + ?Sized>(
-    out: &mut W,
-    probe: &mut impl Probe,
-) -> Result<(), W::Error> {
+/// One step of the predictor from the fixed state, under the fixed pressure, and what the
+/// sensor makes of it.
+#[inline(never)]
+pub fn one_step(predictor: &Predictor, stretch: u8, probe: &mut impl Probe) -> Motion {
+    let prepared = predictor.prepared();
+    let mut motion = black_box(prepared.moving(ANGLE_RAD, RATE_RAD_PER_S, PRESSURE_PA));
+    // What the compiler knows it would compute itself, and nothing would be
+    // tested or measured.
+    let (pressure, time) = black_box((PRESSURE_PA, STEP_S));
+    probe.open(stretch);
+    prepared.step(&mut motion, pressure, time);
+    prepared.read(&mut motion, time);
+    black_box(&motion);
+    probe.close();
+    motion
+}
+
+/// The step that is computed without a table, by a power function of any exponent.
+pub fn accurate_step<P: Power<f32>>(stretch: u8, probe: &mut impl Probe) -> (f32, f32) {
+    let leapfrog = Leapfrog::new(&DYNAMICS, STEP_S);
+    let (scale, exponent) = black_box((leapfrog.pull_scale(), DYNAMICS.exponent));
+    let spring = Accurate::<f32, P>::new(scale, exponent);
+    let pressure = black_box(PRESSURE_PA);
+    let mut drift = black_box(leapfrog.at(&spring, ANGLE_RAD, RATE_RAD_PER_S, pressure));
+    probe.open(stretch);
+    leapfrog.step(&spring, &mut drift, pressure);
+    black_box(&drift);
+    probe.close();
+    (drift.angle, leapfrog.rate(&spring, &drift, pressure))
+}
+
+/// How far the self-test is. Its models are stepped where otherwise the model of the
+/// settings is, since there is no room for another; their tables take a while.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SelfTest {
+    /// The next line.
+    line: u8,
+    /// Whether its model is in the predictor.
+    has_model: bool,
+}
+
+/// Lines before those of the models.
+const HEAD: u8 = 3;
+
+impl SelfTest {
+    /// Goes on, and writes at most one line; whether there is more to come.
+    ///
+    /// # Errors
+    ///
+    /// Those of the output.
+    #[inline(never)]
+    pub fn advance<W: uWrite + ?Sized>(
+        &mut self,
+        predictor: &mut Predictor,
+        out: &mut W,
+        probe: &mut impl Probe,
+    ) -> Result<bool, W::Error> {
+        match self.line {
+            0 => {
+                probe.open(stretch::NOTHING);
+                probe.close();
+                let mut line = Sealed::new(out);
+                uwrite!(
+                    line,
+                    "softrig {} on an ATmega2560",
+                    env!("CARGO_PKG_VERSION")
+                )?;
+                line.finish()?;
+            }
+            1 => report(out, Minimax::NAME, None, for_power::<Minimax>(probe))?,
+            2 => {
+                let state = for_power::<GuardedMicromath>(probe);
+                report(out, GuardedMicromath::NAME, None, state)?;
+            }
+            _ => return self.model(predictor, out, probe),
+        }
+        self.line += 1;
+        Ok(true)
+    }
+
+    /// Steps the next model: the base equation, each effect, the dearest three.
+    fn model<W: uWrite + ?Sized>(
+        &mut self,
+        predictor: &mut Predictor,
+        out: &mut W,
+        probe: &mut impl Probe,
+    ) -> Result<bool, W::Error> {
+        let place = self.line - HEAD;
+        let effect = usize::from(place).checked_sub(1);
+        let kind = effect.and_then(|index| Kind::ALL.get(index));
+        let (power, stretch, model) = match (effect, kind) {
+            (None, _) => (
+                TABLE,
+                stretch::STEP_TABLE,
+                Model::of_slots(DYNAMICS, [None; 3], None),
+            ),
+            (Some(index), Some(&kind)) => (TABLE, stretch::effect(index), with_effect(kind)),
+            (Some(index), None) if index == Kind::ALL.len() => {
+                (DEAREST_THREE, stretch::STEP_DEAREST, with_dearest())
+            }
+            _ => {
+                let mut line = Sealed::new(out);
+                line.write_str(DONE)?;
+                line.finish()?;
+                return Ok(false);
+            }
+        };
+        if !self.has_model {
+            self.has_model =
+                model.is_ok_and(|model| predictor.restart(model, FARTHEST_RAD).is_ok());
+            if self.has_model {
+                return Ok(true);
+            }
+            // Only a change of the constants above can bring this about.
+            let mut line = Sealed::new(out);
+            line.write_str("a model is not valid")?;
+            line.finish()?;
+        } else if !predictor.prepare() {
+            return Ok(true);
+        } else {
+            let motion = one_step(predictor, stretch, probe);
+            let state = (motion.angle, predictor.prepared().rate(&motion));
+            report(out, power, kind.and(place.checked_sub(1)), state)?;
+        }
+        self.has_model = false;
+        self.line += 1;
+        Ok(true)
+    }
+}
+
+/// The name of a step by the table of the power.
+pub const TABLE: &str = "table";
+
+/// The name of a step of [`with_dearest`].
+pub const DEAREST_THREE: &str = "dearest three";
+
+#[inline(never)]
+fn for_power<P: Tested>(probe: &mut impl Probe) -> (f32, f32) {
     let (base, exponent) = black_box((ANGLE_RAD, DYNAMICS.exponent));
     probe.open(P::POWER);
     black_box(P::pow(base, exponent));
     probe.close();
-
-    let state = Model::<f32, P>::new(DYNAMICS, &[]).map(|model| one_step(&model, P::STEP, probe));
-    report(out, P::NAME, None, state)
+    accurate_step::<P>(P::STEP, probe)
 }
 
-/// Steps the model once from the fixed state.
-fn one_step<P: Power<f32>>(
-    model: &Model<f32, P>,
-    stretch: u8,
-    probe: &mut impl Probe,
-) -> State<f32> {
-    // What the compiler knows it would compute itself, and nothing would be
-    // tested or measured.
-    let model = black_box(model);
-    let mut state = black_box(model.moving(ANGLE_RAD, RATE_RAD_PER_S, PRESSURE_PA));
-    let input = black_box(Held(PRESSURE_PA));
-    let dt = black_box(STEP_S);
-
-    probe.open(stretch);
-    step(Scheme::Rk4, model, &mut state, &input, dt);
-    black_box(&state);
-    probe.close();
-    state
-}
-
+#[inline(never)]
 fn report<W: uWrite + ?Sized>(
     out: &mut W,
     power: &str,
     effect: Option<u8>,
-    state: Result<State<f32>, InvalidModel>,
+    (angle_rad, rate_rad_per_s): (f32, f32),
 ) -> Result<(), W::Error> {
-    let Ok(state) = state else {
-        // Only a change of the constants above can bring this about.
-        let mut line = Sealed::new(out);
-        uwrite!(line, "step {}: the model is not valid", power)?;
-        return line.finish();
-    };
     StepReport {
         power,
         effect,
-        angle_rad: state.angle,
-        rate_rad_per_s: state.rate,
+        angle_rad,
+        rate_rad_per_s,
     }
     .write(out)
 }
@@ -185,6 +280,10 @@ mod tests {
     extern crate std;
     use super::*;
     use crate::probe::NoProbe;
+    use model_core::{
+        input::Held,
+        integrate::{Scheme, step},
+    };
     use std::{string::String, vec::Vec};
 
     struct Text(String);
@@ -210,40 +309,46 @@ mod tests {
         }
     }
 
+    /// The whole test, as the application runs it.
+    fn run(out: &mut Text, probe: &mut impl Probe) {
+        let mut predictor = Predictor::empty();
+        let mut test = SelfTest::default();
+        while test.advance(&mut predictor, out, probe).unwrap() {}
+    }
+
     #[test]
     fn every_line_is_sealed_and_the_last_one_says_so() {
         let mut out = Text(String::new());
-        run(&mut out, &mut NoProbe).unwrap();
+        run(&mut out, &mut NoProbe);
         let texts: Vec<_> = out
             .0
             .lines()
             .map(|line| wire::line::open(line).unwrap())
             .collect();
-        assert_eq!(texts.len(), 4 + Kind::ALL.len());
-        assert!(texts.iter().all(|text| !text.contains("not valid")));
+        assert_eq!(texts.len(), 6 + Kind::ALL.len());
+        assert!(
+            texts.iter().all(|text| !text.contains("not valid")),
+            "{texts:#?}"
+        );
         assert_eq!(texts.last(), Some(&DONE));
     }
 
     #[test]
     fn the_step_follows_the_equation_of_motion() {
-        let mut exact = Model::<f64>::new(DYNAMICS.map(f64::from), &[])
-            .unwrap()
-            .moving(f64::from(ANGLE_RAD), f64::from(RATE_RAD_PER_S), 0.0);
-        step(
-            Scheme::Rk4,
-            &Model::<f64>::new(DYNAMICS.map(f64::from), &[]).unwrap(),
-            &mut exact,
-            &Held(f64::from(PRESSURE_PA)),
-            f64::from(STEP_S),
-        );
-        let minimax = Model::<f32, Minimax>::new(DYNAMICS, &[]).unwrap();
-        let micromath = Model::<f32, GuardedMicromath>::new(DYNAMICS, &[]).unwrap();
-        for state in [
-            one_step(&minimax, 0, &mut NoProbe),
-            one_step(&micromath, 0, &mut NoProbe),
+        let model = Model::<f64>::new(DYNAMICS.map(f64::from), &[]).unwrap();
+        let mut exact = model.moving(f64::from(ANGLE_RAD), f64::from(RATE_RAD_PER_S), 0.0);
+        let input = Held(f64::from(PRESSURE_PA));
+        step(Scheme::Rk4, &model, &mut exact, &input, f64::from(STEP_S));
+        let base = Model::<f32>::new(DYNAMICS, &[]).unwrap();
+        let predictor = Predictor::new(base, FARTHEST_RAD).unwrap();
+        let motion = one_step(&predictor, 0, &mut NoProbe);
+        for (angle, rate) in [
+            accurate_step::<Minimax>(0, &mut NoProbe),
+            accurate_step::<GuardedMicromath>(0, &mut NoProbe),
+            (motion.angle, predictor.prepared().rate(&motion)),
         ] {
-            assert!((f64::from(state.angle) - exact.angle).abs() < 1e-6);
-            assert!((f64::from(state.rate) - exact.rate).abs() < 1e-5);
+            assert!((f64::from(angle) - exact.angle).abs() < 1e-6);
+            assert!((f64::from(rate) - exact.rate).abs() < 1e-5);
         }
         assert!((exact.rate - f64::from(RATE_RAD_PER_S)).abs() > 1e-4);
     }
@@ -251,7 +356,7 @@ mod tests {
     #[test]
     fn stretches_do_not_overlap() {
         let mut recorder = Recorder::default();
-        run(&mut Text(String::new()), &mut recorder).unwrap();
+        run(&mut Text(String::new()), &mut recorder);
         assert!(recorder.0.len() >= 10);
         for pair in recorder.0.chunks(2) {
             assert!(matches!(pair, [Some(_), None]), "{:?}", recorder.0);

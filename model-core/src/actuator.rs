@@ -225,6 +225,23 @@ pub struct Derivative<R> {
 }
 
 impl<R: Real, P: Power<R>> Model<R, P> {
+    /// An inertia of one that nothing acts on: what stands where no model has come yet.
+    pub fn inert() -> Self {
+        Self {
+            dynamics: Dynamics {
+                inertia: R::one(),
+                damping: R::zero(),
+                stiffness: R::zero(),
+                exponent: R::one(),
+                input_gain: R::zero(),
+            },
+            effects: [None; MAX_EFFECTS],
+            table: None,
+            integrates: false,
+            power: PhantomData,
+        }
+    }
+
     /// Creates a model after checking every parameter.
     ///
     /// # Errors
@@ -288,6 +305,11 @@ impl<R: Real, P: Power<R>> Model<R, P> {
     pub fn effects(&self) -> impl Iterator<Item = Effect<R>> {
         self.occupied()
             .filter_map(|slot| slot.convert(|value| value, self.table))
+    }
+
+    /// The effect in a slot, without its table.
+    pub(crate) fn slot(&self, index: usize) -> Option<&Slot<R>> {
+        self.effects.get(index)?.as_ref()
     }
 
     /// The effects without their table.
@@ -579,6 +601,19 @@ impl<R: Real, P: Power<R>> Model<R, P> {
     /// An upper estimate of the fastest rate of the equations (1/s) for
     /// angles up to `angle` (rad): what a step length has to resolve.
     pub fn fastest_rate(&self, angle: R) -> Rates<R> {
+        self.fastest_rate_of(angle, |_| true)
+    }
+
+    /// The square of the frequency (rad²/s²) at which the actuator itself swings at most,
+    /// for angles up to `angle` (rad), without what swings beside it.
+    pub fn fastest_swing(&self, angle: R) -> R {
+        let swings_beside =
+            |slot: &Slot<R>| matches!(slot, Effect::SecondMode(_) | Effect::PeriodicDisturbance(_));
+        self.fastest_rate_of(angle, |slot| !swings_beside(slot))
+            .stiffness
+    }
+
+    fn fastest_rate_of(&self, angle: R, counts: impl Fn(&Slot<R>) -> bool) -> Rates<R> {
         let mut d = self.dynamics;
         for effect in self.occupied() {
             effect.enlarge(angle, &mut d);
@@ -591,7 +626,7 @@ impl<R: Real, P: Power<R>> Model<R, P> {
             stiffness: slope / d.inertia,
             relaxation: d.damping / d.inertia,
         };
-        for effect in self.occupied() {
+        for effect in self.occupied().filter(|slot| counts(slot)) {
             let more = effect.fastest_rate(&d, angle);
             rates.stiffness += more.stiffness;
             rates.relaxation += more.relaxation;

@@ -58,6 +58,7 @@ pub struct Lag<R> {
 
 impl<R: Real> Lag<R> {
     /// Prepares steps of `dt` seconds; the time constant (s) is positive.
+    #[inline(never)]
     pub fn new(time_constant: R, dt: R) -> Self {
         let factors = Factors::new(time_constant, dt);
         Self {

@@ -17,6 +17,7 @@
 //! | [`ln`] | all positive | 4·10⁻⁷ relative | 1 |
 //! | [`tanh`] | all | 3·10⁻⁷ relative | ±0, and ±1 from 9.1 |
 //! | [`sin`], [`cos`] | ±51 471 rad | 1.5·10⁻⁷ absolute | 0 |
+//! | [`sin_near`] | a turn | 7·10⁻⁵ absolute | 0 |
 //!
 //! The tests of this module hold these bounds;
 //! `cargo run --release -p model-core --example power_error` prints the
@@ -33,7 +34,7 @@
 //!
 //! NaN gives NaN; its payload is not part of the promise.
 
-use core::f32::consts::{FRAC_2_PI, LN_2, LOG2_E};
+use core::f32::consts::{FRAC_2_PI, FRAC_PI_2, LN_2, LOG2_E, PI, TAU};
 
 /// c₀ + c₁x + c₂x² + …, by Horner's rule and unrolled, so that the coefficients
 /// become immediate operands.
@@ -195,6 +196,37 @@ pub fn sin(x: f32) -> f32 {
     sin_of_quarter(rest, quarters)
 }
 
+/// Computes the sine of an angle in radians that is near zero: a turn or two.
+///
+/// Absolute error ≤ 7·10⁻⁵ within a turn; exactly odd. A third of the work of [`sin`], for
+/// a force that is asked for in every step. Turns are taken off one by one; NaN beyond
+/// [`LARGEST_NEAR`].
+pub fn sin_near(x: f32) -> f32 {
+    // Compared as bits, which costs a processor without floats a tenth.
+    let bits = x.to_bits();
+    let mut sign = bits & SIGN_MASK;
+    let mut t = f32::from_bits(bits & !SIGN_MASK);
+    if t.to_bits() > LARGEST_NEAR.to_bits() {
+        return f32::NAN;
+    }
+    while t.is_sign_positive() && t.to_bits() > PI.to_bits() {
+        t -= TAU;
+    }
+    if t.is_sign_negative() {
+        sign ^= SIGN_MASK;
+        t = -t;
+    }
+    if t.to_bits() > FRAC_PI_2.to_bits() {
+        t = PI - t;
+    }
+    let z = t * t;
+    let sine = t * polynomial!(z; 0.999_696_8, -0.165_673_1, 0.007_514_386);
+    f32::from_bits(sine.to_bits() ^ sign)
+}
+
+/// The largest angle of [`sin_near`], in radians.
+pub const LARGEST_NEAR: f32 = 100.0;
+
 /// Computes the cosine of an angle in radians.
 ///
 /// Absolute error ≤ 1.5·10⁻⁷ up to [`LARGEST_ANGLE`], NaN beyond; exactly
@@ -346,6 +378,20 @@ mod tests {
             let error = largest_error(both_signs(low, high, 53), cos, f64::cos, false);
             assert_close_to_bound(error, 1.5e-7);
         }
+    }
+
+    #[test]
+    fn sin_near_keeps_its_error_and_is_odd() {
+        let mut worst = 0.0_f64;
+        for step in 0..=63_000_i32 {
+            let angle = step as f32 * 1e-4;
+            let sine = sin_near(angle);
+            worst = worst.max((f64::from(sine) - f64::from(angle).sin()).abs());
+            assert_eq!(sin_near(-angle), -sine, "{angle}");
+        }
+        assert_close_to_bound(worst, 7e-5);
+        assert!((sin_near(40.0) - sin(40.0)).abs() < 1e-4);
+        assert!(sin_near(1e3).is_nan() && sin_near(f32::NAN).is_nan());
     }
 
     #[test]

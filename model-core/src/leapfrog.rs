@@ -20,12 +20,12 @@
 //! way ← B·way + (γ·g·p − γ·K·sign(θ)|θ|ⁿ)      γ = h·A/M
 //! ```
 //!
-//! All constants, γ·K too, are prepared once ([`Leapfrog::new`]). At rest the way is 0 and
+//! All constants are prepared once ([`Leapfrog::new`]). At rest the way is 0 and
 //! the forces balance: static equilibria are exact for any step, and so is the decay of
 //! the rate by damping alone, however strong.
 //!
 //! Linear memories (a tube, a Maxwell branch) are carried beside it ([`crate::carried`]),
-//! their forces added by [`Leapfrog::step_against`]; the order stays two.
+//! their forces added to the kick by [`crate::prepared`]; the order stays two.
 //!
 //! An oscillation of ω₀ is off by its usual (ω₀h)²/24 in frequency. [`substeps`] says how
 //! many steps a sampling interval needs.
@@ -82,9 +82,10 @@ pub struct Drift<R> {
     way: R,
 }
 
-/// The base equation, prepared for steps of one length.
+/// The base equation, prepared for steps of one length. Its spring is kept beside it
+/// ([`Pull`]), made from [`Leapfrog::pull_scale`] and the exponent.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Leapfrog<R, S> {
+pub struct Leapfrog<R> {
     /// B: what damping leaves of a rate after a step.
     keep: R,
     /// A: way of a rate of one in a step (s).
@@ -93,12 +94,26 @@ pub struct Leapfrog<R, S> {
     per_newton: R,
     /// γ·g: what a pressure adds to the way (rad/Pa).
     push: R,
-    spring: S,
+    /// γ·K (rad).
+    pull_scale: R,
 }
 
-impl<R: Real, S: Pull<R>> Leapfrog<R, S> {
-    /// Prepares steps of `dt` seconds. `spring` makes the pull from γ·K and n.
-    pub fn new(dynamics: &Dynamics<R>, dt: R, spring: impl FnOnce(R, R) -> S) -> Self {
+impl<R: Real> Leapfrog<R> {
+    /// Nothing that moves.
+    #[inline]
+    pub(crate) fn empty() -> Self {
+        let zero = R::zero();
+        Self {
+            keep: zero,
+            reach: zero,
+            per_newton: zero,
+            push: zero,
+            pull_scale: zero,
+        }
+    }
+
+    /// Prepares steps of `dt` seconds.
+    pub fn new(dynamics: &Dynamics<R>, dt: R) -> Self {
         let decay = dynamics.damping * dt / dynamics.inertia;
         let keep = (-decay).exp();
         // Where next to nothing is damped, the difference 1 − B has no digits left.
@@ -114,34 +129,35 @@ impl<R: Real, S: Pull<R>> Leapfrog<R, S> {
             reach,
             per_newton,
             push: per_newton * dynamics.input_gain,
-            spring: spring(per_newton * dynamics.stiffness, dynamics.exponent),
+            pull_scale: per_newton * dynamics.stiffness,
         }
     }
 
     /// An actuator at an angle (rad) with a rate (rad/s) under a pressure (Pa).
-    pub fn at(&self, angle: R, rate: R, pressure: R) -> Drift<R> {
+    #[inline(always)] // LLVM for the AVR loses arguments on the stack (llvm#163015).
+    pub fn at(&self, spring: &impl Pull<R>, angle: R, rate: R, pressure: R) -> Drift<R> {
         Drift {
             angle,
-            way: rate * self.reach + self.kick(angle, pressure) * R::half(),
+            way: self.way(rate) + self.kick(spring, angle, pressure) * R::half(),
         }
     }
 
     /// Steps to the next sample, whose pressure (Pa) this is.
-    #[inline]
-    pub fn step(&self, drift: &mut Drift<R>, pressure: R) {
+    #[inline(always)]
+    pub fn step(&self, spring: &impl Pull<R>, drift: &mut Drift<R>, pressure: R) {
         drift.angle += drift.way;
-        drift.way = drift.way * self.keep + self.kick(drift.angle, pressure);
+        drift.way = self.kept(drift.way) + self.kick(spring, drift.angle, pressure);
     }
 
-    /// The same with a force against the motion, in units of the way
-    /// ([`Leapfrog::per_newton`]): from the way of this step (rad) and the angle at its end
-    /// (rad).
+    /// B·way: what damping leaves of a way (rad) for the next drift.
     #[inline]
-    pub fn step_against(&self, drift: &mut Drift<R>, pressure: R, force: impl FnOnce(R, R) -> R) {
-        let moved = drift.way;
-        drift.angle += moved;
-        let against = force(moved, drift.angle);
-        drift.way = drift.way * self.keep + (self.kick(drift.angle, pressure) - against);
+    pub fn kept(&self, way: R) -> R {
+        way * self.keep
+    }
+
+    /// A: the way of a rate of one in a step (s).
+    pub fn reach(&self) -> R {
+        self.reach
     }
 
     /// γ: what a force of 1 N adds to the way of the next drift (rad/N).
@@ -149,30 +165,57 @@ impl<R: Real, S: Pull<R>> Leapfrog<R, S> {
         self.per_newton
     }
 
-    /// The rate (rad/s) at a sample with this pressure (Pa).
-    pub fn rate(&self, drift: &Drift<R>, pressure: R) -> R {
-        (drift.way - self.kick(drift.angle, pressure) * R::half()) / self.reach
+    /// γ·K: what a [`Pull`] is scaled by (rad).
+    pub fn pull_scale(&self) -> R {
+        self.pull_scale
     }
 
+    /// What the pressure (Pa) adds to the way of the next drift (rad).
     #[inline]
-    fn kick(&self, angle: R, pressure: R) -> R {
-        pressure * self.push - self.spring.pull(angle)
+    pub fn push(&self, pressure: R) -> R {
+        pressure * self.push
+    }
+
+    /// The way of a step (rad) that begins with this rate (rad/s).
+    pub fn way(&self, rate: R) -> R {
+        rate * self.reach
+    }
+
+    /// The rate (rad/s) at a sample whose kick (rad) this is.
+    pub fn rate_under(&self, way: R, kick: R) -> R {
+        (way - kick * R::half()) / self.reach
+    }
+
+    /// The rate (rad/s) at a sample with this pressure (Pa).
+    #[inline(always)] // LLVM for the AVR loses arguments on the stack (llvm#163015).
+    pub fn rate(&self, spring: &impl Pull<R>, drift: &Drift<R>, pressure: R) -> R {
+        self.rate_under(drift.way, self.kick(spring, drift.angle, pressure))
+    }
+
+    #[inline(always)]
+    fn kick(&self, spring: &impl Pull<R>, angle: R, pressure: R) -> R {
+        self.push(pressure) - spring.pull(angle)
     }
 }
 
+/// The largest phase of a step (rad) that [`substeps`] is content with: it keeps the angle
+/// within 0.013° over ten seconds of steps of pressure.
+pub const PHASE: f32 = 0.03;
+
+/// The largest phase of a step (rad) that still follows an oscillation: its frequency is
+/// off by (0.3)²/24, 0.4 %.
+pub const COARSEST_PHASE: f32 = 0.3;
+
 /// Steps into which a sampling interval (s) is cut for motions as fast as `frequency`
-/// (rad/s): each at most 0.03 rad of phase and half a time constant of the damping, which
-/// keeps the angle within 0.013° over ten seconds of steps of pressure.
+/// (rad/s) that decay at `decay` (1/s): each at most `phase` (rad) and half a time constant
+/// of the decay. Damping is exact however strong, but a force that holds against it is
+/// felt only once a step.
 ///
 /// At least 1, at most 255.
-pub fn substeps(dynamics: &Dynamics<f32>, frequency: f32, interval: f32) -> u8 {
-    /// Phase of a step (rad).
-    const PHASE: f32 = 0.03;
-    /// Damping times of a step.
+pub fn substeps(frequency: f32, decay: f32, interval: f32, phase: f32) -> u8 {
+    /// Time constants of the damping in a step.
     const DAMPED: f32 = 0.5;
-    let phase = interval * frequency / PHASE;
-    let damped = interval * dynamics.damping / dynamics.inertia / DAMPED;
-    let needed = phase.max(damped);
+    let needed = (interval * frequency / phase).max(interval * decay / DAMPED);
     // In range by the comparison.
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     if needed < 254.0 {
@@ -212,18 +255,20 @@ mod tests {
         }
     }
 
-    fn accurate(dynamics: &Dynamics<f64>, dt: f64) -> Leapfrog<f64, Accurate<f64, Exact>> {
-        Leapfrog::new(dynamics, dt, Accurate::new)
+    fn accurate(dynamics: &Dynamics<f64>, dt: f64) -> (Leapfrog<f64>, Accurate<f64, Exact>) {
+        let leapfrog = Leapfrog::new(dynamics, dt);
+        let spring = Accurate::new(leapfrog.pull_scale(), dynamics.exponent);
+        (leapfrog, spring)
     }
 
     /// Angle and rate after `seconds` under a steady pressure, by steps of `dt`.
     fn run(dynamics: &Dynamics<f64>, dt: f64, steps: u32, pressure: f64) -> [f64; 2] {
-        let leapfrog = accurate(dynamics, dt);
-        let mut drift = leapfrog.at(0.9, 0.5, pressure);
+        let (leapfrog, spring) = accurate(dynamics, dt);
+        let mut drift = leapfrog.at(&spring, 0.9, 0.5, pressure);
         for _ in 0..steps {
-            leapfrog.step(&mut drift, pressure);
+            leapfrog.step(&spring, &mut drift, pressure);
         }
-        [drift.angle, leapfrog.rate(&drift, pressure)]
+        [drift.angle, leapfrog.rate(&spring, &drift, pressure)]
     }
 
     /// The same by Runge–Kutta with short steps.
@@ -284,20 +329,20 @@ mod tests {
         }
         let errors = [100_u32, 200, 400].map(|steps| {
             let dt = SECONDS / f64::from(steps);
-            let leapfrog = accurate(&dynamics, dt);
+            let (leapfrog, spring) = accurate(&dynamics, dt);
             let lag = Lag::new(tube, dt);
             let [stiffness, time_constant] = branch;
             let maxwell = Branch::new(stiffness * leapfrog.per_newton(), time_constant, dt);
             let mut chamber = pressure(0.0);
             let mut relaxing = 0.0;
-            let mut drift = leapfrog.at(0.9, 0.5, chamber);
+            let mut drift = leapfrog.at(&spring, 0.9, 0.5, chamber);
             for k in 0..steps {
                 let [p0, p1] = [k, k + 1].map(|k| pressure(dt * f64::from(k)));
                 lag.carry(&mut chamber, p0, p1);
-                leapfrog.step_against(&mut drift, chamber, |moved, _| {
-                    maxwell.carry(&mut relaxing, moved);
-                    relaxing
-                });
+                maxwell.carry(&mut relaxing, drift.way);
+                drift.angle += drift.way;
+                let kick = leapfrog.kick(&spring, drift.angle, chamber) - relaxing;
+                drift.way = leapfrog.kept(drift.way) + kick;
             }
             (drift.angle - truth.angle).abs()
         });
@@ -314,10 +359,10 @@ mod tests {
         let angle = 0.8_f64;
         let pressure = dynamics.stiffness * angle.powf(dynamics.exponent) / dynamics.input_gain;
         for dt in [1e-4, 1e-2, 0.1] {
-            let leapfrog = accurate(&dynamics, dt);
-            let mut drift = leapfrog.at(angle, 0.0, pressure);
+            let (leapfrog, spring) = accurate(&dynamics, dt);
+            let mut drift = leapfrog.at(&spring, angle, 0.0, pressure);
             for _ in 0..1000 {
-                leapfrog.step(&mut drift, pressure);
+                leapfrog.step(&spring, &mut drift, pressure);
             }
             assert!((drift.angle - angle).abs() < 1e-12, "{dt} s");
         }
@@ -333,15 +378,15 @@ mod tests {
                 ..lively::<f64>()
             };
             let (dt, steps) = (0.01, 30);
-            let leapfrog = accurate(&dynamics, dt);
-            let mut drift = leapfrog.at(0.2, 3.0, 0.0);
+            let (leapfrog, spring) = accurate(&dynamics, dt);
+            let mut drift = leapfrog.at(&spring, 0.2, 3.0, 0.0);
             for _ in 0..steps {
-                leapfrog.step(&mut drift, 0.0);
+                leapfrog.step(&spring, &mut drift, 0.0);
             }
             let decay = damping / dynamics.inertia;
             let left = (-decay * dt * f64::from(steps)).exp();
             let coasted = 3.0 * -(-decay * dt * f64::from(steps)).exp_m1() / decay;
-            assert!((leapfrog.rate(&drift, 0.0) - 3.0 * left).abs() < 1e-8);
+            assert!((leapfrog.rate(&spring, &drift, 0.0) - 3.0 * left).abs() < 1e-8);
             assert!((drift.angle - 0.2 - coasted).abs() < 1e-8, "{damping}");
         }
     }
@@ -353,10 +398,10 @@ mod tests {
             damping: 0.0,
             ..lively::<f64>()
         };
-        let leapfrog = accurate(&dynamics, 0.005);
-        let mut drift = leapfrog.at(0.9, 0.0, 0.0);
+        let (leapfrog, spring) = accurate(&dynamics, 0.005);
+        let mut drift = leapfrog.at(&spring, 0.9, 0.0, 0.0);
         let energy = |drift: &Drift<f64>| {
-            let rate = leapfrog.rate(drift, 0.0);
+            let rate = leapfrog.rate(&spring, drift, 0.0);
             let n = dynamics.exponent + 1.0;
             0.5 * dynamics.inertia * rate * rate
                 + dynamics.stiffness * drift.angle.abs().powf(n) / n
@@ -365,7 +410,7 @@ mod tests {
         let mut largest = [0.0_f64; 2];
         for largest in &mut largest {
             for _ in 0..100_000 {
-                leapfrog.step(&mut drift, 0.0);
+                leapfrog.step(&spring, &mut drift, 0.0);
                 *largest = largest.max((energy(&drift) / start - 1.0).abs());
             }
         }
@@ -386,9 +431,9 @@ mod tests {
                 input_gain: 1e-5,
             };
             let interval = 0.01_f32;
-            let steps = substeps(&dynamics, 4.0, interval);
-            let fast: Leapfrog<f32, PowerTable> =
-                Leapfrog::new(&dynamics, interval / f32::from(steps), PowerTable::new);
+            let steps = substeps(4.0, dynamics.damping / dynamics.inertia, interval, PHASE);
+            let fast = Leapfrog::new(&dynamics, interval / f32::from(steps));
+            let table = PowerTable::new(fast.pull_scale(), exponent);
             let wide = Dynamics {
                 inertia: f64::from(dynamics.inertia),
                 damping: f64::from(dynamics.damping),
@@ -396,8 +441,9 @@ mod tests {
                 exponent: f64::from(exponent),
                 input_gain: f64::from(dynamics.input_gain),
             };
-            let slow = accurate(&wide, f64::from(interval) / 200.0);
-            let (mut drift, mut truth) = (fast.at(0.0, 0.0, 0.0), slow.at(0.0, 0.0, 0.0));
+            let (slow, exact) = accurate(&wide, f64::from(interval) / 200.0);
+            let mut drift = fast.at(&table, 0.0, 0.0, 0.0);
+            let mut truth = slow.at(&exact, 0.0, 0.0, 0.0);
             let mut worst = 0.0_f64;
             let mut before = 0.0_f32;
             for sample in 0..1000_u32 {
@@ -407,10 +453,10 @@ mod tests {
                 // A sensor's samples are joined by straight lines.
                 let line = |part: f32| before + (pressure - before) * part;
                 for k in 1..=steps {
-                    fast.step(&mut drift, line(f32::from(k) / f32::from(steps)));
+                    fast.step(&table, &mut drift, line(f32::from(k) / f32::from(steps)));
                 }
                 for k in 1..=200_u8 {
-                    slow.step(&mut truth, f64::from(line(f32::from(k) / 200.0)));
+                    slow.step(&exact, &mut truth, f64::from(line(f32::from(k) / 200.0)));
                 }
                 before = pressure;
                 worst = worst.max((f64::from(drift.angle) - truth.angle).abs());
@@ -422,16 +468,11 @@ mod tests {
 
     #[test]
     fn substeps_follow_the_faster_of_oscillation_and_decay() {
-        let dynamics = lively::<f32>();
-        assert_eq!(substeps(&dynamics, 1.0, 0.001), 1);
-        assert_eq!(substeps(&dynamics, 30.0, 0.01), 10);
-        let strong = Dynamics {
-            damping: 5.0,
-            ..dynamics
-        };
-        assert_eq!(substeps(&strong, 30.0, 0.01), 10);
-        assert_eq!(substeps(&strong, 1.0, 0.01), 10);
-        assert_eq!(substeps(&dynamics, 1e6, 0.01), 255);
-        assert_eq!(substeps(&dynamics, f32::NAN, 0.01), 1);
+        assert_eq!(substeps(1.0, 5.0, 0.001, PHASE), 1);
+        assert_eq!(substeps(30.0, 5.0, 0.01, PHASE), 10);
+        assert_eq!(substeps(30.0, 5.0, 0.01, COARSEST_PHASE), 1);
+        assert_eq!(substeps(1.0, 500.0, 0.01, PHASE), 10);
+        assert_eq!(substeps(1e6, 5.0, 0.01, PHASE), 255);
+        assert_eq!(substeps(f32::NAN, 5.0, 0.01, PHASE), 1);
     }
 }

@@ -12,14 +12,16 @@
 //! | largest relative error, 1 mrad ≤ θ < 4 rad, ½ ≤ n ≤ 3 | 2·10⁻⁴ |
 //! | below 2⁻¹⁴ rad (0.0035°) | a chord through 0 |
 //! | from 4 rad on | [`Minimax`] itself |
-//! | memory | 251 bytes |
+//! | memory | 256 bytes |
 //!
 //! It never falls from one `f32` to the next, is odd to the bit, and 0 at 0. The nodes of
 //! chords are moved by half of what a chord is off in its middle, so that the error goes
 //! both ways; octaves are chained downwards, so that they meet.
 //!
-//! Preparing a table costs 65 powers, too long for one control period; [`Preparation`]
-//! spreads it.
+//! Preparing a table costs 65 powers, too long for one control period;
+//! [`PowerTable::prepare`] spreads it.
+
+use wide_mul::{product, share};
 
 use crate::power::{Minimax, Power, signed_power};
 
@@ -48,20 +50,120 @@ pub struct PowerTable {
     chord: f32,
     scale: f32,
     power: f32,
+    /// Units in which 1ⁿ is written.
+    unit: f32,
+    /// Nodes that are prepared.
+    nodes: u8,
 }
+
+/// The exponents of which a table can be made.
+pub const EXPONENTS: core::ops::RangeInclusive<f32> = 0.25..=5.0;
 
 impl PowerTable {
     /// The table of `scale`·sign(θ)|θ|^`power`, at once.
     ///
-    /// `scale` ≥ 0 has the unit of the result (θ and n are pure numbers); `power` lies
-    /// between 0.25 and 5: beyond, units of the table are too coarse for it not to fall.
+    /// `scale` ≥ 0 has the unit of the result (θ and n are pure numbers); `power` is one of
+    /// [`EXPONENTS`]: beyond, units of the table are too coarse for it not to fall.
     pub fn new(scale: f32, power: f32) -> Self {
-        let mut preparation = Preparation::new(scale, power);
-        loop {
-            if let Some(table) = preparation.advance() {
-                return table;
-            }
+        let mut table = Self::begin(scale, power);
+        while !table.prepare() {}
+        table
+    }
+
+    /// The same without its nodes, which [`PowerTable::prepare`] computes.
+    pub fn begin(scale: f32, power: f32) -> Self {
+        let mut table = Self::empty();
+        table.restart(scale, power);
+        table
+    }
+
+    /// Room for a table. No constant, which a board would keep in its memory beside it.
+    #[inline(always)]
+    pub fn empty() -> Self {
+        Self {
+            low: [0; CHORDS + 1],
+            high: [0; CHORDS + 1],
+            mantissa: [0; OCTAVES],
+            exponent: [0; OCTAVES],
+            chord: 0.0,
+            scale: 0.0,
+            power: 1.0,
+            unit: 1.0,
+            nodes: 0,
         }
+    }
+
+    /// Begins anew in place, for a board that has no room for two. A table of the same
+    /// numbers stays as it is.
+    #[inline(never)]
+    pub fn restart(&mut self, scale: f32, power: f32) {
+        #[expect(clippy::float_cmp)] // The same setting, not a measured value.
+        if self.unit > 1.0 && self.scale == scale && self.power == power {
+            return;
+        }
+        // The last chord of the octave rises most, by n·2^(n−1)/64 of the unit, and has
+        // to fit into sixteen bits.
+        let steepest = power * Minimax::pow(2.0, power) * 0.5;
+        self.unit = 262_144.0;
+        while self.unit > 2.0 && steepest * self.unit >= 4_194_304.0 {
+            self.unit *= 0.5;
+        }
+        self.scale = scale;
+        self.power = power;
+        self.nodes = 0;
+    }
+
+    /// Computes the next node, one power; whether the table is complete.
+    #[inline(never)]
+    pub fn prepare(&mut self) -> bool {
+        /// Half the length of a chord, of the octave's.
+        const HALF: f32 = 0.5 / CHORDS as f32;
+        /// Nodes and, after them, the octaves.
+        const COMPLETE: u8 = CHORDS as u8 + 2;
+        if self.nodes >= COMPLETE {
+            return true;
+        }
+        let node = usize::from(self.nodes);
+        self.nodes += 1;
+        let (Some(low), Some(high)) = (self.low.get_mut(node), self.high.get_mut(node)) else {
+            self.octaves();
+            return true;
+        };
+        let n = self.power;
+        let m = 1.0 + node as f32 / CHORDS as f32;
+        // A chord is off by (length²/8)·f″ in its middle: nodes are moved by half of it.
+        let moved = 1.0 - n * (n - 1.0) * HALF * HALF * 0.25;
+        let units = Minimax::pow(m, n) * moved * self.unit + 0.5;
+        // Below 2²⁴ by the choice of the unit.
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let [u0, u1, u2, _] = (units as u32).to_le_bytes();
+        *low = u16::from_le_bytes([u0, u1]);
+        *high = u2;
+        false
+    }
+
+    /// What a unit is worth in each octave, from the top downwards: an octave ends where
+    /// the one above begins.
+    #[inline(never)]
+    fn octaves(&mut self) {
+        let node = |index: usize| match (self.low.get(index), self.high.get(index)) {
+            (Some(&low), Some(&high)) => f32::from(low) + 65_536.0 * f32::from(high),
+            _ => 1.0,
+        };
+        let seam = node(0) / node(CHORDS);
+        // 2 rad, where the highest octave begins.
+        let mut worth = self.scale * Minimax::pow(2.0, self.power) / self.unit;
+        let octaves = self.mantissa.iter_mut().zip(&mut self.exponent);
+        for (mantissa, exponent) in octaves.rev() {
+            let [_, b1, b2, b3] = worth.to_bits().to_le_bytes();
+            *mantissa = u16::from_le_bytes([b1, b2]) | 0x8000;
+            *exponent = (b3 << 1) | (b2 >> 7);
+            // As it was written, rounded down, times the seam: no octave begins above
+            // the end of the one below.
+            worth = f32::from_bits(worth.to_bits() & !0xff) * seam;
+        }
+        let lowest = f32::from_bits(u32::from(LOWEST) << 23);
+        self.chord = self.at(lowest) / lowest;
     }
 
     /// `scale`·sign(θ)|θ|ⁿ at an angle (rad).
@@ -83,8 +185,7 @@ impl PowerTable {
         ) else {
             return self.outside(angle);
         };
-        let rise = product(next.wrapping_sub(low), along).to_le_bytes();
-        let (low, carry) = low.overflowing_add(u16::from_le_bytes([rise[2], rise[3]]));
+        let (low, carry) = low.overflowing_add(share(next.wrapping_sub(low), along));
         let high = u16::from(high) + u16::from(carry);
         // Units of up to 21 bits times a mantissa of sixteen, of which 24 are kept.
         let units = (product(low, mantissa) >> 13) + (product(high, mantissa) << 3);
@@ -100,12 +201,6 @@ impl PowerTable {
             self.scale * signed_power::<f32, Minimax>(angle, self.power)
         }
     }
-}
-
-/// A sixteen-bit product.
-#[inline]
-fn product(a: u16, b: u16) -> u32 {
-    u32::from(a) * u32::from(b)
 }
 
 /// `units`·2^(`exponent` − 129) with a sign, for 0 < `units` < 2²⁴; 0 where that is no
@@ -138,90 +233,6 @@ fn assemble(units: u32, exponent: u8, sign: u8) -> f32 {
     ]))
 }
 
-/// A table that is being prepared, a node at a time.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Preparation {
-    table: PowerTable,
-    /// Units in which 1ⁿ is written.
-    unit: f32,
-    /// Nodes that are prepared.
-    nodes: u8,
-}
-
-impl Preparation {
-    /// Begins a table; see [`PowerTable::new`].
-    pub fn new(scale: f32, power: f32) -> Self {
-        // The last chord of the octave rises most, by n·2^(n−1)/64 of the unit, and has
-        // to fit into sixteen bits.
-        let steepest = power * Minimax::pow(2.0, power) * 0.5;
-        let mut unit = 262_144.0;
-        while unit > 1.0 && steepest * unit >= 4_194_304.0 {
-            unit *= 0.5;
-        }
-        Self {
-            table: PowerTable {
-                low: [0; CHORDS + 1],
-                high: [0; CHORDS + 1],
-                mantissa: [0x8000; OCTAVES],
-                exponent: [0; OCTAVES],
-                chord: 0.0,
-                scale,
-                power,
-            },
-            unit,
-            nodes: 0,
-        }
-    }
-
-    /// Prepares the next node; the table after the last.
-    pub fn advance(&mut self) -> Option<PowerTable> {
-        /// Half the length of a chord, of the octave's.
-        const HALF: f32 = 0.5 / CHORDS as f32;
-        let node = usize::from(self.nodes);
-        let (Some(low), Some(high)) = (self.table.low.get_mut(node), self.table.high.get_mut(node))
-        else {
-            self.octaves();
-            return Some(self.table);
-        };
-        let n = self.table.power;
-        let m = 1.0 + f32::from(self.nodes) / CHORDS as f32;
-        // A chord is off by (length²/8)·f″ in its middle: nodes are moved by half of it.
-        let moved = 1.0 - n * (n - 1.0) * HALF * HALF * 0.25;
-        let units = Minimax::pow(m, n) * moved * self.unit + 0.5;
-        // Below 2²⁴ by the choice of the unit.
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-        let [u0, u1, u2, _] = (units as u32).to_le_bytes();
-        *low = u16::from_le_bytes([u0, u1]);
-        *high = u2;
-        self.nodes += 1;
-        None
-    }
-
-    /// What a unit is worth in each octave, from the top downwards: an octave ends where
-    /// the one above begins.
-    fn octaves(&mut self) {
-        let table = &mut self.table;
-        let node = |index: usize| {
-            let (low, high) = (table.low[index], table.high[index]);
-            f32::from(low) + 65_536.0 * f32::from(high)
-        };
-        let seam = node(0) / node(CHORDS);
-        // 2 rad, where the highest octave begins.
-        let mut worth = table.scale * Minimax::pow(2.0, table.power) / self.unit;
-        let octaves = table.mantissa.iter_mut().zip(&mut table.exponent);
-        for (mantissa, exponent) in octaves.rev() {
-            let [_, b1, b2, b3] = worth.to_bits().to_le_bytes();
-            *mantissa = u16::from_le_bytes([b1, b2]) | 0x8000;
-            *exponent = (b3 << 1) | (b2 >> 7);
-            // As it was written, rounded down, times the seam: no octave begins above
-            // the end of the one below.
-            worth = f32::from_bits(worth.to_bits() & !0xff) * seam;
-        }
-        let lowest = f32::from_bits(u32::from(LOWEST) << 23);
-        table.chord = table.at(lowest) / lowest;
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -230,7 +241,7 @@ mod tests {
     /// A pull of 3 N at 1 rad.
     const SCALE: f32 = 3.0;
 
-    const EXPONENTS: [f32; 9] = [0.5, 0.8, 1.0, 1.2, 1.5, 2.0, 2.4, 2.7, 3.0];
+    const TRIED: [f32; 9] = [0.5, 0.8, 1.0, 1.2, 1.5, 2.0, 2.4, 2.7, 3.0];
 
     fn exact(angle: f32, power: f32) -> f64 {
         f64::from(SCALE) * Exact::pow(f64::from(angle), f64::from(power))
@@ -238,7 +249,7 @@ mod tests {
 
     #[test]
     fn relative_error_from_a_milliradian_on() {
-        for power in EXPONENTS {
+        for power in TRIED {
             let table = PowerTable::new(SCALE, power);
             let mut worst = 0.0_f64;
             let mut angle = 1e-3_f32;
@@ -255,7 +266,7 @@ mod tests {
     /// A dip would be a second equilibrium.
     #[test]
     fn never_falls_from_one_number_to_the_next() {
-        for power in EXPONENTS.into_iter().chain([0.25, 4.0, 5.0]) {
+        for power in TRIED.into_iter().chain([0.25, 4.0, 5.0]) {
             let table = PowerTable::new(SCALE, power);
             let highest = 3.999_f32.to_bits();
             let mut before = 0.0;
@@ -271,7 +282,7 @@ mod tests {
     /// Every seam between chords and octaves, number by number.
     #[test]
     fn never_falls_over_a_seam() {
-        for power in EXPONENTS {
+        for power in TRIED {
             let table = PowerTable::new(SCALE, power);
             for octave in u32::from(LOWEST)..u32::from(LOWEST) + 16 {
                 for chord in 0..64 {
@@ -317,15 +328,17 @@ mod tests {
 
     #[test]
     fn a_table_is_prepared_a_node_at_a_time() {
-        let mut preparation = Preparation::new(SCALE, 2.4);
-        let mut calls = 0;
-        let table = loop {
+        let mut table = PowerTable::begin(SCALE, 2.4);
+        let mut calls = 1;
+        while !table.prepare() {
             calls += 1;
-            if let Some(table) = preparation.advance() {
-                break table;
-            }
-        };
+        }
         assert_eq!(calls, CHORDS + 2);
         assert_eq!(table, PowerTable::new(SCALE, 2.4));
+        table.restart(SCALE, 2.4);
+        assert!(table.prepare(), "what is there is kept");
+        table.restart(SCALE, 0.7);
+        while !table.prepare() {}
+        assert_eq!(table, PowerTable::new(SCALE, 0.7));
     }
 }

@@ -169,7 +169,7 @@ fn name(stretch: u8) -> String {
     }
     let effect = stretch::effect_index(stretch).and_then(|index| Kind::ALL.get(index));
     match effect {
-        Some(kind) => format!("step_minimax+{}", kind.name()),
+        Some(kind) => format!("step_table+{}", kind.name()),
         None => format!("stretch_{stretch}"),
     }
 }

@@ -8,6 +8,7 @@
 use std::path::Path;
 
 use anyhow::{Context, ensure};
+use model_core::prepared::DEAREST;
 use virtual_rig::{Image, Options, VirtualRig};
 use wire::{
     command::{Command, Request},
@@ -17,6 +18,9 @@ use wire::{
 
 /// Longer than settings take to be in EEPROM.
 const SAVING_S: f64 = 5.0;
+
+/// Longer than the self-test takes.
+const SELF_TEST_S: u32 = 30;
 
 struct Text(String);
 
@@ -39,60 +43,101 @@ pub fn run(path: &Path) -> anyhow::Result<()> {
     let lines = rig.take_lines();
     let telemetry = lines.iter().filter(|line| line.starts_with("T ")).count();
 
-    for command in [Command::Help, Command::Status, Command::SelfTest] {
+    for command in [Command::Help, Command::Status] {
         send(&mut rig, command)?;
         rig.run_for(1.0)?;
     }
+    send(&mut rig, Command::SelfTest)?;
+    wait(&mut rig, "self-test done", SELF_TEST_S)?;
     // A model with a table is the largest that can be saved; and away with it.
+    let slot = 0;
+    let number = f32::to_bits;
+    let count = Key::EffectParameter {
+        slot,
+        index: TABLE_COUNT,
+    };
     for kind in [effect_id("table"), 0] {
-        let number = f32::to_bits;
-        let slot = 0;
-        for (key, bits) in [
-            (Key::EffectKind { slot }, u32::from(kind)),
-            (
-                Key::EffectParameter {
-                    slot,
-                    index: TABLE_COUNT,
-                },
-                number(2.0),
-            ),
-            (Key::TableNode(1), number(1.0)),
-        ] {
-            send(&mut rig, Command::Set { key, bits })?;
-            rig.run_for(0.1)?;
-        }
-        send(&mut rig, Command::Save)?;
-        rig.run_for(SAVING_S)?;
-        let lines = rig.take_lines();
-        ensure!(
-            lines.iter().any(|line| line.contains("saved")),
-            "the settings were not saved:\n{}",
-            lines.join("\n")
-        );
+        save(
+            &mut rig,
+            &[
+                (Key::EffectKind { slot }, u32::from(kind)),
+                (count, number(2.0)),
+                (Key::TableNode(1), number(1.0)),
+            ],
+        )?;
     }
-    send(&mut rig, Command::Arm)?;
+    let running = in_a_run(&mut rig)?;
+    let steps = rig.step_edges().len();
+    send(&mut rig, Command::Stop)?;
+    // The dearest three effects, on a spring that needs as many steps as there may be.
+    let mut dearest = vec![(Key::Stiffness, number(40.0))];
+    for (slot, kind) in (0..).zip(DEAREST) {
+        dearest.push((Key::EffectKind { slot }, u32::from(effect_id(kind.name()))));
+        for (index, parameter) in (0..).zip(0..kind.parameter_count()) {
+            let (lower, upper) = kind.bounds(parameter).context("a parameter")?;
+            let value = 0.05_f32.max(lower).min(upper);
+            dearest.push((Key::EffectParameter { slot, index }, number(value)));
+        }
+    }
+    save(&mut rig, &dearest)?;
+    let dearest = in_a_run(&mut rig)?;
+    println!("telemetry_lines_in_10_s {telemetry}");
+    println!("cpu_at_rest_percent {at_rest:.1}");
+    println!("cpu_in_a_run_percent {running:.1}");
+    println!("cpu_in_a_run_with_the_dearest_model_percent {dearest:.1}");
+    println!("stack_bytes {}", rig.stack_bytes());
+    println!("steps {steps}");
+    println!("resets {}", rig.resets());
+    Ok(())
+}
+
+/// Changes settings and saves them.
+fn save(rig: &mut VirtualRig, changes: &[(Key, u32)]) -> anyhow::Result<()> {
+    for &(key, bits) in changes {
+        send(rig, Command::Set { key, bits })?;
+        rig.run_for(0.1)?;
+    }
+    send(rig, Command::Save)?;
+    rig.run_for(SAVING_S)?;
+    let lines = rig.take_lines();
+    ensure!(
+        lines.iter().any(|line| line.contains("saved")),
+        "the settings were not saved:\n{}",
+        lines.join("\n")
+    );
+    Ok(())
+}
+
+/// The busiest second (%) of the first ten of a run, where the pump is at full flow.
+fn in_a_run(rig: &mut VirtualRig) -> anyhow::Result<f64> {
+    send(rig, Command::Arm)?;
     let limit = 60;
     let mut waited = 0;
     while !rig.take_lines().iter().any(|line| line.contains(" r0")) {
         ensure!(waited < limit, "the rig is not ready after {limit} s");
-        send(&mut rig, Command::Beat)?;
+        send(rig, Command::Beat)?;
         rig.run_for(1.0)?;
         waited += 1;
     }
-    send(&mut rig, Command::Run(Some(Named::Paper)))?;
+    send(rig, Command::Run(Some(Named::Paper)))?;
     rig.trace_steps(true);
     let mut running: f64 = 0.0;
     for _ in 0..10 {
-        send(&mut rig, Command::Beat)?;
-        running = running.max(busy(&mut rig, 1.0)?);
+        send(rig, Command::Beat)?;
+        running = running.max(busy(rig, 1.0)?);
     }
-    println!("telemetry_lines_in_10_s {telemetry}");
-    println!("cpu_at_rest_percent {at_rest:.1}");
-    println!("cpu_in_a_run_percent {running:.1}");
-    println!("stack_bytes {}", rig.stack_bytes());
-    println!("steps {}", rig.step_edges().len());
-    println!("resets {}", rig.resets());
-    Ok(())
+    Ok(running)
+}
+
+/// Lets time pass until the board has sent a text.
+fn wait(rig: &mut VirtualRig, text: &str, limit_s: u32) -> anyhow::Result<()> {
+    for _ in 0..limit_s {
+        rig.run_for(1.0)?;
+        if rig.take_lines().iter().any(|line| line.contains(text)) {
+            return Ok(());
+        }
+    }
+    anyhow::bail!("no {text:?} within {limit_s} s")
 }
 
 /// Lets time pass; returns how much of it (%) the processor was awake.

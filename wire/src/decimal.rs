@@ -127,7 +127,13 @@ fn digits<W: uWrite + ?Sized>(
     decimals: u8,
 ) -> Result<(), W::Error> {
     let mut has_begun = false;
-    for place in (0..10).rev() {
+    // Most numbers of a line are small, and a place costs even where nothing stands.
+    let places = match size {
+        ..10_000 => 4,
+        ..1_000_000 => 6,
+        _ => 10,
+    };
+    for place in (0..places).rev() {
         let power = power_of_ten(place);
         let mut digit = b'0';
         while size >= power {

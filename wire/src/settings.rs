@@ -186,6 +186,7 @@ const FLEX: [(f32, f32); FLEX_POINTS as usize] = [
 
 impl Key {
     /// The place in the list; none for an index beyond a list's end.
+    #[inline(always)]
     pub const fn index(self) -> Option<u8> {
         let after_scalars = SCALAR_COUNT;
         match self {
@@ -331,11 +332,13 @@ impl Settings {
     }
 
     /// The bits of a setting; none for an index beyond a list's end.
+    #[inline(always)]
     pub fn bits(&self, key: Key) -> Option<u32> {
         self.0.get(usize::from(key.index()?)).copied()
     }
 
     /// A setting as a number; not-a-number for an index beyond a list's end.
+    #[inline(always)] // Of a key that is known, the place is a constant.
     pub fn number(&self, key: Key) -> f32 {
         self.bits(key).map_or(f32::NAN, f32::from_bits)
     }

@@ -4,9 +4,9 @@
 //! the stretch and zero after it. On real hardware that costs two cycles; the
 //! simulator counts what lies in between.
 
-/// One step of the equation of motion, minimax power function.
+/// One step of the base equation, minimax power function.
 pub const STEP_MINIMAX: u8 = 1;
-/// One step of the equation of motion, guarded micromath power function.
+/// One step of the base equation, guarded micromath power function.
 pub const STEP_MICROMATH: u8 = 2;
 /// One evaluation of the minimax power function.
 pub const POWER_MINIMAX: u8 = 3;
@@ -16,6 +16,11 @@ pub const POWER_MICROMATH: u8 = 4;
 pub const NOTHING: u8 = 5;
 /// Waiting for something to do, asleep; what interrupts take out of it included.
 pub const IDLE: u8 = 6;
+
+/// One step of the base equation, by the table of the power.
+pub const STEP_TABLE: u8 = 7;
+/// One step with the dearest three effects together.
+pub const STEP_DEAREST: u8 = 8;
 
 /// The first of the stretches that are one step with one effect, in the order of
 /// the catalogue.
@@ -44,6 +49,8 @@ pub const fn name(stretch: u8) -> Option<&'static str> {
         POWER_MICROMATH => "power_micromath",
         NOTHING => "nothing",
         IDLE => "idle",
+        STEP_TABLE => "step_table",
+        STEP_DEAREST => "step_dearest",
         _ => return None,
     })
 }

@@ -191,8 +191,8 @@ pub fn board() -> Outcome {
     let rig = virtual_rig()?;
     let sketch = sketch()?;
 
-    let ours = simulate(&rig, &image)?;
-    let plain = simulate(&rig, &sketch)?;
+    let ours = simulate(&rig, &image, Some("self-test done"))?;
+    let plain = simulate(&rig, &sketch, None)?;
     let of = |run: &Run, name: &str| run.cycles.iter().find(|(n, _)| n == name).map(|&(_, c)| c);
     let (Some(pow), Some(step)) = (of(&plain, "power_minimax"), of(&plain, "step_minimax")) else {
         return Err("the C sketch left no cycle marks".into());
@@ -206,23 +206,37 @@ pub fn board() -> Outcome {
             100.0 * cycles as f64 / rival as f64
         );
     };
+    let ours_of = |name: &str| {
+        of(&ours, name).ok_or_else(|| format!("the firmware left no cycle mark for {name}"))
+    };
     for (label, name, rival) in [
         ("one power, minimax", "power_minimax", pow),
         ("one power, micromath", "power_micromath", pow),
-        ("one RK4 step, minimax", "step_minimax", step),
-        ("one RK4 step, micromath", "step_micromath", step),
+        ("one step, power by micromath", "step_micromath", step),
+        ("one step, power by minimax", "step_minimax", step),
+        ("one step, power by table", "step_table", step),
     ] {
-        let cycles =
-            of(&ours, name).ok_or_else(|| format!("the firmware left no cycle mark for {name}"))?;
-        row(label, cycles, rival);
+        row(label, ours_of(name)?, rival);
     }
-    for (name, cycles) in &ours.cycles {
-        if let Some(effect) = name.strip_prefix("step_minimax+") {
-            row(&format!("  with {effect}"), *cycles, step);
-        }
+    let mut effects: Vec<_> = ours
+        .cycles
+        .iter()
+        .filter_map(|(name, cycles)| Some((name.strip_prefix("step_table+")?, *cycles)))
+        .collect();
+    effects.sort_by_key(|&(_, cycles)| cycles);
+    for (effect, cycles) in effects {
+        row(&format!("  with {effect}"), cycles, step);
     }
+    row("  with the dearest three", ours_of("step_dearest")?, step);
     row("plain C: one power", pow, pow);
     row("plain C: one RK4 step", step, step);
+    // What a model at 1 kHz takes of a processor of 16 MHz.
+    let at_1_khz = |cycles: u64| cycles as f64 / 160.0;
+    println!(
+        "\n  at 1 kHz the base model takes {:.1} % of the processor, in plain C {:.0} %",
+        at_1_khz(ours_of("step_table")?),
+        at_1_khz(step)
+    );
     println!("\nwhat they computed");
     for line in ours
         .said
@@ -249,13 +263,17 @@ struct Run {
     stack: String,
 }
 
-fn simulate(rig: &Path, image: &Path) -> Outcome<Run> {
+/// Runs an image until it has sent a text, or until it halts.
+fn simulate(rig: &Path, image: &Path, until: Option<&str>) -> Outcome<Run> {
     let mut command = Command::new(rig);
     command
         .arg("run")
         .arg(image)
-        .args(["--cycles", "32000000", "--send", "selftest"])
+        .args(["--cycles", "800000000", "--send", "selftest"])
         .stdin(Stdio::null());
+    if let Some(text) = until {
+        command.args(["--until", text]);
+    }
     let output = command
         .output()
         .map_err(|error| format!("cannot start {}: {error}", text(&command)))?;

@@ -68,9 +68,7 @@ impl Rig {
 
     fn say(&mut self, text: &str) -> String {
         let mut out = Text::default();
-        self.app
-            .receive(text.as_bytes(), &mut out, &mut NoProbe)
-            .unwrap();
+        self.app.receive(text.as_bytes(), &mut out).unwrap();
         out.0
     }
 
@@ -97,7 +95,9 @@ impl Rig {
         self.plant.step(&outputs);
         self.log.push(self.app.telemetry());
         let mut out = Text::default();
-        self.app.report(&PlainTexts, &mut out).unwrap();
+        self.app
+            .report(&PlainTexts, &mut out, &mut NoProbe)
+            .unwrap();
         for text in out.0.lines() {
             let text = line::open(text).expect("a sealed line");
             self.remarks.push(text.strip_prefix("# ").unwrap().into());
@@ -416,26 +416,22 @@ fn the_prediction_can_be_repeated_from_the_log() {
         sample.unwrap().write(&mut out).unwrap();
         Telemetry::parse(out.0.as_bytes()).unwrap()
     };
-    let observer = &rig.app.derived.as_ref().unwrap().observer;
+    let predictor = &rig.app.predictor;
     let first = at(sequence - steps);
-    let mut estimate = observer.start(first.angle_deg.unwrap().0, first.pressure_kpa.unwrap().0);
+    let mut prediction = predictor.start(first.angle_deg.unwrap().0, first.pressure_kpa.unwrap().0);
     for sequence in sequence - steps + 1..=sequence {
         let sample = at(sequence);
-        observer.step(
-            &mut estimate,
+        predictor.step(
+            &mut prediction,
             sample.pressure_kpa.map(|pressure| pressure.0),
         );
-        let predicted = Hundredths::round(observer.prediction(&estimate) * DEG_PER_RAD);
+        let predicted = Hundredths::round(prediction.reading() * DEG_PER_RAD);
         assert_eq!(sample.predicted_deg, Some(predicted));
     }
-    let state = estimate.state();
-    let again = [state.angle, state.rate, estimate.pressure()].map(f32::to_bits);
+    let angle = prediction.angle();
+    let again = [angle, predictor.rate(&prediction), prediction.pressure()].map(f32::to_bits);
     assert_eq!(bits, again);
-    assert!(
-        steps > 1_900 && state.angle > 0.1,
-        "{steps} {}",
-        state.angle
-    );
+    assert!(steps > 1_900 && angle > 0.1, "{steps} {angle}");
 }
 
 #[test]
@@ -513,8 +509,8 @@ fn a_draft_that_makes_no_sense_is_refused_as_a_whole() {
     assert_eq!(rig.ask(Command::Save), Err(Refusal::BadSettings));
     assert_eq!(rig.app.settings(), &Settings::DEFAULT);
     rig.ask(Command::Discard).unwrap();
-    // Too fast for the observer's steps.
-    set(&mut rig, Key::Damping, 1e5).unwrap();
+    // Too fast for the steps that there is time for.
+    set(&mut rig, Key::Stiffness, 1e6).unwrap();
     assert_eq!(rig.ask(Command::Save), Err(Refusal::BadSettings));
     rig.ask(Command::Discard).unwrap();
     rig.ask(Command::Save).unwrap();
@@ -715,7 +711,7 @@ proptest! {
                     Assembled::Overlong => rig.app.overlong(),
                     Assembled::Line(line) => {
                         let mut out = Text::default();
-                        rig.app.receive(line, &mut out, &mut NoProbe).unwrap();
+                        rig.app.receive(line, &mut out).unwrap();
                     }
                 }
             }

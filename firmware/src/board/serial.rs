@@ -189,6 +189,7 @@ impl uWrite for Draft {
 }
 
 impl Draft {
+    #[inline(always)]
     fn push(&mut self, byte: u8) {
         let next = self.head.wrapping_add(1);
         if next == TO_SEND.tail.load(Relaxed) {

@@ -245,16 +245,18 @@ impl<R: Real> Table<R> {
 
     /// The force (N) where the variable is `x`, in SI units.
     pub fn at(&self, x: R) -> R {
-        let mut left: Option<(R, R)> = None;
-        for (node, force) in self.pairs() {
-            if x < node {
-                return left.map_or(force, |(start, at_start)| {
-                    at_start + (x - start) * ((force - at_start) / (node - start))
-                });
+        // The first node above x; none where x is not a number, which goes on to be one.
+        let above = self.nodes().partition_point(|&node| x >= R::from_f32(node));
+        let node = |index: usize| Some((self.nodes().get(index)?, *self.forces().get(index)?));
+        match (above.checked_sub(1).and_then(node), node(above)) {
+            (Some((&start, at_start)), Some((&end, at_end))) => {
+                let (start, end) = (R::from_f32(start), R::from_f32(end));
+                at_start + (x - start) * ((at_end - at_start) / (end - start))
             }
-            left = Some((node, force));
+            (Some((_, last)), None) => last,
+            (None, Some((_, first))) => first,
+            (None, None) => R::zero(),
         }
-        left.map_or(R::zero(), |(_, last)| last)
     }
 
     /// The largest |dQ/dx| between two nodes, in SI units.

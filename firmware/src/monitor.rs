@@ -1,6 +1,6 @@
 //! The model beside the rig, and the flag that says when they part.
 //!
-//! The recurrence itself is [`model_core::observer`], where a computer that
+//! The recurrence itself is [`model_core::predictor`], where a computer that
 //! reads the log finds it too. Here is when it starts anew, and when a gap
 //! between prediction and measurement is a mismatch.
 //!
@@ -10,19 +10,13 @@
 //! that begins at a run, or that lost a line before it, could no longer be
 //! repeated to the bit.
 
-use model_core::{
-    actuator::Model,
-    observer::{self, Estimate},
-};
+use model_core::predictor::{Prediction, Predictor};
 use wire::{
     decimal::Hundredths,
     settings::{Key, Settings},
 };
 
-use crate::{
-    control::{DEG_PER_RAD, RAD_PER_DEG},
-    io::PERIOD_S,
-};
+use crate::{control::DEG_PER_RAD, io::PERIOD_S};
 
 /// The readings of a telemetry line, as they are sent.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -33,22 +27,10 @@ pub struct Seen {
     pub angle: Option<Hundredths>,
 }
 
-/// The observer of a model, held against the largest angle of the settings.
-///
-/// # Errors
-///
-/// When the model cannot be stepped at this rate.
-pub fn of_model(
-    model: Model<f32>,
-    settings: &Settings,
-) -> Result<observer::Observer, observer::Unobservable> {
-    observer::Observer::new(model, settings.number(Key::MaxAngle) * RAD_PER_DEG)
-}
-
 /// The prediction and the mismatch flag.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Monitor {
-    estimate: Option<Estimate>,
+    prediction: Option<Prediction>,
     predicted: Option<Hundredths>,
     /// How long the gap has been outside the band (s).
     outside: f32,
@@ -58,7 +40,7 @@ pub struct Monitor {
 impl Monitor {
     /// Starts from rest at the next readings.
     pub fn restart(&mut self) {
-        self.estimate = None;
+        self.prediction = None;
         self.predicted = None;
         self.outside = 0.0;
     }
@@ -80,24 +62,18 @@ impl Monitor {
         self.predicted
     }
 
-    /// The observer's state.
-    pub fn estimate(&self) -> Option<&Estimate> {
-        self.estimate.as_ref()
+    /// The predictor's state.
+    pub fn prediction(&self) -> Option<&Prediction> {
+        self.prediction.as_ref()
     }
 
     /// Goes on to the next telemetry line: starts from it if there is no
-    /// estimate and both readings are there, steps otherwise. The gap is only
+    /// prediction and both readings are there, steps otherwise. The gap is only
     /// judged while `judge`: at rest an actuator may be bent by hand.
-    pub fn step(
-        &mut self,
-        observer: &observer::Observer,
-        settings: &Settings,
-        seen: &Seen,
-        judge: bool,
-    ) {
-        match (&mut self.estimate, seen) {
-            (Some(estimate), _) => {
-                observer.step(estimate, seen.pressure.map(|pressure| pressure.0));
+    pub fn step(&mut self, predictor: &Predictor, settings: &Settings, seen: &Seen, judge: bool) {
+        match (&mut self.prediction, seen) {
+            (Some(prediction), _) => {
+                predictor.step(prediction, seen.pressure.map(|pressure| pressure.0));
             }
             (
                 none,
@@ -105,13 +81,13 @@ impl Monitor {
                     pressure: Some(pressure),
                     angle: Some(angle),
                 },
-            ) => *none = Some(observer.start(angle.0, pressure.0)),
+            ) => *none = Some(predictor.start(angle.0, pressure.0)),
             _ => return,
         }
-        let Some(estimate) = &self.estimate else {
+        let Some(prediction) = &self.prediction else {
             return;
         };
-        let degrees = observer.prediction(estimate) * DEG_PER_RAD;
+        let degrees = prediction.reading() * DEG_PER_RAD;
         self.predicted = degrees.is_finite().then(|| Hundredths::round(degrees));
         if !judge {
             self.outside = 0.0;
@@ -135,10 +111,11 @@ mod tests {
     extern crate std;
     use super::*;
     use crate::plant::dynamics;
+    use model_core::actuator::Model;
 
-    fn observer() -> observer::Observer {
+    fn predictor() -> Predictor {
         let dynamics = dynamics(&Settings::DEFAULT).map(|value| value as f32);
-        of_model(Model::new(dynamics, &[]).unwrap(), &Settings::DEFAULT).unwrap()
+        Predictor::new(Model::new(dynamics, &[]).unwrap(), 2.3).unwrap()
     }
 
     fn seen(pressure: i32, angle: i32) -> Seen {
@@ -150,11 +127,11 @@ mod tests {
 
     #[test]
     fn the_flag_needs_the_band_the_time_and_a_judge() {
-        let (observer, settings) = (observer(), Settings::DEFAULT);
+        let (predictor, settings) = (predictor(), Settings::DEFAULT);
         let mut monitor = Monitor::default();
         let pass = |monitor: &mut Monitor, angle, judge, periods| {
             for _ in 0..periods {
-                monitor.step(&observer, &settings, &seen(0, angle), judge);
+                monitor.step(&predictor, &settings, &seen(0, angle), judge);
             }
         };
         pass(&mut monitor, 0, true, 500);
@@ -175,18 +152,18 @@ mod tests {
 
     #[test]
     fn waits_for_readings_and_starts_from_them() {
-        let observer = observer();
+        let predictor = predictor();
         let mut monitor = Monitor::default();
         let blind = Seen {
             angle: None,
             ..seen(100, 0)
         };
-        monitor.step(&observer, &Settings::DEFAULT, &blind, true);
+        monitor.step(&predictor, &Settings::DEFAULT, &blind, true);
         assert_eq!(monitor.predicted(), None);
-        monitor.step(&observer, &Settings::DEFAULT, &seen(100, 321), true);
+        monitor.step(&predictor, &Settings::DEFAULT, &seen(100, 321), true);
         assert_eq!(monitor.predicted(), Some(Hundredths(321)));
-        assert_eq!(monitor.estimate().unwrap().steps(), 0);
-        monitor.step(&observer, &Settings::DEFAULT, &blind, true);
-        assert_eq!(monitor.estimate().unwrap().steps(), 1);
+        assert_eq!(monitor.prediction().unwrap().steps(), 0);
+        monitor.step(&predictor, &Settings::DEFAULT, &blind, true);
+        assert_eq!(monitor.prediction().unwrap().steps(), 1);
     }
 }

@@ -8,24 +8,22 @@
 //! pₖ  pressure of line k, whole hundredths of a kPa;  Pa = 10 · hundredths
 //! aₖ  angle of line k, whole hundredths of a degree;  rad = hundredths · π/18000
 //! x₀  = at rest behind the reading a₀, under p₀
-//! xₖ  = RK4 of length 0.01 s from xₖ₋₁, pressure linear from pₖ₋₁ to pₖ
+//! xₖ  = one period of 0.01 s from xₖ₋₁, pressure linear from pₖ₋₁ to pₖ
 //! mₖ  = reading of xₖ through the sensor's effects
 //! ```
 //!
 //! A line whose pressure is missing counts as the pressure before it. All of it
-//! is `f32` and basic operations, which every IEEE machine rounds alike.
+//! is `f32` and basic operations, which every IEEE machine rounds alike. How a
+//! period is stepped is [`crate::prepared`]'s business; here are the lines, the
+//! memory of pressures for a dead time, and the start.
 //!
-//! Runge–Kutta at 100 Hz costs a fifth of an ATmega2560; half the rate would
-//! save a tenth, but then only every second line could be checked, and the fast
-//! effects (friction near standstill) would lose their margin of stability.
+//! It predicts and does not observe: nothing that the angle sensor says after the
+//! start corrects it, so that a gap is the model's.
 
-use core::fmt;
-
-use crate::actuator::{Model, State};
+use crate::actuator::Model;
 use crate::effects::Mechanism;
-use crate::input::Input;
-use crate::integrate::{Scheme, step};
-use crate::power::{Minimax, Power};
+use crate::power::Minimax;
+use crate::prepared::{Motion, Prepared, Unsteppable, plan};
 
 /// Steps a second: one for each line of telemetry.
 pub const RATE_HZ: f32 = 100.0;
@@ -36,8 +34,8 @@ pub const STEP_S: f32 = 0.01;
 /// The longest dead time (s) that the board's memory of pressures bridges.
 pub const MAX_DELAY_S: f32 = 0.6;
 
-/// Remembered pressures: the dead time, the two ends of the step.
-const MEMORY: usize = 62;
+/// Remembered pressures: the dead time, the two ends of the step and a part of a sample.
+const MEMORY: usize = 63;
 
 /// Pressures are kept as hundredths of a kPa above this one, in 16 bits: from
 /// −50 to 605 kPa, more than a sensor of 80 psi can show.
@@ -46,57 +44,31 @@ const LOWEST: i32 = -5_000;
 /// Radians in a hundredth of a degree.
 const RAD_PER_CENTIDEGREE: f32 = 1.745_329_3e-4;
 
-/// The limits of stability of the Runge–Kutta method are 2.78 on the negative
-/// real axis and 2.83 on the imaginary one; both with a margin.
-const STABLE: f32 = 2.5;
-
-/// Why a model cannot be stepped beside the rig.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum Unobservable {
-    /// Its dead times exceed [`MAX_DELAY_S`].
-    TooMuchDelay,
-    /// It moves too fast for steps of [`STEP_S`], which would diverge.
-    TooFast,
-}
-
-impl fmt::Display for Unobservable {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::TooMuchDelay => "has more dead time than the board's 0.6 s of memory",
-            Self::TooFast => "moves too fast for the board's steps of 10 ms",
-        })
-    }
-}
-
-impl core::error::Error for Unobservable {}
-
-/// A model that can be stepped at [`RATE_HZ`]: the configuration.
+/// A model that is predicted with: the configuration.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Observer<P = Minimax> {
-    model: Model<f32, P>,
+pub struct Predictor {
+    prepared: Prepared,
+    /// Whole samples of the dead time, and what is left of it.
+    late: u8,
+    part: f32,
 }
 
 /// Where the prediction is: the state.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Estimate {
-    state: State<f32>,
+pub struct Prediction {
+    motion: Motion,
     steps: u32,
     history: History,
 }
 
-/// Pressures of the past, and the line through the last two.
+/// Pressures of the past.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct History {
     samples: [u16; MEMORY],
     newest: u8,
-    /// Pressure at the start of the step (Pa).
-    start: f32,
-    /// Its slope within the step (Pa/s).
-    slope: f32,
 }
 
-/// The pressure (Pa) of a reading in hundredths of a kPa, as the observer sees
+/// The pressure (Pa) of a reading in hundredths of a kPa, as the predictor sees
 /// it: 10 Pa each, saturating at −50 and at 605.35 kPa.
 pub fn pressure_pa(hundredths_kpa: i32) -> f32 {
     unpacked(packed(hundredths_kpa))
@@ -121,13 +93,10 @@ impl History {
         Self {
             samples: [sample; MEMORY],
             newest: 0,
-            start: unpacked(sample),
-            slope: 0.0,
         }
     }
 
     fn push(&mut self, sample: u16) {
-        self.start = self.back(0);
         self.newest = if usize::from(self.newest) + 1 < MEMORY {
             self.newest + 1
         } else {
@@ -136,7 +105,6 @@ impl History {
         if let Some(place) = self.samples.get_mut(usize::from(self.newest)) {
             *place = sample;
         }
-        self.slope = (unpacked(sample) - self.start) * RATE_HZ;
     }
 
     /// The pressure (Pa) so many samples ago.
@@ -154,57 +122,93 @@ impl History {
     }
 }
 
-impl Input<f32> for History {
-    fn pressure(&self, offset: f32) -> f32 {
-        if offset >= 0.0 {
-            return self.start + self.slope * offset;
-        }
-        // The newest sample is the pressure at the end of the step.
-        let samples = (STEP_S - offset) * RATE_HZ;
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // Saturates.
-        let whole = samples as u8;
-        let newer = self.back(usize::from(whole));
-        let older = self.back(usize::from(whole) + 1);
-        newer + (older - newer) * (samples - f32::from(whole))
+/// The delay (s) of a model, as whole samples and a part of one.
+fn delay(model: &Model<f32, Minimax>) -> Result<(u8, f32), Unsteppable> {
+    let mut delay = 0.0;
+    for effect in model.occupied() {
+        delay += effect.delay();
     }
+    if !(0.0..=MAX_DELAY_S).contains(&delay) {
+        return Err(Unsteppable::TooMuchDelay);
+    }
+    let samples = delay * RATE_HZ;
+    // At most 60, by the check above.
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    let whole = samples as u8;
+    Ok((whole, samples - f32::from(whole)))
 }
 
-impl<P: Power<f32>> Observer<P> {
-    /// Checks that a model can be stepped at this rate, for angles up to
-    /// `farthest` (rad).
+impl Predictor {
+    /// Prepares a model that can be stepped at [`RATE_HZ`] for angles up to `farthest`
+    /// (rad).
     ///
     /// # Errors
     ///
-    /// [`Unobservable`].
-    pub fn new(model: Model<f32, P>, farthest: f32) -> Result<Self, Unobservable> {
-        let mut delay = 0.0;
-        for effect in model.occupied() {
-            delay += effect.delay();
-        }
-        if !(0.0..=MAX_DELAY_S).contains(&delay) {
-            return Err(Unobservable::TooMuchDelay);
-        }
-        let rates = model.fastest_rate(farthest);
-        let bound = STABLE * RATE_HZ;
-        if rates.relaxation <= bound && rates.stiffness <= bound * bound {
-            Ok(Self { model })
-        } else {
-            Err(Unobservable::TooFast)
+    /// [`Unsteppable`].
+    pub fn new(model: Model<f32, Minimax>, farthest: f32) -> Result<Self, Unsteppable> {
+        let mut predictor = Self::empty();
+        predictor.restart(model, farthest)?;
+        while !predictor.prepare() {}
+        Ok(predictor)
+    }
+
+    /// Room for a model: one that is never complete.
+    #[inline(always)]
+    pub fn empty() -> Self {
+        Self {
+            prepared: Prepared::empty(),
+            late: 0,
+            part: 0.0,
         }
     }
 
+    /// Begins with another model in place, for a board that has no room for two, without
+    /// its tables, which [`Predictor::prepare`] computes; the old one stays if the new one
+    /// is refused.
+    ///
+    /// # Errors
+    ///
+    /// [`Unsteppable`].
+    pub fn restart(
+        &mut self,
+        model: Model<f32, Minimax>,
+        farthest: f32,
+    ) -> Result<(), Unsteppable> {
+        let (late, part) = delay(&model)?;
+        let plan = plan(&model, farthest, STEP_S)?;
+        self.prepared.restart(model, plan, STEP_S);
+        (self.late, self.part) = (late, part);
+        Ok(())
+    }
+
+    /// Computes a little more of the tables; whether they are complete.
+    pub fn prepare(&mut self) -> bool {
+        self.prepared.prepare()
+    }
+
+    /// Whether the tables are complete: before, it must not be stepped.
+    pub fn is_complete(&self) -> bool {
+        self.prepared.is_complete()
+    }
+
     /// The model that is stepped.
-    pub fn model(&self) -> &Model<f32, P> {
-        &self.model
+    pub fn model(&self) -> &Model<f32, Minimax> {
+        self.prepared.model()
+    }
+
+    /// The model, prepared.
+    pub fn prepared(&self) -> &Prepared {
+        &self.prepared
     }
 
     /// Starts at rest, from a line of telemetry: angle in hundredths of a
     /// degree, pressure in hundredths of a kPa.
-    pub fn start(&self, hundredths_deg: i32, hundredths_kpa: i32) -> Estimate {
+    #[inline(never)]
+    pub fn start(&self, hundredths_deg: i32, hundredths_kpa: i32) -> Prediction {
         let sample = packed(hundredths_kpa);
-        let angle = self.model.angle_behind(angle_rad(hundredths_deg));
-        Estimate {
-            state: self.model.at_rest(angle, unpacked(sample)),
+        let angle = self.model().angle_behind(angle_rad(hundredths_deg));
+        Prediction {
+            motion: self.prepared.at_rest(angle, unpacked(sample)),
             steps: 0,
             history: History::at_rest(sample),
         }
@@ -212,8 +216,9 @@ impl<P: Power<f32>> Observer<P> {
 
     /// Goes on to the next line, whose pressure is in hundredths of a kPa; none
     /// when its sensor had no reading.
-    pub fn step(&self, estimate: &mut Estimate, hundredths_kpa: Option<i32>) {
-        let history = &mut estimate.history;
+    #[inline(never)]
+    pub fn step(&self, prediction: &mut Prediction, hundredths_kpa: Option<i32>) {
+        let history = &mut prediction.history;
         let sample = match hundredths_kpa {
             Some(hundredths) => packed(hundredths),
             None => history
@@ -223,32 +228,39 @@ impl<P: Power<f32>> Observer<P> {
                 .unwrap_or(0),
         };
         history.push(sample);
-        step(
-            Scheme::Rk4,
-            &self.model,
-            &mut estimate.state,
-            &estimate.history,
-            STEP_S,
-        );
-        estimate.steps = estimate.steps.wrapping_add(1);
+        prediction.steps = prediction.steps.wrapping_add(1);
+        let late = usize::from(self.late);
+        let (mut before, mut after) = (history.back(late + 1), history.back(late));
+        if self.part > 0.0 {
+            let earlier = history.back(late + 2);
+            after += (before - after) * self.part;
+            before += (earlier - before) * self.part;
+        }
+        let time = prediction.steps as f32 * STEP_S;
+        self.prepared
+            .advance(&mut prediction.motion, before, after, time);
     }
 
-    /// What the angle sensor should show (rad); not finite if the model
-    /// diverged.
-    pub fn prediction(&self, estimate: &Estimate) -> f32 {
-        self.model.reading(&estimate.state)
+    /// The angular rate (rad/s).
+    pub fn rate(&self, prediction: &Prediction) -> f32 {
+        self.prepared.rate(&prediction.motion)
     }
 }
 
-impl Estimate {
+impl Prediction {
     /// Steps since the start.
     pub fn steps(&self) -> u32 {
         self.steps
     }
 
-    /// Angle, rate and hidden states.
-    pub fn state(&self) -> &State<f32> {
-        &self.state
+    /// The bending angle (rad).
+    pub fn angle(&self) -> f32 {
+        self.motion.angle
+    }
+
+    /// What the angle sensor should show (rad); not finite if the model diverged.
+    pub fn reading(&self) -> f32 {
+        self.motion.reading
     }
 
     /// The newest pressure (Pa).
@@ -264,6 +276,7 @@ mod tests {
     use crate::actuator::Dynamics;
     use crate::catalogue::{Effect, Kind};
     use crate::input::FromFn;
+    use crate::integrate::{Scheme, step};
 
     const DYNAMICS: Dynamics<f32> = Dynamics {
         inertia: 0.36,
@@ -273,8 +286,8 @@ mod tests {
         input_gain: 1.45e-4,
     };
 
-    fn observer(effects: &[Effect<f32>]) -> Observer {
-        Observer::new(Model::new(DYNAMICS, effects).unwrap(), 2.3).unwrap()
+    fn predictor(effects: &[Effect<f32>]) -> Predictor {
+        Predictor::new(Model::new(DYNAMICS, effects).unwrap(), 2.3).unwrap()
     }
 
     /// Hundredths of a kPa: up to 40 kPa and down, with whole values at 100 Hz.
@@ -287,14 +300,14 @@ mod tests {
         for delay in [None, Some(0.0), Some(0.137), Some(0.6)] {
             let effect = delay.map(|delay| Kind::DeadTime.build(&[delay]).unwrap());
             let effects: Vec<_> = effect.into_iter().collect();
-            let observer = observer(&effects);
-            let mut estimate = observer.start(0, 0);
+            let predictor = predictor(&effects);
+            let mut prediction = predictor.start(0, 0);
             // In f64, with steps fifty times shorter, no delay but a shifted input.
             let fine: Model<f64> = Model::new(DYNAMICS.map(f64::from), &[]).unwrap();
             let mut state = fine.at_rest(0.0, 0.0);
             let shift = f64::from(delay.unwrap_or(0.0));
             for k in 0..600 {
-                observer.step(&mut estimate, Some(pressure(k + 1)));
+                predictor.step(&mut prediction, Some(pressure(k + 1)));
                 for part in 0..50 {
                     let start = f64::from(k) + f64::from(part) / 50.0;
                     let input = FromFn(|offset: f64| {
@@ -307,32 +320,32 @@ mod tests {
                     });
                     step(Scheme::Rk4, &fine, &mut state, &input, 2e-4);
                 }
-                let gap = f64::from(observer.prediction(&estimate)) - state.angle;
+                let gap = f64::from(prediction.reading()) - state.angle;
                 assert!(gap.abs() < 2e-4, "{delay:?} {k}: {gap}");
             }
             assert!(state.angle > 0.9, "{}", state.angle);
-            assert_eq!(estimate.steps(), 600);
+            assert_eq!(prediction.steps(), 600);
         }
     }
 
     #[test]
     fn starts_at_rest_behind_what_the_sensor_shows() {
         let offset = Kind::SensorOffset.build(&[0.05]).unwrap();
-        let observer = observer(&[offset]);
-        let estimate = observer.start(1_000, 250);
-        assert!((observer.prediction(&estimate) - 10.0_f32.to_radians()).abs() < 1e-6);
-        assert!((estimate.state().angle - 10.0_f32.to_radians()).abs() > 0.04);
-        assert!((estimate.pressure() - 2_500.0).abs() < f32::EPSILON);
+        let predictor = predictor(&[offset]);
+        let prediction = predictor.start(1_000, 250);
+        assert!((prediction.reading() - 10.0_f32.to_radians()).abs() < 1e-6);
+        assert!((prediction.angle() - 10.0_f32.to_radians()).abs() > 0.04);
+        assert!((prediction.pressure() - 2_500.0).abs() < f32::EPSILON);
     }
 
     #[test]
     fn a_missing_pressure_is_the_one_before() {
-        let observer = observer(&[]);
-        let mut with = observer.start(0, 0);
+        let predictor = predictor(&[]);
+        let mut with = predictor.start(0, 0);
         let mut without = with;
         for k in 0..50 {
-            observer.step(&mut with, Some(if k < 20 { 1_000 } else { 3_000 }));
-            observer.step(
+            predictor.step(&mut with, Some(if k < 20 { 1_000 } else { 3_000 }));
+            predictor.step(
                 &mut without,
                 if k == 7 {
                     None
@@ -356,15 +369,28 @@ mod tests {
     #[test]
     fn models_that_would_diverge_or_reach_too_far_back_are_refused() {
         let build = |dynamics, effects: &[Effect<f32>]| {
-            Observer::<Minimax>::new(Model::new(dynamics, effects).unwrap(), 2.3).map(|_| ())
+            Predictor::new(Model::new(dynamics, effects).unwrap(), 2.3).map(|_| ())
         };
         assert_eq!(build(DYNAMICS, &[]), Ok(()));
         let late = Kind::DeadTime.build(&[0.61]).unwrap();
-        assert_eq!(build(DYNAMICS, &[late]), Err(Unobservable::TooMuchDelay));
-        let stiff = Dynamics {
-            damping: 100.0,
+        assert_eq!(build(DYNAMICS, &[late]), Err(Unsteppable::TooMuchDelay));
+        // Damping is exact however strong; a spring has to be resolved.
+        let damped = Dynamics {
+            damping: 1e4,
             ..DYNAMICS
         };
-        assert_eq!(build(stiff, &[]), Err(Unobservable::TooFast));
+        assert_eq!(build(damped, &[]), Ok(()));
+        let stiff = Dynamics {
+            stiffness: 1e5,
+            ..DYNAMICS
+        };
+        assert_eq!(build(stiff, &[]), Err(Unsteppable::TooFast));
+        let steep = Dynamics {
+            exponent: 5.5,
+            ..DYNAMICS
+        };
+        assert_eq!(build(steep, &[]), Err(Unsteppable::Exponent));
+        let shift = Kind::ExponentShift.build(&[-0.7]).unwrap();
+        assert_eq!(build(steep, &[shift]), Ok(()));
     }
 }
