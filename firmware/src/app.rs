@@ -101,6 +101,9 @@ pub struct Counters {
     pub overlong: u16,
 }
 
+/// Calls that prepare the table of the power, 20 ms of work.
+const AT_ONCE: u8 = 14;
+
 /// How near (microsteps) to its start position a plunger is back.
 const BACK_STEPS: f32 = 3.0;
 
@@ -204,6 +207,10 @@ impl App {
         self.draft.clone_from(&self.settings);
         self.calibration = calibration(&self.settings).ok();
         let is_steppable = predict(&mut self.predictor, &self.settings);
+        // No period has begun yet: a model without friction is ready with the first line.
+        for _ in 0..AT_ONCE {
+            self.predictor.prepare();
+        }
         self.conditions.settings_damaged =
             found == Loaded::Damaged || self.calibration.is_none() || !is_steppable;
     }
@@ -586,6 +593,7 @@ impl App {
         if let Some(test) = &mut self.self_test {
             if has_room && !test.advance(&mut self.predictor, out, probe)? {
                 self.self_test = None;
+                // It was the model before the test.
                 predict(&mut self.predictor, &self.settings);
             }
             return Ok(());
@@ -699,6 +707,10 @@ impl App {
                 if self.state() != State::Ready {
                     // The supervisor knows the reason.
                     return self.supervisor.handle(Event::Run, &self.conditions);
+                }
+                // A prediction begins at rest, not somewhere in the run.
+                if !self.predictor.is_complete() {
+                    return Err(Refusal::NotNow);
                 }
                 let runner = Runner::start(named, &self.memory, &self.settings)
                     .ok_or(Refusal::BadProtocol)?;

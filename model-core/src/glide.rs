@@ -406,6 +406,11 @@ fn decays(z: f32) -> [f32; 2] {
 }
 
 #[cfg(test)]
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::float_cmp,
+    reason = "the board's arithmetic beside `f64`, and what is exact"
+)]
 mod tests {
     use super::*;
 

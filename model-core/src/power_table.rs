@@ -118,12 +118,11 @@ impl PowerTable {
     pub fn prepare(&mut self) -> bool {
         /// Half the length of a chord, of the octave's.
         const HALF: f32 = 0.5 / CHORDS as f32;
-        /// Nodes and, after them, the octaves.
-        const COMPLETE: u8 = CHORDS as u8 + 2;
-        if self.nodes >= COMPLETE {
+        let node = usize::from(self.nodes);
+        // Behind the nodes come the octaves.
+        if node > CHORDS + 1 {
             return true;
         }
-        let node = usize::from(self.nodes);
         self.nodes += 1;
         let (Some(low), Some(high)) = (self.low.get_mut(node), self.high.get_mut(node)) else {
             self.octaves();

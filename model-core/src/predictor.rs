@@ -23,7 +23,7 @@
 use crate::actuator::Model;
 use crate::effects::Mechanism;
 use crate::power::Minimax;
-use crate::prepared::{Motion, Prepared, Unsteppable, plan};
+use crate::prepared::{Motion, Plan, Prepared, Unsteppable, plan};
 
 /// Steps a second: one for each line of telemetry.
 pub const RATE_HZ: f32 = 100.0;
@@ -136,6 +136,16 @@ fn delay(model: &Model<f32, Minimax>) -> Result<(u8, f32), Unsteppable> {
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     let whole = samples as u8;
     Ok((whole, samples - f32::from(whole)))
+}
+
+/// How a model would be stepped for angles up to `farthest` (rad).
+///
+/// # Errors
+///
+/// [`Unsteppable`], and then a board refuses the model too.
+pub fn check(model: &Model<f32, Minimax>, farthest: f32) -> Result<Plan, Unsteppable> {
+    delay(model)?;
+    plan(model, farthest, STEP_S)
 }
 
 impl Predictor {

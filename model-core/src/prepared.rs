@@ -20,7 +20,7 @@
 //! | a step of the base equation, and what an effect adds | [`BASE_CYCLES`], [`cycles`] |
 //! | most that a period of 10 ms may spend on steps | [`BUDGET_CYCLES`] |
 //!
-//! [`Prepared::plan`] decides how many steps a period is cut into.
+//! [`plan`] decides how many steps a period is cut into.
 
 use core::f32::consts::{PI, TAU};
 use core::fmt;
@@ -156,6 +156,7 @@ pub struct Motion {
 
 /// A model of three effects, prepared.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[expect(clippy::struct_excessive_bools)] // What a step may leave out, looked up once.
 pub struct Prepared {
     model: Model<f32, Minimax>,
     leapfrog: Leapfrog<f32>,
@@ -185,6 +186,8 @@ pub struct Prepared {
 pub struct Plan {
     /// Steps of a period.
     pub substeps: u8,
+    /// Cycles that they take together, at most.
+    pub cycles: u32,
     /// The largest way of a step that a law of the rate has to resolve, as a rate (rad/s).
     farthest_rate: f32,
 }
@@ -325,6 +328,7 @@ pub fn plan(
     };
     Ok(Plan {
         substeps,
+        cycles: cost * u32::from(substeps),
         farthest_rate,
     })
 }
@@ -651,12 +655,12 @@ impl Prepared {
                 let more = motion.moved.abs() * per_way;
                 return more / (1.0 + more);
             }
-            Part::Tube(lag) => motion.chamber = follow(lag, memory, motion.chamber),
-            Part::Leak(lag) => motion.chamber -= follow(lag, memory, motion.chamber),
+            Part::Tube(lag) => motion.chamber = follow(*lag, memory, motion.chamber),
+            Part::Leak(lag) => motion.chamber -= follow(*lag, memory, motion.chamber),
             Part::Vent { fill, vent } => {
                 let [here, before] = *memory;
                 let falls = before + motion.chamber < here + here;
-                motion.chamber = follow(if falls { vent } else { fill }, memory, motion.chamber);
+                motion.chamber = follow(if falls { *vent } else { *fill }, memory, motion.chamber);
             }
             Part::Input => {
                 if let Some(slot) = self.model.slot(index) {
@@ -861,14 +865,14 @@ fn part_of(
 fn show(part: &Part, slot: &Slot<f32>, reading: f32, time: f32, memory: &mut Hidden<f32>) -> f32 {
     match part {
         Part::Sensor => slot.sensor(reading, time, memory, &mut [0.0; 2]),
-        Part::SlowSensor(lag) => follow(lag, memory, reading),
+        Part::SlowSensor(lag) => follow(*lag, memory, reading),
         Part::Mode { .. } => reading + memory[0],
         _ => reading,
     }
 }
 
 /// Carries a lag to what it follows now; its memory holds it and what it followed before.
-fn follow(lag: &Lag<f32>, memory: &mut Hidden<f32>, now: f32) -> f32 {
+fn follow(lag: Lag<f32>, memory: &mut Hidden<f32>, now: f32) -> f32 {
     let [mut y, before] = *memory;
     lag.carry(&mut y, before, now);
     *memory = [y, now];
@@ -1061,7 +1065,7 @@ mod tests {
             Kind::CubicStiffness => &[0.2],
             Kind::LinearStiffness => &[0.3],
             Kind::EndStop => &[4.0, 1.1],
-            Kind::MaxwellBranch => &[0.4, 0.5],
+            Kind::MaxwellBranch => &[0.5, 0.4],
             Kind::BoucWenHysteresis => &[0.2, 0.05, 0.5],
             Kind::PeriodicDisturbance => &[0.1, 0.8, 0.3],
             Kind::SecondMode => &[3.0, 0.1, 0.15],
@@ -1069,7 +1073,7 @@ mod tests {
             Kind::SensorOffset => &[0.1],
             Kind::SensorNonlinearity => &[-0.1],
             Kind::SensorDrift => &[0.01],
-            Kind::SensorLag => &[0.08],
+            Kind::SensorLag => &[0.09],
             _ => return None,
         };
         kind.build(values)
@@ -1174,6 +1178,7 @@ mod tests {
             let end = |substeps: u8| {
                 let plan = Plan {
                     substeps,
+                    cycles: 0,
                     farthest_rate: 20.0,
                 };
                 let prepared = Prepared::new(model, plan, 0.08);

@@ -58,10 +58,8 @@ pub fn product(a: u16, b: u16) -> u32 {
 /// The upper half of a·b: what a 65 536th part `b` of `a` is.
 #[inline(always)]
 pub fn share(a: u16, b: u16) -> u16 {
-    // The upper half is sixteen bits wide.
-    #[expect(clippy::cast_possible_truncation)]
-    let upper = (product(a, b) >> 16) as u16;
-    upper
+    let [_, _, low, high] = product(a, b).to_le_bytes();
+    u16::from_le_bytes([low, high])
 }
 
 #[cfg(test)]

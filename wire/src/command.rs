@@ -72,7 +72,7 @@ pub enum Command {
     Discard,
     /// The sensors in counts.
     Raw,
-    /// The observer's state to the bit.
+    /// The predictor's state to the bit.
     Exact,
 }
 

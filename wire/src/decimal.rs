@@ -130,7 +130,7 @@ fn digits<W: uWrite + ?Sized>(
     // Most numbers of a line are small, and a place costs even where nothing stands.
     let places = match size {
         ..10_000 => 4,
-        ..1_000_000 => 6,
+        10_000..1_000_000 => 6,
         _ => 10,
     };
     for place in (0..places).rev() {

@@ -9,7 +9,7 @@
 //! angle `m` that the model on the board predicts (°), the set-point as `s` (°)
 //! or, in a pressure protocol, `q` (kPa), and the pump's volume `v` (µl). Last,
 //! the letter of the state and the code of the latched fault, with a `!` while
-//! the observer's flag "model mismatch" is up. A sensor without a reading says
+//! the predictor's flag "model mismatch" is up. A sensor without a reading says
 //! `nan`.
 
 use core::fmt;
@@ -51,7 +51,7 @@ pub struct Telemetry {
     pub pressure_kpa: Option<Hundredths>,
     /// Measured bending angle (°); none while its sensor is at fault.
     pub angle_deg: Option<Hundredths>,
-    /// Angle that the observer predicts (°); none while it has no model.
+    /// Angle that is predicted (°); none while it has no model.
     pub predicted_deg: Option<Hundredths>,
     /// What is asked for.
     pub setpoint: Setpoint,
@@ -61,7 +61,7 @@ pub struct Telemetry {
     pub state: State,
     /// Code of the latched fault, zero for none; see [`crate::fault::Fault`].
     pub fault: u8,
-    /// The observer's latched flag: prediction and measurement disagree.
+    /// The latched flag: prediction and measurement disagree.
     pub mismatch: bool,
 }
 

@@ -3,7 +3,7 @@
 //! Each reading passes the same stations: is the voltage possible, what does the
 //! calibration make of it, is a bad sample bridged or a fault, what was its tare;
 //! and beside the plain value there is a smoothed one for the loops. The plain
-//! value is what is recorded and what the observer compares, because a filter
+//! value is what is recorded and what the prediction is compared with, because a filter
 //! would show up in a diagnosis as a lag of the actuator.
 
 pub mod bridge;

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use anyhow::Context;
 use clap::{ArgGroup, Parser};
 use indicatif::{ProgressBar, ProgressStyle};
+use model_core::predictor;
 use wire::settings::{Key, Settings};
 use wire::state::State;
 
@@ -61,8 +62,9 @@ pub struct Args {
 /// Faults of the files before the port is opened; then what the board refuses.
 pub fn run(args: &Args) -> anyhow::Result<()> {
     let mut wanted: Vec<Assignment> = Vec::new();
-    if let Some(path) = &args.model {
-        wanted.extend(settings_file::from_model(&ModelFile::read(path)?)?);
+    let model = args.model.as_deref().map(ModelFile::read).transpose()?;
+    if let Some(model) = &model {
+        wanted.extend(settings_file::from_model(model)?);
     }
     if let Some(path) = &args.settings {
         for (key, bits) in settings_file::read(path)? {
@@ -107,6 +109,15 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         return Ok(super::print("The board has these settings already.\n")?);
     }
     super::print(&table(&settings, &changes))?;
+    if let Some(model) = &model {
+        let farthest = changes
+            .iter()
+            .find(|(key, _)| *key == Key::MaxAngle)
+            .map_or(settings.number(Key::MaxAngle), |&(_, bits)| {
+                f32::from_bits(bits)
+            });
+        super::print(&stepped(model, farthest)?)?;
+    }
     if args.dry_run {
         return Ok(());
     }
@@ -116,6 +127,31 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         changes.len()
     ))?)
 }
+
+/// How the board will step a model for angles up to `farthest_deg`.
+fn stepped(file: &ModelFile, farthest_deg: f32) -> Result<String, InputError> {
+    // Rounded as the settings are.
+    #[allow(clippy::cast_possible_truncation)]
+    let model = file.model.map(|value| value as f32);
+    let plan = predictor::check(&model, farthest_deg.to_radians()).map_err(|error| {
+        InputError::new(
+            format!("the model {error}, so that the board would refuse it"),
+            "use it on the computer (`rig simulate`), or fit one with another effect",
+        )
+        .in_file(&file.path)
+    })?;
+    Ok(format!(
+        "the board predicts with {} of this model in 10 ms, at most {:.1} % of its processor\n",
+        match plan.substeps {
+            1 => "1 step".to_owned(),
+            steps => format!("{steps} steps"),
+        },
+        f64::from(plan.cycles) * 100.0 / f64::from(CYCLES_PER_PERIOD),
+    ))
+}
+
+/// Cycles of an ATmega2560 between two lines of telemetry.
+const CYCLES_PER_PERIOD: u32 = 160_000;
 
 /// Changes settings, with a progress bar.
 pub(crate) fn apply(link: &mut Link, changes: &[Assignment]) -> anyhow::Result<()> {
