@@ -2,6 +2,7 @@
 //! pictures and verdicts out.
 #![forbid(unsafe_code)]
 
+pub mod batch;
 pub mod checkpoint;
 pub mod cmd;
 pub mod columns;

@@ -1269,3 +1269,63 @@ fn a_reader_that_has_seen_enough_is_no_fault() {
     // What was asked for was written all the same.
     assert!(bench.path("fitted.toml").exists() && bench.path("table.csv").exists());
 }
+
+/// Two cases in two jobs of an array, one of them at fault, and a third call that collects:
+/// what is there is not diagnosed again, what failed is tried again.
+#[test]
+fn a_batch_is_shared_resumed_and_collected() {
+    let bench = Bench::with_example("coulomb_friction", "0.1");
+    let recordings: Vec<String> = std::fs::read_dir(bench.path("demo/recordings"))
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .filter(|path| path.extension().is_some_and(|it| it == "csv"))
+        .map(|path| format!("recordings/{}", path.file_name().unwrap().display()))
+        .collect();
+    let good = recordings.join(";");
+    bench.put(
+        "demo/cases.csv",
+        format!("case,model,recordings\nfirst,model.toml,{good}\nsecond,model.toml,lost.csv\n"),
+    );
+    let batch = "diagnose --batch demo/cases.csv -o out";
+    bench
+        .line(&format!("{batch} --share 0/2"))
+        .assert()
+        .success()
+        .stdout(contains("1/1 first  effect_found: coulomb_friction"));
+    assert!(!bench.path("out/results.parquet").exists());
+    let before = bench.contents();
+    bench
+        .line(&format!("{batch} --share 1/2"))
+        .assert()
+        .failure()
+        .stderr(contains("1 of 1 cases could not be diagnosed"));
+    assert!(bench.text("out/second/error.txt").contains("lost.csv"));
+
+    std::fs::copy(
+        bench.path("demo").join(&recordings[0]),
+        bench.path("demo/lost.csv"),
+    )
+    .unwrap();
+    bench
+        .line(batch)
+        .assert()
+        .success()
+        .stdout(contains("first   effect_found: coulomb_friction (known)"))
+        .stdout(contains("2 cases in"));
+    let after = bench.contents();
+    for file in ["verdict.json", "repaired.toml", "inputs.sha256"] {
+        let of = |name: &str| bench.path("out").join(name).join(file);
+        assert_eq!(before[&of("first")], after[&of("first")]);
+        assert!(after.contains_key(&of("second")), "{file}");
+    }
+    assert!(!bench.path("out/second/error.txt").exists());
+    assert!(bench.path("out/results.parquet").exists());
+
+    // Another model is another case.
+    bench.put("demo/model.toml", bench.text("demo/model.toml") + "\n");
+    bench
+        .line(&format!("{batch} --share 0/2"))
+        .assert()
+        .success()
+        .stdout(contains("known").not());
+}

@@ -7,10 +7,9 @@ use clap::Parser;
 
 use super::input::InputArgs;
 use super::watch::Watched;
+use crate::batch::{self, Folder, Outcome, manifest, results};
 use crate::checkpoint::Checkpoint;
-use crate::diagnose::family::title;
-use crate::diagnose::verdict::Answer;
-use crate::diagnose::{Diagnosis, Request, diagnose_from};
+use crate::diagnose::{Request, diagnose_from};
 use crate::error::write_atomically;
 use crate::report::Outputs;
 use crate::report::content::Content;
@@ -34,17 +33,21 @@ Examples:
   rig diagnose --model m.toml monday.csv tuesday.csv      sessions of one rig
   rig diagnose --model m.toml id_*.csv --holdout vad_*.csv --plot gap.svg
   rig diagnose --model m.toml run.csv --resume fits       after an interruption
+  rig diagnose --batch cases.csv -o out                   thousands of recordings
+  rig diagnose --batch cases.csv -o out --share 7/400     as one job of an array
 
 Ctrl-C prints what is known so far, writes nothing, and exits with code 130.
+
+A batch is a CSV with the columns case,model,recordings,holdout; docs/batch.md.
 
 The verdict is one of: effect_found, parameters_only, no_discrepancy,
 cannot_tell, unexplained. `rig schema` prints the schema of the JSON.")]
 pub struct Args {
     /// Model file
-    #[arg(long, value_name = "MODEL.toml")]
-    model: PathBuf,
+    #[arg(long, value_name = "MODEL.toml", required_unless_present = "batch")]
+    model: Option<PathBuf>,
     /// Recordings to fit
-    #[arg(required = true, value_name = "REC.csv")]
+    #[arg(required_unless_present = "batch", value_name = "REC.csv")]
     recordings: Vec<PathBuf>,
     /// Recordings to judge by, which are not fitted
     #[arg(long, num_args = 1.., value_name = "REC.csv")]
@@ -58,9 +61,22 @@ pub struct Args {
     /// Draw measured, before and after, and what is left
     #[arg(long, value_name = "GAP.svg")]
     plot: Option<PathBuf>,
-    /// Write the model to go on with: with the effect added, refitted, or as it is
+    /// Write the model to go on with: with the effect added, refitted, or as it is. Of a
+    /// batch the folder of all results
     #[arg(short, long, value_name = "REPAIRED.toml")]
     output: Option<PathBuf>,
+    /// Diagnose every case of a manifest, each into a folder of its own below -o. Cases
+    /// whose results are there are not diagnosed again
+    #[arg(
+        long,
+        value_name = "MANIFEST.csv",
+        requires = "output",
+        conflicts_with_all = ["model", "recordings", "holdout", "json", "report", "plot", "resume"]
+    )]
+    batch: Option<PathBuf>,
+    /// Only every Nth case of the batch, beginning with the Kth from 0: one job of an array
+    #[arg(long, value_name = "K/N", requires = "batch", value_parser = share)]
+    share: Option<Share>,
     /// Keep finished fits in this folder, and take up those that are there
     #[arg(long, value_name = "FOLDER")]
     resume: Option<PathBuf>,
@@ -77,15 +93,94 @@ pub struct Args {
 ///
 /// Faults of the input, with place and remedy.
 pub fn run(args: &Args) -> anyhow::Result<()> {
+    match (&args.batch, &args.model, &args.output) {
+        (Some(manifest), _, Some(out)) => run_batch(args, manifest, out),
+        (None, Some(model), _) => run_one(args, model),
+        // The command line was checked for it.
+        _ => anyhow::bail!("name a model, or a batch and where its results go"),
+    }
+}
+
+/// Every Nth case from the Kth on.
+#[derive(Clone, Copy, Debug)]
+struct Share {
+    index: usize,
+    of: usize,
+}
+
+fn share(text: &str) -> Result<Share, String> {
+    let numbers = text
+        .split_once('/')
+        .and_then(|(index, of)| Some((index.parse().ok()?, of.parse().ok()?)));
+    match numbers {
+        Some((index, of)) if index < of => Ok(Share { index, of }),
+        _ => Err("give the number of the job, from 0, and of all jobs, such as 3/50".into()),
+    }
+}
+
+fn run_batch(args: &Args, path: &Path, out: &Path) -> anyhow::Result<()> {
+    let all = manifest::read(path)?;
+    let settings = batch::Settings {
+        columns: args.input.columns(),
+        seed: args.seed,
+    };
+    let Share { index, of } = args.share.unwrap_or(Share { index: 0, of: 1 });
+    let cases: Vec<_> = all.iter().skip(index).step_by(of).collect();
+    let width = cases.iter().map(|case| case.name.len()).max().unwrap_or(0);
+    let mut failed = Vec::new();
+    for (number, case) in (1..).zip(&cases) {
+        let clock = Instant::now();
+        let outcome = batch::diagnose(case, out, settings)?;
+        let said = match &outcome {
+            Outcome::Failed(error) => {
+                failed.push(Folder::of(out, case).error());
+                error.lines().next().unwrap_or_default().to_owned()
+            }
+            Outcome::Known => format!("{} (known)", results::Row::read(out, case)?.summary()),
+            Outcome::Diagnosed => {
+                let seconds = clock.elapsed().as_secs_f64();
+                format!(
+                    "{} ({seconds:.1} s)",
+                    results::Row::read(out, case)?.summary()
+                )
+            }
+        };
+        super::print(&format!(
+            "{number}/{} {:<width$}  {said}\n",
+            cases.len(),
+            case.name
+        ))?;
+    }
+    if args.share.is_none() {
+        let rows: Vec<_> = all
+            .iter()
+            .map(|case| results::Row::read(out, case))
+            .collect::<Result<_, _>>()?;
+        let table = out.join("results.parquet");
+        results::write(&table, &rows)?;
+        super::print(&format!("{} cases in {}\n", rows.len(), table.display()))?;
+    }
+    match failed.as_slice() {
+        [] => Ok(()),
+        [first, ..] => anyhow::bail!(
+            "{} of {} cases could not be diagnosed; the first says why in {}",
+            failed.len(),
+            cases.len(),
+            first.display()
+        ),
+    }
+}
+
+fn run_one(args: &Args, model: &Path) -> anyhow::Result<()> {
     super::check_outputs([&args.json, &args.report, &args.plot, &args.output])?;
     super::check_distinct(&args.recordings, &args.holdout)?;
     let columns = args.input.columns();
-    let (file, recordings) = super::read(&args.model, &args.recordings, &columns)?;
+    let (file, recordings) = super::read(model, &args.recordings, &columns)?;
     let holdout = crate::recording::read_all(&args.holdout, &columns, super::warn)?;
     // Before the long work: these are the bytes that it starts from.
     let provenance = match &args.report {
         Some(_) => Some(Provenance::of(
-            &args.model,
+            model,
             &args.recordings,
             &args.holdout,
             command_line(),
@@ -127,7 +222,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         outputs.picture = Some(path);
     }
     if let Some(path) = &args.output {
-        let text = file.text_with(diagnosis.model_to_keep(&file), &comment(&diagnosis));
+        let text = diagnosis.model_text(&file);
         write_atomically(path, text.as_bytes())?;
         outputs.model = Some(path);
     }
@@ -148,17 +243,4 @@ fn go_on(resume: Option<&Path>) -> String {
             "It would start anew: with --resume FOLDER, a diagnosis keeps finished fits.".into()
         }
     }
-}
-
-/// What stands above the effects that are added to the model.
-fn comment(diagnosis: &Diagnosis) -> String {
-    let what = match diagnosis.answer {
-        Answer::CannotTell if diagnosis.families.is_empty() => {
-            "Added by rig diagnose: one of several that these recordings cannot tell apart.".into()
-        }
-        Answer::CannotTell => format!("representative of {}", title(&diagnosis.families)),
-        Answer::Unexplained => "Added by rig diagnose: lowers the error, not named.".to_owned(),
-        _ => "Added by rig diagnose.".into(),
-    };
-    format!("# {what}\n")
 }

@@ -435,6 +435,20 @@ impl Diagnosis {
         }
     }
 
+    /// The text of the model file to go on with, with what stands above added effects.
+    pub fn model_text(&self, nominal: &ModelFile) -> String {
+        let what = match self.answer {
+            Answer::CannotTell if self.families.is_empty() => {
+                "Added by rig diagnose: one of several that these recordings cannot tell apart."
+                    .into()
+            }
+            Answer::CannotTell => format!("representative of {}", family::title(&self.families)),
+            Answer::Unexplained => "Added by rig diagnose: lowers the error, not named.".to_owned(),
+            _ => "Added by rig diagnose.".into(),
+        };
+        nominal.text_with(self.model_to_keep(nominal), &format!("# {what}\n"))
+    }
+
     /// Whether the model that a diagnosis ends with predicts better than the one
     /// supplied on runs that were not fitted, in the board's arithmetic.
     pub fn is_better(&self) -> bool {

@@ -1,0 +1,153 @@
+//! Many independent diagnoses: what a laboratory with thousands of recordings runs.
+//!
+//! A manifest lists cases, each a model and its recordings. Each case has a folder of its
+//! own below the output, which is all that tasks share: they may run one after the other,
+//! as an array of jobs on a cluster, or in any order, and be stopped at any time. A case
+//! whose results are there, of the very same inputs, is not diagnosed again.
+//!
+//! ```text
+//! OUT/CASE/verdict.json     as of --json
+//! OUT/CASE/repaired.toml    as of -o
+//! OUT/CASE/inputs.sha256    what they are of, as `sha256sum` writes it; written last
+//! OUT/CASE/error.txt        instead of them, where a case could not be diagnosed
+//! OUT/results.parquet       a row a case
+//! ```
+
+pub mod manifest;
+pub mod results;
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use crate::checkpoint::Checkpoint;
+use crate::columns::Columns;
+use crate::diagnose::{Progress, Request, diagnose_from};
+use crate::error::{InputError, write_atomically};
+use crate::model_file::ModelFile;
+use crate::recording::read_all;
+use crate::report::provenance::Provenance;
+use manifest::Case;
+
+/// Where the results of one case are.
+#[derive(Clone, Debug)]
+pub struct Folder(PathBuf);
+
+/// What became of a case.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// It is diagnosed.
+    Diagnosed,
+    /// It was before, from the same inputs.
+    Known,
+    /// Its inputs are at fault; the text says how.
+    Failed(String),
+}
+
+impl Folder {
+    /// The folder of a case below `out`.
+    pub fn of(out: &Path, case: &Case) -> Self {
+        Self(out.join(&case.name))
+    }
+
+    /// The verdict.
+    pub fn verdict(&self) -> PathBuf {
+        self.0.join("verdict.json")
+    }
+
+    /// The model to go on with.
+    pub fn repaired(&self) -> PathBuf {
+        self.0.join("repaired.toml")
+    }
+
+    /// What the results are of.
+    pub fn inputs(&self) -> PathBuf {
+        self.0.join("inputs.sha256")
+    }
+
+    /// Why there are none.
+    pub fn error(&self) -> PathBuf {
+        self.0.join("error.txt")
+    }
+
+    /// Whether the results of these inputs are there.
+    fn holds(&self, inputs: &str) -> bool {
+        std::fs::read_to_string(self.inputs()).is_ok_and(|text| text == inputs)
+            && self.verdict().is_file()
+    }
+}
+
+/// How cases are diagnosed.
+#[derive(Clone, Copy, Debug)]
+pub struct Settings {
+    /// What the columns of recordings hold.
+    pub columns: Columns,
+    /// Seed of everything random.
+    pub seed: u64,
+}
+
+/// Diagnoses a case, unless its results are there.
+///
+/// # Errors
+///
+/// The folder cannot be written. What is wrong with the case itself is an
+/// [`Outcome::Failed`], so that the others go on.
+pub fn diagnose(case: &Case, out: &Path, settings: Settings) -> Result<Outcome, InputError> {
+    let folder = Folder::of(out, case);
+    std::fs::create_dir_all(&folder.0).map_err(|error| InputError::from_io(&folder.0, &error))?;
+    let results = inputs(case, settings).and_then(|inputs| {
+        if folder.holds(&inputs) {
+            return Ok(None);
+        }
+        Ok(Some((solve(case, settings)?, inputs)))
+    });
+    let (verdict, repaired, inputs) = match results {
+        Ok(None) => return Ok(Outcome::Known),
+        Ok(Some(((verdict, repaired), inputs))) => (verdict, repaired, inputs),
+        Err(error) => {
+            let text = format!("{error:#}");
+            write_atomically(&folder.error(), format!("{text}\n").as_bytes())?;
+            return Ok(Outcome::Failed(text));
+        }
+    };
+    write_atomically(&folder.verdict(), verdict.as_bytes())?;
+    write_atomically(&folder.repaired(), repaired.as_bytes())?;
+    write_atomically(&folder.inputs(), inputs.as_bytes())?;
+    // Of an earlier try.
+    let _ = std::fs::remove_file(folder.error());
+    Ok(Outcome::Diagnosed)
+}
+
+/// Everything that the results depend on.
+fn inputs(case: &Case, settings: Settings) -> anyhow::Result<String> {
+    let Provenance { version, files, .. } =
+        Provenance::of(&case.model, &case.recordings, &case.holdout, String::new())?;
+    let mut text = format!(
+        "# softrig {version}, seed {}, columns {:?}\n",
+        settings.seed, settings.columns
+    );
+    for file in files {
+        let _ = writeln!(text, "{}  {}", file.sha256, file.path);
+    }
+    Ok(text)
+}
+
+/// The verdict and the model to go on with, as texts.
+fn solve(case: &Case, settings: Settings) -> anyhow::Result<(String, String)> {
+    // Warnings of a thousand cases are read by nobody; those that matter are in the verdict.
+    let quiet = |_: &str| {};
+    let file = ModelFile::read(&case.model)?;
+    let recordings = read_all(&case.recordings, &settings.columns, quiet)?;
+    let holdout = read_all(&case.holdout, &settings.columns, quiet)?;
+    let request = Request {
+        file: &file,
+        recordings: &recordings,
+        holdout: &holdout,
+        seed: settings.seed,
+    };
+    let clock = Instant::now();
+    let diagnosis = diagnose_from(&request, &Checkpoint::default(), &Progress::default())?;
+    let verdict = diagnosis.verdict(&request, clock.elapsed().as_secs_f64());
+    let verdict = format!("{}\n", serde_json::to_string_pretty(&verdict)?);
+    Ok((verdict, diagnosis.model_text(&file)))
+}

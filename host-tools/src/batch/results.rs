@@ -1,0 +1,296 @@
+//! The results of a batch as one Parquet table, a row a case.
+//!
+//! It is read from the folders of the cases, whoever wrote them. Parquet keeps types and
+//! units in names, and pandas, polars, DuckDB, R and MATLAB read it.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use anyhow::Context;
+use parquet::basic::{LogicalType, Repetition, Type as Physical};
+use parquet::column::writer::ColumnWriter;
+use parquet::data_type::ByteArray;
+use parquet::file::properties::WriterProperties;
+use parquet::file::writer::SerializedFileWriter;
+use parquet::schema::types::Type;
+use serde_json::Value;
+
+use super::Folder;
+use super::manifest::Case;
+use crate::error::write_atomically;
+
+/// What is known of a case.
+#[derive(Clone, Debug)]
+pub struct Row {
+    /// Its name.
+    pub case: String,
+    /// `diagnosed`, `failed` or `missing`.
+    pub status: &'static str,
+    /// Why it failed.
+    pub error: Option<String>,
+    /// Its verdict.
+    pub verdict: Option<Value>,
+}
+
+impl Row {
+    /// Reads what the folder of a case holds.
+    ///
+    /// # Errors
+    ///
+    /// A verdict that is no JSON.
+    pub fn read(out: &Path, case: &Case) -> anyhow::Result<Self> {
+        let folder = Folder::of(out, case);
+        let read = |path: &Path| std::fs::read_to_string(path).ok();
+        let error = read(&folder.error());
+        let verdict = match read(&folder.verdict()) {
+            Some(text) if error.is_none() => {
+                let path = folder.verdict();
+                Some(serde_json::from_str(&text).with_context(|| path.display().to_string())?)
+            }
+            _ => None,
+        };
+        Ok(Self {
+            case: case.name.clone(),
+            status: match (&error, &verdict) {
+                (Some(_), _) => "failed",
+                (None, Some(_)) => "diagnosed",
+                (None, None) => "missing",
+            },
+            error: error.map(|text| text.trim_end().to_owned()),
+            verdict,
+        })
+    }
+
+    /// The answer in a few words, for a terminal.
+    pub fn summary(&self) -> String {
+        let verdict = self.text("/verdict").unwrap_or_else(|| self.status.into());
+        match self.effects().or_else(|| self.text("/family")) {
+            Some(what) => format!("{verdict}: {what}"),
+            None => verdict,
+        }
+    }
+
+    fn at(&self, pointer: &str) -> Option<&Value> {
+        self.verdict.as_ref()?.pointer(pointer)
+    }
+
+    fn text(&self, pointer: &str) -> Option<String> {
+        Some(self.at(pointer)?.as_str()?.to_owned())
+    }
+
+    fn number(&self, pointer: &str) -> Option<f64> {
+        self.at(pointer)?.as_f64()
+    }
+
+    /// The names of the effects, best explanation first where none is named.
+    fn effects(&self) -> Option<String> {
+        let kinds = |list: &Value, key: &str| -> Option<Vec<String>> {
+            list.as_array()?
+                .iter()
+                .map(|entry| Some(entry.get(key)?.as_str()?.to_owned()))
+                .collect()
+        };
+        let named = kinds(self.at("/effects")?, "kind")?;
+        (!named.is_empty()).then(|| named.join(" + "))
+    }
+
+    /// Every rival, one a `|`.
+    fn alternatives(&self) -> Option<String> {
+        let rivals: Vec<String> = self
+            .at("/alternatives")?
+            .as_array()?
+            .iter()
+            .filter_map(|rival| {
+                let kinds = rival.get("kinds")?.as_array()?;
+                let names: Vec<_> = kinds.iter().filter_map(Value::as_str).collect();
+                Some(names.join(" + "))
+            })
+            .collect();
+        (!rivals.is_empty()).then(|| rivals.join(" | "))
+    }
+
+    /// The parameters of the named effects, as JSON.
+    fn parameters(&self) -> Option<String> {
+        let effects = self.at("/effects")?.as_array()?;
+        let parameters: Vec<_> = effects
+            .iter()
+            .filter_map(|it| it.get("parameters"))
+            .collect();
+        (!parameters.is_empty()).then(|| serde_json::to_string(&parameters).unwrap_or_default())
+    }
+}
+
+/// The cells of a column, none where a case has no such value.
+enum Cells {
+    Text(Vec<Option<String>>),
+    Number(Vec<Option<f64>>),
+    Flag(Vec<Option<bool>>),
+}
+
+/// The table's columns, in its order.
+fn columns(rows: &[Row]) -> Vec<(&'static str, Cells)> {
+    let text = |of: &dyn Fn(&Row) -> Option<String>| Cells::Text(rows.iter().map(of).collect());
+    let number = |at: &str| Cells::Number(rows.iter().map(|row| row.number(at)).collect());
+    vec![
+        ("case", text(&|row| Some(row.case.clone()))),
+        ("status", text(&|row| Some(row.status.to_owned()))),
+        ("error", text(&|row| row.error.clone())),
+        ("verdict", text(&|row| row.text("/verdict"))),
+        ("strength", text(&|row| row.text("/strength"))),
+        ("family", text(&|row| row.text("/family"))),
+        ("effects", text(&Row::effects)),
+        ("parameters_json", text(&Row::parameters)),
+        ("alternatives", text(&Row::alternatives)),
+        ("probability", number("/effects/0/probability")),
+        ("closure_overall", number("/closure/overall")),
+        ("closure_full", number("/closure/full")),
+        ("rmse_nominal_deg", number("/rmse_deg/nominal")),
+        ("rmse_refit_deg", number("/rmse_deg/refit")),
+        ("rmse_repaired_deg", number("/rmse_deg/repaired")),
+        ("noise_floor_deg", number("/rmse_deg/noise_floor")),
+        (
+            "holdout_rmse_nominal_deg",
+            number("/holdout_rmse_deg/nominal"),
+        ),
+        ("holdout_rmse_refit_deg", number("/holdout_rmse_deg/refit")),
+        (
+            "holdout_rmse_repaired_deg",
+            number("/holdout_rmse_deg/repaired"),
+        ),
+        ("remaining_rmse_deg", number("/remaining/rmse_deg")),
+        (
+            "upload",
+            Cells::Flag(
+                rows.iter()
+                    .map(|row| row.at("/upload").and_then(Value::as_bool))
+                    .collect(),
+            ),
+        ),
+        ("seconds", number("/seconds")),
+        ("tool_version", text(&|row| row.text("/tool_version"))),
+    ]
+}
+
+/// Writes the table.
+///
+/// # Errors
+///
+/// Those of the library and of the disk.
+pub fn write(path: &Path, rows: &[Row]) -> anyhow::Result<()> {
+    let columns = columns(rows);
+    let fields = columns
+        .iter()
+        .map(|(name, cells)| {
+            let (physical, logical) = match cells {
+                Cells::Text(_) => (Physical::BYTE_ARRAY, Some(LogicalType::String)),
+                Cells::Number(_) => (Physical::DOUBLE, None),
+                Cells::Flag(_) => (Physical::BOOLEAN, None),
+            };
+            let field = Type::primitive_type_builder(name, physical)
+                .with_repetition(Repetition::OPTIONAL)
+                .with_logical_type(logical)
+                .build()?;
+            Ok(Arc::new(field))
+        })
+        .collect::<anyhow::Result<Vec<_>>>()?;
+    let schema = Type::group_type_builder("results")
+        .with_fields(fields)
+        .build()?;
+    let mut writer = SerializedFileWriter::new(
+        Vec::new(),
+        Arc::new(schema),
+        Arc::new(WriterProperties::default()),
+    )?;
+    let mut group = writer.next_row_group()?;
+    for (_, cells) in &columns {
+        let mut column = group
+            .next_column()?
+            .context("as many columns as in the schema")?;
+        match (column.untyped(), cells) {
+            (ColumnWriter::ByteArrayColumnWriter(writer), Cells::Text(cells)) => {
+                let bytes = |text: &String| ByteArray::from(text.as_str());
+                let (values, levels) = present(cells, bytes);
+                writer.write_batch(&values, Some(&levels), None)?;
+            }
+            (ColumnWriter::DoubleColumnWriter(writer), Cells::Number(cells)) => {
+                let (values, levels) = present(cells, |&number| number);
+                writer.write_batch(&values, Some(&levels), None)?;
+            }
+            (ColumnWriter::BoolColumnWriter(writer), Cells::Flag(cells)) => {
+                let (values, levels) = present(cells, |&flag| flag);
+                writer.write_batch(&values, Some(&levels), None)?;
+            }
+            _ => anyhow::bail!("a column is not of the type of its schema"),
+        }
+        column.close()?;
+    }
+    group.close()?;
+    let bytes = writer.into_inner()?;
+    Ok(write_atomically(path, &bytes)?)
+}
+
+/// The values that are there, and for each cell whether it is.
+fn present<T, V>(cells: &[Option<T>], value: impl Fn(&T) -> V) -> (Vec<V>, Vec<i16>) {
+    let levels = cells.iter().map(|cell| i16::from(cell.is_some())).collect();
+    (cells.iter().flatten().map(value).collect(), levels)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use parquet::file::reader::{FileReader, SerializedFileReader};
+    use parquet::record::RowAccessor;
+
+    #[test]
+    fn a_table_is_read_back_with_its_gaps() {
+        let verdict = serde_json::json!({
+            "verdict": "effect_found",
+            "effects": [{"kind": "gravity", "parameters": {"force_n": 0.5}, "probability": 0.9}],
+            "alternatives": [{"kinds": ["gravity"]}, {"kinds": ["end_stop", "leak"]}],
+            "rmse_deg": {"nominal": 4.5},
+            "upload": true,
+        });
+        let rows = [
+            Row {
+                case: "a".into(),
+                status: "diagnosed",
+                error: None,
+                verdict: Some(verdict),
+            },
+            Row {
+                case: "b".into(),
+                status: "failed",
+                error: Some("no such file".into()),
+                verdict: None,
+            },
+        ];
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("results.parquet");
+        write(&path, &rows).unwrap();
+        let reader = SerializedFileReader::new(std::fs::File::open(&path).unwrap()).unwrap();
+        let read: Vec<_> = reader
+            .get_row_iter(None)
+            .unwrap()
+            .map(Result::unwrap)
+            .collect();
+        assert_eq!(read.len(), 2);
+        let column = |name: &str| {
+            read[0]
+                .get_column_iter()
+                .position(|(column, _)| column == name)
+                .unwrap()
+        };
+        let effects = column("effects");
+        assert_eq!(read[0].get_string(effects).unwrap(), "gravity");
+        let rivals = column("alternatives");
+        assert_eq!(
+            read[0].get_string(rivals).unwrap(),
+            "gravity | end_stop + leak"
+        );
+        let nominal = read[0].get_double(column("rmse_nominal_deg")).unwrap();
+        assert!((nominal - 4.5).abs() < 1e-12);
+        assert!(read[0].get_bool(column("upload")).unwrap());
+        assert_eq!(read[1].get_string(column("error")).unwrap(), "no such file");
+        assert!(read[1].get_string(effects).is_err(), "a gap");
+    }
+}
