@@ -433,22 +433,23 @@ impl<R: Real, P: Power<R>> Model<R, P> {
     fn derivative_under(&self, state: &State<R>, mut pressure: R) -> Derivative<R> {
         let mut rates = [[R::zero(); 2]; MAX_EFFECTS];
         if self.effects[0].is_none() {
-            // Half of all steps are of the base model alone: no loops over
-            // effects, which on a desktop cost a tenth of it.
-            let d = &self.dynamics;
-            let force = d.input_gain * pressure
-                - d.damping * state.rate
-                - d.stiffness * signed_power::<R, P>(state.angle, d.exponent);
             return Derivative {
                 rate: state.rate,
-                acceleration: force / d.inertia,
+                acceleration: self.base_acceleration(state.angle, state.rate, pressure),
                 hidden: rates,
             };
         }
         for ((effect, hidden), rates) in self.slots(&state.hidden, &mut rates) {
             pressure = effect.input(pressure, hidden, rates);
         }
-        let acceleration = self.force(state, pressure, &mut rates) / self.dynamics.inertia;
+        let at = Instant {
+            time: state.time,
+            angle: state.angle,
+            rate: state.rate,
+            pressure,
+        };
+        let force = self.force(&at, &state.hidden, Some(&mut rates));
+        let acceleration = force / self.dynamics.inertia;
 
         let mut reading = state.angle;
         for ((effect, hidden), rates) in self.slots(&state.hidden, &mut rates) {
@@ -464,7 +465,7 @@ impl<R: Real, P: Power<R>> Model<R, P> {
 
     /// The sum of the delays (s) on the input path.
     #[inline]
-    fn delay(&self) -> R {
+    pub(crate) fn delay(&self) -> R {
         let mut delay = R::zero();
         for effect in self.occupied() {
             delay += effect.delay();
@@ -472,28 +473,55 @@ impl<R: Real, P: Power<R>> Model<R, P> {
         delay
     }
 
-    /// F − C ω − K sign(θ)|θ|ⁿ − Q (N) under `pressure` (Pa) in the chamber, and
-    /// the rates of the hidden states of the forces.
+    /// θ̈ (rad/s²) at an instant, under the pressure (Pa) that the delays have let through
+    /// by then, where no hidden state is integrated: nobody asks for the rates of any.
     #[inline]
-    fn force(&self, state: &State<R>, pressure: R, rates: &mut [Hidden<R>; MAX_EFFECTS]) -> R {
-        let at = Instant {
-            time: state.time,
-            angle: state.angle,
-            rate: state.rate,
-            pressure,
-        };
-        let mut d = self.dynamics;
-        for (effect, hidden) in self.occupied().zip(&state.hidden) {
-            effect.modulate(&at, hidden, &mut d);
+    pub(crate) fn acceleration(&self, at: &Instant<R>, hidden: &[Hidden<R>; MAX_EFFECTS]) -> R {
+        if self.effects[0].is_none() {
+            return self.base_acceleration(at.angle, at.rate, at.pressure);
         }
-        let mut force = d.input_gain * pressure
-            - d.damping * state.rate
-            - d.stiffness * signed_power::<R, P>(state.angle, d.exponent);
-        for ((effect, hidden), rates) in self.slots(&state.hidden, rates) {
-            force -= effect.force(&at, hidden, rates);
+        let mut unused = [R::zero(); 2];
+        let mut within = *at;
+        for (effect, hidden) in self.occupied().zip(hidden) {
+            within.pressure = effect.input(within.pressure, hidden, &mut unused);
+        }
+        self.force(&within, hidden, None) / self.dynamics.inertia
+    }
+
+    /// θ̈ (rad/s²) of the base model alone. Half of all steps are of it: no loops over
+    /// effects, which on a desktop cost a tenth of it.
+    #[inline]
+    fn base_acceleration(&self, angle: R, rate: R, pressure: R) -> R {
+        let d = &self.dynamics;
+        let force = d.input_gain * pressure
+            - d.damping * rate
+            - d.stiffness * signed_power::<R, P>(angle, d.exponent);
+        force / d.inertia
+    }
+
+    /// F − C ω − K sign(θ)|θ|ⁿ − Q (N) at an instant, with the pressure (Pa) in the chamber,
+    /// and the rates of the hidden states of the forces, where they are asked for.
+    #[inline]
+    fn force(
+        &self,
+        at: &Instant<R>,
+        hidden: &[Hidden<R>; MAX_EFFECTS],
+        mut rates: Option<&mut [Hidden<R>; MAX_EFFECTS]>,
+    ) -> R {
+        let mut d = self.dynamics;
+        for (effect, hidden) in self.occupied().zip(hidden) {
+            effect.modulate(at, hidden, &mut d);
+        }
+        let mut force = d.input_gain * at.pressure
+            - d.damping * at.rate
+            - d.stiffness * signed_power::<R, P>(at.angle, d.exponent);
+        let mut unused = [R::zero(); 2];
+        for (slot, (effect, hidden)) in self.occupied().zip(hidden).enumerate() {
+            let rates = rates.as_deref_mut().and_then(|rates| rates.get_mut(slot));
+            force -= effect.force(at, hidden, rates.unwrap_or(&mut unused));
         }
         if let Some(table) = &self.table {
-            force -= table.at(table.of().at(&at));
+            force -= table.at(table.of().at(at));
         }
         force
     }
@@ -562,14 +590,19 @@ impl<R: Real, P: Power<R>> Model<R, P> {
     #[inline(never)] // Once on the board, which asks in several places.
     pub fn holding_pressure(&self, angle: R) -> R {
         let state = self.at_rest(angle, R::zero());
-        let mut unused = [[R::zero(); 2]; MAX_EFFECTS];
         let of_pressure = self
             .table
             .as_ref()
             .filter(|table| table.of() == Variable::Pressure);
         // A table of the pressure apart: the rest is a straight line.
-        let mut missing = |pressure| {
-            let missing = -self.force(&state, pressure, &mut unused);
+        let missing = |pressure| {
+            let at = Instant {
+                time: state.time,
+                angle,
+                rate: R::zero(),
+                pressure,
+            };
+            let missing = -self.force(&at, &state.hidden, None);
             of_pressure.map_or(missing, |table| missing - table.at(pressure))
         };
         let unforced = missing(R::zero());
