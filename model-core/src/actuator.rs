@@ -182,6 +182,20 @@ impl fmt::Display for InvalidModel {
 
 impl core::error::Error for InvalidModel {}
 
+/// Whether [`Mechanism::modulate`] does anything. With derivatives a set of parameters is
+/// half a kilobyte, which most models need not copy.
+fn changes_parameters<R: Real>(effect: &Slot<R>) -> bool {
+    matches!(
+        effect,
+        Effect::ExponentShift(_)
+            | Effect::AsymmetricDamping(_)
+            | Effect::AngleDependentDamping(_)
+            | Effect::StiffnessDrift(_)
+            | Effect::MullinsSoftening(_)
+            | Effect::PressureStiffening(_)
+    )
+}
+
 /// An effect in a model.
 pub type Slot<R> = Effect<R, InModel>;
 
@@ -197,6 +211,8 @@ pub struct Model<R: Real, P = <R as Real>::DefaultPower> {
     table: Option<Table<R>>,
     /// Whether any of them has a hidden state that is integrated, looked up once.
     integrates: bool,
+    /// Whether any of them changes parameters, looked up once.
+    modulates: bool,
     power: PhantomData<P>,
 }
 
@@ -224,6 +240,17 @@ pub struct Derivative<R> {
     pub hidden: [Hidden<R>; MAX_EFFECTS],
 }
 
+impl<R: Real> Derivative<R> {
+    /// Nothing changes.
+    pub(crate) fn zero() -> Self {
+        Self {
+            rate: R::zero(),
+            acceleration: R::zero(),
+            hidden: [[R::zero(); 2]; MAX_EFFECTS],
+        }
+    }
+}
+
 impl<R: Real, P: Power<R>> Model<R, P> {
     /// An inertia of one that nothing acts on: what stands where no model has come yet.
     pub fn inert() -> Self {
@@ -238,6 +265,7 @@ impl<R: Real, P: Power<R>> Model<R, P> {
             effects: [None; MAX_EFFECTS],
             table: None,
             integrates: false,
+            modulates: false,
             power: PhantomData,
         }
     }
@@ -292,6 +320,7 @@ impl<R: Real, P: Power<R>> Model<R, P> {
             effects,
             table,
             integrates: effects.iter().flatten().any(Mechanism::<R>::integrates),
+            modulates: effects.iter().flatten().any(changes_parameters),
             power: PhantomData,
         })
     }
@@ -379,6 +408,7 @@ impl<R: Real, P: Power<R>> Model<R, P> {
             effects,
             table: self.table.as_ref().map(|table| table.map(&mut f)),
             integrates: self.integrates,
+            modulates: self.modulates,
             power: PhantomData,
         }
     }
@@ -420,26 +450,38 @@ impl<R: Real, P: Power<R>> Model<R, P> {
 
     /// The rate of change of `state`, `offset` seconds into the current step.
     pub fn derivative(&self, state: &State<R>, input: &impl Input<R>, offset: R) -> Derivative<R> {
+        let mut derivative = Derivative::zero();
+        self.derive(state, input, offset, &mut derivative);
+        derivative
+    }
+
+    /// [`Model::derivative`] in place: with derivatives it is a kilobyte. What it has of
+    /// slots without an effect stays.
+    pub(crate) fn derive(
+        &self,
+        state: &State<R>,
+        input: &impl Input<R>,
+        offset: R,
+        into: &mut Derivative<R>,
+    ) {
         let late = if self.effects[0].is_none() {
             offset
         } else {
             offset - self.delay()
         };
-        self.derivative_under(state, input.pressure(late))
+        self.derive_under(state, input.pressure(late), into);
     }
 
-    /// [`Model::derivative`] under `pressure` (Pa), which the delays have let through
-    /// by now. Apart, so that the board has it once for all inputs.
-    fn derivative_under(&self, state: &State<R>, mut pressure: R) -> Derivative<R> {
-        let mut rates = [[R::zero(); 2]; MAX_EFFECTS];
+    /// [`Model::derive`] under `pressure` (Pa), which the delays have let through by now.
+    fn derive_under(&self, state: &State<R>, mut pressure: R, into: &mut Derivative<R>) {
+        into.rate = state.rate;
         if self.effects[0].is_none() {
-            return Derivative {
-                rate: state.rate,
-                acceleration: self.base_acceleration(state.angle, state.rate, pressure),
-                hidden: rates,
-            };
+            into.acceleration = self.base_acceleration(state.angle, state.rate, pressure);
+            return;
         }
-        for ((effect, hidden), rates) in self.slots(&state.hidden, &mut rates) {
+        let rates = &mut into.hidden;
+        for ((effect, hidden), rates) in self.slots(&state.hidden, rates) {
+            *rates = [R::zero(); 2];
             pressure = effect.input(pressure, hidden, rates);
         }
         let at = Instant {
@@ -448,19 +490,15 @@ impl<R: Real, P: Power<R>> Model<R, P> {
             rate: state.rate,
             pressure,
         };
-        let force = self.force(&at, &state.hidden, Some(&mut rates));
+        let force = self.force(&at, &state.hidden, Some(&mut *rates));
         let acceleration = force / self.dynamics.inertia;
 
         let mut reading = state.angle;
-        for ((effect, hidden), rates) in self.slots(&state.hidden, &mut rates) {
+        for ((effect, hidden), rates) in self.slots(&state.hidden, rates) {
             effect.respond(acceleration, hidden, rates);
             reading = effect.sensor(reading, state.time, hidden, rates);
         }
-        Derivative {
-            rate: state.rate,
-            acceleration,
-            hidden: rates,
-        }
+        into.acceleration = acceleration;
     }
 
     /// The sum of the delays (s) on the input path.
@@ -508,9 +546,14 @@ impl<R: Real, P: Power<R>> Model<R, P> {
         hidden: &[Hidden<R>; MAX_EFFECTS],
         mut rates: Option<&mut [Hidden<R>; MAX_EFFECTS]>,
     ) -> R {
-        let mut d = self.dynamics;
-        for (effect, hidden) in self.occupied().zip(hidden) {
-            effect.modulate(at, hidden, &mut d);
+        let mut changed;
+        let mut d = &self.dynamics;
+        if self.modulates {
+            changed = self.dynamics;
+            for (effect, hidden) in self.occupied().zip(hidden) {
+                effect.modulate(at, hidden, &mut changed);
+            }
+            d = &changed;
         }
         let mut force = d.input_gain * at.pressure
             - d.damping * at.rate
@@ -723,6 +766,35 @@ mod tests {
             stiffness: 0.127,
             exponent: 2.365,
             input_gain: 2.17e-5,
+        }
+    }
+
+    #[test]
+    fn effects_that_change_parameters_are_known() {
+        let dynamics = Dynamics {
+            inertia: 1.0,
+            damping: 2.0,
+            stiffness: 3.0,
+            exponent: 1.5,
+            input_gain: 0.1,
+        };
+        let at = Instant {
+            time: 3.0,
+            angle: 0.8,
+            rate: -0.4,
+            pressure: 5e4,
+        };
+        for &kind in Kind::NAMES {
+            let values: Vec<f64> = (0..kind.parameter_count())
+                .map(|index| {
+                    let (lower, upper) = kind.bounds(index).unwrap();
+                    0.05_f64.clamp(f64::from(lower), f64::from(upper))
+                })
+                .collect();
+            let effect: Slot<f64> = kind.build_slot(&values).unwrap();
+            let mut changed = dynamics;
+            effect.modulate(&at, &[0.3, 0.0], &mut changed);
+            assert_eq!(changed != dynamics, changes_parameters(&effect), "{kind:?}");
         }
     }
 

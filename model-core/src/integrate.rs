@@ -49,15 +49,18 @@ pub fn step<R: Real, P: Power<R>>(
     input: &impl Input<R>,
     dt: R,
 ) {
-    if !model.integrates() && scheme == Scheme::Rk4 {
-        rk4_of_motion(model, state, input, dt);
-        model.note(state, input, dt);
-        return;
-    }
     *state = match scheme {
         Scheme::SemiImplicitEuler => semi_implicit_euler(model, state, input, dt),
         Scheme::Heun => heun(model, state, input, dt),
-        Scheme::Rk4 => rk4(model, state, input, dt),
+        Scheme::Rk4 => {
+            if model.integrates() {
+                rk4(model, state, input, dt);
+            } else {
+                rk4_of_motion(model, state, input, dt);
+            }
+            model.note(state, input, dt);
+            return;
+        }
         Scheme::ExponentialHeun => {
             let decay = model.dynamics().damping / model.dynamics().inertia;
             return step_about(decay, model, state, input, dt);
@@ -141,24 +144,30 @@ fn exponential_heun<R: Real, P: Power<R>>(
 
 fn rk4<R: Real, P: Power<R>>(
     model: &Model<R, P>,
-    state: &State<R>,
+    state: &mut State<R>,
     input: &impl Input<R>,
     dt: R,
-) -> State<R> {
+) {
     let half = dt * R::half();
-    let k1 = model.derivative(state, input, R::zero());
-    let k2 = model.derivative(&advance(model, state, &k1, half), input, half);
-    let k3 = model.derivative(&advance(model, state, &k2, half), input, half);
-    let k4 = model.derivative(&advance(model, state, &k3, dt), input, dt);
-    let mut middle = k2;
-    add(model, &mut middle, &k3);
-    let mut sum = k1;
+    // In place: with derivatives a state and a rate of change are a kilobyte each.
+    let mut sum = Derivative::zero();
+    model.derive(state, input, R::zero(), &mut sum);
+    let mut stage = *state;
+    move_on(model, state, &sum, half, &mut stage);
+    let mut middle = Derivative::zero();
+    model.derive(&stage, input, half, &mut middle);
+    move_on(model, state, &middle, half, &mut stage);
+    let mut last = Derivative::zero();
+    model.derive(&stage, input, half, &mut last);
+    move_on(model, state, &last, dt, &mut stage);
+    add(model, &mut middle, &last);
+    model.derive(&stage, input, dt, &mut last);
     add(model, &mut sum, &middle);
     add(model, &mut sum, &middle);
-    add(model, &mut sum, &k4);
-    let mut next = advance(model, state, &sum, dt / R::from_i16(6));
-    next.time = state.time + dt;
-    next
+    add(model, &mut sum, &last);
+    move_on(model, state, &sum, dt / R::from_i16(6), &mut stage);
+    stage.time = state.time + dt;
+    *state = stage;
 }
 
 /// θ̈ at an angle and a rate, `offset` seconds into a step, where no hidden state is
@@ -234,18 +243,31 @@ fn advance<R: Real, P: Power<R>>(
     dt: R,
 ) -> State<R> {
     let mut next = *state;
-    next.time += dt;
-    next.angle += slope.rate * dt;
-    next.rate += slope.acceleration * dt;
+    move_on(model, state, slope, dt, &mut next);
+    next
+}
+
+/// Makes of `next` where `state` comes to in `dt` seconds along a slope. What `next` has of
+/// slots without an effect stays.
+fn move_on<R: Real, P: Power<R>>(
+    model: &Model<R, P>,
+    state: &State<R>,
+    slope: &Derivative<R>,
+    dt: R,
+    next: &mut State<R>,
+) {
+    next.time = state.time + dt;
+    next.angle = state.angle + slope.rate * dt;
+    next.rate = state.rate + slope.acceleration * dt;
     if model.integrates() {
         // A memory of events has no rate and stays.
-        for ((_, hidden), rates) in model.occupied().zip(&mut next.hidden).zip(&slope.hidden) {
-            for (value, rate) in hidden.iter_mut().zip(rates) {
-                *value += *rate * dt;
+        let slots = model.occupied().zip(&mut next.hidden);
+        for ((_, next), (hidden, rates)) in slots.zip(state.hidden.iter().zip(&slope.hidden)) {
+            for (next, (value, rate)) in next.iter_mut().zip(hidden.iter().zip(rates)) {
+                *next = *value + *rate * dt;
             }
         }
     }
-    next
 }
 
 fn add<R: Real, P: Power<R>>(model: &Model<R, P>, sum: &mut Derivative<R>, term: &Derivative<R>) {
