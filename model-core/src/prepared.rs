@@ -12,8 +12,9 @@
 //!
 //! What depends on angle, pressure or time alone is asked of the effect itself
 //! ([`crate::effects`]), so its equation stands in one place. Linear memories are carried
-//! exactly ([`crate::carried`]); a hysteresis loop and a damping that changes with the angle
-//! by rational approximations of their exponentials, of order four and stable for any step.
+//! exactly ([`crate::carried`]); a hysteresis loop, a softening and a damping that changes with
+//! the angle by short series of their exponentials, and the exponential itself where a step is
+//! too long for them.
 //!
 //! | | cycles of an ATmega2560 |
 //! |---|---|
@@ -422,6 +423,7 @@ impl Prepared {
         if self.glides {
             let sided = model
                 .occupied()
+                .filter(|slot| is_of_rate(&model, slot))
                 .any(|slot| matches!(slot, Effect::AsymmetricDamping(_) | Effect::Table(_)));
             self.glide
                 .restart(self.leapfrog.way(plan.farthest_rate), sided);

@@ -154,7 +154,10 @@ mod tests {
 
     #[test]
     fn faults_name_line_and_column() {
-        let fault = |text: &str| parse(text, Path::new("")).unwrap_err().to_string();
+        let fault = |text: &str| {
+            let error = parse(text, Path::new("")).unwrap_err();
+            error.in_file(Path::new("cases.csv")).to_string()
+        };
         let header = "case,model,recordings\n";
         let of = |rows: &str| fault(&format!("{header}{rows}"));
         assert!(
