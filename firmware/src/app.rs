@@ -174,7 +174,11 @@ impl Saving {
 #[inline(never)]
 fn predict(predictor: &mut Predictor, settings: &Settings) -> bool {
     let farthest = settings.number(Key::MaxAngle) * RAD_PER_DEG;
-    model(settings).is_ok_and(|model| predictor.restart(model, farthest).is_ok())
+    // By reference: a second one has no room on the stack.
+    match &model(settings) {
+        Ok(model) => predictor.restart(model, farthest).is_ok(),
+        Err(_) => false,
+    }
 }
 
 /// The checksum of all settings, by which a computer knows them again.
@@ -593,8 +597,9 @@ impl App {
         if let Some(test) = &mut self.self_test {
             if has_room && !test.advance(&mut self.predictor, out, probe)? {
                 self.self_test = None;
-                // It was the model before the test.
-                predict(&mut self.predictor, &self.settings);
+                if !predict(&mut self.predictor, &self.settings) {
+                    self.predictor.clear();
+                }
             }
             return Ok(());
         }

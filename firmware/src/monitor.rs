@@ -115,7 +115,7 @@ mod tests {
 
     fn predictor() -> Predictor {
         let dynamics = dynamics(&Settings::DEFAULT).map(|value| value as f32);
-        Predictor::new(Model::new(dynamics, &[]).unwrap(), 2.3).unwrap()
+        Predictor::new(&Model::new(dynamics, &[]).unwrap(), 2.3).unwrap()
     }
 
     fn seen(pressure: i32, angle: i32) -> Seen {

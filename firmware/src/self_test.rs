@@ -223,7 +223,7 @@ impl SelfTest {
         };
         if !self.has_model {
             self.has_model =
-                model.is_ok_and(|model| predictor.restart(model, FARTHEST_RAD).is_ok());
+                model.is_ok_and(|model| predictor.restart(&model, FARTHEST_RAD).is_ok());
             if self.has_model {
                 return Ok(true);
             }
@@ -340,7 +340,7 @@ mod tests {
         let input = Held(f64::from(PRESSURE_PA));
         step(Scheme::Rk4, &model, &mut exact, &input, f64::from(STEP_S));
         let base = Model::<f32>::new(DYNAMICS, &[]).unwrap();
-        let predictor = Predictor::new(base, FARTHEST_RAD).unwrap();
+        let predictor = Predictor::new(&base, FARTHEST_RAD).unwrap();
         let motion = one_step(&predictor, 0, &mut NoProbe);
         for (angle, rate) in [
             accurate_step::<Minimax>(0, &mut NoProbe),

@@ -12,8 +12,9 @@
 //! ```
 //!
 //! A friction that stops the actuator within a step takes all that is left and no more,
-//! and where it sticks, the actuator creeps as slowly as its smoothed sign says: no step
-//! is too long for it, where an explicit scheme would shake.
+//! and where it sticks, the actuator creeps about as slowly as its smoothed sign says, where an
+//! explicit scheme would shake. About: it is kicked before it is stopped, so that a step must not
+//! take much of the rate ([`crate::prepared::plan`]).
 //!
 //! Nodes lie as an `f32` does, eight octaves with eight chords each (four where the two
 //! directions differ), a chord through zero below them and the last chord beyond them. Two
@@ -392,7 +393,7 @@ fn passage(x: f32, g: f32, below: f32, g_below: f32) -> (f32, f32) {
 /// (1 − e^(−z))/z and (z − 1 + e^(−z))/z²: how far a decay has come, at its end and in
 /// the mean. A growth, z < 0, goes no further than e.
 #[inline(never)]
-fn decays(z: f32) -> [f32; 2] {
+pub(crate) fn decays(z: f32) -> [f32; 2] {
     let z = z.max(-1.0);
     if z.abs() < 0.2 {
         let fourth = 1.0 - 0.2 * z;

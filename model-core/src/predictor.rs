@@ -155,7 +155,7 @@ impl Predictor {
     /// # Errors
     ///
     /// [`Unsteppable`].
-    pub fn new(model: Model<f32, Minimax>, farthest: f32) -> Result<Self, Unsteppable> {
+    pub fn new(model: &Model<f32, Minimax>, farthest: f32) -> Result<Self, Unsteppable> {
         let mut predictor = Self::empty();
         predictor.restart(model, farthest)?;
         while !predictor.prepare() {}
@@ -181,14 +181,19 @@ impl Predictor {
     /// [`Unsteppable`].
     pub fn restart(
         &mut self,
-        model: Model<f32, Minimax>,
+        model: &Model<f32, Minimax>,
         farthest: f32,
     ) -> Result<(), Unsteppable> {
-        let (late, part) = delay(&model)?;
-        let plan = plan(&model, farthest, STEP_S)?;
+        let (late, part) = delay(model)?;
+        let plan = plan(model, farthest, STEP_S)?;
         self.prepared.restart(model, plan, STEP_S);
         (self.late, self.part) = (late, part);
         Ok(())
+    }
+
+    /// Forgets the model: not complete until there is another.
+    pub fn clear(&mut self) {
+        self.prepared.clear();
     }
 
     /// Computes a little more of the tables; whether they are complete.
@@ -297,7 +302,7 @@ mod tests {
     };
 
     fn predictor(effects: &[Effect<f32>]) -> Predictor {
-        Predictor::new(Model::new(DYNAMICS, effects).unwrap(), 2.3).unwrap()
+        Predictor::new(&Model::new(DYNAMICS, effects).unwrap(), 2.3).unwrap()
     }
 
     /// Hundredths of a kPa: up to 40 kPa and down, with whole values at 100 Hz.
@@ -379,7 +384,7 @@ mod tests {
     #[test]
     fn models_that_would_diverge_or_reach_too_far_back_are_refused() {
         let build = |dynamics, effects: &[Effect<f32>]| {
-            Predictor::new(Model::new(dynamics, effects).unwrap(), 2.3).map(|_| ())
+            Predictor::new(&Model::new(dynamics, effects).unwrap(), 2.3).map(|_| ())
         };
         assert_eq!(build(DYNAMICS, &[]), Ok(()));
         let late = Kind::DeadTime.build(&[0.61]).unwrap();

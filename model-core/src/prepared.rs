@@ -13,8 +13,8 @@
 //! What depends on angle, pressure or time alone is asked of the effect itself
 //! ([`crate::effects`]), so its equation stands in one place. Linear memories are carried
 //! exactly ([`crate::carried`]); a hysteresis loop, a softening and a damping that changes with
-//! the angle by short series of their exponentials, and the exponential itself where a step is
-//! too long for them.
+//! the angle by short series of their exponentials, and what is stable for any step where one
+//! is too long for them.
 //!
 //! | | cycles of an ATmega2560 |
 //! |---|---|
@@ -32,8 +32,8 @@ use crate::catalogue::{Effect, Kind};
 use crate::effects::second_mode::SecondMode;
 use crate::effects::table::{Table, Variable};
 use crate::effects::{Hidden, Instant, Mechanism};
-use crate::elementary::{exp, sin_near};
-use crate::glide::{Flow, Glide};
+use crate::elementary::{exp, ln, sin_near};
+use crate::glide::{Flow, Glide, decays};
 use crate::leapfrog::{COARSEST_PHASE, Leapfrog, PHASE, Pull, substeps};
 use crate::power::{Minimax, Power};
 use crate::power_table::{EXPONENTS, PowerTable};
@@ -46,6 +46,10 @@ pub const BUDGET_CYCLES: u32 = 20_000;
 
 /// Cycles of a step of the base equation, at most.
 pub const BASE_CYCLES: u16 = 1_100;
+
+/// The most that a dry friction takes from the rate in a step (rad/s), twice as much where the
+/// processor has no time for more.
+const KICK: f32 = 0.05;
 
 /// Why a model cannot be stepped beside the rig.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -90,12 +94,15 @@ enum Part {
     Factor,
     /// Multiplies the stiffness by 1 − δ(1 − e^(−m/θ_m)), m the largest angle so far.
     Softening { loss: f32, per_angle: f32 },
-    /// Damping that changes with the angle, by half of C·c₁·h/M (1/rad); C·h/M; and what
-    /// else multiplies both on the way back.
+    /// Damping that changes with the angle, by half of C·c₁·h/M (1/rad); C·h/M; what else
+    /// multiplies both on the way back; the share of a small loss that the way has of it; and
+    /// the way by which a rate that is not damped would go, of A.
     Damping {
         per_angle: f32,
         decay: f32,
         back: f32,
+        share: f32,
+        undamped: f32,
     },
     /// Quadratic damping: d/M, what it takes of a way by that way (1/rad).
     Drag { per_way: f32 },
@@ -272,6 +279,13 @@ fn deceleration(model: &Model<f32, Minimax>, rate: f32) -> f32 {
     (force + (dynamics.damping - base.damping) * rate) / base.inertia
 }
 
+/// The most that the laws of the rate decelerate (rad/s²) at this rate (rad/s), either way.
+#[inline(never)]
+fn jolt(model: &Model<f32, Minimax>, rate: f32) -> f32 {
+    let [forth, back] = [rate, -rate].map(|rate| deceleration(model, rate).abs());
+    Real::max(forth, back)
+}
+
 /// Plans the steps of `interval` seconds for angles up to `farthest` (rad): as many as
 /// [`PHASE`] asks for, or as [`BUDGET_CYCLES`] allow, if that still follows the oscillation.
 ///
@@ -292,12 +306,19 @@ pub fn plan(
         return Err(Unsteppable::Exponent);
     }
     let frequency = Minimax::pow(model.fastest_swing(farthest), 0.5);
-    let decay = dynamics.damping / dynamics.inertia;
+    let mut decay = dynamics.damping / dynamics.inertia;
+    // Whether something acts on the drift that a step must not outlast.
+    let mut brakes = false;
     let mut cost = u32::from(BASE_CYCLES);
     let mut farthest_rate = 0.0_f32;
     let nodes = model.table().map_or(&[][..], Table::nodes);
     for slot in model.occupied() {
         cost += u32::from(cycles(slot.kind()));
+        if let Effect::QuadraticDamping(effect) = slot {
+            decay += Mechanism::<f32>::fastest_rate(effect, &dynamics, farthest).relaxation;
+            brakes = true;
+        }
+        brakes |= is_of_angle(slot);
         if is_of_rate(model, slot) {
             let needed = match (slot.sign(model.dynamics()), slot) {
                 (Some(sign), _) => sign.saturated,
@@ -313,12 +334,21 @@ pub fn plan(
     if farthest_rate <= 0.0 {
         farthest_rate = 1.0;
     }
+    // What sticks under a load is kicked before it is stopped: it creeps by half of that.
+    let jolt = jolt(model, farthest_rate);
+    let wanted_decay = Real::max(decay, jolt * (0.5 / KICK));
+    let coarse_decay = if jolt > 0.0 || brakes {
+        Real::max(decay, jolt * (0.25 / KICK))
+    } else {
+        // Damping alone is exact however strong.
+        0.0
+    };
     let affordable = BUDGET_CYCLES.checked_div(cost).unwrap_or(0);
-    let wanted = substeps(frequency, decay, interval, PHASE);
+    let wanted = substeps(frequency, wanted_decay, interval, PHASE);
     let substeps = if u32::from(wanted) <= affordable {
         wanted
     } else {
-        let needed = substeps(frequency, 0.0, interval, COARSEST_PHASE);
+        let needed = substeps(frequency, coarse_decay, interval, COARSEST_PHASE);
         if u32::from(needed) > affordable || !frequency.is_finite() {
             return Err(Unsteppable::TooFast);
         }
@@ -348,7 +378,7 @@ fn exponent(model: &Model<f32, Minimax>) -> f32 {
 
 impl Prepared {
     /// Prepares a model at once, for periods of `interval` seconds.
-    pub fn new(model: Model<f32, Minimax>, plan: Plan, interval: f32) -> Self {
+    pub fn new(model: &Model<f32, Minimax>, plan: Plan, interval: f32) -> Self {
         let mut prepared = Self::empty();
         prepared.restart(model, plan, interval);
         while !prepared.prepare() {}
@@ -381,11 +411,17 @@ impl Prepared {
         }
     }
 
+    /// Forgets the model: not complete until there is another.
+    pub fn clear(&mut self) {
+        self.substeps = 0;
+        self.is_complete = false;
+    }
+
     /// Begins with another model in place, for a board that has no room for two.
-    pub fn restart(&mut self, model: Model<f32, Minimax>, plan: Plan, interval: f32) {
+    pub fn restart(&mut self, model: &Model<f32, Minimax>, plan: Plan, interval: f32) {
         let dt = interval / f32::from(plan.substeps);
         let dynamics = *model.dynamics();
-        self.model = model;
+        self.model.clone_from(model);
         self.leapfrog = Leapfrog::new(&dynamics, dt);
         self.flow = Flow {
             decay: dynamics.damping / dynamics.inertia,
@@ -397,14 +433,14 @@ impl Prepared {
         self.share = 1.0 / f32::from(plan.substeps);
         self.is_complete = false;
         self.spring
-            .restart(self.leapfrog.pull_scale(), exponent(&model));
+            .restart(self.leapfrog.pull_scale(), exponent(model));
         self.parts = [Part::None; MAX_EFFECTS];
         self.acts_before = false;
         self.acts_after = false;
         self.reads = false;
         self.count = 0;
         for (part, slot) in self.parts.iter_mut().zip(model.occupied()) {
-            *part = part_of(&model, slot, &self.leapfrog, dt, interval);
+            *part = part_of(model, slot, &self.leapfrog, dt, interval);
             self.count += 1;
             match part {
                 Part::None => {}
@@ -419,14 +455,17 @@ impl Prepared {
                 _ => self.acts_after = true,
             }
         }
-        self.glides = model.occupied().any(|slot| is_of_rate(&model, slot));
+        self.glides = model.occupied().any(|slot| is_of_rate(model, slot));
         if self.glides {
             let sided = model
                 .occupied()
-                .filter(|slot| is_of_rate(&model, slot))
+                .filter(|slot| is_of_rate(model, slot))
                 .any(|slot| matches!(slot, Effect::AsymmetricDamping(_) | Effect::Table(_)));
-            self.glide
-                .restart(self.leapfrog.way(plan.farthest_rate), sided);
+            // What glides down from the last node in a step must not have come to rest: beyond
+            // it the loss stays what it is there.
+            let rate = plan.farthest_rate;
+            let farthest = (rate + dt * jolt(model, rate)) * 1.15;
+            self.glide.restart(self.leapfrog.way(farthest), sided);
         }
     }
 
@@ -501,7 +540,7 @@ impl Prepared {
                 // Before the step that the first kick takes it along.
                 Part::Turning { angle, .. } => match slot {
                     Effect::PeriodicDisturbance(effect) => {
-                        // Within ±2π by its bounds.
+                        // Within a turn and a little by its bounds.
                         let turned = if effect.phase > PI {
                             effect.phase - TAU
                         } else {
@@ -591,12 +630,9 @@ impl Prepared {
             for index in 0..self.count {
                 let lost = self.prelude(motion, index);
                 if lost != 0.0 {
-                    // The way loses half of what the rate does.
-                    let half = lost * 0.5;
-                    motion.moved -= motion.moved * half;
                     kept -= kept * lost;
                     if self.glides {
-                        rubbed -= rubbed * half;
+                        rubbed -= rubbed * lost * 0.5;
                     }
                 }
             }
@@ -639,6 +675,8 @@ impl Prepared {
                 per_angle,
                 decay,
                 back,
+                share,
+                undamped,
             } => {
                 // In the middle of the way.
                 let twice = motion.angle + motion.angle + motion.moved;
@@ -649,13 +687,26 @@ impl Prepared {
                 if motion.moved.is_sign_negative() && back.to_bits() != 1.0_f32.to_bits() {
                     more = (more + decay) * back - decay;
                 }
-                return decayed(more);
+                let lost = decayed(more);
+                if more.abs().to_bits() < MODERATE {
+                    motion.moved -= motion.moved * (lost * share);
+                } else {
+                    motion.moved *= decays(decay + more)[0] * undamped;
+                }
+                return lost;
             }
             // The flow ẋ = −c·x − (d/M)·x·|x|/A in closed form: what is left is
-            // B·x/(1 + u), with u = (d/M)·|x|.
+            // B·x/(1 + u), and the way x·ln(1 + u)/u, with u = (d/M)·|x|.
             Part::Drag { per_way } => {
                 let more = motion.moved.abs() * per_way;
-                return more / (1.0 + more);
+                let lost = more / (1.0 + more);
+                motion.moved -= motion.moved
+                    * if more.to_bits() < SMALL {
+                        lost * 0.5
+                    } else {
+                        1.0 - ln(1.0 + more) / more
+                    };
+                return lost;
             }
             Part::Tube(lag) => motion.chamber = follow(*lag, memory, motion.chamber),
             Part::Leak(lag) => motion.chamber -= follow(*lag, memory, motion.chamber),
@@ -814,10 +865,13 @@ fn part_of(
                 }
             }
             let decay = model.dynamics().damping * dt / model.dynamics().inertia;
+            let [come, mean] = decays(decay);
             Part::Damping {
                 per_angle: 0.5 * effect.slope * decay,
                 decay,
                 back,
+                share: 1.0 - mean / come,
+                undamped: 1.0 / come,
             }
         }
         Effect::QuadraticDamping(effect) => Part::Drag {
@@ -1016,18 +1070,19 @@ mod tests {
         stairs + 8_000.0 * (2.5 * time).sin()
     }
 
-    fn prepared(effects: &[Effect<f32>]) -> Prepared {
-        let model = Model::new(DYNAMICS, effects).unwrap();
-        let plan = plan(&model, FARTHEST, INTERVAL).unwrap();
-        Prepared::new(model, plan, INTERVAL)
-    }
-
     /// The largest gap of the reading (°) to fine steps of Runge–Kutta in `f64`.
     fn gap_deg(effects: &[Effect<f32>]) -> f64 {
+        gap_of(DYNAMICS, effects).unwrap()
+    }
+
+    /// The same of other dynamics, unless they are refused.
+    fn gap_of(dynamics: Dynamics<f32>, effects: &[Effect<f32>]) -> Result<f64, Unsteppable> {
         const FINE: u32 = 250;
-        let prepared = prepared(effects);
+        let narrow = Model::new(dynamics, effects).unwrap();
+        let plan = plan(&narrow, FARTHEST, INTERVAL)?;
+        let prepared = Prepared::new(&narrow, plan, INTERVAL);
         let wide: Vec<_> = effects.iter().map(|effect| effect.map(f64::from)).collect();
-        let model: Model<f64> = Model::new(DYNAMICS.map(f64::from), &wide).unwrap();
+        let model: Model<f64> = Model::new(dynamics.map(f64::from), &wide).unwrap();
         let mut motion = prepared.at_rest(0.0, pressure(0.0));
         let mut state: State<f64> = model.at_rest(0.0, f64::from(pressure(0.0)));
         let mut worst = 0.0_f64;
@@ -1044,7 +1099,7 @@ mod tests {
             worst = worst.max((f64::from(motion.reading) - model.reading(&state)).abs());
         }
         assert!(state.angle.abs() > 0.1, "it moves");
-        worst.to_degrees()
+        Ok(worst.to_degrees())
     }
 
     /// Values at which each effect is plain to see.
@@ -1133,6 +1188,53 @@ mod tests {
         }
     }
 
+    /// Narrow signs, jumps of a table, light actuators that are braked hard: near the physics,
+    /// or refused.
+    #[test]
+    fn brakes_that_are_sharp_are_resolved_or_refused() {
+        let coulomb = |force, width| Kind::CoulombFriction.build(&[force, width]).unwrap();
+        let jump = |at: f32| {
+            Effect::Table(Table::new(Variable::Rate, &[-at, at], &[-0.15, 0.15]).unwrap())
+        };
+        let stribeck = |width| Kind::StribeckFriction.build(&[0.08, 0.08, width]).unwrap();
+        let drag = |drag| Kind::QuadraticDamping.build(&[drag]).unwrap();
+        let slope = |slope| Kind::AngleDependentDamping.build(&[slope]).unwrap();
+        let light = |inertia, damping| Dynamics {
+            inertia,
+            damping,
+            ..DYNAMICS
+        };
+        let gap = |name: &str, dynamics, effect| {
+            let gap = gap_of(dynamics, &[effect]);
+            println!("{name}: {gap:?}");
+            gap
+        };
+        for (name, dynamics, effect) in [
+            ("narrow sign", DYNAMICS, coulomb(0.15, 0.001)),
+            ("narrower sign", DYNAMICS, coulomb(0.15, 3e-4)),
+            ("jump of a table", DYNAMICS, jump(0.02)),
+            ("sharper jump", DYNAMICS, jump(0.005)),
+            ("light", light(0.005, 0.03), coulomb(0.15, 0.02)),
+            ("drag", light(0.001, 0.01), drag(0.2)),
+            ("much drag", light(0.001, 0.01), drag(2.0)),
+            ("damping that is lost", light(0.002, 1.0), slope(-1.0)),
+            ("damping that grows", light(0.0005, 1.0), slope(0.5)),
+        ] {
+            if let Ok(gap) = gap(name, dynamics, effect) {
+                assert!(gap < 0.5, "{name}: {gap}°");
+            }
+        }
+        // Past its peak a friction drives: what is wrong by little grows.
+        assert!(gap("narrow peak", DYNAMICS, stribeck(0.02)).unwrap() < 2.0);
+        // Those of ordinary inertia are not refused.
+        assert!(gap_of(DYNAMICS, &[coulomb(0.15, 0.001)]).is_ok());
+        assert!(gap_of(DYNAMICS, &[jump(0.02)]).is_ok());
+        assert_eq!(
+            gap_of(light(0.0004, 1.5), &[coulomb(0.3, 0.02)]),
+            Err(Unsteppable::TooFast)
+        );
+    }
+
     /// What acts on the same drift, on the same input, on the same spring.
     #[test]
     fn effects_that_meet_are_stepped_as_the_physics_says() {
@@ -1183,7 +1285,7 @@ mod tests {
                     cycles: 0,
                     farthest_rate: 20.0,
                 };
-                let prepared = Prepared::new(model, plan, 0.08);
+                let prepared = Prepared::new(&model, plan, 0.08);
                 let mut motion = prepared.at_rest(0.7, 60_000.0);
                 for k in 0..10_u8 {
                     let [before, after] = [k, k + 1].map(|k| 60_000.0 + 3_000.0 * f32::from(k));

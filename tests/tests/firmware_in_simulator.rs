@@ -51,7 +51,7 @@ fn run_image(image: Option<&Path>, until: &str) -> Option<Output> {
 }
 
 /// One step as the board predicts: angle (rad) and rate (rad/s).
-fn on_the_desktop(model: Model<f32>) -> (f32, f32) {
+fn on_the_desktop(model: &Model<f32>) -> (f32, f32) {
     let predictor = Predictor::new(model, FARTHEST_RAD).expect("a model that can be stepped");
     let motion = one_step(&predictor, 0, &mut NoProbe);
     (motion.angle, predictor.prepared().rate(&motion))
@@ -79,14 +79,14 @@ fn the_board_computes_the_same_bits_as_the_desktop() {
             None,
             accurate_step::<GuardedMicromath>(0, &mut NoProbe),
         ),
-        (TABLE, None, on_the_desktop(model)),
+        (TABLE, None, on_the_desktop(&model)),
     ];
     for (index, &kind) in (0..).zip(Kind::ALL) {
         let model = with_effect(kind).expect("the self-test's effects are valid");
-        desktop.push((TABLE, Some(index), on_the_desktop(model)));
+        desktop.push((TABLE, Some(index), on_the_desktop(&model)));
     }
     let model = with_dearest().expect("the self-test's effects are valid");
-    desktop.push((DEAREST_THREE, None, on_the_desktop(model)));
+    desktop.push((DEAREST_THREE, None, on_the_desktop(&model)));
     assert_eq!(reports.len(), desktop.len(), "{said}");
 
     for (board, (power, effect, (angle, rate))) in reports.iter().zip(desktop) {

@@ -59,7 +59,7 @@ refusals! {
     /// The line has no checksum and asks for more than a look.
     Unsealed = 2, "commands that move or change something need a checksum: use `rig`";
     /// Not in this state.
-    NotNow = 3, "not in this state: stop what is running first, or arm the rig";
+    NotNow = 3, "not in this state: stop what is running first, arm the rig, or wait some seconds after an upload or a reset";
     /// A fault is latched.
     Faulted = 4, "a fault is latched: remove its cause, then clear it";
     /// The cause of the fault is still there.
@@ -67,7 +67,7 @@ refusals! {
     /// A value is outside its bounds.
     OutOfBounds = 6, "the value is outside its bounds";
     /// The draft of the settings does not make sense as a whole.
-    BadSettings = 7, "the settings do not fit together: look at the model's effects and the calibration table";
+    BadSettings = 7, "the settings do not fit together: look at the model's effects, whether it is too fast for the board, and at the calibration table";
     /// The protocol is incomplete or asks for more than the limits.
     BadProtocol = 8, "the protocol is incomplete or exceeds the board's limits";
     /// The EEPROM did not keep what was written.

@@ -126,6 +126,8 @@ fn parse(text: &str, folder: &Path) -> Result<Vec<Case>, InputError> {
 fn is_name(name: &str) -> bool {
     !name.is_empty()
         && !name.starts_with('.')
+        // The table of all cases.
+        && name != "results.parquet"
         && name
             .chars()
             .all(|c| c.is_ascii_alphanumeric() || matches!(c, '.' | '_' | '-'))

@@ -21,6 +21,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use crate::checkpoint::Checkpoint;
+use crate::cmd::check_distinct;
 use crate::columns::Columns;
 use crate::diagnose::{Progress, Request, diagnose_from};
 use crate::error::{InputError, write_atomically};
@@ -74,6 +75,17 @@ impl Folder {
     fn holds(&self, inputs: &str) -> bool {
         std::fs::read_to_string(self.inputs()).is_ok_and(|text| text == inputs)
             && self.verdict().is_file()
+            && self.repaired().is_file()
+    }
+
+    /// Removes a file, if it is there.
+    fn forget(&self, file: &Path) -> Result<(), InputError> {
+        match std::fs::remove_file(file) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                Err(InputError::from_io(&self.0, &error))
+            }
+            _ => Ok(()),
+        }
     }
 }
 
@@ -102,7 +114,10 @@ pub fn diagnose(case: &Case, out: &Path, settings: Settings) -> Result<Outcome, 
         Ok(Some((solve(case, settings)?, inputs)))
     });
     let (verdict, repaired, inputs) = match results {
-        Ok(None) => return Ok(Outcome::Known),
+        Ok(None) => {
+            folder.forget(&folder.error())?;
+            return Ok(Outcome::Known);
+        }
         Ok(Some(((verdict, repaired), inputs))) => (verdict, repaired, inputs),
         Err(error) => {
             let text = format!("{error:#}");
@@ -110,11 +125,12 @@ pub fn diagnose(case: &Case, out: &Path, settings: Settings) -> Result<Outcome, 
             return Ok(Outcome::Failed(text));
         }
     };
+    // First away with what an earlier try says of itself: a job may be killed anywhere here.
+    folder.forget(&folder.inputs())?;
+    folder.forget(&folder.error())?;
     write_atomically(&folder.verdict(), verdict.as_bytes())?;
     write_atomically(&folder.repaired(), repaired.as_bytes())?;
     write_atomically(&folder.inputs(), inputs.as_bytes())?;
-    // Of an earlier try.
-    let _ = std::fs::remove_file(folder.error());
     Ok(Outcome::Diagnosed)
 }
 
@@ -126,7 +142,13 @@ fn inputs(case: &Case, settings: Settings) -> anyhow::Result<String> {
         "# softrig {version}, seed {}, columns {:?}\n",
         settings.seed, settings.columns
     );
-    for file in files {
+    let mut role = "";
+    for file in &files {
+        // A recording that is held out now was fitted before: another diagnosis.
+        if file.role != role {
+            role = file.role;
+            let _ = writeln!(text, "# {role}");
+        }
         let _ = writeln!(text, "{}  {}", file.sha256, file.path);
     }
     Ok(text)
@@ -136,6 +158,7 @@ fn inputs(case: &Case, settings: Settings) -> anyhow::Result<String> {
 fn solve(case: &Case, settings: Settings) -> anyhow::Result<(String, String)> {
     // Warnings of a thousand cases are read by nobody; those that matter are in the verdict.
     let quiet = |_: &str| {};
+    check_distinct(&case.recordings, &case.holdout)?;
     let file = ModelFile::read(&case.model)?;
     let recordings = read_all(&case.recordings, &settings.columns, quiet)?;
     let holdout = read_all(&case.holdout, &settings.columns, quiet)?;

@@ -245,7 +245,7 @@ impl<R: Real> Table<R> {
 
     /// The force (N) where the variable is `x`, in SI units.
     pub fn at(&self, x: R) -> R {
-        // The first node above x; none where x is not a number, which goes on to be one.
+        // The first node above x; the first of all where x is not a number.
         let above = self.nodes().partition_point(|&node| x >= R::from_f32(node));
         let node = |index: usize| Some((self.nodes().get(index)?, *self.forces().get(index)?));
         match (above.checked_sub(1).and_then(node), node(above)) {

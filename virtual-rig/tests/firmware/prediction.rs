@@ -67,7 +67,7 @@ fn repeats_to_the_bit(bench: &mut Bench, model: Model<f32, Minimax>) {
     };
     let (first, last) = (at(newest.wrapping_sub(steps)), at(newest));
     let start = bench.samples[first];
-    let predictor = Predictor::new(model, FARTHEST_RAD).expect("a model that can be stepped");
+    let predictor = Predictor::new(&model, FARTHEST_RAD).expect("a model that can be stepped");
     let mut prediction = predictor.start(
         start.angle_deg.expect("an angle").0,
         start.pressure_kpa.expect("a pressure").0,
