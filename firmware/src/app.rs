@@ -172,7 +172,7 @@ impl Saving {
 
 /// Takes the model of settings for the prediction; whether it can be stepped.
 #[inline(never)]
-fn predict(predictor: &mut Predictor, settings: &Settings) -> bool {
+fn take_model(predictor: &mut Predictor, settings: &Settings) -> bool {
     let farthest = settings.number(Key::MaxAngle) * RAD_PER_DEG;
     // By reference: a second one has no room on the stack.
     match &model(settings) {
@@ -210,7 +210,7 @@ impl App {
         let found = load(eeprom, &mut self.settings);
         self.draft.clone_from(&self.settings);
         self.calibration = calibration(&self.settings).ok();
-        let is_steppable = predict(&mut self.predictor, &self.settings);
+        let is_steppable = take_model(&mut self.predictor, &self.settings);
         // No period has begun yet: a model without friction is ready with the first line.
         for _ in 0..AT_ONCE {
             self.predictor.prepare();
@@ -597,7 +597,7 @@ impl App {
         if let Some(test) = &mut self.self_test {
             if has_room && !test.advance(&mut self.predictor, out, probe)? {
                 self.self_test = None;
-                if !predict(&mut self.predictor, &self.settings) {
+                if !take_model(&mut self.predictor, &self.settings) {
                     self.predictor.clear();
                 }
             }
@@ -777,7 +777,7 @@ impl App {
             return Err(Refusal::NotNow);
         }
         check(&self.draft)?;
-        if !predict(&mut self.predictor, &self.draft) {
+        if !take_model(&mut self.predictor, &self.draft) {
             return Err(Refusal::BadSettings);
         }
         let calibrated = calibration(&self.draft).ok();

@@ -201,6 +201,9 @@ impl SelfTest {
         out: &mut W,
         probe: &mut impl Probe,
     ) -> Result<bool, W::Error> {
+        if self.has_model && !predictor.prepare() {
+            return Ok(true);
+        }
         let place = self.line - HEAD;
         let effect = usize::from(place).checked_sub(1);
         let kind = effect.and_then(|index| Kind::ALL.get(index));
@@ -231,8 +234,6 @@ impl SelfTest {
             let mut line = Sealed::new(out);
             line.write_str("a model is not valid")?;
             line.finish()?;
-        } else if !predictor.prepare() {
-            return Ok(true);
         } else {
             let motion = one_step(predictor, stretch, probe);
             let state = (motion.angle, predictor.prepared().rate(&motion));

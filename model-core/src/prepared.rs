@@ -357,10 +357,13 @@ pub fn plan(
         let affordable = affordable as u8;
         affordable
     };
+    // What glides down from there in a step must not have come to rest: beyond it the loss
+    // stays what it is there.
+    let dt = interval / f32::from(substeps);
     Ok(Plan {
         substeps,
         cycles: cost * u32::from(substeps),
-        farthest_rate,
+        farthest_rate: (farthest_rate + dt * jolt) * 1.15,
     })
 }
 
@@ -461,11 +464,8 @@ impl Prepared {
                 .occupied()
                 .filter(|slot| is_of_rate(model, slot))
                 .any(|slot| matches!(slot, Effect::AsymmetricDamping(_) | Effect::Table(_)));
-            // What glides down from the last node in a step must not have come to rest: beyond
-            // it the loss stays what it is there.
-            let rate = plan.farthest_rate;
-            let farthest = (rate + dt * jolt(model, rate)) * 1.15;
-            self.glide.restart(self.leapfrog.way(farthest), sided);
+            self.glide
+                .restart(self.leapfrog.way(plan.farthest_rate), sided);
         }
     }
 
@@ -503,11 +503,6 @@ impl Prepared {
         &self.model
     }
 
-    /// Steps of a period.
-    pub fn substeps(&self) -> u8 {
-        self.substeps
-    }
-
     /// At rest at an angle (rad) under a pressure (Pa), everything settled.
     pub fn at_rest(&self, angle: f32, pressure: f32) -> Motion {
         let mut motion = Motion {
@@ -521,15 +516,14 @@ impl Prepared {
             time: 0.0,
             pull: 0.0,
         };
-        let mut chamber = pressure;
         let parts = self.parts.iter().zip(self.model.occupied());
         for ((part, slot), memory) in parts.zip(&mut motion.memory) {
+            let entering = motion.chamber;
             *memory = match part {
-                Part::Tube(_) | Part::Vent { .. } => [chamber, chamber],
-                Part::Leak(_) => [0.0, chamber],
+                Part::Tube(_) | Part::Vent { .. } => [entering, entering],
+                Part::Leak(_) => [0.0, entering],
                 Part::Input => {
-                    let entering = chamber;
-                    chamber = slot.input(entering, &[entering, 0.0], &mut [0.0; 2]);
+                    motion.chamber = slot.input(entering, &[entering, 0.0], &mut [0.0; 2]);
                     [entering, 0.0]
                 }
                 Part::Softening { per_angle, .. } => {
@@ -554,7 +548,6 @@ impl Prepared {
             };
             motion.reading = show(part, slot, motion.reading, 0.0, memory);
         }
-        motion.chamber = chamber;
         self.kick(&mut motion);
         motion.way = motion.kick * 0.5;
         motion

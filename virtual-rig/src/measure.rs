@@ -101,7 +101,7 @@ fn save(rig: &mut VirtualRig, changes: &[(Key, u32)]) -> anyhow::Result<()> {
     rig.run_for(SAVING_S)?;
     let lines = rig.take_lines();
     ensure!(
-        lines.iter().any(|line| line.contains("saved")),
+        lines.iter().any(|line| line.starts_with("# saved")),
         "the settings were not saved:\n{}",
         lines.join("\n")
     );

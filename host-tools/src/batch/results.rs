@@ -82,15 +82,14 @@ impl Row {
         self.at(pointer)?.as_f64()
     }
 
-    /// The names of the effects, best explanation first where none is named.
+    /// The names of the effects; none where none is named.
     fn effects(&self) -> Option<String> {
-        let kinds = |list: &Value, key: &str| -> Option<Vec<String>> {
-            list.as_array()?
-                .iter()
-                .map(|entry| Some(entry.get(key)?.as_str()?.to_owned()))
-                .collect()
-        };
-        let named = kinds(self.at("/effects")?, "kind")?;
+        let named: Vec<_> = self
+            .at("/effects")?
+            .as_array()?
+            .iter()
+            .filter_map(|effect| effect.get("kind")?.as_str())
+            .collect();
         (!named.is_empty()).then(|| named.join(" + "))
     }
 

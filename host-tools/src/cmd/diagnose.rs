@@ -131,19 +131,15 @@ fn run_batch(args: &Args, path: &Path, out: &Path) -> anyhow::Result<()> {
     for (number, case) in (1..).zip(&cases) {
         let clock = Instant::now();
         let outcome = batch::diagnose(case, out, settings)?;
-        let said = match &outcome {
+        let seconds = clock.elapsed().as_secs_f64();
+        let summary = || anyhow::Ok(results::Row::read(out, case)?.summary());
+        let said = match outcome {
             Outcome::Failed(error) => {
                 failed.push(Folder::of(out, case).error());
                 error.lines().next().unwrap_or_default().to_owned()
             }
-            Outcome::Known => format!("{} (known)", results::Row::read(out, case)?.summary()),
-            Outcome::Diagnosed => {
-                let seconds = clock.elapsed().as_secs_f64();
-                format!(
-                    "{} ({seconds:.1} s)",
-                    results::Row::read(out, case)?.summary()
-                )
-            }
+            Outcome::Known => format!("{} (known)", summary()?),
+            Outcome::Diagnosed => format!("{} ({seconds:.1} s)", summary()?),
         };
         super::print(&format!(
             "{number}/{} {:<width$}  {said}\n",
