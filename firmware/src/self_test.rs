@@ -224,7 +224,11 @@ impl SelfTest {
                 return Ok(false);
             }
         };
-        if !self.has_model {
+        if self.has_model {
+            let motion = one_step(predictor, stretch, probe);
+            let state = (motion.angle, predictor.prepared().rate(&motion));
+            report(out, power, kind.and(place.checked_sub(1)), state)?;
+        } else {
             self.has_model =
                 model.is_ok_and(|model| predictor.restart(&model, FARTHEST_RAD).is_ok());
             if self.has_model {
@@ -234,10 +238,6 @@ impl SelfTest {
             let mut line = Sealed::new(out);
             line.write_str("a model is not valid")?;
             line.finish()?;
-        } else {
-            let motion = one_step(predictor, stretch, probe);
-            let state = (motion.angle, predictor.prepared().rate(&motion));
-            report(out, power, kind.and(place.checked_sub(1)), state)?;
         }
         self.has_model = false;
         self.line += 1;
