@@ -144,13 +144,12 @@ impl NoiseFloor {
 
 /// Groups recordings whose pressure is the same within its noise.
 pub fn repeats(recordings: &[Recording]) -> Vec<Vec<usize>> {
+    let runs: Vec<Run<'_>> = recordings.iter().map(Run::of).collect();
     let mut groups: Vec<Vec<usize>> = Vec::new();
-    for (index, recording) in recordings.iter().enumerate() {
+    for (index, run) in runs.iter().enumerate() {
         let found = groups.iter_mut().find(|group| {
-            group
-                .first()
-                .and_then(|&first| recordings.get(first))
-                .is_some_and(|first| repeat_each_other(first, recording))
+            let first = group.first().and_then(|&first| runs.get(first));
+            first.is_some_and(|first| first.is_repeated_by(run))
         });
         match found {
             Some(group) => group.push(index),
@@ -161,25 +160,52 @@ pub fn repeats(recordings: &[Recording]) -> Vec<Vec<usize>> {
     groups
 }
 
-/// Whether two recordings are repeats of one run.
-fn repeat_each_other(a: &Recording, b: &Recording) -> bool {
-    let named = |meta: &Meta| meta.protocol.clone().zip(meta.setpoint_deg);
-    if let (Some(a), Some(b)) = (named(&a.meta), named(&b.meta))
-        && a != b
-    {
-        return false;
+/// A recording with what is asked of it again for every other one.
+struct Run<'a> {
+    recording: &'a Recording,
+    interval: f64,
+    noise: f64,
+    level: f64,
+}
+
+impl<'a> Run<'a> {
+    fn of(recording: &'a Recording) -> Self {
+        Self {
+            recording,
+            interval: recording.interval(),
+            noise: noise_by_differences(&recording.pressure),
+            level: rms(&recording.pressure),
+        }
     }
-    let count = a.len().min(b.len());
-    if (a.len().max(b.len()) - count) * 20 > count
-        || (a.interval() / b.interval() - 1.0).abs() > 0.01
-    {
-        return false;
+
+    /// Whether another recording is a repeat of this run.
+    fn is_repeated_by(&self, other: &Self) -> bool {
+        let named = |meta: &Meta| meta.protocol.clone().zip(meta.setpoint_deg);
+        let (a, b) = (self.recording, other.recording);
+        if let (Some(a), Some(b)) = (named(&a.meta), named(&b.meta))
+            && a != b
+        {
+            return false;
+        }
+        let count = a.len().min(b.len());
+        if (a.len().max(b.len()) - count) * 20 > count
+            || (self.interval / other.interval - 1.0).abs() > 0.01
+        {
+            return false;
+        }
+        // Free motion has no pressure to compare, and its starts differ.
+        if self.level <= 0.0 {
+            return false;
+        }
+        let most = 1.5 * self.noise.hypot(other.noise) + 0.01 * self.level;
+        let most = most * most * count as f64;
+        // Different runs part early.
+        let mut sum = 0.0;
+        a.pressure.iter().zip(&b.pressure).all(|(a, b)| {
+            sum += (a - b).powi(2);
+            sum <= most
+        })
     }
-    let difference: Vec<f64> = (0..count).map(|k| a.pressure[k] - b.pressure[k]).collect();
-    let noise = noise_by_differences(&a.pressure).hypot(noise_by_differences(&b.pressure));
-    let level = rms(&a.pressure);
-    // Free motion has no pressure to compare, and its starts differ.
-    level > 0.0 && rms(&difference) <= 1.5 * noise + 0.01 * level
 }
 
 /// Scatter (rad) in the rests with which recordings start, about a straight line

@@ -17,10 +17,13 @@ use crate::recording::Recording;
 use crate::simulate::{FromF64, Grain, Origin, Signal, Start, Stepping, run_from};
 
 /// A recording that is simulated whole.
+///
+/// Its samples are shared by all copies: fits change guesses and priors, a hundred times
+/// over hundreds of sessions, and never a sample.
 #[derive(Clone, Debug)]
 pub struct Session {
-    recording: Recording,
-    signal: Signal,
+    recording: Arc<Recording>,
+    signal: Arc<Signal>,
     prior: Prior,
     guess: Nuisance,
     /// Whether zeros and start are estimated; elsewhere they are `guess`.
@@ -41,7 +44,10 @@ impl Session {
     pub fn new(recording: Recording, clock: f64, silent: Vec<Range<usize>>) -> Self {
         let prior = Prior::of(&recording);
         Self {
-            signal: Signal::new(recording.time.clone(), denoise::pressure(&recording)),
+            signal: Arc::new(Signal::new(
+                recording.time.clone(),
+                denoise::pressure(&recording),
+            )),
             guess: prior.mean,
             prior,
             estimated: true,
@@ -52,7 +58,7 @@ impl Session {
                 .iter()
                 .fold(0.0, |reach, angle| angle.abs().max(reach)),
             silent,
-            recording,
+            recording: Arc::new(recording),
             grain: Grain::Fine,
         }
     }
@@ -188,7 +194,7 @@ impl Session {
 
     /// The recording with the zeros taken away.
     pub fn corrected(&self, nuisance: &Nuisance) -> Recording {
-        let mut recording = self.recording.clone();
+        let mut recording = Recording::clone(&self.recording);
         for pressure in &mut recording.pressure {
             *pressure -= nuisance.pressure_zero;
         }
@@ -394,11 +400,14 @@ impl Dataset {
     /// The same with other pressures (Pa), one series a session.
     pub fn with_pressures(&self, pressures: &[Vec<f64>]) -> Self {
         self.mapped(|index, session| {
-            let mut recording = session.recording.clone();
+            let mut recording = Recording::clone(&session.recording);
             recording.pressure.clone_from(pressures.get(index)?);
             Some(Session {
-                signal: Signal::new(recording.time.clone(), denoise::pressure(&recording)),
-                recording,
+                signal: Arc::new(Signal::new(
+                    recording.time.clone(),
+                    denoise::pressure(&recording),
+                )),
+                recording: Arc::new(recording),
                 ..session.clone()
             })
         })
@@ -449,10 +458,12 @@ impl Dataset {
 
     /// The ranges of a session that are fitted, or that are held out.
     pub fn ranges(&self, session: usize, fitted: bool) -> Vec<Range<usize>> {
-        self.segments
+        let first = self.segments.partition_point(|it| it.session < session);
+        self.segments[first..]
             .iter()
-            .zip(&self.fitted)
-            .filter(|(segment, is)| segment.session == session && **is == fitted)
+            .zip(&self.fitted[first..])
+            .take_while(|(segment, _)| segment.session == session)
+            .filter(|(_, is)| **is == fitted)
             .map(|(segment, _)| segment.range.clone())
             .collect()
     }

@@ -8,7 +8,7 @@
 //! beside the model in every fit: the zeros of both sensors and how the session
 //! starts; [`subsample`] takes parts that are enough to rank candidates. [`fit`] finds
 //! the parameters, by way of a least-squares `problem` in the `coordinate`s of the
-//! solver, and [`information`] is what the recordings say about them; [`band`] is what
+//! solver, with the `normal` equations of many sessions, and [`information`] is what the recordings say about them; [`band`] is what
 //! that leaves open of the simulated curves.
 
 pub mod assemble;
@@ -19,6 +19,7 @@ pub mod filter;
 pub mod fit;
 pub mod horizon;
 pub mod information;
+mod normal;
 pub mod nuisance;
 mod problem;
 pub mod subsample;

@@ -16,37 +16,45 @@ use super::coordinate::Coordinate;
 use super::filter::{Innovation, Level, normalised, pass};
 use super::fit::{Effort, Fit, Fitter};
 use super::information::{Block, Information, without_nuisance};
+use super::normal::{Normal, SharedRow};
 use super::nuisance::{Nuisance, Prior, Shared, UNKNOWNS, ZEROS, wall};
 use super::{Dataset, Session};
 use crate::dual::Dual;
 use crate::simulate::{Origin, Start, run_from};
 use crate::statistics::{correlation_time, mean};
 
+/// Sessions from which on the library's dense decomposition, which takes the cube of
+/// their number, costs more than simulating them.
+const MANY_SESSIONS: usize = 32;
+
+/// Relative gain of a step after which a handful of steps, or a fit to many sessions, has
+/// no more to find: the error moves by half of it.
+const SLOW: f64 = 1e-4;
+
 impl Effort {
-    /// The solver for so many unknowns.
+    /// Evaluations after which a fit that still moves is left: its valley is so flat
+    /// that where it ends does not matter. And the relative gain with which it is done.
+    fn patience(self) -> (usize, f64) {
+        match self {
+            Self::Steps(_) | Self::Coarse => (25, 1e-3),
+            Self::Full => (120, 1e-5),
+        }
+    }
+
+    /// The solver for so many unknowns, which the library counts evaluations by.
     fn solver(self, unknowns: usize) -> LevenbergMarquardt<f64> {
-        /// Evaluations after which a fit that still moves is left: its valley is so
-        /// flat that where it ends does not matter.
-        const GLANCES: usize = 25;
-        const MOST: usize = 120;
-        // The library counts in units of the unknowns.
-        let patience = |evaluations: usize| evaluations.div_ceil(unknowns + 1).max(1);
+        let (evaluations, tolerance) = self.patience();
         let solver = LevenbergMarquardt::new().with_gtol(0.0);
         // The step bound is the first step relative to the size of the
         // coordinates. The solver's default of 100 leaps over the valley that
         // a start was chosen for.
         match self {
-            Self::Steps(_) | Self::Coarse => solver
-                .with_stepbound(1.0)
-                .with_patience(patience(GLANCES))
-                .with_ftol(1e-3)
-                .with_xtol(1e-3),
-            Self::Full => solver
-                .with_stepbound(0.1)
-                .with_patience(patience(MOST))
-                .with_ftol(1e-5)
-                .with_xtol(1e-5),
+            Self::Steps(_) | Self::Coarse => solver.with_stepbound(1.0),
+            Self::Full => solver.with_stepbound(0.1),
         }
+        .with_patience(evaluations.div_ceil(unknowns + 1).max(1))
+        .with_ftol(tolerance)
+        .with_xtol(tolerance)
     }
 }
 
@@ -108,8 +116,6 @@ struct Linear {
     residual: DVector<f64>,
     /// Sum of ln S over the rows; zero for a simulation.
     log_variance: f64,
-    /// What the rows were multiplied by: the geometric mean of √S of all parts.
-    scale: f64,
 }
 
 /// The least-squares problem in the solver's coordinates: the free parameters,
@@ -238,21 +244,16 @@ impl<'a> Problem<'a> {
 
     /// The sum of squares (rad²) predicted after one Gauss–Newton step.
     pub fn predicted_sse(mut self) -> f64 {
+        /// A column without influence must not make the matrix singular.
+        const RIDGE: f64 = 1e-9;
         self.triangulate();
-        let (Some(residuals), Some(jacobian)) = (self.residuals(), self.jacobian()) else {
+        let Some(normal) = self.normal() else {
             return f64::INFINITY;
         };
-        let mut normal = jacobian.tr_mul(&jacobian);
-        let slope = jacobian.tr_mul(&residuals);
-        for k in 0..normal.nrows() {
-            // A column without influence must not make it singular.
-            let ridge = 1e-9 * normal[(k, k)] + f64::MIN_POSITIVE;
-            normal[(k, k)] += ridge;
-        }
-        let whole = residuals.norm_squared();
-        normal
-            .cholesky()
-            .map_or(whole, |factor| whole - slope.dot(&factor.solve(&slope)))
+        let gain = normal
+            .step(RIDGE)
+            .map_or(0.0, |step| normal.slope().dot(&step));
+        normal.cost() - gain
     }
 
     /// Lets the solver find the position; whether it met its tolerance.
@@ -261,7 +262,12 @@ impl<'a> Problem<'a> {
             return (self, true);
         }
         if let Effort::Steps(steps) = effort {
-            return (self.stepped(steps), false);
+            return (self.descended(steps, SLOW).0, false);
+        }
+        let sessions = self.parts.iter().filter(|part| part.own.is_some()).count();
+        if sessions > MANY_SESSIONS {
+            let (evaluations, tolerance) = effort.patience();
+            return self.descended(evaluations, tolerance.max(SLOW));
         }
         self.triangulate();
         let mut solver = effort.solver(self.unknowns());
@@ -273,48 +279,92 @@ impl<'a> Problem<'a> {
         (solved, report.termination.was_successful())
     }
 
-    /// Goes at most so many damped Gauss–Newton steps (Levenberg, 1944). The library's
-    /// solver cannot be stopped so early: it counts evaluations by the number of
-    /// unknowns.
-    fn stepped(mut self, steps: usize) -> Self {
+    /// Goes at most so many damped Gauss–Newton steps (Levenberg, 1944), or until one
+    /// gains less than a share of the cost; whether it got there. The library's solver
+    /// cannot be stopped after a few steps, for it counts evaluations by the number of
+    /// unknowns, and takes the cube of the number of sessions.
+    fn descended(mut self, steps: usize, tolerance: f64) -> (Self, bool) {
         /// Damping of the first step, relative to the curvature.
         const FIRST: f64 = 1e-3;
         /// Change of the damping after a step that was good, and one that was not.
         const CALMER: f64 = 0.1;
         const STRONGER: f64 = 10.0;
-        /// Relative gain of a step after which no more is to be had.
-        const DONE: f64 = 1e-4;
         self.triangulate();
         let mut damping = FIRST;
-        let (Some(mut residuals), Some(mut jacobian)) = (self.residuals(), self.jacobian()) else {
-            return self;
+        let Some(mut normal) = self.normal() else {
+            return (self, false);
         };
         for _ in 0..steps {
-            let mut normal = jacobian.tr_mul(&jacobian);
-            for k in 0..normal.nrows() {
-                normal[(k, k)] += damping * normal[(k, k)] + f64::MIN_POSITIVE;
-            }
-            let Some(factor) = normal.cholesky() else {
+            let Some(step) = normal.step(damping) else {
                 break;
             };
+            let cost = normal.cost();
+            let promised = normal.slope().dot(&step);
             let before = self.position.clone();
-            self.position -= factor.solve(&jacobian.tr_mul(&residuals));
+            self.position -= step;
             self.triangulate();
-            let cost = residuals.norm_squared();
-            let found = self.residuals().zip(self.jacobian());
-            let better = found.filter(|(residuals, _)| residuals.norm_squared() < cost);
-            if let Some(better) = better {
-                (residuals, jacobian) = better;
+            let moved = self.normal();
+            let gain = moved.as_ref().map_or(f64::NAN, |it| cost - it.cost());
+            // Where a step promises nothing and changes nothing, none will.
+            let is_done = gain.abs().max(promised) < tolerance * cost;
+            if let Some(better) = moved.filter(|_| gain > 0.0) {
+                normal = better;
                 damping *= CALMER;
-                if residuals.norm_squared() > (1.0 - DONE) * cost {
-                    break;
+                if gain < tolerance * cost {
+                    return (self, true);
                 }
             } else {
                 self.position = before;
                 damping *= STRONGER;
+                if is_done {
+                    self.triangulate();
+                    return (self, true);
+                }
             }
         }
-        self
+        (self, false)
+    }
+
+    /// The normal equations at this position; none where the model cannot be
+    /// simulated.
+    fn normal(&self) -> Option<Normal> {
+        let mut normal = Normal::new(self.free.len(), self.unknowns());
+        let priors = self.prior_rows();
+        for ((triangle, part), rows) in self
+            .triangles
+            .as_ref()?
+            .iter()
+            .zip(&self.parts)
+            .zip(&priors)
+        {
+            let alone = std::array::from_fn(|unknown| {
+                let row = (*rows)?[unknown];
+                (!part.shares(unknown)).then(|| [self.prior_slope(part, part, unknown), row])
+            });
+            normal.session(triangle, part.own, alone);
+        }
+        for unknown in 0..UNKNOWNS {
+            let sharing: Vec<SharedRow> = self
+                .parts
+                .iter()
+                .zip(&priors)
+                .filter(|(part, _)| part.shares(unknown))
+                .filter_map(|(part, rows)| {
+                    let whole = self.prior_slope(part, part, unknown);
+                    let by_sum = self.mean_slope(part, unknown);
+                    Some(SharedRow {
+                        place: part.own? + unknown,
+                        by_itself: whole - by_sum,
+                        by_sum,
+                        residual: (*rows)?[unknown],
+                    })
+                })
+                .collect();
+            if !sharing.is_empty() {
+                normal.mean(&sharing);
+            }
+        }
+        Some(normal)
     }
 
     /// How many unknowns there are.
@@ -410,21 +460,34 @@ impl<'a> Problem<'a> {
     /// The derivative of the row of one session's unknown by the same unknown of
     /// another, or of itself, in the solver's coordinates.
     fn prior_slope(&self, of: &Part<'_>, by: &Part<'_>, unknown: usize) -> f64 {
+        if of.index != by.index {
+            return if by.shares(unknown) {
+                self.mean_slope(of, unknown)
+            } else {
+                0.0
+            };
+        }
         let Some(first) = of.own else {
             return 0.0;
         };
-        let (by_itself, by_other) = match self.shared[unknown] {
-            Some(shared) if of.shares(unknown) && by.shares(unknown) => shared.slopes().into(),
-            _ => (1.0, 0.0),
+        let by_itself = match self.shared[unknown] {
+            Some(shared) if of.shares(unknown) => shared.slopes()[0],
+            _ => 1.0,
         };
         let prior = of.session.prior();
-        let slope = if of.index == by.index {
-            let [_, wall] = wall_of(unknown, self.position[first + unknown], of.rows());
-            self.counts(prior, unknown) * by_itself + prior.noise * wall
-        } else {
-            self.counts(prior, unknown) * by_other
-        };
-        self.scale * slope
+        let [_, wall] = wall_of(unknown, self.position[first + unknown], of.rows());
+        self.scale * (self.counts(prior, unknown) * by_itself + prior.noise * wall)
+    }
+
+    /// The derivative of the row of one session's unknown by the sum of those that
+    /// share it.
+    fn mean_slope(&self, of: &Part<'_>, unknown: usize) -> f64 {
+        match self.shared[unknown] {
+            Some(shared) if of.shares(unknown) => {
+                self.scale * self.counts(of.session.prior(), unknown) * shared.slopes()[1]
+            }
+            _ => 0.0,
+        }
     }
 
     /// Derivatives of the rows of a session's own unknowns by themselves, as if it
@@ -501,7 +564,6 @@ impl<'a> Problem<'a> {
                 jacobian,
                 residual,
                 log_variance,
-                scale: 1.0,
             };
         };
         let slopes = session.prior().deviations();
@@ -529,7 +591,6 @@ impl<'a> Problem<'a> {
             jacobian,
             residual,
             log_variance,
-            scale: 1.0,
         }
     }
 
@@ -595,53 +656,78 @@ impl<'a> Problem<'a> {
             jacobian,
             residual,
             log_variance: 0.0,
-            scale: 1.0,
         }
     }
 
-    /// Every session, with the derivatives carried in arrays of a size that
-    /// suffices.
+    /// One session, with the derivatives carried in arrays of a size that suffices.
+    fn linear_of(&self, model: &Model<f64>, part: &Part<'_>) -> Linear {
+        match self.free.len() + 3 {
+            0..=4 => self.linear::<4>(model, part),
+            5..=6 => self.linear::<6>(model, part),
+            7..=8 => self.linear::<8>(model, part),
+            9..=12 => self.linear::<12>(model, part),
+            // Five base parameters and three effects of four each.
+            _ => self.linear::<20>(model, part),
+        }
+    }
+
+    /// The geometric mean of √S over the rows of all sessions, by which innovations are
+    /// multiplied; 1 for output error.
+    fn scale_of(&self, rows: impl Iterator<Item = (usize, f64)>) -> f64 {
+        if self.level.is_none() {
+            return 1.0;
+        }
+        let (rows, sum) = rows.fold((0, 0.0), |(rows, sum), (more, log_variance)| {
+            (rows + more, sum + log_variance)
+        });
+        (0.5 * sum / rows.max(1) as f64).exp()
+    }
+
+    /// Every session.
     fn linears(&self) -> Vec<Linear> {
         let model = self.model();
         let mut linears: Vec<Linear> = self
             .parts
             .par_iter()
-            .map(|part| match self.free.len() + 3 {
-                0..=4 => self.linear::<4>(&model, part),
-                5..=6 => self.linear::<6>(&model, part),
-                7..=8 => self.linear::<8>(&model, part),
-                9..=12 => self.linear::<12>(&model, part),
-                // Five base parameters and three effects of four each.
-                _ => self.linear::<20>(&model, part),
-            })
+            .map(|part| self.linear_of(&model, part))
             .collect();
-        if self.level.is_some() {
-            let rows: usize = linears.iter().map(|linear| linear.residual.len()).sum();
-            let sum: f64 = linears.iter().map(|linear| linear.log_variance).sum();
-            let scale = (0.5 * sum / rows.max(1) as f64).exp();
-            for linear in &mut linears {
-                linear.jacobian *= scale;
-                linear.residual *= scale;
-                linear.scale = scale;
-            }
+        let scale = self.scale_of(
+            linears
+                .iter()
+                .map(|linear| (linear.residual.len(), linear.log_variance)),
+        );
+        for linear in &mut linears {
+            linear.jacobian *= scale;
+            linear.residual *= scale;
         }
         linears
     }
 
+    /// Finds the triangles, a session at a time: derivatives of all samples of many
+    /// sessions would fill the memory.
     fn triangulate(&mut self) {
-        let linears = self.linears();
-        self.scale = linears.first().map_or(1.0, |linear| linear.scale);
-        self.triangles = linears
-            .into_par_iter()
-            .map(|linear| {
+        let model = self.model();
+        let found: Option<Vec<(DMatrix<f64>, f64)>> = self
+            .parts
+            .par_iter()
+            .map(|part| {
+                let linear = self.linear_of(&model, part);
                 let columns = linear.jacobian.ncols();
                 let mut both = linear.jacobian.resize_horizontally(columns + 1, 0.0);
                 both.set_column(columns, &linear.residual);
                 both.iter()
                     .all(|entry| entry.is_finite())
-                    .then(|| both.qr().r())
+                    .then(|| (both.qr().r(), linear.log_variance))
             })
             .collect();
+        let rows = found.iter().flatten().zip(&self.parts);
+        let scale =
+            self.scale_of(rows.map(|((_, log_variance), part)| (part.rows(), *log_variance)));
+        self.scale = scale;
+        self.triangles = found.map(|found| {
+            let scaled = |(triangle, _)| triangle * scale;
+            found.into_iter().map(scaled).collect()
+        });
     }
 
     /// The residuals and derivatives of all fitted samples.
@@ -676,18 +762,30 @@ impl<'a> Problem<'a> {
     /// zeros and start can follow, and the residuals.
     pub fn projected(&self) -> Vec<(DMatrix<f64>, DVector<f64>)> {
         let free = self.free.len();
-        self.linears()
-            .into_iter()
-            .zip(&self.parts)
-            .map(|(linear, part)| {
-                let parameters = linear.jacobian.columns(0, free).into_owned();
-                if part.own.is_none() {
-                    return (parameters, linear.residual);
+        let model = self.model();
+        let found: Vec<(DMatrix<f64>, DVector<f64>, f64)> = self
+            .parts
+            .par_iter()
+            .map(|part| {
+                let linear = self.linear_of(&model, part);
+                let mut parameters = linear.jacobian.columns(0, free).into_owned();
+                if part.own.is_some() {
+                    let own = linear.jacobian.columns(free, UNKNOWNS).into_owned();
+                    // The rows are not multiplied by the scale yet; nor is what is known.
+                    let known = self.prior_slopes(part).map(|slope| slope / self.scale);
+                    parameters = without_nuisance(&parameters, &own, &known);
                 }
-                let own = linear.jacobian.columns(free, UNKNOWNS).into_owned();
-                let known = self.prior_slopes(part);
-                (without_nuisance(&parameters, &own, &known), linear.residual)
+                (parameters, linear.residual, linear.log_variance)
             })
+            .collect();
+        let scale = self.scale_of(
+            found
+                .iter()
+                .map(|(_, residual, log_variance)| (residual.len(), *log_variance)),
+        );
+        found
+            .into_iter()
+            .map(|(parameters, residual, _)| (parameters * scale, residual * scale))
             .collect()
     }
 
@@ -755,7 +853,14 @@ impl<'a> Problem<'a> {
             return Information::default();
         }
         let mut blocks = Vec::new();
-        for ((parameters, residual), part) in projected.iter().zip(&self.parts) {
+        for ((parameters, residual), part) in projected.into_iter().zip(&self.parts) {
+            if let [_] = part.ranges[..] {
+                blocks.push(Block {
+                    parameters,
+                    residual,
+                });
+                continue;
+            }
             let mut first = 0;
             for range in &part.ranges {
                 let rows = range.len();
