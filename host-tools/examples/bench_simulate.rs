@@ -10,8 +10,9 @@ use std::{
     time::{Duration, Instant},
 };
 
+use host_tools::dual::Dual;
 use host_tools::simulate::{Signal, Start, Trajectory, run, substeps};
-use model_core::actuator::{Dynamics, Model};
+use model_core::actuator::{Dynamics, Model, ParameterId};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg32;
 use serde::Serialize;
@@ -26,6 +27,8 @@ const DYNAMICS: Dynamics<f64> = Dynamics {
 const RATE_HZ: f64 = 1000.0;
 const SAMPLES: usize = 10_001;
 const ENOUGH: Duration = Duration::from_secs(1);
+/// Derivatives that are carried along: as many as a fit with one effect has.
+const DERIVATIVES: usize = 8;
 const SEED: u64 = 1;
 
 #[derive(Serialize)]
@@ -41,6 +44,9 @@ struct Problem {
     pressure_pa: Vec<f64>,
     steps_between_samples: usize,
     seconds_per_simulation: f64,
+    /// The same with the derivatives of every sample by so many parameters.
+    seconds_with_derivatives: f64,
+    derivatives: usize,
     simulations: usize,
     angle_rad: Vec<f64>,
 }
@@ -86,15 +92,26 @@ fn measure(
     };
     let simulate = || -> Trajectory<f64> { run(model, &signal, start, steps) };
 
-    let mut solution = simulate();
-    let mut seconds = Vec::new();
-    let began = Instant::now();
-    while began.elapsed() < ENOUGH {
-        let one = Instant::now();
-        solution = std::hint::black_box(simulate());
-        seconds.push(one.elapsed().as_secs_f64());
+    let (seconds_per_simulation, simulations, solution) = timed(simulate);
+
+    let mut dual: Model<Dual<DERIVATIVES>> = model.map(Dual::constant);
+    let parameters = [
+        ParameterId::Inertia,
+        ParameterId::Damping,
+        ParameterId::Stiffness,
+        ParameterId::Exponent,
+        ParameterId::InputGain,
+    ];
+    for (column, id) in parameters.into_iter().enumerate() {
+        if let Some(value) = model.value(id) {
+            dual = dual.with_value(id, Dual::variable(value, column, 1.0));
+        }
     }
-    seconds.sort_by(f64::total_cmp);
+    let rest = Start {
+        angle: Dual::variable(0.0, DERIVATIVES - 2, 1.0),
+        rate: Dual::variable(0.0, DERIVATIVES - 1, 1.0),
+    };
+    let (seconds_with_derivatives, ..) = timed(|| run(&dual, &signal, rest, steps));
     Problem {
         name,
         inertia: DYNAMICS.inertia,
@@ -106,8 +123,24 @@ fn measure(
         time_s: time.to_vec(),
         pressure_pa: pressure,
         steps_between_samples: steps,
-        seconds_per_simulation: seconds[seconds.len() / 2],
-        simulations: seconds.len(),
+        seconds_per_simulation,
+        seconds_with_derivatives,
+        derivatives: DERIVATIVES,
+        simulations,
         angle_rad: solution.reading,
     }
+}
+
+/// The median seconds of a run, how many there were, and what the last one gave.
+fn timed<T>(run: impl Fn() -> T) -> (f64, usize, T) {
+    let mut found = run();
+    let mut seconds = Vec::new();
+    let began = Instant::now();
+    while began.elapsed() < ENOUGH {
+        let one = Instant::now();
+        found = std::hint::black_box(run());
+        seconds.push(one.elapsed().as_secs_f64());
+    }
+    seconds.sort_by(f64::total_cmp);
+    (seconds[seconds.len() / 2], seconds.len(), found)
 }

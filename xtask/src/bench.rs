@@ -16,10 +16,10 @@ use crate::{
 };
 
 /// The rival's versions, so that figures can be had again.
-const PYTHON_PACKAGES: [&str; 2] = ["numpy", "scipy"];
+const PYTHON_PACKAGES: [&str; 3] = ["numpy", "scipy", "numba"];
 const PYTHON_LIMIT: std::time::Duration = std::time::Duration::from_secs(600);
 
-/// Runs the host's simulation beside SciPy's on the same problems.
+/// Runs the host's simulation beside SciPy's and Numba's on the same problems.
 pub fn host() -> Outcome {
     let folder = target_dir().join("bench");
     fs::create_dir_all(&folder)
@@ -35,7 +35,7 @@ pub fn host() -> Outcome {
         .map_err(|error| format!("cannot write {}: {error}", problems.display()))?;
     run(pinned(&target_dir().join("release/examples/bench_simulate")).stdout(file))?;
 
-    println!("bench: SciPy\n");
+    println!("bench: SciPy and Numba\n");
     run(pinned(&python)
         .arg(root().join("xtask/bench/scipy_simulate.py"))
         .arg(&problems))
@@ -122,6 +122,26 @@ pub fn blind(options: &[&str]) -> Outcome {
         .args(options))
 }
 
+/// Times diagnoses of up to a thousand recordings; `--docs` draws the picture.
+pub fn many(docs: bool) -> Outcome {
+    run(cargo()
+        .args(["build", "-q", "--release"])
+        .args(["-p", "host-tools", "--bin", "rig"])
+        .args(["-p", "softrig-tests", "--bin", "many_recordings"]))?;
+    let mut command = Command::new(target_dir().join("release/many_recordings"));
+    command
+        .arg("--rig")
+        .arg(target_dir().join("release/rig"))
+        .arg("--folder")
+        .arg(target_dir().join("bench/many"));
+    if docs {
+        command
+            .arg("--picture")
+            .arg(root().join("docs/images/many_recordings.svg"));
+    }
+    run(&mut command)
+}
+
 /// A command on one core: both sides compute on a single thread.
 fn pinned(program: &Path) -> Command {
     let mut command = if has_program("taskset") {
@@ -145,7 +165,7 @@ fn pinned(program: &Path) -> Command {
 fn python(folder: &Path) -> Outcome<PathBuf> {
     virtual_environment(
         &folder.join("python"),
-        "import numpy, scipy.integrate",
+        "import numba, numpy, scipy.integrate",
         &PYTHON_PACKAGES.map(Into::into),
     )
 }

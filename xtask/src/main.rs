@@ -39,7 +39,10 @@ Tasks:
   firmware               build the image, check it, print its size
   size [--accept]        memory and processor time against budgets and last time
   bench [diagnosis | host | board]
-                         a whole diagnosis; our solver beside SciPy's; cycles
+                         a whole diagnosis; our solver beside SciPy's and
+                         Numba's; cycles on the board
+  bench many [--docs]    one diagnosis of 10 to 1000 recordings: time and
+                         memory; --docs draws docs/images/many_recordings.svg
   bench blind [--fast | OPTIONS]
                          effects hidden in recordings of another simulator;
                          --set bench: in whole sessions, as on a bench
@@ -92,6 +95,8 @@ fn main() -> ExitCode {
         ["bench", "diagnosis"] => bench::diagnosis(),
         ["bench", "host"] => bench::host(),
         ["bench", "board"] => bench::board(),
+        ["bench", "many"] => bench::many(false),
+        ["bench", "many", "--docs"] => bench::many(true),
         ["bench", "blind", options @ ..] => bench::blind(options),
         ["bench", "loop", words @ ..] => match bench_loop::Options::parse(words) {
             Ok(options) => bench_loop::bench(&options),
