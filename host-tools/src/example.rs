@@ -235,9 +235,21 @@ impl Example {
     ///
     /// # Errors
     ///
-    /// Says what cannot be written.
+    /// Says what cannot be written. A folder with a model and no hidden truth is somebody's
+    /// work, and left alone.
     pub fn write(&self, folder: &Path) -> Result<(), InputError> {
         let recordings = folder.join("recordings");
+        let truth = folder.join("truth.toml");
+        let model = folder.join("model.toml");
+        if let Some(found) = [&model, &recordings].into_iter().find(|path| path.exists())
+            && !truth.exists()
+        {
+            return Err(InputError::new(
+                "is there, and is no earlier example: there is no truth.toml beside it",
+                "give -o a folder of its own, such as -o demo",
+            )
+            .in_file(found));
+        }
         std::fs::create_dir_all(&recordings).map_err(|error| {
             InputError::new(
                 format!("cannot be created: {error}"),
@@ -245,8 +257,8 @@ impl Example {
             )
             .in_file(&recordings)
         })?;
-        write_atomically(&folder.join("model.toml"), self.model.as_bytes())?;
-        write_atomically(&folder.join("truth.toml"), self.truth.as_bytes())?;
+        write_atomically(&model, self.model.as_bytes())?;
+        write_atomically(&truth, self.truth.as_bytes())?;
         for (file, recording, meta) in &self.recordings {
             let path = recordings.join(file);
             write_atomically(&path.with_extension("meta.toml"), meta.as_bytes())?;

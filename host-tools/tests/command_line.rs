@@ -568,6 +568,127 @@ fn outputs_that_cannot_be_written_are_refused_before_the_work() {
     );
 }
 
+/// Every flag that writes a file, `{}` in its place.
+const WRITERS: [&str; 17] = [
+    "diagnose --model m.toml good.csv other.csv -o {}",
+    "diagnose --model m.toml good.csv other.csv --json {}",
+    "diagnose --model m.toml good.csv other.csv --plot {}",
+    "diagnose --model m.toml good.csv other.csv --report {}",
+    "diagnose --model m.toml good.csv --holdout other.csv -o {}",
+    "fit --model m.toml good.csv other.csv -o {}",
+    "compare --model m.toml good.csv other.csv -o {}",
+    "simulate --model m.toml --recording good.csv -o {}",
+    "simulate --model m.toml --recording good.csv --plot {}",
+    "simulate --model m.toml --protocol p.toml --plot {}",
+    "plan --model m.toml --between gravity,leak good.csv other.csv -o {}",
+    "gap good.csv other.csv --plot {}",
+    "materials list --json {}",
+    "materials fit-curve good.csv --json {}",
+    "materials fit-curve good.csv --plot {}",
+    "materials predict --modulus-mpa 0.3 --viscosity-cps 20000 --tensile-mpa 4 --json {}",
+    "record --port nowhere --seconds 1 -o {}",
+];
+
+#[test]
+fn what_is_worth_keeping_is_never_written_over() {
+    let bench = Bench::new();
+    bench.put(
+        "p.toml",
+        "schema = 1\nname = \"p\"\n\n[[segment]]\nkind = \"release\"\nduration_s = 1\n",
+    );
+    bench.put("diary.txt", "Monday: cut the tube.\n");
+    bench.put("theirs.csv", "Time (ms);Pressure (psi);Bend\n0;1;2\n");
+    bench.put("packed.csv.gz", compressed(&clean_recording()));
+    let kept = [
+        "good.csv",
+        "other.csv",
+        "theirs.csv",
+        "packed.csv.gz",
+        "m.toml",
+        "diary.txt",
+    ];
+    for writer in WRITERS {
+        for file in kept {
+            // A recording's name has to end so.
+            if writer.starts_with("record") && Path::new(file).extension() != Some("csv".as_ref()) {
+                continue;
+            }
+            bench.refuses(&writer.replace("{}", file), &[file]);
+        }
+    }
+    // By whatever name.
+    for (line, parts) in [
+        (
+            "diagnose --model m.toml -o good.csv other.csv",
+            [
+                "good.csv: is a recording, and -o would write a model over it",
+                "-o repaired.toml",
+            ],
+        ),
+        (
+            "diagnose --model m.toml good.csv other.csv -o ./good.csv",
+            [
+                "good.csv: is read by this command, and -o",
+                "-o repaired.toml",
+            ],
+        ),
+        (
+            "fit --model m.toml good.csv -o m.toml",
+            [
+                "m.toml: is read by this command, and -o",
+                "-o repaired.toml",
+            ],
+        ),
+        (
+            "diagnose --model m.toml good.csv other.csv --json diary.txt",
+            [
+                "diary.txt: is something else, and --json",
+                "--json verdict.json",
+            ],
+        ),
+        (
+            "simulate --model m.toml --protocol p.toml --plot p.toml",
+            [
+                "p.toml: is read by this command, and --plot",
+                "--plot picture.svg",
+            ],
+        ),
+        (
+            "simulate --model m.toml --protocol step -o other.csv",
+            ["other.csv: is a recording that exists", "another name"],
+        ),
+        (
+            "simulate --model m.toml --recording other.csv -o ./other.csv",
+            ["other.csv: is read by this command, and -o", "-o new.csv"],
+        ),
+    ] {
+        bench.refuses(line, &parts);
+    }
+    bench.put("model.toml", MODEL);
+    bench.refuses(
+        "example -o .",
+        &["model.toml: is there", "give -o a folder of its own"],
+    );
+}
+
+#[test]
+fn a_result_replaces_an_earlier_one_of_its_kind() {
+    let bench = Bench::new();
+    for line in [
+        "fit --model m.toml good.csv -o fitted.toml",
+        "compare --model m.toml good.csv -o table.csv",
+        "simulate --model m.toml --protocol step --plot run.svg",
+        "simulate --model m.toml --protocol step -o run.csv",
+        "simulate --model m.toml --recording good.csv -o predicted.csv",
+        "materials list --json table.json",
+        "example -o demo",
+    ] {
+        for _ in 0..2 {
+            bench.line(line).assert().success();
+        }
+    }
+}
+
 #[test]
 fn a_diagnosis_needs_runs_that_were_not_fitted() {
     let bench = Bench::new();
@@ -791,15 +912,12 @@ fn fit_finds_the_parameters_and_writes_a_model() {
     let bench = Bench::with_example("none", "0.2");
     let runs = ["step60_1", "step90_1", "triangle"].map(|run| format!("demo/recordings/{run}.csv"));
     // RMS error over all runs (°), before and after.
-    let fit = |model: &str| {
+    let fit = |model: &str, to: &str| {
         let assert = bench
-            .line(&format!(
-                "fit --model {model} {} -o fitted.toml",
-                runs.join(" ")
-            ))
+            .line(&format!("fit --model {model} {} -o {to}", runs.join(" ")))
             .assert()
             .success()
-            .stdout(contains("95 % interval").and(contains("written: fitted.toml")));
+            .stdout(contains("95 % interval").and(contains(format!("written: {to}"))));
         let text = stdout(&assert);
         let all = text.lines().find(|line| line.starts_with("all ")).unwrap();
         let errors: Vec<f64> = all
@@ -809,7 +927,7 @@ fn fit_finds_the_parameters_and_writes_a_model() {
             .collect();
         (errors[0], errors[1])
     };
-    let (before, after) = fit("demo/model.toml");
+    let (before, after) = fit("demo/model.toml", "fitted.toml");
     // White noise of 0.2° and the converter's steps are left.
     assert!(after < 0.25 && before > 2.0 * after, "{before} {after}");
     let read = |name: &str| ModelFile::read(&bench.path(name)).unwrap();
@@ -830,7 +948,7 @@ fn fit_finds_the_parameters_and_writes_a_model() {
     }
     assert!(fitted.free.iter().any(|&id| off(&nominal, id) > 0.05));
     // What was written is where the fit ended.
-    let (again, _) = fit("fitted.toml");
+    let (again, _) = fit("fitted.toml", "again.toml");
     assert!((again - after).abs() < 2e-3, "{again} {after}");
 }
 

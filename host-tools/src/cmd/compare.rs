@@ -9,6 +9,7 @@ use std::path::PathBuf;
 use clap::Parser;
 
 use super::input::InputArgs;
+use super::output::{self, FileKind, Output};
 use crate::diagnose::noise::NoiseFloor;
 use crate::error::{InputError, write_atomically};
 use crate::estimate::Dataset;
@@ -61,7 +62,11 @@ struct Cell {
 ///
 /// Faults of the input, with place and remedy.
 pub fn run(args: &Args) -> anyhow::Result<()> {
-    super::check_outputs([&args.output])?;
+    let read = args.recordings.iter().chain(&args.models);
+    output::check(
+        &[Output::of("-o", FileKind::Table, args.output.as_ref())],
+        read,
+    )?;
     let files = args
         .models
         .iter()

@@ -6,6 +6,7 @@ use std::time::Instant;
 use clap::Parser;
 
 use super::input::InputArgs;
+use super::output::{self, FileKind, Output};
 use super::watch::Watched;
 use crate::batch::{self, Folder, Outcome, manifest, results};
 use crate::checkpoint::Checkpoint;
@@ -167,8 +168,17 @@ fn run_batch(args: &Args, path: &Path, out: &Path) -> anyhow::Result<()> {
     }
 }
 
-fn run_one(args: &Args, model: &Path) -> anyhow::Result<()> {
-    super::check_outputs([&args.json, &args.report, &args.plot, &args.output])?;
+fn run_one(args: &Args, model: &PathBuf) -> anyhow::Result<()> {
+    let read = args.recordings.iter().chain(&args.holdout);
+    output::check(
+        &[
+            Output::of("--json", FileKind::Json, args.json.as_ref()),
+            Output::of("--report", FileKind::Page, args.report.as_ref()),
+            Output::of("--plot", FileKind::Picture, args.plot.as_ref()),
+            Output::of("-o", FileKind::Model, args.output.as_ref()),
+        ],
+        read.chain([model]),
+    )?;
     super::check_distinct(&args.recordings, &args.holdout)?;
     let columns = args.input.columns();
     let (file, recordings) = super::read(model, &args.recordings, &columns)?;

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Parser;
 
 use super::input::InputArgs;
+use super::output::{self, FileKind, Output};
 use crate::diagnose::unit_errors;
 use crate::diagnose::verdict::Zeros;
 use crate::error::write_atomically;
@@ -41,7 +42,11 @@ pub struct Args {
 ///
 /// Faults of the input, with place and remedy.
 pub fn run(args: &Args) -> anyhow::Result<()> {
-    super::check_outputs([&args.output])?;
+    let read = args.recordings.iter().chain([&args.model]);
+    output::check(
+        &[Output::of("-o", FileKind::Model, args.output.as_ref())],
+        read,
+    )?;
     let (file, recordings) = super::read(&args.model, &args.recordings, &args.input.columns())?;
     unit_errors::refuse(&file, &recordings)?;
     let assembled = assemble(&recordings, &[])?;

@@ -9,6 +9,7 @@ use std::path::PathBuf;
 
 use clap::Parser;
 
+use super::output::{self, FileKind, Output};
 use crate::columns::Columns;
 use crate::error::InputError;
 use crate::estimate::assemble::{Group, grouped};
@@ -45,7 +46,11 @@ pub struct Args {
 ///
 /// Faults of the input, with place and remedy.
 pub fn run(args: &Args) -> anyhow::Result<()> {
-    super::check_outputs([&args.plot])?;
+    let read = args.recordings.iter().chain(&args.after);
+    output::check(
+        &[Output::of("--plot", FileKind::Picture, args.plot.as_ref())],
+        read,
+    )?;
     super::check_distinct(&args.recordings, &args.after)?;
     let before = gaps(&args.recordings)?;
     let after = gaps(&args.after)?;

@@ -9,6 +9,7 @@ use clap::{Parser, Subcommand};
 use model_core::material::{DataSheet, Material, TABLE_I};
 use serde_json::{Value, json};
 
+use super::output::{self, FileKind, Output};
 use crate::error::{InputError, write_atomically};
 use crate::materials::curve::{Measure, TensileCurve};
 use crate::materials::fit::{self, Choice, CurveFit, Estimate, LawFit, Modulus, Residual};
@@ -147,12 +148,33 @@ pub fn run(args: Args) -> anyhow::Result<()> {
 }
 
 fn execute(args: Args, out: &mut dyn Write) -> anyhow::Result<()> {
+    if let Some(command) = &args.command {
+        check_outputs(command)?;
+    }
     match args.command {
         None => list(&ListArgs::default(), out),
         Some(Command::List(args)) => list(&args, out),
         Some(Command::FitCurve(args)) => fit_curve(&args, out),
         Some(Command::Predict(args)) => predict(&args, out),
     }
+}
+
+fn check_outputs(command: &Command) -> Result<(), InputError> {
+    let (json, plot, read) = match command {
+        Command::List(args) => (&args.json, &None, None),
+        Command::FitCurve(args) => (&args.json, &args.plot, Some(&args.file)),
+        Command::Predict(args) => (&args.json, &None, None),
+    };
+    let json = json
+        .as_ref()
+        .filter(|path| path.as_path() != Path::new("-"));
+    output::check(
+        &[
+            Output::of("--json", FileKind::Json, json),
+            Output::of("--plot", FileKind::Picture, plot.as_ref()),
+        ],
+        read,
+    )
 }
 
 /// Sends a result to where it was asked for; returns whether the text is still
@@ -843,6 +865,6 @@ mod tests {
         assert!(refused(&["--range", "3,1"]).contains("the smaller first"));
         assert!(refused(&["--modulus-mpa", "-3"]).contains("--modulus-mpa"));
         assert!(refused(&["--modulus-mpa", "soft"]).contains("or `free`"));
-        assert!(refused(&["--plot", "/nonexistent/a.svg"]).contains("folder exists"));
+        assert!(refused(&["--plot", "/nonexistent/a.svg"]).contains("create it first"));
     }
 }

@@ -10,6 +10,7 @@ pub mod gap;
 pub mod input;
 pub mod materials;
 pub mod monitor;
+mod output;
 pub mod plan;
 pub mod ports;
 pub mod record;
@@ -19,12 +20,12 @@ pub mod virtual_rig;
 mod watch;
 
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::columns::Columns;
-use crate::error::{InputError, check_writable};
+use crate::error::InputError;
 use crate::model_file::ModelFile;
 use crate::recording::{Recording, read_all};
 
@@ -54,33 +55,6 @@ pub(crate) fn read(
     let file = ModelFile::read(model)?;
     let recordings = read_all(recordings, columns, warn)?;
     Ok((file, recordings))
-}
-
-/// Refuses to start long work whose results could not be written, all of them.
-pub(crate) fn check_outputs<'a>(
-    outputs: impl IntoIterator<Item = &'a Option<PathBuf>>,
-) -> Result<(), InputError> {
-    let mut seen: Vec<&Path> = Vec::new();
-    for path in outputs.into_iter().flatten() {
-        let folder = path.parent().unwrap_or(Path::new(""));
-        if !folder.as_os_str().is_empty() && !folder.is_dir() {
-            return Err(InputError::new(
-                format!("cannot be written: there is no folder {}", folder.display()),
-                "create it first",
-            )
-            .in_file(path));
-        }
-        check_writable(path)?;
-        if seen.contains(&path.as_path()) {
-            return Err(InputError::new(
-                "is named for two results",
-                "give each result a file of its own",
-            )
-            .in_file(path));
-        }
-        seen.push(path);
-    }
-    Ok(())
 }
 
 /// Refuses a recording that is given twice: a run that is fitted and judged by

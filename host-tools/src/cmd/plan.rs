@@ -7,6 +7,7 @@ use model_core::actuator::Model;
 use model_core::catalogue::Kind;
 
 use super::input::InputArgs;
+use super::output::{self, FileKind, Output};
 use crate::checkpoint::Checkpoint;
 use crate::diagnose::Progress;
 use crate::diagnose::candidates::{Candidate, FitContext, Scales, added, typical};
@@ -65,7 +66,11 @@ const LISTED: usize = 5;
 ///
 /// Faults of the input, with place and remedy.
 pub fn run(args: &Args) -> anyhow::Result<()> {
-    super::check_outputs([&args.output])?;
+    let read = args.recordings.iter().chain([&args.model]);
+    output::check(
+        &[Output::of("-o", FileKind::Protocol, args.output.as_ref())],
+        read,
+    )?;
     let (file, recordings) = super::read(&args.model, &args.recordings, &args.input.columns())?;
     let pair = between(&args.between)?;
     let limits = limits(args.limits.as_deref())?;

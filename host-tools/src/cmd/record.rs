@@ -12,6 +12,7 @@ use wire::settings::{Key, Settings};
 use wire::state::State;
 
 use super::Interrupt;
+use super::output::{self, FileKind, Output};
 use crate::error::InputError;
 use crate::link::line::{Text, command_text};
 use crate::link::{Event, Link, LinkError, SerialConnector, Timing, is_pseudo_terminal};
@@ -123,7 +124,8 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         .map(parts)
         .filter(|parts| parts.len() > 1 || parts.iter().any(|part| part.step.is_some()))
         .unwrap_or_default();
-    check_output(output, &files, args.force)?;
+    let played = protocol.as_ref().and_then(|it| it.path.as_ref());
+    check_output(output, played, &files, args.force)?;
     let interrupt = Interrupt::listen()?;
     let mut link = Link::open(SerialConnector::new(port), Timing::default())?;
     link.learn_patience()?;
@@ -509,7 +511,12 @@ fn angle_range(settings: &Settings) -> Option<[f64; 2]> {
 }
 
 /// Refuses to replace what was recorded.
-fn check_output(output: &Path, steps: &[Step], force: bool) -> Result<(), InputError> {
+fn check_output(
+    output: &Path,
+    protocol: Option<&PathBuf>,
+    steps: &[Step],
+    force: bool,
+) -> Result<(), InputError> {
     if output
         .extension()
         .is_none_or(|extension| extension != "csv")
@@ -520,7 +527,12 @@ fn check_output(output: &Path, steps: &[Step], force: bool) -> Result<(), InputE
         )
         .in_file(output));
     }
-    super::check_outputs([&Some(output.to_owned())])?;
+    let file = output.to_owned();
+    // Whether it may be replaced is asked below, of everything that is written.
+    output::check(
+        &[Output::of("-o", FileKind::Recording, Some(&file)).replacing(true)],
+        protocol,
+    )?;
     let runs = steps.iter().map(|step| run_path(output, step));
     let exists = [output.to_owned(), meta_path(output)]
         .into_iter()
@@ -589,7 +601,7 @@ fn progress(total_ms: i64) -> ProgressBar {
 
 /// Keeps a recording of what another command sees: `rig monitor --log`.
 pub(crate) fn log(path: &Path, link: &Link) -> Result<Recorder, InputError> {
-    check_output(path, &[], false)?;
+    check_output(path, None, &[], false)?;
     Recorder::create(path, about(link, link.port(), None), false)
 }
 

@@ -7,6 +7,7 @@ use model_core::actuator::Model;
 use model_core::power::{GuardedMicromath, Minimax, Power};
 
 use super::input::InputArgs;
+use super::output::{self, FileKind, Output};
 use crate::error::{InputError, write_atomically};
 use crate::estimate::fit::Fitter;
 use crate::estimate::{Dataset, Nuisance, Session};
@@ -15,6 +16,7 @@ use crate::model_file::ModelFile;
 use crate::plot::{Figure, Panel, Series, Style, write_svg};
 use crate::protocol::{Play, Protocol, play};
 use crate::protocol_file::ProtocolFile;
+use crate::record::meta_path;
 use crate::recording::{PASCAL_PER_KPA, Recording, to_csv};
 use crate::simulate::Start;
 
@@ -93,18 +95,15 @@ fn in_range(text: &str, low: f64, high: f64, unit: &str) -> Result<f64, String> 
 ///
 /// Faults of the input, with place and remedy.
 pub fn run(args: &Args) -> anyhow::Result<()> {
-    super::check_outputs([&args.output, &args.plot])?;
-    if let (Some(output), Some(recording)) = (&args.output, &args.recording)
-        && output.canonicalize().ok() == recording.canonicalize().ok()
-        && output.exists()
-    {
-        return Err(InputError::new(
-            "is the recording itself",
-            "write to another file: a recording is never replaced",
-        )
-        .in_file(output)
-        .into());
-    }
+    let played = args.protocol.as_ref().map(PathBuf::from);
+    output::check(
+        &[
+            Output::of("-o", FileKind::Recording, args.output.as_ref())
+                .replacing(args.output.as_deref().is_some_and(output::is_simulated)),
+            Output::of("--plot", FileKind::Picture, args.plot.as_ref()),
+        ],
+        args.recording.iter().chain(&played).chain([&args.model]),
+    )?;
     let file = ModelFile::read(&args.model)?;
     let (recording, setpoint) = match (&args.recording, args.protocol.as_deref()) {
         (Some(path), _) => {
@@ -186,6 +185,8 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     };
     if let Some(path) = &args.output {
         write_atomically(path, shown.csv().as_bytes())?;
+        let about = output::about_simulated(args.recording.is_none());
+        write_atomically(&meta_path(path), about.as_bytes())?;
         text += &format!("written: {}\n", path.display());
     }
     if let Some(path) = &args.plot {
