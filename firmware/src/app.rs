@@ -37,7 +37,7 @@ use crate::{
     monitor::{Monitor, Seen},
     probe::Probe,
     runner::{Memory, Runner},
-    safety::{Conditions, Event, Supervisor, runs_into_end},
+    safety::{Conditions, Event, LARGEST_AT_REST_PA, Supervisor, runs_into_end},
     self_test::SelfTest,
     sensing::{Calibration, Readings, Sensors},
     settings::{Limits, calibration, check, model},
@@ -408,6 +408,7 @@ impl App {
             host_silent: inputs.time_ms.wrapping_sub(self.heard) > limits.host_timeout_ms,
             overrun: inputs.overruns > 0,
             internal: false,
+            pressurised: limit::size(readings.pressure.filtered) > LARGEST_AT_REST_PA,
             ..self.conditions
         };
     }

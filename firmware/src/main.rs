@@ -56,7 +56,7 @@ fn main() -> ! {
         }
         if let Some(Period { time_ms, missed }) = board.clock.period() {
             let readings = board.adc.readings();
-            let pressed = board.switches.pressed();
+            let pressed = board.switches.pressed() | board.pulses.stopped_by();
             // While nothing moves, being late harms nobody: the self-test may
             // take its time.
             let rests = matches!(app.state(), State::Idle | State::Fault);
@@ -78,7 +78,8 @@ fn main() -> ! {
             let settings = app.settings();
             let acceleration =
                 settings.number(Key::MaxFlowRate) / settings.number(Key::VolumePerStep);
-            board.pulses.obey(outputs.pump, acceleration);
+            let is_homed = app.state() != State::Homing;
+            board.pulses.obey(outputs.pump, acceleration, is_homed);
             board.light.set(outputs.light);
             let telemetry = app.telemetry();
             board.serial.send_or_drop(|out| {

@@ -14,7 +14,8 @@ use wire::{fault::Fault, reply::Refusal, state::State};
 
 use crate::io::{Inputs, Outputs, Pump, Valve};
 
-/// What may be wrong in this control period, one flag for each [`Fault`].
+/// What may be wrong in this control period, a flag for each [`Fault`] and one that
+/// keeps the rig from being armed.
 ///
 /// The flags say what *is*, not what to do about it: that depends on the state
 /// and is the supervisor's part.
@@ -50,7 +51,15 @@ pub struct Conditions {
     pub overrun: bool,
     /// The firmware reached a state that it excludes.
     pub internal: bool,
+    /// The pressure is farther from zero than [`LARGEST_AT_REST_PA`]. No fault: between
+    /// the closed valve and the pump it belongs there. Before arming, with the valve
+    /// open, it means a wrong zero or a blocked vent.
+    pub pressurised: bool,
 }
+
+/// Farthest from zero that the pressure may read (Pa) when the rig is armed: a sensor
+/// that is 10 kPa off lets the pressure rise that far above its limit.
+pub const LARGEST_AT_REST_PA: f32 = 5_000.0;
 
 impl Conditions {
     /// Whether the condition behind a fault holds.
@@ -344,6 +353,7 @@ impl Supervisor {
     /// - [`Refusal::StillThere`]: `Clear`, and a latched condition still holds,
     ///   or another one that trips in idle.
     /// - [`Refusal::NoReading`]: `Arm` while a sensor has no reading.
+    /// - [`Refusal::Pressurised`]: `Arm` while the pressure is not near zero.
     /// - [`Refusal::NotNow`]: any other dash of the table.
     pub fn handle(&mut self, event: Event, conditions: &Conditions) -> Result<(), Refusal> {
         let next = match (self.state, event) {
@@ -364,6 +374,9 @@ impl Supervisor {
             (State::Idle, Event::Arm) => {
                 if conditions.pressure_sensor || conditions.flex_sensor {
                     return Err(Refusal::NoReading);
+                }
+                if conditions.pressurised {
+                    return Err(Refusal::Pressurised);
                 }
                 State::Homing
             }
@@ -429,6 +442,7 @@ mod tests {
             settings_damaged: bit(Fault::Settings),
             overrun: bit(Fault::Overrun),
             internal: bit(Fault::Internal),
+            pressurised: bits >> Fault::ALL.len() & 1 == 1,
         }
     }
 
@@ -437,7 +451,7 @@ mod tests {
     }
 
     fn all_conditions() -> impl Iterator<Item = Conditions> {
-        (0..1 << Fault::ALL.len()).map(conditions)
+        (0..1 << (Fault::ALL.len() + 1)).map(conditions)
     }
 
     /// A supervisor that got to a state in the only ways there are; a fault is
@@ -536,7 +550,7 @@ mod tests {
         }
         // Nothing that must stop an armed rig is ever ignored.
         if armed(before.state()) {
-            assert_eq!(after.state() == State::Fault, *now != Conditions::default());
+            assert_eq!(after.state() == State::Fault, !now.faults().is_empty());
         }
     }
 
@@ -566,7 +580,7 @@ mod tests {
             )),
             State::Homing if moved => {
                 assert_eq!((before.state(), event), (State::Idle, Event::Arm));
-                assert!(!now.pressure_sensor && !now.flex_sensor);
+                assert!(!now.pressure_sensor && !now.flex_sensor && !now.pressurised);
             }
             State::Fault => assert!(!moved, "only conditions are faults"),
             _ => {}

@@ -49,8 +49,6 @@ pub enum Flaw {
     /// The flex sensor's table does not rise or fall strictly; see
     /// [`Flex::new`].
     FlexTable,
-    /// The pressure sensor's zero is the voltage of a broken wire.
-    PressureZero,
     /// A set-point may exceed the limit that stops the rig.
     SetpointBeyondLimit,
     /// A limit is beyond what its sensor can show, so that it would never stop
@@ -167,13 +165,10 @@ pub fn model(settings: &Settings) -> Result<Model<f32, Minimax>, Flaw> {
 ///
 /// # Errors
 ///
-/// [`Flaw::FlexTable`] or [`Flaw::PressureZero`].
+/// [`Flaw::FlexTable`].
 pub fn calibration(settings: &Settings) -> Result<Calibration, Flaw> {
     let zero = settings.number(Key::PressureZero);
     let pressure = Pressure::new(zero, settings.number(Key::PressureSpan));
-    if !(pressure.smallest()..=pressure.largest()).contains(&0.0) {
-        return Err(Flaw::PressureZero);
-    }
     let points = settings.number(Key::FlexPoints);
     // The conversion saturates; what is not a whole number differs after it.
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
@@ -424,8 +419,6 @@ mod tests {
             ((Key::FlexCounts(3), 100.0), Flaw::FlexTable),
             ((Key::FlexAngle(3), 0.0), Flaw::FlexTable),
             ((Key::FlexPoints, 2.5), Flaw::FlexTable),
-            ((Key::PressureZero, 40.0), Flaw::PressureZero),
-            ((Key::PressureZero, 1_000.0), Flaw::PressureZero),
             // Three points end at 20 degrees.
             ((Key::FlexPoints, 3.0), Flaw::LimitBeyondSensor),
             ((Key::PressureSpan, 0.1), Flaw::LimitBeyondSensor),

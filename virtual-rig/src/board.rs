@@ -338,6 +338,12 @@ impl Board {
             .wire_stepper(pins, wiring.position, wiring.lowest, wiring.highest);
     }
 
+    /// Lets the main program hang from its next sleep to the next reset; interrupts go
+    /// on.
+    pub fn hang(&mut self) {
+        self.simavr.hang();
+    }
+
     /// Blocks or frees the stepper's shaft.
     pub fn stall(&mut self, stalled: bool) {
         self.simavr.stall(stalled);

@@ -31,6 +31,8 @@ pub enum Fault {
     EndSwitch,
     /// The supply sags once: a brown-out reset.
     BrownOut,
+    /// The firmware's main program hangs until the next reset; interrupts go on.
+    Hang,
     /// No power while it lasts.
     PowerCut,
     /// The cable is unplugged: bytes are lost both ways.
@@ -39,7 +41,7 @@ pub enum Fault {
 
 impl Fault {
     /// Every fault.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 15] = [
         Self::OpenFlex,
         Self::ShortFlex,
         Self::StuckFlex,
@@ -52,6 +54,7 @@ impl Fault {
         Self::EmergencyStop,
         Self::EndSwitch,
         Self::BrownOut,
+        Self::Hang,
         Self::PowerCut,
         Self::Unplugged,
     ];
@@ -71,6 +74,7 @@ impl Fault {
             Self::EmergencyStop => "emergency-stop",
             Self::EndSwitch => "end-switch",
             Self::BrownOut => "brown-out",
+            Self::Hang => "hang",
             Self::PowerCut => "power-cut",
             Self::Unplugged => "unplugged",
         }

@@ -506,12 +506,13 @@ impl VirtualRig {
     // ---------------------------------------------------------------- faults
 
     /// Starts or ends a fault now. A [`Fault::BrownOut`] resets the board at
-    /// once and does not last; [`Fault::PowerCut`] is [`VirtualRig::power_cut`]
+    /// once and does not last; a [`Fault::Hang`] lasts until a reset; [`Fault::PowerCut`] is [`VirtualRig::power_cut`]
     /// and [`VirtualRig::power_on`].
     pub fn set_fault(&mut self, fault: Fault, on: bool) {
         match (fault, on) {
             (Fault::BrownOut, true) => self.reset(ResetCause::BrownOut),
-            (Fault::BrownOut, false) => {}
+            (Fault::Hang, true) => self.board.hang(),
+            (Fault::BrownOut | Fault::Hang, false) => {}
             (Fault::PowerCut, true) => {
                 self.power_cut();
             }

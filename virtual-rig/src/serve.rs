@@ -41,6 +41,7 @@ Faults, as KIND@SECONDS or KIND@SECONDS..SECONDS of simulated time:
   emergency-stop   the button is pressed
   end-switch       the switch at the pushed-in end reads pressed
   brown-out        one reset by a sagging supply
+  hang             the firmware's main program hangs until the next reset
   power-cut        no power, for 0.5 s unless an end is given
   unplugged        bytes are lost both ways
 

@@ -99,6 +99,11 @@ struct softrig_board {
     int was_reset;
     uint64_t resets;
 
+    // A main program that hangs: a jump to itself where it sleeps
+    int hang_wanted;
+    avr_flashaddr_t hung_at; // zero: it does not
+    uint8_t hung_word[2];
+
     // Received bytes
     uint8_t *output;
     size_t output_len, output_cap;
@@ -517,6 +522,30 @@ void softrig_board_wire_stepper(struct softrig_board *board, const char ports[3]
         avr_io_getirq(board->avr, AVR_IOCTL_IOPORT_GETIRQ(ports[0]), bits[0]), on_step, board);
 }
 
+// Lets the main program hang from its next sleep to the next reset; interrupts go on.
+void softrig_board_hang(struct softrig_board *board)
+{
+    board->hang_wanted = 1;
+}
+
+static void hang(struct softrig_board *board)
+{
+    static const uint8_t to_itself[2] = {0xff, 0xcf}; // rjmp .-2
+    avr_t *avr = board->avr;
+    board->hang_wanted = 0;
+    board->hung_at = avr->pc;
+    memcpy(board->hung_word, avr->flash + avr->pc, sizeof to_itself);
+    memcpy(avr->flash + avr->pc, to_itself, sizeof to_itself);
+}
+
+static void end_of_hang(struct softrig_board *board)
+{
+    board->hang_wanted = 0;
+    if (board->hung_at)
+        memcpy(board->avr->flash + board->hung_at, board->hung_word, sizeof board->hung_word);
+    board->hung_at = 0;
+}
+
 void softrig_board_stall(struct softrig_board *board, int stalled)
 {
     board->stalled = stalled;
@@ -661,6 +690,7 @@ static void after_reset(struct softrig_board *board)
     avr_t *avr = board->avr;
     board->was_reset = 0;
     board->resets++;
+    end_of_hang(board);
     board->reset_flags |= avr->data[MCUSR]; // the watchdog's flag is there already
     avr->data[MCUSR] = board->reset_flags;
     avr->run_cycle_limit = RUN_AT_MOST;
@@ -848,6 +878,9 @@ int softrig_board_run_until(struct softrig_board *board, uint64_t cycle)
         }
         if (state == cpu_Crashed)
             return 2;
+        // What is asleep is the main program, and nothing else is at that place.
+        if (board->hang_wanted && avr->state == cpu_Sleeping)
+            hang(board);
     }
     eeprom_settle(board);
     return board->out_of_memory ? 3 : 0;

@@ -65,6 +65,7 @@ unsafe extern "C" {
         highest: i64,
     );
     fn softrig_board_stall(board: *mut Opaque, stalled: c_int);
+    fn softrig_board_hang(board: *mut Opaque);
     fn softrig_board_stepper(
         board: *const Opaque,
         position: *mut i64,
@@ -291,6 +292,11 @@ impl Simavr {
                 highest,
             );
         }
+    }
+
+    pub(crate) fn hang(&mut self) {
+        // SAFETY: the handle is live and not in use elsewhere.
+        unsafe { softrig_board_hang(self.get_mut()) }
     }
 
     pub(crate) fn stall(&mut self, stalled: bool) {

@@ -76,6 +76,8 @@ refusals! {
     NotAtRest = 10, "the sensors do not rest: wait, and try again";
     /// A sensor has no reading.
     NoReading = 11, "a sensor has no valid reading: check its wires";
+    /// The valve is open, and the pressure is not near zero.
+    Pressurised = 12, "the valve is open and the pressure does not read zero within 5 kPa: wait until the air is out, look for a blocked vent, then tare or calibrate the pressure sensor";
 }
 
 impl fmt::Display for Refusal {

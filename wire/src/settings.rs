@@ -134,8 +134,8 @@ scalars! {
     Exponent = 3, "exponent", 1.727, 0.05, 10.0, "1", "Exponent n of Ludwick's law";
     InputGain = 4, "gain", 1e-4, 1e-9, 1.0, "N/Pa", "Input gain g";
     FlexPoints = 5, "f.n", 8.0, 2.0, 8.0, "1", "Points of the flex sensor's table in use";
-    PressureZero = 6, "p.zero", 102.4, 0.0, 1023.0, "counts", "Pressure sensor's reading at gauge zero";
-    PressureSpan = 7, "p.span", 0.673_316, 1e-3, 100.0, "kPa/count", "Pressure per count";
+    PressureZero = 6, "p.zero", 102.4, 51.2, 153.6, "counts", "Pressure sensor's reading at gauge zero, 0.25 to 0.75 V";
+    PressureSpan = 7, "p.span", 0.673_316, 0.05, 5.0, "kPa/count", "Pressure per count, of sensors to 40 kPa up to 4 MPa";
     MaxPressure = 8, "max.kpa", 180.0, 1.0, 400.0, "kPa", "Pressure at which the rig is stopped";
     MaxAngle = 9, "max.deg", 130.0, 1.0, 330.0, "deg", "Bending angle at which the rig is stopped";
     MaxVolume = 10, "max.ul", 50_000.0, 100.0, 500_000.0, "ul", "Largest volume that the pump may displace";

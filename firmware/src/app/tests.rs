@@ -452,6 +452,8 @@ fn a_rig_that_differs_from_its_model_raises_the_flag() {
     rig.wait(8.0);
     assert!(rig.log.last().unwrap().mismatch);
     rig.ask(Command::Stop).unwrap();
+    assert_eq!(rig.ask(Command::Arm), Err(Refusal::Pressurised));
+    rig.wait(1.0);
     rig.ask(Command::Arm).unwrap();
     rig.wait_for(State::Ready, 60.0);
     assert!(

@@ -121,7 +121,7 @@ fn TIMER3_COMPA() {
     // A new plan begins at the last beat: its conversion begins the next control
     // period, so that the main program had a whole one to make the plan.
     if beat % BEATS_PER_SLOT == BEATS_PER_SLOT - 1 {
-        pulses::slot(section, beat == BEATS - 1);
         switches::sample();
+        pulses::slot(section, beat == BEATS - 1);
     }
 }

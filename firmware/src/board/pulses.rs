@@ -11,7 +11,9 @@
 //!
 //! The main program hands over a [`Plan`] for a whole control period; the clock's
 //! interrupt takes its slots one by one. When the main program is late, the last
-//! rate goes on.
+//! rate goes on for a period: then it hangs, and the pulses stop. So they do
+//! within two looks at a pressed emergency stop or at an end switch that the plunger
+//! runs into, without waiting for the main program.
 
 use core::{
     arch::global_asm,
@@ -29,6 +31,7 @@ use firmware::{
 use super::{
     pins::{is_at, pin_type},
     shared::{self, CriticalSection, Shared},
+    switches::{self, PUSHED, RETRACTED, STOP},
 };
 
 type Step = pin_type!(Output, STEP);
@@ -87,6 +90,18 @@ static NEXT_COMPRESSES: AtomicBool = AtomicBool::new(false);
 static IS_NEXT_READY: AtomicBool = AtomicBool::new(false);
 /// The slot that comes next.
 static SLOT: AtomicU8 = AtomicU8::new(0);
+/// Periods that began without a new plan since the one in use did.
+static LATE: AtomicU8 = AtomicU8::new(0);
+/// With so many, the main program hangs: three periods have gone by since the plan in use
+/// began, four at most since the main program did anything.
+const LATEST: u8 = 2;
+
+/// Whether either end switch stops pulses in either direction: the plunger is homed and
+/// stands clear of both. Else only the one that it moves towards does.
+static IS_HOMED: AtomicBool = AtomicBool::new(true);
+/// The switches that stopped pulses since the main program last looked.
+static STOPPED_BY: AtomicU8 = AtomicU8::new(0);
+
 /// Stopped at once; slots are passed over until a new plan begins.
 static IS_HALTED: AtomicBool = AtomicBool::new(true);
 
@@ -128,8 +143,10 @@ impl Pulses {
         }
     }
 
-    /// Does what the control logic asks for. `acceleration` is in microsteps/s².
-    pub fn obey(&mut self, pump: io::Pump, acceleration: f32) {
+    /// Does what the control logic asks for. `acceleration` is in microsteps/s²; a plunger
+    /// that `is_homed` stands clear of both end switches.
+    pub fn obey(&mut self, pump: io::Pump, acceleration: f32, is_homed: bool) {
+        IS_HOMED.store(is_homed, Relaxed);
         match pump {
             io::Pump::Off => {
                 self.halt();
@@ -167,6 +184,15 @@ impl Pulses {
             set_gap(section, 0);
             stop(section, &self.timer);
         });
+    }
+
+    /// The switches that stopped the pulses since the last look.
+    pub fn stopped_by(&mut self) -> u8 {
+        shared::free(|_| {
+            let switches = STOPPED_BY.load(Relaxed);
+            STOPPED_BY.store(0, Relaxed);
+            switches
+        })
     }
 
     /// Microsteps made since the position was last set; positive compresses.
@@ -267,10 +293,22 @@ fn disconnect(section: CriticalSection<'_>, timer: &TC1) {
 pub(super) fn slot(section: CriticalSection<'_>, is_first: bool) {
     // SAFETY: the main program touches the timer in critical sections only.
     let timer = unsafe { TC1::steal() };
-    if is_first && IS_NEXT_READY.load(Relaxed) {
-        begin_plan(section, &timer);
+    if is_first {
+        if IS_NEXT_READY.load(Relaxed) {
+            begin_plan(section, &timer);
+        } else {
+            LATE.store(LATE.load(Relaxed).saturating_add(1), Relaxed);
+        }
     }
     if IS_HALTED.load(Relaxed) {
+        return;
+    }
+    let stopping = switches::now() & stopping(section);
+    if stopping != 0 || LATE.load(Relaxed) >= LATEST {
+        STOPPED_BY.store(STOPPED_BY.load(Relaxed) | stopping, Relaxed);
+        IS_HALTED.store(true, Relaxed);
+        set_gap(section, 0);
+        stop(section, &timer);
         return;
     }
     let slot = SLOT.load(Relaxed);
@@ -287,6 +325,19 @@ pub(super) fn slot(section: CriticalSection<'_>, is_first: bool) {
     }
 }
 
+/// The switches that stop the pulses.
+#[inline(always)]
+fn stopping(section: CriticalSection<'_>) -> u8 {
+    let ends = if IS_HOMED.load(Relaxed) {
+        RETRACTED | PUSHED
+    } else if STRIDE.get(section) == 1 {
+        PUSHED
+    } else {
+        RETRACTED
+    };
+    ends | STOP
+}
+
 #[inline(always)]
 fn set_gap(section: CriticalSection<'_>, gap: u32) {
     GAP.set(section, gap);
@@ -297,6 +348,7 @@ fn set_gap(section: CriticalSection<'_>, gap: u32) {
 fn begin_plan(section: CriticalSection<'_>, timer: &TC1) {
     IS_NEXT_READY.store(false, Relaxed);
     IS_HALTED.store(false, Relaxed);
+    LATE.store(0, Relaxed);
     IN_USE.store(IN_USE.load(Relaxed) ^ OTHER, Relaxed);
     SLOT.store(0, Relaxed);
     let stride = if NEXT_COMPRESSES.load(Relaxed) {

@@ -8,9 +8,9 @@ use core::sync::atomic::{AtomicU8, Ordering::Relaxed};
 
 use super::pins::pin_type;
 
-const RETRACTED: u8 = 1;
-const PUSHED: u8 = 2;
-const STOP: u8 = 4;
+pub(super) const RETRACTED: u8 = 1;
+pub(super) const PUSHED: u8 = 2;
+pub(super) const STOP: u8 = 4;
 
 type RetractedEnd = pin_type!(Input, RETRACTED_END);
 type PushedEnd = pin_type!(Input, PUSHED_END);
@@ -32,6 +32,14 @@ pub struct Switches {
 /// Which of them are pressed, or have a broken wire.
 #[derive(Clone, Copy)]
 pub struct Pressed(u8);
+
+impl core::ops::BitOr<u8> for Pressed {
+    type Output = Self;
+
+    fn bitor(self, more: u8) -> Self {
+        Self(self.0 | more)
+    }
+}
 
 impl Pressed {
     /// The end switch at the retracted end.
@@ -71,6 +79,12 @@ impl Switches {
     pub fn pressed(&self) -> Pressed {
         Pressed(PRESSED.load(Relaxed))
     }
+}
+
+/// What is pressed now, for the interrupt that makes pulses.
+#[inline(always)]
+pub(super) fn now() -> u8 {
+    PRESSED.load(Relaxed)
 }
 
 /// Looks at the pins; called by the clock.

@@ -1,9 +1,11 @@
 //! The watchdog: what ends the firmware's worst case.
 //!
-//! Only a completed control period feeds it. After two seconds without one, its
-//! interrupt makes the outputs safe, if interrupts still work; after four it
-//! resets the processor, which makes them safe in any case. Stock bootloaders
-//! hold the processor for one second, and old ones forget to stop the watchdog.
+//! Only a completed control period feeds it. After a quarter of a second without one,
+//! its interrupt makes the outputs safe, if interrupts still work; after half a second
+//! it resets the processor, which makes them safe in any case. The pump has stopped
+//! long before: see [`super::pulses`]. Once the watchdog has bitten, the processor
+//! itself sets it to its shortest time, whatever is chosen here; bootloaders that do
+//! not stop it reset for ever, with the outputs safe.
 
 use avr_device::atmega2560::WDT;
 
@@ -20,10 +22,10 @@ impl Watchdog {
             avr_device::asm::wdr();
             // SAFETY: the second write must follow within four cycles; both are
             // stores of constants. WDCE and WDE, then interrupt and reset mode
-            // at two seconds.
+            // at a quarter of a second each.
             unsafe {
                 watchdog.wdtcsr().write(|w| w.bits(0b0001_1000));
-                watchdog.wdtcsr().write(|w| w.bits(0b0100_1111));
+                watchdog.wdtcsr().write(|w| w.bits(0b0100_1100));
             }
         });
         Self(())

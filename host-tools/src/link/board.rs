@@ -11,6 +11,9 @@ use wire::state::State;
 use super::client::{Event, Link};
 use super::error::LinkError;
 
+/// The last air of a run goes out in a fraction of a second: who arms before it has is
+/// early, not wrong.
+const VENTING: Duration = Duration::from_secs(3);
 /// Homing goes through the syringe's whole length, slowly.
 const HOMING: Duration = Duration::from_secs(60);
 /// All settings are in EEPROM after this at the latest: 3.3 ms a byte.
@@ -186,7 +189,23 @@ impl Link {
     /// [`LinkError`]; the fault if homing ends in one.
     pub fn arm(&mut self, handler: &mut dyn FnMut(Event) -> bool) -> Result<bool, LinkError> {
         let mut go_on = true;
-        let asked = self.request_with(Command::Arm, &mut |event| go_on &= handler(event));
+        let vented = Instant::now() + VENTING;
+        let asked = loop {
+            let asked = self.request_with(Command::Arm, &mut |event| go_on &= handler(event));
+            let is_early = matches!(
+                asked,
+                Err(LinkError::Refused {
+                    refusal: Refusal::Pressurised,
+                    ..
+                })
+            );
+            if !is_early || !go_on || Instant::now() > vented {
+                break asked;
+            }
+            if let Some(event) = self.next_event(Duration::from_millis(100)) {
+                go_on &= handler(event);
+            }
+        };
         match asked {
             // Or it was armed at first hearing, and only the reply was lost.
             Ok(_)

@@ -147,6 +147,91 @@ fn an_end_switch_in_motion() {
     breaks(Broken::EndSwitch, Fault::EndSwitch, 2.0);
 }
 
+/// A zero that is off lets the pressure rise as far above its limit: the rig is not armed.
+#[test]
+fn a_pressure_sensor_with_a_wrong_zero() {
+    // −240 mV is −34 kPa, +50 mV is 7 kPa.
+    for off_millivolts in [-240.0, -50.0, 50.0, 240.0] {
+        let mut options = healthy();
+        options.plant.pressure_sensor.offset_millivolts += off_millivolts;
+        let Some(mut bench) = Bench::start(options) else {
+            return;
+        };
+        bench.run(1.5);
+        assert_eq!(
+            bench.ask(Command::Arm),
+            Err(Refusal::Pressurised),
+            "{off_millivolts} mV"
+        );
+        assert_eq!((bench.state(), bench.fault()), (State::Idle, None));
+        // 7 kPa are more than a tare takes, and nothing else lets it pass.
+        assert_eq!(bench.ask(Command::Tare), Err(Refusal::OutOfBounds));
+        assert_eq!(bench.ask(Command::Arm), Err(Refusal::Pressurised));
+    }
+    // Nor is a zero accepted that no such sensor has.
+    let Some(mut bench) = Bench::start(healthy()) else {
+        return;
+    };
+    for counts in [0.0_f32, 51.0, 154.0, 300.0] {
+        let set = Command::Set {
+            key: Key::PressureZero,
+            bits: counts.to_bits(),
+        };
+        assert_eq!(bench.ask(set), Err(Refusal::OutOfBounds), "{counts}");
+    }
+    // Within those bounds it is seen when the rig is armed.
+    bench.set(Key::PressureZero, 120.0);
+    bench.save();
+    assert_eq!(bench.ask(Command::Arm), Err(Refusal::Pressurised));
+}
+
+/// Seconds for which the pump went on stepping after something broke.
+fn steps_on(bench: &mut Bench, broken: Broken) -> f64 {
+    const HERTZ: f64 = 16e6;
+    bench.rig.trace_steps(true);
+    bench.run(0.5);
+    assert!(bench.rig.step_edges().len() > 100, "the pump moves");
+    let begin = bench.rig.time_s();
+    bench.rig.set_fault(broken, true);
+    bench.run(0.2);
+    let last = bench.rig.step_edges().last().copied();
+    last.map_or(0.0, |cycle| cycle as f64 / HERTZ - begin)
+}
+
+/// The pulses need no main program: left alone, they would repeat its last rate until the
+/// watchdog bites.
+#[test]
+fn a_main_program_that_hangs() {
+    let Some(mut bench) = running() else {
+        return;
+    };
+    let steps_on = steps_on(&mut bench, Broken::Hang);
+    assert!(steps_on > 0.0 && steps_on <= 0.040, "{steps_on} s");
+    // Then the watchdog opens the valve, and starts the board again.
+    bench.rig.run_for(0.1).expect("the board runs");
+    assert!(bench.is_safe(), "{:?}", bench.rig.plant());
+    bench.samples.clear();
+    bench.until(3.0, "a sample", |bench| !bench.samples.is_empty());
+    assert_eq!(bench.fault(), Some(Fault::Watchdog));
+    bench.obey(Command::Clear);
+    bench.arm();
+}
+
+#[test]
+fn switches_stop_the_pump_before_the_control_loop_looks() {
+    for broken in [Broken::EmergencyStop, Broken::EndSwitch] {
+        let Some(mut bench) = running() else {
+            return;
+        };
+        let steps_on = steps_on(&mut bench, broken);
+        assert!(
+            steps_on > 0.0 && steps_on <= 0.005,
+            "{broken}: {steps_on} s"
+        );
+        assert!(bench.is_safe());
+    }
+}
+
 #[test]
 fn a_computer_that_falls_silent() {
     let Some(mut bench) = running() else {
