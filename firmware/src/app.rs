@@ -37,7 +37,7 @@ use crate::{
     monitor::{Monitor, Seen},
     probe::Probe,
     runner::{Memory, Runner},
-    safety::{Conditions, Event, LARGEST_AT_REST_PA, Supervisor, runs_into_end},
+    safety::{Conditions, Event, LARGEST_AT_REST_PA, LONGEST_VENTING, Supervisor, runs_into_end},
     self_test::SelfTest,
     sensing::{Calibration, Readings, Sensors},
     settings::{Limits, calibration, check, model},
@@ -132,6 +132,8 @@ pub struct App {
     stall: Watch,
     /// Periods for which the plunger has been back at its start.
     back: u8,
+    /// Periods for which the valve has been open.
+    venting: u16,
     /// Whether the last reading of the pressure was above its limit.
     pressure_was_high: bool,
     inputs: Inputs,
@@ -242,6 +244,7 @@ impl App {
             monitor: Monitor::default(),
             stall: Watch::default(),
             back: 0,
+            venting: 0,
             pressure_was_high: false,
             inputs: Inputs::default(),
             seen: Seen::default(),
@@ -315,6 +318,7 @@ impl App {
             pressure: readings.pressure.filtered,
             angle: readings.angle.filtered,
             volume: self.volume,
+            expected: None,
         };
         let outputs = match self.state() {
             State::Idle | State::Fault => Outputs::default(),
@@ -384,11 +388,17 @@ impl App {
     #[inline(never)]
     fn look(&mut self, inputs: &Inputs, readings: &Readings) {
         let limits = Limits::of(&self.settings);
+        let pressurised = limit::size(readings.pressure.filtered) > LARGEST_AT_REST_PA;
         let rate = match self.outputs.pump {
             Pump::Rate(rate) => rate,
             Pump::Off | Pump::Brake => 0.0,
         };
         let closed = self.outputs.valve == Valve::Closed;
+        self.venting = if closed {
+            0
+        } else {
+            self.venting.saturating_add(1)
+        };
         let pressure = readings.pressure.value;
         // Twice in a row: a wire that breaks within a reading leaves a mean of
         // good and bad conversions, which can look like any pressure once.
@@ -408,7 +418,12 @@ impl App {
             host_silent: inputs.time_ms.wrapping_sub(self.heard) > limits.host_timeout_ms,
             overrun: inputs.overruns > 0,
             internal: false,
-            pressurised: limit::size(readings.pressure.filtered) > LARGEST_AT_REST_PA,
+            retracted_switch: false,
+            motor_reversed: false,
+            vent_blocked: self.venting > LONGEST_VENTING && pressurised,
+            out_of_reach: false,
+            disagreement: false,
+            pressurised,
             ..self.conditions
         };
     }
@@ -426,6 +441,10 @@ impl App {
         match fault {
             Fault::Stall => self.conditions.stall = true,
             Fault::EndSwitch => self.conditions.end_switch = true,
+            Fault::RetractedSwitch => self.conditions.retracted_switch = true,
+            Fault::MotorReversed => self.conditions.motor_reversed = true,
+            Fault::Reach => self.conditions.out_of_reach = true,
+            Fault::Disagreement => self.conditions.disagreement = true,
             _ => self.conditions.internal = true,
         }
         if self.supervisor.update(&self.conditions).is_some() {
@@ -478,10 +497,14 @@ impl App {
         let outputs = match demand {
             Demand::Track { track, level } => {
                 self.back = 0;
+                let mut measured = *measured;
+                if track == Track::AngleClosedLoop {
+                    measured.expected = self.monitor.expected(&self.predictor);
+                }
                 let model = self.predictor.model();
                 let flow = self
                     .controller
-                    .track(&config, model, (track, level), measured);
+                    .track(&config, model, (track, level), &measured);
                 self.setpoint = if track == Track::Pressure {
                     let pressure = self.controller.pressure_setpoint();
                     Setpoint::Pressure(Hundredths::round(pressure * KPA_PER_PA))
@@ -517,6 +540,10 @@ impl App {
                 }
             }
         };
+        if let Some(fault) = self.controller.fault() {
+            self.fail(fault);
+            return Outputs::default();
+        }
         let is_back = self.back >= VENTING;
         if demand == Demand::Done {
             if is_back {

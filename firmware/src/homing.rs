@@ -21,7 +21,7 @@ const START_SHARE: f32 = 0.05;
 /// Travel, in largest volumes, after which there is no switch to be found.
 const LONGEST_SEARCH: f32 = 1.3;
 
-/// Travel, in largest volumes, in which a pressed switch has to let go.
+/// Travel, in largest volumes, in which a pressed switch has to let go, either of them.
 const LONGEST_BACK_OFF: f32 = 0.1;
 
 /// Share of the fastest flow with which the switch is looked for.
@@ -88,6 +88,8 @@ pub struct Homing {
     before: i32,
     /// Periods spent standing.
     standing: u8,
+    /// Whether the pushed-in switch has been seen open since the search began.
+    is_clear: bool,
 }
 
 /// What a period of homing came to.
@@ -113,6 +115,7 @@ impl Homing {
             from: inputs.steps,
             before: inputs.steps,
             standing: 0,
+            is_clear: !inputs.pushed_end,
         }
     }
 
@@ -134,8 +137,13 @@ impl Homing {
             }
         }
         let settled = self.standing >= SETTLING;
+        let let_go = config.max_volume * LONGEST_BACK_OFF;
+        self.is_clear |= !inputs.pushed_end;
         let mut set_steps = None;
         match self.phase {
+            Phase::Search if inputs.pushed_end && (self.is_clear || -moved > let_go) => {
+                return Progress::Failed(Fault::MotorReversed);
+            }
             Phase::Search if inputs.retracted_end => self.enter(Phase::Stop, inputs.steps),
             Phase::Search if -moved > config.max_volume * LONGEST_SEARCH => {
                 return Progress::Failed(Fault::Stall);
@@ -146,8 +154,8 @@ impl Homing {
                 self.enter(Phase::Zero, 0);
                 set_steps = Some(0);
             }
-            Phase::BackOff if moved > config.max_volume * LONGEST_BACK_OFF => {
-                return Progress::Failed(Fault::Stall);
+            Phase::BackOff if moved > let_go => {
+                return Progress::Failed(Fault::RetractedSwitch);
             }
             Phase::Zero if settled => self.enter(Phase::Approach, inputs.steps),
             Phase::Approach
@@ -176,6 +184,7 @@ impl Homing {
             from,
             before: from,
             standing: 0,
+            ..*self
         };
     }
 }
@@ -228,12 +237,49 @@ mod tests {
     fn a_switch_that_never_lets_go_is_a_fault() {
         let mut plant = Plant::new(60e3, 20e3);
         plant.retracted_end = Some(true);
-        assert_eq!(home(&mut plant), Err(Fault::Stall));
+        assert_eq!(home(&mut plant), Err(Fault::RetractedSwitch));
         assert!(plant.plunger < 26e3);
         let mut plant = Plant::new(60e3, 20e3);
         plant.retracted_end = Some(true);
         plant.pushed_end = true;
         assert_eq!(home(&mut plant), Err(Fault::EndSwitch));
+    }
+
+    /// A swapped coil lets the plunger run to the other end. One that starts there may
+    /// leave it.
+    #[test]
+    #[allow(clippy::cast_possible_truncation)] // Some thousand steps.
+    fn the_wrong_end_is_a_fault_and_leaving_it_is_none() {
+        let config = Config::of(&Settings::DEFAULT);
+        let at = |steps: i32, pushed_end: bool| Inputs {
+            pushed_end,
+            steps,
+            ..Inputs::default()
+        };
+        let mut reversed = Homing::start(&at(0, false));
+        assert!(matches!(
+            reversed.step(&config, &at(-10, false)),
+            Progress::Moving(_)
+        ));
+        assert_eq!(
+            reversed.step(&config, &at(-20, true)),
+            Progress::Failed(Fault::MotorReversed)
+        );
+        let mut leaving = Homing::start(&at(0, true));
+        assert!(matches!(
+            leaving.step(&config, &at(-10, true)),
+            Progress::Moving(_)
+        ));
+        assert!(matches!(
+            leaving.step(&config, &at(-20, false)),
+            Progress::Moving(_)
+        ));
+        let mut stays = Homing::start(&at(0, true));
+        let far = -(config.max_volume * LONGEST_BACK_OFF / config.volume_per_step) as i32 - 2;
+        assert_eq!(
+            stays.step(&config, &at(far, true)),
+            Progress::Failed(Fault::MotorReversed)
+        );
     }
 
     #[test]

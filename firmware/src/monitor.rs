@@ -16,7 +16,10 @@ use wire::{
     settings::{Key, Settings},
 };
 
-use crate::{control::DEG_PER_RAD, io::PERIOD_S};
+use crate::{
+    control::{DEG_PER_RAD, angle::Expected},
+    io::PERIOD_S,
+};
 
 /// The readings of a telemetry line, as they are sent.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -65,6 +68,18 @@ impl Monitor {
     /// The predictor's state.
     pub fn prediction(&self) -> Option<&Prediction> {
         self.prediction.as_ref()
+    }
+
+    /// What the model says of the present, for the angle loop; none before the first
+    /// readings, and when the model diverged.
+    pub fn expected(&self, predictor: &Predictor) -> Option<Expected> {
+        let prediction = self.prediction.as_ref()?;
+        let expected = Expected {
+            reading: prediction.reading(),
+            angle: prediction.angle(),
+            rate: predictor.rate(prediction),
+        };
+        (expected.reading.is_finite() && expected.rate.is_finite()).then_some(expected)
     }
 
     /// Goes on to the next telemetry line: starts from it if there is no

@@ -51,6 +51,17 @@ pub struct Conditions {
     pub overrun: bool,
     /// The firmware reached a state that it excludes.
     pub internal: bool,
+    /// Homing leaves the retracted switch, and it stays pressed.
+    pub retracted_switch: bool,
+    /// Homing looks for the retracted switch and comes to the other one.
+    pub motor_reversed: bool,
+    /// The valve has been open for longer than [`LONGEST_VENTING`], and the pressure is
+    /// not near zero: it stays, or a plunger that goes back sucks the actuator flat.
+    pub vent_blocked: bool,
+    /// The pump is at the end of its stroke and far from the pressure set-point.
+    pub out_of_reach: bool,
+    /// In closed loop, sensor and prediction show different angles.
+    pub disagreement: bool,
     /// The pressure is farther from zero than [`LARGEST_AT_REST_PA`]. No fault: between
     /// the closed valve and the pump it belongs there. Before arming, with the valve
     /// open, it means a wrong zero or a blocked vent.
@@ -60,6 +71,10 @@ pub struct Conditions {
 /// Farthest from zero that the pressure may read (Pa) when the rig is armed: a sensor
 /// that is 10 kPa off lets the pressure rise that far above its limit.
 pub const LARGEST_AT_REST_PA: f32 = 5_000.0;
+
+/// Periods in which an open valve has to let the air out: 3 s, ten times what a tube of a
+/// metre takes.
+pub const LONGEST_VENTING: u16 = 300;
 
 impl Conditions {
     /// Whether the condition behind a fault holds.
@@ -78,6 +93,11 @@ impl Conditions {
             Fault::Settings => self.settings_damaged,
             Fault::Overrun => self.overrun,
             Fault::Internal => self.internal,
+            Fault::RetractedSwitch => self.retracted_switch,
+            Fault::MotorReversed => self.motor_reversed,
+            Fault::Vent => self.vent_blocked,
+            Fault::Reach => self.out_of_reach,
+            Fault::Disagreement => self.disagreement,
         }
     }
 
@@ -96,6 +116,11 @@ impl Conditions {
             .with(Fault::Settings, self.settings_damaged)
             .with(Fault::Overrun, self.overrun)
             .with(Fault::Internal, self.internal)
+            .with(Fault::RetractedSwitch, self.retracted_switch)
+            .with(Fault::MotorReversed, self.motor_reversed)
+            .with(Fault::Vent, self.vent_blocked)
+            .with(Fault::Reach, self.out_of_reach)
+            .with(Fault::Disagreement, self.disagreement)
     }
 }
 
@@ -120,7 +145,7 @@ pub fn runs_into_end(state: State, inputs: &Inputs, rate: f32) -> bool {
 
 /// A set of faults, a bit each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-struct Faults(u16);
+struct Faults(u32);
 
 impl Faults {
     const NONE: Self = Self(0);
@@ -147,7 +172,12 @@ impl Faults {
         .with(Fault::Stall, true)
         .with(Fault::EndSwitch, true)
         .with(Fault::HostLost, true)
-        .with(Fault::Overrun, true);
+        .with(Fault::Overrun, true)
+        .with(Fault::RetractedSwitch, true)
+        .with(Fault::MotorReversed, true)
+        .with(Fault::Vent, true)
+        .with(Fault::Reach, true)
+        .with(Fault::Disagreement, true);
 
     const fn with(self, fault: Fault, holds: bool) -> Self {
         if holds {
@@ -193,9 +223,14 @@ impl Faults {
             PressureSensor,
             FlexSensor,
             OverPressure,
+            Vent,
             OverAngle,
             EndSwitch,
+            MotorReversed,
+            RetractedSwitch,
             Stall,
+            Reach,
+            Disagreement,
             Overrun,
             HostLost
         ];
@@ -426,7 +461,7 @@ mod tests {
         Event::Clear,
     ];
 
-    fn conditions(bits: u16) -> Conditions {
+    fn conditions(bits: u32) -> Conditions {
         let bit = |fault: Fault| bits >> (fault.code() - 1) & 1 == 1;
         Conditions {
             emergency_stop: bit(Fault::EmergencyStop),
@@ -442,6 +477,11 @@ mod tests {
             settings_damaged: bit(Fault::Settings),
             overrun: bit(Fault::Overrun),
             internal: bit(Fault::Internal),
+            retracted_switch: bit(Fault::RetractedSwitch),
+            motor_reversed: bit(Fault::MotorReversed),
+            vent_blocked: bit(Fault::Vent),
+            out_of_reach: bit(Fault::Reach),
+            disagreement: bit(Fault::Disagreement),
             pressurised: bits >> Fault::ALL.len() & 1 == 1,
         }
     }
@@ -450,8 +490,13 @@ mod tests {
         conditions(1 << (fault.code() - 1))
     }
 
+    /// All sets of at most four conditions, and what is left of everything without them:
+    /// no rule of the supervisor looks at more than two at once.
     fn all_conditions() -> impl Iterator<Item = Conditions> {
-        (0..1 << (Fault::ALL.len() + 1)).map(conditions)
+        const EVERYTHING: u32 = (1 << (Fault::ALL.len() + 1)) - 1;
+        (0..=EVERYTHING)
+            .filter(|bits| bits.count_ones().min((EVERYTHING & !bits).count_ones()) <= 4)
+            .map(conditions)
     }
 
     /// A supervisor that got to a state in the only ways there are; a fault is
@@ -498,7 +543,7 @@ mod tests {
         light: true,
     };
 
-    /// Every state, every set of conditions, every event.
+    /// Every state, sets of conditions, every event.
     #[test]
     fn nothing_gets_past_the_supervisor() {
         for state in State::ALL {
@@ -634,6 +679,11 @@ mod tests {
 | settings | stops | stops | stops | stops |
 | overrun | shown | stops | stops | stops |
 | internal | stops | stops | stops | stops |
+| retracted switch | shown | stops | stops | stops |
+| motor direction | shown | stops | stops | stops |
+| vent | shown | stops | stops | stops |
+| out of reach | shown | stops | stops | stops |
+| disagreement | shown | stops | stops | stops |
 "
         );
     }

@@ -53,8 +53,9 @@ const ERASED: u8 = 0xff;
 
 /// Changes whenever the words change their meaning. A record of another version is
 /// [`Loaded::Damaged`]: the words of version 1 have no shape of a Bouc–Wen hysteresis,
-/// and the zero in that place would be another loop.
-const VERSION: u8 = 2;
+/// and the zero in that place would be another loop; those of version 2 have the gains
+/// of another angle loop.
+const VERSION: u8 = 3;
 
 const WORD_BYTES: u16 = 4;
 /// Version, number of words, sequence.

@@ -338,6 +338,16 @@ impl Board {
             .wire_stepper(pins, wiring.position, wiring.lowest, wiring.highest);
     }
 
+    /// Lets the stepper turn the other way, or as it should.
+    pub fn reverse(&mut self, reversed: bool) {
+        self.simavr.reverse(reversed);
+    }
+
+    /// Takes the current from a coil of the stepper, or gives it back.
+    pub fn tremble(&mut self, trembles: bool) {
+        self.simavr.tremble(trembles);
+    }
+
     /// Lets the main program hang from its next sleep to the next reset; interrupts go
     /// on.
     pub fn hang(&mut self) {

@@ -29,6 +29,20 @@ pub enum Fault {
     EmergencyStop,
     /// The switch at the pushed-in end reads pressed.
     EndSwitch,
+    /// The flex sensor has come off the actuator: it shows zero, with much noise.
+    DetachedFlex,
+    /// The pressure sensor shows less and less, by 0.5 kPa a second.
+    DriftingPressure,
+    /// A coil of the motor has no current: it trembles and does not turn.
+    LostCoil,
+    /// The switch at the retracted end reads pressed.
+    RetractedSwitch,
+    /// Two wires of a motor coil are swapped: it turns the other way.
+    ReversedMotor,
+    /// The vent does not open.
+    VentShut,
+    /// The vent does not close.
+    VentOpen,
     /// The supply sags once: a brown-out reset.
     BrownOut,
     /// The firmware's main program hangs until the next reset; interrupts go on.
@@ -41,7 +55,7 @@ pub enum Fault {
 
 impl Fault {
     /// Every fault.
-    pub const ALL: [Self; 15] = [
+    pub const ALL: [Self; 22] = [
         Self::OpenFlex,
         Self::ShortFlex,
         Self::StuckFlex,
@@ -53,6 +67,13 @@ impl Fault {
         Self::Noise,
         Self::EmergencyStop,
         Self::EndSwitch,
+        Self::DetachedFlex,
+        Self::DriftingPressure,
+        Self::LostCoil,
+        Self::RetractedSwitch,
+        Self::ReversedMotor,
+        Self::VentShut,
+        Self::VentOpen,
         Self::BrownOut,
         Self::Hang,
         Self::PowerCut,
@@ -73,6 +94,13 @@ impl Fault {
             Self::Noise => "noise",
             Self::EmergencyStop => "emergency-stop",
             Self::EndSwitch => "end-switch",
+            Self::DetachedFlex => "detached-flex",
+            Self::DriftingPressure => "drifting-pressure",
+            Self::LostCoil => "lost-coil",
+            Self::RetractedSwitch => "retracted-switch",
+            Self::ReversedMotor => "reversed-motor",
+            Self::VentShut => "vent-shut",
+            Self::VentOpen => "vent-open",
             Self::BrownOut => "brown-out",
             Self::Hang => "hang",
             Self::PowerCut => "power-cut",

@@ -21,7 +21,10 @@ use crate::{
     fault::{Fault, Planned},
     image::Image,
     noise::Noise,
-    plant::{Inputs, Plant, PlantConfig, sensors::SensorFault},
+    plant::{
+        Inputs, Plant, PlantConfig,
+        sensors::{PressureSensor, SensorFault},
+    },
     stk500::{Bootloader, LISTENS_S, Memory, Phase},
     wiring,
 };
@@ -115,6 +118,9 @@ pub struct Truth {
     pub powered: bool,
 }
 
+/// How fast a drifting pressure sensor shows less (Pa/s).
+const DRIFT_PA_PER_S: f64 = 500.0;
+
 /// A board in closed loop with a simulated actuator.
 ///
 /// # Examples
@@ -146,6 +152,7 @@ pub struct VirtualRig {
     loader: Option<(Bootloader, u64)>,
     power_on_at: Option<u64>,
     faults: BTreeSet<Fault>,
+    pressure_drift_millivolts: f64,
     planned: Vec<(Planned, Progress)>,
     to_board: Noise,
     from_board: Noise,
@@ -197,6 +204,7 @@ impl VirtualRig {
             loader: None,
             power_on_at: None,
             faults: BTreeSet::new(),
+            pressure_drift_millivolts: 0.0,
             planned: options
                 .faults
                 .into_iter()
@@ -436,7 +444,11 @@ impl VirtualRig {
             angle_deg: self.plant.angle_deg(),
             pressure_kpa: self.plant.pressure_kpa(),
             plunger_mm,
-            valve_open: !driven(wiring::VENT_VALVE),
+            valve_open: if self.faults.contains(&Fault::VentShut) {
+                false
+            } else {
+                !driven(wiring::VENT_VALVE) || self.faults.contains(&Fault::VentOpen)
+            },
             driver_enabled: self.powered && self.board.driven(wiring::ENABLE) == Some(false),
             light_on: driven(wiring::LIGHT),
             steps,
@@ -449,34 +461,42 @@ impl VirtualRig {
     fn end_switches(&self, plunger_mm: f64) -> (bool, bool) {
         let far = self.plant.config().syringe.pushed_in_switch_mm;
         (
-            plunger_mm <= 0.0,
+            plunger_mm <= 0.0 || self.faults.contains(&Fault::RetractedSwitch),
             plunger_mm >= far || self.faults.contains(&Fault::EndSwitch),
         )
     }
 
     fn step_plant(&mut self) {
         self.follow_plan();
-        let sensor = |open, short, stuck| {
-            [
-                (open, SensorFault::Open),
-                (short, SensorFault::Shorted),
-                (stuck, SensorFault::Stuck),
-            ]
-            .into_iter()
-            .find(|(fault, _)| self.faults.contains(fault))
-            .map_or(SensorFault::None, |(_, state)| state)
+        if self.faults.contains(&Fault::DriftingPressure) {
+            self.pressure_drift_millivolts -= DRIFT_PA_PER_S
+                * PressureSensor::MILLIVOLTS_PER_PA
+                * (PLANT_CYCLES as f64 / f64::from(CLOCK_HZ));
+        }
+        let drift = SensorFault::Drifted(self.pressure_drift_millivolts);
+        let sensor = |states: [(Fault, SensorFault); 4]| {
+            states
+                .into_iter()
+                .find(|(fault, _)| self.faults.contains(fault))
+                .map_or(SensorFault::None, |(_, state)| state)
         };
         let truth = self.plant();
         let inputs = Inputs {
             plunger_mm: truth.plunger_mm,
             valve_closed: !truth.valve_open,
             leaking: self.faults.contains(&Fault::Leak),
-            flex: sensor(Fault::OpenFlex, Fault::ShortFlex, Fault::StuckFlex),
-            pressure: sensor(
-                Fault::OpenPressure,
-                Fault::ShortPressure,
-                Fault::StuckPressure,
-            ),
+            flex: sensor([
+                (Fault::OpenFlex, SensorFault::Open),
+                (Fault::ShortFlex, SensorFault::Shorted),
+                (Fault::StuckFlex, SensorFault::Stuck),
+                (Fault::DetachedFlex, SensorFault::Detached),
+            ]),
+            pressure: sensor([
+                (Fault::OpenPressure, SensorFault::Open),
+                (Fault::ShortPressure, SensorFault::Shorted),
+                (Fault::StuckPressure, SensorFault::Stuck),
+                (Fault::DriftingPressure, drift),
+            ]),
         };
         self.plant.step(&inputs);
         self.drive_pins();
@@ -524,7 +544,13 @@ impl VirtualRig {
                 self.faults.remove(&fault);
             }
         }
+        if !self.faults.contains(&Fault::DriftingPressure) {
+            self.pressure_drift_millivolts = 0.0;
+        }
         self.board.stall(self.faults.contains(&Fault::Stall));
+        self.board.tremble(self.faults.contains(&Fault::LostCoil));
+        self.board
+            .reverse(self.faults.contains(&Fault::ReversedMotor));
         self.drive_pins();
     }
 

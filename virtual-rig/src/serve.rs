@@ -40,6 +40,13 @@ Faults, as KIND@SECONDS or KIND@SECONDS..SECONDS of simulated time:
   noise            bursts of damaged bytes on the line, both ways
   emergency-stop   the button is pressed
   end-switch       the switch at the pushed-in end reads pressed
+  detached-flex    the flex sensor has come off: zero, with much noise
+  drifting-pressure  the pressure sensor shows less and less, 0.5 kPa/s
+  lost-coil        a coil of the motor has no current: it trembles
+  retracted-switch the switch at the retracted end reads pressed
+  reversed-motor   two wires of a motor coil are swapped
+  vent-shut        the vent does not open
+  vent-open        the vent does not close
   brown-out        one reset by a sagging supply
   hang             the firmware's main program hangs until the next reset
   power-cut        no power, for 0.5 s unless an end is given

@@ -136,7 +136,7 @@ struct softrig_board {
     uint8_t external_mask[PORTS], external_level[PORTS];
     struct pin step, direction, enable;
     int step_level;
-    int stalled;
+    int stalled, reversed, trembles;
     int64_t position, lowest, highest;
     uint64_t edges, lost;
     int trace_steps;
@@ -500,7 +500,11 @@ static void on_step(struct avr_irq_t *irq, uint32_t value, void *param)
         else
             board->step_cycles[board->step_cycles_len++] = avr->cycle;
     }
-    int64_t wanted = board->position + (driven(avr, board->direction) == 1 ? 1 : -1);
+    int forward = (driven(avr, board->direction) == 1) != board->reversed;
+    // Two full steps there and back, of sixteen microsteps each.
+    if (board->trembles && board->edges % 64 < 32)
+        forward = !forward;
+    int64_t wanted = board->position + (forward ? 1 : -1);
     if (board->stalled || wanted < board->lowest || wanted > board->highest)
         board->lost++;
     else
@@ -544,6 +548,16 @@ static void end_of_hang(struct softrig_board *board)
     if (board->hung_at)
         memcpy(board->avr->flash + board->hung_at, board->hung_word, sizeof board->hung_word);
     board->hung_at = 0;
+}
+
+void softrig_board_reverse(struct softrig_board *board, int reversed)
+{
+    board->reversed = reversed;
+}
+
+void softrig_board_tremble(struct softrig_board *board, int trembles)
+{
+    board->trembles = trembles;
 }
 
 void softrig_board_stall(struct softrig_board *board, int stalled)

@@ -65,6 +65,8 @@ unsafe extern "C" {
         highest: i64,
     );
     fn softrig_board_stall(board: *mut Opaque, stalled: c_int);
+    fn softrig_board_reverse(board: *mut Opaque, reversed: c_int);
+    fn softrig_board_tremble(board: *mut Opaque, trembles: c_int);
     fn softrig_board_hang(board: *mut Opaque);
     fn softrig_board_stepper(
         board: *const Opaque,
@@ -292,6 +294,16 @@ impl Simavr {
                 highest,
             );
         }
+    }
+
+    pub(crate) fn reverse(&mut self, reversed: bool) {
+        // SAFETY: the handle is live and not in use elsewhere.
+        unsafe { softrig_board_reverse(self.get_mut(), reversed.into()) }
+    }
+
+    pub(crate) fn tremble(&mut self, trembles: bool) {
+        // SAFETY: the handle is live and not in use elsewhere.
+        unsafe { softrig_board_tremble(self.get_mut(), trembles.into()) }
     }
 
     pub(crate) fn hang(&mut self) {

@@ -83,6 +83,21 @@ faults! {
     /// The firmware reached a state that it excludes.
     Internal = 13, "internal",
         "The firmware found itself in an impossible state and stopped: report it.";
+    /// Homing leaves the retracted switch, and it stays pressed.
+    RetractedSwitch = 14, "retracted switch",
+        "The retracted switch does not let go of the plunger: it is stuck, its wire is broken, or the motor does not turn.";
+    /// Homing looks for the retracted switch and comes to the other one.
+    MotorReversed = 15, "motor direction",
+        "The plunger came to the wrong end: swap the two wires of one motor coil, and look whether it turns at all.";
+    /// The pressure is not near zero although the valve is open.
+    Vent = 16, "vent",
+        "The valve is open and the pressure stays: look for a blocked or stuck vent before touching the actuator.";
+    /// The pump is at the end of its stroke and far from the pressure set-point.
+    Reach = 17, "out of reach",
+        "The pump is at the end of its stroke and the pressure was not reached: look for a leak, or ask for less.";
+    /// In closed loop, the sensor shows less than half or more than twice of the prediction.
+    Disagreement = 18, "disagreement",
+        "The flex sensor and the model show different angles, so the loop would drive blindly: check the sensor, or upload a model that fits.";
 }
 
 #[cfg(test)]

@@ -146,11 +146,11 @@ scalars! {
     SetpointRate = 15, "set.rate", 720.0, 1.0, 10_000.0, "deg/s", "Fastest change of an angle set-point";
     SetpointPressureRate = 16, "set.prat", 2_000.0, 1.0, 50_000.0, "kPa/s", "Fastest change of a pressure set-point";
     VolumePerStep = 17, "ul.step", 0.35, 1e-4, 1e3, "ul", "Volume of one microstep";
-    PressureGain = 18, "kp.kpa", 1_000.0, 0.0, 1e5, "ul/s per kPa", "Proportional gain of the pressure loop";
+    PressureGain = 18, "kp.kpa", 4_000.0, 0.0, 1e5, "ul/s per kPa", "Proportional gain of the pressure loop at rest; less above, by the gas law";
     PressureIntegral = 19, "ki.kpa", 500.0, 0.0, 1e5, "ul/s^2 per kPa", "Integral gain of the pressure loop";
-    AngleGain = 20, "kp.deg", 0.4, 0.0, 1e3, "deg/deg", "Proportional gain of the angle loop, which corrects the angle asked of the model";
-    AngleIntegral = 21, "ki.deg", 0.8, 0.0, 1e3, "1/s", "Integral gain of the angle loop";
-    AngleDerivative = 22, "kd.deg", 0.1, 0.0, 1e3, "s", "Derivative gain of the angle loop";
+    AngleBandwidth = 20, "w.deg", 4.0, 0.1, 50.0, "rad/s", "Bandwidth of the angle loop";
+    AngleSmoothing = 21, "tau.deg", 0.2, 0.02, 10.0, "s", "Smoothing of the model's error in the angle loop";
+    AngleLead = 22, "lead.deg", 0.5, 0.0, 10.0, "s", "Lead of the model's error in the angle loop";
     MismatchBand = 23, "band.deg", 5.0, 0.1, 360.0, "deg", "Gap between prediction and measurement that counts as mismatch";
     MismatchTime = 24, "band.s", 0.5, 0.01, 60.0, "s", "Time outside the band after which the mismatch flag is set";
     HostTimeout = 25, "beat.s", 2.0, 0.2, 60.0, "s", "Silence of the computer that stops an armed rig";

@@ -273,7 +273,7 @@ fn a_stuck_switch_ends_homing_and_nothing_else_goes_on() {
     rig.plant.retracted_end = Some(true);
     rig.ask(Command::Arm).unwrap();
     rig.wait_for(State::Fault, 60.0);
-    assert_stopped(&mut rig, Fault::Stall);
+    assert_stopped(&mut rig, Fault::RetractedSwitch);
     rig.plant.retracted_end = None;
     assert_eq!(rig.ask(Command::Clear), Ok(String::new()));
 }

@@ -1,89 +1,159 @@
-//! The angle loop around the pressure loop.
+//! The angle loop around the pressure loop: internal model control.
+//!
+//! The board predicts the angle θ̂ from the measured pressure anyway. Where the actuator
+//! does what its model does, θ̂ and its rate are all there is to know about its motion,
+//! without a sensor's noise and lag, and the pressure that moves it as wanted follows
+//! from the equation of motion:
 //!
 //! ```text
-//! θᵣ = θ_set + kp e + I − kd θ̇      e = θ_set − θ,  dI/dt = ki e
-//! p  = p_model(θᵣ)
+//! a = ω² (θ_model − θ̂) − 2ω θ̂̇              critically damped towards θ_model
+//! p = p_model(θ̂) + (M a + C θ̂̇)/g
 //! ```
 //!
-//! The model's inverse gives the pressure that should hold an angle; the feedback
-//! pays for what the model does not know. It corrects the *angle* that is asked
-//! of the model, not the pressure: by the model's law a degree costs 0.1 kPa at
-//! 10° and 2.6 kPa at 90°, and this way one set of gains serves both.
+//! So the loop is as fast at 10°, where silicone is soft and late, as at 90°, where it is
+//! stiff and rings. Where the pump is too slow, the prediction is too: it is driven by the
+//! pressure that is there, not by the one that was asked for, and nothing winds up.
 //!
-//! The derivative acts on the measured angle, so that a step of the set-point is
-//! no kick. The integral rests while the pump or a limit keeps the pressure from
-//! following, and while the error is going away by itself: silicone is late, and
-//! what is only late must not be added up.
+//! What the sensor adds is how far the model is off. By Ludwick's law a wrong stiffness
+//! scales the angle, so the error is taken as a share s of the angle, and the model is
+//! asked for an angle at which the actuator is where it should be:
+//!
+//! ```text
+//! s = (θ − θ̂)/max(|θ̂|, 10°)      through (1 + lead·d/dt)/(1 + smoothing·d/dt)
+//! θ_model = θ_set/(1 + s)
+//! ```
+//!
+//! With an exact model s is zero and there is no feedback to oscillate. The share is
+//! limited, so that a sensor that shows nothing cannot ask for more than the pressure of
+//! twice the angle; and where sensor and prediction stay that far apart, the rig stops.
 
-use super::limit::{size, within};
+use crate::{io::PERIOD_S, sensing::filter::LowPass};
 
-/// Gains and limit of the angle loop.
+use super::{
+    RAD_PER_DEG,
+    limit::{size, within},
+};
+
+/// Gains of the angle loop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Config {
-    /// Proportional gain kp (rad/rad).
-    pub proportional: f32,
-    /// Integral gain ki (1/s).
-    pub integral: f32,
-    /// Derivative gain kd (s).
-    pub derivative: f32,
-    /// Largest correction by the integral (rad).
-    pub max_correction: f32,
+    /// Bandwidth ω (rad/s).
+    pub bandwidth: f32,
+    /// Smoothing of the model's error (s).
+    pub smoothing: f32,
+    /// Lead of the model's error (s).
+    pub lead: f32,
 }
 
-/// Time constant (s) of the smoothing in the derivative: a flex sensor's noise
-/// of 0.1° from one period to the next would otherwise be 10 °/s.
-const DERIVATIVE_TIME_S: f32 = 0.05;
+/// What the model says of the present.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Expected {
+    /// Angle (rad) that the sensor should show.
+    pub reading: f32,
+    /// Angle (rad) of the actuator.
+    pub angle: f32,
+    /// Its rate (rad/s).
+    pub rate: f32,
+}
 
-/// An error that vanishes within this time (s), at the rate at hand, is left to
-/// itself.
-const PATIENCE_S: f32 = 1.0;
+/// Below this angle (rad), 10°, an error is taken as it is and not as a share.
+const FLOOR_RAD: f32 = 10.0 * RAD_PER_DEG;
 
-/// Whether the pressure can follow.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Room {
-    /// More pressure can be had.
-    pub up: bool,
-    /// Less pressure can be had.
-    pub down: bool,
+/// The share of the angle that the model may be off: an actuator that bends half as far,
+/// or twice as far, as it should. A stiffness that is 30 % off is −0.14 or 0.23 of it for
+/// the shipped exponent.
+const SHARES: (f32, f32) = (-0.5, 1.0);
+
+/// Sensor and prediction part if they are farther apart than this (rad), 15°, and one of
+/// them shows less than half of the other.
+const PARTED_RAD: f32 = 15.0 * RAD_PER_DEG;
+
+/// Periods after which they have: longer than the longest dead time.
+const PARTED_PERIODS: u8 = 100;
+
+/// Within this (rad), 0.15°, of an angle that stands still the pressure is kept as it is.
+const REST_RAD: f32 = 0.15 * RAD_PER_DEG;
+
+/// Beyond this (rad), 0.35°, it is moved again: seven times the noise of a smoothed reading.
+const RESTART_RAD: f32 = 0.35 * RAD_PER_DEG;
+
+/// The rate (rad/s), 1 °/s, below which the model stands still.
+const STILL_RAD_PER_S: f32 = RAD_PER_DEG;
+
+/// What the loop asks for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Wish {
+    /// The pressure as it is.
+    Keep,
+    /// An angular acceleration (rad/s²).
+    Accelerate(f32),
 }
 
 /// The angle loop's memory.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Loop {
-    /// Angle (rad) that the integral adds.
-    integral: f32,
-    /// Measured angle and set-point before (rad); none at the start.
-    before: Option<(f32, f32)>,
-    /// Smoothed rate (rad/s).
-    rate: f32,
+    /// What the model expects, as late as the sensor's smoothed reading; none at the start.
+    expected: Option<LowPass>,
+    /// Share that the model is off, smoothed.
+    share: f32,
+    setpoint: f32,
+    resting: bool,
+    parted: u8,
 }
 
 impl Loop {
-    /// Returns the angle (rad) to ask of the model for set-point and measured
-    /// angle (rad), and lets `dt` seconds pass.
+    /// Whether sensor and prediction have been apart for too long.
+    pub fn has_parted(&self) -> bool {
+        self.parted >= PARTED_PERIODS
+    }
+
+    /// Lets one control period pass, for set-point and smoothed reading (rad).
     pub fn step(
         &mut self,
         config: &Config,
         setpoint: f32,
         measured: f32,
-        room: Room,
-        dt: f32,
-    ) -> f32 {
-        let error = setpoint - measured;
-        let (change, moved) = self.before.map_or((0.0, 0.0), |(was, wanted)| {
-            (measured - was, setpoint - wanted)
-        });
-        self.before = Some((measured, setpoint));
-        self.rate += (change - self.rate * dt) / (DERIVATIVE_TIME_S + dt);
+        model: &Expected,
+    ) -> Wish {
+        let expected = self
+            .expected
+            .get_or_insert(LowPass::settled(model.reading))
+            .update(model.reading);
+        let gap = measured - expected;
+        let apart = if gap < 0.0 {
+            -2.0 * gap > expected
+        } else {
+            gap > expected
+        };
+        self.parted = if apart && size(gap) > PARTED_RAD {
+            self.parted.saturating_add(1)
+        } else {
+            0
+        };
 
-        // How fast the error shrinks (rad/s).
-        let closing = if error > 0.0 { self.rate } else { -self.rate };
-        let leaves = moved == 0.0 && closing * PATIENCE_S > size(error);
-        let can = if error > 0.0 { room.up } else { room.down };
-        if can && !leaves {
-            let next = self.integral + config.integral * error * dt;
-            self.integral = within(next, -config.max_correction, config.max_correction);
+        let (least, most) = SHARES;
+        let now = gap / size(expected).max(FLOOR_RAD);
+        let change = (within(now, least, most) - self.share) / (config.smoothing + PERIOD_S);
+        self.share += change * PERIOD_S;
+        let share = within(self.share + config.lead * change, least, most);
+        let scaled = setpoint / (1.0 + share);
+        let target = if scaled > FLOOR_RAD {
+            scaled
+        } else {
+            setpoint - share * FLOOR_RAD
+        };
+
+        let error = size(setpoint - measured);
+        let band = if self.resting { RESTART_RAD } else { REST_RAD };
+        #[allow(clippy::float_cmp)] // A set-point that stands still is the same.
+        let same = setpoint == self.setpoint;
+        self.setpoint = setpoint;
+        self.resting = same && error < band && size(model.rate) < STILL_RAD_PER_S;
+        if self.resting {
+            return Wish::Keep;
         }
-        setpoint + config.proportional * error + self.integral - config.derivative * self.rate
+        let bandwidth = config.bandwidth;
+        let pull = bandwidth * (target - model.reading) - 2.0 * model.rate;
+        Wish::Accelerate(bandwidth * pull)
     }
 }

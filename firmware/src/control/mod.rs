@@ -2,7 +2,7 @@
 //!
 //! Pressure inside, angle around it: a pressure set-point goes straight to the
 //! pressure loop; an angle goes through the model's inverse, and in closed loop
-//! through the angle loop too. Whatever the path, the last thing before the
+//! through the angle loop first. Whatever the path, the last thing before the
 //! pressure loop is the limited pressure set-point.
 
 pub mod angle;
@@ -11,6 +11,7 @@ pub mod pressure;
 
 use model_core::{actuator::Model, power::Power};
 use wire::{
+    fault::Fault,
     protocol::Track,
     settings::{Key, Settings},
 };
@@ -56,10 +57,9 @@ impl Config {
                 max_volume: number(Key::MaxVolume),
             },
             angle: angle::Config {
-                proportional: number(Key::AngleGain),
-                integral: number(Key::AngleIntegral),
-                derivative: number(Key::AngleDerivative),
-                max_correction: farthest,
+                bandwidth: number(Key::AngleBandwidth),
+                smoothing: number(Key::AngleSmoothing),
+                lead: number(Key::AngleLead),
             },
             pressure_range: Range {
                 highest,
@@ -82,6 +82,8 @@ pub struct Measured {
     pub angle: f32,
     /// Displaced volume (µl).
     pub volume: f32,
+    /// What the model says of the angle; none while there is no prediction.
+    pub expected: Option<angle::Expected>,
 }
 
 /// The memory of all loops.
@@ -115,6 +117,17 @@ impl Controller {
         self.pressure_setpoint.value()
     }
 
+    /// What the loops found that no flow can mend.
+    pub fn fault(&self) -> Option<Fault> {
+        if self.pressure_loop.is_out_of_reach() {
+            Some(Fault::Reach)
+        } else if self.angle_loop.has_parted() {
+            Some(Fault::Disagreement)
+        } else {
+            None
+        }
+    }
+
     /// Returns the flow (µl/s, positive compresses) that brings the rig to a
     /// level (kPa or °), and lets one control period pass.
     pub fn track<P: Power<f32>>(
@@ -138,19 +151,23 @@ impl Controller {
             let angle =
                 self.angle_setpoint
                     .step(&config.angle_range, level * RAD_PER_DEG, PERIOD_S);
-            let asked = if track == Track::AngleClosedLoop {
-                let follows = !self.pressure_loop.is_saturated();
-                let pressure = self.pressure_setpoint.value();
-                let room = angle::Room {
-                    up: follows && pressure < config.pressure_range.highest,
-                    down: follows && pressure > 0.0,
-                };
-                self.angle_loop
-                    .step(&config.angle, angle, measured.angle, room, PERIOD_S)
-            } else {
-                angle
-            };
-            self.holding_pressure(model, asked)
+            match &measured.expected {
+                Some(expected) if track == Track::AngleClosedLoop => {
+                    let wish = self
+                        .angle_loop
+                        .step(&config.angle, angle, measured.angle, expected);
+                    match wish {
+                        angle::Wish::Keep => self.pressure_setpoint.value(),
+                        angle::Wish::Accelerate(rate) => {
+                            let dynamics = model.dynamics();
+                            let moving = dynamics.inertia * rate + dynamics.damping * expected.rate;
+                            self.holding_pressure(model, expected.angle)
+                                + moving / dynamics.input_gain
+                        }
+                    }
+                }
+                _ => self.holding_pressure(model, angle),
+            }
         };
         let pressure = self
             .pressure_setpoint

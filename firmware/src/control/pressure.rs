@@ -7,8 +7,11 @@
 //! ```text
 //! p = p₀ (V/(V − v) − 1)        dp/dv = (p₀ + p)²/(p₀ V): 2 kPa/ml at rest for
 //!                               50 ml, 8 kPa/ml at 100 kPa
-//! flow = kp e + I,  dI/dt = ki e   while nothing saturates
+//! flow = kp (p₀/(p₀ + p))² e + I,  dI/dt = ki e   while nothing saturates
 //! ```
+//!
+//! The factor takes the gas law out of the loop: it closes a gap as quickly at
+//! 100 kPa as at rest, where the same flow moves the pressure a quarter as fast.
 //!
 //! In front of an integrator a proportional gain alone has no lasting error; the
 //! integral is there for ramps, leaks and creep. It only runs near the set-point
@@ -20,7 +23,7 @@ use super::limit::{size, within};
 /// Gains and limits of the pressure loop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Config {
-    /// Proportional gain kp (µl/s per Pa).
+    /// Proportional gain kp at rest (µl/s per Pa).
     pub proportional: f32,
     /// Integral gain ki (µl/s² per Pa).
     pub integral: f32,
@@ -50,6 +53,18 @@ const SMOOTHING: f32 = 0.1;
 /// Gaps beyond this (Pa) are alike; it keeps a nonsensical reading from lasting.
 const FAR_PA: f32 = 20_000.0;
 
+/// Farther (Pa) than this from the set-point at the end of the stroke, the pump
+/// does not get there: a leak, or more air than the syringe can compress.
+const OUT_OF_REACH_PA: f32 = 5_000.0;
+
+/// Periods at the end of the stroke after which it has not got there.
+const OUT_OF_REACH_PERIODS: u8 = 100;
+
+/// Share of the fastest flow below which the stroke is at its end.
+const AT_END: f32 = 0.01;
+
+const ATMOSPHERE_PA: f32 = 101_325.0;
+
 /// Periods for which a set-point has to stand still before the pump may rest.
 const STILL_PERIODS: u8 = 10;
 
@@ -63,13 +78,15 @@ pub struct Loop {
     /// Gap (Pa), smoothed: whether to rest must not hang on one noisy reading.
     smooth: f32,
     resting: bool,
-    saturated: bool,
+    /// Periods at the end of the stroke, far from the set-point.
+    at_end: u8,
 }
 
 impl Loop {
-    /// Whether the pump could not give what was asked for in the last step.
-    pub fn is_saturated(&self) -> bool {
-        self.saturated
+    /// Whether the pump has been at an end of its stroke for a second, far from the
+    /// set-point.
+    pub fn is_out_of_reach(&self) -> bool {
+        self.at_end >= OUT_OF_REACH_PERIODS
     }
 
     /// Whether the pump rests at the set-point.
@@ -111,15 +128,23 @@ impl Loop {
         self.resting = self.still >= STILL_PERIODS && gap < band;
         if self.resting {
             self.integral = 0.0;
-            self.saturated = false;
+            self.at_end = 0;
             return 0.0;
         }
 
-        let wanted = config.proportional * error + self.integral;
+        let left = ATMOSPHERE_PA / (ATMOSPHERE_PA + measured.max(0.0));
+        let wanted = config.proportional * (left * left * error) + self.integral;
         let flow = config.attainable(wanted, volume);
         #[allow(clippy::float_cmp)] // Unchanged unless a limit acted.
         let saturated = flow != wanted;
-        self.saturated = saturated;
+        self.at_end = if saturated
+            && size(flow) < AT_END * config.max_flow
+            && size(error) > OUT_OF_REACH_PA
+        {
+            self.at_end.saturating_add(1)
+        } else {
+            0
+        };
         if !saturated && size(error) < INTEGRAL_ZONE_PA {
             let next = self.integral + config.integral * error * dt;
             self.integral = within(next, -config.max_flow, config.max_flow);

@@ -103,10 +103,13 @@ impl Plant {
 
     fn sense(&mut self, flex: SensorFault, pressure: SensorFault) {
         let shown = self.flex.shown_rad();
-        self.flex_voltage = flex.apply(self.flex_voltage, self.config.flex_sensor.voltage(shown));
+        let flex_at = |angle| self.config.flex_sensor.voltage(angle);
+        self.flex_voltage = flex.apply(self.flex_voltage, flex_at(shown), flex_at(0.0));
+        let pressure_at = |gauge_pa| self.config.pressure_sensor.voltage(gauge_pa);
         self.pressure_voltage = pressure.apply(
             self.pressure_voltage,
-            self.config.pressure_sensor.voltage(self.air.line_pa()),
+            pressure_at(self.air.line_pa()),
+            pressure_at(0.0),
         );
     }
 

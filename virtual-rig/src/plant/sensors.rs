@@ -35,8 +35,8 @@ pub struct Voltage {
     pub noise_rms_millivolts: f64,
 }
 
-/// What is wrong with a sensor's wiring.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+/// What is wrong with a sensor or its wiring.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum SensorFault {
     /// Nothing.
     #[default]
@@ -47,10 +47,14 @@ pub enum SensorFault {
     Shorted,
     /// The sensor repeats its last voltage, without noise.
     Stuck,
+    /// It has come off what it senses: it shows zero, with five times the noise.
+    Detached,
+    /// Its voltage is off by so much (mV).
+    Drifted(f64),
 }
 
 impl SensorFault {
-    pub(crate) fn apply(self, last: Voltage, healthy: Voltage) -> Voltage {
+    pub(crate) fn apply(self, last: Voltage, healthy: Voltage, at_zero: Voltage) -> Voltage {
         let quiet = |millivolts| Voltage {
             millivolts,
             noise_rms_millivolts: 0.0,
@@ -60,6 +64,14 @@ impl SensorFault {
             Self::Open => quiet(0.0),
             Self::Shorted => quiet(SUPPLY_MILLIVOLTS),
             Self::Stuck => quiet(last.millivolts),
+            Self::Detached => Voltage {
+                noise_rms_millivolts: 5.0 * at_zero.noise_rms_millivolts,
+                ..at_zero
+            },
+            Self::Drifted(millivolts) => Voltage {
+                millivolts: (healthy.millivolts + millivolts).clamp(0.0, SUPPLY_MILLIVOLTS),
+                ..healthy
+            },
         }
     }
 }
