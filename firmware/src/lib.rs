@@ -14,6 +14,8 @@ pub mod monitor;
 #[allow(missing_docs, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 mod plant;
 pub mod probe;
+#[cfg_attr(test, allow(missing_docs, clippy::cast_possible_truncation))]
+pub mod ring;
 pub mod runner;
 pub mod safety;
 pub mod self_test;

@@ -142,6 +142,22 @@ pub fn many(docs: bool) -> Outcome {
     run(&mut command)
 }
 
+/// Lets the real image step to angles in closed loop; `--docs` draws the picture.
+pub fn control(docs: bool) -> Outcome {
+    let image = avr::build()?;
+    let mut command = cargo();
+    command
+        .args(["run", "-q", "--locked", "-p", "virtual-rig"])
+        .args(["--example", "closed_loop_steps", "--"])
+        .env("SOFTRIG_FIRMWARE", image);
+    if docs {
+        command
+            .arg("--picture")
+            .arg(root().join("docs/images/closed_loop_steps.svg"));
+    }
+    run(&mut command)
+}
+
 /// A command on one core: both sides compute on a single thread.
 fn pinned(program: &Path) -> Command {
     let mut command = if has_program("taskset") {

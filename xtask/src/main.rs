@@ -41,6 +41,9 @@ Tasks:
   bench [diagnosis | host | board]
                          a whole diagnosis; our solver beside SciPy's and
                          Numba's; cycles on the board
+  bench control [--docs] steps of the angle in closed loop with the real image:
+                         overshoot and settling; --docs draws
+                         docs/images/closed_loop_steps.svg
   bench many [--docs]    one diagnosis of 10 to 1000 recordings: time and
                          memory; --docs draws docs/images/many_recordings.svg
   bench blind [--fast | OPTIONS]
@@ -95,6 +98,8 @@ fn main() -> ExitCode {
         ["bench", "diagnosis"] => bench::diagnosis(),
         ["bench", "host"] => bench::host(),
         ["bench", "board"] => bench::board(),
+        ["bench", "control"] => bench::control(false),
+        ["bench", "control", "--docs"] => bench::control(true),
         ["bench", "many"] => bench::many(false),
         ["bench", "many", "--docs"] => bench::many(true),
         ["bench", "blind", options @ ..] => bench::blind(options),

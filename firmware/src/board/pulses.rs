@@ -18,7 +18,10 @@
 use core::{
     arch::global_asm,
     mem::size_of,
-    sync::atomic::{AtomicBool, AtomicU8, Ordering::Relaxed},
+    sync::atomic::{
+        AtomicBool, AtomicU8,
+        Ordering::{Acquire, Relaxed, Release},
+    },
 };
 
 use avr_device::atmega2560::TC1;
@@ -160,7 +163,7 @@ impl Pulses {
                 self.enable.low();
                 // Every plan goes on from the one before and has to be played: one
                 // that was late, and still waits for its period, stays.
-                if IS_NEXT_READY.load(Relaxed) {
+                if IS_NEXT_READY.load(Acquire) {
                     return;
                 }
                 let Plan { compress, gaps } = self.planner.plan(rate, acceleration);
@@ -170,7 +173,7 @@ impl Pulses {
                 for (place, gap) in GAPS.iter().skip(next).zip(gaps) {
                     shared::free(|section| place.set(section, gap));
                 }
-                IS_NEXT_READY.store(true, Relaxed);
+                IS_NEXT_READY.store(true, Release);
             }
         }
     }
@@ -179,7 +182,7 @@ impl Pulses {
     fn halt(&mut self) {
         self.planner.halt();
         shared::free(|section| {
-            IS_NEXT_READY.store(false, Relaxed);
+            IS_NEXT_READY.store(false, Release);
             IS_HALTED.store(true, Relaxed);
             set_gap(section, 0);
             stop(section, &self.timer);
@@ -294,7 +297,7 @@ pub(super) fn slot(section: CriticalSection<'_>, is_first: bool) {
     // SAFETY: the main program touches the timer in critical sections only.
     let timer = unsafe { TC1::steal() };
     if is_first {
-        if IS_NEXT_READY.load(Relaxed) {
+        if IS_NEXT_READY.load(Acquire) {
             begin_plan(section, &timer);
         } else {
             LATE.store(LATE.load(Relaxed).saturating_add(1), Relaxed);
@@ -346,7 +349,7 @@ fn set_gap(section: CriticalSection<'_>, gap: u32) {
 
 /// The plan to come is the one in use now.
 fn begin_plan(section: CriticalSection<'_>, timer: &TC1) {
-    IS_NEXT_READY.store(false, Relaxed);
+    IS_NEXT_READY.store(false, Release);
     IS_HALTED.store(false, Relaxed);
     LATE.store(0, Relaxed);
     IN_USE.store(IN_USE.load(Relaxed) ^ OTHER, Relaxed);

@@ -1,22 +1,17 @@
 //! The cable to the computer: UART0 at 115 200 baud, with a ring either way.
 //!
-//! The rings are our own: with 256 bytes and byte-wide indices that wrap by
-//! themselves, a push is a dozen instructions in an interrupt that runs 11 000
-//! times a second; heapless' queue takes three times as many, and a dependency
-//! for its atomics.
-//!
 //! Telemetry must never hold up control, so a line of it goes out whole or not at
 //! all, and what was dropped is counted. Replies are asked for, and wait for
 //! their turn.
 
 use core::{
-    cell::UnsafeCell,
     convert::Infallible,
     sync::atomic::{AtomicU8, Ordering::Relaxed},
 };
 
 use avr_device::atmega2560::USART0;
 use embedded_hal_nb::serial::{ErrorType, Read, Write};
+use firmware::ring::{self, Ring};
 use ufmt::uWrite;
 
 use super::CLOCK_HZ;
@@ -28,73 +23,6 @@ const BAUD: u32 = 115_200;
 /// The divisor for [`BAUD`] with eight samples a bit, rounded to the nearest.
 #[allow(clippy::cast_possible_truncation)]
 const BAUD_DIVISOR: u16 = ((CLOCK_HZ + 4 * BAUD) / (8 * BAUD) - 1) as u16;
-
-/// A queue with one writer and one reader, one of which is an interrupt.
-struct Ring {
-    bytes: UnsafeCell<[u8; 256]>,
-    /// Where the next byte goes; only the writer changes it.
-    head: AtomicU8,
-    /// Where the next byte comes from; only the reader changes it.
-    tail: AtomicU8,
-}
-
-// SAFETY: a byte between tail and head belongs to the reader, any other to the
-// writer, and the indices are single bytes, which cannot be torn.
-unsafe impl Sync for Ring {}
-
-impl Ring {
-    const fn new() -> Self {
-        Self {
-            bytes: UnsafeCell::new([0; 256]),
-            head: AtomicU8::new(0),
-            tail: AtomicU8::new(0),
-        }
-    }
-
-    /// Writes a byte at a place that belongs to the writer.
-    #[inline(always)]
-    fn put(&self, at: u8, byte: u8) {
-        // SAFETY: within 256 bytes, and the reader does not look there yet.
-        // Volatile keeps it before the store of the index.
-        unsafe {
-            self.bytes
-                .get()
-                .cast::<u8>()
-                .add(usize::from(at))
-                .write_volatile(byte);
-        }
-    }
-
-    #[inline(always)]
-    fn push(&self, byte: u8) -> Option<()> {
-        let head = self.head.load(Relaxed);
-        let next = head.wrapping_add(1);
-        if next == self.tail.load(Relaxed) {
-            return None;
-        }
-        self.put(head, byte);
-        self.head.store(next, Relaxed);
-        Some(())
-    }
-
-    #[inline(always)]
-    fn pop(&self) -> Option<u8> {
-        let tail = self.tail.load(Relaxed);
-        if tail == self.head.load(Relaxed) {
-            return None;
-        }
-        // SAFETY: within 256 bytes, and the writer is done with this one.
-        let byte = unsafe {
-            self.bytes
-                .get()
-                .cast::<u8>()
-                .add(usize::from(tail))
-                .read_volatile()
-        };
-        self.tail.store(tail.wrapping_add(1), Relaxed);
-        Some(byte)
-    }
-}
 
 static RECEIVED: Ring = Ring::new();
 static TO_SEND: Ring = Ring::new();
@@ -123,7 +51,7 @@ impl Serial {
 
     /// Whether a byte has arrived.
     pub fn has_input(&self) -> bool {
-        RECEIVED.head.load(Relaxed) != RECEIVED.tail.load(Relaxed)
+        !RECEIVED.is_empty()
     }
 
     /// Bytes that arrived and were lost, at most 255.
@@ -138,13 +66,9 @@ impl Serial {
 
     /// Sends what `write` writes if all of it fits now, else nothing.
     pub fn send_or_drop(&mut self, write: impl FnOnce(&mut Draft)) {
-        let mut draft = Draft {
-            head: TO_SEND.head.load(Relaxed),
-            fits: true,
-        };
+        let mut draft = Draft(TO_SEND.draft());
         write(&mut draft);
-        if draft.fits {
-            TO_SEND.head.store(draft.head, Relaxed);
+        if draft.0.commit() {
             self.start();
         } else {
             self.dropped = self.dropped.saturating_add(1);
@@ -166,39 +90,22 @@ impl Serial {
 }
 
 /// Text behind the end of the ring that is not sent unless all of it fits.
-pub struct Draft {
-    head: u8,
-    fits: bool,
-}
+pub struct Draft(ring::Draft<'static>);
 
 impl uWrite for Draft {
     type Error = Infallible;
 
     fn write_str(&mut self, text: &str) -> Result<(), Infallible> {
         for byte in text.bytes() {
-            self.push(byte);
+            self.0.push(byte);
         }
         Ok(())
     }
 
     fn write_char(&mut self, character: char) -> Result<(), Infallible> {
         // All that is sent is ASCII.
-        self.push(character as u8);
+        self.0.push(character as u8);
         Ok(())
-    }
-}
-
-impl Draft {
-    #[inline(always)]
-    fn push(&mut self, byte: u8) {
-        let next = self.head.wrapping_add(1);
-        if next == TO_SEND.tail.load(Relaxed) {
-            self.fits = false;
-        }
-        if self.fits {
-            TO_SEND.put(self.head, byte);
-            self.head = next;
-        }
     }
 }
 
@@ -220,7 +127,7 @@ impl Write for Serial {
     }
 
     fn flush(&mut self) -> nb::Result<(), Infallible> {
-        if TO_SEND.head.load(Relaxed) == TO_SEND.tail.load(Relaxed) {
+        if TO_SEND.is_empty() {
             Ok(())
         } else {
             Err(nb::Error::WouldBlock)

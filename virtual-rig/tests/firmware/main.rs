@@ -13,3 +13,4 @@ mod pump;
 mod runs;
 mod settings;
 mod start;
+mod steps;

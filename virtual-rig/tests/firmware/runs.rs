@@ -11,7 +11,10 @@ use wire::{
     telemetry::Setpoint,
 };
 
-use crate::bench::{Bench, healthy};
+use crate::{
+    bench::{Bench, healthy},
+    steps,
+};
 
 #[test]
 fn a_monitor_shows_angles_without_a_command() {
@@ -278,4 +281,23 @@ fn ten_minutes_without_a_lost_line() {
     assert!(counted >= 59_990, "{counted} lines");
     assert_eq!((bench.garbage, bench.fault()), (0, None));
     assert_eq!(bench.rig.overruns(), 0, "bytes read too late");
+}
+
+/// The same as in the firmware's own tests, with the converter's noise, the pump's steps
+/// and everything else that only the image has. The table of all is in docs/control.md.
+#[test]
+fn closed_loop_steps_settle_without_overshoot() {
+    for degrees in [10.0, 60.0] {
+        for stiffness in steps::STIFFNESSES {
+            let Some(response) = steps::step(degrees, stiffness) else {
+                return;
+            };
+            let (overshoot, settled) = (response.overshoot_percent(), response.settling_s());
+            assert!(overshoot < 10.0, "{degrees} x{stiffness}: {overshoot} %");
+            assert!(
+                settled < response.pump_s + 2.0,
+                "{degrees} x{stiffness}: {settled} s"
+            );
+        }
+    }
 }

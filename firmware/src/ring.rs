@@ -1,0 +1,193 @@
+//! A queue of bytes between the main program and an interrupt.
+//!
+//! One side writes and the other reads; each changes only its own index, and hands over
+//! what it has done with the index: the bytes are stored before the writer's index is
+//! released, and read before the reader's is. On the board, with one core and byte-wide
+//! loads and stores, that is an order for the compiler and costs nothing.
+//!
+//! With 256 bytes the byte-wide indices wrap by themselves, so a push is a dozen
+//! instructions in an interrupt that runs 11 000 times a second. heapless' queue counts in
+//! words of the address width, whose loads an interrupt can tear here, so that it needs
+//! critical sections from portable-atomic around every one of them.
+//!
+//! The bytes are atomic too. So there is nothing unsafe in it: two writers at once would
+//! mix up their bytes, and nothing else.
+
+use core::sync::atomic::{
+    AtomicU8,
+    Ordering::{Acquire, Relaxed, Release},
+};
+
+/// A queue of 255 bytes with one writer and one reader.
+#[derive(Debug)]
+pub struct Ring {
+    bytes: [AtomicU8; 256],
+    /// Where the next byte goes; only the writer changes it.
+    head: AtomicU8,
+    /// Where the next byte comes from; only the reader changes it.
+    tail: AtomicU8,
+}
+
+impl Default for Ring {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Ring {
+    /// An empty queue.
+    pub const fn new() -> Self {
+        Self {
+            bytes: [const { AtomicU8::new(0) }; 256],
+            head: AtomicU8::new(0),
+            tail: AtomicU8::new(0),
+        }
+    }
+
+    /// Whether there is nothing to read.
+    #[inline(always)]
+    pub fn is_empty(&self) -> bool {
+        self.head.load(Acquire) == self.tail.load(Relaxed)
+    }
+
+    /// Adds a byte; none if there is no room.
+    #[inline(always)]
+    pub fn push(&self, byte: u8) -> Option<()> {
+        let mut draft = self.draft();
+        draft.push(byte);
+        draft.commit().then_some(())
+    }
+
+    /// Takes the oldest byte.
+    #[inline(always)]
+    pub fn pop(&self) -> Option<u8> {
+        let tail = self.tail.load(Relaxed);
+        if tail == self.head.load(Acquire) {
+            return None;
+        }
+        let byte = self.at(tail).load(Relaxed);
+        self.tail.store(tail.wrapping_add(1), Release);
+        Some(byte)
+    }
+
+    /// Bytes behind the end that are read only once all of them are there.
+    #[inline(always)]
+    pub fn draft(&self) -> Draft<'_> {
+        Draft {
+            ring: self,
+            head: self.head.load(Relaxed),
+            fits: true,
+        }
+    }
+
+    #[inline(always)]
+    fn at(&self, place: u8) -> &AtomicU8 {
+        &self.bytes[usize::from(place)]
+    }
+}
+
+/// What is to be added whole or not at all; see [`Ring::draft`].
+#[derive(Debug)]
+pub struct Draft<'ring> {
+    ring: &'ring Ring,
+    head: u8,
+    fits: bool,
+}
+
+impl Draft<'_> {
+    /// Adds a byte, if there is room for it and all before it.
+    #[inline(always)]
+    pub fn push(&mut self, byte: u8) {
+        let next = self.head.wrapping_add(1);
+        if next == self.ring.tail.load(Acquire) {
+            self.fits = false;
+        }
+        if self.fits {
+            self.ring.at(self.head).store(byte, Relaxed);
+            self.head = next;
+        }
+    }
+
+    /// Hands the bytes over if all of them fitted; whether they did.
+    #[inline(always)]
+    pub fn commit(self) -> bool {
+        if self.fits {
+            self.ring.head.store(self.head, Release);
+        }
+        self.fits
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+    use proptest::prelude::*;
+    use std::{collections::VecDeque, thread, vec::Vec};
+
+    proptest! {
+        #[test]
+        fn it_is_a_queue_of_255_bytes(
+            turns in prop::collection::vec((any::<bool>(), 0..300_usize), 1..60),
+        ) {
+            let (ring, mut model) = (Ring::new(), VecDeque::new());
+            for (writes, count) in turns {
+                for byte in (0..count).map(|index| (index * 7 % 251) as u8) {
+                    if writes {
+                        let room = model.len() < 255;
+                        prop_assert_eq!(ring.push(byte).is_some(), room);
+                        if room {
+                            model.push_back(byte);
+                        }
+                    } else {
+                        prop_assert_eq!(ring.pop(), model.pop_front());
+                    }
+                }
+                prop_assert_eq!(ring.is_empty(), model.is_empty());
+            }
+        }
+
+        #[test]
+        fn a_draft_goes_whole_or_not_at_all(lines in prop::collection::vec(0..300_usize, 1..20)) {
+            let ring = Ring::new();
+            for length in lines {
+                let mut draft = ring.draft();
+                for byte in 0..length {
+                    draft.push(byte as u8);
+                    prop_assert!(ring.is_empty(), "nothing before the end");
+                }
+                prop_assert_eq!(draft.commit(), length <= 255);
+                let read: Vec<u8> = core::iter::from_fn(|| ring.pop()).collect();
+                prop_assert_eq!(read.len(), if length <= 255 { length } else { 0 });
+                prop_assert!(read.iter().enumerate().all(|(index, &byte)| byte == index as u8));
+            }
+        }
+    }
+
+    /// With a thread in the interrupt's place, so that a tool that knows the memory model
+    /// (Miri) sees whether the indices hand the bytes over.
+    #[test]
+    fn every_byte_arrives_once_and_in_order() {
+        const BYTES: u32 = if cfg!(miri) { 600 } else { 1_000_000 };
+        let ring = Ring::new();
+        thread::scope(|scope| {
+            scope.spawn(|| {
+                for count in 0..BYTES {
+                    while ring.push(count as u8).is_none() {
+                        thread::yield_now();
+                    }
+                }
+            });
+            for count in 0..BYTES {
+                let byte = loop {
+                    match ring.pop() {
+                        Some(byte) => break byte,
+                        None => thread::yield_now(),
+                    }
+                };
+                assert_eq!(byte, count as u8, "byte {count}");
+            }
+        });
+        assert!(ring.is_empty());
+    }
+}
