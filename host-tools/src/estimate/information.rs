@@ -9,7 +9,7 @@
 //! Zeros and start of a session are eliminated before ([`without_nuisance`]), so
 //! that only the free parameters are left.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DMatrixView, DVector, DVectorView};
 
 use crate::statistics::independent_stretch;
 
@@ -32,51 +32,76 @@ pub struct Information {
 /// Fewer recordings say little about their own scatter.
 const FEWEST_RECORDINGS: usize = 5;
 
-/// Derivatives and residuals of one segment.
-pub struct Block {
-    /// By the free parameters, a row a sample, without what the session's zeros
-    /// and start can follow.
-    pub parameters: DMatrix<f64>,
-    /// Simulated minus measured (rad).
-    pub residual: DVector<f64>,
+/// What one recording adds.
+#[derive(Clone, Debug)]
+pub struct Recorded {
+    curvature: DMatrix<f64>,
+    slope: DVector<f64>,
+    scatter: DMatrix<f64>,
+    stretches: usize,
+    squares: f64,
+    samples: usize,
 }
 
-impl Information {
-    /// Collects the information of recordings whose residuals are correlated
-    /// over `correlation` samples.
-    pub fn collect(unknowns: usize, blocks: &[Block], correlation: f64) -> Self {
+impl Recorded {
+    /// Of derivatives by the free parameters, a row a sample, without what the session's
+    /// zeros and start can follow, and residuals (simulated minus measured, rad) that are
+    /// correlated over `correlation` samples.
+    pub fn of(
+        parameters: DMatrixView<'_, f64>,
+        residual: DVectorView<'_, f64>,
+        correlation: f64,
+    ) -> Self {
         /// Slopes are summed over independent stretches, and over such a part of
         /// the recording at least. What the noise of the pressure leaves is small
         /// beside the noise of the angle and lasts for seconds: the correlation time
         /// does not show it, and it moves parameters most.
         const PART: usize = 4;
-        let independent = independent_stretch(correlation);
+        let unknowns = parameters.ncols();
+        let samples = residual.len();
+        let length = independent_stretch(correlation).max(samples.div_ceil(PART));
+        let mut scatter = DMatrix::zeros(unknowns, unknowns);
+        let (mut first, mut stretches) = (0, 0);
+        while first < samples {
+            let height = length.min(samples - first);
+            let sum = parameters
+                .rows(first, height)
+                .tr_mul(&residual.rows(first, height));
+            scatter += &sum * sum.transpose();
+            first += height;
+            stretches += 1;
+        }
+        Self {
+            curvature: parameters.tr_mul(&parameters),
+            slope: parameters.tr_mul(&residual),
+            scatter,
+            stretches,
+            squares: residual.norm_squared(),
+            samples,
+        }
+    }
+}
+
+impl Information {
+    /// Adds up recordings whose derivatives and residuals lack a factor of `scale`.
+    pub fn sum(
+        unknowns: usize,
+        recordings: impl IntoIterator<Item = Recorded>,
+        scale: f64,
+    ) -> Self {
+        let square = scale * scale;
         let mut this = Self {
             scatter: DMatrix::zeros(unknowns, unknowns),
             ..Self::default()
         };
         let (mut squares, mut samples) = (0.0, 0usize);
-        for Block {
-            parameters: projected,
-            residual,
-        } in blocks
-        {
-            this.curvature.push(projected.tr_mul(projected));
-            this.slope.push(projected.tr_mul(residual));
-            let rows = residual.len();
-            let length = independent.max(rows.div_ceil(PART));
-            let mut first = 0;
-            while first < rows {
-                let height = length.min(rows - first);
-                let sum = projected
-                    .rows(first, height)
-                    .tr_mul(&residual.rows(first, height));
-                this.scatter += &sum * sum.transpose();
-                first += height;
-                this.blocks += 1;
-            }
-            squares += residual.norm_squared();
-            samples += rows;
+        for recorded in recordings {
+            this.curvature.push(recorded.curvature * square);
+            this.slope.push(recorded.slope * square);
+            this.scatter += recorded.scatter * (square * square);
+            this.blocks += recorded.stretches;
+            squares += recorded.squares * square;
+            samples += recorded.samples;
         }
         // Each parameter takes the scatter of one block away.
         if this.blocks > unknowns {
@@ -301,15 +326,11 @@ mod tests {
     }
 
     fn collect(blocks: &[DMatrix<f64>], residuals: &[Vec<f64>]) -> Information {
-        let blocks: Vec<Block> = blocks
-            .iter()
-            .zip(residuals)
-            .map(|(parameters, residual)| Block {
-                parameters: parameters.clone(),
-                residual: DVector::from_column_slice(residual),
-            })
-            .collect();
-        Information::collect(2, &blocks, 1.0)
+        let recorded = blocks.iter().zip(residuals).map(|(parameters, residual)| {
+            let residual = DVectorView::from_slice(residual, residual.len());
+            Recorded::of(parameters.as_view(), residual, 1.0)
+        });
+        Information::sum(2, recorded, 1.0)
     }
 
     fn series() -> Vec<Vec<f64>> {

@@ -15,7 +15,7 @@ use rayon::prelude::*;
 use super::coordinate::Coordinate;
 use super::filter::{Innovation, Level, normalised, pass};
 use super::fit::{Effort, Fit, Fitter};
-use super::information::{Block, Information, without_nuisance};
+use super::information::{Information, Recorded, without_nuisance};
 use super::normal::{Normal, SharedRow};
 use super::nuisance::{Nuisance, Prior, Shared, UNKNOWNS, ZEROS, wall};
 use super::{Dataset, Session};
@@ -761,9 +761,23 @@ impl<'a> Problem<'a> {
     /// Of each session, the derivatives by the free parameters without what its
     /// zeros and start can follow, and the residuals.
     pub fn projected(&self) -> Vec<(DMatrix<f64>, DVector<f64>)> {
+        let (found, scale) = self.of_sessions(|_, parameters, residual| (parameters, residual));
+        found
+            .into_iter()
+            .map(|(parameters, residual)| (parameters * scale, residual * scale))
+            .collect()
+    }
+
+    /// What `take` keeps of each session's derivatives and residuals, which still lack the
+    /// scale that is returned beside it. A session at a time: those of a thousand at once
+    /// are hundreds of megabytes.
+    fn of_sessions<T: Send>(
+        &self,
+        take: impl Fn(&Part, DMatrix<f64>, DVector<f64>) -> T + Sync,
+    ) -> (Vec<T>, f64) {
         let free = self.free.len();
         let model = self.model();
-        let found: Vec<(DMatrix<f64>, DVector<f64>, f64)> = self
+        let (kept, sizes): (Vec<T>, Vec<(usize, f64)>) = self
             .parts
             .par_iter()
             .map(|part| {
@@ -775,18 +789,11 @@ impl<'a> Problem<'a> {
                     let known = self.prior_slopes(part).map(|slope| slope / self.scale);
                     parameters = without_nuisance(&parameters, &own, &known);
                 }
-                (parameters, linear.residual, linear.log_variance)
+                let size = (linear.residual.len(), linear.log_variance);
+                (take(part, parameters, linear.residual), size)
             })
-            .collect();
-        let scale = self.scale_of(
-            found
-                .iter()
-                .map(|(_, residual, log_variance)| (residual.len(), *log_variance)),
-        );
-        found
-            .into_iter()
-            .map(|(parameters, residual, _)| (parameters * scale, residual * scale))
-            .collect()
+            .unzip();
+        (kept, self.scale_of(sizes.into_iter()))
     }
 
     /// The fit at this position. After a coarse fit it says nothing of errors.
@@ -845,33 +852,32 @@ impl<'a> Problem<'a> {
         if unknowns == 0 {
             return Information::default();
         }
-        let projected = self.projected();
-        if !projected
-            .iter()
-            .all(|(block, _)| block.iter().all(|entry| entry.is_finite()))
-        {
-            return Information::default();
-        }
-        let mut blocks = Vec::new();
-        for ((parameters, residual), part) in projected.into_iter().zip(&self.parts) {
-            if let [_] = part.ranges[..] {
-                blocks.push(Block {
-                    parameters,
-                    residual,
-                });
-                continue;
+        let correlation = correlation_time(residuals);
+        let (sessions, scale) = self.of_sessions(|part, parameters, residual| {
+            if !parameters.iter().all(|entry| entry.is_finite()) {
+                return None;
             }
             let mut first = 0;
-            for range in &part.ranges {
-                let rows = range.len();
-                blocks.push(Block {
-                    parameters: parameters.rows(first, rows).into_owned(),
-                    residual: residual.rows(first, rows).into_owned(),
-                });
+            let recordings = part.ranges.iter().map(|range| {
+                let rows = if part.ranges.len() == 1 {
+                    residual.len()
+                } else {
+                    range.len()
+                };
+                let recording = Recorded::of(
+                    parameters.rows(first, rows),
+                    residual.rows(first, rows),
+                    correlation,
+                );
                 first += rows;
-            }
+                recording
+            });
+            Some(recordings.collect::<Vec<_>>())
+        });
+        match sessions.into_iter().collect::<Option<Vec<_>>>() {
+            None => Information::default(),
+            Some(sessions) => Information::sum(unknowns, sessions.into_iter().flatten(), scale),
         }
-        Information::collect(unknowns, &blocks, correlation_time(residuals))
     }
 }
 
