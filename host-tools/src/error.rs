@@ -4,7 +4,15 @@
 //! message names the file, the line and the column and ends in an action.
 
 use std::fmt;
+use std::fs::{File, OpenOptions};
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
+
+use crate::terminal::printable_line;
+
+/// The most characters of a sentence that are shown: what a file holds is quoted, and a
+/// damaged file may hold a megabyte between two commas.
+const LONGEST_SENTENCE: usize = 2_000;
 
 /// A fault in something that the user gave.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -77,17 +85,26 @@ impl InputError {
 impl fmt::Display for InputError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if let Some(file) = &self.file {
-            write!(f, "{}", file.display())?;
+            write!(f, "{}", quoted(&file.display().to_string()))?;
             if let Some(line) = self.line {
                 write!(f, ", line {line}")?;
             }
             if let Some(column) = &self.column {
-                write!(f, ", column {column}")?;
+                write!(f, ", column {}", quoted(column))?;
             }
             write!(f, ": ")?;
         }
-        write!(f, "{}; {}", self.found, self.advice)
+        write!(f, "{}; {}", quoted(&self.found), quoted(&self.advice))
     }
+}
+
+/// A text with parts of a file in it: harmless, on one line, and no longer than one reads.
+fn quoted(text: &str) -> String {
+    let shown = match text.char_indices().nth(LONGEST_SENTENCE) {
+        Some((end, _)) => format!("{}…", &text[..end]),
+        None => text.to_owned(),
+    };
+    printable_line(&shown).into_owned()
 }
 
 /// Checks that `path` can be written, and leaves no trace.
@@ -101,28 +118,120 @@ pub fn check_writable(path: &Path) -> Result<(), InputError> {
             InputError::new("is a folder", "give the name of a file to write").in_file(path),
         );
     }
-    temporary_beside(path).map(drop)
+    if std::fs::metadata(path).is_ok_and(|about| !about.is_file()) {
+        // Whoever reads a pipe would take its being opened and closed for the result.
+        return Ok(());
+    }
+    Place::of(path).map(drop)
 }
 
-/// A file in the folder of `path` that vanishes when it is dropped.
-fn temporary_beside(path: &Path) -> Result<tempfile::NamedTempFile, InputError> {
-    let folder = match path.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
+/// Says that `path` could not be written, and what to do.
+pub fn not_written(path: &Path, error: &io::Error) -> InputError {
+    use io::ErrorKind::{FileTooLarge, QuotaExceeded, StorageFull};
+    let advice = match error.kind() {
+        StorageFull | FileTooLarge | QuotaExceeded => {
+            "make space on the disk, or choose another; what was there before is untouched"
+        }
+        _ => "check that the folder exists and can be written",
     };
-    tempfile::Builder::new()
-        .prefix(".rig-")
-        .tempfile_in(folder)
-        // The kind alone: the message has the temporary file's name in it.
-        .map_err(|error| not_written(path, &std::io::Error::from(error.kind())))
+    InputError::new(format!("cannot be written: {error}"), advice).in_file(path)
 }
 
-fn not_written(path: &Path, error: &std::io::Error) -> InputError {
-    InputError::new(
-        format!("cannot be written: {error}"),
-        "check that the folder exists and can be written",
-    )
-    .in_file(path)
+/// Where bytes go until they are whole.
+#[derive(Debug)]
+enum Place {
+    /// A file beside the one that it will replace, which vanishes when it is dropped.
+    Beside(tempfile::NamedTempFile, PathBuf),
+    /// A pipe or a device, which cannot be replaced.
+    Stream(File),
+}
+
+impl Place {
+    fn of(path: &Path) -> Result<Self, InputError> {
+        // A link stays a link: what it points at is replaced.
+        let target = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+        if std::fs::metadata(&target).is_ok_and(|about| !about.is_file()) {
+            let stream = OpenOptions::new().write(true).open(&target);
+            return Ok(Self::Stream(
+                stream.map_err(|error| not_written(path, &error))?,
+            ));
+        }
+        let folder = match target.parent() {
+            Some(parent) if !parent.as_os_str().is_empty() => parent,
+            _ => Path::new("."),
+        };
+        tempfile::Builder::new()
+            .prefix(".rig-")
+            .tempfile_in(folder)
+            // The kind alone: the message has the temporary file's name in it.
+            .map_err(|error| not_written(path, &io::Error::from(error.kind())))
+            .map(|file| Self::Beside(file, target))
+    }
+
+    fn file(&mut self) -> &mut File {
+        match self {
+            Self::Beside(file, _) => file.as_file_mut(),
+            Self::Stream(file) => file,
+        }
+    }
+}
+
+/// A result that is whole, on the disk, and not yet where it belongs. Several of them can be
+/// made ready before the first takes its place, so that a full disk replaces none.
+#[derive(Debug)]
+#[must_use = "a file that is not committed vanishes"]
+pub struct Pending {
+    path: PathBuf,
+    place: Place,
+}
+
+impl Pending {
+    /// Writes `bytes` beside `path`.
+    ///
+    /// # Errors
+    ///
+    /// Says why they cannot be written. What stands at `path` is untouched.
+    pub fn new(path: &Path, bytes: &[u8]) -> Result<Self, InputError> {
+        let fail = |error: &io::Error| not_written(path, error);
+        let mut place = Place::of(path)?;
+        place
+            .file()
+            .write_all(bytes)
+            .map_err(|error| fail(&error))?;
+        if let Place::Beside(file, target) = &place {
+            #[cfg(unix)]
+            {
+                use std::os::unix::fs::PermissionsExt;
+                // Temporary files are private; what replaces a result should be as
+                // readable as any other file.
+                let mode =
+                    std::fs::metadata(target).map_or(0o644, |it| it.permissions().mode() & 0o777);
+                file.as_file()
+                    .set_permissions(std::fs::Permissions::from_mode(mode))
+                    .map_err(|error| fail(&error))?;
+            }
+            // Some disks say only now that they are full.
+            file.as_file().sync_all().map_err(|error| fail(&error))?;
+        }
+        Ok(Self {
+            path: path.to_owned(),
+            place,
+        })
+    }
+
+    /// Puts it in its place, and returns the file to go on writing.
+    ///
+    /// # Errors
+    ///
+    /// Says why it cannot take its place.
+    pub fn commit(self) -> Result<File, InputError> {
+        match self.place {
+            Place::Beside(file, target) => file
+                .persist(target)
+                .map_err(|error| not_written(&self.path, &error.error)),
+            Place::Stream(file) => Ok(file),
+        }
+    }
 }
 
 /// Writes `bytes` to `path` through a temporary file in the same folder, so
@@ -132,21 +241,42 @@ fn not_written(path: &Path, error: &std::io::Error) -> InputError {
 ///
 /// Says which folder cannot be written.
 pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), InputError> {
-    let fail = |error: &std::io::Error| not_written(path, error);
-    let mut file = temporary_beside(path)?;
-    std::io::Write::write_all(&mut file, bytes).map_err(|error| fail(&error))?;
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        // Temporary files are private; what replaces a result should be as
-        // readable as any other file.
-        let mode = std::fs::metadata(path).map_or(0o644, |meta| meta.permissions().mode() & 0o777);
-        file.as_file()
-            .set_permissions(std::fs::Permissions::from_mode(mode))
-            .map_err(|error| fail(&error))?;
+    Pending::new(path, bytes)?.commit().map(drop)
+}
+
+/// Writes a recording and what stands beside it. However that ends, there is never the
+/// metadata of one recording beside the rows of another: at worst there are none.
+///
+/// # Errors
+///
+/// Says which file cannot be written.
+pub fn write_with_meta(
+    (path, rows): (&Path, &[u8]),
+    (meta_path, meta): (&Path, &[u8]),
+) -> Result<(), InputError> {
+    let rows = Pending::new(path, rows)?;
+    if matches!(rows.place, Place::Stream(_)) {
+        // Beside a pipe or a device there is no place for a file.
+        return rows.commit().map(drop);
     }
-    file.persist(path).map_err(|error| fail(&error.error))?;
-    Ok(())
+    replace_with_meta(rows, Pending::new(meta_path, meta)?).map(drop)
+}
+
+/// Puts rows and the metadata about them in their places, and returns the file of the rows.
+///
+/// # Errors
+///
+/// As [`write_with_meta`].
+pub fn replace_with_meta(rows: Pending, meta: Pending) -> Result<File, InputError> {
+    if let Place::Beside(_, target) = &meta.place
+        && let Err(error) = std::fs::remove_file(target)
+        && error.kind() != io::ErrorKind::NotFound
+    {
+        return Err(not_written(&meta.path, &error));
+    }
+    let file = rows.commit()?;
+    meta.commit()?;
+    Ok(file)
 }
 
 #[cfg(test)]
@@ -181,5 +311,48 @@ mod tests {
                 .contains("folder exists")
         );
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn what_a_file_holds_is_quoted_harmlessly() {
+        let error = InputError::new(
+            format!("\u{1b}[31m{} is not a number", "9".repeat(1 << 20)),
+            "a\nb",
+        )
+        .in_file(Path::new("\u{1b}]0;title\u{7}.csv"))
+        .in_column("x\u{9b}\n");
+        let said = error.to_string();
+        assert!(said.len() < 3_000, "{}", said.len());
+        assert!(!said.contains(char::is_control), "{said}");
+        assert!(said.starts_with("\\u001b]0;title\\u0007.csv, column x\\u009b\\n: "));
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_link_stays_a_link() {
+        let folder = tempfile::tempdir().unwrap();
+        let [link, target] = ["link.csv", "target.csv"].map(|name| folder.path().join(name));
+        std::fs::write(&target, "old").unwrap();
+        std::os::unix::fs::symlink(&target, &link).unwrap();
+        write_atomically(&link, b"new").unwrap();
+        assert_eq!(std::fs::read(&target).unwrap(), b"new");
+        assert!(link.is_symlink());
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_device_stays_a_device() {
+        let folder = tempfile::tempdir().unwrap();
+        let [full, null, meta] =
+            ["full.csv", "null.csv", "null.meta.toml"].map(|name| folder.path().join(name));
+        std::os::unix::fs::symlink("/dev/full", &full).unwrap();
+        let error = write_atomically(&full, b"new").unwrap_err().to_string();
+        assert!(
+            error.contains("full.csv") && error.contains("make space"),
+            "{error}"
+        );
+        std::os::unix::fs::symlink("/dev/null", &null).unwrap();
+        write_with_meta((&null, b"new"), (&meta, b"about")).unwrap();
+        assert!(full.is_symlink() && null.is_symlink() && !meta.exists());
     }
 }

@@ -15,7 +15,7 @@ use rand::{Rng, RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 
-use crate::error::{InputError, write_atomically};
+use crate::error::{InputError, write_atomically, write_with_meta};
 use crate::model_file::tidy;
 use crate::protocol::Protocol;
 use crate::recording::{PASCAL_PER_KPA, Recording, to_csv};
@@ -261,8 +261,10 @@ impl Example {
         write_atomically(&truth, self.truth.as_bytes())?;
         for (file, recording, meta) in &self.recordings {
             let path = recordings.join(file);
-            write_atomically(&path.with_extension("meta.toml"), meta.as_bytes())?;
-            write_atomically(&path, to_csv(recording, &[]).as_bytes())?;
+            write_with_meta(
+                (&path, to_csv(recording, &[]).as_bytes()),
+                (&path.with_extension("meta.toml"), meta.as_bytes()),
+            )?;
         }
         Ok(())
     }

@@ -1,8 +1,11 @@
 //! Everything behind the `rig` command: recordings and models in, fits,
 //! pictures and verdicts out.
 #![forbid(unsafe_code)]
+// Whatever is said goes through `terminal`, which makes harmless what others wrote.
+#![cfg_attr(not(test), warn(clippy::print_stdout, clippy::print_stderr))]
 
 pub mod batch;
+pub mod bounded;
 pub mod checkpoint;
 pub mod cmd;
 pub mod columns;
@@ -27,4 +30,5 @@ pub mod settings_file;
 pub mod simulate;
 pub mod smooth;
 pub mod statistics;
+pub mod terminal;
 pub mod usable;

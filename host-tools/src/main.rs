@@ -1,5 +1,6 @@
 //! The `rig` command: parse, run, report.
 #![forbid(unsafe_code)]
+#![warn(clippy::print_stdout, clippy::print_stderr)]
 
 use std::error::Error;
 use std::io;
@@ -10,6 +11,8 @@ use clap_complete::Shell;
 use host_tools::cmd;
 use host_tools::error::InputError;
 use host_tools::link::LinkError;
+use host_tools::plot::PlotError;
+use host_tools::terminal::{printable, printable_line, remark};
 
 /// Finds where the simulation of a soft pneumatic actuator and its measurements
 /// disagree, names the missing effect, and repairs the model.
@@ -60,7 +63,10 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => harmless(&error).exit(),
+    };
     match run(cli.command) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => report(&error),
@@ -91,10 +97,22 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(shell, &mut Cli::command(), "rig", &mut script);
-            cmd::print(&String::from_utf8(script)?)?;
+            cmd::print_own(&String::from_utf8(script)?)?;
             Ok(())
         }
     }
+}
+
+/// The error about a command line without the characters in it that a terminal obeys: a name
+/// that the shell completed is quoted in it. It keeps the colours, which are made of such
+/// characters too, so the arguments are made harmless and not the error.
+fn harmless(error: &clap::Error) -> clap::Error {
+    let arguments = std::env::args_os()
+        .map(|argument| printable_line(&argument.to_string_lossy()).into_owned());
+    Cli::try_parse_from(arguments).err().unwrap_or_else(|| {
+        // Made harmless they are in order: then without colours.
+        clap::Error::raw(error.kind(), printable(&error.render().to_string()))
+    })
 }
 
 /// Faults of the input exit with 2, everything else with 1. That a reader like
@@ -108,9 +126,11 @@ fn report(error: &anyhow::Error) -> ExitCode {
     if error.chain().any(enough) {
         return ExitCode::SUCCESS;
     }
-    eprintln!("error: {error:#}");
+    remark(&format!("error: {error:#}"));
     let of_input = |cause: &(dyn Error + 'static)| {
-        cause.is::<InputError>() || matches!(cause.downcast_ref(), Some(LinkError::Open(_)))
+        cause.is::<InputError>()
+            || matches!(cause.downcast_ref(), Some(LinkError::Open(_)))
+            || matches!(cause.downcast_ref(), Some(PlotError::Write(_)))
     };
     if error.chain().any(of_input) {
         ExitCode::from(2)

@@ -72,8 +72,7 @@ impl ModelFile {
     ///
     /// Names file, line, column and remedy.
     pub fn read(path: &Path) -> Result<Self, InputError> {
-        let text =
-            std::fs::read_to_string(path).map_err(|error| InputError::from_io(path, &error))?;
+        let text = crate::bounded::read_text(path)?;
         Self::parse(&text, path)
     }
 

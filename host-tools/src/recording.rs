@@ -6,13 +6,13 @@
 //! file is reported with its line and column, because a fit on a damaged
 //! recording gives a wrong cause with great confidence.
 
-use std::fs::File;
-use std::io::{BufReader, Read};
+use std::io::Read;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
+use crate::bounded::{self, Bounded, Limits, read_text};
 use crate::columns::Columns;
 use crate::error::InputError;
 
@@ -91,6 +91,10 @@ pub struct Meta {
     pub angle_range_deg: Option<[f64; 2]>,
     /// How well the sensors' zeros are known.
     pub calibration: Option<CalibrationMeta>,
+    /// Whether it was recorded to its end.
+    pub complete: Option<bool>,
+    /// Rows that were written; none while it is recorded.
+    pub samples: Option<u64>,
 }
 
 /// One run within a session: a rest, what was asked for, and its release.
@@ -159,9 +163,11 @@ impl Recording {
     ///
     /// As [`Recording::read`].
     pub fn read_as(path: &Path, columns: &Columns) -> Result<(Self, Vec<String>), InputError> {
-        let text = read_text(path)?;
-        let (mut recording, warnings) = Self::parse_as(&text, path, columns)?;
+        let table = bounded::open(path)?;
+        let (mut recording, mut warnings) =
+            Self::parse_from(table, path, columns, Limits::RECORDING)?;
         recording.meta = read_meta(path)?;
+        warnings.extend(recording.unlike_its_metadata());
         Ok((recording, warnings))
     }
 
@@ -184,26 +190,23 @@ impl Recording {
         path: &Path,
         columns: &Columns,
     ) -> Result<(Self, Vec<String>), InputError> {
-        let fail = |found: String, advice: &str| InputError::new(found, advice).in_file(path);
-        if text.trim().is_empty() {
-            return Err(fail(
-                "is empty".into(),
-                "record it again, or leave it out of the command",
-            ));
-        }
-        let mut reader = csv::ReaderBuilder::new()
-            .trim(csv::Trim::All)
-            .flexible(true)
-            .from_reader(text.as_bytes());
-        let header = reader
-            .headers()
-            .map_err(|error| {
-                fail(
-                    format!("has no header: {error}"),
-                    "start it with a header row",
-                )
-            })?
-            .clone();
+        Self::parse_from(text.as_bytes(), path, columns, Limits::RECORDING)
+    }
+
+    /// As [`Recording::parse_as`], of a text that is read as far as `limits` allow and never
+    /// held whole.
+    ///
+    /// # Errors
+    ///
+    /// As [`Recording::read`], and if there is more than `limits` allow.
+    pub fn parse_from(
+        text: impl Read,
+        path: &Path,
+        columns: &Columns,
+        limits: Limits,
+    ) -> Result<(Self, Vec<String>), InputError> {
+        let mut rows = Rows::new(text, path, limits);
+        let header = rows.header()?;
         let required = required_columns(&header).map_err(|error| error.in_file(path))?;
         let other: Vec<usize> = (0..header.len())
             .filter(|column| !required.contains(column))
@@ -223,12 +226,10 @@ impl Recording {
         };
         let mut units = UnitCheck::default();
         let mut warnings = Vec::new();
-        for record in reader.records() {
-            let record = record
-                .map_err(|error| fail(format!("is not a CSV table: {error}"), "export it again"))?;
-            let line = record.position().map_or(0, csv::Position::line);
+        let mut record = csv::StringRecord::new();
+        while let Some(line) = rows.next(&mut record)? {
             if record.len() != header.len() {
-                let last = text.lines().count() as u64 == line;
+                let last = rows.next(&mut csv::StringRecord::new())?.is_none();
                 return Err(wrong_length(&record, &header, last)
                     .in_file(path)
                     .at_line(line));
@@ -250,12 +251,13 @@ impl Recording {
             }
         }
         if recording.time.len() < 2 {
-            return Err(fail(
+            return Err(InputError::new(
                 format!("has {} samples", recording.time.len()),
                 "a recording needs at least two; record it again",
-            ));
+            )
+            .in_file(path));
         }
-        if !text.ends_with('\n') {
+        if !rows.end_with_line() {
             warnings.push(format!(
                 "{}: the last line has no line end; if the recording was cut off there, its last value may be wrong",
                 path.display()
@@ -265,6 +267,25 @@ impl Recording {
             warnings.push(format!("{}: {gap}", path.display()));
         }
         Ok((recording, warnings))
+    }
+
+    /// Where the rows and what stands beside them show that a recording was cut off, or
+    /// changed since.
+    fn unlike_its_metadata(&self) -> Option<String> {
+        let path = self.path.display();
+        let about = meta_beside(&self.path);
+        let about = about.display();
+        match (self.meta.samples, self.meta.complete) {
+            (Some(samples), _) if samples != self.len() as u64 => Some(format!(
+                "{path}: has {} rows, and {about} says {samples}: rows were lost or added since it was recorded; copy both files again from where they were recorded",
+                self.len()
+            )),
+            (_, Some(false)) => Some(format!(
+                "{path}: is not complete: {about} says that it ended before its protocol or its time did; its {} rows are used, and what would have come after is missing",
+                self.len()
+            )),
+            _ => None,
+        }
     }
 
     /// Checks that a row's time follows those before.
@@ -406,19 +427,80 @@ fn rounded(time: f64) -> f64 {
     (time * 1e6).round() / 1e6
 }
 
-fn read_text(path: &Path) -> Result<String, InputError> {
-    let io = |error: std::io::Error| InputError::from_io(path, &error);
-    let mut reader = BufReader::new(File::open(path).map_err(io)?);
-    let mut text = String::new();
-    if path.extension().is_some_and(|extension| extension == "gz") {
-        // Files that were appended to have several members.
-        flate2::bufread::MultiGzDecoder::new(reader)
-            .read_to_string(&mut text)
-            .map_err(io)?;
-    } else {
-        reader.read_to_string(&mut text).map_err(io)?;
+/// The rows of a table, one after the other.
+struct Rows<'a, R> {
+    reader: csv::Reader<Bounded<R>>,
+    path: &'a Path,
+    limits: Limits,
+    columns: usize,
+    count: u64,
+}
+
+impl<'a, R: Read> Rows<'a, R> {
+    fn new(text: R, path: &'a Path, limits: Limits) -> Self {
+        Self {
+            reader: csv::ReaderBuilder::new()
+                .trim(csv::Trim::All)
+                .flexible(true)
+                .from_reader(Bounded::new(text, limits)),
+            path,
+            limits,
+            columns: 0,
+            count: 0,
+        }
     }
-    Ok(text)
+
+    fn header(&mut self) -> Result<csv::StringRecord, InputError> {
+        let header = match self.reader.headers() {
+            Ok(header) => header.clone(),
+            Err(error) => return Err(self.fault(error)),
+        };
+        self.reader.get_mut().found_row();
+        self.columns = header.len();
+        if header.iter().all(str::is_empty) && self.next(&mut csv::StringRecord::new())?.is_none() {
+            return Err(InputError::new(
+                "is empty",
+                "record it again, or leave it out of the command",
+            )
+            .in_file(self.path));
+        }
+        Ok(header)
+    }
+
+    /// The line of the next row, which is read into `record`; none at the end.
+    fn next(&mut self, record: &mut csv::StringRecord) -> Result<Option<u64>, InputError> {
+        match self.reader.read_record(record) {
+            Ok(true) => {}
+            Ok(false) => return Ok(None),
+            Err(error) => return Err(self.fault(error)),
+        }
+        self.reader.get_mut().found_row();
+        self.count += 1;
+        let line = record.position().map_or(0, csv::Position::line);
+        self.limits
+            .check(self.count, self.columns)
+            .map_err(|error| error.in_file(self.path).at_line(line))?;
+        Ok(Some(line))
+    }
+
+    fn end_with_line(&self) -> bool {
+        self.reader.get_ref().ends_with_line()
+    }
+
+    /// What a failure to read comes from: a limit, the disk, or the text.
+    fn fault(&self, error: csv::Error) -> InputError {
+        let line = self.reader.position().line();
+        if let Some(fault) = self.reader.get_ref().fault() {
+            return fault.in_file(self.path).at_line(line);
+        }
+        match error.into_kind() {
+            csv::ErrorKind::Io(error) => InputError::from_io(self.path, &error),
+            csv::ErrorKind::Utf8 { .. } => bounded::not_text(self.path).at_line(line),
+            other => InputError::new(format!("is not a CSV table: {other:?}"), "export it again")
+                .in_file(self.path)
+                .at_line(line),
+        }
+    }
 }
 
 fn stem(path: &Path) -> String {
@@ -429,15 +511,19 @@ fn stem(path: &Path) -> String {
     name.strip_suffix(".csv").unwrap_or(name).to_owned()
 }
 
+fn meta_beside(path: &Path) -> PathBuf {
+    path.with_file_name(format!("{}.meta.toml", stem(path)))
+}
+
 fn read_meta(path: &Path) -> Result<Meta, InputError> {
-    let beside = path.with_file_name(format!("{}.meta.toml", stem(path)));
+    let beside = meta_beside(path);
     if !beside.exists() {
         return Ok(Meta::default());
     }
     let text = read_text(&beside)?;
     toml::from_str(&text).map_err(|error| {
         let fault = InputError::new(
-            error.message().to_owned(),
+            error.message().trim().replace('\n', ", "),
             "correct the metadata, or delete the file: it is optional",
         )
         .in_file(&beside);
@@ -632,6 +718,100 @@ mod tests {
         let (_, warnings) =
             parse("time_s,pressure_kpa,angle_deg\n0,0,0\n0.1,0,0\n0.2,0,0\n0.9,0,0\n").unwrap();
         assert!(warnings[0].contains("gap"), "{warnings:?}");
+    }
+
+    /// A text without an end, which counts what was asked of it.
+    struct Endless<F> {
+        next: F,
+        read: u64,
+    }
+
+    impl<F: FnMut(u64) -> u8> Read for &mut Endless<F> {
+        fn read(&mut self, into: &mut [u8]) -> std::io::Result<usize> {
+            for byte in &mut *into {
+                *byte = (self.next)(self.read);
+                self.read += 1;
+            }
+            Ok(into.len())
+        }
+    }
+
+    /// How an endless text after a header is refused, and how much of it was read.
+    fn refused(limits: Limits, next: impl FnMut(u64) -> u8) -> (String, u64) {
+        let mut endless = Endless { next, read: 0 };
+        let text = format!("{}\n0,0,0\n", REQUIRED.join(","));
+        let error = Recording::parse_from(
+            std::io::Cursor::new(text).chain(&mut endless),
+            Path::new("bomb.csv.gz"),
+            &Columns::default(),
+            limits,
+        )
+        .unwrap_err();
+        (error.to_string(), endless.read)
+    }
+
+    #[test]
+    fn text_without_an_end_is_refused_where_the_limit_is() {
+        const BUFFER: u64 = 1 << 16;
+        let limits = Limits::RECORDING;
+        for next in [
+            // Empty lines, a field, a quoted field with lines in it, many empty fields.
+            |_| b'\n',
+            |_| b'9',
+            |at| if at == 0 { b'"' } else { b'\n' },
+            |_| b',',
+        ] {
+            let (said, read) = refused(limits, next);
+            assert!(
+                said.starts_with("bomb.csv.gz, line ") && said.contains("more than 1 MiB"),
+                "{said}"
+            );
+            assert!(read <= limits.row_bytes + BUFFER, "{read}: {said}");
+            assert!(said.len() < 300, "{said}");
+        }
+    }
+
+    /// Rows of eleven bytes at rising times.
+    fn endless_row(at: u64) -> u8 {
+        let text = format!("{:06},1,2\n", 1 + at / 11);
+        text.as_bytes()[usize::try_from(at % 11).unwrap()]
+    }
+
+    #[test]
+    fn rows_without_an_end_are_refused_where_the_limit_is() {
+        let limits = Limits {
+            bytes: 1 << 20,
+            row_bytes: 1 << 16,
+            rows: 1_000,
+            fields: 1 << 20,
+        };
+        let (said, read) = refused(limits, endless_row);
+        assert!(
+            said.contains("line 1002: has more than 1000 rows"),
+            "{said}"
+        );
+        assert!(read < (1 << 16) + 11_000, "{read}");
+        let (said, _) = refused(
+            Limits {
+                fields: 600,
+                ..limits
+            },
+            endless_row,
+        );
+        assert!(
+            said.contains("line 202: has more than 600 fields in 3 columns"),
+            "{said}"
+        );
+        let (said, read) = refused(
+            Limits {
+                rows: u64::MAX,
+                fields: u64::MAX,
+                ..limits
+            },
+            endless_row,
+        );
+        assert!(said.contains("more than 1 MiB of text"), "{said}");
+        assert!(read < (1 << 20) + (1 << 16), "{read}");
     }
 
     proptest! {

@@ -136,8 +136,7 @@ impl Zeros {
         struct Verdict {
             nuisance: Option<crate::diagnose::verdict::Zeros>,
         }
-        let text =
-            std::fs::read_to_string(path).map_err(|error| InputError::from_io(path, &error))?;
+        let text = crate::bounded::read_text(path)?;
         let verdict: Verdict = serde_json::from_str(&text).map_err(|error| {
             let mut fault = InputError::new(
                 format!("is not a verdict: {error}"),
@@ -216,7 +215,7 @@ impl Zeros {
 ///
 /// Names file, line, column and remedy.
 pub fn read(path: &Path) -> Result<Vec<Assignment>, InputError> {
-    let text = std::fs::read_to_string(path).map_err(|error| InputError::from_io(path, &error))?;
+    let text = crate::bounded::read_text(path)?;
     parse(&text, path)
 }
 

@@ -588,16 +588,169 @@ fn a_recording_that_is_killed_is_whole_up_to_the_last_line() {
     child.kill().unwrap();
     child.wait().unwrap();
     let (recording, warnings) = Recording::read(&bench.path("run.csv")).unwrap();
-    assert_eq!(warnings, Vec::<String>::new());
+    assert_eq!(warnings.len(), 1, "{warnings:?}");
+    assert!(
+        warnings[0].contains("run.csv: is not complete: ")
+            && warnings[0].contains("run.meta.toml says"),
+        "{warnings:?}"
+    );
     assert!(recording.len() >= 399);
     assert_eq!(recording.meta.protocol.as_deref(), Some("two"));
-    assert_eq!(
-        bench.meta("run.meta.toml")["complete"].as_bool(),
-        Some(false)
-    );
-    bench
+    let meta = bench.meta("run.meta.toml");
+    assert_eq!(meta["complete"].as_bool(), Some(false));
+    // How much there is was not known yet: better unsaid than 0.
+    for count in ["samples", "dropped_lines", "damaged_lines"] {
+        assert!(!meta.contains_key(count), "{meta}");
+    }
+    let said = bench
         .rig("simulate --model m.toml --recording run.csv -o sim.csv")
         .ok();
+    assert!(said.err.contains("is not complete"), "{}", said.err);
+}
+
+#[test]
+fn a_recording_that_replaces_another_and_is_killed_has_no_metadata_of_that() {
+    let bench = Bench::new(Script::default());
+    bench.rig("record --port PORT --seconds 2 -o run.csv").ok();
+    let meta = bench.meta("run.meta.toml");
+    assert_eq!(
+        meta["samples"].as_integer(),
+        i64::try_from(bench.rows("run.csv") - 1).ok()
+    );
+    let mut child = bench.start("record --port PORT --seconds 600 -o run.csv --force");
+    wait_until("rows", || bench.rows("run.csv") > 400);
+    child.kill().unwrap();
+    child.wait().unwrap();
+    let meta = bench.meta("run.meta.toml");
+    assert!(!meta.contains_key("samples"), "{meta}");
+    assert_eq!(meta["complete"].as_bool(), Some(false));
+}
+
+/// Starts `rig` where no file can have more than `blocks` blocks of a shell: as full as a disk
+/// gets without one. The shell that is killed by the signal for it is told to ignore it.
+fn start_with_room(bench: &Bench, blocks: u32, line: &str) -> Child {
+    std::process::Command::new("sh")
+        .current_dir(bench.folder.path())
+        .arg("-c")
+        .arg(format!(
+            "trap '' XFSZ; ulimit -f {blocks}; exec \"$0\" \"$@\""
+        ))
+        .arg(env!("CARGO_BIN_EXE_rig"))
+        .args(bench.words(line))
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap()
+}
+
+#[test]
+fn a_full_disk_leaves_whole_rows_and_stops_the_pump() {
+    for (line, stopped) in [
+        ("record --port PORT --seconds 600 -o run.csv", false),
+        ("record --port PORT --protocol two.toml -o run.csv", true),
+        ("monitor --port PORT --seconds 600 --log run.csv", false),
+    ] {
+        let bench = Bench::new(Script::default());
+        let child = start_with_room(&bench, 16, line);
+        let said = Said::new(line, child.wait_with_output().unwrap());
+        let text = bench.text("run.csv");
+        let rows = text.lines().count() - 1;
+        assert!(rows > 50, "{line}: {rows}");
+        assert!(text.ends_with('\n'), "{line}: {text}");
+        let fields = |row: &str| row.matches(',').count();
+        let columns = fields(text.lines().next().unwrap());
+        assert!(text.lines().all(|row| fields(row) == columns), "{line}");
+        let said = said.failed(
+            2,
+            &["run.csv: cannot be written: ", "make space on the disk"],
+        );
+        if !line.starts_with("monitor") {
+            let kept = format!("{rows} samples are kept in run.csv");
+            assert!(said.err.contains(&kept), "{rows}: {}", said.err);
+        }
+        let meta = bench.meta("run.meta.toml");
+        assert_eq!(meta["complete"].as_bool(), Some(false), "{line}");
+        assert_eq!(
+            meta["samples"].as_integer(),
+            i64::try_from(rows).ok(),
+            "{line}"
+        );
+        assert_eq!(bench.recording("run.csv").len(), rows, "{line}");
+        assert_eq!(bench.board.heard("stop"), stopped, "{line}");
+    }
+}
+
+#[test]
+fn a_disk_that_is_full_from_the_start_keeps_the_recording_that_is_there() {
+    let bench = Bench::new(Script::default());
+    bench.rig("record --port PORT --seconds 2 -o run.csv").ok();
+    let before = [bench.text("run.csv"), bench.text("run.meta.toml")];
+    let line = "record --port PORT --seconds 2 -o run.csv --force";
+    let child = start_with_room(&bench, 0, line);
+    Said::new(line, child.wait_with_output().unwrap()).failed(2, &["run.csv: cannot be written: "]);
+    assert!([bench.text("run.csv"), bench.text("run.meta.toml")] == before);
+    let left = std::fs::read_dir(bench.folder.path()).unwrap();
+    let left: Vec<_> = left.map(|entry| entry.unwrap().file_name()).collect();
+    assert!(
+        !left
+            .iter()
+            .any(|name| name.to_string_lossy().starts_with(".rig-")),
+        "{left:?}"
+    );
+}
+
+#[test]
+fn what_a_board_says_is_not_obeyed_by_the_terminal() {
+    const HOSTILE: &str = "\u{1b}]0;title\u{7}\u{1b}[2J\u{9b}31m\u{202e}";
+    let harmless = |said: &Said| {
+        for text in [&said.out, &said.err] {
+            assert!(
+                !text.contains(|c: char| (c.is_control() && c != '\n') || c == '\u{202e}'),
+                "`rig {}` said {text:?}",
+                said.line
+            );
+        }
+    };
+    let bench = Bench::new(Script {
+        remark: Some(HOSTILE),
+        ..Script::default()
+    });
+    let said = bench.rig("monitor --port PORT --seconds 3").ok();
+    assert!(
+        said.err.contains("# \\u001b]0;title\\u0007"),
+        "{}",
+        said.err
+    );
+    harmless(&said);
+    for line in [
+        "monitor --port PORT --seconds 2 --log seen.csv",
+        "record --port PORT --seconds 2 -o run.csv",
+        "record --port PORT --protocol two.toml -o two.csv",
+        "upload --port PORT --model m.toml",
+        "upload --port PORT --read",
+    ] {
+        harmless(&bench.rig(line).ok());
+    }
+    // Quoted in files it is as TOML quotes it.
+    for meta in ["seen.meta.toml", "run.meta.toml"] {
+        assert!(!bench.text(meta).contains('\u{1b}'), "{meta}");
+    }
+    let babble = Bench::new(Script {
+        babble: Some("\u{1b}[2J\u{9b}31m login: \r\n"),
+        ..Script::default()
+    });
+    let said = babble.rig("monitor --port PORT --seconds 2");
+    assert_ne!(said.code, Some(0));
+    harmless(&said);
+    bench.put("s.toml", "max.kpa = \"\u{1b}[2J\"\n");
+    let said = bench.rig("upload --port PORT --settings s.toml");
+    assert_eq!(said.code, Some(2));
+    harmless(&said);
+    bench.put("s.toml", "\"\\u001b[2J\" = 1\n");
+    let said = bench.rig("upload --port PORT --settings s.toml");
+    assert_eq!(said.code, Some(2));
+    harmless(&said);
 }
 
 #[test]

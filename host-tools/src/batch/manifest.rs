@@ -46,7 +46,7 @@ struct Row {
 /// Names the line and the column that is at fault: a missing one, a name that is no name
 /// of a folder or comes twice, a case without recordings.
 pub fn read(path: &Path) -> Result<Vec<Case>, InputError> {
-    let text = std::fs::read_to_string(path).map_err(|error| InputError::from_io(path, &error))?;
+    let text = crate::bounded::read_text(path)?;
     let folder = path.parent().unwrap_or(Path::new(""));
     parse(&text, folder).map_err(|error| error.in_file(path))
 }

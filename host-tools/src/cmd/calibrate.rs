@@ -16,6 +16,7 @@ use super::Interrupt;
 use crate::error::InputError;
 use crate::link::{Event, Link, LinkError, SerialConnector, Timing};
 use crate::settings_file::Assignment;
+use crate::terminal::remark;
 
 /// Calibrates the sensors of a rig, guided step by step.
 ///
@@ -190,7 +191,7 @@ impl Operator {
         pick: impl Fn(Raw) -> f32,
     ) -> anyhow::Result<f32> {
         self.bar
-            .suspend(|| eprintln!("{ask} (q ends without a change)"));
+            .suspend(|| remark(&format!("{ask} (q ends without a change)")));
         loop {
             self.wait_for_enter(link, &pick)?;
             let mut window: VecDeque<f32> = VecDeque::new();
@@ -204,14 +205,14 @@ impl Operator {
             let most = window.iter().copied().fold(f32::NEG_INFINITY, f32::max);
             if most - least <= STEADY_COUNTS {
                 let mean = window.iter().sum::<f32>() / READINGS as f32;
-                self.bar.suspend(|| eprintln!("  {mean:.1} counts"));
+                self.bar.suspend(|| remark(&format!("  {mean:.1} counts")));
                 return Ok(mean);
             }
             self.bar.suspend(|| {
-                eprintln!(
+                remark(&format!(
                     "  not steady: the counts moved by {:.1} in a second; hold still and press Enter again",
                     most - least
-                );
+                ));
             });
         }
     }
@@ -300,7 +301,7 @@ fn check_angles(angles: &[f32]) -> Result<(), InputError> {
 
 /// Reads `angle_deg,flex_counts`.
 fn read_table(path: &Path) -> Result<Vec<Point>, InputError> {
-    let text = std::fs::read_to_string(path).map_err(|error| InputError::from_io(path, &error))?;
+    let text = crate::bounded::read_text(path)?;
     let mut reader = csv::ReaderBuilder::new()
         .trim(csv::Trim::All)
         .from_reader(text.as_bytes());

@@ -144,7 +144,10 @@ fn parse_range(text: &str) -> Result<(f64, f64), String> {
 /// [`InputError`] where an argument or a file is at fault, else what the
 /// operating system says.
 pub fn run(args: Args) -> anyhow::Result<()> {
-    execute(args, &mut std::io::stdout().lock())
+    let mut said = Vec::new();
+    let outcome = execute(args, &mut said);
+    super::print(&String::from_utf8_lossy(&said))?;
+    outcome
 }
 
 fn execute(args: Args, out: &mut dyn Write) -> anyhow::Result<()> {

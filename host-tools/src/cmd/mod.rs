@@ -19,7 +19,6 @@ pub mod upload;
 pub mod virtual_rig;
 mod watch;
 
-use std::io::Write;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -29,21 +28,11 @@ use crate::error::InputError;
 use crate::model_file::ModelFile;
 use crate::recording::{Recording, read_all};
 
-/// Prints results.
-///
-/// # Errors
-///
-/// Passes on that the reader has seen enough (`rig schema | head -1`), at which
-/// `println!` would panic; `main` takes it for success.
-pub fn print(text: &str) -> std::io::Result<()> {
-    let mut out = std::io::stdout().lock();
-    out.write_all(text.as_bytes())?;
-    out.flush()
-}
+pub use crate::terminal::{print, print_own};
 
 /// Prints a warning where it does not mix with results.
 pub(crate) fn warn(text: &str) {
-    eprintln!("warning: {text}");
+    crate::terminal::remark(&format!("warning: {text}"));
 }
 
 /// Reads a model and recordings, with their warnings.

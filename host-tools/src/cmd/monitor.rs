@@ -14,6 +14,7 @@ use super::{Interrupt, record};
 use crate::link::{Clock, Event, Link, SerialConnector, Timing};
 use crate::monitor::{View, draw};
 use crate::record::{COLUMNS, Recorder, Row, line};
+use crate::terminal::remark;
 
 /// Shows a rig live: angle, prediction, pressure, state, faults.
 ///
@@ -78,10 +79,9 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         ratatui::restore();
         outcome
     };
-    if let Some(log) = log {
-        record::end_log(log, &link)?;
-    }
-    outcome
+    let logged = log.map_or(Ok(()), |log| record::end_log(log, &link, outcome.is_ok()));
+    outcome?;
+    Ok(logged?)
 }
 
 fn plain(
@@ -119,7 +119,7 @@ fn plain(
                     }))?;
                 }
             }
-            Event::Remark(text) => eprintln!("# {text}"),
+            Event::Remark(text) => remark(&format!("# {text}")),
             Event::Lost(reason) => super::warn(&format!(
                 "{}: the connection was lost ({reason}); waiting for it to come back",
                 link.port()
@@ -220,11 +220,11 @@ fn press(
         view.take(&event);
     }
     match outcome {
-        Ok(_) => view.say(format!(
+        Ok(_) => view.say(&format!(
             "{}: done",
             crate::link::line::command_text(command)
         )),
-        Err(error) => view.say(error.to_string()),
+        Err(error) => view.say(&error.to_string()),
     }
     Ok(true)
 }

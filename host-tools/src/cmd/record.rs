@@ -18,6 +18,7 @@ use crate::link::line::{Text, command_text};
 use crate::link::{Event, Link, LinkError, SerialConnector, Timing, is_pseudo_terminal};
 use crate::protocol_file::{ProtocolFile, describe};
 use crate::record::{About, Part, Recorder, Step, check_limits, meta_path, parts, run_path, steps};
+use crate::terminal::printable_line;
 
 /// Records a rig while it plays a protocol, or while it is left alone.
 ///
@@ -310,7 +311,8 @@ impl Session {
                 if self.state() == Some(State::Running) => {}
             Err(error) => return Err(error.into()),
         }
-        self.bar.set_message(protocol.name.clone());
+        self.bar
+            .set_message(printable_line(&protocol.name).into_owned());
         self.follow(protocol)
     }
 
@@ -421,23 +423,29 @@ impl Session {
         let Self {
             link, mut recorder, ..
         } = self;
-        recorder.about.count(&link.counters());
+        recorder.counts.count(&link.counters());
         recorder.about.complete = matches!(outcome, Ok(End::Complete));
-        let about = recorder.about.clone();
-        let has_moved = !about.segments.is_empty();
-        let runs = recorder.finish(parts, cut)?;
-        let kept = format!("{} samples are kept in {}", about.samples, output.display());
-        match outcome {
-            Err(error) => return Err(error.context(kept)),
-            Ok(End::Interrupted) => anyhow::bail!("interrupted; the pump was told to stop, {kept}"),
-            Ok(End::Complete) => {}
+        let counts = recorder.counts;
+        let gaps = recorder.about.gap.len() as u64;
+        let has_moved = !recorder.about.segments.is_empty();
+        let finished = recorder.finish(parts, cut);
+        let kept = format!(
+            "{} samples are kept in {}",
+            counts.samples,
+            output.display()
+        );
+        // What ended the recording comes first: that it could not be finished follows from it.
+        let outcome = outcome.map_err(|error| error.context(kept.clone()))?;
+        let runs = finished.context(kept.clone())?;
+        if outcome == End::Interrupted {
+            anyhow::bail!("interrupted; the pump was told to stop, {kept}");
         }
-        let mut text = format!("{}: {} samples", output.display(), about.samples);
+        let mut text = format!("{}: {} samples", output.display(), counts.samples);
         for (count, what) in [
-            (about.dropped_lines, "lines were lost on the way"),
-            (about.gap.len() as u64, "gaps"),
+            (counts.dropped_lines, "lines were lost on the way"),
+            (gaps, "gaps"),
             (
-                about.rows_without_reading,
+                counts.rows_without_reading,
                 "rows without a reading are in the .faulty.csv beside it",
             ),
         ] {
@@ -606,9 +614,13 @@ pub(crate) fn log(path: &Path, link: &Link) -> Result<Recorder, InputError> {
 }
 
 /// Ends what [`log`] began.
-pub(crate) fn end_log(mut recorder: Recorder, link: &Link) -> Result<(), InputError> {
-    recorder.about.count(&link.counters());
-    recorder.about.complete = true;
+pub(crate) fn end_log(
+    mut recorder: Recorder,
+    link: &Link,
+    complete: bool,
+) -> Result<(), InputError> {
+    recorder.counts.count(&link.counters());
+    recorder.about.complete = complete;
     recorder.finish(&[], false).map(drop)
 }
 

@@ -8,7 +8,7 @@ use model_core::power::{GuardedMicromath, Minimax, Power};
 
 use super::input::InputArgs;
 use super::output::{self, FileKind, Output};
-use crate::error::{InputError, write_atomically};
+use crate::error::{InputError, write_with_meta};
 use crate::estimate::fit::Fitter;
 use crate::estimate::{Dataset, Nuisance, Session};
 use crate::linear::linear_rival;
@@ -184,9 +184,11 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         simulated_deg,
     };
     if let Some(path) = &args.output {
-        write_atomically(path, shown.csv().as_bytes())?;
         let about = output::about_simulated(args.recording.is_none());
-        write_atomically(&meta_path(path), about.as_bytes())?;
+        write_with_meta(
+            (path, shown.csv().as_bytes()),
+            (&meta_path(path), about.as_bytes()),
+        )?;
         text += &format!("written: {}\n", path.display());
     }
     if let Some(path) = &args.plot {

@@ -1,6 +1,5 @@
 //! Long work on the terminal: how far it is, and what an interruption leaves.
 
-use std::io::Write;
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
@@ -10,6 +9,7 @@ use indicatif::ProgressBar;
 
 use crate::diagnose::Progress;
 use crate::diagnose::progress::State;
+use crate::terminal::{printable, remark};
 
 /// Exit code of an interrupted command, as shells give it: 128 and the number of SIGINT.
 const INTERRUPTED: i32 = 130;
@@ -38,9 +38,7 @@ impl Watched {
         ctrlc::set_handler(move || {
             if let Some(display) = lock(&shown).take() {
                 display.close();
-                // The terminal may be what has gone.
-                let text = unfinished(&known.state(), &go_on);
-                let _ = std::io::stderr().write_all(text.as_bytes());
+                remark(unfinished(&known.state(), &go_on).trim_end());
             }
             std::process::exit(INTERRUPTED);
         })?;
@@ -87,11 +85,11 @@ impl Display {
                 let state = progress.state();
                 match &spinner {
                     Some(spinner) => {
-                        spinner.set_message(lines(&state));
+                        spinner.set_message(printable(&lines(&state)).into_owned());
                         spinner.tick();
                     }
                     None => {
-                        let _ = writeln!(std::io::stderr(), "{state}");
+                        remark(&state.to_string());
                     }
                 }
             }

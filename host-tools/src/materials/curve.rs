@@ -247,7 +247,7 @@ impl TensileCurve {
     ///
     /// [`InputError`], with the line and the column where there is one.
     pub fn read(path: &Path) -> Result<Self, InputError> {
-        let bytes = std::fs::read(path).map_err(|error| InputError::from_io(path, &error))?;
+        let bytes = crate::bounded::read_bytes(path)?;
         Self::parse(path, &bytes)
     }
 

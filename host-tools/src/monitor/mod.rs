@@ -15,6 +15,7 @@ use wire::telemetry::Telemetry;
 pub use screen::draw;
 
 use crate::link::{Clock, Counters, Event};
+use crate::terminal::printable_line;
 
 /// How far back the chart goes (s).
 pub const SPAN_S: f64 = 30.0;
@@ -51,8 +52,8 @@ impl View {
     /// A view of the board at a port, before anything has come.
     pub fn new(port: &str, firmware: &str) -> Self {
         Self {
-            port: port.to_owned(),
-            firmware: firmware.to_owned(),
+            port: printable_line(port).into_owned(),
+            firmware: printable_line(firmware).into_owned(),
             clock: Clock::default(),
             history: VecDeque::new(),
             arrivals: VecDeque::new(),
@@ -97,10 +98,12 @@ impl View {
                     self.history.pop_front();
                 }
             }
-            Event::Remark(text) => self.message.clone_from(text),
+            Event::Remark(text) => self.say(text),
             Event::Lost(reason) => {
                 self.connected = false;
-                self.message = format!("connection lost ({reason}), waiting for it to come back");
+                self.say(&format!(
+                    "connection lost ({reason}), waiting for it to come back"
+                ));
             }
             Event::Useless => {}
         }
@@ -120,8 +123,8 @@ impl View {
     }
 
     /// Shows a sentence in the last line but one.
-    pub fn say(&mut self, message: impl Into<String>) {
-        self.message = message.into();
+    pub fn say(&mut self, message: &str) {
+        self.message = printable_line(message).into_owned();
     }
 
     /// Stops the picture, or lets it go on.

@@ -46,16 +46,10 @@ pub struct About {
     /// Whether the protocol was played to its end, or all that was asked for
     /// recorded.
     pub complete: bool,
-    /// Rows of the recording.
-    pub samples: u64,
-    /// Lines that the board sent and that are missing.
-    pub dropped_lines: u64,
-    /// Lines that arrived damaged.
-    pub damaged_lines: u64,
-    /// Rows that stand in `NAME.faulty.csv`, as a sensor had no reading.
-    pub rows_without_reading: u64,
-    /// How often the connection broke.
-    pub connection_lost: u64,
+    /// What arrived and what did not. Not known while it is recorded: whatever ends the
+    /// program then, nothing wrong is left beside the rows.
+    #[serde(flatten, skip_serializing_if = "Option::is_none")]
+    pub counts: Option<Counts>,
     /// What was played, as it was sent to the board.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub segments: Vec<String>,
@@ -74,6 +68,30 @@ pub struct About {
     /// Places where samples are missing.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub gap: Vec<Gap>,
+}
+
+/// What arrived and what did not.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Counts {
+    /// Rows of the recording.
+    pub samples: u64,
+    /// Lines that the board sent and that are missing.
+    pub dropped_lines: u64,
+    /// Lines that arrived damaged.
+    pub damaged_lines: u64,
+    /// Rows that stand in `NAME.faulty.csv`, as a sensor had no reading.
+    pub rows_without_reading: u64,
+    /// How often the connection broke.
+    pub connection_lost: u64,
+}
+
+impl Counts {
+    /// Takes over what the link counted.
+    pub fn count(&mut self, counters: &Counters) {
+        self.dropped_lines = counters.dropped;
+        self.damaged_lines = counters.damaged;
+        self.connection_lost = counters.lost;
+    }
 }
 
 /// A place where samples are missing.
@@ -104,13 +122,6 @@ impl Gap {
 }
 
 impl About {
-    /// Takes over what the link counted.
-    pub fn count(&mut self, counters: &Counters) {
-        self.dropped_lines = counters.dropped;
-        self.damaged_lines = counters.damaged;
-        self.connection_lost = counters.lost;
-    }
-
     /// The text of the file.
     pub fn to_text(&self) -> String {
         // Plain values and lists: nothing in it can fail to be written.
@@ -143,6 +154,11 @@ mod tests {
             segments: vec!["step open 60.00 6000".into()],
             part_of: Some("run.csv".into()),
             begins_s: Some(30.5),
+            complete: true,
+            counts: Some(Counts {
+                samples: 7,
+                ..Counts::default()
+            }),
             segment: vec![
                 segment,
                 SegmentMeta {
@@ -174,6 +190,8 @@ mod tests {
             angle_range_deg: about.angle_range_deg,
             // The owner of the rig writes it, not the recorder.
             calibration: None,
+            complete: Some(true),
+            samples: Some(7),
         };
         assert_eq!(meta, expected);
         assert_eq!(meta.started_unix_s(), Some(1_714_564_800.0));

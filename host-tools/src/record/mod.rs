@@ -3,7 +3,7 @@
 //! Every sample is one line of the file as soon as it is read, written in one
 //! call: whatever ends the program, the file is a recording up to the line
 //! before. What is known about the recording stands beside it from its first
-//! second, and is completed at its end.
+//! second, and is completed at its end: until then it does not say how much there is.
 
 mod limits;
 mod meta;
@@ -15,11 +15,11 @@ use std::path::{Path, PathBuf};
 use wire::telemetry::Telemetry;
 
 pub use limits::{Advice, check_limits};
-pub use meta::{About, Gap};
+pub use meta::{About, Counts, Gap};
 pub use sheet::{COLUMNS, Sheet, line};
 pub use split::{Part, Step, parts, run_path, steps};
 
-use crate::error::{InputError, write_atomically};
+use crate::error::{InputError, Pending, replace_with_meta, write_atomically};
 use crate::link::{Clock, Event, Received};
 
 /// A sample at its place on the time axis.
@@ -37,6 +37,8 @@ pub struct Recorder {
     path: PathBuf,
     /// What stands beside the recording.
     pub about: About,
+    /// What arrived; beside the recording at its end.
+    pub counts: Counts,
     sheet: Sheet,
     /// Rows that are no recording because a sensor had no reading.
     faulty: Option<Sheet>,
@@ -64,20 +66,23 @@ impl Recorder {
     ///
     /// Names the file that cannot be written.
     pub fn create(path: &Path, about: About, keep: bool) -> Result<Self, InputError> {
-        // What an earlier recording of this name left would be taken for ours.
+        // All is ready before an earlier recording of this name is replaced.
+        let rows = Pending::new(path, sheet::header().as_bytes())?;
+        let meta = Pending::new(&meta_path(path), about.to_text().as_bytes())?;
+        let file = replace_with_meta(rows, meta)?;
+        // What that recording left would be taken for ours.
         let _ = std::fs::remove_file(faulty_path(path));
-        let recorder = Self {
-            sheet: Sheet::create(path)?,
+        Ok(Self {
+            sheet: Sheet::after_header(path, file),
             path: path.to_owned(),
             about,
+            counts: Counts::default(),
             faulty: None,
             clock: Clock::default(),
             kept: keep.then(Vec::new),
             last: None,
             failure: None,
-        };
-        recorder.write_meta()?;
-        Ok(recorder)
+        })
     }
 
     /// Takes what happened on the link.
@@ -104,8 +109,9 @@ impl Recorder {
     /// # Errors
     ///
     /// What could not.
-    pub fn check(&mut self) -> Result<(), InputError> {
-        self.failure.take().map_or(Ok(()), Err)
+    pub fn check(&self) -> Result<(), InputError> {
+        // It stays: rows after those that are missing would look like one recording.
+        self.failure.clone().map_or(Ok(()), Err)
     }
 
     fn note(&mut self, received: &Received) -> Result<(), InputError> {
@@ -126,19 +132,20 @@ impl Recorder {
             self.write_meta()?;
         }
         if row.sample.pressure_kpa.is_some() && row.sample.angle_deg.is_some() {
-            self.about.samples += 1;
             self.sheet.write(&row)?;
+            self.counts.samples += 1;
             if let Some(kept) = &mut self.kept {
                 kept.push(row);
             }
             return Ok(());
         }
-        self.about.rows_without_reading += 1;
         let faulty = match &mut self.faulty {
             Some(faulty) => faulty,
             none => none.insert(Sheet::create(&faulty_path(&self.path))?),
         };
-        faulty.write(&row)
+        faulty.write(&row)?;
+        self.counts.rows_without_reading += 1;
+        Ok(())
     }
 
     /// Writes what is known so far.
@@ -156,10 +163,15 @@ impl Recorder {
     ///
     /// # Errors
     ///
-    /// Names the file that cannot be written.
+    /// Names the file that cannot be written. What is known is written all the same, if
+    /// there is room for it.
     pub fn finish(mut self, parts: &[Part], cut: bool) -> Result<Vec<PathBuf>, InputError> {
-        self.check()?;
-        self.sheet.sync()?;
+        self.about.counts = Some(self.counts);
+        if let Err(failure) = self.check().and_then(|()| self.sheet.sync()) {
+            self.about.complete = false;
+            let _ = self.write_meta();
+            return Err(failure);
+        }
         let rows = self.kept.take().unwrap_or_default();
         let runs = split::split(&rows, parts, self.about.complete);
         let mut written = Vec::new();

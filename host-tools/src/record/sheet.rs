@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 use std::fs::File;
-use std::io::Write as _;
+use std::io::{Seek as _, SeekFrom, Write as _};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -10,7 +10,7 @@ use wire::decimal::Hundredths;
 use wire::telemetry::Setpoint;
 
 use super::Row;
-use crate::error::InputError;
+use crate::error::{InputError, Pending};
 
 /// The columns, in their order.
 pub const COLUMNS: &str =
@@ -24,7 +24,14 @@ const SYNC_EVERY: Duration = Duration::from_secs(1);
 pub struct Sheet {
     path: PathBuf,
     file: File,
+    /// Bytes of whole lines.
+    length: u64,
     synced: Instant,
+}
+
+/// The first line of a table.
+pub(super) fn header() -> String {
+    format!("{COLUMNS}\n")
 }
 
 impl Sheet {
@@ -34,14 +41,18 @@ impl Sheet {
     ///
     /// Names the file.
     pub fn create(path: &Path) -> Result<Self, InputError> {
-        let file = File::create(path).map_err(|error| not_written(path, &error))?;
-        let mut sheet = Self {
+        let file = Pending::new(path, header().as_bytes())?.commit()?;
+        Ok(Self::after_header(path, file))
+    }
+
+    /// Goes on after the header, which was written to the file.
+    pub(super) fn after_header(path: &Path, file: File) -> Self {
+        Self {
             path: path.to_owned(),
             file,
+            length: header().len() as u64,
             synced: Instant::now(),
-        };
-        sheet.append(&format!("{COLUMNS}\n"))?;
-        Ok(sheet)
+        }
     }
 
     /// Appends a row.
@@ -75,16 +86,26 @@ impl Sheet {
 
     /// One call, unbuffered: a program that is killed leaves whole lines.
     fn append(&mut self, text: &str) -> Result<(), InputError> {
-        self.file
-            .write_all(text.as_bytes())
-            .map_err(|error| not_written(&self.path, &error))
+        match self.file.write_all(text.as_bytes()) {
+            Ok(()) => {
+                self.length += text.len() as u64;
+                Ok(())
+            }
+            Err(error) => {
+                // A full disk takes a part of a line, which would be read as a wrong number.
+                // Taking back needs no room; pipes and devices keep what they got.
+                let _ = self.file.set_len(self.length);
+                let _ = self.file.seek(SeekFrom::Start(self.length));
+                Err(not_written(&self.path, &error))
+            }
+        }
     }
 }
 
 fn not_written(path: &Path, error: &std::io::Error) -> InputError {
     InputError::new(
         format!("cannot be written: {error}"),
-        "check the folder and the space on the disk; what was written so far is kept",
+        "check the folder and make space on the disk; the rows that were written are kept",
     )
     .in_file(path)
 }

@@ -12,8 +12,8 @@ use wire::telemetry::{PERIOD_MS, Setpoint};
 
 use super::meta::About;
 use super::sheet::{COLUMNS, line};
-use super::{Row, meta_path};
-use crate::error::{InputError, write_atomically};
+use super::{Counts, Row, meta_path};
+use crate::error::{InputError, write_with_meta};
 use crate::protocol_file::ProtocolFile;
 use crate::recording::SegmentMeta;
 
@@ -329,8 +329,11 @@ pub(super) fn write_run(
         setpoint_kpa: step.kilopascals(),
         repeat: Some(step.repeat),
         complete: true,
-        samples: rows.len() as u64,
-        dropped_lines: (u64::from(steps_in) + 1).saturating_sub(rows.len() as u64),
+        counts: Some(Counts {
+            samples: rows.len() as u64,
+            dropped_lines: (u64::from(steps_in) + 1).saturating_sub(rows.len() as u64),
+            ..whole.counts.unwrap_or_default()
+        }),
         part_of: whole_name(path, step),
         begins_s: Some(begins_s),
         runs: Vec::new(),
@@ -338,8 +341,10 @@ pub(super) fn write_run(
         gap,
         ..whole.clone()
     };
-    write_atomically(&meta_path(path), about.to_text().as_bytes())?;
-    write_atomically(path, text.as_bytes())
+    write_with_meta(
+        (path, text.as_bytes()),
+        (&meta_path(path), about.to_text().as_bytes()),
+    )
 }
 
 /// The name of the whole recording: that of the run without its ending.

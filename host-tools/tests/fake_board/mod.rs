@@ -40,6 +40,8 @@ pub struct Script {
     pub silent: bool,
     /// Says this, and nothing of softrig's.
     pub babble: Option<&'static str>,
+    /// A remark that it makes ten times a second of its clock, and the version of its firmware.
+    pub remark: Option<&'static str>,
     /// Version of the protocol that it claims.
     pub version: u8,
     /// First word of what it refuses, and why.
@@ -80,6 +82,7 @@ impl Default for Script {
             speed: 20,
             silent: false,
             babble: None,
+            remark: None,
             version: reply::VERSION,
             refuse: Vec::new(),
             deaf: 0,
@@ -397,7 +400,8 @@ impl Board {
         match command {
             Command::Hello => {
                 return Ok(format!(
-                    "softrig 9.9.9 wire {} settings 1d0f",
+                    "softrig {} wire {} settings 1d0f",
+                    script.remark.unwrap_or("9.9.9"),
                     script.version
                 ));
             }
@@ -483,6 +487,9 @@ impl Board {
             if script.confirms {
                 text += &sealed("# saved");
             }
+        }
+        if let (Some(remark), true) = (script.remark, self.time_ms.is_multiple_of(100)) {
+            text += &sealed(&format!("# {remark}"));
         }
         let armed = matches!(self.state, State::Homing | State::Ready | State::Running);
         let silence = (self.time_ms - self.heard_ms) as f32 / 1000.0;
