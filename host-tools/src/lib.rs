@@ -23,6 +23,7 @@ pub mod monitor;
 pub mod plot;
 pub mod protocol;
 pub mod protocol_file;
+pub mod ranges;
 pub mod record;
 pub mod recording;
 pub mod report;

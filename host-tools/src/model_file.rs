@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 
 use model_core::actuator::{Dynamics, InvalidModel, MAX_EFFECTS, Model, ParameterId};
 use model_core::catalogue::{Effect, Kind};
+use model_core::effects::Unit;
 use model_core::effects::table::{self, MAX_NODES, MIN_NODES, Variable};
 use model_core::ludwick::{Beam, Ludwick, SecondMoment};
 use model_core::material::find;
@@ -15,6 +16,7 @@ use model_core::power::Exact;
 use toml_edit::{Array, ArrayOfTables, Document, DocumentMut, Item, Table, Value};
 
 use crate::error::InputError;
+use crate::ranges::Range;
 use crate::recording::PASCAL_PER_KPA;
 
 /// The schema number that this version reads and writes.
@@ -319,6 +321,7 @@ impl Reader<'_> {
             .collect::<Result<Vec<_>, _>>()?;
         let model = Model::new(dynamics, &effects)
             .map_err(|error| self.invalid(error, dynamics_table, &effect_tables))?;
+        self.check_ranges(&model, dynamics_table, &effect_tables)?;
         let free = self.free(root, &model)?;
         Ok(ModelFile {
             name,
@@ -414,14 +417,8 @@ impl Reader<'_> {
         let material = table.get("material").and_then(Item::as_str).unwrap_or("");
         let dimension = |key: &str| {
             let value = self.required(table, "actuator", key)?;
-            if value > 0.0 && value.is_finite() {
-                return Ok(value);
-            }
-            Err(self.fail_at(
-                table.get(key).and_then(Item::span),
-                format!("{key} is {value}"),
-                "give the dimension in metres, above zero",
-            ))
+            self.check_range(table, key, value, Range::of_key(key))?;
+            Ok(value)
         };
         Ok(Some(ActuatorSection {
             material: material.to_owned(),
@@ -464,6 +461,52 @@ impl Reader<'_> {
             exponent: derived("exponent", derived_exponent)?,
             input_gain: required("input_gain_n_per_kpa")? / PASCAL_PER_KPA,
         })
+    }
+
+    /// Checks the numbers of a model that would be one if its numbers were those of a rig.
+    fn check_ranges(
+        &self,
+        model: &Model<f64>,
+        dynamics: &Table,
+        effects: &[&Table],
+    ) -> Result<(), InputError> {
+        for (id, _, key) in BASE {
+            // As it is used: stiffness and exponent may come from the material.
+            let value = model.value(id).map(|value| to_file(id, value));
+            self.check_range(dynamics, key, value.unwrap_or_default(), Range::of_key(key))?;
+        }
+        for table in effects {
+            let kind = table
+                .get("kind")
+                .and_then(Item::as_str)
+                .and_then(Kind::from_name);
+            // A table's numbers are in lists, which are checked as they are read.
+            for row in kind.map_or(&[][..], Kind::parameters) {
+                if let Some(value) = self.number(table, row.key)? {
+                    let range = Some(Range::of_parameter(row));
+                    self.check_range(table, row.key, value, range)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Checks the number of a key, and names its place, or that of its section.
+    fn check_range(
+        &self,
+        table: &Table,
+        key: &str,
+        value: f64,
+        range: Option<Range>,
+    ) -> Result<(), InputError> {
+        match range {
+            Some(range) if !range.contains(value) => Err(self.fail_at(
+                table.get(key).and_then(Item::span).or(table.span()),
+                format!("{key} = {value:?} is outside its range"),
+                range.advice(),
+            )),
+            _ => Ok(()),
+        }
     }
 
     fn effect_tables<'t>(&self, root: &'t Table) -> Result<Vec<&'t Table>, InputError> {
@@ -538,8 +581,8 @@ impl Reader<'_> {
                     advice,
                 )
             })?;
-        let nodes = self.list(section, "nodes")?;
-        let forces = self.list(section, "forces_n")?;
+        let nodes = self.list(section, "nodes", of.unit())?;
+        let forces = self.list(section, "forces_n", Unit::Newton)?;
         if !(MIN_NODES..=MAX_NODES).contains(&nodes.len()) {
             return Err(self.fail_at(
                 section.get("nodes").and_then(Item::span),
@@ -590,7 +633,9 @@ impl Reader<'_> {
         &self,
         section: &Table,
         key: &str,
+        unit: Unit,
     ) -> Result<Vec<(f64, Option<std::ops::Range<usize>>)>, InputError> {
+        let range = Range::of_unit(unit);
         let item = section.get(key).ok_or_else(|| {
             self.fail_at(
                 section.span(),
@@ -607,8 +652,12 @@ impl Reader<'_> {
         })?;
         list.iter()
             .map(|value| match value_number(value) {
-                #[allow(clippy::cast_possible_truncation)] // A board has single precision.
-                Some(number) if (number as f32).is_finite() => Ok((number, value.span())),
+                Some(number) if range.contains(number) => Ok((number, value.span())),
+                Some(number) if number.is_finite() => Err(self.fail_at(
+                    value.span(),
+                    format!("{number:?} in {key} is outside its range"),
+                    range.advice(),
+                )),
                 _ => Err(self.fail_at(
                     value.span(),
                     format!(
@@ -647,7 +696,7 @@ impl Reader<'_> {
                 format!("keep at most {MAX_EFFECTS}"),
             );
         };
-        let (table, key, bounds) = match id {
+        let (table, key, range) = match id {
             ParameterId::Effect { slot, parameter } => {
                 let table = effects.get(slot).copied().unwrap_or(dynamics);
                 let row = table
@@ -655,27 +704,15 @@ impl Reader<'_> {
                     .and_then(Item::as_str)
                     .and_then(Kind::from_name)
                     .and_then(|kind| kind.parameters().get(parameter));
-                let bounds = row.map_or_else(String::new, |row| {
-                    format!(
-                        "give a value from {} to {} {}",
-                        row.unit.from_si(row.lower),
-                        row.unit.from_si(row.upper),
-                        row.unit.symbol()
-                    )
-                });
-                (table, row.map_or("", |row| row.key), bounds)
+                let range = row.map(Range::of_parameter);
+                (table, row.map_or("", |row| row.key), range)
             }
             base => {
                 let key = BASE
                     .iter()
                     .find(|(id, ..)| *id == base)
                     .map_or("", |(_, _, key)| *key);
-                let bounds = match error {
-                    InvalidModel::NotPositive(_) => "give a value above 0",
-                    InvalidModel::Negative(_) => "give 0 or a value above it",
-                    _ => "give a finite number",
-                };
-                (dynamics, key, bounds.to_owned())
+                (dynamics, key, Range::of_key(key))
             }
         };
         let item = table.get(key);
@@ -683,7 +720,7 @@ impl Reader<'_> {
         self.fail_at(
             item.and_then(Item::span),
             format!("{key} = {shown} {error}"),
-            bounds.trim_end().to_owned(),
+            range.map_or_else(String::new, |range| range.advice()),
         )
     }
 
@@ -935,7 +972,11 @@ forces_n = [
             ),
             ("0.15", "inf", vec!["line 25, column 3", "inf in forces_n"]),
             ("0.15", "\"much\"", vec!["line 25", "not a finite number"]),
-            ("0.15", "1e99", vec!["line 25", "not a finite number"]),
+            (
+                "0.15",
+                "1e99",
+                vec!["line 25, column 3", "outside its range", "to 1e12 N"],
+            ),
             (
                 "[-10, 0.1, 12.5, 80.0]",
                 "-10",

@@ -487,7 +487,7 @@ mod tests {
     #[test]
     fn what_the_board_cannot_hold_is_refused() {
         for (from, to, part) in [
-            ("inertia_kg_m = 0.36", "inertia_kg_m = 1e-50", "inertia"),
+            ("inertia_kg_m = 0.36", "inertia_kg_m = 1e-8", "inertia"),
             ("n_per_kpa = 0.12", "n_per_kpa = 5000.0", "gain would be 5"),
             (
                 "exponent = 1.727",

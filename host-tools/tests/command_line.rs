@@ -339,7 +339,7 @@ fn faults_of_a_model_are_refused_with_their_place() {
             &[
                 "line 7, column 25",
                 "stiffness_n_per_rad_n = -4.2 must not be negative",
-                "give 0",
+                "give a value from 0 to 1e12 N/radⁿ",
             ],
         ),
         (
@@ -348,7 +348,7 @@ fn faults_of_a_model_are_refused_with_their_place() {
             &[
                 "line 8, column 12",
                 "exponent = 0 must be above zero",
-                "give a value above 0",
+                "give a value from 0.01 to 20",
             ],
         ),
         (
@@ -357,7 +357,7 @@ fn faults_of_a_model_are_refused_with_their_place() {
             &[
                 "line 8, column 12",
                 "exponent = -2 must be above zero",
-                "give a value above 0",
+                "give a value from 0.01 to 20",
             ],
         ),
         (
@@ -1647,6 +1647,58 @@ fn a_bomb_is_refused_before_it_goes_off() {
                     "check that it is a recording",
                 ],
             );
+        }
+    }
+}
+
+#[test]
+fn numbers_that_no_rig_has_are_refused_with_their_range() {
+    let bench = Bench::new();
+    for (from, to, parts) in [
+        (
+            "= 4.2",
+            "= 1e308",
+            [
+                "line 7, column 25",
+                "stiffness_n_per_rad_n = 1e308",
+                "from 0 to 1e12 N/radⁿ",
+            ],
+        ),
+        (
+            "= 1.727",
+            "= 1e308",
+            ["line 8, column 12", "exponent = 1e308", "from 0.01 to 20"],
+        ),
+        (
+            "= 0.36",
+            "= 1e-300",
+            [
+                "line 5, column 16",
+                "inertia_kg_m = 1e-300",
+                "from 1e-9 to 1e9 kg·m",
+            ],
+        ),
+        (
+            "= 0.12",
+            "= -1e308",
+            [
+                "line 9, column 24",
+                "input_gain_n_per_kpa = -1e308",
+                "from -1e9 to 1e9 N/kPa",
+            ],
+        ),
+        (
+            "force_n = 0.02",
+            "force_n = 1e308",
+            ["line 16, column 11", "force_n = 1e308", "from 0 to 1e12 N"],
+        ),
+    ] {
+        bench.put("wild.toml", MODEL.replace(from, to));
+        for line in [
+            "simulate --model wild.toml --recording good.csv -o out.csv",
+            "diagnose --model wild.toml good.csv -o out.toml",
+        ] {
+            bench.refuses(line, &[&["wild.toml"][..], &parts].concat());
         }
     }
 }
