@@ -329,6 +329,31 @@ mod tests {
     }
 
     #[test]
+    fn dimensions_and_what_follows_from_them_have_ranges() {
+        let read = |length: &str, height: &str| {
+            let text = format!(
+                "schema = 1\n[actuator]\nmaterial = \"Dragon Skin 20\"\nlength_m = {length}\nwidth_m = 0.03\nheight_m = {height}\n[dynamics]\ninertia_kg_m = 1\ndamping_n_s_per_rad = 1\ninput_gain_n_per_kpa = 1\n"
+            );
+            ModelFile::parse(&text, Path::new("m.toml")).map_err(|error| error.to_string())
+        };
+        assert!(read("0.094", "0.024").is_ok());
+        for wrong in ["0", "-1", "nan", "inf", "1e308"] {
+            let said = read(wrong, "0.024").unwrap_err();
+            assert!(
+                said.starts_with("m.toml, line 4, column 12: length_m = "),
+                "{said}"
+            );
+            assert!(said.contains("from 1e-5 to 1000 m"), "{said}");
+        }
+        // Each has a size that something has, and both together nothing.
+        let said = read("1e-5", "1000").unwrap_err();
+        assert!(
+            said.contains("line 7, column 1: stiffness_n_per_rad_n = "),
+            "{said}"
+        );
+    }
+
+    #[test]
     fn every_parameter_of_the_catalogue_has_a_range() {
         for kind in Kind::ALL {
             for row in kind.parameters() {

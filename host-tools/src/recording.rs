@@ -275,13 +275,14 @@ impl Recording {
         let path = self.path.display();
         let about = meta_beside(&self.path);
         let about = about.display();
-        match (self.meta.samples, self.meta.complete) {
-            (Some(samples), _) if samples != self.len() as u64 => Some(format!(
-                "{path}: has {} rows, and {about} says {samples}: rows were lost or added since it was recorded; copy both files again from where they were recorded",
+        match (self.meta.complete, self.meta.samples) {
+            // Of these older versions said that they had no rows.
+            (Some(false), _) => Some(format!(
+                "{path}: is not complete: {about} says that it ended before its protocol or its time did; its {} rows are used, and what would have come after is missing",
                 self.len()
             )),
-            (_, Some(false)) => Some(format!(
-                "{path}: is not complete: {about} says that it ended before its protocol or its time did; its {} rows are used, and what would have come after is missing",
+            (_, Some(samples)) if samples != self.len() as u64 => Some(format!(
+                "{path}: has {} rows, and {about} says {samples}: rows were lost or added since it was recorded; copy both files again from where they were recorded",
                 self.len()
             )),
             _ => None,

@@ -1707,6 +1707,11 @@ fn numbers_that_no_rig_has_are_refused_with_their_range() {
 fn whoever_reads_a_recording_is_told_that_it_is_not_complete() {
     for (meta, part) in [
         ("complete = false\n", "cut.csv: is not complete: "),
+        // As versions up to 0.1 left it when they were killed.
+        (
+            "complete = false\nsamples = 0\n",
+            "cut.csv: is not complete: ",
+        ),
         (
             "complete = true\nsamples = 7\n",
             "cut.csv: has 200 rows, and ",

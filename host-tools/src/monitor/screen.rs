@@ -281,6 +281,21 @@ mod tests {
         text
     }
 
+    #[test]
+    fn what_a_board_says_does_not_reach_the_screen_as_it_is() {
+        let hostile = "\u{1b}[2J\u{9b}31m\u{202e}\r";
+        let mut view = View::new(hostile, hostile);
+        view.take(&Event::Remark(hostile.into()));
+        let obeyed = |c: char| (c.is_control() && c != '\n') || c == '\u{202e}';
+        let seen = screen(&view, 100, 30);
+        assert!(!seen.contains(obeyed), "{seen:?}");
+        assert!(seen.contains("\\u001b[2J\\u009b31m\\u202e"), "{seen}");
+        view.take(&Event::Lost(hostile.into()));
+        let seen = screen(&view, 100, 30);
+        assert!(seen.contains("(\\u001b[2J"), "{seen}");
+        assert!(!seen.contains(obeyed), "{seen:?}");
+    }
+
     /// Compares with the screen that is checked in; `SOFTRIG_BLESS=1` replaces it.
     fn assert_screen(name: &str, text: &str) {
         let path = Path::new(env!("CARGO_MANIFEST_DIR"))
