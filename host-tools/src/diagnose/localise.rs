@@ -155,15 +155,18 @@ pub fn localise(model: &Model<f64>, data: &Dataset, nuisances: &[Nuisance], nois
         }
     }
     let samples = all;
+    // Over a run without an edge the last one is its start.
+    let over = if has_edges(&samples) {
+        SINCE_EDGE
+    } else {
+        ANGLE
+    };
     let forces: Vec<f64> = samples.iter().map(|sample| sample.force).collect();
     let features = features(&samples, &forces);
     let sentences = sentences(&features, rms(&forces), known);
     Gap {
         sentences,
-        maps: [
-            map(&samples, [ANGLE, RATE]),
-            map(&samples, [SINCE_EDGE, IN_RUN]),
-        ],
+        maps: [map(&samples, [ANGLE, RATE]), map(&samples, [over, IN_RUN])],
         rms: rms(&forces),
         known,
         features,
@@ -186,6 +189,14 @@ fn known_force(model: &Model<f64>, recordings: &[Recording]) -> f64 {
         .max(1e-9)
 }
 
+/// Whether the pressure has a step anywhere but where a run begins.
+fn has_edges(samples: &[Sample]) -> bool {
+    #[allow(clippy::float_cmp)] // The same difference of the same clock.
+    samples
+        .iter()
+        .any(|sample| sample.features[SINCE_EDGE] != sample.features[IN_RUN])
+}
+
 /// Ranks the features by what they explain.
 fn features(samples: &[Sample], forces: &[f64]) -> Vec<Feature> {
     let average = mean(forces);
@@ -196,6 +207,7 @@ fn features(samples: &[Sample], forces: &[f64]) -> Vec<Feature> {
     let mut features: Vec<(f64, Feature)> = NAMES
         .iter()
         .enumerate()
+        .filter(|&(column, _)| column != SINCE_EDGE || has_edges(samples))
         .map(|(column, &(name, unit))| {
             let curve = curve(samples, column);
             let between: f64 = curve

@@ -8,7 +8,7 @@ use model_core::catalogue::Kind;
 use model_core::effects::Place;
 use serde::Serialize;
 
-use super::numbers::{degrees, percent, short, with_ends};
+use super::numbers::{degrees, fit, percent, short, with_ends};
 use super::shares::Explained;
 use crate::diagnose::family::Family;
 use crate::diagnose::noise::NoiseFloor;
@@ -16,6 +16,7 @@ use crate::diagnose::policy::Policy;
 use crate::diagnose::selection::{self, Tried};
 use crate::diagnose::verdict::{Answer, Closure, Strength};
 use crate::diagnose::{Diagnosis, Request};
+use crate::estimate::Segment;
 use crate::estimate::fit::Fit;
 use crate::model_file::{parameter_name, parameter_unit, to_file_units};
 
@@ -118,6 +119,8 @@ pub struct ErrorRow {
     pub repaired: String,
     /// What noise alone leaves.
     pub floor: String,
+    /// Fit (normalised RMS) of the three models.
+    pub fits: [String; 3],
 }
 
 /// An effect that was added.
@@ -808,7 +811,8 @@ fn notices(diagnosis: &Diagnosis) -> Vec<Notice> {
 /// Nominal, refit and repaired on fitted and on held-out runs.
 fn errors(diagnosis: &Diagnosis) -> Vec<ErrorRow> {
     let held_out = &diagnosis.held_out;
-    let row = |name, runs, values: [f64; 4]| {
+    let row = |name, runs, values: [f64; 4], spread: f64| {
+        let fits = [values[0], values[1], values[2]].map(|error| fit(error, spread));
         let [nominal, refit, repaired, floor] = values.map(|value| short(value.to_degrees()));
         ErrorRow {
             name,
@@ -817,7 +821,14 @@ fn errors(diagnosis: &Diagnosis) -> Vec<ErrorRow> {
             refit,
             repaired,
             floor,
+            fits,
         }
+    };
+    let spread_fitted = spread(diagnosis.data.fitted());
+    let spread_held_out = if held_out.in_turn {
+        spread_fitted
+    } else {
+        spread(diagnosis.data.held_out())
     };
     let fitted = diagnosis.nominal.residuals.len();
     let (name, runs) = if held_out.in_turn {
@@ -835,6 +846,7 @@ fn errors(diagnosis: &Diagnosis) -> Vec<ErrorRow> {
                 diagnosis.repaired.fit.rmse(),
                 diagnosis.floor.rms,
             ],
+            spread_fitted,
         ),
         row(
             name,
@@ -845,8 +857,21 @@ fn errors(diagnosis: &Diagnosis) -> Vec<ErrorRow> {
                 held_out.repaired_on_board,
                 held_out.floor,
             ],
+            spread_held_out,
         ),
     ]
+}
+
+/// How far (rad RMS) the measured angles go from the mean of their own run.
+fn spread<'a>(segments: impl Iterator<Item = &'a Segment>) -> f64 {
+    let (mut squares, mut samples) = (0.0, 0_usize);
+    for segment in segments {
+        let angle = &segment.recording.angle;
+        let mean = angle.iter().sum::<f64>() / angle.len().max(1) as f64;
+        squares += angle.iter().map(|it| (it - mean).powi(2)).sum::<f64>();
+        samples += angle.len();
+    }
+    (squares / samples.max(1) as f64).sqrt()
 }
 
 /// Number of effects that the model had before.

@@ -12,7 +12,7 @@ use serde::Serialize;
 
 use super::confidence::Confidence;
 use super::content::{CLOSEST, Content};
-use super::numbers::{degrees, percent, short};
+use super::numbers::{degrees, fit, percent, short};
 use super::pictures::{
     MEASURED, curves_of, error_of, feature_figure, force_figure, is_thinner_than_its_line,
     largest_forces, map_figure, run_figure, style_of,
@@ -24,7 +24,7 @@ use crate::diagnose::localise::{Feature, Gap, SINCE_LAST_EDGE};
 use crate::diagnose::verdict::Answer;
 use crate::diagnose::{Diagnosis, Request};
 use crate::plot::{Figure, Mark, PlotError, css_colour, diverging, to_inline_svg};
-use crate::statistics::median;
+use crate::statistics::{median, rms};
 
 const TEMPLATE: &str = include_str!("assets/template.html");
 const STYLE: &str = include_str!("assets/style.css");
@@ -93,6 +93,8 @@ struct RunRow {
     samples: usize,
     /// Nominal, refitted, repaired.
     errors: [String; 3],
+    /// Their fits.
+    fits: [String; 3],
     /// Refitted and repaired while the run was left out.
     left_out: Option<[String; 2]>,
 }
@@ -429,12 +431,17 @@ fn left(residuals: &Residuals) -> Result<Left, PlotError> {
 }
 
 fn run_row(view: &RunView<'_>) -> RunRow {
+    let measured = &view.measured;
+    let mean = measured.iter().sum::<f64>() / measured.len().max(1) as f64;
+    let about: Vec<f64> = measured.iter().map(|angle| angle - mean).collect();
+    let spread = rms(&about);
     RunRow {
         name: view.recording.name.clone(),
         role: if view.held_out { "held out" } else { "fitted" },
         seconds: format!("{:.1}", view.recording.duration()),
         samples: view.recording.len(),
         errors: view.errors().map(short),
+        fits: view.errors().map(|error| fit(error, spread)),
         left_out: view
             .not_fitted
             .filter(|_| !view.held_out)

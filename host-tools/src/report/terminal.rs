@@ -98,14 +98,14 @@ fn errors(content: &Content) -> Vec<String> {
     let line = |cells: [&str; 6]| {
         let [name, runs, nominal, refit, repaired, floor] = cells;
         let repaired = if content.repaired {
-            format!("{repaired:>10} ")
+            format!("{repaired:>16} ")
         } else {
             String::new()
         };
-        format!("{name:<18} {runs:>4} {nominal:>10} {refit:>10} {repaired}{floor:>10}")
+        format!("{name:<20} {runs:>4} {nominal:>16} {refit:>16} {repaired}{floor:>8}")
     };
     let head = line([
-        "RMS error (°)",
+        "RMS error (°), fit",
         "runs",
         "nominal",
         "refitted",
@@ -113,12 +113,14 @@ fn errors(content: &Content) -> Vec<String> {
         "noise",
     ]);
     let rows = content.errors.iter().map(|row| {
+        let [nominal, refit, repaired] = &row.fits;
+        let with_fit = |error: &str, fit: &str| format!("{error}, {fit}");
         line([
             row.name,
             &row.runs.to_string(),
-            &row.nominal,
-            &row.refit,
-            &row.repaired,
+            &with_fit(&row.nominal, nominal),
+            &with_fit(&row.refit, refit),
+            &with_fit(&row.repaired, repaired),
             &row.floor,
         ])
     });
