@@ -21,6 +21,7 @@ mod noise;
 pub mod plant;
 pub mod rig;
 mod simavr;
+pub mod soak;
 pub mod stk500;
 pub mod wiring;
 
