@@ -1,4 +1,4 @@
-//! Set-up, demo, test, flash, bench and ci.
+//! Set-up, demo, test, flash, bench, soak, fuzz and ci.
 //!
 //! Everything that takes more than one plain cargo command is a task here, in
 //! Rust on the standard library alone: it compiles in a second on a machine that
@@ -12,6 +12,7 @@ mod bench_real;
 mod demo;
 mod flash;
 mod json;
+mod machines;
 mod rig_loop;
 mod setup;
 mod shell;
@@ -20,6 +21,7 @@ mod test;
 
 use std::{env, process::ExitCode};
 
+use machines::{Fuzz, Soak};
 use setup::Mode;
 use shell::Outcome;
 use size::Golden;
@@ -57,6 +59,14 @@ Tasks:
                          recordings of eight real rigs: the diagnosis beside
                          black boxes; --docs writes docs/real.md; --rig takes
                          another `rig` than the one of this source
+  soak [--hours H] [--seed N]
+                         the image on the simulated rig at full speed: random
+                         protocols, faults, pulled cables and resets; what is
+                         promised is held against the simulated truth
+  fuzz [--minutes N]     every parser and the settings store, guided by
+                         coverage; all targets share the time
+  miri                   the wire and the settings store in the interpreter
+                         that finds undefined behaviour; installs a nightly
   flash --port PORT [--no-console] [--dry-run]
                          put the image on a board and show what it says
 
@@ -66,6 +76,8 @@ Examples:
   cargo xtask bench board
   cargo xtask bench loop --seeds 201..212
   cargo xtask bench real --only pendulum,silverbox
+  cargo xtask soak --hours 8 --seed 7
+  cargo xtask fuzz --minutes 30
   cargo xtask flash --port /dev/ttyACM0
 ";
 
@@ -111,11 +123,22 @@ fn main() -> ExitCode {
             Ok(options) => bench_real::bench(&options),
             Err(problem) => return usage(&problem),
         },
+        ["soak", words @ ..] => match Soak::parse(words) {
+            Ok(options) => machines::soak(&options),
+            Err(problem) => return usage(&problem),
+        },
+        ["fuzz", words @ ..] => match Fuzz::parse(words) {
+            Ok(options) => machines::fuzz(&options),
+            Err(problem) => return usage(&problem),
+        },
+        ["miri"] => machines::miri(),
         ["flash", words @ ..] => match flash::Options::parse(words) {
             Ok(options) => flash::flash(options),
             Err(problem) => return usage(&problem),
         },
-        [task, ..] if ["setup", "test", "ci", "firmware", "size", "bench"].contains(task) => {
+        [task, ..]
+            if ["setup", "test", "ci", "firmware", "size", "bench", "miri"].contains(task) =>
+        {
             return usage(&format!("{task} does not take these options"));
         }
         [task, ..] => return usage(&format!("there is no task {task:?}")),
