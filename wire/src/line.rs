@@ -179,6 +179,11 @@ pub(crate) mod tests {
             self.0.push_str(text);
             Ok(())
         }
+
+        // The one of the trait takes the address of memory that was never set.
+        fn write_char(&mut self, character: char) -> Result<(), Self::Error> {
+            self.write_str(character.encode_utf8(&mut [0; 4]))
+        }
     }
 
     pub(crate) fn sealed(text: &str) -> String {

@@ -107,7 +107,7 @@ const COVERAGE: &str = "--cfg fuzzing -Cpasses=sancov-module \
 const SLOWEST_INPUT_S: u32 = 20;
 
 /// Fuzzes every target, each for its share of the time.
-pub fn fuzz(options: &Fuzz) -> Outcome {
+pub fn fuzz(options: Fuzz) -> Outcome {
     if !has_program("c++") {
         return Err("libFuzzer is compiled here, which takes a C++ compiler: \
              on Debian, apt-get install g++"

@@ -128,7 +128,7 @@ fn main() -> ExitCode {
             Err(problem) => return usage(&problem),
         },
         ["fuzz", words @ ..] => match Fuzz::parse(words) {
-            Ok(options) => machines::fuzz(&options),
+            Ok(options) => machines::fuzz(options),
             Err(problem) => return usage(&problem),
         },
         ["miri"] => machines::miri(),

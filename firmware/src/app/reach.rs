@@ -26,11 +26,7 @@ use std::{
 use wire::{command::MAX_LINE, protocol::Segment, reply::Reply};
 
 use super::*;
-use crate::{
-    io::Oversampled,
-    probe::NoProbe,
-    runner::{self},
-};
+use crate::{io::Oversampled, probe::NoProbe};
 
 /// The longest sequence.
 const LINES: usize = 6;
@@ -87,6 +83,11 @@ impl uWrite for Text {
     fn write_str(&mut self, text: &str) -> Result<(), Self::Error> {
         self.0.push_str(text);
         Ok(())
+    }
+
+    // The one of the trait takes the address of memory that was never set.
+    fn write_char(&mut self, character: char) -> Result<(), Self::Error> {
+        self.write_str(character.encode_utf8(&mut [0; 4]))
     }
 }
 
@@ -189,6 +190,7 @@ struct Bench {
 
 /// What two situations have to have in common.
 #[derive(Hash)]
+#[allow(clippy::struct_excessive_bools)] // That much is two-valued.
 struct Situation {
     state: State,
     cause: Option<Fault>,
@@ -198,7 +200,7 @@ struct Situation {
     saving: bool,
     self_test: bool,
     is_homing: bool,
-    running: Option<Option<u8>>,
+    running: Option<u8>,
     can_start: bool,
     draft: [u32; 2],
     in_use: u32,
@@ -260,8 +262,8 @@ impl Bench {
             saving: app.saving.is_busy(),
             self_test: app.self_test.is_some(),
             is_homing: app.homing.is_some(),
-            running: app.runner.as_ref().map(|runner| Some(runner.index())),
-            can_start: runner::Runner::start(None, &app.memory, &app.settings).is_some(),
+            running: app.runner.as_ref().map(Runner::index),
+            can_start: Runner::start(None, &app.memory, &app.settings).is_some(),
             // No line of the alphabet changes another word.
             draft: [Key::PressureZero, kind].map(|key| word(&app.draft, key)),
             in_use: word(&app.settings, Key::PressureZero),

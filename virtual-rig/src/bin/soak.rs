@@ -51,7 +51,7 @@ fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         every: EVERY,
     };
     match soak::run(&image, &options, |summary| {
-        println!("{}", summary.progress())
+        println!("{}", summary.progress());
     }) {
         Ok(summary) => {
             println!("\n{summary}");

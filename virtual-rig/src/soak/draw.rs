@@ -279,9 +279,9 @@ fn segment(random: &mut Pcg64Mcg, index: u8) -> Segment {
     // An actuator of this stiffness is at 90° with 87 kPa: beyond 115 kPa the angle
     // would be the limit, which is a fault with a cause of its own.
     let highest = if track == Track::Pressure {
-        110_00
+        11_000
     } else {
-        105_00
+        10_500
     };
     let level = random.random_range(0..highest);
     let duration_ms = random.random_range(20..5_000);

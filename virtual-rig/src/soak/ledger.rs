@@ -69,25 +69,22 @@ impl Ledger {
         let board_s = f64::from(sample.time_ms) / 1e3;
         let follows = |last: &Telemetry| sample.time_ms > last.time_ms;
         // What was on its way when the board was reset still follows.
-        let lost = match self.last.filter(follows) {
-            Some(last) => {
-                let numbers = sample.sequence.wrapping_sub(last.sequence);
-                let periods = (sample.time_ms - last.time_ms) / u32::from(PERIOD_MS);
-                if u32::from(numbers) != periods & 0xffff {
-                    return Err(format!(
-                        "{numbers} lines were numbered in {periods} periods"
-                    ));
-                }
-                periods - 1
+        let lost = if let Some(last) = self.last.filter(follows) {
+            let numbers = sample.sequence.wrapping_sub(last.sequence);
+            let periods = (sample.time_ms - last.time_ms) / u32::from(PERIOD_MS);
+            if u32::from(numbers) != periods & 0xffff {
+                return Err(format!(
+                    "{numbers} lines were numbered in {periods} periods"
+                ));
             }
-            None => {
-                if self.last.is_some() && resets == self.resets {
-                    return Err("the board's clock went back without a reset".into());
-                }
-                self.resets = resets;
-                self.offset_s = None;
-                u32::from(sample.sequence).saturating_sub(1)
+            periods - 1
+        } else {
+            if self.last.is_some() && resets == self.resets {
+                return Err("the board's clock went back without a reset".into());
             }
+            self.resets = resets;
+            self.offset_s = None;
+            u32::from(sample.sequence).saturating_sub(1)
         };
         if lost > 0 {
             let lost = u64::from(lost);

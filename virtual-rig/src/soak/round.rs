@@ -116,7 +116,7 @@ impl Session<'_> {
                 _ => true,
             };
             if is_possible {
-                self.strike(kind, alone)?;
+                self.strike(kind, alone);
                 mends.push((kind, self.rig.time_s() + lasts_s));
             }
         }
@@ -135,7 +135,7 @@ impl Session<'_> {
             // Whoever plugs a cable in again opens the port again, which resets the
             // board; some adapters do not.
             if kind == Misfortune::Broken(Fault::Unplugged) && self.random.random_bool(0.5) {
-                self.strike(Misfortune::PortOpened, false)?;
+                self.strike(Misfortune::PortOpened, false);
             }
         }
         Ok(())

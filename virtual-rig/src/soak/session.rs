@@ -66,6 +66,11 @@ impl uWrite for Text {
         self.0.extend(text.bytes());
         Ok(())
     }
+
+    // The one of the trait takes the address of memory that was never set.
+    fn write_char(&mut self, character: char) -> Result<(), Self::Error> {
+        self.write_str(character.encode_utf8(&mut [0; 4]))
+    }
 }
 
 /// A pump that has to stand.
@@ -124,9 +129,11 @@ pub(super) fn run(
 ) -> Outcome {
     let mut plant = PlantConfig::new(rig::default_actuator());
     Bench::draw(seed).apply(&mut plant);
-    let mut options = rig::Options::default();
-    options.plant = plant.clone();
-    options.seed = seed;
+    let options = rig::Options {
+        plant: plant.clone(),
+        seed,
+        ..rig::Options::default()
+    };
     let mut rig = VirtualRig::new(image, options).map_err(|error| {
         Box::new(Violation {
             seed,
@@ -475,7 +482,7 @@ impl Session<'_> {
     // ----------------------------------------------------------- misfortunes
 
     /// Lets something happen now.
-    pub(super) fn strike(&mut self, kind: Misfortune, alone: bool) -> Outcome {
+    pub(super) fn strike(&mut self, kind: Misfortune, alone: bool) {
         let now_s = self.rig.time_s();
         let is_moving = now_s - self.last_edge_s < MOVING_S;
         self.keep('!', kind.name());
@@ -513,7 +520,6 @@ impl Session<'_> {
                 }
             }
         }
-        Ok(())
     }
 
     /// From when (s) and how long (s) the pump may go on.
