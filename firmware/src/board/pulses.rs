@@ -306,7 +306,9 @@ pub(super) fn slot(section: CriticalSection<'_>, is_first: bool) {
     if IS_HALTED.load(Relaxed) {
         return;
     }
-    let stopping = switches::now() & stopping(section);
+    // A switch that let go before the main program looked still counts: the plan that
+    // was made meanwhile knows nothing of it.
+    let stopping = switches::now() & stopping(section) | STOPPED_BY.load(Relaxed);
     if stopping != 0 || LATE.load(Relaxed) >= LATEST {
         STOPPED_BY.store(STOPPED_BY.load(Relaxed) | stopping, Relaxed);
         IS_HALTED.store(true, Relaxed);
@@ -486,10 +488,18 @@ extern "avr-interrupt" fn edge() {
             set_edge(&timer, edge, gap);
         } else {
             // A long gap or a stop. Unit A is parked where it is, a turn ahead.
-            WAITED.set(section, u32::from(HANDOVER));
+            // Served later than that, unit B would match a turn too late, and unit A
+            // would make an edge that nobody asked for before it.
+            let late = timer.tcnt1().read().bits().wrapping_sub(edge);
+            let after = if late.saturating_add(LEAD) < HANDOVER {
+                HANDOVER
+            } else {
+                late.saturating_add(LEAD)
+            };
+            WAITED.set(section, u32::from(after));
             timer
                 .ocr1b()
-                .write(|w| w.set(reachable(edge.wrapping_add(HANDOVER))));
+                .write(|w| w.set(reachable(edge.wrapping_add(after))));
             timer.tifr1().write(|w| w.ocf1b().set_bit());
             timer.timsk1().write(|w| {
                 w.ocie1a().set_bit();
