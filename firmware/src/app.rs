@@ -37,7 +37,10 @@ use crate::{
     monitor::{Monitor, Seen},
     probe::Probe,
     runner::{Memory, Runner},
-    safety::{Conditions, Event, LARGEST_AT_REST_PA, LONGEST_VENTING, Supervisor, runs_into_end},
+    safety::{
+        Conditions, Event, LARGEST_AT_REST_PA, LONGEST_VENTING, STILL_THERE, Supervisor,
+        runs_into_end,
+    },
     self_test::SelfTest,
     sensing::{Calibration, Readings, Sensors},
     settings::{Limits, calibration, check, model},
@@ -132,7 +135,8 @@ pub struct App {
     stall: Watch,
     /// Periods for which the plunger has been back at its start.
     back: u8,
-    /// Periods for which the valve has been open.
+    /// Periods for which the valve has been open; beyond [`LONGEST_VENTING`], those for
+    /// which there is a pressure nevertheless.
     venting: u16,
     /// Whether the last reading of the pressure was above its limit.
     pressure_was_high: bool,
@@ -388,7 +392,10 @@ impl App {
     #[inline(never)]
     fn look(&mut self, inputs: &Inputs, readings: &Readings) {
         let limits = Limits::of(&self.settings);
-        let pressurised = limit::size(readings.pressure.filtered) > LARGEST_AT_REST_PA;
+        // Numbers above zero are in the order of their bits, which are compared in a tenth
+        // of the time; what is not a number counts as much.
+        let size = readings.pressure.filtered.abs().to_bits();
+        let pressurised = size > LARGEST_AT_REST_PA.to_bits();
         let rate = match self.outputs.pump {
             Pump::Rate(rate) => rate,
             Pump::Off | Pump::Brake => 0.0,
@@ -396,8 +403,10 @@ impl App {
         let closed = self.outputs.valve == Valve::Closed;
         self.venting = if closed {
             0
-        } else {
+        } else if pressurised {
             self.venting.saturating_add(1)
+        } else {
+            self.venting.saturating_add(1).min(LONGEST_VENTING)
         };
         let pressure = readings.pressure.value;
         // Twice in a row: a wire that breaks within a reading leaves a mean of
@@ -420,7 +429,7 @@ impl App {
             internal: false,
             retracted_switch: false,
             motor_reversed: false,
-            vent_blocked: self.venting > LONGEST_VENTING && pressurised,
+            vent_blocked: self.venting > LONGEST_VENTING + STILL_THERE,
             out_of_reach: false,
             disagreement: false,
             pressurised,

@@ -76,6 +76,10 @@ pub const LARGEST_AT_REST_PA: f32 = 5_000.0;
 /// metre takes.
 pub const LONGEST_VENTING: u16 = 300;
 
+/// Periods for which it then has to be there all the same: longer than a broken wire of
+/// the sensor takes to be told, whose first reading looks like any pressure.
+pub const STILL_THERE: u16 = 10;
+
 impl Conditions {
     /// Whether the condition behind a fault holds.
     pub const fn holds(&self, fault: Fault) -> bool {

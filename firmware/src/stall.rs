@@ -44,11 +44,10 @@ impl Watch {
         volume: f32,
         pressure: f32,
     ) -> bool {
-        let largest = settings.number(Key::MaxVolume);
-        let window = largest * WINDOW;
         match self.start {
             Some((from, at)) if valve_closed && volume >= from => {
-                if volume - from < window {
+                let largest = settings.number(Key::MaxVolume);
+                if volume - from < largest * WINDOW {
                     return false;
                 }
                 self.start = Some((volume, pressure));

@@ -71,7 +71,7 @@ impl Misfortune {
     pub const fn deadline(self) -> Deadline {
         match self {
             Self::Broken(Fault::EmergencyStop) => Deadline::After(SWITCH_S),
-            Self::Broken(Fault::EndSwitch) => Deadline::InMotion(SWITCH_S),
+            Self::Broken(Fault::EndSwitch | Fault::RetractedSwitch) => Deadline::InMotion(SWITCH_S),
             Self::Broken(Fault::Hang) => Deadline::After(HANG_S),
             Self::Broken(
                 Fault::OpenFlex | Fault::ShortFlex | Fault::OpenPressure | Fault::ShortPressure,
@@ -106,57 +106,57 @@ impl Misfortune {
     /// Whether a latched fault, by its code, can come of it.
     pub fn explains(self, code: u8) -> bool {
         use Latched as L;
-        /// Faults of newer boards, by their codes alone: a soak reads what an image
-        /// says, also one that knows more faults than this program.
-        const RETRACTED: u8 = 14;
-        const DIRECTION: u8 = 15;
-        const VENT: u8 = 16;
-        const REACH: u8 = 17;
-        const DISAGREEMENT: u8 = 18;
         let Self::Broken(fault) = self else {
             return false;
         };
         let known: &[L] = match fault {
             // A flex sensor that lies lets the loop push until another limit.
             Fault::OpenFlex | Fault::ShortFlex => &[L::FlexSensor, L::OverAngle],
-            Fault::StuckFlex => &[
+            Fault::StuckFlex | Fault::DetachedFlex => &[
                 L::FlexSensor,
                 L::OverAngle,
                 L::OverPressure,
                 L::EndSwitch,
                 L::Stall,
+                L::Reach,
+                L::Disagreement,
             ],
             Fault::OpenPressure | Fault::ShortPressure => {
                 &[L::PressureSensor, L::OverPressure, L::Stall]
             }
-            Fault::StuckPressure => &[
+            // One that shows less than there is lets the pump push on; mended, it shows
+            // what there is.
+            Fault::StuckPressure | Fault::DriftingPressure => &[
                 L::PressureSensor,
                 L::OverPressure,
                 L::OverAngle,
                 L::FlexSensor,
                 L::EndSwitch,
                 L::Stall,
+                L::Vent,
+                L::Reach,
+                L::Disagreement,
             ],
             // Lost steps make the counted place wrong until the next homing.
-            Fault::Leak | Fault::Stall | Fault::EndSwitch => &[L::EndSwitch, L::Stall],
+            Fault::Leak | Fault::VentOpen => &[L::EndSwitch, L::Stall, L::Reach],
+            Fault::Stall | Fault::LostCoil | Fault::ReversedMotor => &[
+                L::EndSwitch,
+                L::Stall,
+                L::RetractedSwitch,
+                L::MotorReversed,
+                L::Vent,
+                L::Reach,
+            ],
+            Fault::EndSwitch => &[L::EndSwitch, L::Stall, L::MotorReversed],
+            Fault::RetractedSwitch => &[L::EndSwitch, L::RetractedSwitch, L::Stall, L::Reach],
+            Fault::VentShut => &[L::Vent, L::Stall, L::OverPressure],
             Fault::Noise | Fault::Unplugged => &[L::HostLost],
             Fault::EmergencyStop => &[L::EmergencyStop],
             Fault::BrownOut => &[L::BrownOut],
             Fault::Hang => &[L::Watchdog],
             Fault::PowerCut => &[],
-            // One that was added later than these rows.
-            #[allow(unreachable_patterns)]
-            _ => return true,
         };
-        let newer: &[u8] = match fault {
-            Fault::StuckFlex => &[REACH, DISAGREEMENT],
-            Fault::StuckPressure => &[VENT, REACH, DISAGREEMENT],
-            Fault::Leak => &[REACH],
-            Fault::Stall => &[RETRACTED, DIRECTION, REACH],
-            Fault::EndSwitch => &[DIRECTION],
-            _ => &[],
-        };
-        known.iter().any(|fault| fault.code() == code) || newer.contains(&code)
+        known.iter().any(|fault| fault.code() == code)
     }
 
     /// Whether it starts the board anew.

@@ -473,7 +473,11 @@ impl Session<'_> {
             return Ok(());
         }
         let truth = self.rig.plant();
-        if truth.driver_enabled || !truth.valve_open {
+        let vent_is_shut = self
+            .lasting
+            .iter()
+            .any(|&(kind, _)| kind == Misfortune::Broken(Fault::VentShut));
+        if truth.driver_enabled || !(truth.valve_open || vent_is_shut) {
             return self.violation(format!("{:?}, but pump or valve are not", self.state()));
         }
         Ok(())
