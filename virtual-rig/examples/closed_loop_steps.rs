@@ -16,6 +16,9 @@ mod bench;
 #[path = "../tests/firmware/steps.rs"]
 mod steps;
 
+/// The angles (°) that are asked for.
+const ANGLES_DEG: [f64; 4] = [10.0, 30.0, 60.0, 90.0];
+
 /// Lets the firmware step to angles on actuators that are softer and stiffer than its model.
 #[derive(Debug, Parser)]
 #[command(name = "closed_loop_steps")]
@@ -37,7 +40,7 @@ fn main() -> anyhow::Result<()> {
          stiffness. Drawn by cargo xtask bench control --docs.",
         )
         .with_columns(2);
-    for degrees in steps::ANGLES_DEG {
+    for degrees in ANGLES_DEG {
         let mut panel = Panel::new("time, s", "angle, °")
             .with_y_range(-2.0, 1.15 * degrees)
             .with_level(degrees);

@@ -13,9 +13,6 @@ use wire::{
 
 use crate::bench::Bench;
 
-/// The angles (°) that are asked for.
-pub const ANGLES_DEG: [f64; 4] = [10.0, 30.0, 60.0, 90.0];
-
 /// True stiffness over the board's.
 pub const STIFFNESSES: [f64; 3] = [0.7, 1.0, 1.3];
 
