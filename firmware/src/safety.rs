@@ -76,9 +76,10 @@ pub const LARGEST_AT_REST_PA: f32 = 5_000.0;
 /// metre takes.
 pub const LONGEST_VENTING: u16 = 300;
 
-/// Periods for which it then has to be there all the same: longer than a broken wire of
-/// the sensor takes to be told, whose first reading looks like any pressure.
-pub const STILL_THERE: u16 = 10;
+/// Periods for which it then has to be there all the same: half a second. One mixed reading
+/// of a wire that breaks or shorts can be anything up to 600 kPa, is bridged for 50 ms, and
+/// takes 0.12 s more to leave the smoothed pressure.
+pub const STILL_THERE: u16 = 50;
 
 impl Conditions {
     /// Whether the condition behind a fault holds.

@@ -180,6 +180,7 @@ fn look_at(browser: &Browser, report: &Report, folder: &Path) {
         );
         page.shoot(&folder.join(format!("{name}_{width}.png")));
         hovering_reads_values(&page, report);
+        dragging_looks_closer(&page);
         switches_hide_what_they_name(&page, report);
     }
     let printed = page.tab.print_to_pdf(None).expect("a print");
@@ -219,6 +220,47 @@ fn hovering_reads_values(page: &Page, report: &Report) {
         .move_mouse_to_point(Point { x: 1.0, y: 1.0 })
         .expect("a mouse");
     assert_eq!(page.value("readout.hidden"), Value::Bool(true));
+}
+
+/// From a quarter to three quarters of the first panel: half of the time is left, in every
+/// panel of the picture, until a double click.
+fn dragging_looks_closer(page: &Page) {
+    let ranges = "[...document.querySelector('#run-pictures svg').querySelectorAll('.panel')]\
+                  .map((panel) => panel.dataset.x)";
+    let drag = "(() => { const svg = document.querySelector('#run-pictures svg'); \
+        const area = svg.querySelector('.panel').dataset.area.split(' ').map(Number); \
+        const fire = (to, kind, share) => { \
+          const at = new DOMPoint(area[0] + share * (area[2] - area[0]), (area[1] + area[3]) / 2) \
+            .matrixTransform(svg.getScreenCTM()); \
+          to.dispatchEvent(new PointerEvent(kind, {clientX: at.x, clientY: at.y, button: 0, \
+            pointerType: 'mouse', bubbles: true})); }; \
+        fire(svg, 'pointerdown', 0.25); fire(window, 'pointermove', 0.75); \
+        fire(window, 'pointerup', 0.75); return 0; })()";
+    let read = || -> Vec<[f64; 2]> {
+        let text = page.text(&format!("{ranges}.join(' ')"));
+        let numbers: Vec<f64> = text
+            .split(' ')
+            .map(|number| number.parse().expect("a number"))
+            .collect();
+        numbers.chunks(2).map(|pair| [pair[0], pair[1]]).collect()
+    };
+    let before = read();
+    page.number(drag);
+    let after = read();
+    assert!(before.len() > 1 && after.len() == before.len());
+    for ([low, high], [left, right]) in before.iter().zip(&after) {
+        // Within a pixel.
+        let width = high - low;
+        assert!((left - (low + 0.25 * width)).abs() < 0.01 * width, "{left}");
+        assert!(
+            (right - (low + 0.75 * width)).abs() < 0.01 * width,
+            "{right}"
+        );
+    }
+    page.value(
+        "document.querySelector('#run-pictures svg').dispatchEvent(new MouseEvent('dblclick'))",
+    );
+    assert_eq!(read(), before);
 }
 
 /// The label of a curve that every run of a report has.

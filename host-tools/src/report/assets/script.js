@@ -1,5 +1,5 @@
-// Hovering reads values off the drawings; switches hide runs and curves. The
-// page is complete without it.
+// Hovering reads values off the drawings, dragging looks closer, switches hide runs
+// and curves. The page is complete without it.
 (function () {
   "use strict";
   const readout = document.getElementById("readout");
@@ -83,7 +83,136 @@
     }
   }
 
+  // ---- Looking closer: the panels of a picture share their abscissa.
+
+  const within = (value, low, high) => Math.min(high, Math.max(low, value));
+  const drawing = (name, attributes) => {
+    const element = document.createElementNS(svgns, name);
+    for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
+    return element;
+  };
+
+  // What a panel was drawn with, and which of it moves with the abscissa.
+  function origin(panel, number) {
+    if (panel.origin) return panel.origin;
+    const [left, top, right, bottom] = numbers(panel.dataset.area);
+    const own = [...panel.children];
+    const spread = (line) => numbers(line.getAttribute("points").replace(/,/g, " "));
+    const clip = drawing("clipPath", { id: "clip" + number });
+    clip.append(drawing("rect", { x: left, y: top, width: right - left, height: bottom - top }));
+    panel.prepend(clip);
+    for (const series of panel.querySelectorAll(".series")) series.setAttribute("clip-path", "url(#clip" + number + ")");
+    panel.origin = {
+      area: [left, top, right, bottom],
+      range: numbers(panel.dataset.x),
+      lines: [...panel.querySelectorAll(".series polyline, .series polygon")].map((line) => [line, spread(line)]),
+      dots: [...panel.querySelectorAll(".series circle")].map((dot) => [dot, Number(dot.getAttribute("cx"))]),
+      grid: own.filter((line) => {
+        if (line.tagName !== "polyline") return false;
+        const points = spread(line);
+        return points.length === 4 && points[0] === points[2];
+      }),
+      labels: own.filter((text) => text.tagName === "text" && text.getAttribute("text-anchor") === "middle" && Number(text.getAttribute("y")) > bottom && /^\s*[\u2212\d.]+\s*$/.test(text.textContent)),
+      added: [],
+    };
+    return panel.origin;
+  }
+
+  // Some five round steps across a range.
+  function steps(low, high) {
+    const rough = (high - low) / 5;
+    const power = 10 ** Math.floor(Math.log10(rough));
+    const step = [1, 2, 5, 10].map((factor) => factor * power).find((it) => it >= rough);
+    const found = [];
+    for (let k = Math.ceil(low / step); k * step <= high; k += 1) found.push(k * step);
+    return [found, step];
+  }
+
+  const everyPanel = [...document.querySelectorAll(".panel")];
+
+  // Draws the panels over another range of the abscissa; over all of it without one.
+  function closer(svg, range) {
+    hide();
+    [...svg.querySelectorAll(".panel")].forEach((panel) => {
+      const from = origin(panel, everyPanel.indexOf(panel));
+      const [left, top, right, bottom] = from.area;
+      const [low, high] = range || from.range;
+      const width = from.range[1] - from.range[0];
+      const factor = width / (high - low);
+      const start = left + (low - from.range[0]) / width * (right - left);
+      const at = (x) => Math.round(left + (x - start) * factor);
+      for (const [line, points] of from.lines) {
+        line.setAttribute("points", points.map((value, k) => (k % 2 ? value : at(value))).join(" "));
+        line.readings = null;
+      }
+      for (const [dot, x] of from.dots) dot.setAttribute("cx", at(x));
+      panel.dataset.x = low + " " + high;
+      for (const element of from.added.splice(0)) element.remove();
+      for (const element of [...from.grid, ...from.labels]) element.style.display = range ? "none" : "";
+      if (!range) return;
+      const [ticks, step] = steps(low, high);
+      for (const tick of ticks) {
+        const x = Math.round(left + (tick - low) / (high - low) * (right - left));
+        const line = drawing("polyline", { points: `${x},${top} ${x},${bottom}`, fill: "none", stroke: "#E6E6E6", "stroke-width": 8 });
+        panel.querySelector("clipPath").after(line);
+        from.added.push(line);
+        if (!from.labels.length) continue;
+        const label = from.labels[0].cloneNode(false);
+        label.style.display = "";
+        label.setAttribute("x", x);
+        label.textContent = shown(tick, step);
+        panel.append(label);
+        from.added.push(label);
+      }
+    });
+    svg.classList.toggle("closer", Boolean(range));
+  }
+
+  function drag(event) {
+    const svg = event.currentTarget;
+    if (event.pointerType === "touch" || event.button !== 0) return;
+    const to = () => svg.getScreenCTM().inverse();
+    const place = (it) => new DOMPoint(it.clientX, it.clientY).matrixTransform(to());
+    const begin = place(event);
+    const panel = [...svg.querySelectorAll(".panel")].find((it) => {
+      const [left, top, right, bottom] = numbers(it.dataset.area);
+      return begin.x >= left && begin.x <= right && begin.y >= top && begin.y <= bottom;
+    });
+    if (!panel || panel.querySelector(".cell")) return;
+    event.preventDefault();
+    const [left, top, right, bottom] = numbers(panel.dataset.area);
+    const frame = drawing("rect", { class: "frame", y: top, height: bottom - top });
+    svg.append(frame);
+    let end = begin.x;
+    const move = (it) => {
+      end = within(place(it).x, left, right);
+      frame.setAttribute("x", Math.min(begin.x, end));
+      frame.setAttribute("width", Math.abs(end - begin.x));
+    };
+    const stop = (it) => {
+      window.removeEventListener("pointermove", move);
+      window.removeEventListener("pointerup", stop);
+      window.removeEventListener("pointercancel", stop);
+      frame.remove();
+      // Less than a fiftieth of the width is a click that trembled.
+      if (it.type !== "pointerup" || Math.abs(end - begin.x) < (right - left) / 50) return;
+      const [x0, x1] = numbers(panel.dataset.x);
+      const value = (x) => x0 + (x - left) / (right - left) * (x1 - x0);
+      closer(svg, [value(Math.min(begin.x, end)), value(Math.max(begin.x, end))]);
+    };
+    window.addEventListener("pointermove", move);
+    window.addEventListener("pointerup", stop);
+    window.addEventListener("pointercancel", stop);
+  }
+
+  // Paper shows all of it.
+  window.addEventListener("beforeprint", () => {
+    for (const svg of document.querySelectorAll("svg.closer")) closer(svg, null);
+  });
+
   for (const svg of document.querySelectorAll("svg.picture")) {
+    svg.addEventListener("pointerdown", drag);
+    svg.addEventListener("dblclick", () => closer(svg, null));
     svg.addEventListener("pointermove", hover);
     svg.addEventListener("pointerdown", hover);
     svg.addEventListener("pointerleave", hide);
