@@ -495,7 +495,7 @@ impl App {
             self.fail(Fault::Internal);
             return Outputs::default();
         };
-        let config = control::Config::of(&self.settings);
+        let config = control::Config::of(&self.settings).with_delay(self.predictor.delay_s());
         let per_step = self.settings.number(Key::VolumePerStep);
         let demand = runner.demand(&self.memory);
         let closed = |flow: f32| Outputs {
@@ -553,7 +553,8 @@ impl App {
             self.fail(fault);
             return Outputs::default();
         }
-        let is_back = self.back >= VENTING;
+        // Behind a narrow tube the air needs longer than the plunger.
+        let is_back = self.back >= VENTING && !self.conditions.pressurised;
         if demand == Demand::Done {
             if is_back {
                 self.runner = None;

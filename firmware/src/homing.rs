@@ -24,6 +24,9 @@ const LONGEST_SEARCH: f32 = 1.3;
 /// Travel, in largest volumes, in which a pressed switch has to let go, either of them.
 const LONGEST_BACK_OFF: f32 = 0.1;
 
+/// Periods for which a switch has to be open to have been left.
+const CLEAR: u8 = 10;
+
 /// Share of the fastest flow with which the switch is looked for.
 const SEARCH_SHARE: f32 = 0.5;
 
@@ -88,8 +91,8 @@ pub struct Homing {
     before: i32,
     /// Periods spent standing.
     standing: u8,
-    /// Whether the pushed-in switch has been seen open since the search began.
-    is_clear: bool,
+    /// Periods for which the pushed-in switch has been open.
+    clear: u8,
 }
 
 /// What a period of homing came to.
@@ -115,7 +118,7 @@ impl Homing {
             from: inputs.steps,
             before: inputs.steps,
             standing: 0,
-            is_clear: !inputs.pushed_end,
+            clear: if inputs.pushed_end { 0 } else { CLEAR },
         }
     }
 
@@ -138,10 +141,14 @@ impl Homing {
         }
         let settled = self.standing >= SETTLING;
         let let_go = config.max_volume * LONGEST_BACK_OFF;
-        self.is_clear |= !inputs.pushed_end;
+        // A lever that is left may bounce once more.
+        let is_clear = self.clear >= CLEAR;
+        if !is_clear {
+            self.clear = if inputs.pushed_end { 0 } else { self.clear + 1 };
+        }
         let mut set_steps = None;
         match self.phase {
-            Phase::Search if inputs.pushed_end && (self.is_clear || -moved > let_go) => {
+            Phase::Search if inputs.pushed_end && (is_clear || -moved > let_go) => {
                 return Progress::Failed(Fault::MotorReversed);
             }
             Phase::Search if inputs.retracted_end => self.enter(Phase::Stop, inputs.steps),

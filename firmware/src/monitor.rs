@@ -79,7 +79,8 @@ impl Monitor {
             angle: prediction.angle(),
             rate: predictor.rate(prediction),
         };
-        (expected.reading.is_finite() && expected.rate.is_finite()).then_some(expected)
+        (expected.reading.is_finite() && expected.angle.is_finite() && expected.rate.is_finite())
+            .then_some(expected)
     }
 
     /// Goes on to the next telemetry line: starts from it if there is no

@@ -11,7 +11,7 @@
 //! critical sections from portable-atomic around every one of them.
 //!
 //! The bytes are atomic too. So there is nothing unsafe in it: two writers at once would
-//! mix up their bytes, and nothing else.
+//! lose and mix up bytes, and nothing else.
 
 use core::sync::atomic::{
     AtomicU8,

@@ -55,8 +55,8 @@ pub struct Conditions {
     pub retracted_switch: bool,
     /// Homing looks for the retracted switch and comes to the other one.
     pub motor_reversed: bool,
-    /// The valve has been open for longer than [`LONGEST_VENTING`], and the pressure is
-    /// not near zero: it stays, or a plunger that goes back sucks the actuator flat.
+    /// The valve has been open for longer than [`LONGEST_VENTING`], and the pressure has
+    /// not been near zero for [`STILL_THERE`] since: it stays, or a plunger that goes back sucks the actuator flat.
     pub vent_blocked: bool,
     /// The pump is at the end of its stroke and far from the pressure set-point.
     pub out_of_reach: bool,

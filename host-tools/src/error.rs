@@ -107,6 +107,15 @@ fn quoted(text: &str) -> String {
     printable_line(&shown).into_owned()
 }
 
+/// Whether `path` is a pipe, a device, or what the shell made of an open file: it is
+/// written to and never replaced, nor read.
+pub(crate) fn is_stream(path: &Path) -> bool {
+    let is_open_file = ["/dev/", "/proc/"]
+        .iter()
+        .any(|folder| path.starts_with(folder) && path.exists());
+    is_open_file || std::fs::metadata(path).is_ok_and(|about| !about.is_file() && !about.is_dir())
+}
+
 /// Checks that `path` can be written, and leaves no trace.
 ///
 /// # Errors
@@ -118,7 +127,7 @@ pub fn check_writable(path: &Path) -> Result<(), InputError> {
             InputError::new("is a folder", "give the name of a file to write").in_file(path),
         );
     }
-    if std::fs::metadata(path).is_ok_and(|about| !about.is_file()) {
+    if is_stream(path) {
         // Whoever reads a pipe would take its being opened and closed for the result.
         return Ok(());
     }
@@ -148,14 +157,15 @@ enum Place {
 
 impl Place {
     fn of(path: &Path) -> Result<Self, InputError> {
-        // A link stays a link: what it points at is replaced.
-        let target = path.canonicalize().unwrap_or_else(|_| path.to_owned());
-        if std::fs::metadata(&target).is_ok_and(|about| !about.is_file()) {
-            let stream = OpenOptions::new().write(true).open(&target);
+        if is_stream(path) {
+            // Behind what is there: the shell may have redirected it into a file.
+            let stream = OpenOptions::new().append(true).open(path);
             return Ok(Self::Stream(
                 stream.map_err(|error| not_written(path, &error))?,
             ));
         }
+        // A link stays a link: what it points at is replaced.
+        let target = path.canonicalize().unwrap_or_else(|_| path.to_owned());
         let folder = match target.parent() {
             Some(parent) if !parent.as_os_str().is_empty() => parent,
             _ => Path::new("."),

@@ -229,7 +229,7 @@ impl Recording {
         let mut record = csv::StringRecord::new();
         while let Some(line) = rows.next(&mut record)? {
             if record.len() != header.len() {
-                let last = rows.next(&mut csv::StringRecord::new())?.is_none();
+                let last = matches!(rows.next(&mut csv::StringRecord::new()), Ok(None));
                 return Err(wrong_length(&record, &header, last)
                     .in_file(path)
                     .at_line(line));
@@ -626,9 +626,13 @@ impl UnitCheck {
     }
 }
 
+/// No sensor shows more, in whatever unit, and its square and a thousand times as much are
+/// numbers too.
+const LARGEST_NUMBER: f64 = 1e30;
+
 fn parse_number(field: &str) -> Result<f64, InputError> {
     match field.parse::<f64>() {
-        Ok(value) if value.is_finite() => Ok(value),
+        Ok(value) if value.abs() <= LARGEST_NUMBER => Ok(value),
         Ok(_) => Err(InputError::new(
             format!("{field} is not a number that can be used"),
             "delete the rows in which the sensor gave nothing; gaps in time are allowed",
@@ -658,6 +662,21 @@ mod tests {
     }
 
     const GOOD: &str = "time_s,pressure_kpa,angle_deg,note\n0,0,0,a\n0.01,10,90,b\n";
+
+    /// 10³⁰⁸ kPa are no number of pascals.
+    #[test]
+    fn numbers_that_overflow_in_another_unit_are_refused() {
+        for field in ["1e308", "-1e308", "1e31", "inf", "nan"] {
+            let text = GOOD.replacen(",10,", &format!(",{field},"), 1);
+            let said = message(&text);
+            assert!(
+                said.contains("line 3") && said.contains("can be used"),
+                "{said}"
+            );
+        }
+        let (large, _) = parse(&GOOD.replacen(",10,", ",1e30,", 1)).unwrap();
+        assert!(large.pressure.iter().all(|pa| pa.is_finite()));
+    }
 
     #[test]
     fn units_become_si_and_extra_columns_are_kept() {

@@ -1737,6 +1737,42 @@ fn whoever_reads_a_recording_is_told_that_it_is_not_complete() {
 }
 
 #[cfg(unix)]
+/// `-o /dev/stdout`: the result goes to whoever reads, and nothing waits for what is not
+/// there to be read.
+#[test]
+#[cfg(unix)]
+fn a_result_can_go_down_a_pipe_or_behind_a_file() {
+    let bench = Bench::new();
+    let line = "simulate --model m.toml --recording good.csv -o";
+    let shell = |script: &str| {
+        Command::new("sh")
+            .current_dir(bench.0.path())
+            .args(["-c", script])
+            .env("RIG", env!("CARGO_BIN_EXE_rig"))
+            .timeout(Duration::from_secs(60))
+            .assert()
+            .success();
+    };
+    bench.line(&format!("{line} out.csv")).assert().success();
+    let rows = |name: &str| -> Vec<String> {
+        let text = bench.text(name);
+        let is_row = |line: &&str| line.starts_with(|c: char| c.is_ascii_digit());
+        text.lines().filter(is_row).map(str::to_owned).collect()
+    };
+    let expected = rows("out.csv");
+    assert!(expected.len() > 100);
+    shell(&format!("$RIG {line} /dev/stdout | cat > piped.csv"));
+    assert_eq!(rows("piped.csv"), expected);
+    shell(&format!(
+        "mkfifo pipe; cat pipe > through.csv & $RIG {line} pipe; wait"
+    ));
+    assert_eq!(rows("through.csv"), expected);
+    bench.put("all.csv", "kept\n");
+    shell(&format!("$RIG {line} /dev/stdout >> all.csv"));
+    assert!(bench.text("all.csv").starts_with("kept\n"));
+    assert_eq!(rows("all.csv"), expected);
+}
+
 #[test]
 fn a_full_disk_keeps_the_results_that_are_there() {
     let bench = Bench::new();

@@ -256,6 +256,11 @@ impl Predictor {
             .advance(&mut prediction.motion, before, after, time);
     }
 
+    /// The dead time (s) by which the prediction is behind the pressure.
+    pub fn delay_s(&self) -> f32 {
+        (f32::from(self.late) + self.part) * STEP_S
+    }
+
     /// The angular rate (rad/s).
     pub fn rate(&self, prediction: &Prediction) -> f32 {
         self.prepared.rate(&prediction.motion)

@@ -85,13 +85,13 @@ faults! {
         "The firmware found itself in an impossible state and stopped: report it.";
     /// Homing leaves the retracted switch, and it stays pressed.
     RetractedSwitch = 14, "retracted switch",
-        "The retracted switch does not let go of the plunger: it is stuck, its wire is broken, or the motor does not turn.";
+        "The retracted switch does not let go of the plunger: it is stuck, its wire is broken, or the motor does not turn, or the other way.";
     /// Homing looks for the retracted switch and comes to the other one.
     MotorReversed = 15, "motor direction",
         "The plunger came to the wrong end: swap the two wires of one motor coil, and look whether it turns at all.";
-    /// The pressure is not near zero although the valve is open.
+    /// The pressure is not near zero long after the valve was opened.
     Vent = 16, "vent",
-        "The valve is open and the pressure stays: look for a blocked or stuck vent before touching the actuator.";
+        "The valve is open and the pressure stays: look for a blocked vent or a moved zero of the sensor before touching the actuator.";
     /// The pump is at the end of its stroke and far from the pressure set-point.
     Reach = 17, "out of reach",
         "The pump is at the end of its stroke and the pressure was not reached: look for a leak, or ask for less.";

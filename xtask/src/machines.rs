@@ -209,7 +209,11 @@ pub fn miri() -> Outcome {
             .args(["toolchain", "install", MIRI_TOOLCHAIN, "--no-self-update"])
             .args(["--profile", "minimal", "-c", "miri", "-c", "rust-src"]))?;
     }
-    for (package, filter) in [("wire", ""), ("firmware", "store::")] {
+    for (package, filter) in [
+        ("wire", ""),
+        ("firmware", "store::"),
+        ("firmware", "ring::"),
+    ] {
         let mut command = with("test");
         command
             .args(["--locked", "-p", package, "--lib", "--", filter])

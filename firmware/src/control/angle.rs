@@ -37,7 +37,7 @@ use super::{
 /// Gains of the angle loop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Config {
-    /// Bandwidth ω (rad/s).
+    /// Bandwidth ω (rad/s); without one the actuator moves as it does by itself.
     pub bandwidth: f32,
     /// Smoothing of the model's error (s).
     pub smoothing: f32,
@@ -64,8 +64,9 @@ const FLOOR_RAD: f32 = 10.0 * RAD_PER_DEG;
 /// the shipped exponent.
 const SHARES: (f32, f32) = (-0.5, 1.0);
 
-/// Sensor and prediction part if they are farther apart than this (rad), 15°, and one of
-/// them shows less than half of the other.
+/// Sensor and prediction part if they are farther apart than this (rad), 15°, one of them
+/// shows less than half of the other, and there is pressure behind it: what is left of an
+/// angle when the air is out is friction and creep.
 const PARTED_RAD: f32 = 15.0 * RAD_PER_DEG;
 
 /// Periods after which they have: longer than the longest dead time.
@@ -87,6 +88,8 @@ pub enum Wish {
     Keep,
     /// An angular acceleration (rad/s²).
     Accelerate(f32),
+    /// An angle (rad), by the model's static inverse.
+    Hold(f32),
 }
 
 /// The angle loop's memory.
@@ -107,25 +110,29 @@ impl Loop {
         self.parted >= PARTED_PERIODS
     }
 
-    /// Lets one control period pass, for set-point and smoothed reading (rad).
+    /// Lets one control period pass in which there is nothing to say what the model expects.
+    pub fn without_model(&mut self) {
+        self.parted = self.parted.saturating_add(1);
+    }
+
+    /// Lets one control period pass, for set-point and smoothed reading (rad). `pushes` is
+    /// whether the pressure that is asked for could do harm.
     pub fn step(
         &mut self,
         config: &Config,
         setpoint: f32,
         measured: f32,
         model: &Expected,
+        pushes: bool,
     ) -> Wish {
         let expected = self
             .expected
             .get_or_insert(LowPass::settled(model.reading))
             .update(model.reading);
         let gap = measured - expected;
-        let apart = if gap < 0.0 {
-            -2.0 * gap > expected
-        } else {
-            gap > expected
-        };
-        self.parted = if apart && size(gap) > PARTED_RAD {
+        let (seen, believed) = (size(measured), size(expected));
+        let is_half = 2.0 * seen < believed || 2.0 * believed < seen || measured * expected < 0.0;
+        self.parted = if pushes && is_half && size(gap) > PARTED_RAD {
             self.parted.saturating_add(1)
         } else {
             0
@@ -153,6 +160,9 @@ impl Loop {
             return Wish::Keep;
         }
         let bandwidth = config.bandwidth;
+        if bandwidth <= 0.0 {
+            return Wish::Hold(target);
+        }
         let pull = bandwidth * (target - model.reading) - 2.0 * model.rate;
         Wish::Accelerate(bandwidth * pull)
     }

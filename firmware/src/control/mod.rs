@@ -16,7 +16,7 @@ use wire::{
     settings::{Key, Settings},
 };
 
-use crate::io::PERIOD_S;
+use crate::{io::PERIOD_S, safety::LARGEST_AT_REST_PA};
 use limit::{Range, Setpoint};
 
 /// Pascal in a kilopascal.
@@ -27,6 +27,10 @@ pub const KPA_PER_PA: f32 = 1e-3;
 pub const RAD_PER_DEG: f32 = core::f32::consts::PI / 180.0;
 /// Degrees in a radian.
 pub const DEG_PER_RAD: f32 = 180.0 / core::f32::consts::PI;
+
+/// Bandwidth of the angle loop times dead time (rad), up to which it moves the prediction: a
+/// phase of 57° at its corner.
+const CALM: f32 = 1.0;
 
 /// Everything that the loops need from the settings, in Pa, rad and µl.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,6 +46,16 @@ pub struct Config {
 }
 
 impl Config {
+    /// The same for a model with a dead time (s). What the prediction says of the present is
+    /// as late as that. If the loop would not be slow beside it, it does not move the
+    /// prediction: it asks for the pressure that holds the corrected angle, and waits.
+    pub fn with_delay(mut self, delay_s: f32) -> Self {
+        if self.angle.bandwidth * delay_s > CALM {
+            self.angle.bandwidth = 0.0;
+        }
+        self
+    }
+
     /// Reads the settings. It is cheap enough to be done every period, which
     /// saves the RAM of a copy.
     pub fn of(settings: &Settings) -> Self {
@@ -138,6 +152,7 @@ impl Controller {
         measured: &Measured,
     ) -> f32 {
         let before = self.track.replace(track);
+        let pushes = self.pressure_setpoint.value() > LARGEST_AT_REST_PA;
         let target = if track == Track::Pressure {
             level * PA_PER_KPA
         } else {
@@ -153,11 +168,16 @@ impl Controller {
                     .step(&config.angle_range, level * RAD_PER_DEG, PERIOD_S);
             match &measured.expected {
                 Some(expected) if track == Track::AngleClosedLoop => {
-                    let wish = self
-                        .angle_loop
-                        .step(&config.angle, angle, measured.angle, expected);
+                    let wish = self.angle_loop.step(
+                        &config.angle,
+                        angle,
+                        measured.angle,
+                        expected,
+                        pushes,
+                    );
                     match wish {
                         angle::Wish::Keep => self.pressure_setpoint.value(),
+                        angle::Wish::Hold(angle) => self.holding_pressure(model, angle),
                         angle::Wish::Accelerate(rate) => {
                             let dynamics = model.dynamics();
                             let moving = dynamics.inertia * rate + dynamics.damping * expected.rate;
@@ -166,7 +186,12 @@ impl Controller {
                         }
                     }
                 }
-                _ => self.holding_pressure(model, angle),
+                none => {
+                    if none.is_none() && track == Track::AngleClosedLoop {
+                        self.angle_loop.without_model();
+                    }
+                    self.holding_pressure(model, angle)
+                }
             }
         };
         let pressure = self

@@ -1,5 +1,5 @@
 extern crate std;
-use std::vec::Vec;
+use std::{collections::VecDeque, vec::Vec};
 
 use super::*;
 use crate::{
@@ -32,6 +32,9 @@ struct Run {
     /// True pressure (kPa) and angle (°) in every period.
     log: Vec<(f64, f64)>,
     flows: Vec<f32>,
+    /// Periods by which the sensor is late, with what it saw meanwhile.
+    late: usize,
+    seen: VecDeque<f32>,
 }
 
 impl Run {
@@ -42,9 +45,12 @@ impl Run {
     /// The board believes in `effects`.
     fn with(plant: Plant, effects: &[Effect<f32>]) -> Self {
         let dynamics = dynamics(&Settings::DEFAULT).map(|value| value as f32);
+        let predictor = Predictor::new(&Model::new(dynamics, effects).unwrap(), 2.3).unwrap();
         Self {
-            config: Config::of(&plant.settings),
-            predictor: Predictor::new(&Model::new(dynamics, effects).unwrap(), 2.3).unwrap(),
+            config: Config::of(&plant.settings).with_delay(predictor.delay_s()),
+            predictor,
+            late: 0,
+            seen: VecDeque::new(),
             prediction: None,
             pressure: LowPass::settled(0.0),
             angle: LowPass::settled(0.0),
@@ -72,7 +78,12 @@ impl Run {
                 * settings.number(Key::PressureSpan)
                 * PA_PER_KPA;
             let angle = calibration(settings).unwrap().flex.angle(inputs.flex);
-            let angle = angle.unwrap_or(0.0);
+            self.seen.push_back(angle.unwrap_or(0.0));
+            let angle = if self.seen.len() > self.late {
+                self.seen.pop_front().unwrap()
+            } else {
+                0.0
+            };
             let expected = self.prediction.as_ref().map(|prediction| angle::Expected {
                 reading: prediction.reading(),
                 angle: prediction.angle(),
@@ -240,6 +251,43 @@ fn a_lag_costs_overshoot_only_if_the_model_does_not_know_it() {
         let (_, settled) = step(&[]);
         assert!(settled < 8.0, "{degrees}: {settled} s");
     }
+}
+
+/// To the loop, pressure that works late and a sensor that shows late are the same.
+#[test]
+fn a_dead_time_that_the_model_knows_makes_the_loop_slower_and_not_unstable() {
+    for (late, delay) in [(10, 0.1), (30, 0.3), (60, 0.6)] {
+        for degrees in [10.0, 30.0, 60.0, 90.0] {
+            for factor in [0.7, 1.0, 1.3] {
+                let mut run = Run::with(
+                    Run::stiffer(50e3, factor).plant,
+                    &[Kind::DeadTime.build(&[delay]).unwrap()],
+                );
+                run.late = late;
+                run.track((Track::AngleClosedLoop, degrees), 25.0);
+                let (overshoot, settled) = run.step_response(degrees.into());
+                std::println!("{delay} s, {degrees} x{factor}: {overshoot:.1} %, {settled:.2} s");
+                assert!(
+                    overshoot < 20.0,
+                    "{delay} s, {degrees} x{factor}: {overshoot} %"
+                );
+                assert!(settled < 8.0, "{delay} s, {degrees} x{factor}: {settled} s");
+                assert_eq!(run.controller.fault(), None);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_loop_without_a_prediction_ends() {
+    let mut run = Run::new(50e3);
+    let measured = Measured::default();
+    for _ in 0..200 {
+        let demand = (Track::AngleClosedLoop, 30.0);
+        let model = run.predictor.model();
+        run.controller.track(&run.config, model, demand, &measured);
+    }
+    assert_eq!(run.controller.fault(), Some(Fault::Disagreement));
 }
 
 #[test]

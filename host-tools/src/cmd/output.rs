@@ -10,7 +10,7 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use crate::error::{InputError, check_writable};
+use crate::error::{InputError, check_writable, is_stream};
 use crate::record::meta_path;
 
 /// What a file holds.
@@ -218,6 +218,9 @@ fn same_file(path: &Path) -> PathBuf {
 fn found(path: &Path) -> Found {
     /// Enough for a header or the sections of a model.
     const ENOUGH: u64 = 1 << 20;
+    if is_stream(path) {
+        return Found::Nothing;
+    }
     let Ok(file) = File::open(path) else {
         return if path.exists() {
             Found::Unknown

@@ -875,8 +875,10 @@ impl<'a> Problem<'a> {
             Some(recordings.collect::<Vec<_>>())
         });
         match sessions.into_iter().collect::<Option<Vec<_>>>() {
-            None => Information::default(),
-            Some(sessions) => Information::sum(unknowns, sessions.into_iter().flatten(), scale),
+            Some(sessions) if scale.is_finite() => {
+                Information::sum(unknowns, sessions.into_iter().flatten(), scale)
+            }
+            _ => Information::default(),
         }
     }
 }
