@@ -147,8 +147,9 @@ impl Session<'_> {
         let is_forbidden = lasting.iter().any(|kind| kind.forbids_arming());
         let named = Named::ALL.choose(&mut self.random).copied();
         match self.random.random_range(0..6) {
-            // Else it would be allowed, and the pump with it.
-            0 | 1 if is_forbidden => {
+            // Else it would be allowed, and the pump with it; also where a reset has made
+            // the board forget what is mended meanwhile.
+            0 | 1 if is_forbidden && !self.was_reset() => {
                 self.send(Command::Arm);
             }
             2 => {

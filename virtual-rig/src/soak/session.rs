@@ -570,6 +570,11 @@ impl Session<'_> {
         self.lasting.iter().map(|&(kind, _)| kind).collect()
     }
 
+    /// Whether the board started anew since the rig was last known to be well.
+    pub(super) fn was_reset(&self) -> bool {
+        self.recent.iter().any(|kind| kind.resets())
+    }
+
     /// The rig is well again, or is about to be used as if it were.
     pub(super) fn forget(&mut self) {
         self.stops.clear();
