@@ -124,7 +124,13 @@ fn nothing_is_loaded_from_elsewhere() {
                 "poster",
                 "xlink:href",
             ] {
-                assert_eq!(element.attr(attribute), None, "{}", element.value().name());
+                let place = element.attr(attribute).filter(|_| attribute == "href");
+                if let Some(place) = place.and_then(|to| to.strip_prefix('#')) {
+                    // Within the page.
+                    assert_eq!(all(&page, &format!("[id={place}]")).len(), 1, "{place}");
+                } else {
+                    assert_eq!(element.attr(attribute), None, "{}", element.value().name());
+                }
             }
         }
         for style in all(&page, "style") {
@@ -284,7 +290,8 @@ fn an_error_is_the_same_number_wherever_it_stands() {
         &page,
         ".totals td:not([data-label=number]), .parameters td.number",
     ) {
-        assert!(!long(&text(cell)), "{}", text(cell));
+        // An error and its fit.
+        assert!(!text(cell).split_whitespace().any(long), "{}", text(cell));
     }
 }
 
@@ -372,9 +379,12 @@ fn the_terminal_says_the_same_in_25_lines() {
         assert!(lines.len() <= 25, "{}\n{}", lines.len(), report.summary);
         assert_eq!(lines[0], report.content.sentence);
         let page = Html::parse_document(&report.html);
-        let cells: Vec<String> = all(&page, ".totals td").into_iter().map(text).collect();
+        let words = |cell| text(cell).split_whitespace().collect::<Vec<_>>().join(" ");
+        let cells: Vec<String> = all(&page, ".totals td").into_iter().map(words).collect();
         for row in &report.content.errors {
-            assert!(report.summary.contains(&row.refit) && cells.contains(&row.refit));
+            let [error, fit] = [&row.refit, &row.fits[1]];
+            assert!(report.summary.contains(&format!("{error}, {fit}")));
+            assert!(cells.contains(&format!("{error} {fit}")), "{cells:?}");
         }
         assert!(report.summary.contains("Report: report.html"));
         // Also where much is to be said about many recordings.
