@@ -231,7 +231,7 @@ mod tests {
         assert!(moved.len() == 1 && moved[0].contains("--accept"));
         let smaller = compare(&figures(70_000.0), &golden).1;
         assert_eq!(smaller.len(), 1);
-        let too_large = figures(103_000.0);
+        let too_large = figures(ROWS[0].budget + 1.0);
         let wrong = compare(&too_large, &too_large).1;
         assert!(wrong.len() == 1 && wrong[0].contains("budget"));
         assert_eq!(compare(&golden, &[]).1.len(), ROWS.len());
