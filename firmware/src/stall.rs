@@ -14,7 +14,7 @@
 
 use wire::settings::{Key, Settings};
 
-const ATMOSPHERE_PA: f32 = 101_325.0;
+use crate::control::ATMOSPHERE_PA;
 
 /// All the air that there may be, in largest volumes of the pump.
 const AIR: f32 = 2.0;

@@ -1,5 +1,6 @@
 //! Lines of the cable.
 
+use host_tools::link::line::{Text, request_text};
 use ufmt::uWrite;
 use wire::{
     assemble::{Assembled, Assembler},
@@ -9,36 +10,12 @@ use wire::{
     telemetry::{Telemetry, TelemetryError},
 };
 
-/// Text in memory.
-#[derive(Default)]
-struct Text(String);
-
-impl uWrite for Text {
-    type Error = core::convert::Infallible;
-
-    fn write_str(&mut self, text: &str) -> Result<(), Self::Error> {
-        self.0.push_str(text);
-        Ok(())
-    }
-
-    // The one of the trait takes the address of memory that was never set.
-    fn write_char(&mut self, character: char) -> Result<(), Self::Error> {
-        self.write_str(character.encode_utf8(&mut [0; 4]))
-    }
-}
-
 /// The text with a right checksum: no fuzzer finds one by trying.
 fn sealed(text: &str) -> String {
     let mut out = Text::default();
     let mut line = Sealed::new(&mut out);
     let Ok(()) = line.write_str(text);
     let Ok(()) = line.finish();
-    out.0
-}
-
-fn written(request: &Request) -> String {
-    let mut out = Text::default();
-    let Ok(()) = request.write(&mut out);
     out.0
 }
 
@@ -60,7 +37,7 @@ fn as_is_and_sealed(bytes: &[u8], check: impl Fn(&[u8])) {
 /// the board's buffer.
 pub fn requests(bytes: &[u8]) {
     as_is_and_sealed(bytes, request);
-    let stop = written(&Request {
+    let stop = request_text(&Request {
         id: 9,
         command: Command::Stop,
     });
@@ -80,7 +57,7 @@ fn request(line: &[u8]) {
     let is_sealed = open_bytes(line).is_ok();
     match Request::parse(line) {
         Ok(request) => {
-            let again = written(&request);
+            let again = request_text(&request);
             assert_eq!(Request::parse(again.as_bytes()), Ok(request), "{again}");
             if !is_sealed {
                 assert!(request.command.is_harmless() && request.id == 0);

@@ -110,10 +110,9 @@ fn quoted(text: &str) -> String {
 /// Whether `path` is a pipe, a device, or what the shell made of an open file: it is
 /// written to and never replaced, nor read.
 pub(crate) fn is_stream(path: &Path) -> bool {
-    let is_open_file = ["/dev/", "/proc/"]
-        .iter()
-        .any(|folder| path.starts_with(folder) && path.exists());
-    is_open_file || std::fs::metadata(path).is_ok_and(|about| !about.is_file() && !about.is_dir())
+    const OPEN_FILES: [&str; 4] = ["/dev/stdout", "/dev/stderr", "/dev/fd", "/proc"];
+    OPEN_FILES.iter().any(|place| path.starts_with(place))
+        || std::fs::metadata(path).is_ok_and(|about| !about.is_file() && !about.is_dir())
 }
 
 /// Checks that `path` can be written, and leaves no trace.
@@ -347,6 +346,19 @@ mod tests {
         write_atomically(&link, b"new").unwrap();
         assert_eq!(std::fs::read(&target).unwrap(), b"new");
         assert!(link.is_symlink());
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_file_in_memory_is_a_file() {
+        let Ok(file) = tempfile::NamedTempFile::new_in("/dev/shm") else {
+            return;
+        };
+        assert!(!is_stream(file.path()) && is_stream(Path::new("/dev/stdout")));
+        for text in ["old and long", "new"] {
+            write_atomically(file.path(), text.as_bytes()).unwrap();
+            assert_eq!(std::fs::read_to_string(file.path()).unwrap(), text);
+        }
     }
 
     #[cfg(target_os = "linux")]

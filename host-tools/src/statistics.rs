@@ -51,9 +51,13 @@ pub fn scatter(values: &[f64]) -> f64 {
     if values.len() < 2 {
         return 0.0;
     }
+    (squares_about_mean(values) / (values.len() - 1) as f64).sqrt()
+}
+
+/// The sum of the squares of what is left without the mean.
+pub fn squares_about_mean(values: &[f64]) -> f64 {
     let middle = mean(values);
-    let squares: f64 = values.iter().map(|value| (value - middle).powi(2)).sum();
-    (squares / (values.len() - 1) as f64).sqrt()
+    values.iter().map(|value| (value - middle).powi(2)).sum()
 }
 
 /// The standard deviation of normal values about zero, from the median of their sizes:

@@ -8,6 +8,7 @@
 use std::path::Path;
 
 use anyhow::{Context, ensure};
+use host_tools::link::line::request_text;
 use model_core::prepared::DEAREST;
 use virtual_rig::{Image, Options, VirtualRig};
 use wire::{
@@ -21,17 +22,6 @@ const SAVING_S: f64 = 5.0;
 
 /// Longer than the self-test takes.
 const SELF_TEST_S: u32 = 30;
-
-struct Text(String);
-
-impl ufmt::uWrite for Text {
-    type Error = std::convert::Infallible;
-
-    fn write_str(&mut self, text: &str) -> Result<(), Self::Error> {
-        self.0.push_str(text);
-        Ok(())
-    }
-}
 
 /// Measures and prints one `NAME VALUE` a line.
 pub fn run(path: &Path) -> anyhow::Result<()> {
@@ -149,8 +139,6 @@ fn busy(rig: &mut VirtualRig, seconds: f64) -> anyhow::Result<f64> {
 }
 
 fn send(rig: &mut VirtualRig, command: Command) -> anyhow::Result<()> {
-    let mut line = Text(String::new());
-    let Ok(()) = Request { id: 1, command }.write(&mut line);
-    rig.send(line.0.as_bytes())?;
+    rig.send(request_text(&Request { id: 1, command }).as_bytes())?;
     Ok(())
 }

@@ -25,7 +25,7 @@ use std::{
 
 use wire::{command::MAX_LINE, protocol::Segment, reply::Reply};
 
-use super::*;
+use super::{tests::Text, *};
 use crate::{io::Oversampled, probe::NoProbe};
 
 /// The longest sequence.
@@ -72,23 +72,6 @@ enum Pause {
     Long(World),
     /// It does not.
     Silent(World),
-}
-
-/// Text in memory.
-#[derive(Default)]
-struct Text(String);
-
-impl uWrite for Text {
-    type Error = core::convert::Infallible;
-    fn write_str(&mut self, text: &str) -> Result<(), Self::Error> {
-        self.0.push_str(text);
-        Ok(())
-    }
-
-    // The one of the trait takes the address of memory that was never set.
-    fn write_char(&mut self, character: char) -> Result<(), Self::Error> {
-        self.write_str(character.encode_utf8(&mut [0; 4]))
-    }
 }
 
 #[derive(Clone)]

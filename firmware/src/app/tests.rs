@@ -13,13 +13,20 @@ use wire::{line, protocol::Named, reply::Reply};
 use super::*;
 use crate::{io::PERIOD_S, plant::Plant, probe::NoProbe};
 
+/// Text in memory.
 #[derive(Default)]
-struct Text(String);
+pub struct Text(pub String);
 
 impl uWrite for Text {
     type Error = core::convert::Infallible;
     fn write_str(&mut self, text: &str) -> Result<(), Self::Error> {
         self.0.push_str(text);
+        Ok(())
+    }
+
+    // The one of the trait takes the address of memory that was never set.
+    fn write_char(&mut self, character: char) -> Result<(), Self::Error> {
+        self.0.push(character);
         Ok(())
     }
 }

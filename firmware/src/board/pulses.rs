@@ -491,11 +491,7 @@ extern "avr-interrupt" fn edge() {
             // Served later than that, unit B would match a turn too late, and unit A
             // would make an edge that nobody asked for before it.
             let late = timer.tcnt1().read().bits().wrapping_sub(edge);
-            let after = if late.saturating_add(LEAD) < HANDOVER {
-                HANDOVER
-            } else {
-                late.saturating_add(LEAD)
-            };
+            let after = late.saturating_add(LEAD).max(HANDOVER);
             WAITED.set(section, u32::from(after));
             timer
                 .ocr1b()

@@ -19,6 +19,8 @@ use wire::{
 use crate::{io::PERIOD_S, safety::LARGEST_AT_REST_PA};
 use limit::{Range, Setpoint};
 
+/// Pressure (Pa) of the air around.
+pub const ATMOSPHERE_PA: f32 = 101_325.0;
 /// Pascal in a kilopascal.
 pub const PA_PER_KPA: f32 = 1_000.0;
 /// Kilopascal in a pascal: products are cheaper than quotients.

@@ -18,7 +18,10 @@
 //! and while the pump obeys, so it cannot wind up, and it is dropped where the
 //! pump rests. Volumes are in µl: one microstep is a fraction of one.
 
-use super::limit::{size, within};
+use super::{
+    ATMOSPHERE_PA,
+    limit::{size, within},
+};
 
 /// Gains and limits of the pressure loop.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -62,8 +65,6 @@ const OUT_OF_REACH_PERIODS: u8 = 100;
 
 /// Share of the fastest flow below which the stroke is at its end.
 const AT_END: f32 = 0.01;
-
-const ATMOSPHERE_PA: f32 = 101_325.0;
 
 /// Periods for which a set-point has to stand still before the pump may rest.
 const STILL_PERIODS: u8 = 10;

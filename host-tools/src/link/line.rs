@@ -71,6 +71,12 @@ impl ufmt::uWrite for Text {
         self.0.push_str(text);
         Ok(())
     }
+
+    // The one of the trait takes the address of memory that was never set.
+    fn write_char(&mut self, character: char) -> Result<(), Self::Error> {
+        self.0.push(character);
+        Ok(())
+    }
 }
 
 /// What a request looks like on the wire, with its end.

@@ -19,6 +19,7 @@ use crate::diagnose::{Diagnosis, Request};
 use crate::estimate::Segment;
 use crate::estimate::fit::Fit;
 use crate::model_file::{parameter_name, parameter_unit, to_file_units};
+use crate::statistics::squares_about_mean;
 
 /// Structures of one size that are listed; what is behind them is counted.
 const TRIED_LISTED: usize = 6;
@@ -867,8 +868,7 @@ fn spread<'a>(segments: impl Iterator<Item = &'a Segment>) -> f64 {
     let (mut squares, mut samples) = (0.0, 0_usize);
     for segment in segments {
         let angle = &segment.recording.angle;
-        let mean = angle.iter().sum::<f64>() / angle.len().max(1) as f64;
-        squares += angle.iter().map(|it| (it - mean).powi(2)).sum::<f64>();
+        squares += squares_about_mean(angle);
         samples += angle.len();
     }
     (squares / samples.max(1) as f64).sqrt()

@@ -24,7 +24,7 @@ use crate::diagnose::localise::{Feature, Gap, SINCE_LAST_EDGE};
 use crate::diagnose::verdict::Answer;
 use crate::diagnose::{Diagnosis, Request};
 use crate::plot::{Figure, Mark, PlotError, css_colour, diverging, to_inline_svg};
-use crate::statistics::{median, rms};
+use crate::statistics::{median, squares_about_mean};
 
 const TEMPLATE: &str = include_str!("assets/template.html");
 const STYLE: &str = include_str!("assets/style.css");
@@ -432,9 +432,7 @@ fn left(residuals: &Residuals) -> Result<Left, PlotError> {
 
 fn run_row(view: &RunView<'_>) -> RunRow {
     let measured = &view.measured;
-    let mean = measured.iter().sum::<f64>() / measured.len().max(1) as f64;
-    let about: Vec<f64> = measured.iter().map(|angle| angle - mean).collect();
-    let spread = rms(&about);
+    let spread = (squares_about_mean(measured) / measured.len().max(1) as f64).sqrt();
     RunRow {
         name: view.recording.name.clone(),
         role: if view.held_out { "held out" } else { "fitted" },

@@ -3,9 +3,9 @@
 
 use std::collections::VecDeque;
 
+use host_tools::link::line::request_text;
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
-use ufmt::uWrite;
 use wire::{
     command::{Command, Request},
     fault::Fault as Latched,
@@ -55,23 +55,6 @@ const MOVING_S: f64 = 0.005;
 const SHOWN_S: f64 = 0.030;
 
 pub(super) type Outcome<T = ()> = Result<T, Box<Violation>>;
-
-/// Text in memory.
-struct Text(Vec<u8>);
-
-impl uWrite for Text {
-    type Error = core::convert::Infallible;
-
-    fn write_str(&mut self, text: &str) -> Result<(), Self::Error> {
-        self.0.extend(text.bytes());
-        Ok(())
-    }
-
-    // The one of the trait takes the address of memory that was never set.
-    fn write_char(&mut self, character: char) -> Result<(), Self::Error> {
-        self.write_str(character.encode_utf8(&mut [0; 4]))
-    }
-}
 
 /// A pump that has to stand.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -236,13 +219,8 @@ impl Session<'_> {
     }
 
     fn slice(&mut self, cycles: u64) -> Outcome {
-        let has = |fault| {
-            self.lasting
-                .iter()
-                .any(|&(kind, _)| kind == Misfortune::Broken(fault))
-        };
-        let unplugged = has(Fault::Unplugged);
-        self.ledger.line_is(has(Fault::Noise), unplugged);
+        let (noisy, unplugged) = (self.suffers(Fault::Noise), self.suffers(Fault::Unplugged));
+        self.ledger.line_is(noisy, unplugged);
         if let Err(error) = self.rig.run_cycles(cycles) {
             return self.violation(format!("the processor left its program: {error}"));
         }
@@ -278,18 +256,14 @@ impl Session<'_> {
     pub(super) fn send(&mut self, command: Command) -> u8 {
         self.id = self.id.wrapping_add(1);
         let id = self.id;
-        let mut out = Text(Vec::new());
-        let Ok(()) = Request { id, command }.write(&mut out);
-        self.keep('>', String::from_utf8_lossy(&out.0).trim_end());
+        let line = request_text(&Request { id, command });
+        self.keep('>', line.trim_end());
         if command == Command::Arm {
             self.armed_at_s = self.rig.time_s();
         }
-        let is_plugged = !self
-            .lasting
-            .iter()
-            .any(|&(kind, _)| kind == Misfortune::Broken(Fault::Unplugged));
+        let is_plugged = !self.suffers(Fault::Unplugged);
         // It fails for want of memory only, and then nothing is kept.
-        let _ = self.rig.send(&out.0);
+        let _ = self.rig.send(line.as_bytes());
         if is_plugged {
             // Ten bits a byte at the line's pace.
             self.last_line_s = self.rig.time_s() + 90e-6 * self.rig.unsent() as f64;
@@ -419,10 +393,7 @@ impl Session<'_> {
         let kpa = truth.pressure_kpa;
         self.summary.largest_deg = self.summary.largest_deg.max(truth.angle_deg);
         let limit = PRESSURE_SHARE * f64::from(Settings::DEFAULT.number(Key::MaxPressure));
-        let lasts = self
-            .lasting
-            .iter()
-            .any(|&(kind, _)| kind == Misfortune::Broken(Fault::StuckPressure));
+        let lasts = self.suffers(Fault::StuckPressure);
         let air = (kpa + ATMOSPHERE_KPA) * self.plant.volume_m3(truth.plunger_mm);
         if lasts && (truth.valve_open || self.stuck.is_none()) {
             self.stuck = Some(Stuck {
@@ -473,11 +444,7 @@ impl Session<'_> {
             return Ok(());
         }
         let truth = self.rig.plant();
-        let vent_is_shut = self
-            .lasting
-            .iter()
-            .any(|&(kind, _)| kind == Misfortune::Broken(Fault::VentShut));
-        if truth.driver_enabled || !(truth.valve_open || vent_is_shut) {
+        if truth.driver_enabled || !(truth.valve_open || self.suffers(Fault::VentShut)) {
             return self.violation(format!("{:?}, but pump or valve are not", self.state()));
         }
         Ok(())
@@ -563,6 +530,12 @@ impl Session<'_> {
                 stop.kind != kind || kind.resets() || is_over
             });
         }
+    }
+
+    /// Whether something is broken now.
+    fn suffers(&self, fault: Fault) -> bool {
+        let broken = Misfortune::Broken(fault);
+        self.lasting.iter().any(|&(kind, _)| kind == broken)
     }
 
     /// What is lasting.

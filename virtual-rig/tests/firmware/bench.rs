@@ -3,12 +3,14 @@
 
 use std::{env, path::Path};
 
+use host_tools::link::line::request_text;
 use model_core::{actuator::Model, catalogue::Effect};
-use ufmt::uWrite;
 use virtual_rig::{Image, Options, VirtualRig};
 use wire::{
     command::{Command, Request},
+    decimal::Hundredths,
     fault::Fault,
+    protocol::{Segment, Track},
     reply::{Refusal, Reply},
     settings::Key,
     state::State,
@@ -36,25 +38,6 @@ pub fn actuator(effects: &[Effect<f64>]) -> Model<f64> {
 /// A healthy rig around that actuator.
 pub fn healthy() -> Options {
     Options::with_actuator(actuator(&[]))
-}
-
-/// Text in memory.
-struct Text(Vec<u8>);
-
-impl uWrite for Text {
-    type Error = core::convert::Infallible;
-
-    fn write_str(&mut self, text: &str) -> Result<(), Self::Error> {
-        self.0.extend(text.bytes());
-        Ok(())
-    }
-}
-
-/// The line of a request.
-pub fn sealed(request: Request) -> Vec<u8> {
-    let mut out = Text(Vec::new());
-    let Ok(()) = request.write(&mut out);
-    out.0
 }
 
 /// A rig and what was heard from it.
@@ -143,7 +126,7 @@ impl Bench {
         self.id = self.id.wrapping_add(1);
         let id = self.id;
         self.rig
-            .send(&sealed(Request { id, command }))
+            .send(request_text(&Request { id, command }).as_bytes())
             .expect("bytes are queued");
         id
     }
@@ -192,6 +175,19 @@ impl Bench {
     pub fn arm(&mut self) {
         self.obey(Command::Arm);
         self.until(40.0, "ready", |bench| bench.state() == State::Ready);
+    }
+
+    /// Loads one step and makes the rig ready for it.
+    #[track_caller]
+    pub fn load(&mut self, track: Track, level: f32) {
+        self.obey(Command::Load(1));
+        let segment = Segment::Step {
+            track,
+            level: Hundredths::round(level),
+            duration_ms: 200_000,
+        };
+        self.obey(Command::Segment { index: 0, segment });
+        self.arm();
     }
 
     /// Changes a setting in the draft.

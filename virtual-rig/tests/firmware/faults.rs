@@ -4,9 +4,8 @@
 use virtual_rig::{Fault as Broken, ResetCause};
 use wire::{
     command::Command,
-    decimal::Hundredths,
     fault::Fault,
-    protocol::{Named, Segment, Track},
+    protocol::{Named, Track},
     reply::Refusal,
     settings::Key,
     state::State,
@@ -209,14 +208,7 @@ fn holding(level: f32, limits: &[(Key, f32)]) -> Option<Bench> {
         bench.set(key, value);
     }
     bench.save();
-    bench.obey(Command::Load(1));
-    let segment = Segment::Step {
-        track: Track::Pressure,
-        level: Hundredths::round(level),
-        duration_ms: 200_000,
-    };
-    bench.obey(Command::Segment { index: 0, segment });
-    bench.arm();
+    bench.load(Track::Pressure, level);
     bench.obey(Command::Run(None));
     bench.run(6.0);
     let shown = bench.now().pressure_kpa.expect("a pressure").to_f32();
@@ -243,13 +235,7 @@ fn a_pressure_beyond_the_stroke() {
     };
     bench.obey(Command::Stop);
     bench.run(3.0);
-    let segment = Segment::Step {
-        track: Track::Pressure,
-        level: Hundredths::round(100.0),
-        duration_ms: 60_000,
-    };
-    bench.obey(Command::Segment { index: 0, segment });
-    bench.arm();
+    bench.load(Track::Pressure, 100.0);
     bench.obey(Command::Run(None));
     // 3 s for the stroke, 1 s at its end.
     bench.expect_fault(Fault::Reach, 6.0);
@@ -283,14 +269,7 @@ fn a_flex_sensor_that_has_come_off() {
             return;
         };
         bench.rig.set_fault(Broken::DetachedFlex, true);
-        bench.obey(Command::Load(1));
-        let segment = Segment::Step {
-            track: Track::AngleClosedLoop,
-            level: Hundredths::round(level),
-            duration_ms: 60_000,
-        };
-        bench.obey(Command::Segment { index: 0, segment });
-        bench.arm();
+        bench.load(Track::AngleClosedLoop, level);
         bench.obey(Command::Run(None));
         bench.until(10.0, "a fault", |bench| bench.fault().is_some());
         assert_eq!(bench.fault(), Some(Fault::Disagreement));

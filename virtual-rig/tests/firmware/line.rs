@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //! A cable that lies.
 
+use host_tools::link::line::request_text;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use virtual_rig::Fault as Broken;
@@ -11,7 +12,7 @@ use wire::{
     state::State,
 };
 
-use crate::bench::{Bench, healthy, sealed};
+use crate::bench::{Bench, healthy};
 
 /// Random bytes, random words, and requests with one wrong bit, at the full pace
 /// of the line: the pump does not move.
@@ -32,10 +33,11 @@ fn noise_never_moves_the_pump() {
                 .map(|_| b"arm run set paper 0123456789*\n "[random.random_range(0..31)])
                 .collect(),
             _ => {
-                let mut bytes = sealed(Request {
+                let mut bytes = request_text(&Request {
                     id: random.random(),
                     command: Command::Arm,
-                });
+                })
+                .into_bytes();
                 let place = random.random_range(0..bytes.len() - 2);
                 bytes[place] ^= 1 << random.random_range(0..7);
                 bytes

@@ -6,8 +6,7 @@ use model_core::actuator::{Dynamics, Model};
 use virtual_rig::Options;
 use wire::{
     command::Command,
-    decimal::Hundredths,
-    protocol::{Segment, Track},
+    protocol::Track,
     settings::{Key, Settings},
 };
 
@@ -59,15 +58,8 @@ pub fn step(degrees: f64, stiffness: f64) -> Option<Response> {
     let options = Options::with_actuator(actuator);
     let config = options.plant.clone();
     let mut bench = Bench::start(options)?;
-    bench.obey(Command::Load(1));
-    let segment = Segment::Step {
-        track: Track::AngleClosedLoop,
-        #[expect(clippy::cast_possible_truncation)] // Tens of degrees.
-        level: Hundredths::round(degrees as f32),
-        duration_ms: 60_000,
-    };
-    bench.obey(Command::Segment { index: 0, segment });
-    bench.arm();
+    #[expect(clippy::cast_possible_truncation)] // Tens of degrees.
+    bench.load(Track::AngleClosedLoop, degrees as f32);
     let air_ul = config.volume_m3(bench.rig.plant().plunger_mm) * 1e9;
     bench.obey(Command::Run(None));
     let angles_deg = (0..1_000)
