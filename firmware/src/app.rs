@@ -24,7 +24,7 @@ use wire::{
     fault::Fault,
     line::Sealed,
     protocol::{Demand, Track},
-    reply::{self, Refusal, VERSION},
+    reply::{self, REMARK, Refusal, VERSION},
     settings::{Key, Settings},
     state::State,
     telemetry::{Setpoint, Telemetry},
@@ -282,7 +282,7 @@ impl App {
     /// Those of the output.
     pub fn banner<W: uWrite + ?Sized>(&self, out: &mut W) -> Result<(), W::Error> {
         let mut line = Sealed::new(out);
-        line.write_str("# ")?;
+        line.write_str(REMARK)?;
         self.identity(&mut line)?;
         match self.reset {
             ResetCause::Ordinary => {}
@@ -600,7 +600,7 @@ impl App {
         }
     }
 
-    /// Writes at most one line that has been waiting: `# saved` or `# not saved`,
+    /// Writes at most one line that has been waiting: `#: saved` or `#: not saved`,
     /// the sentence of a fault, help, the self-test. One a period, so that the cable
     /// keeps up.
     ///
@@ -617,7 +617,7 @@ impl App {
         if let Saving::Over { kept } = self.saving {
             self.saving = Saving::No;
             let mut line = Sealed::new(out);
-            line.write_str("# ")?;
+            line.write_str(REMARK)?;
             if !kept {
                 line.write_str("not ")?;
             }
@@ -626,7 +626,7 @@ impl App {
         }
         if let Some(fault) = self.sentence.take() {
             let mut line = Sealed::new(out);
-            line.write_str("# ")?;
+            line.write_str(REMARK)?;
             texts.fault(fault, &mut line)?;
             return line.finish();
         }
@@ -646,7 +646,7 @@ impl App {
         };
         if has_room {
             let mut line = Sealed::new(out);
-            line.write_str("# ")?;
+            line.write_str(REMARK)?;
             let more = texts.help(index, &mut line)?;
             line.finish()?;
             self.help = more.then_some(index.saturating_add(1));

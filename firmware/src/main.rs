@@ -93,7 +93,7 @@ fn main() -> ! {
         }
         board
             .marks
-            .idle_unless(|| board.clock.is_due() || board.serial.has_input());
+            .idle_until(|| board.clock.is_due() || board.serial.has_input());
     }
 }
 

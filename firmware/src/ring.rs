@@ -73,9 +73,13 @@ impl Ring {
     /// Bytes behind the end that are read only once all of them are there.
     #[inline(always)]
     pub fn draft(&self) -> Draft<'_> {
+        let head = self.head.load(Relaxed);
+        let tail = self.tail.load(Acquire);
         Draft {
             ring: self,
-            head: self.head.load(Relaxed),
+            head,
+            // One place stays free, or a full ring would look empty.
+            room: tail.wrapping_sub(head).wrapping_sub(1),
             fits: true,
         }
     }
@@ -91,6 +95,8 @@ impl Ring {
 pub struct Draft<'ring> {
     ring: &'ring Ring,
     head: u8,
+    /// Free places when it was begun; meanwhile they can only become more.
+    room: u8,
     fits: bool,
 }
 
@@ -98,14 +104,13 @@ impl Draft<'_> {
     /// Adds a byte, if there is room for it and all before it.
     #[inline(always)]
     pub fn push(&mut self, byte: u8) {
-        let next = self.head.wrapping_add(1);
-        if next == self.ring.tail.load(Acquire) {
+        if self.room == 0 {
             self.fits = false;
+            return;
         }
-        if self.fits {
-            self.ring.at(self.head).store(byte, Relaxed);
-            self.head = next;
-        }
+        self.ring.at(self.head).store(byte, Relaxed);
+        self.head = self.head.wrapping_add(1);
+        self.room -= 1;
     }
 
     /// Hands the bytes over if all of them fitted; whether they did.

@@ -40,7 +40,7 @@ pub const PRESSURE_PA: f32 = 10_000.0;
 pub const FARTHEST_RAD: f32 = 2.3;
 
 /// The text that ends the self-test.
-pub const DONE: &str = "self-test done";
+pub const DONE: &str = "self-test: done";
 
 /// A power function with the name and the marks that the self-test gives it.
 trait Tested: Power<f32> {
@@ -178,7 +178,7 @@ impl SelfTest {
                 let mut line = Sealed::new(out);
                 uwrite!(
                     line,
-                    "softrig {} on an ATmega2560",
+                    "softrig: {} on an ATmega2560",
                     env!("CARGO_PKG_VERSION")
                 )?;
                 line.finish()?;
@@ -236,7 +236,7 @@ impl SelfTest {
             }
             // Only a change of the constants above can bring this about.
             let mut line = Sealed::new(out);
-            line.write_str("a model is not valid")?;
+            line.write_str("model: not valid")?;
             line.finish()?;
         }
         self.has_model = false;

@@ -45,7 +45,7 @@ const WORDS: [&str; 24] = [
     "[[segment]]\n",
     "[[effect]]\n",
     "T ",
-    "A 1 ok ",
+    "A: 1 ok ",
     " *",
     "\r\n",
     "\u{feff}",

@@ -2,6 +2,7 @@
 
 use host_tools::link::line::{Incoming, request_text};
 use wire::command::Request;
+use wire::fault::Fault;
 use wire::reply::Refusal;
 
 const MANUAL: &str = include_str!("../../docs/serial.md");
@@ -49,10 +50,17 @@ fn what_the_board_says_is_understood() {
                 ));
             }
             Incoming::Remark(text) => assert!(
-                text.starts_with("softrig ") || text.starts_with("free "),
+                text.starts_with("softrig ")
+                    || text.starts_with("free ")
+                    || text == Fault::EmergencyStop.sentence()
+                    || text.starts_with("status, "),
                 "{text}"
             ),
-            Incoming::Other(_) | Incoming::Damaged => panic!("{line}: {incoming:?}"),
+            Incoming::Other(text) => assert!(
+                text.starts_with("step ") || text.starts_with("self-test: "),
+                "{text}"
+            ),
+            Incoming::Damaged => panic!("{line}: {incoming:?}"),
         }
     }
 }

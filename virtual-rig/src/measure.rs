@@ -38,7 +38,7 @@ pub fn run(path: &Path) -> anyhow::Result<()> {
         rig.run_for(1.0)?;
     }
     send(&mut rig, Command::SelfTest)?;
-    wait(&mut rig, "self-test done", SELF_TEST_S)?;
+    wait(&mut rig, "self-test: done", SELF_TEST_S)?;
     // A model with a table is the largest that can be saved; and away with it.
     let slot = 0;
     let number = f32::to_bits;
@@ -91,7 +91,7 @@ fn save(rig: &mut VirtualRig, changes: &[(Key, u32)]) -> anyhow::Result<()> {
     rig.run_for(SAVING_S)?;
     let lines = rig.take_lines();
     ensure!(
-        lines.iter().any(|line| line.starts_with("# saved")),
+        lines.iter().any(|line| line.starts_with("#: saved")),
         "the settings were not saved:\n{}",
         lines.join("\n")
     );

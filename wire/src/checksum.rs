@@ -16,12 +16,19 @@
 /// assert_eq!(crc.value(), 0x29b1);
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Crc16(u16);
+pub struct Crc16 {
+    // By bytes: an AVR puts sixteen bits together and apart again at every turn.
+    high: u8,
+    low: u8,
+}
 
 impl Crc16 {
     /// Creates the checksum of no bytes.
     pub const fn new() -> Self {
-        Self(0xffff)
+        Self {
+            high: 0xff,
+            low: 0xff,
+        }
     }
 
     /// Creates the checksum of `bytes`.
@@ -36,16 +43,15 @@ impl Crc16 {
     /// Adds a byte.
     #[inline(always)] // Fifteen instructions, for every byte that is sent.
     pub const fn update(&mut self, byte: u8) {
-        // By bytes: an AVR shifts sixteen bits one at a time.
-        let [high, low] = self.0.to_be_bytes();
-        let mut x = high ^ byte;
+        let mut x = self.high ^ byte;
         x ^= x >> 4;
-        self.0 = u16::from_be_bytes([low ^ (x << 4) ^ (x >> 3), x ^ (x << 5)]);
+        self.high = self.low ^ (x << 4) ^ (x >> 3);
+        self.low = x ^ (x << 5);
     }
 
     /// The checksum of the bytes so far.
     pub const fn value(self) -> u16 {
-        self.0
+        u16::from_be_bytes([self.high, self.low])
     }
 }
 

@@ -27,6 +27,13 @@ impl Thousandths {
     }
 }
 
+impl Thousandths {
+    /// Reads `-12.345`: an optional minus, digits, a point, three digits.
+    pub fn parse(text: &[u8]) -> Option<Self> {
+        fixed::<3>(text).map(Self)
+    }
+}
+
 impl uDisplay for Thousandths {
     fn fmt<W: uWrite + ?Sized>(&self, f: &mut Formatter<'_, W>) -> Result<(), W::Error> {
         let size = self.0.unsigned_abs();
@@ -65,22 +72,7 @@ impl Hundredths {
 
     /// Reads `-12.34`: an optional minus, digits, a point, two digits.
     pub fn parse(text: &[u8]) -> Option<Self> {
-        let (negative, text) = match text {
-            [b'-', rest @ ..] => (true, rest),
-            _ => (false, text),
-        };
-        let (whole, [b'.', tens, ones]) = text.split_last_chunk::<3>()? else {
-            return None;
-        };
-        if whole.is_empty() || !whole.iter().chain([tens, ones]).all(u8::is_ascii_digit) {
-            return None;
-        }
-        let mut value: i32 = 0;
-        for digit in whole.iter().chain([tens, ones]) {
-            let digit = i32::from(digit - b'0');
-            value = value.checked_mul(10)?.checked_add(digit)?;
-        }
-        Some(Self(if negative { -value } else { value }))
+        fixed::<2>(text).map(Self)
     }
 }
 
@@ -117,6 +109,33 @@ impl uDisplay for Count {
     }
 }
 
+/// Reads a number with exactly so many decimals, in units of the last.
+fn fixed<const DECIMALS: usize>(text: &[u8]) -> Option<i32> {
+    let (negative, text) = match text {
+        [b'-', rest @ ..] => (true, rest),
+        _ => (false, text),
+    };
+    let point = text.len().checked_sub(DECIMALS + 1)?;
+    if point == 0 || text.get(point) != Some(&b'.') {
+        return None;
+    }
+    let mut size: u32 = 0;
+    for (place, byte) in text.iter().enumerate() {
+        if place == point {
+            continue;
+        }
+        if !byte.is_ascii_digit() {
+            return None;
+        }
+        size = size.checked_mul(10)?.checked_add(u32::from(byte - b'0'))?;
+    }
+    if negative {
+        0_i32.checked_sub_unsigned(size)
+    } else {
+        i32::try_from(size).ok()
+    }
+}
+
 /// Writes a number whose last `decimals` digits stand behind a point.
 ///
 /// By subtracting powers of ten: a division of 32 bits takes the board 600
@@ -126,38 +145,78 @@ fn digits<W: uWrite + ?Sized>(
     mut size: u32,
     decimals: u8,
 ) -> Result<(), W::Error> {
-    let mut has_begun = false;
+    let mut digits = Digits {
+        decimals,
+        has_begun: false,
+    };
     // Most numbers of a line are small, and a place costs even where nothing stands.
     let places = match size {
-        ..10_000 => 4,
+        ..10_000 => SMALL,
         10_000..1_000_000 => 6,
         _ => 10,
     };
-    for place in (0..places).rev() {
+    for place in (SMALL..places).rev() {
         let power = power_of_ten(place);
         let mut digit = b'0';
         while size >= power {
             size -= power;
             digit += 1;
         }
-        has_begun |= digit != b'0' || place <= decimals;
-        if has_begun {
-            f.write_char(char::from(digit))?;
-            if place == decimals && place != 0 {
-                f.write_char('.')?;
-            }
+        digits.write(f, place, digit)?;
+    }
+    // The last four in half of the processor's instructions.
+    #[allow(clippy::cast_possible_truncation)] // Less than ten thousand is left.
+    let mut size = size as u16;
+    for place in (0..SMALL).rev() {
+        let power = match place {
+            0 => 1,
+            1 => 10,
+            2 => 100,
+            _ => 1_000,
+        };
+        let mut digit = b'0';
+        while size >= power {
+            size -= power;
+            digit += 1;
         }
+        digits.write(f, place, digit)?;
     }
     Ok(())
 }
 
-/// Ten to a power; a table would lie in the board's RAM.
+/// Places of a number that fits into sixteen bits whatever its digits are.
+const SMALL: u8 = 4;
+
+/// What of a number is written.
+struct Digits {
+    decimals: u8,
+    has_begun: bool,
+}
+
+impl Digits {
+    /// Writes a digit, unless it is a zero in front, and the point behind it.
+    #[inline(always)]
+    fn write<W: uWrite + ?Sized>(
+        &mut self,
+        f: &mut Formatter<'_, W>,
+        place: u8,
+        digit: u8,
+    ) -> Result<(), W::Error> {
+        self.has_begun |= digit != b'0' || place <= self.decimals;
+        if !self.has_begun {
+            return Ok(());
+        }
+        f.write_char(char::from(digit))?;
+        if place == self.decimals && place != 0 {
+            f.write_char('.')?;
+        }
+        Ok(())
+    }
+}
+
+/// Ten to a power from the fourth on; a table would lie in the board's RAM.
 const fn power_of_ten(exponent: u8) -> u32 {
     match exponent {
-        0 => 1,
-        1 => 10,
-        2 => 100,
-        3 => 1_000,
         4 => 10_000,
         5 => 100_000,
         6 => 1_000_000,
@@ -247,6 +306,11 @@ mod tests {
             65_536,
             6_553_600,
             i32::MAX,
+            i32::MIN,
+            9_999,
+            10_000,
+            99_999,
+            100_000,
         ] {
             let mut out = Text::default();
             uwrite!(out, "{}", Hundredths(value)).unwrap();
@@ -255,6 +319,13 @@ mod tests {
                 format!("{:.2}", f64::from(value) / 100.0).replace("-0.00", "0.00")
             );
             assert_eq!(Hundredths::parse(out.0.as_bytes()), Some(Hundredths(value)));
+            let mut out = Text::default();
+            uwrite!(out, "{}", Thousandths(value)).unwrap();
+            assert_eq!(out.0, format!("{:.3}", f64::from(value) / 1000.0));
+            assert_eq!(
+                Thousandths::parse(out.0.as_bytes()),
+                Some(Thousandths(value))
+            );
         }
         for text in [
             "",
@@ -266,6 +337,8 @@ mod tests {
             "--1.00",
             "1.0a",
             "99999999999.00",
+            "21474836.48",
+            "1.00.",
         ] {
             assert_eq!(Hundredths::parse(text.as_bytes()), None, "{text}");
         }

@@ -13,6 +13,7 @@ pub mod decimal;
 pub mod fault;
 mod fields;
 pub mod keyword;
+mod label;
 pub mod line;
 pub mod protocol;
 pub mod reply;

@@ -44,6 +44,21 @@ impl<'w, W: uWrite + ?Sized> Sealed<'w, W> {
         }
     }
 
+    /// Writes one ASCII character: nearly all of telemetry comes this way, so it does
+    /// nothing else.
+    #[inline(never)]
+    pub(crate) fn put(&mut self, byte: u8) -> Result<(), W::Error> {
+        self.crc.update(byte);
+        self.out.write_char(byte as char)
+    }
+
+    /// Apart from [`Sealed::put`], which would make room for the bytes every time.
+    #[cold]
+    #[inline(never)]
+    fn put_wide(&mut self, character: char) -> Result<(), W::Error> {
+        self.write_str(character.encode_utf8(&mut [0; 4]))
+    }
+
     /// Writes the checksum and the line end.
     ///
     /// # Errors
@@ -70,12 +85,13 @@ impl<W: uWrite + ?Sized> uWrite for Sealed<'_, W> {
     }
 
     /// Numbers come a character at a time.
+    #[inline(always)] // So that a digit is known to be one.
     fn write_char(&mut self, character: char) -> Result<(), W::Error> {
         if character.is_ascii() {
-            self.crc.update(character as u8);
-            return self.out.write_char(character);
+            self.put(character as u8)
+        } else {
+            self.put_wide(character)
         }
-        self.write_str(character.encode_utf8(&mut [0; 4]))
     }
 }
 

@@ -1,13 +1,14 @@
 //! What the board answers.
 //!
 //! ```text
-//! A 17 ok *1d0f
-//! A 18 no 3 *c6a2
+//! A: 17 ok *8492
+//! A: 18 no 3 *1b06
 //! ```
 //!
-//! `A`, the number of the request, `ok` with what was asked for, or `no` with the
-//! code of a [`Refusal`]. Lines that begin with `#` are remarks for people: the
-//! banner after a reset, help, the sentence of a fault.
+//! `A:`, the number of the request, `ok` with what was asked for, or `no` with the
+//! code of a [`Refusal`]. Lines that begin with `#:` are remarks for people:
+//! the banner after a reset, help, the sentence of a fault. The colons are for the serial
+//! plotter of the Arduino IDE, which would draw the numbers of a line without one.
 
 use core::fmt;
 
@@ -20,7 +21,10 @@ use crate::{
 
 /// The version of everything in this crate; board and computer must agree, also on
 /// what the words of the settings mean.
-pub const VERSION: u8 = 2;
+pub const VERSION: u8 = 3;
+
+/// How a remark for people begins.
+pub const REMARK: &str = "#: ";
 
 macro_rules! refusals {
     ($( $(#[$doc:meta])* $variant:ident = $code:literal, $sentence:literal; )+) => {
@@ -105,7 +109,7 @@ pub struct Reply<'t> {
 /// Those of the output.
 pub fn ok<W: uWrite + ?Sized>(out: &mut W, id: u8) -> Result<Sealed<'_, W>, W::Error> {
     let mut line = Sealed::new(out);
-    uwrite!(line, "A {} ok", id)?;
+    uwrite!(line, "A: {} ok", id)?;
     Ok(line)
 }
 
@@ -116,7 +120,7 @@ pub fn ok<W: uWrite + ?Sized>(out: &mut W, id: u8) -> Result<Sealed<'_, W>, W::E
 /// Those of the output.
 pub fn no<W: uWrite + ?Sized>(out: &mut W, id: u8, refusal: Refusal) -> Result<(), W::Error> {
     let mut line = Sealed::new(out);
-    uwrite!(line, "A {} no {}", id, refusal.code())?;
+    uwrite!(line, "A: {} no {}", id, refusal.code())?;
     line.finish()
 }
 
@@ -132,7 +136,12 @@ impl<'t> Reply<'t> {
     }
 
     fn parse_text(text: &'t str) -> Option<Self> {
-        let mut fields = Fields::new(text.strip_prefix("A ")?.as_bytes());
+        // Without the colon, as up to version 2: so what such a board answers to `hello` is
+        // understood, and it can be told that it is old.
+        let rest = text
+            .strip_prefix("A: ")
+            .or_else(|| text.strip_prefix("A "))?;
+        let mut fields = Fields::new(rest.as_bytes());
         let id = fields.number()?;
         let outcome = match fields.next()? {
             b"ok" => Ok(core::str::from_utf8(fields.rest()).ok()?),
@@ -186,8 +195,20 @@ mod tests {
 
     #[test]
     fn other_lines_are_told_apart() {
-        assert_eq!(Reply::parse(&sealed("# softrig")), Ok(None));
-        assert_eq!(Reply::parse(&sealed("A 1 no 200")), Ok(None));
-        assert!(Reply::parse("A 1 ok").is_err());
+        assert_eq!(Reply::parse(&sealed("#: softrig")), Ok(None));
+        assert_eq!(Reply::parse(&sealed("A: 1 no 200")), Ok(None));
+        assert!(Reply::parse("A: 1 ok").is_err());
+    }
+
+    #[test]
+    fn a_board_of_an_older_version_can_say_so() {
+        let hello = "softrig 0.1.0 wire 2 settings 1a2b";
+        assert_eq!(
+            Reply::parse(&sealed(&std::format!("A 254 ok {hello}"))),
+            Ok(Some(Reply {
+                id: 254,
+                outcome: Ok(hello)
+            }))
+        );
     }
 }

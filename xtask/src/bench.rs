@@ -227,7 +227,7 @@ pub fn board() -> Outcome {
     let rig = virtual_rig()?;
     let sketch = sketch()?;
 
-    let ours = simulate(&rig, &image, Some("self-test done"))?;
+    let ours = simulate(&rig, &image, Some("self-test: done"))?;
     let plain = simulate(&rig, &sketch, None)?;
     let of = |run: &Run, name: &str| run.cycles.iter().find(|(n, _)| n == name).map(|&(_, c)| c);
     let (Some(pow), Some(step)) = (of(&plain, "power_minimax"), of(&plain, "step_minimax")) else {

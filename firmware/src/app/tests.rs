@@ -107,7 +107,7 @@ impl Rig {
             .unwrap();
         for text in out.0.lines() {
             let text = line::open(text).expect("a sealed line");
-            self.remarks.push(text.strip_prefix("# ").unwrap().into());
+            self.remarks.push(text.strip_prefix("#: ").unwrap().into());
         }
         if self.beats && self.log.len().is_multiple_of(50) {
             assert_eq!(self.ask(Command::Beat), Ok(String::new()));
@@ -315,14 +315,14 @@ fn who_it_is_and_how_it_is_are_machine_readable() {
     let crc = format!("{:04x}", checksum(&Settings::DEFAULT));
     assert_eq!(
         rig.ask(Command::Hello).unwrap(),
-        format!("softrig 0.1.0 wire 2 settings {crc}")
+        format!("softrig 0.1.0 wire 3 settings {crc}")
     );
     assert_eq!(
         rig.ask(Command::Status).unwrap(),
         format!("i 0 0 0 0 {crc}")
     );
-    assert!(rig.say(&line_of("9 fly")).contains("A 9 no 1"));
-    assert!(rig.say("arm").contains("A 0 no 2"));
+    assert!(rig.say(&line_of("9 fly")).contains("A: 9 no 1"));
+    assert!(rig.say("arm").contains("A: 0 no 2"));
     assert_eq!(rig.say("7 arm *0000"), "");
     rig.app.overlong();
     assert_eq!(
@@ -332,7 +332,7 @@ fn who_it_is_and_how_it_is_are_machine_readable() {
     let raw = rig.ask(Command::Raw).unwrap();
     let inputs = rig.app.inputs;
     assert_eq!(raw, format!("{} {}", inputs.pressure.0, inputs.flex.0));
-    assert!(rig.say("status\r\n").contains("A 0 ok i 0 1 1 1"));
+    assert!(rig.say("status\r\n").contains("A: 0 ok i 0 1 1 1"));
     let before = rig.remarks.len();
     rig.ask(Command::Help).unwrap();
     rig.wait(0.5);

@@ -31,7 +31,7 @@ impl Health {
         }
     }
 
-    /// Looks about once a second, in the first period of each 1.024 s, and writes `# free BYTES lost BYTES dropped LINES` if
+    /// Looks about once a second, in the first period of each 1.024 s, and writes `#: free BYTES lost BYTES dropped LINES` if
     /// that changed: RAM that was never used, received bytes and lines to send
     /// that found no place. Looking takes 2 ms, so it is for times of rest.
     pub fn look(&mut self, time_ms: u32, serial: &mut Serial) {
@@ -51,7 +51,7 @@ impl Health {
             let mut line = Sealed::new(out);
             let Ok(()) = uwrite!(
                 line,
-                "# free {} lost {} dropped {}",
+                "#: free {} lost {} dropped {}",
                 Count(u32::from(now.never_used)),
                 Count(u32::from(now.lost_bytes)),
                 Count(u32::from(now.dropped_lines)),

@@ -102,6 +102,7 @@ impl uWrite for Draft {
         Ok(())
     }
 
+    #[inline(always)] // Where the character is known to be a byte.
     fn write_char(&mut self, character: char) -> Result<(), Infallible> {
         // All that is sent is ASCII.
         self.0.push(character as u8);

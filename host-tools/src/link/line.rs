@@ -38,7 +38,8 @@ impl Incoming {
             Err(TelemetryError::OtherLine) => {}
             Err(_) => return Self::other(text),
         }
-        if let Some(remark) = text.strip_prefix(b"#") {
+        // Up to version 2 without the colon.
+        if let Some(remark) = text.strip_prefix(b"#:").or(text.strip_prefix(b"#")) {
             return Self::Remark(String::from_utf8_lossy(remark).trim().to_owned());
         }
         match std::str::from_utf8(line).map(Reply::parse) {
@@ -118,7 +119,8 @@ mod tests {
 
     #[test]
     fn lines_are_told_apart() {
-        let sample = "T 5 50 p:1.00 a:nan m:2.50 s:3.00 v:-7 x9!";
+        let sample =
+            "T 5 50 pressure:1.00 angle:nan predicted:2.50 setpoint:3.00 volume:-0.007 x9!";
         assert!(matches!(
             Incoming::parse(&sealed(sample)),
             Incoming::Sample(Telemetry {
@@ -130,26 +132,26 @@ mod tests {
             })
         ));
         assert_eq!(
-            Incoming::parse(&sealed("A 7 ok 3f800000")),
+            Incoming::parse(&sealed("A: 7 ok 3f800000")),
             Incoming::Reply {
                 id: 7,
                 outcome: Ok("3f800000".into())
             }
         );
         assert_eq!(
-            Incoming::parse(&sealed("A 7 no 4")),
+            Incoming::parse(&sealed("A: 7 no 4")),
             Incoming::Reply {
                 id: 7,
                 outcome: Err(Refusal::Faulted)
             }
         );
         assert_eq!(
-            Incoming::parse(&sealed("# softrig 0.1.0")),
+            Incoming::parse(&sealed("#: softrig 0.1.0")),
             Incoming::Remark("softrig 0.1.0".into())
         );
         assert_eq!(
-            Incoming::parse(&sealed("T 5 50 p:1.00")),
-            Incoming::Other("T 5 50 p:1.00".into())
+            Incoming::parse(&sealed("T 5 50 p:1.00 a:2.00")),
+            Incoming::Other("T 5 50 p:1.00 a:2.00".into())
         );
         let mut damaged = sealed(sample);
         damaged[3] ^= 4;

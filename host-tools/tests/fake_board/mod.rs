@@ -286,7 +286,7 @@ impl Cable {
             }
             if std::mem::take(&mut banner) {
                 cable.write(&sealed(&format!(
-                    "# softrig 9.9.9 wire {} settings 1d0f",
+                    "#: softrig 9.9.9 wire {} settings 1d0f",
                     script.version
                 )));
             }
@@ -389,9 +389,9 @@ impl Board {
             None => self.obey(request.command, script),
         };
         match outcome {
-            Ok(text) if text.is_empty() => sealed(&format!("A {} ok", request.id)),
-            Ok(text) => sealed(&format!("A {} ok {text}", request.id)),
-            Err(refusal) => sealed(&format!("A {} no {}", request.id, refusal.code())),
+            Ok(text) if text.is_empty() => sealed(&format!("A: {} ok", request.id)),
+            Ok(text) => sealed(&format!("A: {} ok {text}", request.id)),
+            Err(refusal) => sealed(&format!("A: {} no {}", request.id, refusal.code())),
         }
     }
 
@@ -485,11 +485,11 @@ impl Board {
         if self.saving_ms.is_some_and(|at| self.time_ms >= at) {
             self.saving_ms = None;
             if script.confirms {
-                text += &sealed("# saved");
+                text += &sealed("#: saved");
             }
         }
         if let (Some(remark), true) = (script.remark, self.time_ms.is_multiple_of(100)) {
-            text += &sealed(&format!("# {remark}"));
+            text += &sealed(&format!("#: {remark}"));
         }
         let armed = matches!(self.state, State::Homing | State::Ready | State::Running);
         let silence = (self.time_ms - self.heard_ms) as f32 / 1000.0;
@@ -541,7 +541,7 @@ impl Board {
         let mut line = Text::default();
         sample.write(&mut line).unwrap();
         if every(script.corrupt_every) {
-            line.0 = line.0.replace("p:", "p;");
+            line.0 = line.0.replace("angle:", "angle;");
         }
         text + &line.0
     }

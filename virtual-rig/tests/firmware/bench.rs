@@ -112,7 +112,7 @@ impl Bench {
                     .push((reply.id, reply.outcome.map(str::to_owned)));
             } else if let Some(remark) = wire::line::open(&line)
                 .ok()
-                .and_then(|text| text.strip_prefix("# "))
+                .and_then(|text| text.strip_prefix("#: "))
             {
                 self.remarks.push(remark.to_owned());
             } else {
