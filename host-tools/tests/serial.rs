@@ -840,6 +840,33 @@ fn a_port_that_is_absent_is_a_fault_of_the_input() {
     }
 }
 
+#[cfg(target_os = "linux")]
+#[test]
+fn a_port_that_another_program_has_open_is_left_to_it_by_name() {
+    let bench = Bench::new(Script::default());
+    let mut first = bench.start("monitor --port PORT --plain");
+    let port = bench.board.port().canonicalize().unwrap();
+    wait_until("the first one has it", || {
+        let files = std::fs::read_dir(format!("/proc/{}/fd", first.id())).unwrap();
+        files
+            .flatten()
+            .any(|file| std::fs::read_link(file.path()).is_ok_and(|target| target == port))
+    });
+    let said = bench
+        .rig("record --port PORT --seconds 1 -o run.csv")
+        .failed(
+            2,
+            &[
+                &format!("rig (process {}) has it open", first.id()),
+                "close that program",
+            ],
+        );
+    assert!(!said.err.contains("use one of"), "{}", said.err);
+    first.kill().unwrap();
+    first.wait().unwrap();
+    bench.rig("record --port PORT --seconds 1 -o run.csv").ok();
+}
+
 #[test]
 fn a_silent_board_is_given_up() {
     let bench = Bench::new(Script {

@@ -1,5 +1,6 @@
 //! `rig record`: plays a protocol and writes down what the rig does.
 
+use std::cell::Cell;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime};
 
@@ -128,7 +129,10 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let played = protocol.as_ref().and_then(|it| it.path.as_ref());
     check_output(output, played, &files, args.force)?;
     let interrupt = Interrupt::listen()?;
+    let stage = Stage::new();
+    stage.wait("waiting for the board, which restarts");
     let mut link = Link::open(SerialConnector::new(port), Timing::default())?;
+    stage.wait("reading the board's settings");
     link.learn_patience()?;
     if args.clear {
         link.request(Command::Clear)?;
@@ -156,7 +160,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         recorder,
         interrupt,
         patience: Duration::from_secs_f64(args.patience),
-        bar: ProgressBar::hidden(),
+        stage,
     };
     let outcome = match &protocol {
         Some(protocol) => session.play(protocol),
@@ -164,7 +168,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     };
     let armed = outcome.is_err() || !matches!(outcome, Ok(End::Complete));
     session.leave(armed && protocol.is_some());
-    session.bar.finish_and_clear();
+    session.stage.finish();
     session.end(outcome, &parts, args.split, output)
 }
 
@@ -182,7 +186,60 @@ struct Session {
     recorder: Recorder,
     interrupt: Interrupt,
     patience: Duration,
+    stage: Stage,
+}
+
+/// What the rig is doing, in the last line of a terminal; nothing where there is none.
+struct Stage {
     bar: ProgressBar,
+    played: Cell<bool>,
+}
+
+impl Stage {
+    fn new() -> Self {
+        Self {
+            bar: super::spinner(),
+            played: Cell::new(false),
+        }
+    }
+
+    /// Something that takes as long as it takes.
+    fn wait(&self, what: &'static str) {
+        self.played.set(false);
+        self.bar.set_style(style("{spinner} {msg}  {elapsed}"));
+        self.bar.reset_elapsed();
+        self.bar.set_message(what);
+    }
+
+    /// Something of which `passed_ms` of `total_ms` are over, by the board's clock.
+    fn play(&self, what: &str, passed_ms: i64, total_ms: i64) {
+        let milliseconds = |ms: i64| u64::try_from(ms).unwrap_or(0);
+        if !self.played.replace(true) {
+            self.bar
+                .set_style(style("{wide_bar} {percent:>3} %  {msg}"));
+            self.bar.set_length(milliseconds(total_ms));
+        }
+        let left = u32::try_from(total_ms - passed_ms).unwrap_or(0);
+        self.bar.set_message(if left == 0 {
+            format!("{what}, waiting for its end")
+        } else {
+            format!("{what}, {} left", minutes(left))
+        });
+        self.bar.set_position(milliseconds(passed_ms));
+    }
+
+    fn suspend(&self, say: impl FnOnce()) {
+        self.bar.suspend(say);
+    }
+
+    fn finish(&self) {
+        self.bar.finish_and_clear();
+    }
+}
+
+/// A template of ours, whose faults a test would find.
+fn style(template: &str) -> ProgressStyle {
+    ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
 }
 
 impl Session {
@@ -207,7 +264,7 @@ impl Session {
 
     fn reconnect(&mut self) -> anyhow::Result<()> {
         let port = self.link.port().to_owned();
-        self.bar.suspend(|| {
+        self.stage.suspend(|| {
             super::warn(&format!(
                 "{port}: the connection was lost after {:.1} s of the recording; waiting for it to come back",
                 self.recorder.elapsed_ms() as f64 / 1000.0
@@ -217,7 +274,7 @@ impl Session {
         while Instant::now() < until && !self.interrupt.requested() {
             match self.link.reconnect() {
                 Ok(()) => {
-                    self.bar.suspend(|| {
+                    self.stage.suspend(|| {
                         super::warn(&format!("{port}: the connection is back"));
                     });
                     return Ok(());
@@ -263,10 +320,7 @@ impl Session {
         // At most a million seconds.
         #[allow(clippy::cast_possible_truncation)]
         let total = seconds.map(|seconds| (seconds * 1000.0).round() as i64);
-        self.bar = match total {
-            Some(total) => progress(total),
-            None => super::spinner(),
-        };
+        self.stage.wait("recording, Ctrl-C ends it");
         while total.is_none_or(|total| self.recorder.elapsed_ms() < total) {
             if self.interrupt.requested() {
                 return Ok(if total.is_none() {
@@ -276,20 +330,22 @@ impl Session {
                 });
             }
             self.pump()?;
-            self.show(0);
+            if let Some(total) = total {
+                self.stage
+                    .play("recording", self.recorder.elapsed_ms(), total);
+            }
         }
         Ok(End::Complete)
     }
 
     /// Arms the rig, plays the protocol, and waits for its end.
     fn play(&mut self, protocol: &ProtocolFile) -> anyhow::Result<End> {
-        self.bar = progress(i64::from(protocol.total_ms()));
-        self.bar.set_message("at rest");
+        self.stage.wait("recording the actuator at rest");
         if !self.rest(AFTER_MS)? {
             return Ok(End::Interrupted);
         }
-        self.bar.set_message("homing the plunger");
         if self.state() != Some(State::Ready) {
+            self.stage.wait("homing the plunger, at most a minute");
             let (recorder, interrupt) = (&mut self.recorder, &self.interrupt);
             let ready = self.link.arm(&mut |event| {
                 recorder.take(&event);
@@ -299,8 +355,9 @@ impl Session {
                 return Ok(End::Interrupted);
             }
         }
+        self.stage.wait("sending the protocol");
         self.load(protocol)?;
-        self.bar.set_message("at rest");
+        self.stage.wait("letting the actuator settle");
         if !self.rest(REST_MS)? {
             return Ok(End::Interrupted);
         }
@@ -311,8 +368,7 @@ impl Session {
                 if self.state() == Some(State::Running) => {}
             Err(error) => return Err(error.into()),
         }
-        self.bar
-            .set_message(printable_line(&protocol.name).into_owned());
+        self.stage.wait("waiting for the first step");
         self.follow(protocol)
     }
 
@@ -332,6 +388,7 @@ impl Session {
         let asked = Instant::now();
         let asked_ms = self.recorder.elapsed_ms();
         let mut started_ms = None;
+        let name = printable_line(&protocol.name).into_owned();
         loop {
             if self.interrupt.requested() {
                 return Ok(End::Interrupted);
@@ -341,7 +398,8 @@ impl Session {
             match self.state() {
                 Some(State::Running) => {
                     let started = *started_ms.get_or_insert(now_ms);
-                    self.show(started);
+                    let total = i64::from(protocol.total_ms());
+                    self.stage.play(&name, now_ms - started, total);
                 }
                 Some(State::Fault) => {
                     let code = self.recorder.last().map_or(0, |row| row.sample.fault);
@@ -360,6 +418,7 @@ impl Session {
             }
         }
         let played_ms = self.recorder.elapsed_ms() - started_ms.unwrap_or(0);
+        self.stage.wait("waiting for rest");
         self.rest(AFTER_MS)?;
         let total_ms = i64::from(protocol.total_ms());
         if self.state() == Some(State::Ready) && played_ms + REST_MS >= total_ms {
@@ -373,11 +432,6 @@ impl Session {
             ),
             "a pulled cable or a press on reset ends it: look for the gap in the recording, and record again",
         ))?
-    }
-
-    fn show(&self, from_ms: i64) {
-        let passed = self.recorder.elapsed_ms() - from_ms;
-        self.bar.set_position(u64::try_from(passed).unwrap_or(0));
     }
 
     /// Leaves the rig at rest, whatever happened.
@@ -596,15 +650,6 @@ fn dry_run(protocol: &ProtocolFile) -> String {
         text += &format!("  {}\n", command_text(command));
     }
     text
-}
-
-fn progress(total_ms: i64) -> ProgressBar {
-    let bar = ProgressBar::new(u64::try_from(total_ms).unwrap_or(0));
-    if let Ok(style) = ProgressStyle::with_template("{wide_bar} {percent:>3} %  {eta} left  {msg}")
-    {
-        bar.set_style(style);
-    }
-    bar
 }
 
 /// Keeps a recording of what another command sees: `rig monitor --log`.

@@ -256,9 +256,14 @@ impl Link {
 
     /// The error for a fault in telemetry.
     pub fn faulted(&self, code: u8) -> LinkError {
-        LinkError::Faulted {
-            port: self.port().to_owned(),
-            fault: Fault::from_code(code).unwrap_or(Fault::Internal),
+        let port = self.port().to_owned();
+        let fault = Fault::from_code(code).unwrap_or(Fault::Internal);
+        match self.silence() {
+            // One that was latched before has nothing to do with this link.
+            Some(silence) if fault == Fault::HostLost && !silence.longest.is_zero() => {
+                LinkError::ComputerLost { port, silence }
+            }
+            _ => LinkError::Faulted { port, fault },
         }
     }
 

@@ -9,6 +9,7 @@ use wire::telemetry::Telemetry;
 
 use super::board::Identity;
 use super::error::LinkError;
+use super::heart::Silence;
 use super::line::{Incoming, command_text};
 use super::port::Connector;
 use super::worker::{BEAT_ID, FromBoard, Worker};
@@ -218,7 +219,7 @@ impl Link {
         for attempt in 1..=self.timing.attempts {
             self.send(Request { id, command })?;
             let until = Instant::now() + self.timing.reply;
-            while let Some(incoming) = self.receive(until) {
+            while let Some(incoming) = self.receive_surely(until) {
                 if let FromBoard::Line(Incoming::Reply { id: to, outcome }, _) = &incoming
                     && *to == id
                 {
@@ -270,6 +271,11 @@ impl Link {
         }
     }
 
+    /// How long the board had to wait for a sign of life since it was armed.
+    pub(super) fn silence(&self) -> Option<Silence> {
+        Some(self.worker.as_ref()?.silence())
+    }
+
     fn send(&mut self, request: Request) -> Result<(), LinkError> {
         let Some(worker) = &self.worker else {
             return Err(self.lost("the port is closed"));
@@ -285,6 +291,10 @@ impl Link {
 
     fn receive(&mut self, until: Instant) -> Option<FromBoard> {
         self.worker.as_ref()?.receive(until)
+    }
+
+    fn receive_surely(&mut self, until: Instant) -> Option<FromBoard> {
+        self.worker.as_ref()?.receive_surely(until)
     }
 
     /// Counts what came; what is worth knowing is returned.

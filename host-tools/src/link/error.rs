@@ -3,6 +3,7 @@
 use wire::fault::Fault;
 use wire::reply::{Refusal, VERSION};
 
+use super::heart::Silence;
 use crate::error::InputError;
 
 /// A failed exchange with a board.
@@ -102,6 +103,14 @@ pub enum LinkError {
         port: String,
         /// Why.
         fault: Fault,
+    },
+    /// The board heard nothing of us, and stopped.
+    #[error("{port}: the board stopped with fault {} ({}): {silence}; then record again with --clear", Fault::HostLost.code(), Fault::HostLost.name())]
+    ComputerLost {
+        /// The port.
+        port: String,
+        /// What was sent, and when.
+        silence: Silence,
     },
     /// The board did not reach a state in time.
     #[error("{port}: {what}; {advice}")]

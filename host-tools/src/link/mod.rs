@@ -1,8 +1,8 @@
 //! The serial link to a board, real or simulated.
 //!
 //! Three layers, each with one worry. A [`Connector`] opens the port, as often
-//! as the cable is pulled. A thread reads bytes, turns them into [lines](mod@line) with
-//! the time of their arrival and keeps an armed board alive. [`Link`] asks and
+//! as the cable is pulled. A thread reads bytes and turns them into [lines](mod@line) with
+//! the time of their arrival, and another keeps an armed board alive. [`Link`] asks and
 //! answers: requests with numbers, time limits and retries, and counts of what
 //! was lost. Everything above sees samples, remarks and replies, never bytes.
 
@@ -10,6 +10,8 @@ mod board;
 mod client;
 mod clock;
 mod error;
+mod heart;
+mod holders;
 pub mod line;
 mod port;
 mod worker;
@@ -18,5 +20,6 @@ pub use board::{Identity, NotChanged, Status, float, setting_bits};
 pub use client::{Counters, Event, Link, Received, Timing};
 pub use clock::{Break, Clock, Placed};
 pub use error::LinkError;
+pub use heart::Silence;
 pub(crate) use port::PERMISSION_ADVICE;
 pub use port::{BAUD, Channel, Connector, PortFound, SerialConnector, is_pseudo_terminal, ports};

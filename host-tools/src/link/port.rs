@@ -11,6 +11,7 @@ use std::time::Duration;
 use serde::Serialize;
 use serialport::{ErrorKind, SerialPortType};
 
+use super::holders::{Holder, holders};
 use crate::error::InputError;
 
 /// Bits a second.
@@ -24,7 +25,7 @@ pub struct Channel {
     /// From the board; a read returns `TimedOut` after some milliseconds
     /// without a byte.
     pub reader: Box<dyn Read + Send>,
-    /// To the board.
+    /// To the board; not buffered, since nobody flushes it.
     pub writer: Box<dyn Write + Send>,
 }
 
@@ -66,6 +67,10 @@ impl Connector for SerialConnector {
     }
 
     fn open(&mut self) -> Result<Channel, InputError> {
+        let holders = holders(Path::new(&self.name));
+        if !holders.is_empty() {
+            return Err(busy(&self.name, &holders));
+        }
         let fail = |error: &serialport::Error| refused(&self.name, error);
         let port = serialport::new(&self.name, BAUD)
             .timeout(READ_WAIT)
@@ -87,16 +92,44 @@ fn refused(name: &str, error: &serialport::Error) -> InputError {
             "may not be opened by this user".to_owned(),
             PERMISSION_ADVICE.to_owned(),
         ),
-        _ if said.contains("busy") => (
-            "is in use by another program".to_owned(),
-            "close the serial monitor or the other rig that has it open".to_owned(),
-        ),
+        _ if said.contains("busy") => return busy(name, &holders(Path::new(name))),
         _ if !Path::new(name).exists() && !name.to_uppercase().starts_with("COM") => {
             ("is not there".to_owned(), ports_advice())
         }
         _ => (
             format!("cannot be opened: {}", error.description),
             ports_advice(),
+        ),
+    };
+    InputError::new(found, advice).in_file(Path::new(name))
+}
+
+/// A port has one reader: two would get half of the bytes each.
+fn busy(name: &str, holders: &[Holder]) -> InputError {
+    let (found, advice) = match holders {
+        [] => (
+            "another program has it open, and the system does not say which".to_owned(),
+            format!(
+                "close the serial monitor, the plotter or the other rig that has it open; `sudo fuser -v {name}` names it on Linux"
+            ),
+        ),
+        [one] => (
+            format!("{one} has it open"),
+            format!(
+                "close that program, or end it with `kill {}`, and try again",
+                one.pid
+            ),
+        ),
+        several => (
+            format!(
+                "{} have it open",
+                several
+                    .iter()
+                    .map(Holder::to_string)
+                    .collect::<Vec<_>>()
+                    .join(" and ")
+            ),
+            "close these programs, and try again".to_owned(),
         ),
     };
     InputError::new(found, advice).in_file(Path::new(name))
@@ -258,6 +291,27 @@ mod tests {
         // An Uno, and a mouse.
         assert!(!looks_like_a_board(0x2341, 0x0043));
         assert!(!looks_like_a_board(0x046d, 0xc077));
+    }
+
+    #[test]
+    fn who_has_a_port_open_is_named_with_what_to_do() {
+        let holder = |pid, name: &str| Holder {
+            pid,
+            name: name.into(),
+        };
+        let say = |holders: &[Holder]| busy("/dev/ttyACM0", holders).to_string();
+        let one = say(&[holder(4711, "arduino-ide")]);
+        assert!(
+            one.contains("arduino-ide (process 4711) has it open"),
+            "{one}"
+        );
+        assert!(one.contains("kill 4711"), "{one}");
+        let two = say(&[holder(1, "rig"), holder(2, "screen")]);
+        assert!(
+            two.contains("rig (process 1) and screen (process 2) have"),
+            "{two}"
+        );
+        assert!(say(&[]).contains("fuser -v /dev/ttyACM0"));
     }
 
     #[test]

@@ -1,34 +1,25 @@
-//! The thread that reads the port, and keeps an armed board alive.
-//!
-//! The board stops when it hears nothing for a while, by its own clock. A
-//! simulated board's clock can run many times faster than ours, so a beat is
-//! due whenever telemetry shows that the board's time has moved on, and at the
-//! latest after some time of ours. Beats say that the program is alive, not just
-//! this thread: they cease when nobody has looked at the link for a while.
+//! The threads behind an open port: one reads lines, one keeps an armed board alive.
 
 use std::io::{self, Read, Write};
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::{JoinHandle, Thread};
 use std::time::{Duration, Instant};
 
 use wire::assemble::{Assembled, Assembler};
 use wire::command::{Command, Request};
 use wire::state::State;
-use wire::telemetry::Telemetry;
 
+use super::heart::{Heart, Silence, raise_priority};
 use super::line::{Incoming, MAX_LINE, request_text};
 use super::port::Channel;
 
 /// The number of every beat; replies to it are for nobody.
 pub(super) const BEAT_ID: u8 = 255;
 
-/// Longest time between beats, by the board's clock.
-const DEVICE_PACE: Duration = Duration::from_millis(250);
-/// Longest time between beats, by ours.
-const WALL_PACE: Duration = Duration::from_millis(500);
-/// A program that has not looked at the link for this long is not in control.
-const LEASE: Duration = Duration::from_secs(3);
+/// Time in which the port is read again, if the computer has time.
+const SOON: Duration = Duration::from_millis(10);
 
 /// What the thread passes on.
 #[derive(Debug)]
@@ -39,21 +30,18 @@ pub(super) enum FromBoard {
     Lost(String),
 }
 
-/// An open connection with its thread.
+/// An open connection with its threads.
 pub(super) struct Worker {
     shared: Arc<Shared>,
     lines: Receiver<FromBoard>,
-    thread: Option<std::thread::JoinHandle<()>>,
+    threads: Vec<JoinHandle<()>>,
 }
 
 struct Shared {
+    /// Not buffered: what is written is on its way.
     writer: Mutex<Box<dyn Write + Send>>,
     stop: AtomicBool,
-    started: Instant,
-    /// When the owner last looked (ms since `started`).
-    looked_ms: AtomicU64,
-    /// The board's patience (ms).
-    patience_ms: AtomicU64,
+    heart: Heart,
 }
 
 impl Worker {
@@ -63,19 +51,21 @@ impl Worker {
         let shared = Arc::new(Shared {
             writer: Mutex::new(channel_.writer),
             stop: AtomicBool::new(false),
-            started: Instant::now(),
-            looked_ms: AtomicU64::new(0),
-            patience_ms: AtomicU64::new(2_000),
+            heart: Heart::new(),
         });
-        let thread = {
+        let beating = {
             let shared = Arc::clone(&shared);
+            std::thread::spawn(move || beat(&shared))
+        };
+        let reading = {
+            let (shared, beating) = (Arc::clone(&shared), beating.thread().clone());
             let reader = channel_.reader;
-            std::thread::spawn(move || read_lines(reader, &shared, &sender))
+            std::thread::spawn(move || read_lines(reader, &shared, &beating, &sender))
         };
         Self {
             shared,
             lines,
-            thread: Some(thread),
+            threads: vec![reading, beating],
         }
     }
 
@@ -86,22 +76,43 @@ impl Worker {
 
     /// The next line, if one comes in time.
     pub(super) fn receive(&self, until: Instant) -> Option<FromBoard> {
-        self.shared.look();
+        self.shared.heart.look();
         let wait = until.saturating_duration_since(Instant::now());
         self.lines.recv_timeout(wait).ok()
     }
 
+    /// The next line, if one has come in time. On a busy computer it can have, and lie there
+    /// unread: nothing has come only if it was looked for after the time was over.
+    pub(super) fn receive_surely(&self, until: Instant) -> Option<FromBoard> {
+        loop {
+            let was_read = self.shared.heart.has_read_since(until);
+            let soon = Instant::now() + SOON;
+            match self.receive(if was_read { until } else { until.max(soon) }) {
+                Some(line) => return Some(line),
+                None if was_read || self.threads.iter().any(JoinHandle::is_finished) => {
+                    return None;
+                }
+                None => {}
+            }
+        }
+    }
+
     /// How long the board bears silence.
     pub(super) fn set_patience(&self, patience: Duration) {
-        let ms = u64::try_from(patience.as_millis()).unwrap_or(u64::MAX);
-        self.shared.patience_ms.store(ms, Ordering::Relaxed);
+        self.shared.heart.set_patience(patience);
+    }
+
+    /// How long the board had to wait for a beat.
+    pub(super) fn silence(&self) -> Silence {
+        self.shared.heart.silence()
     }
 }
 
 impl Drop for Worker {
     fn drop(&mut self) {
         self.shared.stop.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
+        for thread in self.threads.drain(..) {
+            thread.thread().unpark();
             // It stops within one read; what it panicked with, if it did, was
             // printed.
             let _ = thread.join();
@@ -111,32 +122,36 @@ impl Drop for Worker {
 
 impl Shared {
     fn send(&self, request: &Request) -> io::Result<()> {
+        let text = request_text(request);
         let mut writer = self.writer.lock().unwrap_or_else(PoisonError::into_inner);
-        writer.write_all(request_text(request).as_bytes())?;
-        writer.flush()
-    }
-
-    fn look(&self) {
-        self.looked_ms.store(self.now_ms(), Ordering::Relaxed);
-    }
-
-    fn now_ms(&self) -> u64 {
-        u64::try_from(self.started.elapsed().as_millis()).unwrap_or(u64::MAX)
-    }
-
-    /// Whether the owner has looked of late.
-    fn is_attended(&self) -> bool {
-        let idle = self
-            .now_ms()
-            .saturating_sub(self.looked_ms.load(Ordering::Relaxed));
-        u128::from(idle) < LEASE.as_millis()
+        writer.write_all(text.as_bytes())
     }
 }
 
-fn read_lines(mut reader: Box<dyn Read + Send>, shared: &Shared, lines: &Sender<FromBoard>) {
+/// Sends beats whenever they are due.
+fn beat(shared: &Shared) {
+    raise_priority();
+    while !shared.stop.load(Ordering::Relaxed) {
+        let (is_due, wait) = shared.heart.turn();
+        if is_due {
+            // A broken connection shows at the next read.
+            let _ = shared.send(&Request {
+                id: BEAT_ID,
+                command: Command::Beat,
+            });
+        }
+        std::thread::park_timeout(wait);
+    }
+}
+
+fn read_lines(
+    mut reader: Box<dyn Read + Send>,
+    shared: &Shared,
+    beating: &Thread,
+    lines: &Sender<FromBoard>,
+) {
     let mut assembler = Assembler::<MAX_LINE>::new();
     let mut buffer = [0; 4096];
-    let mut heart = Heartbeat::new(Instant::now());
     // A port is opened in the middle of a line more often than not.
     let mut first = true;
     while !shared.stop.load(Ordering::Relaxed) {
@@ -162,6 +177,7 @@ fn read_lines(mut reader: Box<dyn Read + Send>, shared: &Shared, lines: &Sender<
                 return;
             }
         };
+        shared.heart.read(count);
         let now = Instant::now();
         for &byte in &buffer[..count] {
             let incoming = match assembler.push(byte) {
@@ -173,119 +189,15 @@ fn read_lines(mut reader: Box<dyn Read + Send>, shared: &Shared, lines: &Sender<
                 continue;
             }
             if let Incoming::Sample(sample) = &incoming {
-                heart.note(sample);
+                let armed = matches!(sample.state, State::Homing | State::Ready | State::Running);
+                shared.heart.note(armed, sample.time_ms);
+                if shared.heart.is_device_due() {
+                    beating.unpark();
+                }
             }
             if lines.send(FromBoard::Line(incoming, now)).is_err() {
                 return;
             }
-        }
-        let patience = Duration::from_millis(shared.patience_ms.load(Ordering::Relaxed));
-        if heart.is_due(now, patience) && shared.is_attended() {
-            heart.sent(now);
-            // A broken connection shows at the next read.
-            let _ = shared.send(&Request {
-                id: BEAT_ID,
-                command: Command::Beat,
-            });
-        }
-    }
-}
-
-/// When to tell an armed board that we are alive.
-#[derive(Debug)]
-struct Heartbeat {
-    armed: bool,
-    device_ms: u32,
-    sent_device_ms: u32,
-    sent: Instant,
-}
-
-impl Heartbeat {
-    fn new(now: Instant) -> Self {
-        Self {
-            armed: false,
-            device_ms: 0,
-            sent_device_ms: 0,
-            sent: now,
-        }
-    }
-
-    fn note(&mut self, sample: &Telemetry) {
-        self.armed = matches!(sample.state, State::Homing | State::Ready | State::Running);
-        self.device_ms = sample.time_ms;
-    }
-
-    fn is_due(&self, now: Instant, patience: Duration) -> bool {
-        let quarter = patience / 4;
-        let device = self.device_ms.wrapping_sub(self.sent_device_ms);
-        let wall = now.saturating_duration_since(self.sent);
-        self.armed
-            && (u128::from(device) >= quarter.min(DEVICE_PACE).as_millis()
-                || wall >= quarter.min(WALL_PACE))
-    }
-
-    fn sent(&mut self, now: Instant) {
-        self.sent_device_ms = self.device_ms;
-        self.sent = now;
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use wire::telemetry::Setpoint;
-
-    fn sample(time_ms: u32, state: State) -> Telemetry {
-        Telemetry {
-            sequence: 0,
-            time_ms,
-            pressure_kpa: None,
-            angle_deg: None,
-            predicted_deg: None,
-            setpoint: Setpoint::None,
-            volume_ul: 0,
-            state,
-            fault: 0,
-            mismatch: false,
-        }
-    }
-
-    const PATIENCE: Duration = Duration::from_secs(2);
-
-    #[test]
-    fn beats_follow_the_boards_clock_when_it_runs_ahead() {
-        let start = Instant::now();
-        let mut heart = Heartbeat::new(start);
-        heart.note(&sample(1_000, State::Ready));
-        heart.sent(start);
-        heart.note(&sample(1_240, State::Ready));
-        assert!(!heart.is_due(start, PATIENCE));
-        // No time of ours has passed.
-        heart.note(&sample(1_250, State::Ready));
-        assert!(heart.is_due(start, PATIENCE));
-    }
-
-    #[test]
-    fn beats_follow_our_clock_when_telemetry_stalls() {
-        let start = Instant::now();
-        let mut heart = Heartbeat::new(start);
-        heart.note(&sample(1_000, State::Running));
-        heart.sent(start);
-        assert!(!heart.is_due(start + Duration::from_millis(490), PATIENCE));
-        assert!(heart.is_due(start + Duration::from_millis(500), PATIENCE));
-    }
-
-    #[test]
-    fn an_impatient_board_gets_more_beats_and_an_idle_one_none() {
-        let start = Instant::now();
-        let mut heart = Heartbeat::new(start);
-        heart.note(&sample(1_000, State::Running));
-        heart.sent(start);
-        heart.note(&sample(1_100, State::Running));
-        assert!(heart.is_due(start, Duration::from_millis(400)));
-        for state in [State::Idle, State::Fault] {
-            heart.note(&sample(9_000, state));
-            assert!(!heart.is_due(start + PATIENCE, PATIENCE));
         }
     }
 }
