@@ -12,7 +12,7 @@ use wire::protocol::Named;
 
 use super::{Interrupt, record};
 use crate::link::{Clock, Event, Link, SerialConnector, Timing};
-use crate::monitor::{View, draw};
+use crate::monitor::{Trace, View, draw};
 use crate::record::{COLUMNS, Recorder, Row, line};
 use crate::terminal::remark;
 
@@ -28,7 +28,8 @@ Examples:
   rig monitor --port /dev/ttyACM0 --every 0 --seconds 5 > five.csv
 
 Keys: q quit, s stop, a arm, c clear a fault, r run the paper's protocol (asks
-first), space pause. Leaving stops a rig that is armed.")]
+first), space pause; 1 to 4 show or hide the curves: measured and predicted
+angle (°), set-point, pressure (kPa). Leaving stops a rig that is armed.")]
 pub struct Args {
     /// Serial port of the board; `rig ports` lists them
     #[arg(long, value_name = "PORT")]
@@ -201,6 +202,12 @@ fn press(
         KeyCode::Char('q') => return Ok(false),
         KeyCode::Char(' ') => {
             view.toggle_pause();
+            return Ok(true);
+        }
+        KeyCode::Char(key @ '1'..='9') => {
+            if let Some(trace) = Trace::of_key(key) {
+                view.toggle(trace);
+            }
             return Ok(true);
         }
         KeyCode::Char('r') => {

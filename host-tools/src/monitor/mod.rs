@@ -8,9 +8,10 @@ mod screen;
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
+use wire::decimal::Hundredths;
 use wire::fault::Fault;
 use wire::state::State;
-use wire::telemetry::Telemetry;
+use wire::telemetry::{Setpoint, Telemetry};
 
 pub use screen::draw;
 
@@ -23,12 +24,75 @@ pub const SPAN_S: f64 = 30.0;
 /// Telemetry that is this old no longer counts for the rate.
 const RATE_WINDOW: Duration = Duration::from_secs(1);
 
-/// A moment in the chart.
+/// A curve of the charts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Trace {
+    /// The bending angle that the flex sensor shows.
+    Measured,
+    /// The angle that the board's model predicts.
+    Predicted,
+    /// What the protocol asks for, an angle or a pressure.
+    Setpoint,
+    /// The pressure.
+    Pressure,
+}
+
+impl Trace {
+    /// Every one, in the order of their keys.
+    pub const ALL: [Self; 4] = [
+        Self::Measured,
+        Self::Predicted,
+        Self::Setpoint,
+        Self::Pressure,
+    ];
+
+    /// The key that shows or hides it.
+    pub const fn key(self) -> char {
+        match self {
+            Self::Measured => '1',
+            Self::Predicted => '2',
+            Self::Setpoint => '3',
+            Self::Pressure => '4',
+        }
+    }
+
+    /// The curve behind a key.
+    pub fn of_key(key: char) -> Option<Self> {
+        Self::ALL.into_iter().find(|trace| trace.key() == key)
+    }
+
+    /// What it is called.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Measured => "measured",
+            Self::Predicted => "predicted",
+            Self::Setpoint => "set-point",
+            Self::Pressure => "pressure",
+        }
+    }
+}
+
+/// A moment in the charts (° and kPa).
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Moment {
     time_s: f64,
     angle: Option<f64>,
     predicted: Option<f64>,
+    pressure: Option<f64>,
+    setpoint: Setpoint,
+}
+
+/// What is known of the model beside the rig.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Agreement {
+    /// Prediction and measurement disagreed for too long.
+    Mismatch,
+    /// There is nothing to compare.
+    Unknown,
+    /// Only a run is judged: at rest an actuator may be bent by hand.
+    NotJudged,
+    /// They agree in this run so far.
+    Agrees,
 }
 
 /// Everything that is shown.
@@ -38,6 +102,7 @@ pub struct View {
     firmware: String,
     clock: Clock,
     history: VecDeque<Moment>,
+    hidden: Vec<Trace>,
     arrivals: VecDeque<Instant>,
     now: Instant,
     last: Option<Telemetry>,
@@ -56,6 +121,7 @@ impl View {
             firmware: printable_line(firmware).into_owned(),
             clock: Clock::default(),
             history: VecDeque::new(),
+            hidden: Vec::new(),
             arrivals: VecDeque::new(),
             now: Instant::now(),
             last: None,
@@ -81,14 +147,15 @@ impl View {
                 if self.paused {
                     return;
                 }
-                let degrees = |value: Option<wire::decimal::Hundredths>| {
-                    value.map(|v| f64::from(v.0) / 100.0)
-                };
+                let number =
+                    |value: Option<Hundredths>| value.map(|value| f64::from(value.0) / 100.0);
                 let time_s = placed.time_ms as f64 / 1000.0;
                 self.history.push_back(Moment {
                     time_s,
-                    angle: degrees(received.sample.angle_deg),
-                    predicted: degrees(received.sample.predicted_deg),
+                    angle: number(received.sample.angle_deg),
+                    predicted: number(received.sample.predicted_deg),
+                    pressure: number(received.sample.pressure_kpa),
+                    setpoint: received.sample.setpoint,
                 });
                 while self
                     .history
@@ -133,6 +200,39 @@ impl View {
         if !self.paused {
             // The time that was not drawn would be a straight line.
             self.history.clear();
+        }
+    }
+
+    /// Shows a curve, or hides it.
+    pub fn toggle(&mut self, trace: Trace) {
+        let before = self.hidden.len();
+        self.hidden.retain(|&hidden| hidden != trace);
+        if self.hidden.len() == before {
+            self.hidden.push(trace);
+        }
+    }
+
+    /// Whether a curve is shown.
+    fn shows(&self, trace: Trace) -> bool {
+        !self.hidden.contains(&trace)
+    }
+
+    /// What the model is worth at the moment: with an open sensor it is not known.
+    fn agreement(&self) -> Agreement {
+        let Some(sample) = self.last else {
+            return Agreement::Unknown;
+        };
+        let has_all = sample.pressure_kpa.is_some()
+            && sample.angle_deg.is_some()
+            && sample.predicted_deg.is_some();
+        if sample.mismatch {
+            Agreement::Mismatch
+        } else if !has_all || !self.connected {
+            Agreement::Unknown
+        } else if sample.state == State::Running {
+            Agreement::Agrees
+        } else {
+            Agreement::NotJudged
         }
     }
 
