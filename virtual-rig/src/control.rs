@@ -6,10 +6,12 @@ use std::str::FromStr;
 use virtual_rig::{Fault, ResetCause, VirtualRig};
 
 /// A command.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Control {
     /// `fault KIND on|off`, `press KIND`, `release KIND`
     Fault(Fault, bool),
+    /// `bend DEGREES`, `bend off`
+    Bend(Option<f64>),
     /// `reset`
     Reset,
     /// `power-cycle`
@@ -20,8 +22,11 @@ pub enum Control {
     Quit,
 }
 
+/// Bending angles (°) over which the flex sensor is one.
+const BENDS: std::ops::RangeInclusive<f64> = -20.0..=140.0;
+
 const COMMANDS: &str = "fault KIND on|off, press emergency-stop|end-switch, \
-                        release emergency-stop|end-switch, reset, power-cycle, status, quit";
+                        release emergency-stop|end-switch, bend DEGREES|off, reset, power-cycle, status, quit";
 
 impl FromStr for Control {
     type Err = String;
@@ -40,6 +45,13 @@ impl FromStr for Control {
             ["fault", name, "off"] => Ok(Self::Fault(fault(name)?, false)),
             ["press", name] => Ok(Self::Fault(switch(name)?, true)),
             ["release", name] => Ok(Self::Fault(switch(name)?, false)),
+            ["bend", "off"] => Ok(Self::Bend(None)),
+            ["bend", degrees] => match degrees.trim_end_matches('°').parse() {
+                Ok(degrees) if BENDS.contains(&degrees) => Ok(Self::Bend(Some(degrees))),
+                _ => Err(format!(
+                    "{degrees} is no bending angle; use -20 to 140 degrees, or off to let go"
+                )),
+            },
             ["reset"] => Ok(Self::Reset),
             ["power-cycle"] => Ok(Self::PowerCycle),
             ["status"] => Ok(Self::Status),
@@ -55,6 +67,13 @@ pub fn obey(control: Control, rig: &mut VirtualRig, connected: bool) -> String {
         Control::Fault(fault, on) => {
             rig.set_fault(fault, on);
             format!("ok {fault} {}", if on { "on" } else { "off" })
+        }
+        Control::Bend(angle_deg) => {
+            rig.bend(angle_deg);
+            match angle_deg {
+                Some(degrees) => format!("ok bent to {degrees} degrees by hand"),
+                None => "ok let go".into(),
+            }
         }
         Control::Reset => {
             rig.reset(ResetCause::External);
@@ -111,10 +130,15 @@ mod tests {
             Ok(Control::Fault(Fault::EndSwitch, false))
         );
         assert_eq!("status".parse(), Ok(Control::Status));
+        assert_eq!("bend 30".parse(), Ok(Control::Bend(Some(30.0))));
+        assert_eq!("bend off".parse(), Ok(Control::Bend(None)));
         for (line, hint) in [
             ("fault flood on", "open-flex"),
             ("press leak", "emergency-stop"),
             ("fault leak", "power-cycle"),
+            ("bend up", "140"),
+            ("bend nan", "140"),
+            ("bend 300", "140"),
             ("", "status"),
         ] {
             let message = line.parse::<Control>().unwrap_err();

@@ -433,6 +433,11 @@ impl VirtualRig {
 
     // ------------------------------------------------------------ the plant
 
+    /// A hand bends the actuator to an angle (°) and holds it there, or lets go.
+    pub fn bend(&mut self, angle_deg: Option<f64>) {
+        self.plant.bend(angle_deg);
+    }
+
     /// How things really are.
     pub fn plant(&self) -> Truth {
         let steps = self.board.stepper();

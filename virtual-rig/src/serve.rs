@@ -106,8 +106,8 @@ pub struct ServeArgs {
     #[arg(long, value_name = "SECONDS", value_parser = positive)]
     duration: Option<f64>,
     /// Read commands from standard input, one a line, and answer each with one
-    /// line: fault KIND on|off, press KIND, release KIND, reset, power-cycle,
-    /// status, quit
+    /// line: fault KIND on|off, press KIND, release KIND, bend DEGREES|off, reset,
+    /// power-cycle, status, quit
     #[arg(long)]
     control: bool,
 }

@@ -14,7 +14,7 @@ use wire::state::State;
 
 use super::Interrupt;
 use crate::error::InputError;
-use crate::link::{Event, Link, LinkError, SerialConnector, Timing};
+use crate::link::{Event, Link, LinkError, SerialConnector, Timing, is_pseudo_terminal};
 use crate::settings_file::Assignment;
 use crate::terminal::remark;
 
@@ -30,6 +30,9 @@ Examples:
   rig calibrate --port /dev/ttyACM0
   rig calibrate --port /dev/ttyACM0 --points 0,20,40,60,80,90 --lower-limits
   rig calibrate --port /dev/ttyACM0 --assume bench.csv
+
+On a simulated rig, type `bend 30` into the terminal of `rig virtual` to bend its
+actuator to 30 degrees.
 
 --assume takes the table from a CSV file with the columns angle_deg and
 flex_counts (counts of a ten-bit converter, fractions allowed).")]
@@ -124,15 +127,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     )?;
     let mut points = match assumed {
         Some(points) => points,
-        None => args
-            .points
-            .iter()
-            .map(|&angle_deg| {
-                let ask = format!("Bend the actuator to {angle_deg}° and press Enter");
-                let counts = operator.measure(&mut link, &ask, |raw| raw.flex)?;
-                Ok(Point { angle_deg, counts })
-            })
-            .collect::<anyhow::Result<Vec<_>>>()?,
+        None => bend(args, &mut link, &mut operator)?,
     };
     points.sort_by(|a, b| a.angle_deg.total_cmp(&b.angle_deg));
     super::print(&table(zero, &points))?;
@@ -150,6 +145,40 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let mut text = format!("{} settings written, stored and read back\n", changes.len());
     text += &check(&mut link)?;
     Ok(super::print(&text)?)
+}
+
+/// Measures at one angle after the other.
+fn bend(args: &Args, link: &mut Link, operator: &mut Operator) -> anyhow::Result<Vec<Point>> {
+    let is_simulated = is_pseudo_terminal(&args.port);
+    let mut points: Vec<Point> = Vec::new();
+    for &angle_deg in &args.points {
+        let mut ask = format!("Bend the actuator to {angle_deg}° and press Enter");
+        if is_simulated {
+            ask += &format!("; a simulated one with `bend {angle_deg}` where `rig virtual` runs");
+        }
+        let counts = operator.measure(link, &ask, |raw| raw.flex)?;
+        let point = Point { angle_deg, counts };
+        if let Some(&before) = points.last() {
+            check_moved(before, point)?;
+        }
+        points.push(point);
+    }
+    Ok(points)
+}
+
+/// A sensor that shows the same at two angles is not one of this actuator's: better said
+/// now than after six more.
+fn check_moved(before: Point, now: Point) -> Result<(), InputError> {
+    if (now.counts - before.counts).abs() >= APART_COUNTS {
+        return Ok(());
+    }
+    Err(InputError::new(
+        format!(
+            "the flex sensor did not move: {:.1} counts at {}° and {:.1} at {}°; nothing was changed",
+            before.counts, before.angle_deg, now.counts, now.angle_deg
+        ),
+        "look whether the actuator was bent, whether the sensor is in its pocket, and whether its wire is on pin A1 with 47 kOhm to ground; then calibrate again",
+    ))
 }
 
 /// The person who bends, and the lines that they type.
@@ -506,6 +535,21 @@ mod tests {
             let message = check_table(&points(&counts)).unwrap_err().to_string();
             assert!(message.contains("one way"), "{message}");
         }
+    }
+
+    #[test]
+    fn a_sensor_that_does_not_move_is_told_at_the_second_angle() {
+        let points = points(&[600.0, 598.5, 500.0]);
+        let message = check_moved(points[0], points[1]).unwrap_err().to_string();
+        for part in [
+            "600.0 counts at 0°",
+            "598.5 at 30°",
+            "nothing was changed",
+            "A1",
+        ] {
+            assert!(message.contains(part), "{message}");
+        }
+        assert_eq!(check_moved(points[1], points[2]), Ok(()));
     }
 
     #[test]

@@ -3,10 +3,11 @@
 //! The simulator is another program with another licence, run as one: what it
 //! prints is passed on, and it is told to end when we are.
 
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, IsTerminal, Write};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, ChildStdin, Command, Stdio};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
@@ -29,6 +30,10 @@ Examples:
 
 Then, in another terminal:
   rig monitor --port /tmp/softrig
+
+While it runs, lines can be typed into its terminal: `bend 30` bends the actuator
+by hand to 30 degrees, as `rig calibrate` asks for, and `bend off` lets it go;
+`fault leak on`, `press emergency-stop`, `status` and more: docs/virtual-rig.md.
 
 The simulator is a program of its own, virtual-rig, and the image is what
 `cargo xtask firmware` builds; `cargo xtask setup` installs what both need.")]
@@ -105,11 +110,12 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let image = find_image(args.image.as_deref())?;
     let interrupt = Interrupt::listen()?;
     let mut child = command(args, &program, &image)
-        .stdin(Stdio::null())
+        .stdin(Stdio::piped())
         .stdout(Stdio::piped())
         .spawn()
         .with_context(|| format!("{} cannot be started", program.display()))?;
     let lines = lines_of(&mut child);
+    let _typed = child.stdin.take().map(pass_on);
     let status = follow(args, &interrupt, &mut child, &lines)?;
     if interrupt.requested() || status.success() {
         return Ok(());
@@ -121,7 +127,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
 
 fn command(args: &Args, program: &Path, image: &Path) -> Command {
     let mut command = Command::new(program);
-    command.arg("serve").arg("--image").arg(image);
+    command.args(["serve", "--control", "--image"]).arg(image);
     let mut path = |flag: &str, value: &Option<PathBuf>| {
         if let Some(value) = value {
             command.arg(flag).arg(value);
@@ -155,6 +161,42 @@ fn command(args: &Args, program: &Path, image: &Path) -> Command {
         Speed::Max => "max",
     });
     command
+}
+
+/// Passes what is typed here on to the simulator. In the background of a shell nothing is
+/// read: the system would stop a program that tries to.
+fn pass_on(simulator: ChildStdin) -> Arc<Mutex<ChildStdin>> {
+    // It ends with its last owner, and the simulator hears no more commands then.
+    let simulator = Arc::new(Mutex::new(simulator));
+    if is_in_front() {
+        let simulator = Arc::clone(&simulator);
+        std::thread::spawn(move || {
+            for line in std::io::stdin().lock().lines() {
+                let Ok(line) = line else { return };
+                if line.trim().is_empty() {
+                    continue;
+                }
+                let mut simulator = simulator.lock().unwrap_or_else(PoisonError::into_inner);
+                if writeln!(simulator, "{line}").is_err() {
+                    return;
+                }
+            }
+        });
+    }
+    simulator
+}
+
+/// Whether what is typed is for this program; a pipe always is.
+#[cfg(unix)]
+fn is_in_front() -> bool {
+    !std::io::stdin().is_terminal()
+        || rustix::termios::tcgetpgrp(std::io::stdin())
+            .is_ok_and(|front| front == rustix::process::getpgrp())
+}
+
+#[cfg(not(unix))]
+fn is_in_front() -> bool {
+    true
 }
 
 fn lines_of(child: &mut Child) -> Receiver<String> {
@@ -242,6 +284,7 @@ fn next_steps(args: &Args, port: &str) -> String {
          \x20 rig upload --port {port} --model {model}\n\
          \x20 rig record --port {port} --protocol steps -o run.csv\n\
          \x20 rig diagnose --model {model} run.csv\n\
+         For `rig calibrate`, type `bend 30` here to bend the actuator to 30 degrees, and `bend off` to let go.\n\
          Ctrl-C ends it.\n"
     )
 }

@@ -51,6 +51,8 @@ pub struct Actuator {
     /// Pressure (Pa) at the ends of past steps in a ring.
     history: Vec<f64>,
     newest: usize,
+    /// Where a hand holds it (rad).
+    held: Option<f64>,
 }
 
 impl Actuator {
@@ -67,7 +69,13 @@ impl Actuator {
             substeps: substeps(model, interval, RESOLVED_RAD),
             history: vec![0.0; length],
             newest: 0,
+            held: None,
         }
+    }
+
+    /// A hand bends it to an angle (rad) and holds it there, or lets go.
+    pub fn hold(&mut self, angle: Option<f64>) {
+        self.held = angle;
     }
 
     /// An actuator that was let go before its time zero, for steps of `interval`
@@ -106,6 +114,15 @@ impl Actuator {
             self.state = self.model.at_rest(0.0, pressure);
         } else if self.state.angle.abs() > FARTHEST_RAD {
             self.state.angle = FARTHEST_RAD.copysign(self.state.angle);
+            self.state.rate = 0.0;
+        }
+        self.obey_hand();
+    }
+
+    /// Where a hand has it, it neither moves nor matters what moves it.
+    fn obey_hand(&mut self) {
+        if let Some(angle) = self.held {
+            self.state.angle = angle;
             self.state.rate = 0.0;
         }
     }

@@ -118,6 +118,11 @@ impl Plant {
         self.actuator.angle().to_degrees()
     }
 
+    /// A hand bends the actuator to an angle (°) and holds it there, or lets go.
+    pub fn bend(&mut self, angle_deg: Option<f64>) {
+        self.actuator.hold(angle_deg.map(f64::to_radians));
+    }
+
     /// Drifts begin anew: the bench has been off and has cooled down.
     pub fn restart_clock(&mut self) {
         self.actuator.restart_clock();

@@ -50,7 +50,7 @@ fn a_monitor_shows_angles_without_a_command() {
 
 /// While a protocol runs, when the lines are longest.
 #[test]
-fn the_cable_is_idle_for_two_fifths_of_the_time() {
+fn the_cable_is_idle_for_a_fifth_of_the_time() {
     let Some(mut bench) = Bench::start(healthy()) else {
         return;
     };
@@ -66,7 +66,7 @@ fn the_cable_is_idle_for_two_fifths_of_the_time() {
     // 16 MHz / 8 / 17, ten bits a byte.
     let capacity = 11_764.7;
     assert!(
-        f64::from(u32::try_from(bytes).unwrap()) < 0.6 * capacity,
+        f64::from(u32::try_from(bytes).unwrap()) < 0.8 * capacity,
         "{bytes} bytes"
     );
 }
