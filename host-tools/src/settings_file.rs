@@ -9,6 +9,7 @@ use std::path::Path;
 
 use model_core::actuator::Model;
 use model_core::catalogue::{Effect, Kind};
+use model_core::effects::Unit;
 use model_core::effects::table::Variable;
 use toml_edit::{Document, Item, Value};
 use wire::settings::{EFFECT_PARAMETERS, EFFECTS, Key, Settings, effect_id};
@@ -16,6 +17,10 @@ use wire::settings::{EFFECT_PARAMETERS, EFFECTS, Key, Settings, effect_id};
 use crate::error::InputError;
 use crate::link::line::key_text;
 use crate::model_file::ModelFile;
+
+/// The largest share of a number that rounding may change: ten times what it changes of
+/// a number that single precision can hold.
+const MOST_ROUNDED: f64 = 6e-7;
 
 /// A setting and its bits.
 pub type Assignment = (Key, u32);
@@ -94,6 +99,16 @@ pub fn from_model(file: &ModelFile) -> Result<Vec<Assignment>, InputError> {
                     key.unit(),
                     key.title()
                 ),
+            ));
+        }
+        let rounded = f64::from(f32::from_bits(bits));
+        if (rounded - value).abs() > MOST_ROUNDED * value.abs() {
+            return Err(fail(
+                format!(
+                    "{} is {value:e} and would be {rounded:e} in the board's single precision",
+                    key_text(key)
+                ),
+                "choose a value that is larger or zero, or leave the effect out".into(),
             ));
         }
         assignments.push((key, bits));
@@ -341,6 +356,54 @@ pub fn shown(key: Key, bits: u32) -> String {
         )
 }
 
+/// The unit of a setting of a board that has `settings`: that of an effect's parameter is
+/// its effect's. Without an effect in the slot there is none.
+pub fn unit(settings: &Settings, key: Key) -> &'static str {
+    let kind = |slot| {
+        let id = settings.bits(Key::EffectKind { slot })?;
+        Kind::ALL
+            .iter()
+            .find(|kind| u32::from(effect_id(kind.name())) == id)
+    };
+    match key {
+        Key::EffectParameter { slot, index } => match kind(slot) {
+            Some(Kind::Table) | None => "",
+            Some(kind) => kind
+                .parameters()
+                .get(usize::from(index))
+                .map_or("", |parameter| si_symbol(parameter.unit)),
+        },
+        Key::TableNode(_) => (0..EFFECTS)
+            .find(|&slot| kind(slot) == Some(&Kind::Table))
+            .and_then(|slot| {
+                let index = wire::settings::TABLE_OF;
+                // One of four.
+                #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+                let of = settings.number(Key::EffectParameter { slot, index }) as usize;
+                Variable::ALL.get(of)
+            })
+            .map_or("", |of| match of {
+                Variable::Angle => "rad",
+                Variable::Rate => "rad/s",
+                Variable::Pressure => "Pa",
+                Variable::Time => "s",
+            }),
+        key => match key.unit() {
+            "1" | "identifier" => "",
+            unit => unit,
+        },
+    }
+}
+
+/// The unit of a parameter on the board, which has pascals where files have kilopascals.
+const fn si_symbol(unit: Unit) -> &'static str {
+    match unit {
+        Unit::KiloPascal => "Pa",
+        Unit::PerKiloPascal => "1/Pa",
+        unit => unit.symbol(),
+    }
+}
+
 /// All settings as a file that reads back to the same bits.
 pub fn to_text(settings: &Settings, about: &str) -> String {
     let mut text = format!("# {about}\n");
@@ -354,10 +417,13 @@ pub fn to_text(settings: &Settings, about: &str) -> String {
         };
         let _ = writeln!(
             text,
-            "{:<10} = {value:<12} # {} ({})",
+            "{:<10} = {value:<12} # {}{}",
             key_text(key),
             key.title(),
-            key.unit()
+            match unit(settings, key) {
+                "" => String::new(),
+                unit => format!(" ({unit})"),
+            }
         );
     }
     text

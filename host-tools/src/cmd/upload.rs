@@ -6,7 +6,9 @@ use std::path::PathBuf;
 use anyhow::Context;
 use clap::{ArgGroup, Parser};
 use indicatif::{ProgressBar, ProgressStyle};
+use model_core::actuator::Model;
 use model_core::predictor;
+use model_core::prepared::{self, BUDGET_CYCLES, Unsteppable};
 use wire::settings::{Key, Settings};
 use wire::state::State;
 
@@ -134,8 +136,18 @@ fn stepped(file: &ModelFile, farthest_deg: f32) -> Result<String, InputError> {
     #[allow(clippy::cast_possible_truncation)]
     let model = file.model.map(|value| value as f32);
     let plan = predictor::check(&model, farthest_deg.to_radians()).map_err(|error| {
+        let load = match error {
+            Unsteppable::TooFast => load_percent(&model, farthest_deg.to_radians()),
+            _ => None,
+        };
+        let load = load.map_or_else(String::new, |percent| {
+            format!(
+                ": it would take about {percent:.0} % of the board's processor, which has {:.1} % for it",
+                percent_of(BUDGET_CYCLES)
+            )
+        });
         InputError::new(
-            format!("the model {error}, so that the board would refuse it"),
+            format!("the model {error}{load}; the board would refuse it"),
             "use it on the computer (`rig simulate`), or fit one with another effect",
         )
         .in_file(&file.path)
@@ -146,8 +158,23 @@ fn stepped(file: &ModelFile, farthest_deg: f32) -> Result<String, InputError> {
             1 => "1 step".to_owned(),
             steps => format!("{steps} steps"),
         },
-        f64::from(plan.cycles) * 100.0 / f64::from(CYCLES_PER_PERIOD),
+        percent_of(plan.cycles),
     ))
+}
+
+/// A part of the board's processor.
+fn percent_of(cycles: u32) -> f64 {
+    f64::from(cycles) * 100.0 / f64::from(CYCLES_PER_PERIOD)
+}
+
+/// The load of a model that moves too fast: how many shorter periods can each be stepped in
+/// the time that there is for one. None for a model that no period is short enough for.
+fn load_percent(model: &Model<f32>, farthest_rad: f32) -> Option<f64> {
+    (2_u8..=200)
+        .find(|&parts| {
+            prepared::plan(model, farthest_rad, predictor::STEP_S / f32::from(parts)).is_ok()
+        })
+        .map(|parts| f64::from(parts) * percent_of(BUDGET_CYCLES))
 }
 
 /// Cycles of an ATmega2560 between two lines of telemetry.
@@ -193,6 +220,11 @@ fn bar(message: &'static str) -> ProgressBar {
 
 /// What changes, from what, to what.
 fn table(settings: &Settings, changes: &[Assignment]) -> String {
+    let mut after = settings.clone();
+    for &(key, bits) in changes {
+        // What is out of bounds is told before.
+        let _ = after.set(key, bits);
+    }
     let rows: Vec<[String; 4]> = changes
         .iter()
         .map(|&(key, bits)| {
@@ -200,7 +232,13 @@ fn table(settings: &Settings, changes: &[Assignment]) -> String {
                 key_text(key),
                 shown(key, settings.bits(key).unwrap_or(0)),
                 shown(key, bits),
-                unit(key),
+                // An effect that goes has left its unit behind.
+                [&after, settings]
+                    .map(|settings| settings_file::unit(settings, key))
+                    .into_iter()
+                    .find(|unit| !unit.is_empty())
+                    .unwrap_or_default()
+                    .to_owned(),
             ]
         })
         .collect();
@@ -216,13 +254,6 @@ fn table(settings: &Settings, changes: &[Assignment]) -> String {
             let line = format!("{name:<names$}  {from:>old$} → {to:<new$}  {unit}");
             text + line.trim_end() + "\n"
         })
-}
-
-fn unit(key: Key) -> String {
-    match key.unit() {
-        "1" | "identifier" => String::new(),
-        unit => unit.to_owned(),
-    }
 }
 
 #[cfg(test)]
@@ -244,5 +275,43 @@ mod tests {
             table(&settings, &changes),
             "damping   1.8 → 0.9      N s/rad\ne0.kind  none → gravity\n"
         );
+    }
+
+    #[test]
+    fn parameters_of_effects_have_the_units_of_their_effects() {
+        let kind = Key::EffectKind { slot: 1 };
+        let parameter = Key::EffectParameter { slot: 1, index: 0 };
+        let friction = u32::from(wire::settings::effect_id("coulomb_friction"));
+        let changes = [(kind, friction), (parameter, 0.02_f32.to_bits())];
+        let text = table(&Settings::DEFAULT, &changes);
+        assert!(
+            text.lines()
+                .any(|line| line.ends_with("0.02              N")),
+            "{text}"
+        );
+        // It goes again.
+        let mut settings = Settings::DEFAULT;
+        for (key, bits) in changes {
+            settings.set(key, bits).unwrap();
+        }
+        let text = table(&settings, &[(kind, 0), (parameter, 0)]);
+        assert!(text.lines().any(|line| line.ends_with(" N")), "{text}");
+        assert!(!text.contains("SI"), "{text}");
+    }
+
+    #[test]
+    fn a_model_that_is_too_fast_is_told_its_load() {
+        let text = "schema = 1\nname = \"fast\"\n[dynamics]\ninertia_kg_m = 0.001\n\
+                    damping_n_s_per_rad = 0.01\nstiffness_n_per_rad_n = 2000.0\nexponent = 1.7\n\
+                    input_gain_n_per_kpa = 0.1\n";
+        let file = ModelFile::parse(text, std::path::Path::new("fast.toml")).unwrap();
+        let message = stepped(&file, 120.0).unwrap_err().to_string();
+        let percent: f64 = message
+            .split_once("about ")
+            .and_then(|(_, rest)| rest.split_once(" %"))
+            .and_then(|(number, _)| number.parse().ok())
+            .unwrap_or_else(|| panic!("{message}"));
+        assert!((25.0..2_500.0).contains(&percent), "{message}");
+        assert!(message.contains("12.5 % for it"), "{message}");
     }
 }
