@@ -160,9 +160,10 @@ fn reading<W: uWrite + ?Sized>(
     line: &mut Sealed<'_, W>,
     value: Option<Hundredths>,
 ) -> Result<(), W::Error> {
-    match value {
-        Some(value) => uwrite!(line, "{}", value)?,
-        None => label!(line, "nan"),
+    if let Some(value) = value {
+        uwrite!(line, "{}", value)?;
+    } else {
+        label!(line, "nan");
     }
     Ok(())
 }
