@@ -90,10 +90,7 @@ fn words(command: &str) -> Vec<String> {
 /// Whether a command line needs something that is announced.
 fn announced(words: &[String]) -> Option<&'static [&'static str]> {
     let has = |part: &&str| words.iter().any(|word| word == part);
-    NOT_YET
-        .iter()
-        .copied()
-        .find(|entry| entry.iter().all(has))
+    NOT_YET.iter().copied().find(|entry| entry.iter().all(has))
 }
 
 #[test]

@@ -39,7 +39,8 @@ struct Document {
 
 impl Document {
     fn read(path: &Path) -> Self {
-        let text = fs::read_to_string(path).unwrap_or_else(|error| panic!("{path:?}: {error}"));
+        let text =
+            fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
         Self::parse(&text)
     }
 
@@ -52,13 +53,14 @@ impl Document {
                 Event::Start(Tag::Heading { .. }) => heading = Some(String::new()),
                 Event::End(TagEnd::Heading(_)) => {
                     let anchor = anchor(&heading.take().unwrap_or_default());
-                    let unique = (0..)
-                        .map(|n| match n {
-                            0 => anchor.clone(),
-                            n => format!("{anchor}-{n}"),
-                        })
-                        .find(|candidate| !anchors.contains(candidate));
-                    anchors.extend(unique);
+                    // As on GitHub: of headings that are the same the second has -1 at its end.
+                    let mut unique = anchor.clone();
+                    let mut repeats = 0;
+                    while anchors.contains(&unique) {
+                        repeats += 1;
+                        unique = format!("{anchor}-{repeats}");
+                    }
+                    anchors.insert(unique);
                 }
                 Event::Start(Tag::Link { dest_url, .. } | Tag::Image { dest_url, .. }) => {
                     links.push(dest_url.into_string());
@@ -149,6 +151,36 @@ fn target(page: &Path, link: &str) -> Option<Result<(PathBuf, Option<String>), S
     Some(Ok((path, anchor)))
 }
 
+/// What is wrong with a link in `page`.
+fn fault(
+    root: &Path,
+    documents: &HashMap<&Path, Document>,
+    page: &Path,
+    link: &str,
+) -> Option<String> {
+    let (path, anchor) = match target(page, link)? {
+        Ok(found) => found,
+        Err(fault) => return Some(fault),
+    };
+    if NOT_YET.iter().any(|absent| path == Path::new(absent)) {
+        return None;
+    }
+    if !root.join(&path).is_file() {
+        return Some(format!("{link}: there is no file {}", path.display()));
+    }
+    if page.starts_with("docs") && !path.starts_with("docs") {
+        return Some(format!(
+            "{link} leads out of docs/, which is the book: name the file instead"
+        ));
+    }
+    let known = &documents.get(path.as_path())?.anchors;
+    let anchor = anchor.filter(|anchor| !known.contains(anchor))?;
+    Some(format!(
+        "{link}: {} has no heading #{anchor}",
+        path.display()
+    ))
+}
+
 /// What is wrong with the links of all documents.
 fn faults(root: &Path) -> Vec<String> {
     let mut pages = Vec::new();
@@ -157,32 +189,15 @@ fn faults(root: &Path) -> Vec<String> {
         .iter()
         .map(|page| (page.as_path(), Document::read(&root.join(page))))
         .collect();
-    let mut faults = Vec::new();
-    for page in &pages {
-        for link in &documents[page.as_path()].links {
-            let fault = match target(page, link) {
-                None => None,
-                Some(Err(fault)) => Some(fault),
-                Some(Ok((path, _))) if NOT_YET.iter().any(|absent| path == Path::new(absent)) => {
-                    None
-                }
-                Some(Ok((path, _))) if !root.join(&path).is_file() => {
-                    Some(format!("{link}: there is no file {}", path.display()))
-                }
-                Some(Ok((path, _))) if page.starts_with("docs") && !path.starts_with("docs") => {
-                    Some(format!(
-                        "{link} leads out of docs/, which is the book: name the file instead"
-                    ))
-                }
-                Some(Ok((path, Some(anchor)))) => documents
-                    .get(path.as_path())
-                    .filter(|document| !document.anchors.contains(&anchor))
-                    .map(|_| format!("{link}: {} has no heading #{anchor}", path.display())),
-                Some(Ok((_, None))) => None,
-            };
-            faults.extend(fault.map(|fault| format!("{}: {fault}", page.display())));
-        }
-    }
+    let mut faults: Vec<String> = documents
+        .iter()
+        .flat_map(|(page, document)| {
+            let links = document.links.iter();
+            links
+                .filter_map(|link| fault(root, &documents, page, link))
+                .map(|fault| format!("{}: {fault}", page.display()))
+        })
+        .collect();
     faults.sort();
     faults
 }
@@ -214,7 +229,14 @@ fn a_broken_link_is_found() {
         .collect();
     assert_eq!(
         bad,
-        ["#one", "../../d.md", "../c.md", "b.md#none", "none.md", "none.svg"],
+        [
+            "#one",
+            "../../d.md",
+            "../c.md",
+            "b.md#none",
+            "none.md",
+            "none.svg"
+        ],
         "{found:?}"
     );
 }
