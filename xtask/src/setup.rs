@@ -232,8 +232,8 @@ fn ravedude(mode: Mode) -> Outcome {
     Ok(())
 }
 
-/// Builds mdBook without its web server and without optimisation, which takes about 80 s of one
-/// core; the book then takes a second.
+/// Builds mdBook without its web server and without optimisation, which takes about a minute of
+/// one core; the book then takes a second.
 fn build_mdbook(mode: Mode) -> Outcome {
     let began = Instant::now();
     let mut command = shell::cargo();
