@@ -2,6 +2,9 @@
 #![forbid(unsafe_code)]
 #![warn(clippy::print_stdout, clippy::print_stderr)]
 
+#[cfg(test)]
+mod documented;
+
 use std::error::Error;
 use std::io;
 use std::process::ExitCode;

@@ -1,4 +1,4 @@
-//! Set-up, demo, test, flash, bench, soak, fuzz and ci.
+//! Set-up, demo, test, book, flash, bench, soak, fuzz and ci.
 //!
 //! Everything that takes more than one plain cargo command is a task here, in
 //! Rust on the standard library alone: it compiles in a second on a machine that
@@ -9,6 +9,7 @@ mod avr;
 mod bench;
 mod bench_loop;
 mod bench_real;
+mod book;
 mod demo;
 mod flash;
 mod json;
@@ -38,6 +39,7 @@ Tasks:
                          simulate, diagnose, repair; says where the picture is
   test [--host-only]     everything that must hold before a change goes in
   ci                     the same, as continuous integration runs it
+  book                   build the book from docs/; says where it is
   firmware               build the image, check it, print its size
   size [--accept]        memory and processor time against budgets and last time
   bench [diagnosis | host | board]
@@ -101,6 +103,7 @@ fn main() -> ExitCode {
         },
         ["test" | "ci"] => test::test(Scope::Everything),
         ["test", "--host-only"] => test::test(Scope::Host),
+        ["book"] => book::book().map(|page| println!("  {}", page.display())),
         ["firmware"] => firmware(),
         ["size"] => avr::build().and_then(|image| size::size(&image, Golden::Check)),
         ["size", "--accept"] => avr::build().and_then(|image| size::size(&image, Golden::Accept)),
@@ -137,7 +140,10 @@ fn main() -> ExitCode {
             Err(problem) => return usage(&problem),
         },
         [task, ..]
-            if ["setup", "test", "ci", "firmware", "size", "bench", "miri"].contains(task) =>
+            if [
+                "setup", "test", "ci", "book", "firmware", "size", "bench", "miri",
+            ]
+            .contains(task) =>
         {
             return usage(&format!("{task} does not take these options"));
         }
