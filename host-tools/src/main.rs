@@ -36,6 +36,7 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     Diagnose(cmd::diagnose::Args),
+    Init(cmd::init::Args),
     Fit(cmd::fit::Args),
     Simulate(cmd::simulate::Args),
     Compare(cmd::compare::Args),
@@ -76,6 +77,7 @@ fn main() -> ExitCode {
 fn run(command: Command) -> anyhow::Result<()> {
     match command {
         Command::Diagnose(args) => cmd::diagnose::run(&args),
+        Command::Init(args) => cmd::init::run(&args),
         Command::Fit(args) => cmd::fit::run(&args),
         Command::Simulate(args) => cmd::simulate::run(&args),
         Command::Compare(args) => cmd::compare::run(&args),
