@@ -24,10 +24,12 @@ use model_core::power::Exact;
 use crate::error::InputError;
 use crate::estimate::Dataset;
 use crate::estimate::fit::{Effort, Fit, Fitter};
+use crate::estimate::nuisance::FARTHEST;
 use crate::estimate::subsample::excerpt;
 use crate::model_file::to_file_units;
 use crate::recording::{PASCAL_PER_KPA, Recording};
-use crate::statistics::squares_about_mean;
+use crate::smooth::motions;
+use crate::statistics::{moves, squares_about_mean};
 use rayon::prelude::*;
 
 /// Samples beyond which an excerpt is fitted: the answer is wanted in seconds.
@@ -40,8 +42,11 @@ const EXPONENTS: [f64; 4] = [1.0, 1.5, 2.0, 2.5];
 /// Exponents that a plateau may suggest.
 const PLAUSIBLE: std::ops::RangeInclusive<f64> = 0.4..=5.0;
 
-/// Starts of each exponent that are fitted.
-const PROMISING: usize = 2;
+/// Starts of each exponent that are raced.
+const PROMISING: usize = 3;
+
+/// Of these, how many are fitted to the end.
+const FINALISTS: usize = 3;
 
 /// Steps of a fit that choose among them.
 const RACED: Effort = Effort::Steps(6);
@@ -50,8 +55,25 @@ const RACED: Effort = Effort::Steps(6);
 /// leaves.
 const PAYS: f64 = 0.95;
 
-/// An exponent whose 95 % interval is wider than this on either side is not determined.
-const VAGUE: f64 = 0.5;
+/// The least exponent that is fitted: halfway from Hooke's law to the least of Table I.
+const LEAST_OF_A_MATERIAL: f64 = 1.25;
+
+/// A parameter whose 95 % interval reaches further than this share of it to either side is
+/// hardly determined.
+const VAGUE: f64 = 0.8;
+
+/// A zero that is further from its mean than this, in standard deviations, is none: fits
+/// have a wall there.
+const BEYOND_ZERO: f64 = 1.1 * FARTHEST;
+
+/// One that is so far has taken the place of the motion.
+const FAR_BEYOND_ZERO: f64 = 2.0 * FARTHEST;
+
+/// The slowest time constant, as a share of the time that a rig takes to come to rest.
+const SETTLED: f64 = 0.5;
+
+/// Below this share of the largest acceleration a force is none.
+const NO_FORCE: f64 = 1e-3;
 
 /// A model that leaves more than this share of the motion about its mean explains little.
 const EXPLAINS_LITTLE: f64 = 0.7;
@@ -91,6 +113,8 @@ pub enum Origin {
     Table(String),
     /// The beam formula with material and dimensions.
     Beam,
+    /// Fitted, and nothing came of it: the recordings show no such force.
+    Nothing,
     /// Chosen, for this reason; nothing can determine it.
     Convention(&'static str),
     /// Guessed, in this way.
@@ -233,12 +257,31 @@ pub fn from_recordings(
     data: &Dataset,
     geometry: Option<Geometry>,
 ) -> Result<FirstModel, InputError> {
-    let levels: Vec<_> = recordings.iter().flat_map(statics::plateaus).collect();
+    let part;
+    let (all, data) = (
+        data,
+        if data.samples() > MOST_SAMPLES {
+            part = thinned(data);
+            &part
+        } else {
+            data
+        },
+    );
+    let plateaus: Vec<_> = recordings.iter().map(statics::plateaus).collect();
+    let settling = plateaus
+        .iter()
+        .filter_map(|list| statics::settling(list))
+        .reduce(f64::max);
+    let levels: Vec<_> = plateaus.into_iter().flatten().map(|it| it.level).collect();
     let driven = recordings
         .iter()
         .any(|recording| recording.pressure.iter().any(|pressure| *pressure != 0.0));
     let given = geometry.map(|geometry| geometry.material.exponent::<f64>());
-    let identifier = Identifier { data, driven };
+    let identifier = Identifier {
+        data,
+        driven,
+        settling,
+    };
 
     let mut exponents = EXPONENTS.to_vec();
     exponents.extend(given);
@@ -252,7 +295,7 @@ pub fn from_recordings(
     }
     let raced: Vec<Raced> = exponents
         .iter()
-        .filter_map(|&exponent| identifier.race(&levels, exponent))
+        .flat_map(|&exponent| identifier.race(&levels, exponent))
         .collect();
     let chosen = identifier.choose(&raced, given).ok_or_else(|| {
         InputError::new(
@@ -272,7 +315,7 @@ pub fn from_recordings(
                 Origin::Table(geometry.map_or_else(String::new, |it| it.material.name.to_owned()))
             }
             Exponent::Hooke => Origin::Convention(
-                "Hooke's law, which follows these recordings as well as any other exponent",
+                "Hooke's law, since the recordings show no exponent that a material has",
             ),
         },
         if driven {
@@ -281,15 +324,23 @@ pub fn from_recordings(
             Origin::Convention("the input never acts")
         },
     ];
+    let mut free = fit.free.clone();
     for (index, &id) in fit.free.iter().enumerate() {
         let place = BASE.iter().position(|base| *base == id).unwrap_or(0);
-        let interval = fit
-            .interval95(index)
-            .filter(|(low, high)| low.is_finite() && high.is_finite() && !fit.at_bound(index));
+        if is_nothing(&fit.model, id, data) {
+            origins[place] = Origin::Nothing;
+            free.retain(|other| *other != id);
+            continue;
+        }
+        let value = fit.model.value(id).unwrap_or_default();
+        let interval = fit.interval95(index).filter(|(low, high)| {
+            (high - low).is_finite()
+                && !fit.at_bound(index)
+                && (high - low) / 2.0 < VAGUE * value.abs()
+        });
         let in_file = |value| to_file_units(&fit.model, id, value);
         origins[place] = Origin::Fitted(interval.map(|(low, high)| (in_file(low), in_file(high))));
     }
-    let excerpt = data.samples() > MOST_SAMPLES;
     Ok(FirstModel {
         model: fit.model,
         origins,
@@ -298,12 +349,50 @@ pub fn from_recordings(
             about_mean,
             levels: statics::distinct(&levels),
             samples: fit.samples(),
-            excerpt,
+            excerpt: all.samples() > data.samples(),
             driven,
         }),
-        free: fit.free,
+        free,
         geometry,
     })
+}
+
+/// Every so-manieth sample of long recordings, where the answer is wanted in seconds.
+fn thinned(data: &Dataset) -> Dataset {
+    let stride = data.samples().div_ceil(MOST_SAMPLES);
+    let every = |values: &[f64]| values.iter().copied().step_by(stride).collect();
+    let recordings: Vec<Recording> = data
+        .recordings(true)
+        .iter()
+        .map(|recording| Recording {
+            time: every(&recording.time),
+            pressure: every(&recording.pressure),
+            angle: every(&recording.angle),
+            extra: Vec::new(),
+            ..recording.clone()
+        })
+        .collect();
+    Dataset::of(&recordings)
+}
+
+/// Whether damping or stiffness are so small that their force is nothing beside the
+/// largest inertial one.
+fn is_nothing(model: &Model<f64>, id: ParameterId, data: &Dataset) -> bool {
+    let dynamics = model.dynamics();
+    let largest = |of: &dyn Fn(&Recording) -> Vec<f64>| {
+        data.fitted()
+            .flat_map(|segment| of(&segment.recording))
+            .fold(0.0, |most: f64, value| most.max(value.abs()))
+    };
+    let rate = |recording: &Recording| motions(recording).map(|it| it.rate).collect();
+    let acceleration =
+        |recording: &Recording| motions(recording).map(|it| it.acceleration).collect();
+    let force = match id {
+        ParameterId::Damping => dynamics.damping * largest(&rate),
+        ParameterId::Stiffness => dynamics.stiffness * data.reach().powf(dynamics.exponent),
+        _ => return false,
+    };
+    force < NO_FORCE * dynamics.inertia * largest(&acceleration)
 }
 
 /// RMS of the angle about its mean in each segment (rad).
@@ -315,11 +404,12 @@ fn about_mean(data: &Dataset) -> f64 {
     (squares / data.samples().max(1) as f64).sqrt()
 }
 
-/// The best start of an exponent after a few steps.
-#[derive(Clone, Debug)]
+/// A start after a few steps.
+#[derive(Clone, Copy, Debug)]
 struct Raced {
     exponent: f64,
     model: Model<f64>,
+    strain: u8,
     /// Mean square error (rad²).
     error: f64,
 }
@@ -342,6 +432,8 @@ struct Chosen {
 struct Identifier<'a> {
     data: &'a Dataset,
     driven: bool,
+    /// Longest time (s) between two plateaus.
+    settling: Option<f64>,
 }
 
 impl Identifier<'_> {
@@ -357,7 +449,7 @@ impl Identifier<'_> {
     }
 
     /// The best of the starts with an exponent.
-    fn race(self, levels: &[statics::Level], exponent: f64) -> Option<Raced> {
+    fn race(self, levels: &[statics::Level], exponent: f64) -> Vec<Raced> {
         let free = self.free(false);
         let starts = starts::of(self.data, levels, exponent);
         let mut ranked: Vec<(f64, Model<f64>)> = starts
@@ -371,94 +463,177 @@ impl Identifier<'_> {
                 let part = excerpt(self.data, &start);
                 let sse = Fitter::new(&start, &part).predicted_sse(&start, &free);
                 let error = sse / part.samples().max(1) as f64;
-                error.is_finite().then_some((error, start))
+                (error.is_finite() && self.settles(&start)).then_some((error, start))
             })
             .collect();
         ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
+        ranked.truncate(PROMISING);
         ranked
-            .into_iter()
-            .take(PROMISING)
+            .into_par_iter()
             .filter_map(|(_, start)| {
                 let part = excerpt(self.data, &start);
                 let fit = Fitter::new(&start, &part).fit(&start, &free, RACED);
                 let error = fit.sse() / fit.samples().max(1) as f64;
-                error.is_finite().then_some(Raced {
+                error.is_finite().then(|| Raced {
                     exponent,
                     model: fit.model,
+                    strain: self.strain(&fit, &part),
                     error,
                 })
             })
-            .min_by(|a, b| a.error.total_cmp(&b.error))
+            .collect()
+    }
+
+    /// Whether a model comes to rest as fast as the recordings show: a slow one can take
+    /// the place of a static curve that is none of a power law.
+    fn settles(self, model: &Model<f64>) -> bool {
+        let dynamics = model.dynamics();
+        let angles = self.data.fitted().flat_map(|it| &it.recording.angle);
+        let (squares, count) = angles.fold((0.0, 0_usize), |(sum, count), angle| {
+            (sum + angle * angle, count + 1)
+        });
+        let typical = (squares / count.max(1) as f64)
+            .sqrt()
+            .max(f64::MIN_POSITIVE);
+        let slope = dynamics.exponent * dynamics.stiffness * typical.powf(dynamics.exponent - 1.0);
+        self.settling
+            .is_none_or(|settling| dynamics.damping <= SETTLED * settling * slope)
+    }
+
+    /// How far a fit is from what can be: zeros that are none, a rest that comes too late.
+    fn strain(self, fit: &Fit, data: &Dataset) -> u8 {
+        let sessions = data.sessions().iter().zip(&fit.nuisances);
+        let farthest = sessions.fold(0.0, |farthest: f64, (session, found)| {
+            let [pressure, angle] = [0, 1].map(|k| session.prior().departures(found)[k].abs());
+            // An input that never moves has no zero.
+            let pressure = if moves(&session.recording().pressure) {
+                pressure
+            } else {
+                0.0
+            };
+            farthest.max(pressure).max(angle)
+        });
+        if !self.settles(&fit.model) || farthest > FAR_BEYOND_ZERO {
+            2
+        } else {
+            u8::from(farthest > BEYOND_ZERO)
+        }
     }
 
     /// Fits with the exponent free, given, and one; prefers a fitted exponent only where
-    /// it pays and is determined.
+    /// it pays.
     fn choose(self, raced: &[Raced], given: Option<f64>) -> Option<Chosen> {
-        let best = raced.iter().min_by(|a, b| a.error.total_cmp(&b.error))?;
-        let of = |wanted: f64| {
-            let near = raced.iter().min_by(|a, b| {
+        let order =
+            |a: &&Raced, b: &&Raced| a.strain.cmp(&b.strain).then(a.error.total_cmp(&b.error));
+        let best = |wanted: Option<f64>| -> Option<Fit> {
+            let mut starts: Vec<&Raced> = raced.iter().collect();
+            if let Some(wanted) = wanted {
                 let off = |it: &Raced| (it.exponent - wanted).abs();
-                off(a).total_cmp(&off(b))
-            })?;
-            self.fit(&near.model.with_value(ParameterId::Exponent, wanted), false)
+                let nearest = raced.iter().map(off).fold(f64::INFINITY, f64::min);
+                starts.retain(|it| off(it) <= nearest);
+            }
+            starts.sort_by(order);
+            starts
+                .into_iter()
+                .take(FINALISTS)
+                .filter_map(|start| {
+                    let exponent = wanted.unwrap_or(start.exponent);
+                    let start = start.model.with_value(ParameterId::Exponent, exponent);
+                    let fit = self.fit(&start, wanted.is_none())?;
+                    Some((self.strain(&fit, self.data), fit))
+                })
+                .min_by(|a, b| a.0.cmp(&b.0).then(a.1.sse().total_cmp(&b.1.sse())))
+                .map(|(_, fit)| fit)
         };
-        let hooke = || of(1.0).map(|fit| (fit, Exponent::Hooke));
         let held = match given {
-            Some(given) => of(given).map(|fit| (fit, Exponent::Given)),
-            None => hooke(),
+            Some(given) => best(Some(given)).map(|fit| (fit, Exponent::Given)),
+            None => best(Some(1.0)).map(|fit| (fit, Exponent::Hooke)),
         };
-        let fitted = self.fit(&best.model, true).filter(is_determined);
-        match (fitted, held) {
-            (Some(fitted), Some((held, _))) if fitted.rmse() < PAYS * held.rmse() => Some(Chosen {
-                fit: fitted,
-                exponent: Exponent::Fitted,
-            }),
-            (_, Some((fit, exponent))) => Some(Chosen { fit, exponent }),
-            (Some(fit), None) => Some(Chosen {
-                fit,
-                exponent: Exponent::Fitted,
-            }),
-            (None, None) => hooke().map(|(fit, exponent)| Chosen { fit, exponent }),
+        match (best(None).filter(is_a_materials), held) {
+            (Some(fit), Some((held, _)))
+                if self.strain(&fit, self.data) <= self.strain(&held, self.data)
+                    && fit.rmse() < PAYS * held.rmse() =>
+            {
+                Some((fit, Exponent::Fitted))
+            }
+            (_, Some(held)) => Some(held),
+            (fitted, None) => fitted.map(|fit| (fit, Exponent::Fitted)),
         }
+        .map(|(fit, exponent)| Chosen {
+            fit: self.tamed(fit),
+            exponent,
+        })
     }
 
     /// A fit to everything; once more from where it ended if that is the edge of the range
     /// about its start.
     fn fit(self, start: &Model<f64>, with_exponent: bool) -> Option<Fit> {
-        /// Each time a tenth or ten times the value before.
+        /// Each time up to ten times the value before.
         const TIMES: usize = 3;
         let free = self.free(with_exponent);
-        let part;
-        let data = if self.data.samples() > MOST_SAMPLES {
-            part = excerpt(self.data, start);
-            &part
-        } else {
-            self.data
-        };
-        let mut fit = Fitter::new(start, data).fit(start, &free, Effort::Full);
+        let mut fit = Fitter::new(start, self.data).fit(start, &free, Effort::Full);
         for _ in 1..TIMES {
             if !fit.sse().is_finite() || !(0..free.len()).any(|index| fit.at_bound(index)) {
                 break;
             }
             let from = fit.model;
-            let next = Fitter::new(&from, data).fit(&from, &free, Effort::Full);
-            if !(next.sse() < 0.999 * fit.sse()) {
+            let next = Fitter::new(&from, self.data).fit(&from, &free, Effort::Full);
+            if next.sse().is_nan() || next.sse() >= 0.999 * fit.sse() {
                 break;
             }
             fit = next;
         }
         fit.sse().is_finite().then_some(fit)
     }
+
+    /// A fit without a motion that is faster than the sampling, where that says as much.
+    ///
+    /// Where the inertia does not show, damping and stiffness can grow together without end.
+    /// Simulations of that take for ever.
+    fn tamed(self, fit: Fit) -> Fit {
+        /// Share by which the sum of squares may grow.
+        const GROWS: f64 = 1.05;
+        /// Multiples of the sampling's angular frequency.
+        const TIMES: [f64; 3] = [1.0, 5.0, 25.0];
+        let interval = self
+            .data
+            .sessions()
+            .iter()
+            .map(|session| session.interval())
+            .fold(f64::INFINITY, f64::min);
+        let fastest = std::f64::consts::TAU / interval;
+        let dynamics = fit.model.dynamics();
+        if dynamics.damping <= fastest || interval.is_nan() {
+            return fit;
+        }
+        for fastest in TIMES.map(|times| times * fastest) {
+            let share = fastest / dynamics.damping;
+            let slower = Dynamics {
+                damping: dynamics.damping * share,
+                stiffness: dynamics.stiffness * share,
+                input_gain: dynamics.input_gain * share,
+                ..*dynamics
+            };
+            let Some(slower) = Model::new(slower, &[]).ok().filter(|_| share < 1.0) else {
+                continue;
+            };
+            let fitter = Fitter::new(&slower, self.data);
+            // A few steps: to the end it would run away again.
+            let tamed = fitter.fit(&slower, &fit.free, Effort::Steps(2));
+            if tamed.sse() <= GROWS * fit.sse() {
+                return fitter.informed(&tamed);
+            }
+        }
+        fit
+    }
 }
 
-/// Whether the recordings tell the exponent of a fit.
-fn is_determined(fit: &Fit) -> bool {
-    let Some(index) = fit.free.iter().position(|id| *id == ParameterId::Exponent) else {
-        return false;
-    };
-    let exponent = fit.model.dynamics().exponent;
-    !fit.at_bound(index)
-        && fit
-            .interval95(index)
-            .is_some_and(|(low, high)| high - exponent < VAGUE && exponent - low < VAGUE)
+/// Whether a fitted exponent is one that a material may have. Below, a spring that softens
+/// is something else, such as gravity's sine, and one that stiffens a little is Hooke's with
+/// a cubic part: an exponent between would only hide them from a diagnosis.
+fn is_a_materials(fit: &Fit) -> bool {
+    let place = fit.free.iter().position(|id| *id == ParameterId::Exponent);
+    place.is_none_or(|index| {
+        !fit.at_bound(index) && fit.model.dynamics().exponent >= LEAST_OF_A_MATERIAL
+    })
 }

@@ -33,6 +33,7 @@ impl Origin {
                 format!("fitted; 95 % interval {}", range.trim())
             }
             Self::Fitted(None) => "fitted, but hardly determined by the recordings".into(),
+            Self::Nothing => "fitted; the recordings show no such force".into(),
             Self::Table(material) => format!(
                 "table of materials, {}: measured on strips, good to about 0.3",
                 printable_line(material)
@@ -50,6 +51,7 @@ impl Origin {
         match self {
             Self::Fitted(Some(_)) => "fitted",
             Self::Fitted(None) => "fitted, hardly determined",
+            Self::Nothing => "fitted, none seen",
             Self::Table(_) => "table of materials",
             Self::Beam => "beam formula",
             Self::Convention(_) => "convention",
