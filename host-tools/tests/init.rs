@@ -15,6 +15,8 @@ use predicates::prelude::*;
 use predicates::str::{contains, is_empty};
 use tempfile::TempDir;
 
+const HEADER: &str = "time_s,pressure_kpa,angle_deg\n";
+
 /// A folder to run commands in.
 struct Bench(TempDir);
 
@@ -97,21 +99,23 @@ impl Bench {
 }
 
 /// A recording of a model of unit inertia under steps to several levels, in the file's units.
-fn steps(dynamics: Dynamics<f64>, levels: &[f64], seconds: f64) -> String {
+fn steps(dynamics: Dynamics<f64>, levels: &[f64]) -> String {
     const INTERVAL: f64 = 0.01;
-    const FINE: usize = 20;
+    const FINE: u32 = 20;
+    /// Samples of a level.
+    const SAMPLES: usize = 200;
     let mut text = String::from("time_s,pressure_kpa,angle_deg\n");
     let (mut angle, mut rate) = (0.0_f64, 0.0_f64);
     for (k, level) in levels.iter().enumerate() {
-        for sample in 0..(seconds / INTERVAL) as usize {
-            let time = k as f64 * seconds + sample as f64 * INTERVAL;
+        for sample in 0..SAMPLES {
+            let time = (k * SAMPLES + sample) as f64 * INTERVAL;
             text += &format!("{time:.3},{level},{:.4}\n", angle.to_degrees());
             for _ in 0..FINE {
                 let force = dynamics.input_gain * level * 1e3
                     - dynamics.stiffness * angle.abs().powf(dynamics.exponent).copysign(angle)
                     - dynamics.damping * rate;
-                rate += INTERVAL / FINE as f64 * force / dynamics.inertia;
-                angle += INTERVAL / FINE as f64 * rate;
+                rate += INTERVAL / f64::from(FINE) * force / dynamics.inertia;
+                angle += INTERVAL / f64::from(FINE) * rate;
             }
         }
     }
@@ -299,13 +303,13 @@ fn a_motor_in_other_units_is_identified() {
     let bench = Bench::new();
     let motor = Dynamics {
         inertia: 1.0,
-        damping: 90.0,
-        stiffness: 2_500.0,
+        damping: 18.0,
+        stiffness: 100.0,
         exponent: 1.0,
-        input_gain: -4.0,
+        input_gain: -0.02,
     };
     let volts = [0.0, 3.0, 6.0, -4.0, 0.0];
-    bench.put("motor.csv", &steps(motor, &volts, 1.0));
+    bench.put("motor.csv", &steps(motor, &volts));
     bench
         .rig(&["init", "--recording", "motor.csv", "--name", "motor \"A\""])
         .assert()
@@ -341,16 +345,14 @@ fn a_motor_in_other_units_is_identified() {
 #[test]
 fn a_free_swing_has_no_input_gain() {
     let bench = Bench::new();
-    let rows: String = (0..1_000)
-        .map(|k| {
-            let time = f64::from(k) * 0.01;
-            let angle = 12.0 * (-0.1 * time).exp() * (5.0 * time).cos();
-            format!("{time:.2},0,{angle:.4}\n")
-        })
-        .collect();
+    let rows = (0..1_000).map(|k| {
+        let time = f64::from(k) * 0.01;
+        let angle = 12.0 * (-0.1 * time).exp() * (5.0 * time).cos();
+        format!("{time:.2},0,{angle:.4}\n")
+    });
     bench.put(
         "swing.csv",
-        &format!("time_s,pressure_kpa,angle_deg\n{rows}"),
+        &(HEADER.to_owned() + &rows.collect::<String>()),
     );
     bench
         .rig(&["init", "--recording", "swing.csv"])
@@ -369,15 +371,13 @@ fn a_free_swing_has_no_input_gain() {
 fn noise_is_not_explained() {
     let bench = Bench::new();
     let mut state = 1_u32;
-    let rows: String = (0..600)
-        .map(|k| {
-            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            format!("{:.2},{},{}\n", f64::from(k) * 0.01, k / 100, state >> 26)
-        })
-        .collect();
+    let rows = (0..600).map(|k| {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        format!("{:.2},{},{}\n", f64::from(k) * 0.01, k / 100, state >> 26)
+    });
     bench.put(
         "noise.csv",
-        &format!("time_s,pressure_kpa,angle_deg\n{rows}"),
+        &(HEADER.to_owned() + &rows.collect::<String>()),
     );
     bench
         .rig(&["init", "--recording", "noise.csv"])

@@ -350,7 +350,7 @@ fn summary(first: &FirstModel) -> String {
     );
     if evidence.explains_little() {
         super::warn(
-            "this model explains little of the motion; a rig of first or second order with one input is explained better, so look at the columns (see the flags under \"If the columns mean something else\"), or record steps with a rest before each",
+            "this model explains little of the motion: something large is missing, which `rig diagnose` looks for; or the columns hold something else (see the flags under \"If the columns mean something else\"); or this is no rig of second order with one input",
         );
     }
     if !evidence.driven {

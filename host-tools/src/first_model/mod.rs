@@ -76,7 +76,7 @@ const SETTLED: f64 = 0.5;
 const NO_FORCE: f64 = 1e-3;
 
 /// A model that leaves more than this share of the motion about its mean explains little.
-const EXPLAINS_LITTLE: f64 = 0.7;
+const EXPLAINS_LITTLE: f64 = 0.6;
 
 /// The authors' actuator (m): length, width, height.
 pub const AUTHORS_DIMENSIONS: [f64; 3] = [0.094, 0.030, 0.024];
@@ -152,8 +152,7 @@ pub struct Evidence {
 impl Evidence {
     /// Whether the model leaves most of the motion unexplained.
     pub fn explains_little(&self) -> bool {
-        // Also where the error is no number.
-        !(self.rms <= EXPLAINS_LITTLE * self.about_mean)
+        self.rms.is_nan() || self.rms > EXPLAINS_LITTLE * self.about_mean
     }
 }
 
@@ -324,12 +323,15 @@ pub fn from_recordings(
             Origin::Convention("the input never acts")
         },
     ];
-    let mut free = fit.free.clone();
+    let mut model = fit.model;
     for (index, &id) in fit.free.iter().enumerate() {
         let place = BASE.iter().position(|base| *base == id).unwrap_or(0);
-        if is_nothing(&fit.model, id, data) {
+        if let Some(least) = least_seen(&fit.model, id, data)
+            && fit.model.value(id).is_some_and(|value| value < least)
+        {
+            // A fit from zero would never leave it.
+            model = model.with_value(id, least);
             origins[place] = Origin::Nothing;
-            free.retain(|other| *other != id);
             continue;
         }
         let value = fit.model.value(id).unwrap_or_default();
@@ -342,7 +344,7 @@ pub fn from_recordings(
         origins[place] = Origin::Fitted(interval.map(|(low, high)| (in_file(low), in_file(high))));
     }
     Ok(FirstModel {
-        model: fit.model,
+        model,
         origins,
         evidence: Some(Evidence {
             rms,
@@ -352,7 +354,7 @@ pub fn from_recordings(
             excerpt: all.samples() > data.samples(),
             driven,
         }),
-        free,
+        free: fit.free,
         geometry,
     })
 }
@@ -375,24 +377,25 @@ fn thinned(data: &Dataset) -> Dataset {
     Dataset::of(&recordings)
 }
 
-/// Whether damping or stiffness are so small that their force is nothing beside the
-/// largest inertial one.
-fn is_nothing(model: &Model<f64>, id: ParameterId, data: &Dataset) -> bool {
+/// The least damping or stiffness that recordings show: one whose force is
+/// [`NO_FORCE`] of the largest inertial one. None of another parameter.
+fn least_seen(model: &Model<f64>, id: ParameterId, data: &Dataset) -> Option<f64> {
+    let (mut rate, mut acceleration) = (0.0_f64, 0.0_f64);
+    for motion in data
+        .fitted()
+        .flat_map(|segment| motions(&segment.recording))
+    {
+        rate = rate.max(motion.rate.abs());
+        acceleration = acceleration.max(motion.acceleration.abs());
+    }
     let dynamics = model.dynamics();
-    let largest = |of: &dyn Fn(&Recording) -> Vec<f64>| {
-        data.fitted()
-            .flat_map(|segment| of(&segment.recording))
-            .fold(0.0, |most: f64, value| most.max(value.abs()))
+    let per = match id {
+        ParameterId::Damping => rate,
+        ParameterId::Stiffness => data.reach().powf(dynamics.exponent),
+        _ => return None,
     };
-    let rate = |recording: &Recording| motions(recording).map(|it| it.rate).collect();
-    let acceleration =
-        |recording: &Recording| motions(recording).map(|it| it.acceleration).collect();
-    let force = match id {
-        ParameterId::Damping => dynamics.damping * largest(&rate),
-        ParameterId::Stiffness => dynamics.stiffness * data.reach().powf(dynamics.exponent),
-        _ => return false,
-    };
-    force < NO_FORCE * dynamics.inertia * largest(&acceleration)
+    let least = NO_FORCE * dynamics.inertia * acceleration / per;
+    least.is_finite().then_some(least)
 }
 
 /// RMS of the angle about its mean in each segment (rad).

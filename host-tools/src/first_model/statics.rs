@@ -155,14 +155,14 @@ mod tests {
         const RATIO: f64 = 30e3;
         let time: Vec<f64> = (0..600).map(|k| f64::from(k) * 0.01).collect();
         let mut angle = 0.0;
-        let targets = [0.3, 0.6, 0.9];
         let mut recording = Recording::default();
-        for &t in &time {
-            let target: f64 = targets[((t / 2.0) as usize).min(2)];
-            angle += 0.01 * (target - angle) / 0.15;
-            recording.time.push(t);
-            recording.pressure.push(RATIO * target * target);
-            recording.angle.push(angle);
+        for (k, target) in [0.3_f64, 0.6, 0.9].into_iter().enumerate() {
+            for &t in &time[200 * k..200 * (k + 1)] {
+                angle += 0.01 * (target - angle) / 0.15;
+                recording.time.push(t);
+                recording.pressure.push(RATIO * target * target);
+                recording.angle.push(angle);
+            }
         }
         recording
     }

@@ -33,7 +33,10 @@ impl Origin {
                 format!("fitted; 95 % interval {}", range.trim())
             }
             Self::Fitted(None) => "fitted, but hardly determined by the recordings".into(),
-            Self::Nothing => "fitted; the recordings show no such force".into(),
+            Self::Nothing => {
+                "the recordings show no such force: next to nothing, for a refit to begin with"
+                    .into()
+            }
             Self::Table(material) => format!(
                 "table of materials, {}: measured on strips, good to about 0.3",
                 printable_line(material)
@@ -51,7 +54,7 @@ impl Origin {
         match self {
             Self::Fitted(Some(_)) => "fitted",
             Self::Fitted(None) => "fitted, hardly determined",
-            Self::Nothing => "fitted, none seen",
+            Self::Nothing => "none seen in the recordings",
             Self::Table(_) => "table of materials",
             Self::Beam => "beam formula",
             Self::Convention(_) => "convention",

@@ -163,7 +163,7 @@ fn plan(options: &Options) -> Outcome {
         }
         println!(
             "dist: would run {}",
-            shell::text(&mut build_command(target)?)
+            shell::text(&mut build_command(target))
         );
         println!(
             "dist: would pack target/dist/softrig-{}-{target}.tar.gz: rig, {}, completions for {}{}, licences, {CHECKSUMS}",
@@ -216,7 +216,7 @@ fn has_library(target: &str) -> Outcome<bool> {
 }
 
 /// `cargo build` for a target with Rust's own linker.
-fn build_command(target: &str) -> Outcome<Command> {
+fn build_command(target: &str) -> Command {
     let linker = format!(
         "CARGO_TARGET_{}_LINKER",
         target.to_uppercase().replace('-', "_")
@@ -231,7 +231,7 @@ fn build_command(target: &str) -> Outcome<Command> {
             "RUSTFLAGS",
             format!("--remap-path-prefix={}=softrig", root().display()),
         );
-    Ok(command)
+    command
 }
 
 /// Builds `rig` for a target and checks that it is static.
@@ -242,7 +242,7 @@ fn build(target: &str) -> Outcome<PathBuf> {
             format!("{failure}\n  Rust's library for {target} is missing: `rustup target add {target}`, with access to static.rust-lang.org")
         })?;
     }
-    run(&mut build_command(target)?)?;
+    run(&mut build_command(target))?;
     let program = target_dir().join(target).join("release/rig");
     let bytes = fs::read(&program).map_err(|error| cannot("read", &program, &error))?;
     match asks_for_loader(&bytes) {
