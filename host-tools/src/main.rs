@@ -14,6 +14,11 @@ use host_tools::link::LinkError;
 use host_tools::plot::PlotError;
 use host_tools::terminal::{printable, printable_line, remark};
 
+/// Instead of musl's, which gives memory back to the system at every turn.
+#[cfg(target_env = "musl")]
+#[global_allocator]
+static ALLOCATOR: dlmalloc::GlobalDlmalloc = dlmalloc::GlobalDlmalloc;
+
 /// Finds where the simulation of a soft pneumatic actuator and its measurements
 /// disagree, names the missing effect, and repairs the model.
 #[derive(Debug, Parser)]

@@ -163,7 +163,7 @@ fn plan(options: &Options) -> Outcome {
         }
         println!(
             "dist: would run {}",
-            shell::text(&mut build_command(target))
+            shell::text(&build_command(target))
         );
         println!(
             "dist: would pack target/dist/softrig-{}-{target}.tar.gz: rig, {}, completions for {}{}, licences, {CHECKSUMS}",
