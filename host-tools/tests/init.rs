@@ -140,11 +140,9 @@ fn a_beam_gives_stiffness_and_exponent_and_the_rest_is_a_guess() {
     let bench = Bench::new();
     let beam = "init --material ecoflex-0030 --length-mm 94 --width-mm 30 --height-mm 24";
     let beam: Vec<&str> = beam.split(' ').collect();
-    bench
-        .rig(&beam)
-        .assert()
-        .success()
-        .stdout(contains("written: model.toml").and(contains("rig fit --model model.toml")));
+    bench.rig(&beam).assert().success().stdout(
+        contains("written: model.toml").and(contains("rig upload --port PORT --model model.toml")),
+    );
     let file = bench.model();
     let actuator = file.actuator.as_ref().unwrap();
     assert_eq!(actuator.material, "Ecoflex 00-30");
@@ -387,17 +385,16 @@ fn noise_is_not_explained() {
     assert!(bench.text("model.toml").contains("It explains little"));
 }
 
-/// The questions, answered with Enter but for the recording's name.
+/// `rig init` on a terminal of its own: answers each question as it is asked, and returns
+/// the exit code.
 #[cfg(unix)]
-#[test]
-fn on_a_terminal_it_asks() {
+fn converse(bench: &Bench, dialogue: &[(&str, &str)]) -> Option<i32> {
     use std::fs::File;
     use std::io::{Read, Write};
     use std::process::Stdio;
 
     use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 
-    let (bench, _) = Bench::with_example(Hidden::Nothing, 5);
     let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
     grantpt(&master).unwrap();
     unlockpt(&master).unwrap();
@@ -418,16 +415,7 @@ fn on_a_terminal_it_asks() {
         .unwrap();
     let mut terminal = File::from(master);
     let mut said = String::new();
-    for (question, answer) in [
-        ("Material", "\r"),
-        ("Recording of a step", "nothing.csv\r"),
-        (
-            "there is no file nothing.csv",
-            "\x15recordings/staircase.csv\r",
-        ),
-        ("Write the model to", "\r"),
-        ("written: model.toml", ""),
-    ] {
+    for (question, answer) in dialogue {
         let mut bytes = [0; 4096];
         while !said.contains(question) {
             let count = terminal.read(&mut bytes).unwrap_or(0);
@@ -436,6 +424,38 @@ fn on_a_terminal_it_asks() {
         }
         terminal.write_all(answer.as_bytes()).unwrap();
     }
-    assert!(child.wait().unwrap().success());
+    child.wait().unwrap().code()
+}
+
+#[cfg(unix)]
+#[test]
+fn on_a_terminal_it_asks() {
+    let (bench, _) = Bench::with_example(Hidden::Nothing, 5);
+    let code = converse(
+        &bench,
+        &[
+            // The last choice is none.
+            ("> another material, or none", "\r"),
+            ("Recording of a step", "nothing.csv\r"),
+            ("there is no file nothing.csv", "recordings/staircase.csv\r"),
+            ("Write the model to", "\r"),
+            ("written: model.toml", ""),
+        ],
+    );
+    assert_eq!(code, Some(0));
     assert!(bench.error_deg("recordings/staircase.csv") < 0.6);
+}
+
+#[cfg(unix)]
+#[test]
+fn who_gives_up_leaves_no_trace() {
+    let bench = Bench::new();
+    for (keys, code) in [("\u{1b}", 0), ("\u{3}", 130)] {
+        let dialogue = [
+            ("> another material, or none", keys),
+            ("nothing was written", ""),
+        ];
+        assert_eq!(converse(&bench, &dialogue), Some(code), "{keys:?}");
+        assert!(bench.files().is_empty());
+    }
 }

@@ -2,6 +2,7 @@
 
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use clap::Parser;
 use dialoguer::{Input, Select};
@@ -56,13 +57,13 @@ pub struct Args {
     /// Height of the section, in the direction of bending, in millimetres
     #[arg(long, value_name = "MM", conflicts_with = "height_m", value_parser = millimetres)]
     height_mm: Option<f64>,
-    /// The same in metres
+    /// The length, in metres
     #[arg(long, value_name = "M", value_parser = metres)]
     length_m: Option<f64>,
-    /// The same in metres
+    /// The width, in metres
     #[arg(long, value_name = "M", value_parser = metres)]
     width_m: Option<f64>,
-    /// The same in metres
+    /// The height, in metres
     #[arg(long, value_name = "M", value_parser = metres)]
     height_m: Option<f64>,
     /// Name of the model in reports [default: the name of the file]
@@ -108,6 +109,9 @@ fn length(text: &str, unit_m: f64, unit: &str) -> Result<f64, String> {
         })
 }
 
+/// Longer than it takes to handle Ctrl-C.
+const HANDLED: Duration = Duration::from_millis(300);
+
 /// What is known about a rig.
 #[derive(Clone, Debug)]
 struct Known {
@@ -125,9 +129,14 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let known = if args.says_something() {
         args.known()?
     } else if std::io::stdin().is_terminal() && std::io::stderr().is_terminal() {
-        match ask(&args.output)? {
-            Some(known) => known,
-            None => return Ok(()),
+        match ask(&args.output) {
+            Ok(Some(known)) => known,
+            Ok(None) => return Ok(()),
+            Err(error) => {
+                // After Ctrl-C the handler ends the program, a moment later.
+                std::thread::sleep(HANDLED);
+                return Err(error);
+            }
         }
     } else {
         return Err(InputError::new(
@@ -366,8 +375,11 @@ fn summary(first: &FirstModel) -> String {
 fn ask(output: &Path) -> anyhow::Result<Option<Known>> {
     // The list of choices hides the cursor.
     ctrlc::set_handler(|| {
+        /// 128 and the number of the signal, as shells have it.
+        const INTERRUPTED: i32 = 130;
         let _ = dialoguer::console::Term::stderr().show_cursor();
-        std::process::exit(130);
+        remark("\nnothing was written");
+        std::process::exit(INTERRUPTED);
     })?;
     remark(
         "A first model of your rig. What you do not know stays empty; Escape or Ctrl-C ends without a trace.",

@@ -128,10 +128,12 @@ impl FirstModel {
         let files: Vec<String> = recordings.iter().map(|it| word(it.as_ref())).collect();
         if files.is_empty() {
             vec![
-                "Nothing here was measured on your rig. Record steps to two or more levels, then"
+                "Nothing here was measured on your rig. With it on the board, record steps to two or"
                     .into(),
-                format!("    rig fit --model {model} RECORDING.csv …"),
-                format!("    rig diagnose --model {model} RECORDING.csv … -o repaired.toml"),
+                "more levels, and identify the model from those:".into(),
+                format!("    rig upload --port PORT --model {model}"),
+                "    rig record --port PORT --protocol steps -o steps.csv".into(),
+                "    rig init --recording steps.csv -o identified.toml".into(),
             ]
         } else {
             vec![

@@ -161,10 +161,7 @@ fn plan(options: &Options) -> Outcome {
         if !has_library(target)? {
             println!("dist: would run rustup target add {target}");
         }
-        println!(
-            "dist: would run {}",
-            shell::text(&build_command(target))
-        );
+        println!("dist: would run {}", shell::text(&build_command(target)));
         println!(
             "dist: would pack target/dist/softrig-{}-{target}.tar.gz: rig, {}, completions for {}{}, licences, {CHECKSUMS}",
             env!("CARGO_PKG_VERSION"),
