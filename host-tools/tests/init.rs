@@ -394,16 +394,23 @@ fn converse(bench: &Bench, dialogue: &[(&str, &str)]) -> Option<i32> {
     use std::process::Stdio;
 
     use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+    use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
 
     let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
     grantpt(&master).unwrap();
     unlockpt(&master).unwrap();
     let name = ptsname(&master, Vec::new()).unwrap();
-    let slave = || {
+    let open = || {
         let mut options = File::options();
         options.read(true).write(true);
-        Stdio::from(options.open(name.to_str().unwrap()).unwrap())
+        options.open(name.to_str().unwrap()).unwrap()
     };
+    // Keys reach the program as they are also while it is not reading yet.
+    let keyboard = open();
+    let mut modes = tcgetattr(&keyboard).unwrap();
+    modes.make_raw();
+    tcsetattr(&keyboard, OptionalActions::Now, &modes).unwrap();
+    let slave = || Stdio::from(open());
     let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_rig"))
         .current_dir(bench.0.path())
         .arg("init")
@@ -413,6 +420,8 @@ fn converse(bench: &Bench, dialogue: &[(&str, &str)]) -> Option<i32> {
         .stderr(slave())
         .spawn()
         .unwrap();
+    // Reading ends when the program has.
+    drop(keyboard);
     let mut terminal = File::from(master);
     let mut said = String::new();
     for (question, answer) in dialogue {
