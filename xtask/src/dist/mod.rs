@@ -26,7 +26,7 @@ use crate::{
 /// What a release is built for unless one asks for others.
 const DEFAULT_TARGET: &str = "x86_64-unknown-linux-musl";
 
-/// Targets that were tried: static, and linked without a C compiler.
+/// Targets of a static build that is linked without a C compiler. Only the first was tried.
 const TARGETS: [&str; 2] = [DEFAULT_TARGET, "aarch64-unknown-linux-musl"];
 
 /// Name of the board's image in the archive.
