@@ -17,6 +17,11 @@ use host_tools::link::LinkError;
 use host_tools::plot::PlotError;
 use host_tools::terminal::{printable, printable_line, remark};
 
+/// Instead of musl's, which gives memory back to the system at every turn.
+#[cfg(target_env = "musl")]
+#[global_allocator]
+static ALLOCATOR: dlmalloc::GlobalDlmalloc = dlmalloc::GlobalDlmalloc;
+
 /// Finds where the simulation of a soft pneumatic actuator and its measurements
 /// disagree, names the missing effect, and repairs the model.
 #[derive(Debug, Parser)]
@@ -39,6 +44,7 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     Diagnose(cmd::diagnose::Args),
+    Init(cmd::init::Args),
     Fit(cmd::fit::Args),
     Simulate(cmd::simulate::Args),
     Compare(cmd::compare::Args),
@@ -79,6 +85,7 @@ fn main() -> ExitCode {
 fn run(command: Command) -> anyhow::Result<()> {
     match command {
         Command::Diagnose(args) => cmd::diagnose::run(&args),
+        Command::Init(args) => cmd::init::run(&args),
         Command::Fit(args) => cmd::fit::run(&args),
         Command::Simulate(args) => cmd::simulate::run(&args),
         Command::Compare(args) => cmd::compare::run(&args),

@@ -286,7 +286,7 @@ impl Reader<'_> {
 
     fn read(&self) -> Result<ModelFile, InputError> {
         if self.text.trim().is_empty() {
-            return Err(self.fail("is empty", "start from a model of `rig example`"));
+            return Err(self.fail("is empty", "let `rig init` write a first model"));
         }
         let document = Document::parse(self.text.to_owned()).map_err(|error| {
             self.fail_at(

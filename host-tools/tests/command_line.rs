@@ -409,7 +409,7 @@ fn models_that_are_not_there_are_refused() {
     let bench = Bench::new();
     bench.put("bad.toml", "");
     for command in MODEL_READERS {
-        bench.refuses(command, &["bad.toml", "is empty", "rig example"]);
+        bench.refuses(command, &["bad.toml", "is empty", "rig init"]);
     }
     std::fs::remove_file(bench.path("bad.toml")).unwrap();
     for command in MODEL_READERS {

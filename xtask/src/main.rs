@@ -1,4 +1,4 @@
-//! Set-up, demo, test, book, flash, bench, soak, fuzz and ci.
+//! Set-up, demo, test, book, flash, bench, soak, fuzz, ci and dist.
 //!
 //! Everything that takes more than one plain cargo command is a task here, in
 //! Rust on the standard library alone: it compiles in a second on a machine that
@@ -11,6 +11,7 @@ mod bench_loop;
 mod bench_real;
 mod book;
 mod demo;
+mod dist;
 mod flash;
 mod json;
 mod machines;
@@ -71,6 +72,11 @@ Tasks:
                          that finds undefined behaviour; installs a nightly
   flash --port PORT [--no-console] [--dry-run]
                          put the image on a board and show what it says
+  dist [--target TRIPLE] [--with FILE] [--no-firmware] [--dry-run]
+                         a release in target/dist: static `rig`, the image,
+                         completions, licences and checksums in one archive,
+                         tried where there is nothing else; --with puts a file,
+                         such as a wheel, beside it
 
 Examples:
   cargo xtask setup --dry-run
@@ -81,6 +87,7 @@ Examples:
   cargo xtask soak --hours 8 --seed 7
   cargo xtask fuzz --minutes 30
   cargo xtask flash --port /dev/ttyACM0
+  cargo xtask dist --dry-run
 ";
 
 /// Exit code for a command line that makes no sense.
@@ -137,6 +144,10 @@ fn main() -> ExitCode {
         ["miri"] => machines::miri(),
         ["flash", words @ ..] => match flash::Options::parse(words) {
             Ok(options) => flash::flash(options),
+            Err(problem) => return usage(&problem),
+        },
+        ["dist", words @ ..] => match dist::Options::parse(words) {
+            Ok(options) => dist::dist(&options),
             Err(problem) => return usage(&problem),
         },
         [task, ..]

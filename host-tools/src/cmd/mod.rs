@@ -7,6 +7,7 @@ pub mod diagnose;
 pub mod example;
 pub mod fit;
 pub mod gap;
+pub mod init;
 pub mod input;
 pub mod materials;
 pub mod monitor;

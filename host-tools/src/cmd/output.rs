@@ -80,6 +80,14 @@ impl<'a> Output<'a> {
         }
     }
 
+    /// Takes it away where nothing is written.
+    pub(crate) fn unless(self, dry_run: bool) -> Self {
+        Self {
+            path: self.path.filter(|_| !dry_run),
+            ..self
+        }
+    }
+
     /// Lets it replace a recording, if that can be had again or the user says so.
     pub(crate) fn replacing(self, may_replace: bool) -> Self {
         Self {
