@@ -591,10 +591,13 @@ fn constant(at: usize, value: f64) -> Result<Operand, Fault> {
 fn nearest<'k>(name: &str, known: &[&'k str]) -> Option<&'k str> {
     known
         .iter()
-        .map(|known| (strsim::osa_distance(&name.to_lowercase(), known), *known))
-        .filter(|(distance, known)| *distance <= if known.len() > 3 { 2 } else { 1 })
+        .map(|known| {
+            let distance = strsim::osa_distance(&name.to_lowercase(), known);
+            (distance, known.len().abs_diff(name.len()), *known)
+        })
+        .filter(|(distance, _, known)| *distance <= if known.len() > 3 { 2 } else { 1 })
         .min()
-        .map(|(_, known)| known)
+        .map(|(.., known)| known)
 }
 
 #[cfg(test)]

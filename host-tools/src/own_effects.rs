@@ -244,9 +244,10 @@ impl Row {
         self.value.clamp(f64::from(lower), f64::from(upper))
     }
 
-    /// Where fits start: at the value, and in the middle of the range.
+    /// Where fits start: in the middle of the range, and at the value, which is last as
+    /// what to reckon with before anything is known.
     fn starts(&self) -> Vec<f32> {
-        let mut starts = vec![single(self.value)];
+        let mut starts = Vec::new();
         if let (Some(min), Some(max)) = (self.min, self.max) {
             let middle = if min > 0.0 {
                 (min * max).sqrt()
@@ -257,6 +258,7 @@ impl Row {
                 starts.push(single(middle));
             }
         }
+        starts.push(single(self.value));
         starts
     }
 }
@@ -735,7 +737,21 @@ pub(crate) fn section(effect: &Custom<f64>) -> Table {
     let text = effect.formula().0.text;
     // It was written by this module.
     let document: toml_edit::DocumentMut = text.parse().unwrap_or_default();
-    document.as_table().clone()
+    // Copied without the places that its tables have there, by which they would be sorted
+    // among those of the model.
+    without_places(document.as_table())
+}
+
+fn without_places(table: &Table) -> Table {
+    let mut copy = Table::new();
+    for (key, item) in table {
+        let item = match item {
+            Item::Table(inner) => Item::Table(without_places(inner)),
+            other => other.clone(),
+        };
+        copy.insert(key, item);
+    }
+    copy
 }
 
 /// Puts the values of an effect into its section.
@@ -874,7 +890,7 @@ unit = "N/kPa"
         assert_eq!(wave.info().equation, "Q = a*sin(k*th)");
         assert_eq!(wave.parameters()[1].held, Some(3.0));
         assert_eq!(wave.parameters()[0].starts, [0.1]);
-        assert_eq!(pressed.parameters()[0].starts, [0.001, 0.05]);
+        assert_eq!(pressed.parameters()[0].starts, [0.05, 0.001]);
         assert_eq!(Family::of(*wave), Family::StiffnessShape);
         assert_eq!(Family::of(*pressed), Family::Own("pressed"));
         assert_eq!(OwnEffects::find(Some(&own), "wave"), Some(*wave));
@@ -1001,7 +1017,7 @@ unit = "N/kPa"
                 "min = 1.0, max = 0.0",
                 "not below max",
             ),
-            ("w/b", "w/b + log(th)", "the force is -inf at th = 0"),
+            ("w/b", "w/b + log(th)", "the force is NaN at th = -0.01"),
             ("w/b", "sqrt(w)/b", "the force is NaN at"),
             ("c*th^3", "c/th", "the force is NaN at th = 0"),
             // The value is right, the end of its range is not.
