@@ -714,7 +714,8 @@ fn leak(text: String) -> &'static str {
 /// The definition of a text, made once; none if there are too many.
 fn kept(written: &Written<'_>) -> Option<&'static Definition> {
     static KNOWN: Mutex<BTreeMap<&'static str, &'static Definition>> = Mutex::new(BTreeMap::new());
-    let text = written.table().to_string();
+    // As a document: a table by itself leaves out the tables in it.
+    let text = toml_edit::DocumentMut::from(written.table()).to_string();
     let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
     if let Some(definition) = known.get(text.as_str()) {
         return Some(definition);
@@ -1078,6 +1079,15 @@ unit = "N/kPa"
             panic!("{one:?} {two:?}")
         };
         assert!(std::ptr::eq(one.0, two.0));
+        let other = kind(&model(
+            &MODEL.replace("max = 1.0, unit = \"N\"", "max = 2.0, unit = \"N\""),
+        ));
+        assert_ne!(other, Kind::Custom(one));
+        assert!(
+            one.0
+                .text
+                .contains("a = { min = 0.0, max = 1.0, unit = \"N\" }")
+        );
     }
 
     #[test]
