@@ -774,12 +774,15 @@ mod tests {
         assert_eq!(meaning("a"), None);
     }
 
+    type OfOne = fn(f64) -> f64;
+    type OfTwo = fn(f64, f64) -> f64;
+
     /// A formula of a tree, with every parenthesis, and what it is by closures.
     #[derive(Clone, Debug)]
     enum Tree {
         Leaf(&'static str, f64),
-        Function(&'static str, fn(f64) -> f64, Box<Tree>),
-        Operator(char, fn(f64, f64) -> f64, Box<Tree>, Box<Tree>),
+        Function(&'static str, OfOne, Box<Tree>),
+        Operator(char, OfTwo, Box<Tree>, Box<Tree>),
     }
 
     impl Tree {
@@ -823,14 +826,14 @@ mod tests {
         ]);
         let leaf = leaf.prop_map(|(name, value)| Tree::Leaf(name, value));
         leaf.prop_recursive(7, 60, 2, |inner| {
-            let functions: Vec<(&str, fn(f64) -> f64)> = vec![
+            let functions: Vec<(&str, OfOne)> = vec![
                 ("sin", f64::sin),
                 ("cos", f64::cos),
                 ("tanh", f64::tanh),
                 ("abs", f64::abs),
                 ("-", |x| -x),
             ];
-            let operators: Vec<(char, fn(f64, f64) -> f64)> = vec![
+            let operators: Vec<(char, OfTwo)> = vec![
                 ('+', |x, y| x + y),
                 ('-', |x, y| x - y),
                 ('*', |x, y| x * y),

@@ -788,6 +788,7 @@ fn put_value(entry: &mut dyn TableLike, value: f64) {
 mod tests {
     use super::*;
     use model_core::actuator::ParameterId;
+    use model_core::effects::Mechanism;
 
     const MODEL: &str = r#"schema = 1
 name = "m"
@@ -876,7 +877,6 @@ unit = "N/kPa"
             rate: 1.0,
             pressure: 0.0,
         };
-        use model_core::effects::Mechanism;
         let effect = changed.effects().next().unwrap();
         let found = effect.force(&at, &[0.0; 2], &mut force);
         assert!((found - (0.123_456_78 * 20.0_f64.tanh() - 0.0625)).abs() < 1e-12);

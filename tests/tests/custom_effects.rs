@@ -59,9 +59,11 @@ T = { value = 0.1, min = 0.0, unit = "N" }
 /// A diagnosis with its verdict as JSON.
 fn diagnosed(example: &Example, own: Option<&OwnEffects>) -> (Diagnosis, Value, ModelFile) {
     let file = ModelFile::parse(&example.model, Path::new("model.toml")).unwrap();
+    // Two runs of each step are enough here.
     let recordings: Vec<Recording> = example
         .recordings
         .iter()
+        .filter(|(name, ..)| !name.contains("_3"))
         .map(|(_, recording, _)| recording.clone())
         .collect();
     let request = Request {
@@ -86,14 +88,13 @@ fn an_effect_that_is_in_no_catalogue_is_named_by_its_formula() {
     let example = of_actuator(&truth, 0.2, 3).unwrap();
 
     let (without, verdict, _) = diagnosed(&example, None);
-    eprintln!("{verdict:#}");
     let closed = |verdict: &Value| verdict["adequacy"]["holdout_gap_closed"].as_f64().unwrap();
     let closed_without = closed(&verdict);
-    assert_ne!(without.answer, Answer::NoDiscrepancy);
+    assert_eq!(without.answer, Answer::Unexplained, "{verdict:#}");
+    assert_eq!(verdict["repair"]["kind"], "table");
 
     let (with, verdict, file) = diagnosed(&example, Some(&own(EFFECTS)));
-    eprintln!("{verdict:#}");
-    assert_eq!(with.answer, Answer::EffectFound);
+    assert_eq!(with.answer, Answer::EffectFound, "{verdict:#}");
     assert_eq!(verdict["effects"][0]["kind"], "taut_hose");
     assert_eq!(verdict["effects"].as_array().unwrap().len(), 1);
     let parameter = |key: &str| verdict["effects"][0]["parameters"][key].as_f64().unwrap();
@@ -119,8 +120,7 @@ fn a_formula_that_does_what_the_catalogue_does_is_not_told_from_it() {
     )
     .unwrap();
     let (with, verdict, _) = diagnosed(&example, Some(&own(FRICTION)));
-    eprintln!("{verdict:#}");
-    assert_eq!(with.answer, Answer::CannotTell);
+    assert_eq!(with.answer, Answer::CannotTell, "{verdict:#}");
     let rivals: Vec<&str> = verdict["alternatives"]
         .as_array()
         .unwrap()

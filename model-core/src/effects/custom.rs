@@ -87,8 +87,8 @@ impl Unary {
             Self::Abs => x.abs(),
             Self::Sign if x > R::zero() => R::one(),
             Self::Sign if x < R::zero() => -R::one(),
-            // Zero, or not a number.
-            Self::Sign => x - x,
+            // Zero, also in its slopes, or not a number.
+            Self::Sign => x * R::zero(),
             Self::Sqrt => power(x, R::half()),
             Self::Exp => x.exp(),
             Self::Log => x.ln(),
