@@ -2,8 +2,8 @@
 //!
 //! `a*tanh(w/b) + c*th^3` is read by precedence climbing (Pratt's parser) in one pass
 //! that emits the instructions of a [`Program`] as it goes; what is constant is computed
-//! at once. The expression libraries of the registry either evaluate in `f64` alone or
-//! say nothing about where a fault is, and fits need derivatives and users a column.
+//! at once. Fits need derivatives and users a column, which is why it is ours
+//! (`docs/decisions/0044-effects-by-formula.md`).
 //!
 //! | binds | operators | side |
 //! |---|---|---|
