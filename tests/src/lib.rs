@@ -89,6 +89,7 @@ impl Case {
             file: &self.file,
             recordings: &self.recordings,
             holdout: &self.holdout,
+            own: None,
             seed: 1,
         };
         diagnose(&request, &Progress::default()).unwrap()

@@ -436,6 +436,7 @@ fn a_session_is_diagnosed_and_not_refused() {
         file: &file,
         recordings: &recordings,
         holdout: &[],
+        own: None,
         seed: 1,
     };
     let diagnosis = diagnose(&request, &Progress::default()).unwrap();

@@ -136,8 +136,13 @@ pub fn diagnose(case: &Case, out: &Path, settings: Settings) -> Result<Outcome, 
 
 /// Everything that the results depend on.
 fn inputs(case: &Case, settings: Settings) -> anyhow::Result<String> {
-    let Provenance { version, files, .. } =
-        Provenance::of(&case.model, &case.recordings, &case.holdout, String::new())?;
+    let Provenance { version, files, .. } = Provenance::of(
+        &case.model,
+        None,
+        &case.recordings,
+        &case.holdout,
+        String::new(),
+    )?;
     let mut text = format!(
         "# softrig {version}, seed {}, columns {:?}\n",
         settings.seed, settings.columns
@@ -166,6 +171,7 @@ fn solve(case: &Case, settings: Settings) -> anyhow::Result<(String, String)> {
         file: &file,
         recordings: &recordings,
         holdout: &holdout,
+        own: None,
         seed: settings.seed,
     };
     let clock = Instant::now();

@@ -12,6 +12,7 @@ use crate::batch::{self, Folder, Outcome, manifest, results};
 use crate::checkpoint::Checkpoint;
 use crate::diagnose::{Request, diagnose_from};
 use crate::error::write_atomically;
+use crate::own_effects::OwnEffects;
 use crate::report::Outputs;
 use crate::report::content::Content;
 use crate::report::html::page;
@@ -33,11 +34,15 @@ Examples:
   rig diagnose --model m.toml run.csv --json verdict.json
   rig diagnose --model m.toml monday.csv tuesday.csv      sessions of one rig
   rig diagnose --model m.toml id_*.csv --holdout vad_*.csv --plot gap.svg
+  rig diagnose --model m.toml --effects mine.toml run.csv  tries formulas of your own
   rig diagnose --model m.toml run.csv --resume fits       after an interruption
   rig diagnose --batch cases.csv -o out                   thousands of recordings
   rig diagnose --batch cases.csv -o out --share 7/400     as one job of an array
 
 Ctrl-C prints what is known so far, writes nothing, and exits with code 130.
+
+A file of effects has sections [[effect]] with kind = \"custom\", a name, a formula
+for the force, and its parameters; docs/custom-effects.md.
 
 A batch is a CSV with the columns case,model,recordings,holdout; docs/batch.md.
 
@@ -50,6 +55,9 @@ pub struct Args {
     /// Recordings to fit
     #[arg(required_unless_present = "batch", value_name = "REC.csv")]
     recordings: Vec<PathBuf>,
+    /// Effects of your own, by formulas, to try beside those that are known
+    #[arg(long, value_name = "EFFECTS.toml", conflicts_with = "batch")]
+    effects: Option<PathBuf>,
     /// Recordings to judge by, which are not fitted
     #[arg(long, num_args = 1.., value_name = "REC.csv")]
     holdout: Vec<PathBuf>,
@@ -177,16 +185,21 @@ fn run_one(args: &Args, model: &PathBuf) -> anyhow::Result<()> {
             Output::of("--plot", FileKind::Picture, args.plot.as_ref()),
             Output::of("-o", FileKind::Model, args.output.as_ref()),
         ],
-        read.chain([model]),
+        read.chain([model]).chain(&args.effects),
     )?;
     super::check_distinct(&args.recordings, &args.holdout)?;
     let columns = args.input.columns();
     let (file, recordings) = super::read(model, &args.recordings, &columns)?;
+    let own = match &args.effects {
+        Some(path) => Some(OwnEffects::read(path, &file.model)?),
+        None => None,
+    };
     let holdout = crate::recording::read_all(&args.holdout, &columns, super::warn)?;
     // Before the long work: these are the bytes that it starts from.
     let provenance = match &args.report {
         Some(_) => Some(Provenance::of(
             model,
+            args.effects.as_deref(),
             &args.recordings,
             &args.holdout,
             command_line(),
@@ -197,6 +210,7 @@ fn run_one(args: &Args, model: &PathBuf) -> anyhow::Result<()> {
         file: &file,
         recordings: &recordings,
         holdout: &holdout,
+        own: own.as_ref(),
         seed: args.seed,
     };
     let checkpoint = match &args.resume {

@@ -56,6 +56,7 @@ use crate::estimate::Dataset;
 use crate::estimate::assemble::assemble;
 use crate::estimate::fit::{Fit, Fitter};
 use crate::model_file::{ModelFile, tidy, to_file_units};
+use crate::own_effects::OwnEffects;
 use crate::recording::Recording;
 use baseline::Baseline;
 use candidates::{Candidate, Untried};
@@ -86,8 +87,17 @@ pub struct Request<'a> {
     pub recordings: &'a [Recording],
     /// Recordings to judge by; if empty, segments are left out in turn.
     pub holdout: &'a [Recording],
+    /// Effects with formulas of the user's own, which are tried beside the catalogue.
+    pub own: Option<&'a OwnEffects>,
     /// Seed of everything random.
     pub seed: u64,
+}
+
+impl<'a> Request<'a> {
+    /// The user's own effects.
+    pub fn own_kinds(&self) -> &'a [Kind] {
+        self.own.map_or(&[], |own| &own.kinds)
+    }
 }
 
 /// Everything that a diagnosis found.
@@ -225,7 +235,7 @@ fn diagnose_zeros(
         diagnosis.answer,
         Answer::NoDiscrepancy | Answer::ParametersOnly
     );
-    let effect = ranking::required_evidence(1, Kind::NAMES.len());
+    let effect = ranking::required_evidence(1, Kind::NAMES.len() + request.own_kinds().len());
     if !quiet || cost_of_zeros(&diagnosis.data, &diagnosis.refit) < effect {
         return Ok(found);
     }
@@ -252,6 +262,7 @@ fn diagnose_all(
         checkpoint,
         progress,
         seed: request.seed,
+        own: request.own_kinds(),
     };
     let Searched {
         found,

@@ -26,6 +26,8 @@ pub struct Options<'a> {
     pub progress: &'a Progress,
     /// Seed of the noise that is drawn.
     pub seed: u64,
+    /// Effects that are tried beside those of the catalogue.
+    pub own: &'a [Kind],
 }
 
 /// What a search came to.
@@ -60,7 +62,7 @@ pub fn search(mut baseline: Baseline, options: Options<'_>) -> Searched {
     if let Some(answer) = baseline.quiet(&validator) {
         return Searched::nothing(answer, Vec::new(), baseline);
     }
-    let (kinds, untried) = applicable(&file.model, &fitter);
+    let (kinds, untried) = applicable(&file.model, options.own, &fitter);
     let material = Material::of(&fitter, &baseline.refit);
     let fitters = material.fitters(&fitter);
     let context = fitters.context(&file, &material, options);

@@ -1122,6 +1122,9 @@ fn next(request: &Request<'_>, diagnosis: &Diagnosis) -> Vec<NextRun> {
         .filter(|(index, _)| Some(*index) != diagnosis.left_out)
         .map(|(_, recording)| quoted(&recording.path.to_string_lossy()))
         .collect();
+    let effects = request.own.map_or_else(String::new, |own| {
+        format!(" --effects {}", quoted(&own.path.to_string_lossy()))
+    });
     diagnosis
         .proposals
         .iter()
@@ -1132,7 +1135,7 @@ fn next(request: &Request<'_>, diagnosis: &Diagnosis) -> Vec<NextRun> {
             separates: [a.join(" + "), b.join(" + ")],
             evidence: format!("{:.0}", proposal.evidence),
             command: format!(
-                "rig plan --model {} --between {},{} {} -o next.toml",
+                "rig plan --model {}{effects} --between {},{} {} -o next.toml",
                 quoted(&request.file.path.to_string_lossy()),
                 a.join("+"),
                 b.join("+"),

@@ -1,5 +1,7 @@
 //! The summary on the terminal: what the page says, in some twenty lines.
 
+use model_core::catalogue::Kind;
+
 use super::Outputs;
 use super::content::{Content, Notice, ParameterRow, Rival};
 use crate::diagnose::verdict::Answer;
@@ -22,8 +24,12 @@ pub fn summary(content: &Content, outputs: &Outputs<'_>, seed: u64, seconds: f64
             effect.standing()
         ));
         lines.extend(effect.parameters.iter().map(|row| {
-            // Keys of effects carry their unit already.
-            format!("  {} = {} [{}]", row.name, row.value, row.certainty())
+            // Keys of the catalogue carry their unit already; a formula's are what it says.
+            let unit = match Kind::from_name(effect.kind) {
+                None if !row.unit.is_empty() => format!(" {}", row.unit),
+                _ => String::new(),
+            };
+            format!("  {} = {}{unit} [{}]", row.name, row.value, row.certainty())
         }));
     }
     let free: Vec<&ParameterRow> = content.base.iter().filter(|row| row.free).collect();

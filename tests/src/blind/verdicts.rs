@@ -62,6 +62,7 @@ impl Outcome {
             file: &file,
             recordings: &recordings,
             holdout: &[],
+            own: None,
             seed: 1,
         };
         let (clock, processor) = (Instant::now(), processor_seconds());
