@@ -1,6 +1,6 @@
 //! C99, for a workstation or a microcontroller.
 
-use super::print::{Lines, Syntax};
+use super::print::{Lines, Syntax, indented};
 use super::trace::Unary;
 use super::{ExportError, Source, aligned};
 
@@ -98,5 +98,15 @@ impl Syntax for C<'_> {
     fn assign(&self, target: &str, value: &Lines, into: &mut Vec<String>) {
         let text = format!("{target} = {};", value.joined(""));
         into.extend(text.lines().map(str::to_owned));
+    }
+    fn declare(&self, name: &str, into: &mut Vec<String>) {
+        into.push(format!("double {name};"));
+    }
+    fn branch(&self, condition: &str, yes: &[String], no: &[String], into: &mut Vec<String>) {
+        into.push(format!("if ({condition}) {{"));
+        into.extend(indented(yes));
+        into.push("} else {".to_owned());
+        into.extend(indented(no));
+        into.push("}".to_owned());
     }
 }

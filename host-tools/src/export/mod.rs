@@ -11,6 +11,7 @@
 //! its results.
 
 mod c;
+mod matlab;
 pub mod physics;
 pub mod print;
 mod python;
@@ -116,7 +117,8 @@ pub fn export(
     match language {
         Language::C => c::export(&source),
         Language::Python => python::export(&source),
-        _ => todo!(),
+        Language::Matlab => matlab::export(&source),
+        Language::Modelica => todo!(),
     }
 }
 
@@ -341,7 +343,7 @@ impl Source<'_> {
                 largest_angle_deg: number(defaults.largest_angle_deg),
             },
         };
-        let mut environment = minijinja::Environment::empty();
+        let mut environment = minijinja::Environment::new();
         environment.set_syntax(
             minijinja::syntax::SyntaxConfig::builder()
                 .trim_blocks(true)

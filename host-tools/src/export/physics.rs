@@ -343,7 +343,7 @@ fn constants(model: &Model<f64>) -> Vec<Constant> {
                 in_file: shortest(value, scale),
                 scale,
                 symbol,
-                about: if shown_unit.is_empty() {
+                about: if scale == Scale::Same {
                     about
                 } else {
                     format!("{about}, {shown_unit} in the model file")

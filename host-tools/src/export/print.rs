@@ -45,6 +45,12 @@ pub trait Syntax {
     /// One of two numbers, in parentheses; none where a language knows that as a statement
     /// only.
     fn select(&self, condition: &str, yes: &str, no: &str) -> Option<String>;
+    /// Whether a choice between choices is written as a statement.
+    fn has_statements(&self) -> bool {
+        true
+    }
+    /// The lines before a new variable gets its value in a statement.
+    fn declare(&self, _name: &str, _into: &mut Vec<String>) {}
     /// The lines that give a new variable its value.
     fn define(&self, name: &str, value: &Lines, into: &mut Vec<String>);
     /// The lines that give what is there a value.
@@ -135,9 +141,14 @@ impl<'a, S: Syntax> Printer<'a, S> {
                 None => continue,
             };
             let name = self.syntax.symbol(&name);
-            self.value(id, &mut lines, &|syntax, value, into| {
-                syntax.define(&name, value, into);
-            });
+            if is_statement {
+                self.syntax.declare(&name, &mut lines);
+                self.value(id, &mut lines, &|syntax, value, into| {
+                    syntax.assign(&name, value, into);
+                });
+            } else {
+                self.syntax.define(&name, &self.broken(id), &mut lines);
+            }
             self.names.insert(id, name);
         }
         for (target, id) in targets {
@@ -148,10 +159,15 @@ impl<'a, S: Syntax> Printer<'a, S> {
         lines
     }
 
-    /// Whether an expression is a choice that the language writes as a statement.
+    /// Whether an expression is a choice that is written as a statement: one between
+    /// choices, or any where the language has no other way.
     fn is_statement(&self, id: Id) -> bool {
-        matches!(self.tape.get(id), Expression::Select(..))
-            && self.syntax.select("", "", "").is_none()
+        let is_choice = |id| matches!(self.tape.get(id), Expression::Select(..));
+        let Expression::Select(_, yes, no) = self.tape.get(id) else {
+            return false;
+        };
+        self.syntax.has_statements()
+            && (is_choice(yes) || is_choice(no) || self.syntax.select("", "", "").is_none())
     }
 
     /// Whether the only use of an expression is as an end of a choice.
@@ -262,4 +278,9 @@ impl<'a, S: Syntax> Printer<'a, S> {
 /// A number with as many digits as tell it from all others.
 pub fn number(value: f64) -> String {
     format!("{value:?}")
+}
+
+/// Lines one step further to the right.
+pub fn indented(lines: &[String]) -> impl Iterator<Item = String> {
+    lines.iter().map(|line| format!("    {line}"))
 }

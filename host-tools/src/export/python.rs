@@ -1,6 +1,6 @@
 //! Python 3, without packages.
 
-use super::print::{Lines, Syntax};
+use super::print::{Lines, Syntax, indented};
 use super::trace::Unary;
 use super::{ExportError, Source, aligned};
 
@@ -90,5 +90,11 @@ impl Syntax for Python<'_> {
             format!("{target} = {}", value.joined(""))
         };
         into.extend(text.lines().map(str::to_owned));
+    }
+    fn branch(&self, condition: &str, yes: &[String], no: &[String], into: &mut Vec<String>) {
+        into.push(format!("if {condition}:"));
+        into.extend(indented(yes));
+        into.push("else:".to_owned());
+        into.extend(indented(no));
     }
 }
