@@ -12,6 +12,7 @@
 
 mod c;
 mod matlab;
+mod modelica;
 pub mod physics;
 pub mod print;
 mod python;
@@ -118,7 +119,7 @@ pub fn export(
         Language::C => c::export(&source),
         Language::Python => python::export(&source),
         Language::Matlab => matlab::export(&source),
-        Language::Modelica => todo!(),
+        Language::Modelica => modelica::export(&source),
     }
 }
 
@@ -343,15 +344,7 @@ impl Source<'_> {
                 largest_angle_deg: number(defaults.largest_angle_deg),
             },
         };
-        let mut environment = minijinja::Environment::new();
-        environment.set_syntax(
-            minijinja::syntax::SyntaxConfig::builder()
-                .trim_blocks(true)
-                .lstrip_blocks(true)
-                .keep_trailing_newline(true)
-                .build()?,
-        );
-        environment.set_undefined_behavior(minijinja::UndefinedBehavior::Strict);
+        let mut environment = environment()?;
         environment.add_template(language, template)?;
         Ok(environment.get_template(language)?.render(minijinja::value::Serde(&filling))?)
     }
@@ -395,6 +388,20 @@ impl Source<'_> {
         lines.extend(how.iter().map(|&line| line.to_owned()));
         lines
     }
+}
+
+/// Where templates are filled: lines of instructions leave nothing behind.
+fn environment() -> Result<minijinja::Environment<'static>, minijinja::Error> {
+    let mut environment = minijinja::Environment::new();
+    environment.set_syntax(
+        minijinja::syntax::SyntaxConfig::builder()
+            .trim_blocks(true)
+            .lstrip_blocks(true)
+            .keep_trailing_newline(true)
+            .build()?,
+    );
+    environment.set_undefined_behavior(minijinja::UndefinedBehavior::Strict);
+    Ok(environment)
 }
 
 /// Rows of a name, a value and a comment, each in its column.

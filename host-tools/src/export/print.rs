@@ -90,6 +90,12 @@ pub struct Printer<'a, S> {
     /// Names of the parts that were computed before.
     names: HashMap<Id, String>,
     labels: &'a [(Id, String)],
+    /// What names of parts without one begin with.
+    prefix: &'static str,
+    /// Names that a part must not be of if it is to be computed before.
+    in_place: &'static [&'static str],
+    /// Nothing is computed before.
+    at_once: bool,
 }
 
 impl<'a, S: Syntax> Printer<'a, S> {
@@ -100,6 +106,29 @@ impl<'a, S: Syntax> Printer<'a, S> {
             syntax,
             names: HashMap::new(),
             labels: &physics.labels,
+            prefix: "t",
+            in_place: &[],
+            at_once: false,
+        }
+    }
+
+    /// Computes nothing before that depends on some names, has no use for labels, and names
+    /// the other parts with this prefix.
+    pub fn apart(self, prefix: &'static str, in_place: &'static [&'static str]) -> Self {
+        Self {
+            labels: &[],
+            prefix,
+            in_place,
+            ..self
+        }
+    }
+
+    /// Computes nothing before: each value is one expression.
+    pub fn in_place(self) -> Self {
+        Self {
+            labels: &[],
+            at_once: true,
+            ..self
         }
     }
 
@@ -123,7 +152,7 @@ impl<'a, S: Syntax> Printer<'a, S> {
         let mut count = 0;
         for id in reached {
             let expression = self.tape.get(id);
-            if expression.is_leaf() {
+            if expression.is_leaf() || self.at_once || self.tape.depends(id, self.in_place) {
                 continue;
             }
             let label = self.labels.iter().find(|(known, _)| *known == id);
@@ -136,7 +165,7 @@ impl<'a, S: Syntax> Printer<'a, S> {
                     || is_statement && !is_result && !self.is_within_choice(id, &results) =>
                 {
                     count += 1;
-                    format!("t{count}")
+                    format!("{}{count}", self.prefix)
                 }
                 None => continue,
             };
@@ -181,7 +210,9 @@ impl<'a, S: Syntax> Printer<'a, S> {
     fn value(&self, id: Id, into: &mut Vec<String>, hand_on: &dyn Fn(&S, &Lines, &mut Vec<String>)) {
         match self.tape.get(id) {
             Expression::Select(condition, yes, no)
-                if self.is_statement(id) && !self.names.contains_key(&id) =>
+                if !self.names.contains_key(&id)
+                    && (self.is_statement(id)
+                        || self.syntax.has_statements() && self.text(id).0.len() > WIDTH) =>
             {
                 let [mut of_yes, mut of_no] = [vec![], vec![]];
                 self.value(yes, &mut of_yes, hand_on);

@@ -190,6 +190,15 @@ impl Tape {
             .collect()
     }
 
+    /// Whether an expression is of one of some names.
+    pub fn depends(&self, id: Id, names: &[&str]) -> bool {
+        !names.is_empty()
+            && self.reached(&[id]).into_iter().any(|part| {
+                matches!(self.get(part), Expression::Symbol(symbol)
+                    if names.contains(&&*self.name(symbol)))
+            })
+    }
+
     /// Runs a function for every way in which its comparisons can come out, and joins the
     /// results.
     ///
