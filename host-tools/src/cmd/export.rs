@@ -61,13 +61,17 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         None => Defaults::default(),
     };
     let stem = args.output.as_ref().and_then(|path| path.file_stem());
-    let name = stem.map_or_else(|| "softrig_model".to_owned(), |stem| {
-        stem.to_string_lossy().into_owned()
-    });
+    let name = stem.map_or_else(
+        || "softrig_model".to_owned(),
+        |stem| stem.to_string_lossy().into_owned(),
+    );
     if args.to == Language::Matlab && stem.is_some() && identifier(&name) != name {
         return Err(InputError::new(
             "is no name of a MATLAB function, which a file has to be named after",
-            format!("use letters, digits and underscores: -o {}.m", identifier(&name)),
+            format!(
+                "use letters, digits and underscores: -o {}.m",
+                identifier(&name)
+            ),
         )
         .in_file(args.output.as_deref().unwrap_or(&args.model))
         .into());
@@ -99,7 +103,9 @@ fn starting_as(
         super::warn(warning);
     }
     let data = Dataset::of(std::slice::from_ref(&recording));
-    let found = Fitter::new(&file.model, &data).compare(&file.model).nuisances[0];
+    let found = Fitter::new(&file.model, &data)
+        .compare(&file.model)
+        .nuisances[0];
     Ok(Defaults {
         start_deg: Some(found.start.angle.to_degrees()),
         start_deg_per_s: found.start.rate.to_degrees(),

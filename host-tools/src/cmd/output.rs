@@ -262,7 +262,10 @@ fn of_text(text: &str) -> Option<FileKind> {
     // Every export says so in its first lines, whatever the language; other code is
     // somebody's work.
     let head = text.lines().take(EXPORT_SAYS_SO_BY);
-    if head.into_iter().any(|line| line.contains(WRITTEN_BY_EXPORT)) {
+    if head
+        .into_iter()
+        .any(|line| line.contains(WRITTEN_BY_EXPORT))
+    {
         return Some(FileKind::Code);
     }
     if start.starts_with('{') {

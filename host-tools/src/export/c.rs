@@ -52,7 +52,9 @@ const USE: &[&str] = &[
 
 /// A line that does not end the comment that it is in.
 fn harmless(line: &str) -> String {
-    line.replace("*/", "* /").replace("/*", "/ *").replace("??/", "? ?/")
+    line.replace("*/", "* /")
+        .replace("/*", "/ *")
+        .replace("??/", "? ?/")
 }
 
 impl Syntax for C<'_> {

@@ -26,9 +26,16 @@ pub(super) fn export(source: &Source) -> Result<String, ExportError> {
         "largest_angle_deg, up to which steps are fine enough.".to_owned(),
     ];
     let how: Vec<&str> = how.iter().map(String::as_str).collect();
-    let mut header = vec![format!("    %{} Simulates what the angle sensor shows.", name.to_uppercase())];
+    let mut header = vec![format!(
+        "    %{} Simulates what the angle sensor shows.",
+        name.to_uppercase()
+    )];
     let comment = source.header(&how);
-    header.extend(comment.iter().map(|line| format!("    % {line}").trim_end().to_owned()));
+    header.extend(
+        comment
+            .iter()
+            .map(|line| format!("    % {line}").trim_end().to_owned()),
+    );
     let constants: Vec<[String; 3]> = source
         .physics
         .constants

@@ -159,14 +159,6 @@ struct Numbers {
     largest_angle_deg: String,
 }
 
-/// Expressions of the parameters of a friction.
-#[derive(Serialize)]
-struct FrictionText {
-    width: String,
-    saturated: String,
-    relaxation: String,
-}
-
 /// What a template of a language with steps is filled with.
 #[derive(Serialize)]
 struct Filling<'a> {
@@ -183,7 +175,8 @@ struct Filling<'a> {
     note: Option<String>,
     fastest: String,
     decay: String,
-    friction: Option<FrictionText>,
+    /// What gives `width`, `saturated` and `signs` of the frictions a value.
+    friction: Option<String>,
     delay: Option<String>,
     shown_at_rest: String,
     start_deg: Option<String>,
@@ -219,7 +212,10 @@ impl Source<'_> {
     /// Names of the states, in their order.
     fn states(&self) -> Vec<&str> {
         let memories = self.physics.memories.iter().map(|memory| &*memory.name);
-        [physics::ANGLE, physics::RATE].into_iter().chain(memories).collect()
+        [physics::ANGLE, physics::RATE]
+            .into_iter()
+            .chain(memories)
+            .collect()
     }
 
     /// Names that expressions are of.
@@ -296,7 +292,9 @@ impl Source<'_> {
             .chain([physics.reading])
             .collect();
         let used = |is: fn(Expression) -> bool| {
-            tape.reached(&everything).into_iter().any(|id| is(tape.get(id)))
+            tape.reached(&everything)
+                .into_iter()
+                .any(|id| is(tape.get(id)))
         };
         let defaults = self.defaults;
         let filling = Filling {
@@ -312,10 +310,14 @@ impl Source<'_> {
             note: (!noted.is_empty()).then(|| indented(self.body(syntax, &noted, true))),
             fastest: indented(self.body(syntax, &fastest, false)),
             decay: self.expression(syntax, physics.decay),
-            friction: physics.friction.map(|friction| FrictionText {
-                width: self.expression(syntax, friction.width),
-                saturated: self.expression(syntax, friction.saturated),
-                relaxation: self.expression(syntax, friction.relaxation),
+            friction: physics.friction.map(|friction| {
+                let targets = [
+                    ("width", friction.width),
+                    ("saturated", friction.saturated),
+                    ("signs", friction.relaxation),
+                ];
+                let targets = targets.map(|(name, id)| (name.to_owned(), id));
+                indented(self.body(syntax, &targets, false))
             }),
             delay: physics.delay.map(|delay| self.expression(syntax, delay)),
             shown_at_rest: self.expression(syntax, physics.shown_at_rest),
@@ -327,7 +329,10 @@ impl Source<'_> {
             },
             uses: Uses {
                 signed_power: used(|e| {
-                    matches!(e, Expression::Binary(Binary::Power | Binary::SignedPower, ..))
+                    matches!(
+                        e,
+                        Expression::Binary(Binary::Power | Binary::SignedPower, ..)
+                    )
                 }),
                 exp: used(|e| matches!(e, Expression::Unary(Unary::Exp, _))),
                 sine: used(|e| matches!(e, Expression::Unary(Unary::Sin | Unary::Cos, _))),
@@ -346,7 +351,9 @@ impl Source<'_> {
         };
         let mut environment = environment()?;
         environment.add_template(language, template)?;
-        Ok(environment.get_template(language)?.render(minijinja::value::Serde(&filling))?)
+        Ok(environment
+            .get_template(language)?
+            .render(minijinja::value::Serde(&filling))?)
     }
 
     /// The comment that a file begins with: what it is, of what, and how to use it. Names
@@ -354,7 +361,10 @@ impl Source<'_> {
     fn header(&self, how: &[&str]) -> Vec<String> {
         let model = &self.file.model;
         let mut lines = vec![
-            format!("Model \"{}\" of a soft pneumatic bending actuator.", printable_line(&self.file.name)),
+            format!(
+                "Model \"{}\" of a soft pneumatic bending actuator.",
+                printable_line(&self.file.name)
+            ),
             String::new(),
             format!(
                 "{WRITTEN_BY} of softrig {}. It needs nothing else.",
@@ -368,7 +378,10 @@ impl Source<'_> {
             lines.push(format!("{}: {}", info.name, info.equation));
             if let Effect::Table(table) = effect {
                 let of = table.of();
-                let nodes = table.nodes().iter().map(|&node| number(node_in_file(of, node)));
+                let nodes = table
+                    .nodes()
+                    .iter()
+                    .map(|&node| number(node_in_file(of, node)));
                 let nodes: Vec<String> = nodes.collect();
                 lines.push(format!(
                     "    of the {}, nodes at {} {}",

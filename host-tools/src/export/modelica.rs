@@ -148,7 +148,11 @@ pub(super) fn export(source: &Source) -> Result<String, ExportError> {
             .memories
             .iter()
             .map(|memory| {
-                let kind = if is_noted(memory) { "discrete Real" } else { "Real" };
+                let kind = if is_noted(memory) {
+                    "discrete Real"
+                } else {
+                    "Real"
+                };
                 format!("{kind} {} {};", memory.name, quoted(&memory.about))
             })
             .collect(),
@@ -157,7 +161,9 @@ pub(super) fn export(source: &Source) -> Result<String, ExportError> {
         start,
         equations,
         notes,
-        delay: physics.delay.map(|delay| source.expression(&syntax(false), delay)),
+        delay: physics
+            .delay
+            .map(|delay| source.expression(&syntax(false), delay)),
     };
     let mut environment = environment()?;
     environment.add_template("modelica", TEMPLATE)?;
@@ -167,7 +173,9 @@ pub(super) fn export(source: &Source) -> Result<String, ExportError> {
 
 /// A string of Modelica.
 fn quoted(text: &str) -> String {
-    let text = printable_line(text).replace('\\', "\\\\").replace('"', "\\\"");
+    let text = printable_line(text)
+        .replace('\\', "\\\\")
+        .replace('"', "\\\"");
     format!("\"{text}\"")
 }
 
@@ -217,6 +225,9 @@ impl Syntax for Modelica<'_> {
         self.assign(name, value, into);
     }
     fn assign(&self, target: &str, value: &Lines, into: &mut Vec<String>) {
-        into.push(format!("{target} = {};", value.0.join(" ").replace("  ", " ")));
+        into.push(format!(
+            "{target} = {};",
+            value.0.join(" ").replace("  ", " ")
+        ));
     }
 }

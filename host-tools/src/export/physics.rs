@@ -327,7 +327,11 @@ fn constants(model: &Model<f64>) -> Vec<Constant> {
                 ParameterId::InputGain => base("input_gain_n_per_pa", "g", Scale::Over1000, "N/Pa"),
                 ParameterId::Effect { slot, parameter } => {
                     let row = &effects[slot].parameters()[parameter];
-                    let key = row.key.replace("kpa", "pa").replace('[', "_").replace(']', "");
+                    let key = row
+                        .key
+                        .replace("kpa", "pa")
+                        .replace('[', "_")
+                        .replace(']', "");
                     let scale = match row.unit {
                         Unit::KiloPascal => Scale::Times1000,
                         Unit::PerKiloPascal => Scale::Over1000,
@@ -411,10 +415,7 @@ fn used_places(model: &Model<f64>) -> Result<[bool; PLACES], TooManyBranches> {
 }
 
 /// Names of the hidden states that a model makes use of, and what they are.
-fn memory_names(
-    model: &Model<f64>,
-    used: [bool; PLACES],
-) -> [Option<(String, String)>; PLACES] {
+fn memory_names(model: &Model<f64>, used: [bool; PLACES]) -> [Option<(String, String)>; PLACES] {
     let kinds: Vec<Kind> = model.effects().map(|effect| effect.kind()).collect();
     let mut taken: Vec<&str> = Vec::new();
     std::array::from_fn(|place| {
@@ -480,7 +481,10 @@ fn labels<'t>(
             parts.push(part);
         }
         for (slot, (effect, hidden)) in effects().enumerate() {
-            let kinds = model.effects().take(slot).filter(|other| other.kind() == effect.kind());
+            let kinds = model
+                .effects()
+                .take(slot)
+                .filter(|other| other.kind() == effect.kind());
             named.push(match kinds.count() {
                 0 => effect.kind().name().to_owned(),
                 before => format!("{}_{}", effect.kind().name(), before + 1),
@@ -497,4 +501,168 @@ fn labels<'t>(
     labels.push((acceleration, "acceleration".to_owned()));
     labels.retain(|(id, _)| !tape.get(*id).is_leaf());
     Ok(labels)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::example::make;
+    use crate::model_file::ModelFile;
+    use std::path::Path;
+
+    fn model(kind: Kind, seed: u64) -> Model<f64> {
+        let truth = make(crate::example::Hidden::Effect(kind), 0.0, seed)
+            .unwrap()
+            .truth;
+        ModelFile::parse(&truth, Path::new("m.toml")).unwrap().model
+    }
+
+    /// Three effects of the catalogue, the later ones as their examples have them.
+    fn together(kinds: [Kind; 3]) -> Model<f64> {
+        let first = model(kinds[0], 5);
+        let effects: Vec<_> = kinds
+            .into_iter()
+            .filter_map(|kind| model(kind, 5).effects().next())
+            .collect();
+        Model::new(*first.dynamics(), &effects).unwrap()
+    }
+
+    /// Every expression against the model itself, at states in all directions.
+    fn agrees(model: &Model<f64>) {
+        let physics = Physics::of(model).unwrap();
+        for trial in 0..40 {
+            // Numbers from −1 to 1 that repeat nothing.
+            let spread = |k: usize| (17.3 * (k + 1) as f64 * (f64::from(trial) + 0.37)).sin();
+            let pressure = 6e4 * spread(0);
+            let mut state = State {
+                time: 3.0 + 3.0 * spread(1),
+                angle: 2.0 * spread(2),
+                rate: spread(3) * if trial % 2 == 0 { 3.0 } else { 0.03 },
+                hidden: [[0.0; 2]; MAX_EFFECTS],
+            };
+            let places = used_places(model).unwrap();
+            let used = (0..PLACES).filter(|place| places[*place]);
+            for (place, memory) in used.clone().zip(&physics.memories) {
+                let scale = if memory.name.contains("_pa") {
+                    6e4
+                } else {
+                    1.2
+                };
+                state.hidden[place / 2][place % 2] = scale * spread(4 + place);
+            }
+            let (start_angle, start_rate) = (1.5 * spread(20), 2.0 * spread(21));
+            let of = |name: &str| match name {
+                TIME => state.time,
+                ANGLE => state.angle,
+                RATE => state.rate,
+                PRESSURE => pressure,
+                START_ANGLE => start_angle,
+                START_RATE => start_rate,
+                name => {
+                    let place = physics.memories.iter().position(|m| m.name == name);
+                    if let Some(place) = place {
+                        let place = used.clone().nth(place).unwrap();
+                        return state.hidden[place / 2][place % 2];
+                    }
+                    let constant = physics.constants.iter().find(|c| c.name == name);
+                    constant
+                        .unwrap_or_else(|| panic!("{name} is not known"))
+                        .value()
+                }
+            };
+            let same = |what: &str, id: Id, expected: f64| {
+                let found = physics.tape.value(id, &of);
+                let error = (found - expected).abs() / expected.abs().max(1.0);
+                assert!(error < 1e-12, "{what}: {found} for {expected}");
+            };
+            let derivative = model.derivative(&state, &Held(pressure), 0.0);
+            let mut after = state;
+            model.note(&mut after, &Held(pressure), 0.0);
+            let start = model.showing(start_angle, start_rate, pressure);
+            same(
+                "acceleration",
+                physics.acceleration,
+                derivative.acceleration,
+            );
+            same("reading", physics.reading, model.reading(&state));
+            same("angle at the start", physics.start[0], start.angle);
+            same("rate at the start", physics.start[1], start.rate);
+            for (place, memory) in used.clone().zip(&physics.memories) {
+                let of = |hidden: &[Hidden<f64>; MAX_EFFECTS]| hidden[place / 2][place % 2];
+                same(&memory.name, memory.start, of(&start.hidden));
+                match memory.rate {
+                    Some(rate) => same(&memory.name, rate, of(&derivative.hidden)),
+                    None => assert!(of(&derivative.hidden).abs() < f64::MIN_POSITIVE),
+                }
+                match memory.noted {
+                    Some(noted) => same(&memory.name, noted, of(&after.hidden)),
+                    None => assert!((of(&after.hidden) - of(&state.hidden)).abs() < 1e-300),
+                }
+            }
+            let rates = model.fastest_rate(state.angle);
+            same("stiffness", physics.fastest[0], rates.stiffness);
+            same("relaxation", physics.fastest[1], rates.relaxation);
+            let sign = model.signs();
+            assert_eq!(sign.is_some(), physics.friction.is_some());
+            if let (Some(sign), Some(friction)) = (sign, physics.friction) {
+                same("width", friction.width, sign.width);
+                same("saturated", friction.saturated, sign.saturated);
+                same("signs", friction.relaxation, sign.relaxation);
+            }
+            let delay: f64 = model.effects().map(|effect| effect.delay()).sum();
+            match physics.delay {
+                Some(id) => same("delay", id, delay),
+                None => assert!(delay.abs() < f64::MIN_POSITIVE),
+            }
+        }
+    }
+
+    #[test]
+    fn every_effect_is_traced_as_it_is_computed() {
+        for &kind in Kind::NAMES {
+            agrees(&model(kind, 5));
+        }
+    }
+
+    #[test]
+    fn effects_are_traced_together() {
+        let all = Kind::NAMES;
+        for first in 0..all.len() {
+            // Each beside others, which come before and behind it.
+            let [second, third] = [5, 11].map(|step| (first + step) % all.len());
+            agrees(&together([all[first], all[second], all[third]]));
+        }
+        agrees(&together([
+            Kind::PneumaticLag,
+            Kind::VentAsymmetry,
+            Kind::PneumaticLag,
+        ]));
+        agrees(&together([
+            Kind::SecondMode,
+            Kind::SecondMode,
+            Kind::SecondMode,
+        ]));
+    }
+
+    /// What Modelica relies on: of a memory that is integrated, nothing is noted but turns
+    /// that are taken off.
+    #[test]
+    fn only_turns_are_integrated_and_noted() {
+        for &kind in Kind::NAMES {
+            let physics = Physics::of(&model(kind, 5)).unwrap();
+            for memory in physics.memories {
+                let both = memory.rate.is_some() && memory.noted.is_some();
+                assert_eq!(both, memory.name == "turns", "{kind:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn constants_are_those_of_the_model_to_the_bit() {
+        let model = model(Kind::PressureStiffening, 5);
+        for (id, constant) in parameters(&model).zip(constants(&model)) {
+            let value = model.value(id).unwrap();
+            assert_eq!(value.to_bits(), constant.value().to_bits(), "{constant:?}");
+        }
+    }
 }

@@ -207,7 +207,12 @@ impl<'a, S: Syntax> Printer<'a, S> {
     }
 
     /// Writes what hands the value of an expression on.
-    fn value(&self, id: Id, into: &mut Vec<String>, hand_on: &dyn Fn(&S, &Lines, &mut Vec<String>)) {
+    fn value(
+        &self,
+        id: Id,
+        into: &mut Vec<String>,
+        hand_on: &dyn Fn(&S, &Lines, &mut Vec<String>),
+    ) {
         match self.tape.get(id) {
             Expression::Select(condition, yes, no)
                 if !self.names.contains_key(&id)

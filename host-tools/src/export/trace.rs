@@ -293,7 +293,11 @@ impl Tape {
         else {
             return None;
         };
-        let negated = self.places.borrow().get(&Expression::Unary(Unary::Negate, x)).copied()?;
+        let negated = self
+            .places
+            .borrow()
+            .get(&Expression::Unary(Unary::Negate, x))
+            .copied()?;
         let zero = self.insert(Expression::Literal(0.0_f64.to_bits()));
         let below_zero = Condition {
             relation: Relation::Less,
@@ -316,11 +320,15 @@ impl Tape {
     }
 
     fn insert(&self, expression: Expression) -> Id {
-        *self.places.borrow_mut().entry(expression).or_insert_with(|| {
-            let mut all = self.expressions.borrow_mut();
-            all.push(expression);
-            Id(all.len() - 1)
-        })
+        *self
+            .places
+            .borrow_mut()
+            .entry(expression)
+            .or_insert_with(|| {
+                let mut all = self.expressions.borrow_mut();
+                all.push(expression);
+                Id(all.len() - 1)
+            })
     }
 
     fn traced(&self, expression: Expression) -> Traced<'_> {
@@ -548,19 +556,13 @@ impl<'t> Power<Traced<'t>> for Written {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use model_core::power::signed_power;
-
-    /// Evaluates an expression, to compare it with what it was made of.
-    fn value(tape: &Tape, id: Id, names: &[(&str, f64)]) -> f64 {
-        let part = |id| value(tape, id, names);
-        match tape.get(id) {
+impl Tape {
+    /// What an expression comes to, to compare it with what it was made of.
+    pub(super) fn value(&self, id: Id, of: &dyn Fn(&str) -> f64) -> f64 {
+        let part = |id| self.value(id, of);
+        match self.get(id) {
             Expression::Literal(bits) => f64::from_bits(bits),
-            Expression::Symbol(symbol) => {
-                let name = tape.name(symbol);
-                names.iter().find(|(known, _)| *known == &*name).unwrap().1
-            }
+            Expression::Symbol(symbol) => of(&self.name(symbol)),
             Expression::Unary(f, x) => match f {
                 Unary::Negate => -part(x),
                 Unary::Absolute => part(x).abs(),
@@ -589,6 +591,12 @@ mod tests {
             }
         }
     }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use model_core::power::signed_power;
 
     /// Branches in branches, loops, and numbers that meet again behind them.
     fn crooked<R: Real>(x: R, y: R) -> R {
@@ -614,9 +622,12 @@ mod tests {
         for step_x in -20..20 {
             for step_y in -20..20 {
                 let (x, y) = (0.17 * f64::from(step_x), 0.13 * f64::from(step_y));
-                let found = value(&tape, traced, &[("x", x), ("y", y)]);
+                let found = tape.value(traced, &|name| if name == "x" { x } else { y });
                 let expected = crooked(x, y);
-                assert!((found - expected).abs() < 1e-12, "{x} {y}: {found} {expected}");
+                assert!(
+                    (found - expected).abs() < 1e-12,
+                    "{x} {y}: {found} {expected}"
+                );
             }
         }
     }
@@ -627,7 +638,11 @@ mod tests {
         let (x, y) = (tape.symbol("x"), tape.symbol("y"));
         let traced = tape
             .explore(|| {
-                let slope = if x < y { Traced::Literal(2.0) } else { Traced::Literal(3.0) };
+                let slope = if x < y {
+                    Traced::Literal(2.0)
+                } else {
+                    Traced::Literal(3.0)
+                };
                 vec![(slope * x - y).exp()]
             })
             .unwrap()[0];
