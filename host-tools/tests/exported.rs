@@ -171,7 +171,7 @@ fn models() -> Vec<(String, ModelFile)> {
         ),
         (
             "friction in an overdamped one",
-            40.0,
+            400.0,
             "[[effect]]\nkind = \"coulomb_friction\"\nforce_n = 0.4\n",
         ),
         (
@@ -302,11 +302,9 @@ fn the_trials_reach_every_way_of_stepping() {
         .collect();
     for scheme in [Scheme::Rk4, Scheme::ExponentialHeun] {
         let with_friction = |is: bool| {
-            all.iter().any(|stepping| {
-                stepping.scheme == scheme
-                    && stepping.substeps > 2
-                    && stepping.friction.is_some() == is
-            })
+            all.iter()
+                .filter(|stepping| stepping.scheme == scheme)
+                .any(|stepping| stepping.friction.is_some() == is && (!is || stepping.substeps > 4))
         };
         assert!(with_friction(false) && with_friction(true), "{scheme:?}");
     }
@@ -458,7 +456,8 @@ fn names_do_not_leave_their_comments() {
     for language in Language::ALL {
         let code = export(&file, language, "exported", Defaults::default()).unwrap();
         assert!(!code.contains(['\u{7}', '\u{202e}']), "{language:?}");
-        assert!(!code.contains("*/ #error"), "{language:?}");
+        let ends_a_comment = language == Language::C && code.contains("*/ #error");
+        assert!(!ends_a_comment);
         let folder = tempfile::tempdir().unwrap();
         let path = folder
             .path()

@@ -28,7 +28,7 @@ pub(super) fn export(source: &Source) -> Result<String, ExportError> {
         .map(|constant| {
             let name = format!("static const double {}", constant.name.to_uppercase());
             let about = format!("/* {}: {} */", constant.symbol, constant.about);
-            [name, format!("{};", source.value(constant)), about]
+            [name, format!("{};", constant.text()), about]
         })
         .collect();
     source.filled(

@@ -43,7 +43,7 @@ pub(super) fn export(source: &Source) -> Result<String, ExportError> {
         .map(|constant| {
             let about = format!("% {}: {}", constant.symbol, constant.about);
             let name = format!("    p.{}", constant.name);
-            [name, format!("{};", source.value(constant)), about]
+            [name, format!("{};", constant.text()), about]
         })
         .collect();
     source.filled(

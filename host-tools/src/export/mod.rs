@@ -21,7 +21,7 @@ pub mod trace;
 use model_core::catalogue::Effect;
 use serde::Serialize;
 
-use self::physics::{Constant, Physics, Scale};
+use self::physics::Physics;
 use self::print::{Printer, Syntax, number};
 use self::trace::{Binary, Expression, Id, TooManyBranches, Unary};
 use crate::model_file::{ModelFile, node_in_file};
@@ -197,16 +197,6 @@ impl Source<'_> {
     fn is_constant(&self, name: &str) -> bool {
         let constants = &self.physics.constants;
         constants.iter().any(|constant| constant.name == name)
-    }
-
-    /// The value of a constant in SI units, from the number in the model file.
-    fn value(&self, constant: &Constant) -> String {
-        let in_file = number(constant.in_file);
-        match constant.scale {
-            Scale::Same => in_file,
-            Scale::Times1000 => format!("{in_file} * 1000.0"),
-            Scale::Over1000 => format!("{in_file} / 1000.0"),
-        }
     }
 
     /// Names of the states, in their order.

@@ -9,7 +9,7 @@ use std::cell::RefCell;
 
 use serde::Serialize;
 
-use super::physics::{Memory, PRESSURE};
+use super::physics::{Constant, Memory, PRESSURE};
 use super::print::{Lines, Printer, Syntax, number};
 use super::trace::{Binary, Expression, Id, Relation, Unary};
 use super::{ExportError, Source, environment};
@@ -120,20 +120,7 @@ pub(super) fn export(source: &Source) -> Result<String, ExportError> {
             .join("\n"),
         title: quoted(&source.file.name),
         signed_power,
-        parameters: physics
-            .constants
-            .iter()
-            .map(|constant| {
-                let unit = if constant.unit.is_empty() {
-                    String::new()
-                } else {
-                    format!("(unit = \"{}\")", constant.unit)
-                };
-                let about = quoted(&format!("{}: {}", constant.symbol, constant.about));
-                let value = source.value(constant);
-                format!("parameter Real {}{unit} = {value} {about};", constant.name)
-            })
-            .collect(),
+        parameters: physics.constants.iter().map(parameter).collect(),
         start_deg: defaults.start_deg.map_or_else(
             || {
                 let rest = source.expression(&syntax(false), physics.shown_at_rest);
@@ -169,6 +156,18 @@ pub(super) fn export(source: &Source) -> Result<String, ExportError> {
     environment.add_template("modelica", TEMPLATE)?;
     let template = environment.get_template("modelica")?;
     Ok(template.render(minijinja::value::Serde(&filling))?)
+}
+
+/// The line of a parameter.
+fn parameter(constant: &Constant) -> String {
+    let unit = if constant.unit.is_empty() {
+        String::new()
+    } else {
+        format!("(unit = \"{}\")", constant.unit)
+    };
+    let about = quoted(&format!("{}: {}", constant.symbol, constant.about));
+    let (name, value) = (&constant.name, constant.text());
+    format!("parameter Real {name}{unit} = {value} {about};")
 }
 
 /// A string of Modelica.

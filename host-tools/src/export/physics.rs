@@ -12,6 +12,7 @@ use model_core::effects::{Hidden, Instant, Mechanism, Unit};
 use model_core::input::{FromFn, Held};
 use model_core::real::Real;
 
+use super::print::number;
 use super::trace::{Binary, Expression, Id, Tape, TooManyBranches, Traced, Written};
 use crate::model_file::{parameter_name, parameter_unit};
 use crate::recording::PASCAL_PER_KPA;
@@ -58,6 +59,16 @@ impl Constant {
     /// The number in SI units.
     pub fn value(&self) -> f64 {
         self.scale.apply(self.in_file)
+    }
+
+    /// The same as an expression with the number of the model file in it.
+    pub fn text(&self) -> String {
+        let in_file = number(self.in_file);
+        match self.scale {
+            Scale::Same => in_file,
+            Scale::Times1000 => format!("{in_file} * 1000.0"),
+            Scale::Over1000 => format!("{in_file} / 1000.0"),
+        }
     }
 }
 
@@ -506,23 +517,30 @@ fn labels<'t>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::example::make;
+    use crate::example::rig_models;
     use crate::model_file::ModelFile;
     use std::path::Path;
+    use std::sync::LazyLock;
 
-    fn model(kind: Kind, seed: u64) -> Model<f64> {
-        let truth = make(crate::example::Hidden::Effect(kind), 0.0, seed)
-            .unwrap()
-            .truth;
-        ModelFile::parse(&truth, Path::new("m.toml")).unwrap().model
+    /// A model with an effect, as `rig example` draws it.
+    fn model(kind: Kind) -> Model<f64> {
+        static MODELS: LazyLock<Vec<Model<f64>>> = LazyLock::new(|| {
+            let truth = |&kind: &Kind| rig_models(5, Some(kind)).unwrap().truth;
+            let texts = Kind::NAMES.iter().map(truth);
+            texts
+                .map(|text| ModelFile::parse(&text, Path::new("m.toml")).unwrap().model)
+                .collect()
+        });
+        let place = Kind::NAMES.iter().position(|known| *known == kind);
+        MODELS[place.unwrap()]
     }
 
     /// Three effects of the catalogue, the later ones as their examples have them.
     fn together(kinds: [Kind; 3]) -> Model<f64> {
-        let first = model(kinds[0], 5);
+        let first = model(kinds[0]);
         let effects: Vec<_> = kinds
             .into_iter()
-            .filter_map(|kind| model(kind, 5).effects().next())
+            .filter_map(|kind| model(kind).effects().next())
             .collect();
         Model::new(*first.dynamics(), &effects).unwrap()
     }
@@ -570,8 +588,9 @@ mod tests {
                         .value()
                 }
             };
+            let values = physics.tape.values(of);
             let same = |what: &str, id: Id, expected: f64| {
-                let found = physics.tape.value(id, &of);
+                let found = id.of(&values);
                 let error = (found - expected).abs() / expected.abs().max(1.0);
                 assert!(error < 1e-12, "{what}: {found} for {expected}");
             };
@@ -620,7 +639,7 @@ mod tests {
     #[test]
     fn every_effect_is_traced_as_it_is_computed() {
         for &kind in Kind::NAMES {
-            agrees(&model(kind, 5));
+            agrees(&model(kind));
         }
     }
 
@@ -649,7 +668,7 @@ mod tests {
     #[test]
     fn only_turns_are_integrated_and_noted() {
         for &kind in Kind::NAMES {
-            let physics = Physics::of(&model(kind, 5)).unwrap();
+            let physics = Physics::of(&model(kind)).unwrap();
             for memory in physics.memories {
                 let both = memory.rate.is_some() && memory.noted.is_some();
                 assert_eq!(both, memory.name == "turns", "{kind:?}");
@@ -659,7 +678,7 @@ mod tests {
 
     #[test]
     fn constants_are_those_of_the_model_to_the_bit() {
-        let model = model(Kind::PressureStiffening, 5);
+        let model = model(Kind::PressureStiffening);
         for (id, constant) in parameters(&model).zip(constants(&model)) {
             let value = model.value(id).unwrap();
             assert_eq!(value.to_bits(), constant.value().to_bits(), "{constant:?}");

@@ -34,7 +34,7 @@ pub(super) fn export(source: &Source) -> Result<String, ExportError> {
         .iter()
         .map(|constant| {
             let about = format!("# {}: {}", constant.symbol, constant.about);
-            [constant.name.to_uppercase(), source.value(constant), about]
+            [constant.name.to_uppercase(), constant.text(), about]
         })
         .collect();
     source.filled(

@@ -471,7 +471,10 @@ impl Sub for Traced<'_> {
 impl Mul for Traced<'_> {
     type Output = Self;
     fn mul(self, other: Self) -> Self {
-        if self.is_one() {
+        if self.is_zero() || other.is_zero() {
+            // Of finite numbers.
+            Self::Literal(0.0)
+        } else if self.is_one() {
             other
         } else if other.is_one() {
             self
@@ -557,39 +560,58 @@ impl<'t> Power<Traced<'t>> for Written {
 
 #[cfg(test)]
 impl Tape {
-    /// What an expression comes to, to compare it with what it was made of.
-    pub(super) fn value(&self, id: Id, of: &dyn Fn(&str) -> f64) -> f64 {
-        let part = |id| self.value(id, of);
-        match self.get(id) {
-            Expression::Literal(bits) => f64::from_bits(bits),
-            Expression::Symbol(symbol) => of(&self.name(symbol)),
-            Expression::Unary(f, x) => match f {
-                Unary::Negate => -part(x),
-                Unary::Absolute => part(x).abs(),
-                Unary::Exp => part(x).exp(),
-                Unary::Tanh => part(x).tanh(),
-                Unary::Sin => part(x).sin(),
-                Unary::Cos => part(x).cos(),
-            },
-            Expression::Binary(f, x, y) => match f {
-                Binary::Add => part(x) + part(y),
-                Binary::Subtract => part(x) - part(y),
-                Binary::Multiply => part(x) * part(y),
-                Binary::Divide => part(x) / part(y),
-                Binary::Max => part(x).max(part(y)),
-                Binary::Power => part(x).powf(part(y)),
-                Binary::SignedPower => part(x).abs().powf(part(y)).copysign(part(x)),
-            },
-            Expression::Select(c, x, y) => {
-                let (left, right) = (part(c.left), part(c.right));
-                let holds = match c.relation {
-                    Relation::Less => left < right,
-                    Relation::NotGreater => left <= right,
-                    Relation::Equal => (left - right).abs() < f64::MIN_POSITIVE,
-                };
-                part(if holds { x } else { y })
-            }
+    /// What all expressions come to, to compare them with what they were made of.
+    pub(super) fn values(&self, of: impl Fn(&str) -> f64) -> Vec<f64> {
+        let mut values: Vec<f64> = Vec::new();
+        for expression in self.expressions.borrow().iter() {
+            let part = |id: Id| values[id.0];
+            let value = match *expression {
+                Expression::Literal(bits) => f64::from_bits(bits),
+                Expression::Symbol(symbol) => of(&self.name(symbol)),
+                Expression::Unary(f, x) => match f {
+                    Unary::Negate => -part(x),
+                    Unary::Absolute => part(x).abs(),
+                    Unary::Exp => part(x).exp(),
+                    Unary::Tanh => part(x).tanh(),
+                    Unary::Sin => part(x).sin(),
+                    Unary::Cos => part(x).cos(),
+                },
+                Expression::Binary(f, x, y) => match f {
+                    Binary::Add => part(x) + part(y),
+                    Binary::Subtract => part(x) - part(y),
+                    Binary::Multiply => part(x) * part(y),
+                    Binary::Divide => part(x) / part(y),
+                    Binary::Max => part(x).max(part(y)),
+                    Binary::Power => part(x).powf(part(y)),
+                    Binary::SignedPower => part(x).abs().powf(part(y)).copysign(part(x)),
+                },
+                Expression::Select(c, x, y) => {
+                    let (left, right) = (part(c.left), part(c.right));
+                    #[expect(clippy::float_cmp, reason = "it is the comparison")]
+                    let holds = match c.relation {
+                        Relation::Less => left < right,
+                        Relation::NotGreater => left <= right,
+                        Relation::Equal => left == right,
+                    };
+                    part(if holds { x } else { y })
+                }
+            };
+            values.push(value);
         }
+        values
+    }
+
+    /// What one of them comes to.
+    pub(super) fn value(&self, id: Id, of: impl Fn(&str) -> f64) -> f64 {
+        self.values(of)[id.0]
+    }
+}
+
+impl Id {
+    /// Its value among those of all.
+    #[cfg(test)]
+    pub(super) fn of(self, values: &[f64]) -> f64 {
+        values[self.0]
     }
 }
 
@@ -622,7 +644,7 @@ mod tests {
         for step_x in -20..20 {
             for step_y in -20..20 {
                 let (x, y) = (0.17 * f64::from(step_x), 0.13 * f64::from(step_y));
-                let found = tape.value(traced, &|name| if name == "x" { x } else { y });
+                let found = tape.value(traced, |name| if name == "x" { x } else { y });
                 let expected = crooked(x, y);
                 assert!(
                     (found - expected).abs() < 1e-12,
