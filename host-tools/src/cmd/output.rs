@@ -348,7 +348,7 @@ mod tests {
                 "/*\n * Model \"a\"\n *\n * Written by `rig export` of softrig 0.1.0.\n */",
                 Some(FileKind::Code),
             ),
-            ("#include <time.h>\nint pressure, angle_deg;\n", None),
+            ("int main(void) { return 0; }\n", None),
         ] {
             assert_eq!(of_text(text), expected, "{text}");
         }
