@@ -15,6 +15,7 @@ pub mod dual;
 pub mod error;
 pub mod estimate;
 pub mod example;
+pub mod export;
 pub mod first_model;
 pub mod formula;
 pub mod linear;

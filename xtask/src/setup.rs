@@ -2,8 +2,9 @@
 //!
 //! Beyond stable Rust it takes a compiler with the library source that avr-none is
 //! built from, avr-gcc as its linker, simavr, avrdude, ravedude, through which
-//! `cargo run` reaches a board, Chromium, which looks at reports, and mdBook, which makes the book.
-//! Each is looked for first, so that a second run does nothing.
+//! `cargo run` reaches a board, Chromium, which looks at reports, a C compiler and Python,
+//! which run exported models, and mdBook, which makes the book. Each is looked for first, so
+//! that a second run does nothing.
 
 use std::{
     env, fs,
@@ -44,6 +45,11 @@ const NEEDS: &[Need] = &[
         what: "a C compiler",
         present: || has_program("cc"),
         debian: &["gcc", "libc6-dev"],
+    },
+    Need {
+        what: "Python 3, to run exported models",
+        present: || has_program("python3"),
+        debian: &["python3"],
     },
     Need {
         what: "pkg-config",

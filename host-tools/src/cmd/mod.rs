@@ -5,6 +5,7 @@ pub mod calibrate;
 pub mod compare;
 pub mod diagnose;
 pub mod example;
+pub mod export;
 pub mod fit;
 pub mod gap;
 pub mod init;

@@ -11,6 +11,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use crate::error::{InputError, check_writable, is_stream};
+use crate::export::WRITTEN_BY as WRITTEN_BY_EXPORT;
 use crate::record::meta_path;
 
 /// What a file holds.
@@ -30,6 +31,8 @@ pub(crate) enum FileKind {
     Table,
     /// A recording: never replaced without being told to.
     Recording,
+    /// A model as a program of another language.
+    Code,
 }
 
 impl FileKind {
@@ -43,6 +46,7 @@ impl FileKind {
             Self::Picture => "a picture",
             Self::Table => "a table",
             Self::Recording => "a recording",
+            Self::Code => "code",
         }
     }
 
@@ -56,6 +60,7 @@ impl FileKind {
             Self::Picture => "picture.svg",
             Self::Table => "table.csv",
             Self::Recording => "new.csv",
+            Self::Code => "exported.c",
         }
     }
 }
@@ -251,6 +256,9 @@ fn found(path: &Path) -> Found {
     of_text(text.trim_start_matches('\u{feff}').trim_start()).map_or(Found::Unknown, Found::Known)
 }
 
+/// The lines within which an export says what wrote it.
+const EXPORT_SAYS_SO_BY: usize = 12;
+
 fn of_text(text: &str) -> Option<FileKind> {
     let start: String = text.chars().take(200).collect::<String>().to_lowercase();
     if start.starts_with("<!doctype html") || start.starts_with("<html") {
@@ -258,6 +266,15 @@ fn of_text(text: &str) -> Option<FileKind> {
     }
     if start.starts_with("<svg") || (start.starts_with("<?xml") && text.contains("<svg")) {
         return Some(FileKind::Picture);
+    }
+    // Every export says so in its first lines, whatever the language; other code is
+    // somebody's work.
+    let head = text.lines().take(EXPORT_SAYS_SO_BY);
+    if head
+        .into_iter()
+        .any(|line| line.contains(WRITTEN_BY_EXPORT))
+    {
+        return Some(FileKind::Code);
     }
     if start.starts_with('{') {
         return Some(FileKind::Json);
@@ -335,6 +352,11 @@ mod tests {
             ),
             ("schema = 1\n[settings]\n", None),
             ("Dear diary, today", None),
+            (
+                "/*\n * Model \"a\"\n *\n * Written by `rig export` of softrig 0.1.0.\n */",
+                Some(FileKind::Code),
+            ),
+            ("int main(void) { return 0; }\n", None),
         ] {
             assert_eq!(of_text(text), expected, "{text}");
         }
