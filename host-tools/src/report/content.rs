@@ -10,6 +10,7 @@ use serde::Serialize;
 
 use super::numbers::{degrees, fit, percent, short, with_ends};
 use super::shares::Explained;
+use crate::diagnose::budget::{Ended, Part};
 use crate::diagnose::family::Family;
 use crate::diagnose::noise::NoiseFloor;
 use crate::diagnose::policy::Policy;
@@ -45,6 +46,8 @@ pub struct Content {
     pub sentence: String,
     /// What it rests on, and what to do, in two or three sentences.
     pub lede: String,
+    /// What ended the search before it was done, and what was not tried, in sentences.
+    pub ended: Option<String>,
     /// The numbers that matter most.
     pub keys: Vec<Key>,
     /// What is noteworthy about the recordings.
@@ -285,6 +288,7 @@ impl Content {
             answer: diagnosis.answer,
             sentence: sentence(diagnosis),
             lede: lede(diagnosis),
+            ended: diagnosis.ended.as_ref().map(Ended::sentence),
             keys: keys(diagnosis),
             notices: notices(diagnosis),
             errors: errors(diagnosis),
@@ -344,6 +348,13 @@ pub fn sentence(diagnosis: &Diagnosis) -> String {
             titles(&diagnosis.named)
         ),
         Answer::EffectFound => format!("The model lacks {}.", titles(&diagnosis.named)),
+        Answer::CannotTell if diagnosis.is_open() => match diagnosis.alternatives.first() {
+            Some(best) => format!(
+                "Something is missing. {} came closest until the time was up.",
+                with_capital(&titles_of_names(&best.kinds))
+            ),
+            None => "Something is missing, and the time was up before it was found.".into(),
+        },
         Answer::CannotTell if diagnosis.alternatives.len() == 1 => format!(
             "There is a trace of {}, too faint for a name.",
             titles_of_names(&diagnosis.alternatives[0].kinds)
@@ -472,6 +483,18 @@ fn lede(diagnosis: &Diagnosis) -> String {
                 "the effects added"
             },
             left_over(diagnosis)
+        ),
+        Answer::CannotTell if diagnosis.is_open() => format!(
+            "Refitting the parameters leaves {refit} on runs that were not fitted, where noise \
+             alone leaves {floor}. {}",
+            if diagnosis.repaired.added.is_empty() {
+                "Nothing that was tried until then predicts better.".into()
+            } else {
+                format!(
+                    "With {} it is {repaired}, which is no name: what was not tried may do better.",
+                    titles(&diagnosis.repaired.added)
+                )
+            }
         ),
         Answer::CannotTell if diagnosis.alternatives.len() == 1 => format!(
             "Refitting the parameters leaves {refit} on runs that were not fitted, where noise \
@@ -605,7 +628,13 @@ fn are_the_same(kinds: &[Kind], names: &[String]) -> bool {
 
 /// What would separate the rivals, as a sentence.
 fn what_separates(diagnosis: &Diagnosis) -> &'static str {
-    if !next_suffices(diagnosis) {
+    if diagnosis
+        .ended
+        .as_ref()
+        .is_some_and(|ended| ended.lacks(Part::Experiment))
+    {
+        "With more time, a run that would separate them is looked for."
+    } else if !next_suffices(diagnosis) {
         "No run that the board can make is expected to separate them: a different measurement \
          is needed."
     } else if diagnosis.alternatives.len() > selection::RIVALS_PLANNED {
@@ -680,7 +709,11 @@ fn keys(diagnosis: &Diagnosis) -> Vec<Key> {
             },
             probability_key(
                 diagnosis.alternatives.first().map(|best| best.probability),
-                "of the best explanation: too little for a name",
+                if diagnosis.is_open() {
+                    "of what came closest, among what was tried"
+                } else {
+                    "of the best explanation: too little for a name"
+                },
             ),
         ],
         Answer::Unexplained => [
@@ -1164,6 +1197,9 @@ fn open(diagnosis: &Diagnosis) -> Vec<String> {
                 ));
             }
         }
+        Answer::CannotTell if diagnosis.is_open() => open.push(
+            "What is missing: the search was ended before everything was tried.".into(),
+        ),
         Answer::CannotTell => open.push(
             "Which of the explanations is the right one. Upload none of them yet: a wrong one \
              predicts these runs as well, and others not."

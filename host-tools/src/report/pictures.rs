@@ -143,6 +143,9 @@ pub fn curves_of(diagnosis: &Diagnosis) -> [Vec<&'static str>; 2] {
     let curves: [&[&str]; 2] = match diagnosis.answer {
         Answer::NoDiscrepancy => [&[NOMINAL], &[NOMINAL]],
         Answer::ParametersOnly => [&[NOMINAL, REFITTED], &[NOMINAL, REFITTED]],
+        Answer::CannotTell if diagnosis.is_open() && !diagnosis.repaired.added.is_empty() => {
+            [&[NOMINAL, REFITTED, REPAIRED], &[REFITTED, REPAIRED]]
+        }
         Answer::CannotTell => {
             let rivals = &RIVALS[..diagnosis.rivals.len().min(RIVALS.len())];
             let curves = || [&[REFITTED], rivals].concat();

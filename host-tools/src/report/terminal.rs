@@ -9,7 +9,9 @@ const LINES: usize = 25;
 
 /// The summary; `seed` and `seconds` stand in its last line.
 pub fn summary(content: &Content, outputs: &Outputs<'_>, seed: u64, seconds: f64) -> String {
-    let mut lines = vec![content.sentence.clone(), String::new()];
+    let mut lines = vec![content.sentence.clone()];
+    lines.extend(content.ended.clone());
+    lines.push(String::new());
     lines.extend(errors(content));
     let table = lines.len();
     lines.extend(content.closed.clone());
@@ -165,7 +167,8 @@ fn rival(rival: &Rival) -> String {
 /// The run to do next, or that there is none.
 fn next(content: &Content) -> Option<String> {
     let Some(run) = content.next.first() else {
-        return (content.answer == Answer::CannotTell).then(|| {
+        let none = content.answer == Answer::CannotTell && content.ended.is_none();
+        return none.then(|| {
             "Next experiment: none that the board can make; a different measurement is needed."
                 .into()
         });
