@@ -20,6 +20,7 @@ pub mod link;
 pub mod materials;
 pub mod model_file;
 pub mod monitor;
+pub mod numbers;
 pub mod plot;
 pub mod protocol;
 pub mod protocol_file;

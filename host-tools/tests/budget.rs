@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use host_tools::diagnose::budget::Ended;
 use host_tools::diagnose::verdict::Answer;
 use host_tools::diagnose::{Budget, Diagnosis, Progress, Request, diagnose};
 use host_tools::example::{Hidden, make};
@@ -24,7 +25,11 @@ fn example(kind: Kind) -> (ModelFile, Vec<Recording>) {
 }
 
 /// The diagnosis within a budget, and the verdict without the wall time.
-fn within(file: &ModelFile, recordings: &[Recording], budget: Option<Budget>) -> (Diagnosis, String) {
+fn within(
+    file: &ModelFile,
+    recordings: &[Recording],
+    budget: Option<Budget>,
+) -> (Diagnosis, String) {
     let request = Request {
         file,
         recordings,
@@ -38,9 +43,12 @@ fn within(file: &ModelFile, recordings: &[Recording], budget: Option<Budget>) ->
 
 /// What holds of every answer, early or late, if `kind` is what is missing.
 fn assert_honest(found: &Diagnosis, verdict: &str, kind: Kind) {
-    assert_eq!(found.ended.is_some(), verdict.contains(r#""ended":"budget""#));
+    assert_eq!(
+        found.ended.is_some(),
+        verdict.contains(r#""ended":"budget""#)
+    );
     assert_eq!(found.ended.is_some(), verdict.contains(r#""not_tried":["#));
-    let open = found.ended.as_ref().is_some_and(|ended| ended.is_open());
+    let open = found.ended.as_ref().is_some_and(Ended::is_open);
     match found.answer {
         Answer::EffectFound => assert_eq!(found.named, [kind]),
         Answer::CannotTell => assert!(found.named.is_empty()),
@@ -56,7 +64,10 @@ fn an_answer_grows_with_the_budget() {
     let kind = Kind::QuadraticDamping;
     let (file, recordings) = example(kind);
     let (whole, without) = within(&file, &recordings, None);
-    assert_eq!((whole.answer, whole.ended.clone()), (Answer::EffectFound, None));
+    assert_eq!(
+        (whole.answer, whole.ended.clone()),
+        (Answer::EffectFound, None)
+    );
     let mut tried = Vec::new();
     for fits in [0, 10, 27, 32] {
         let (found, verdict) = within(&file, &recordings, Some(Budget::Fits(fits)));

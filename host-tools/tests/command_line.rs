@@ -1255,7 +1255,10 @@ fn a_budget_ends_the_search_with_a_verdict() {
     assert_eq!(at_once["effects"], serde_json::json!([]));
     let not_tried = at_once["not_tried"].as_array().unwrap();
     assert!(not_tried.contains(&"quadratic_damping".into()) && not_tried.len() > 20);
-    assert!(said.starts_with("Something is missing, and the time was up"), "{said}");
+    assert!(
+        said.starts_with("Something is missing, and the time was up"),
+        "{said}"
+    );
     assert!(said.contains("The time of 1 ms was up"), "{said}");
     assert!(bench.text("r.html").contains("The time of 1 ms was up"));
     ModelFile::read(&bench.path("r.toml")).unwrap();

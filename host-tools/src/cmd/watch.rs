@@ -7,8 +7,8 @@ use std::time::Duration;
 
 use indicatif::ProgressBar;
 
-use crate::diagnose::{Budget, Progress};
 use crate::diagnose::progress::State;
+use crate::diagnose::{Budget, Progress};
 use crate::terminal::{printable, remark};
 
 /// Exit code of an interrupted command, as shells give it: 128 and the number of SIGINT.

@@ -512,9 +512,8 @@ mod tests {
             row(&[Gravity], 0.5, 500.0),
             row(&pair, 0.9, 900.0),
         ];
-        let after = |rows: &[Scored], tried| {
-            as_far_as_tried(decide(rows, &POLICY), rows, tried, &POLICY)
-        };
+        let after =
+            |rows: &[Scored], tried| as_far_as_tried(decide(rows, &POLICY), rows, tried, &POLICY);
         assert_eq!(after(&rows, 2), named(2, Strength::Explains));
         assert_eq!(after(&rows, 1), named(1, Strength::Part));
         let open = |structure| Decision::CannotTell {

@@ -19,6 +19,7 @@ use super::family::{Family, title};
 use super::measure::Measured;
 use super::policy::Policy;
 use super::selection::names;
+use crate::numbers::{degrees, percent};
 
 /// Counts what a diagnosis does. Any thread may report.
 #[derive(Debug)]
@@ -275,14 +276,14 @@ impl fmt::Display for Best {
             write!(f, " of {}", degrees(of))?;
         }
         match self.explains {
-            Some(share) => write!(f, ", explains {:.0} %", 100.0 * share.max(0.0)),
-            None => f.write_str(", not yet validated"),
+            Some(share) => write!(
+                f,
+                " on runs that were not fitted, explains {}",
+                percent(share.max(0.0))
+            ),
+            None => f.write_str(" on fitted runs, not yet validated"),
         }
     }
-}
-
-fn degrees(radians: f64) -> String {
-    format!("{:.2}°", radians.to_degrees())
 }
 
 impl State {
@@ -493,7 +494,7 @@ mod tests {
             "27 effects at several horizons: screening; 12 of 54 fits (63 in all), \
              3 min 20 s so far, this step about 80 s more; \
              best so far: dry friction + stiffness shape (coulomb_friction + gravity), \
-             leaves 0.39° of 1.21°, explains 71 %"
+             leaves 0.390° of 1.21° on runs that were not fitted, explains 71 %"
         );
         let begun = State {
             stage: "refit of the nominal structure".into(),
@@ -511,7 +512,7 @@ mod tests {
         };
         assert_eq!(
             coarse.to_string(),
-            "stiffness shape (gravity), leaves 0.57°, not yet validated"
+            "stiffness shape (gravity), leaves 0.573° on fitted runs, not yet validated"
         );
     }
 

@@ -21,6 +21,9 @@ const FRAME: RGBColor = RGBColor(0x9A, 0x9A, 0x9A);
 const GRID: RGBColor = RGBColor(0xE6, 0xE6, 0xE6);
 const LEVEL: RGBColor = RGBColor(0x77, 0x77, 0x77);
 
+/// How far a note stands to the right of its point, and above it.
+const NOTE_PX: f64 = 5.0;
+
 /// A panel's place on the page.
 #[derive(Clone, Debug)]
 pub(super) struct Placed {
@@ -77,7 +80,7 @@ impl Placed {
         let has_dots = shares_x
             .iter()
             .flat_map(|p| &p.series)
-            .any(|s| s.style.mark == Mark::Points);
+            .any(|s| matches!(s.style.mark, Mark::Points | Mark::Discs | Mark::Rings));
         let x = Axis::over(
             shares_x.iter().flat_map(|p| {
                 let cells = p.cells.iter().flat_map(|cell| [cell.x.0, cell.x.1]);
@@ -200,6 +203,13 @@ impl Placed {
                 }
             }
             canvas.group(&attributes, |canvas| self.draw_series(series, canvas))?;
+        }
+        for note in &panel.notes {
+            let (x, y) = self.at((note.x, note.y));
+            if self.area.contains((x, y)) {
+                let beside = (x + NOTE_PX, y - NOTE_PX);
+                canvas.text(&note.text, beside, TICK_PX, Anchor::Start, TextLook::SOFT)?;
+            }
         }
         let Rectangle {
             left,

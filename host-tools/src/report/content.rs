@@ -8,7 +8,6 @@ use model_core::catalogue::Kind;
 use model_core::effects::Place;
 use serde::Serialize;
 
-use super::numbers::{degrees, fit, percent, short, with_ends};
 use super::shares::Explained;
 use crate::diagnose::budget::{Ended, Part};
 use crate::diagnose::family::Family;
@@ -20,6 +19,7 @@ use crate::diagnose::{Diagnosis, Request};
 use crate::estimate::Segment;
 use crate::estimate::fit::Fit;
 use crate::model_file::{parameter_name, parameter_unit, to_file_units};
+use crate::numbers::{degrees, evidence, fit, percent, short, with_ends};
 use crate::statistics::squares_about_mean;
 
 /// Structures of one size that are listed; what is behind them is counted.
@@ -198,7 +198,8 @@ pub struct Rival {
     /// Its probability; none where all of them explain too little, for it is
     /// relative to the others only.
     pub probability: Option<String>,
-    /// Share of the held-out gap that it closes, where that was found.
+    /// Share of the error beyond the noise that it explains on runs that were not fitted,
+    /// over three horizons together, where that was found.
     pub closed: Option<String>,
     /// Its information criterion behind the best.
     pub delta_bic: String,
@@ -466,8 +467,8 @@ fn lede(diagnosis: &Diagnosis) -> String {
     .map(degrees);
     match diagnosis.answer {
         Answer::NoDiscrepancy => format!(
-            "Simulation and measurement differ by {nominal}, where noise alone leaves {floor}. \
-             There is nothing to repair: keep the model as it is."
+            "On runs that were not fitted, simulation and measurement differ by {nominal}, where \
+             noise alone leaves {floor}. There is nothing to repair: keep the model as it is."
         ),
         Answer::ParametersOnly => format!(
             "With the parameters refitted, the error on runs that were not fitted falls from \
@@ -552,7 +553,8 @@ fn why_no_name(diagnosis: &Diagnosis) -> String {
         return "Nothing that was tried explains any of that. ".into();
     }
     format!(
-        "The best of all that was tried explains {} of what is beyond the noise. {} ",
+        "The best of all that was tried explains {} of what is beyond the noise, over three \
+         horizons together. {} ",
         percent(closed),
         shortfall(closed)
     )
@@ -587,7 +589,7 @@ fn rivals(diagnosis: &Diagnosis) -> Vec<Rival> {
             closed: fitted_as(diagnosis, &rival.kinds)
                 .and_then(|tried| tried.held_out)
                 .map(|(_, closed)| percent(closed)),
-            delta_bic: format!("{:.0}", rival.delta_bic),
+            delta_bic: evidence(rival.delta_bic),
         })
         .collect()
 }
@@ -721,7 +723,7 @@ fn keys(diagnosis: &Diagnosis) -> Vec<Key> {
                 key(
                     EXPLAINED,
                     percent(best_closed(diagnosis).unwrap_or(0.0)),
-                    "of what is beyond the noise, by the best that was tried",
+                    "over three horizons, by the best that was tried",
                 )
             } else {
                 repair_key(diagnosis, UNNAMED)
@@ -1077,7 +1079,7 @@ fn tried_row(tried: &Tried, diagnosis: &Diagnosis) -> TriedRow {
         delta_bic: if tried.kinds.is_empty() {
             "–".into()
         } else {
-            format!("{:.0}", tried.delta_bic)
+            evidence(tried.delta_bic)
         },
         probability: if tried.kinds.is_empty() {
             "–".into()
@@ -1163,7 +1165,7 @@ fn next(request: &Request<'_>, diagnosis: &Diagnosis) -> Vec<NextRun> {
             title: proposal.protocol.title.clone(),
             seconds: format!("{:.0}", f64::from(proposal.protocol.total_ms()) / 1000.0),
             separates: [a.join(" + "), b.join(" + ")],
-            evidence: format!("{:.0}", proposal.evidence),
+            evidence: evidence(proposal.evidence),
             command: format!(
                 "rig plan --model {} --between {},{} {} -o next.toml",
                 quoted(&request.file.path.to_string_lossy()),
@@ -1197,9 +1199,9 @@ fn open(diagnosis: &Diagnosis) -> Vec<String> {
                 ));
             }
         }
-        Answer::CannotTell if diagnosis.is_open() => open.push(
-            "What is missing: the search was ended before everything was tried.".into(),
-        ),
+        Answer::CannotTell if diagnosis.is_open() => {
+            open.push("What is missing: the search was ended before everything was tried.".into());
+        }
         Answer::CannotTell => open.push(
             "Which of the explanations is the right one. Upload none of them yet: a wrong one \
              predicts these runs as well, and others not."

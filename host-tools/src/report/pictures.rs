@@ -6,12 +6,12 @@
 //! an error follows the input is the first thing to look for.
 
 use super::content::sentence;
-use super::numbers::{degrees, short};
 use super::runs::{RunView, runs};
 use crate::diagnose::Diagnosis;
 use crate::diagnose::localise::{Feature, ForceMap, Gap, MapAxis};
 use crate::diagnose::noise::NoiseFloor;
 use crate::diagnose::verdict::Answer;
+use crate::numbers::{degrees, short};
 use crate::plot::{Cell, Figure, LINE_PX, Mark, Panel, Role, Series, Style};
 use crate::statistics::{rms, swing};
 
