@@ -111,7 +111,8 @@ fn quoted(text: &str) -> String {
 /// written to and never replaced, nor read.
 pub(crate) fn is_stream(path: &Path) -> bool {
     const OPEN_FILES: [&str; 4] = ["/dev/stdout", "/dev/stderr", "/dev/fd", "/proc"];
-    OPEN_FILES.iter().any(|place| path.starts_with(place))
+    // A name there that is none is a slip of the keyboard.
+    (OPEN_FILES.iter().any(|place| path.starts_with(place)) && path.symlink_metadata().is_ok())
         || std::fs::metadata(path).is_ok_and(|about| !about.is_file() && !about.is_dir())
 }
 

@@ -97,7 +97,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let groups = groups(&runs);
     let mut columns: Vec<Column> = files
         .iter()
-        .map(|file| Column::of(file.name.clone(), &file.model, data, &groups))
+        .map(|file| Column::of(name_of(file, &files), &file.model, data, &groups))
         .collect();
     if args.linear
         && let Some(first) = files.first()
@@ -127,6 +127,15 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         text += &format!("\npicture: {}\n", path.display());
     }
     Ok(super::print(&text)?)
+}
+
+/// The name of a model, or that of its file if another has the same.
+fn name_of(file: &ModelFile, all: &[ModelFile]) -> String {
+    let alike = all.iter().filter(|other| other.name == file.name).count();
+    match file.path.file_name() {
+        Some(path) if alike > 1 => path.to_string_lossy().into_owned(),
+        _ => file.name.clone(),
+    }
 }
 
 /// A model beside the recordings.
@@ -266,7 +275,7 @@ fn figure(runs: &[Recording], groups: &[Group], columns: &[Column]) -> Figure {
     let angles: Vec<Vec<f64>> = runs.iter().map(|run| run.angle.clone()).collect();
     let has_repeats = groups.iter().any(|group| group.runs.len() > 1);
     let band = if has_repeats {
-        ", with the standard deviation of one repeat as a band"
+        ", with the standard deviation of one repeat as a band where that is wider than the line"
     } else {
         ""
     };

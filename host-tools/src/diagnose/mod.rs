@@ -212,10 +212,15 @@ pub fn diagnose_from(
         .collect();
     diagnosis.ended = progress.ended();
     if let Some(ended) = &diagnosis.ended {
-        let untried = ended.kinds().into_iter().map(|kind| Untried {
-            kind,
-            reason: "the time was up",
-        });
+        // What goes into the repaired model was tried, if not to the end.
+        let tried = &diagnosis.repaired.added;
+        let kinds = ended.kinds().into_iter();
+        let untried = kinds
+            .filter(|kind| !tried.contains(kind))
+            .map(|kind| Untried {
+                kind,
+                reason: "the time was up",
+            });
         diagnosis.untried.extend(untried);
     }
     Ok(diagnosis)

@@ -31,7 +31,7 @@ pub fn predictor_figure(fit: &PredictorFit, unseen: &LeaveOneOut) -> Figure {
     let [x1, x2, x3] = fit.coefficients.map(short);
     let numbered: Vec<String> = (1..)
         .zip(&TABLE_I)
-        .map(|(number, material)| format!("{number} {}", material.name))
+        .map(|(number, material)| format!("{number}\u{a0}{}", material.name))
         .collect();
     let mut figure = Figure::new("Ludwick's exponent and the data sheet")
         .with_subtitle(format!(

@@ -21,7 +21,7 @@ const FRAME: RGBColor = RGBColor(0x9A, 0x9A, 0x9A);
 const GRID: RGBColor = RGBColor(0xE6, 0xE6, 0xE6);
 const LEVEL: RGBColor = RGBColor(0x77, 0x77, 0x77);
 
-/// How far a note stands to the right of its point, and above it.
+/// How far a note stands beside its point, and above or below it.
 const NOTE_PX: f64 = 5.0;
 
 /// A panel's place on the page.
@@ -204,13 +204,7 @@ impl Placed {
             }
             canvas.group(&attributes, |canvas| self.draw_series(series, canvas))?;
         }
-        for note in &panel.notes {
-            let (x, y) = self.at((note.x, note.y));
-            if self.area.contains((x, y)) {
-                let beside = (x + NOTE_PX, y - NOTE_PX);
-                canvas.text(&note.text, beside, TICK_PX, Anchor::Start, TextLook::SOFT)?;
-            }
-        }
+        self.draw_notes(panel, canvas)?;
         let Rectangle {
             left,
             top,
@@ -235,6 +229,32 @@ impl Placed {
                 Anchor::Middle,
                 TextLook::SOFT,
             )?;
+        }
+        Ok(())
+    }
+
+    /// Notes stand above and to the right of their points, or where no other note is yet.
+    fn draw_notes(&self, panel: &Panel, canvas: &mut Canvas) -> Result<(), PlotError> {
+        const SIDES: [(f64, f64); 4] = [(1.0, -1.0), (-1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
+        let mut taken: Vec<(f64, f64)> = Vec::new();
+        for note in &panel.notes {
+            let (x, y) = self.at((note.x, note.y));
+            if !self.area.contains((x, y)) {
+                continue;
+            }
+            let width = text_width(&note.text, TICK_PX, Weight::Regular);
+            let is_free = |centre: &(f64, f64)| {
+                taken.iter().all(|other| {
+                    (centre.0 - other.0).abs() > width || (centre.1 - other.1).abs() > TICK_PX
+                })
+            };
+            let beside = |(right, down): (f64, f64)| {
+                (x + right * (NOTE_PX + width / 2.0), y + down * NOTE_PX)
+            };
+            let centre = SIDES.map(beside).into_iter().find(is_free);
+            let centre = centre.unwrap_or_else(|| beside(SIDES[0]));
+            canvas.text(&note.text, centre, TICK_PX, Anchor::Middle, TextLook::SOFT)?;
+            taken.push(centre);
         }
         Ok(())
     }

@@ -349,13 +349,18 @@ pub fn sentence(diagnosis: &Diagnosis) -> String {
             titles(&diagnosis.named)
         ),
         Answer::EffectFound => format!("The model lacks {}.", titles(&diagnosis.named)),
-        Answer::CannotTell if diagnosis.is_open() => match diagnosis.alternatives.first() {
-            Some(best) => format!(
-                "Something is missing. {} came closest until the time was up.",
-                with_capital(&titles_of_names(&best.kinds))
-            ),
-            None => "Something is missing, and the time was up before it was found.".into(),
-        },
+        Answer::CannotTell if diagnosis.is_open() => {
+            let best = match diagnosis.alternatives.first() {
+                Some(best) => titles_of_names(&best.kinds),
+                None => titles(&diagnosis.repaired.added),
+            };
+            if best.is_empty() {
+                "Something is missing, and the time was up before it was found.".into()
+            } else {
+                let best = with_capital(&best);
+                format!("Something is missing. {best} came closest until the time was up.")
+            }
+        }
         Answer::CannotTell if diagnosis.alternatives.len() == 1 => format!(
             "There is a trace of {}, too faint for a name.",
             titles_of_names(&diagnosis.alternatives[0].kinds)
