@@ -23,6 +23,7 @@ pub mod link;
 pub mod materials;
 pub mod model_file;
 pub mod monitor;
+pub mod numbers;
 pub mod own_effects;
 pub mod plot;
 pub mod protocol;

@@ -9,6 +9,7 @@
 
 pub mod curve;
 pub mod fit;
+pub mod pictures;
 pub mod predictor;
 
 use model_core::material::{Material, TABLE_I};

@@ -1081,7 +1081,14 @@ fn obeys(value: &Value, schema: &Value, root: &Value) -> bool {
 fn assert_verdict(verdict: &Value, schema: &Value) {
     assert!(obeys(verdict, schema, schema), "{verdict:#}");
     // What is only there where it says something.
-    let optional = ["strength", "family", "closure", "repair"];
+    let optional = [
+        "strength",
+        "family",
+        "closure",
+        "repair",
+        "ended",
+        "not_tried",
+    ];
     let mut always = keys(verdict);
     always.retain(|key| !optional.contains(key));
     assert_eq!(
@@ -1228,6 +1235,53 @@ fn a_diagnosis_writes_the_verdict_and_the_repaired_model() {
     let mut same = verdict("same.json");
     same["seconds"] = found["seconds"].clone();
     assert_eq!(same, found);
+}
+
+/// A search that its budget ends gives a whole verdict on what it tried; one that has time
+/// enough gives the one that it gives without.
+#[test]
+fn a_budget_ends_the_search_with_a_verdict() {
+    let bench = Bench::with_example("quadratic_damping", "0.4");
+    let printed = stdout(&bench.line("schema").assert().success());
+    let schema: Value = serde_json::from_str(&printed).unwrap();
+    let recordings =
+        ["step30_1", "step60_1", "step90_1"].map(|name| format!("demo/recordings/{name}.csv"));
+    let diagnose = |flags: &str| -> (String, Value) {
+        let line = format!(
+            "diagnose --model demo/model.toml {flags} --json v.json --report r.html -o r.toml {}",
+            recordings.join(" ")
+        );
+        let said = stdout(&bench.line(&line).assert().success());
+        let verdict: Value = serde_json::from_str(&bench.text("v.json")).unwrap();
+        assert_verdict(&verdict, &schema);
+        (said, verdict)
+    };
+    let (said, at_once) = diagnose("--budget 1ms");
+    assert_eq!(at_once["verdict"], "cannot_tell");
+    assert_eq!(at_once["ended"], "budget");
+    assert_eq!(at_once["effects"], serde_json::json!([]));
+    let not_tried = at_once["not_tried"].as_array().unwrap();
+    assert!(not_tried.contains(&"quadratic_damping".into()) && not_tried.len() > 20);
+    assert!(
+        said.starts_with("Something is missing, and the time was up"),
+        "{said}"
+    );
+    assert!(said.contains("The time of 1 ms was up"), "{said}");
+    assert!(bench.text("r.html").contains("The time of 1 ms was up"));
+    ModelFile::read(&bench.path("r.toml")).unwrap();
+
+    let (_, mut without) = diagnose("");
+    let (_, with) = diagnose("--budget 3h");
+    assert_eq!(without["verdict"], "effect_found");
+    assert!(with.get("ended").is_none() && with.get("not_tried").is_none());
+    without["seconds"] = with["seconds"].clone();
+    assert_eq!(with, without);
+
+    bench
+        .line("diagnose --model demo/model.toml --budget soon demo/recordings/step30_1.csv")
+        .assert()
+        .code(2)
+        .stderr(contains("--budget"));
 }
 
 /// The subcommands that a help text lists.

@@ -1,7 +1,7 @@
 //! `rig diagnose`: which effect does the model lack?
 
 use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use clap::Parser;
 
@@ -10,7 +10,7 @@ use super::output::{self, FileKind, Output};
 use super::watch::Watched;
 use crate::batch::{self, Folder, Outcome, manifest, results};
 use crate::checkpoint::Checkpoint;
-use crate::diagnose::{Request, diagnose_from};
+use crate::diagnose::{Budget, Request, diagnose_from};
 use crate::error::write_atomically;
 use crate::own_effects::OwnEffects;
 use crate::report::Outputs;
@@ -36,6 +36,7 @@ Examples:
   rig diagnose --model m.toml id_*.csv --holdout vad_*.csv --plot gap.svg
   rig diagnose --model m.toml --effects mine.toml run.csv  tries formulas of your own
   rig diagnose --model m.toml run.csv --resume fits       after an interruption
+  rig diagnose --model m.toml run.csv --budget 2min       what is found by then
   rig diagnose --batch cases.csv -o out                   thousands of recordings
   rig diagnose --batch cases.csv -o out --share 7/400     as one job of an array
 
@@ -80,7 +81,9 @@ pub struct Args {
         long,
         value_name = "MANIFEST.csv",
         requires = "output",
-        conflicts_with_all = ["model", "recordings", "holdout", "json", "report", "plot", "resume"]
+        conflicts_with_all = [
+            "model", "recordings", "holdout", "json", "report", "plot", "resume", "budget"
+        ]
     )]
     batch: Option<PathBuf>,
     /// Only every Nth case of the batch, beginning with the Kth from 0: one job of an array
@@ -89,6 +92,10 @@ pub struct Args {
     /// Keep finished fits in this folder, and take up those that are there
     #[arg(long, value_name = "FOLDER")]
     resume: Option<PathBuf>,
+    /// End the search after this time, such as 30s or 5min, with a verdict on what was tried
+    /// until then. What that is depends on the computer; the verdict takes a little longer
+    #[arg(long, value_name = "TIME", value_parser = humantime::parse_duration)]
+    budget: Option<Duration>,
     /// Seed of everything random
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -218,7 +225,8 @@ fn run_one(args: &Args, model: &PathBuf) -> anyhow::Result<()> {
         None => Checkpoint::default(),
     };
     let clock = Instant::now();
-    let watched = Watched::start(go_on(args.resume.as_deref()))?;
+    let budget = args.budget.map(Budget::Time);
+    let watched = Watched::start(go_on(args.resume.as_deref()), budget)?;
     let diagnosis = diagnose_from(&request, &checkpoint, &watched.progress);
     let writing = watched.finish();
     let diagnosis = diagnosis?;

@@ -10,7 +10,7 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use crate::error::{InputError, check_writable, is_stream};
+use crate::error::{InputError, check_writable, is_stream, target_of};
 use crate::export::WRITTEN_BY as WRITTEN_BY_EXPORT;
 use crate::record::meta_path;
 
@@ -212,8 +212,10 @@ pub(crate) fn is_simulated(path: &Path) -> bool {
     })
 }
 
-/// The same for every name of a file that exists.
+/// The same for every name of a file, also of one that is still to be made.
 fn same_file(path: &Path) -> PathBuf {
+    let target = target_of(path).unwrap_or_else(|_| path.to_owned());
+    let path = target.as_path();
     path.canonicalize().unwrap_or_else(|_| {
         // A new file in a folder that may have several names.
         let folder = match path.parent() {

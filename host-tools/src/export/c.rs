@@ -76,6 +76,7 @@ impl Syntax for C<'_> {
             Unary::Negate => "-",
             Unary::Absolute => "fabs",
             Unary::Exp => "exp",
+            Unary::Log => "log",
             Unary::Tanh => "tanh",
             Unary::Sin => "sin",
             Unary::Cos => "cos",

@@ -74,6 +74,7 @@ impl Syntax for Matlab<'_> {
             Unary::Negate => "-",
             Unary::Absolute => "abs",
             Unary::Exp => "exp",
+            Unary::Log => "log",
             Unary::Tanh => "tanh",
             Unary::Sin => "sin",
             Unary::Cos => "cos",

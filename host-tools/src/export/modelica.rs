@@ -192,6 +192,7 @@ impl Syntax for Modelica<'_> {
             Unary::Negate => "-",
             Unary::Absolute => "abs",
             Unary::Exp => "exp",
+            Unary::Log => "log",
             Unary::Tanh => "tanh",
             Unary::Sin => "sin",
             Unary::Cos => "cos",

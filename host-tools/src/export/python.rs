@@ -65,6 +65,7 @@ impl Syntax for Python<'_> {
             Unary::Negate => "-",
             Unary::Absolute => "abs",
             Unary::Exp => "exp",
+            Unary::Log => "math.log",
             Unary::Tanh => "math.tanh",
             Unary::Sin => "sin",
             Unary::Cos => "cos",

@@ -33,6 +33,8 @@ pub enum Unary {
     Absolute,
     /// eˣ.
     Exp,
+    /// ln x.
+    Log,
     /// tanh x.
     Tanh,
     /// sin x.
@@ -533,6 +535,12 @@ impl Real for Traced<'_> {
     fn exp(self) -> Self {
         self.unary(Unary::Exp, f64::exp)
     }
+    fn from_double(x: f64) -> Self {
+        Self::Literal(x)
+    }
+    fn ln(self) -> Self {
+        self.unary(Unary::Log, f64::ln)
+    }
     fn tanh(self) -> Self {
         self.unary(Unary::Tanh, f64::tanh)
     }
@@ -572,6 +580,7 @@ impl Tape {
                     Unary::Negate => -part(x),
                     Unary::Absolute => part(x).abs(),
                     Unary::Exp => part(x).exp(),
+                    Unary::Log => part(x).ln(),
                     Unary::Tanh => part(x).tanh(),
                     Unary::Sin => part(x).sin(),
                     Unary::Cos => part(x).cos(),
