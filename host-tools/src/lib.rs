@@ -15,6 +15,7 @@ pub mod dual;
 pub mod error;
 pub mod estimate;
 pub mod example;
+pub mod io;
 pub mod linear;
 pub mod link;
 pub mod materials;

@@ -71,7 +71,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         &[Output::of("-o", FileKind::Protocol, args.output.as_ref())],
         read,
     )?;
-    let (file, recordings) = super::read(&args.model, &args.recordings, &args.input.columns())?;
+    let (file, recordings) = super::read(&args.model, &args.recordings, &args.input.layout())?;
     let pair = between(&args.between)?;
     let limits = limits(args.limits.as_deref())?;
     let noise = match args.noise_deg {
