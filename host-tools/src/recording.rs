@@ -160,7 +160,15 @@ impl Recording {
     ///
     /// As [`Recording::read`].
     pub fn read_as(path: &Path, layout: &Layout) -> Result<(Self, Vec<String>), InputError> {
-        let samples = io::read(path, layout)?;
+        Self::assemble(io::read(path, layout)?, path)
+    }
+
+    /// Puts the metadata to the samples of a file, and compares them.
+    ///
+    /// # Errors
+    ///
+    /// Metadata that cannot be read.
+    pub fn assemble(samples: Samples, path: &Path) -> Result<(Self, Vec<String>), InputError> {
         let meta = read_meta(path, samples.meta.as_deref())?;
         let (mut recording, mut warnings) = Self::of(samples, path);
         recording.meta = meta;

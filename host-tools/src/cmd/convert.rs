@@ -106,12 +106,12 @@ fn outputs(args: &Args) -> Result<Vec<(PathBuf, Format)>, InputError> {
 
 /// Converts one recording, and says how many samples it has.
 fn convert(from: &Path, to: &Path, format: Format, layout: &Layout) -> anyhow::Result<usize> {
-    // Read as everywhere else first: with its metadata, and all that is said about both.
-    let (_, warnings) = Recording::read_as(from, layout)?;
+    let samples = crate::io::read(from, layout)?;
+    // As everywhere else with its metadata, and all that is said about both.
+    let (_, warnings) = Recording::assemble(samples.clone(), from)?;
     for warning in &warnings {
         super::warn(warning);
     }
-    let samples = crate::io::read(from, layout)?;
     let beside = meta_beside(from);
     let meta = if beside.exists() {
         Some(read_text(&beside)?)

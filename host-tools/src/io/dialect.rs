@@ -121,13 +121,11 @@ pub fn read(
 
 /// A field as text: UTF-8, or what Windows wrote before it. Numbers are the same in both.
 fn text_of(field: &[u8]) -> Cow<'_, str> {
-    match std::str::from_utf8(field) {
-        Ok(text) => Cow::Borrowed(text.trim()),
-        Err(_) => {
-            let (text, _) = WINDOWS_1252.decode_without_bom_handling(field);
-            Cow::Owned(text.trim().to_owned())
-        }
+    if let Ok(text) = std::str::from_utf8(field) {
+        return Cow::Borrowed(text.trim());
     }
+    let (text, _) = WINDOWS_1252.decode_without_bom_handling(field);
+    Cow::Owned(text.trim().to_owned())
 }
 
 /// UTF-16 without a mark at its start: every other byte of its first letters is zero.
@@ -297,8 +295,8 @@ impl Top {
 
     /// The line ends before a place.
     fn lines(&self, before: usize) -> u64 {
-        let seen = self.seen[..before].iter();
-        seen.filter(|&&byte| byte == b'\n').count() as u64
+        let lines = self.seen[..before].split(|&byte| byte == b'\n');
+        lines.count() as u64 - 1
     }
 
     /// Where the line ends that begins at `self.at`, its line end included. A line end
@@ -489,13 +487,13 @@ impl Numbers {
             (0, 0) => None,
             (1, 0) => Some(Sign::Point),
             (0, 1) if is_with_comma(field) => {
-                if !is_ambiguous(field) {
-                    Some(Sign::Comma)
-                } else {
+                if is_ambiguous(field) {
                     if self.sign.is_none() && self.doubt.is_none() {
                         self.doubt = Some((line, column.to_owned(), field.to_owned()));
                     }
                     None
+                } else {
+                    Some(Sign::Comma)
                 }
             }
             (_, 0) => return number(field),
@@ -510,7 +508,7 @@ impl Numbers {
         };
         if let Some(sign) = sign {
             if *self.sign.get_or_insert(sign) != sign {
-                return Err(self.mixed(field));
+                return Err(Self::mixed(field));
             }
             if sign == Sign::Point && self.doubt.is_some() {
                 return self.check().map(|()| f64::NAN);
@@ -518,14 +516,14 @@ impl Numbers {
         }
         if commas == 1 {
             if self.sign == Some(Sign::Point) {
-                return Err(self.mixed(field));
+                return Err(Self::mixed(field));
             }
             return number(&field.replace(',', "."));
         }
         number(field)
     }
 
-    fn mixed(&self, field: &str) -> InputError {
+    fn mixed(field: &str) -> InputError {
         let (this, other) = if field.contains(',') {
             ("comma", "points")
         } else {
@@ -600,4 +598,249 @@ fn wrong_length(found: usize, expected: usize, last: bool) -> InputError {
     };
     InputError::new(format!("has {found} of {expected} fields"), advice)
         .in_column((found.min(expected) + 1).to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::columns::Names;
+    use proptest::prelude::*;
+
+    fn read_as(bytes: &[u8], layout: &Layout) -> Result<Samples, InputError> {
+        read(bytes, Path::new("lab.csv"), layout, Limits::RECORDING)
+    }
+
+    fn refused(text: &str) -> String {
+        let error = read_as(text.as_bytes(), &Layout::default()).unwrap_err();
+        error.to_string()
+    }
+
+    fn numbers(samples: &Samples) -> Vec<[f64; 3]> {
+        (0..samples.len())
+            .map(|row| {
+                [
+                    samples.time_s[row],
+                    samples.pressure_kpa[row],
+                    samples.angle_deg[row],
+                ]
+            })
+            .collect()
+    }
+
+    const EXPECTED: [[f64; 3]; 2] = [[0.0, 1.5, -30.25], [0.01, 1.25, 7.0]];
+
+    fn utf16(text: &str, bytes: fn(u16) -> [u8; 2]) -> Vec<u8> {
+        text.encode_utf16().flat_map(bytes).collect()
+    }
+
+    /// The same two samples, as ten programs write them.
+    #[test]
+    fn dialects_are_read_without_a_flag() {
+        let plain = "time_s,pressure_kpa,angle_deg,note\n0.00,1.5,-30.25,a\n0.01,1.25,7,b\n";
+        let german = "time_s;pressure_kpa;angle_deg;note\n0,00;1,5;-30,25;a\n0,01;1,25;7;b\n";
+        let files: [(&str, Vec<u8>); 14] = [
+            ("plain", plain.into()),
+            ("tabs", plain.replace(',', "\t").into()),
+            ("semicolons", plain.replace(',', ";").into()),
+            ("decimal commas", german.into()),
+            ("tabs and commas", german.replace(';', "\t").into()),
+            ("quoted commas", "\"time_s\",\"pressure_kpa\",\"angle_deg\",\"note\"\n\"0,00\",\"1,5\",\"-30,25\",a\n\"0,01\",\"1,25\",7,b\n".into()),
+            ("UTF-8 with a mark", format!("\u{feff}{plain}").into()),
+            ("UTF-16LE", utf16(&format!("\u{feff}{german}"), u16::to_le_bytes)),
+            ("UTF-16BE", utf16(&format!("\u{feff}{plain}"), u16::to_be_bytes)),
+            ("UTF-16LE without a mark", utf16(plain, u16::to_le_bytes)),
+            ("UTF-16BE without a mark", utf16(plain, u16::to_be_bytes)),
+            ("comments", format!("# rig 3, Monday\n%\n\n{plain}").into()),
+            ("numpy", format!("# of numpy\n# {plain}").into()),
+            ("Windows line ends", plain.replace('\n', "\r\n").into()),
+        ];
+        for (name, bytes) in files {
+            let samples = read_as(&bytes, &Layout::default())
+                .unwrap_or_else(|error| panic!("{name}: {error}"));
+            assert_eq!(numbers(&samples), EXPECTED, "{name}");
+            assert_eq!(samples.extra[0].fields, ["a", "b"], "{name}");
+            assert_eq!(samples.warnings, Vec::<String>::new(), "{name}");
+        }
+    }
+
+    #[test]
+    fn latin_1_is_read_where_it_is_no_utf_8() {
+        let layout = Layout {
+            names: Names::parse("time=Zeit,pressure=Druck,angle=Winkel [\u{b0}]").unwrap(),
+            columns: Columns::default(),
+        };
+        let bytes = b"Zeit;Druck;Winkel [\xb0];Pr\xfcfer\n0,5;1;2;J\xfcrgen\n0,75;1;2;J\xfcrgen\n";
+        let samples = read_as(bytes, &layout).unwrap();
+        assert_eq!(samples.extra[0].name, "Pr\u{fc}fer");
+        assert_eq!(samples.extra[0].fields[1], "J\u{fc}rgen");
+        assert_eq!(samples.time_s, [0.5, 0.75]);
+    }
+
+    #[test]
+    fn a_row_of_units_counts_where_no_flag_does() {
+        for units in ["ms,bar,rad", "[ms],[bar],[rad]", "(ms),(bar),(rad)"] {
+            let text = format!("time_s,pressure_kpa,angle_deg\n{units}\n0,1,1\n500,2,-1\n");
+            let samples = read_as(text.as_bytes(), &Layout::default()).unwrap();
+            assert_eq!(samples.time_s, [0.0, 0.5]);
+            assert_eq!(samples.pressure_kpa, [100.0, 200.0]);
+            assert!((samples.angle_deg[1] + 57.295_78).abs() < 1e-5);
+            assert_eq!(
+                samples.warnings,
+                ["lab.csv, line 2: is a row of units: time in ms, pressure in bar, angle in rad"]
+            );
+            let layout = Layout::from(Columns::of_units("pressure=psi").unwrap());
+            let samples = read_as(text.as_bytes(), &layout).unwrap();
+            assert!((samples.pressure_kpa[0] - 6.894_757).abs() < 1e-9);
+            assert!(samples.warnings[0].contains("pressure is read in psi, as you said"));
+        }
+        let said = refused("time_s,pressure_kpa,angle_deg\ns,V,deg\n0,1,1\n1,2,2\n");
+        assert!(
+            said.contains("lab.csv, line 2, column pressure_kpa")
+                && said.contains("--units pressure=UNIT"),
+            "{said}"
+        );
+        let said = refused("time_s,pressure_kpa,angle_deg\nx,y,z\n0,1,1\n1,2,2\n");
+        assert!(
+            said.contains("line 2, column time_s: \"x\" is not a number"),
+            "{said}"
+        );
+    }
+
+    #[test]
+    fn lines_are_those_of_the_file() {
+        let said = refused("# a\n\n# b\ntime_s;pressure_kpa;angle_deg\ns;kPa;deg\n0;1;1\n1;x;1\n");
+        assert!(
+            said.starts_with("lab.csv, line 7, column pressure_kpa"),
+            "{said}"
+        );
+        let said = refused("# a\n# b\nt;p;theta\n0;1;1\n1;1;1\n");
+        assert!(said.starts_with("lab.csv, line 3, column time_s"), "{said}");
+        assert!(
+            said.contains("--columns time=t,pressure=p,angle=theta"),
+            "{said}"
+        );
+    }
+
+    /// A number is never read as a thousand times another.
+    #[test]
+    fn commas_that_may_mean_two_things_are_refused() {
+        let table = |rows: &str| format!("time_s;pressure_kpa;angle_deg\n{rows}");
+        for (rows, place, part) in [
+            // Nothing tells.
+            (
+                "0;1,234;5\n1;2,345;6\n",
+                "line 2, column pressure_kpa",
+                "may be 1.234 or 1234",
+            ),
+            // A point elsewhere tells that commas are none before decimals.
+            (
+                "0;1,234;5\n1;2;6.5\n",
+                "line 2, column pressure_kpa",
+                "may be 1.234 or 1234",
+            ),
+            (
+                "0;1;6.5\n1;1,234;6.5\n",
+                "line 3, column pressure_kpa",
+                "has a comma",
+            ),
+            (
+                "0;1,5;5\n1;1.5;6\n",
+                "line 3, column pressure_kpa",
+                "has a point",
+            ),
+            ("0;1,234.5;5\n", "line 2, column pressure_kpa", "thousands"),
+            ("0;1.234,5;5\n", "line 2, column pressure_kpa", "thousands"),
+            (
+                "0;1,234,567;5\n",
+                "line 2, column pressure_kpa",
+                "thousands",
+            ),
+        ] {
+            let said = refused(&table(rows));
+            assert!(
+                said.contains(place) && said.contains(part),
+                "{rows}: {said}"
+            );
+        }
+        // One number that can only have decimals tells of all.
+        for rows in ["0;1,234;5\n1;2,345;6,5\n", "0,001;1,234;5\n1,001;2,345;6\n"] {
+            let samples = read_as(table(rows).as_bytes(), &Layout::default()).unwrap();
+            assert_eq!(samples.pressure_kpa, [1.234, 2.345]);
+        }
+    }
+
+    #[test]
+    fn a_column_whose_name_has_another_unit_needs_to_be_told() {
+        let text = "t,p_psi,theta\n0,1,2\n1,1,2\n";
+        let mut layout = Layout {
+            names: Names::parse("time=t,pressure=p_psi,angle=theta").unwrap(),
+            columns: Columns::default(),
+        };
+        let said = read_as(text.as_bytes(), &layout).unwrap_err().to_string();
+        assert!(
+            said.contains("line 1, column p_psi") && said.contains("--units pressure=psi"),
+            "{said}"
+        );
+        layout.columns = Columns::of_units("pressure=psi").unwrap();
+        let samples = read_as(text.as_bytes(), &layout).unwrap();
+        assert!((samples.pressure_kpa[0] - 6.894_757).abs() < 1e-9);
+    }
+
+    #[test]
+    fn optional_columns_keep_what_they_hold_and_take_their_names() {
+        let layout = Layout {
+            names: Names::parse("setpoint_deg=soll").unwrap(),
+            columns: Columns::default(),
+        };
+        let text = "time_s;pressure_kpa;angle_deg;soll;note\n0,0;1;2;60,5;a, b\n0,5;1;2;;1,2,3\n";
+        let samples = read_as(text.as_bytes(), &layout).unwrap();
+        assert_eq!(samples.extra[0].name, "setpoint_deg");
+        assert_eq!(samples.extra[0].fields, ["60.5", ""]);
+        assert_eq!(samples.extra[1].fields, ["a, b", "1,2,3"]);
+    }
+
+    #[test]
+    fn what_is_no_text_is_no_table() {
+        for bytes in [
+            &b"\xff\xd8\xff\xe0\x00\x10JFIF\x00\x01"[..],
+            b"\x7fELF\x02\x01\x01\x00\x00",
+        ] {
+            let said = read_as(bytes, &Layout::default()).unwrap_err().to_string();
+            assert!(said.contains("UTF-8"), "{said}");
+        }
+        for text in ["", "\n\n", "# only\n# comments", "\u{feff}"] {
+            assert!(refused(text).contains("is empty"), "{text:?}");
+        }
+    }
+
+    proptest! {
+        /// However a table is written, the numbers in it are the same or it is refused.
+        #[test]
+        fn a_dialect_never_changes_a_number(
+            rows in prop::collection::vec((-999.0..999.0f64, -999.0..999.0f64), 2..12),
+            decimals in 0..6usize,
+            delimiter in prop::sample::select(vec![',', ';', '\t']),
+            comma in any::<bool>(),
+        ) {
+            let shown = |number: f64| {
+                let text = format!("{number:.decimals$}");
+                if comma { format!("\"{}\"", text.replace('.', ",")) } else { text }
+            };
+            let mut text = format!("time_s{delimiter}pressure_kpa{delimiter}angle_deg\n");
+            for (row, (pressure, angle)) in rows.iter().enumerate() {
+                text += &format!("{row}{delimiter}{}{delimiter}{}\n", shown(*pressure), shown(*angle));
+            }
+            match read_as(text.as_bytes(), &Layout::default()) {
+                Ok(samples) => for (row, (pressure, angle)) in rows.iter().enumerate() {
+                    let expected: f64 = format!("{pressure:.decimals$}").parse().unwrap();
+                    prop_assert_eq!(samples.pressure_kpa[row], expected);
+                    let expected: f64 = format!("{angle:.decimals$}").parse().unwrap();
+                    prop_assert_eq!(samples.angle_deg[row], expected);
+                },
+                Err(error) => {
+                    prop_assert!(comma && decimals == 3, "{}", error);
+                }
+            }
+        }
+    }
 }

@@ -263,3 +263,193 @@ impl File {
 fn values(numbers: Vec<f64>) -> Values {
     Values::Numbers(numbers, Decimals::Various)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::columns::{Columns, Names};
+    use proptest::prelude::*;
+    use std::io::Write;
+
+    /// Elements as MATLAB writes them, in the order of bytes of most computers.
+    fn element(kind: u32, data: &[u8]) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        if (1..=4).contains(&data.len()) {
+            bytes.extend((kind | (data.len() as u32) << 16).to_le_bytes());
+            bytes.extend(data);
+            bytes.resize(8, 0);
+            return bytes;
+        }
+        bytes.extend(kind.to_le_bytes());
+        bytes.extend((data.len() as u32).to_le_bytes());
+        bytes.extend(data);
+        if kind != COMPRESSED {
+            bytes.resize(bytes.len().next_multiple_of(8), 0);
+        }
+        bytes
+    }
+
+    fn array(class: u32, name: &str, sizes: [i32; 2], inside: &[u8]) -> Vec<u8> {
+        let flags = [class.to_le_bytes(), 0_u32.to_le_bytes()].concat();
+        let sizes = sizes.map(i32::to_le_bytes).concat();
+        let parts = [
+            element(6, &flags),
+            element(5, &sizes),
+            element(1, name.as_bytes()),
+            inside.to_vec(),
+        ];
+        element(MATRIX, &parts.concat())
+    }
+
+    fn doubles(name: &str, sizes: [i32; 2], values: &[f64]) -> Vec<u8> {
+        let bytes: Vec<u8> = values.iter().flat_map(|it| it.to_le_bytes()).collect();
+        array(6, name, sizes, &element(9, &bytes))
+    }
+
+    fn packed(bytes: &[u8]) -> Vec<u8> {
+        let mut packer =
+            flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::default());
+        packer.write_all(bytes).unwrap();
+        element(COMPRESSED, &packer.finish().unwrap())
+    }
+
+    fn file(elements: &[Vec<u8>]) -> Vec<u8> {
+        let mut bytes = b"MATLAB 5.0 MAT-file, made by a test".to_vec();
+        bytes.resize(124, b' ');
+        bytes.extend([0, 1, b'I', b'M']);
+        bytes.extend(elements.concat());
+        bytes
+    }
+
+    fn read_as(bytes: &[u8], columns: &str) -> Result<Samples, InputError> {
+        let layout = Layout {
+            names: Names::parse(columns).unwrap(),
+            columns: Columns::default(),
+        };
+        let path = Path::new("lab.mat");
+        crate::io::read_bytes(bytes, path, &layout)
+    }
+
+    fn good() -> Vec<u8> {
+        // Doubles that are whole are stored as bytes.
+        let small = array(6, "time_s", [1, 3], &element(2, &[0, 1, 2]));
+        file(&[
+            packed(&small),
+            packed(&doubles("pressure_kpa", [3, 1], &[1.5, 2.5, -3.5])),
+            doubles("angle_deg", [3, 1], &[10.25, 20.0, 30.0]),
+            array(4, "note", [1, 5], &element(16, b"hello")),
+            doubles("gain", [1, 1], &[4.0]),
+            doubles("setpoint_deg", [3, 1], &[60.0, f64::NAN, 0.1]),
+        ])
+    }
+
+    #[test]
+    fn variables_are_columns() {
+        let samples = read_as(&good(), "time=time_s").unwrap();
+        assert_eq!(samples.time_s, [0.0, 1.0, 2.0]);
+        assert_eq!(samples.pressure_kpa, [1.5, 2.5, -3.5]);
+        assert_eq!(samples.angle_deg, [10.25, 20.0, 30.0]);
+        assert_eq!(samples.extra.len(), 1, "one has as many values");
+        assert_eq!(samples.extra[0].fields, ["60", "", "0.1"]);
+    }
+
+    #[test]
+    fn fields_of_structures_and_columns_of_matrices_have_names() {
+        let time = doubles("", [2, 1], &[0.0, 0.5]);
+        let pressure = array(7, "", [2, 1], &element(7, &[0, 0, 128, 63, 0, 0, 0, 64]));
+        let inside = [
+            element(5, &8_i32.to_le_bytes()),
+            element(1, b"t\0\0\0\0\0\0\0press\0\0\0"),
+            time,
+            pressure,
+        ];
+        let bytes = file(&[
+            array(u32::from(STRUCTURE), "run", [1, 1], &inside.concat()),
+            packed(&doubles("data", [2, 2], &[1.0, 2.0, 30.0, 40.0])),
+        ]);
+        let columns = "time=run.t,pressure=run.press,angle=data(:,2)";
+        let samples = read_as(&bytes, columns).unwrap();
+        assert_eq!(samples.time_s, [0.0, 0.5]);
+        assert_eq!(samples.pressure_kpa, [1.0, 2.0]);
+        assert_eq!(samples.angle_deg, [30.0, 40.0]);
+        let said = read_as(&bytes, "time=t").unwrap_err().to_string();
+        assert!(
+            said.contains("lab.mat, column t: has no variable t")
+                && said.contains("run.t, run.press, data(:,1), data(:,2)"),
+            "{said}"
+        );
+    }
+
+    #[test]
+    fn what_is_wrong_is_said() {
+        for (bytes, columns, part) in [
+            (
+                file(&[
+                    doubles("time_s", [2, 1], &[0.0, 1.0]),
+                    doubles("pressure_kpa", [3, 1], &[0.0, 1.0, 2.0]),
+                    doubles("angle_deg", [2, 1], &[0.0, 1.0]),
+                ]),
+                "time=time_s",
+                "pressure_kpa has 3 values, and time_s has 2",
+            ),
+            (good(), "angle=setpoint_deg", "row 2: NaN is not a number"),
+            (
+                good(),
+                "angle=time_s,time=angle_deg,pressure=pressure_kpa",
+                "",
+            ),
+            (good()[..100].to_vec(), "time=t", "ends in its header"),
+            (
+                file(&[doubles("x", [9, 9], &[1.0])]),
+                "time=t",
+                "another size",
+            ),
+            (
+                b"MATLAB 7.3 MAT-file, Platform: GLNXA64".to_vec(),
+                "time=t",
+                "'-v7'",
+            ),
+        ] {
+            match read_as(&bytes, columns) {
+                Ok(_) => assert!(part.is_empty()),
+                Err(error) => assert!(error.to_string().contains(part), "{error}"),
+            }
+        }
+    }
+
+    #[test]
+    fn a_bomb_is_refused_before_it_goes_off() {
+        let zeros = vec![0; 64 << 20];
+        let bomb = file(&[packed(&zeros), packed(&zeros)]);
+        let limits = Limits {
+            bytes: 100 << 20,
+            ..Limits::RECORDING
+        };
+        let error = read(&bomb[..], Path::new("lab.mat"), &Layout::default(), limits);
+        let said = error.unwrap_err().to_string();
+        assert!(said.contains("more than 100 MiB"), "{said}");
+    }
+
+    proptest! {
+        /// A damaged file is an error with its name, or still a recording.
+        #[test]
+        fn damage_is_an_error(
+            edits in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
+            end in any::<prop::sample::Index>(),
+            cut in any::<bool>(),
+        ) {
+            let mut bytes = good();
+            for (place, byte) in edits {
+                let place = place.index(bytes.len());
+                bytes[place] = byte;
+            }
+            if cut {
+                bytes.truncate(end.index(bytes.len()));
+            }
+            match read_as(&bytes, "time=time_s") {
+                Ok(samples) => prop_assert!(samples.len() >= 2),
+                Err(error) => prop_assert_eq!(error.file.as_deref(), Some(Path::new("lab.mat"))),
+            }
+        }
+    }
+}

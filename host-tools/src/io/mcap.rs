@@ -22,6 +22,7 @@ use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOp
 use mcap::{Compression, McapError};
 use serde_json::{Value, json};
 
+use super::guard::guarded;
 use super::ros::Definition;
 use super::write::Kept;
 use super::{Decimals, Samples, Sheet, Values, damaged, names};
@@ -57,7 +58,7 @@ pub fn read(
     limits: Limits,
 ) -> Result<Samples, InputError> {
     let mut log = Log::new(layout);
-    log.read(whole, path, limits)?;
+    guarded(|| log.read(whole, path, limits)).map_err(|said| damaged(path, "MCAP", &said))??;
     let sheet = match &log.own {
         Some(_) => log.sheet_of_our_own(layout),
         None => log.sheet(path, layout)?,
@@ -101,8 +102,7 @@ struct Own {
     begin_ns: u64,
 }
 
-struct Log<'a> {
-    layout: &'a Layout,
+struct Log {
     own: Option<Own>,
     /// The columns that are wanted: their names here, and how they are called in the file.
     wanted: Vec<(String, String)>,
@@ -113,8 +113,8 @@ struct Log<'a> {
     values: u64,
 }
 
-impl<'a> Log<'a> {
-    fn new(layout: &'a Layout) -> Self {
+impl Log {
+    fn new(layout: &Layout) -> Self {
         let mut wanted: Vec<(String, String)> = [Quantity::Pressure, Quantity::Angle]
             .map(|it| layout.names.of(it).to_owned())
             .map(|name| (name.clone(), name))
@@ -125,7 +125,6 @@ impl<'a> Log<'a> {
             (name.to_owned(), topic.to_owned())
         }));
         let mut log = Self {
-            layout,
             own: None,
             wanted: Vec::new(),
             series: Vec::new(),

@@ -6,6 +6,7 @@
 //! module a recording is a recording.
 
 pub mod dialect;
+mod guard;
 pub mod mat;
 pub mod mcap;
 pub mod names;
@@ -335,12 +336,15 @@ impl Sheet {
             *into = std::mem::take(values);
             samples.decimals[quantity as usize] = *decimals;
         }
-        for row in 0..count {
+        let [times, pressures, angles] = numbers;
+        for (row, ((time, pressure), angle)) in
+            (1..).zip(times.into_iter().zip(pressures).zip(angles))
+        {
             let place = |error: InputError| InputError {
-                found: format!("row {}: {}", row + 1, error.found),
+                found: format!("row {row}: {}", error.found),
                 ..error.in_file(path)
             };
-            let values = [numbers[0][row], numbers[1][row], numbers[2][row]];
+            let values = [time, pressure, angle];
             for (quantity, value) in Quantity::ALL.into_iter().zip(values) {
                 if value.is_nan() || value.abs() > LARGEST_NUMBER {
                     return Err(
@@ -352,7 +356,7 @@ impl Sheet {
                 let path = path.display();
                 samples
                     .warnings
-                    .push(format!("{path}, row {}, {question}", row + 1));
+                    .push(format!("{path}, row {row}, {question}"));
             }
         }
         for (place, (name, values)) in self.columns.into_iter().enumerate() {

@@ -18,6 +18,7 @@ use parquet::file::reader::{ChunkReader, FileReader, SerializedFileReader};
 use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::types::{ColumnDescriptor, Type};
 
+use super::guard::guarded;
 use super::write::Kept;
 use super::{Decimals, Samples, Sheet, Values, damaged};
 use crate::bounded::Limits;
@@ -38,6 +39,17 @@ pub fn read(
     layout: &Layout,
     limits: Limits,
 ) -> Result<Samples, InputError> {
+    guarded(|| sheet(file, path, layout, limits))
+        .map_err(|said| damaged(path, "Parquet", &said))??
+        .samples(path, layout, limits, "column")
+}
+
+fn sheet(
+    file: impl ChunkReader + 'static,
+    path: &Path,
+    layout: &Layout,
+    limits: Limits,
+) -> Result<Sheet, InputError> {
     let fail = |error: ParquetError| damaged(path, "Parquet", &error);
     let reader = SerializedFileReader::new(file).map_err(fail)?;
     let about = reader.metadata().file_metadata();
@@ -104,7 +116,7 @@ pub fn read(
             sheet.columns.push((name.to_owned(), values));
         }
     }
-    sheet.samples(path, layout, limits, "column")
+    Ok(sheet)
 }
 
 /// The unit of a column of time stamps.
@@ -115,8 +127,7 @@ fn unit_of_stamps(column: &ColumnDescriptor) -> Option<TimeUnit> {
         Stamp::NANOS => TimeUnit::Ns,
     };
     match (column.logical_type_ref(), column.converted_type()) {
-        (Some(LogicalType::Timestamp(stamp)), _) => Some(of(stamp.unit)),
-        (Some(LogicalType::Time(stamp)), _) => Some(of(stamp.unit)),
+        (Some(LogicalType::Timestamp(stamp) | LogicalType::Time(stamp)), _) => Some(of(stamp.unit)),
         (_, ConvertedType::TIMESTAMP_MILLIS | ConvertedType::TIME_MILLIS) => Some(TimeUnit::Ms),
         (_, ConvertedType::TIMESTAMP_MICROS | ConvertedType::TIME_MICROS) => Some(TimeUnit::Us),
         _ => None,

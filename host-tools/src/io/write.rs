@@ -197,3 +197,100 @@ fn csv(sheet: &Sheet) -> anyhow::Result<Vec<u8>> {
     }
     Ok(writer.into_inner()?)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::columns::{Columns, Layout};
+    use crate::error::InputError;
+    use proptest::prelude::*;
+
+    /// A recording of `rig record`, with what is not known left empty.
+    const RECORDED: &str = "\
+time_s,pressure_kpa,angle_deg,setpoint_deg,setpoint_kpa,pump_ul,predicted_deg,state,fault,seq
+0.000,-0.05,59.81,60.00,,-12,,idle,0,007
+0.010,10.10,59.90,60.00,,0,59.81,running,0,008
+0.030,1234.56,-0.00,,40.50,12000,1.00,\"a, b\",0,009
+";
+
+    const META: &str = "protocol = \"paper\"\nstarted = \"2024-05-01T12:00:00Z\"\nsamples = 3\n";
+
+    fn read(bytes: &[u8], name: &str) -> Result<Samples, InputError> {
+        crate::io::read_bytes(bytes, Path::new(name), &Layout::default())
+    }
+
+    fn written(format: Format) -> Vec<u8> {
+        let samples = read(RECORDED.as_bytes(), "run.csv").unwrap();
+        bytes(samples, Some(META.into()), format).unwrap()
+    }
+
+    #[test]
+    fn there_and_back_every_digit_is_where_it_was() {
+        for format in [Format::Csv, Format::Parquet, Format::Mcap] {
+            let samples = read(&written(format), "run").unwrap();
+            if format.holds_metadata() {
+                assert_eq!(samples.meta.as_deref(), Some(META), "{format:?}");
+            }
+            let again = bytes(samples, None, Format::Csv).unwrap();
+            assert_eq!(String::from_utf8(again).unwrap(), RECORDED, "{format:?}");
+        }
+    }
+
+    #[test]
+    fn what_is_converted_is_in_the_units_of_a_recording() {
+        let layout = Layout {
+            names: crate::columns::Names::parse("time=t").unwrap(),
+            columns: Columns::of_units("time=ms,pressure=bar").unwrap(),
+        };
+        let text = "t,time_s,pressure_kpa,angle_deg\n0,7,0.25,1.50\n20,8,0.5,2.50\n";
+        let samples = crate::io::read_bytes(text.as_bytes(), Path::new("a.csv"), &layout).unwrap();
+        let csv = bytes(samples, None, Format::Csv).unwrap();
+        assert_eq!(
+            String::from_utf8(csv).unwrap(),
+            "time_s,pressure_kpa,angle_deg,time_s_2\n0,25,1.50,7\n0.02,50,2.50,8\n"
+        );
+    }
+
+    proptest! {
+        /// A damaged file is an error with its name, or still a recording.
+        #[test]
+        fn damage_is_an_error(
+            format in prop::sample::select(vec![Format::Parquet, Format::Mcap]),
+            edits in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
+            end in any::<prop::sample::Index>(),
+            cut in any::<bool>(),
+        ) {
+            let mut bytes = written(format);
+            for (place, byte) in edits {
+                let place = place.index(bytes.len());
+                bytes[place] = byte;
+            }
+            if cut {
+                bytes.truncate(end.index(bytes.len()));
+            }
+            match read(&bytes, "run") {
+                Ok(samples) => prop_assert!(samples.len() >= 2),
+                Err(error) => prop_assert_eq!(error.file.as_deref(), Some(Path::new("run"))),
+            }
+        }
+
+        #[test]
+        fn any_numbers_come_back_as_they_were(
+            rows in prop::collection::vec((any::<i32>(), any::<i32>()), 2..20),
+            decimals in 0..9i32,
+            format in prop::sample::select(vec![Format::Parquet, Format::Mcap]),
+        ) {
+            let mut text = String::from("time_s,pressure_kpa,angle_deg\n");
+            let digits = usize::try_from(decimals).unwrap();
+            for (row, (pressure, angle)) in rows.iter().enumerate() {
+                let [pressure, angle] = [pressure, angle]
+                    .map(|whole| f64::from(*whole) / 10f64.powi(decimals));
+                text += &format!("{:.3},{pressure:.digits$},{angle:.digits$}\n", row as f64 * 0.001);
+            }
+            let samples = read(text.as_bytes(), "a.csv").unwrap();
+            let there = bytes(samples, None, format).unwrap();
+            let back = bytes(read(&there, "a").unwrap(), None, Format::Csv).unwrap();
+            prop_assert_eq!(String::from_utf8(back).unwrap(), text);
+        }
+    }
+}
