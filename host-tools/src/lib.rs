@@ -18,6 +18,7 @@ pub mod example;
 pub mod export;
 pub mod first_model;
 pub mod formula;
+pub mod io;
 pub mod linear;
 pub mod link;
 pub mod materials;

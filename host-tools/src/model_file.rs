@@ -15,6 +15,7 @@ use model_core::material::find;
 use model_core::power::Exact;
 use toml_edit::{Array, ArrayOfTables, Document, DocumentMut, Item, Table, Value};
 
+use crate::columns::{self, Layout};
 use crate::error::InputError;
 use crate::own_effects::{self, Role};
 use crate::ranges::Range;
@@ -52,6 +53,8 @@ pub struct ModelFile {
     pub free: Vec<ParameterId>,
     /// The material section, if there is one.
     pub actuator: Option<ActuatorSection>,
+    /// Where the recordings of this rig stand in their files.
+    pub recording: Layout,
     text: String,
 }
 
@@ -315,7 +318,15 @@ impl Reader<'_> {
         self.known_keys(
             root,
             "the model",
-            &["schema", "name", "actuator", "dynamics", "fit", "effect"],
+            &[
+                "schema",
+                "name",
+                "actuator",
+                "dynamics",
+                "fit",
+                "effect",
+                "recording",
+            ],
         )?;
         self.schema(root)?;
         let name = root
@@ -351,6 +362,7 @@ impl Reader<'_> {
             model,
             free,
             actuator,
+            recording: self.recording(root)?,
             text: self.text.to_owned(),
         })
     }
@@ -453,6 +465,67 @@ impl Reader<'_> {
             width_m: dimension("width_m")?,
             height_m: dimension("height_m")?,
         }))
+    }
+
+    /// Where recordings stand in their files.
+    fn recording(&self, root: &Table) -> Result<Layout, InputError> {
+        let mut layout = Layout::default();
+        let Some(table) = self.table(root, "recording")? else {
+            return Ok(layout);
+        };
+        self.known_keys(
+            table,
+            "[recording]",
+            &["columns", "units", "absolute_pressure_kpa", "flip_angle"],
+        )?;
+        self.entries(table, "columns", "pressure = \"p_psi\"", |key, column| {
+            layout.names.set(key, column)
+        })?;
+        self.entries(table, "units", "pressure = \"psi\"", |key, unit| {
+            layout.columns.set(columns::unit_of(key, unit)?);
+            Ok(())
+        })?;
+        if let Some(kpa) = self.number(table, "absolute_pressure_kpa")? {
+            let kpa = columns::air(kpa).map_err(|advice| {
+                let span = table.get("absolute_pressure_kpa").and_then(Item::span);
+                self.fail_at(span, format!("absolute_pressure_kpa is {kpa}"), advice)
+            })?;
+            layout.columns.air_kpa = Some(kpa);
+        }
+        if let Some(item) = table.get("flip_angle") {
+            layout.columns.flip_angle = item.as_bool().ok_or_else(|| {
+                self.fail_at(
+                    item.span(),
+                    "flip_angle is neither true nor false",
+                    "write `flip_angle = true` if the angle counts the other way round",
+                )
+            })?;
+        }
+        Ok(layout)
+    }
+
+    /// Hands over the entries of a table of texts, if it is there.
+    fn entries(
+        &self,
+        table: &Table,
+        key: &str,
+        example: &str,
+        mut take: impl FnMut(&str, &str) -> Result<(), String>,
+    ) -> Result<(), InputError> {
+        let Some(item) = table.get(key) else {
+            return Ok(());
+        };
+        let advice = format!("write it as {key} = {{ {example} }}");
+        let entries = item.as_table_like().ok_or_else(|| {
+            self.fail_at(item.span(), format!("{key} is no table"), advice.clone())
+        })?;
+        for (name, item) in entries.iter() {
+            item.as_str()
+                .ok_or_else(|| format!("{name} is not in quotes"))
+                .and_then(|text| take(name, text))
+                .map_err(|found| self.fail_at(item.span(), found, advice.clone()))?;
+        }
+        Ok(())
     }
 
     fn dynamics(

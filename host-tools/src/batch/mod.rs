@@ -22,7 +22,7 @@ use std::time::Instant;
 
 use crate::checkpoint::Checkpoint;
 use crate::cmd::check_distinct;
-use crate::columns::Columns;
+use crate::columns::Layout;
 use crate::diagnose::{Progress, Request, diagnose_from};
 use crate::error::{InputError, write_atomically};
 use crate::model_file::ModelFile;
@@ -90,10 +90,10 @@ impl Folder {
 }
 
 /// How cases are diagnosed.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Settings {
-    /// What the columns of recordings hold.
-    pub columns: Columns,
+    /// Where the recordings stand in their files, as far as the command line says.
+    pub layout: Layout,
     /// Seed of everything random.
     pub seed: u64,
 }
@@ -104,7 +104,7 @@ pub struct Settings {
 ///
 /// The folder cannot be written. What is wrong with the case itself is an
 /// [`Outcome::Failed`], so that the others go on.
-pub fn diagnose(case: &Case, out: &Path, settings: Settings) -> Result<Outcome, InputError> {
+pub fn diagnose(case: &Case, out: &Path, settings: &Settings) -> Result<Outcome, InputError> {
     let folder = Folder::of(out, case);
     std::fs::create_dir_all(&folder.0).map_err(|error| InputError::from_io(&folder.0, &error))?;
     let results = inputs(case, settings).and_then(|inputs| {
@@ -135,7 +135,7 @@ pub fn diagnose(case: &Case, out: &Path, settings: Settings) -> Result<Outcome, 
 }
 
 /// Everything that the results depend on.
-fn inputs(case: &Case, settings: Settings) -> anyhow::Result<String> {
+fn inputs(case: &Case, settings: &Settings) -> anyhow::Result<String> {
     let Provenance { version, files, .. } = Provenance::of(
         &case.model,
         None,
@@ -145,7 +145,8 @@ fn inputs(case: &Case, settings: Settings) -> anyhow::Result<String> {
     )?;
     let mut text = format!(
         "# softrig {version}, seed {}, columns {:?}\n",
-        settings.seed, settings.columns
+        settings.seed,
+        settings.layout.or(&case.layout)
     );
     let mut role = "";
     for file in &files {
@@ -160,13 +161,14 @@ fn inputs(case: &Case, settings: Settings) -> anyhow::Result<String> {
 }
 
 /// The verdict and the model to go on with, as texts.
-fn solve(case: &Case, settings: Settings) -> anyhow::Result<(String, String)> {
+fn solve(case: &Case, settings: &Settings) -> anyhow::Result<(String, String)> {
     // Warnings of a thousand cases are read by nobody; those that matter are in the verdict.
     let quiet = |_: &str| {};
     check_distinct(&case.recordings, &case.holdout)?;
     let file = ModelFile::read(&case.model)?;
-    let recordings = read_all(&case.recordings, &settings.columns, quiet)?;
-    let holdout = read_all(&case.holdout, &settings.columns, quiet)?;
+    let layout = settings.layout.or(&case.layout).or(&file.recording);
+    let recordings = read_all(&case.recordings, &layout, quiet)?;
+    let holdout = read_all(&case.holdout, &layout, quiet)?;
     let request = Request {
         file: &file,
         recordings: &recordings,

@@ -13,6 +13,7 @@ use model_core::actuator::{Model, ParameterId};
 
 use super::input::InputArgs;
 use super::output::{self, FileKind, Output};
+use crate::columns::Layout;
 use crate::diagnose::noise::NoiseFloor;
 use crate::error::{InputError, write_atomically};
 use crate::estimate::Dataset;
@@ -61,6 +62,29 @@ pub struct Args {
 /// What models are drawn in.
 const OF_MODELS: [Role; 4] = [Role::Nominal, Role::After, Role::Emphasis, Role::Other(1)];
 
+/// Where the recordings stand: as the command line says, else as the models do, which have
+/// to agree.
+fn layout(files: &[ModelFile], args: &Args) -> Result<Layout, InputError> {
+    let mut said: Option<&ModelFile> = None;
+    for file in files.iter().filter(|it| it.recording != Layout::default()) {
+        match said {
+            Some(first) if first.recording != file.recording => {
+                return Err(InputError::new(
+                    format!(
+                        "[recording] says otherwise than that of {}",
+                        first.path.display()
+                    ),
+                    "make them the same, or leave one of them out: the models are compared on the same recordings",
+                )
+                .in_file(&file.path));
+            }
+            _ => said = Some(file),
+        }
+    }
+    let by_models = said.map(|file| file.recording.clone()).unwrap_or_default();
+    Ok(args.input.layout().or(&by_models))
+}
+
 /// Errors of one model at one set-point.
 #[derive(Clone, Copy)]
 struct Cell {
@@ -87,7 +111,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         .iter()
         .map(|path| ModelFile::read(path))
         .collect::<Result<Vec<_>, InputError>>()?;
-    let recordings = read_all(&args.recordings, &args.input.columns(), super::warn)?;
+    let recordings = read_all(&args.recordings, &layout(&files, args)?, super::warn)?;
     let assembled = assemble(&recordings, &[])?;
     for concern in &assembled.concerns {
         super::warn(&concern.to_string());

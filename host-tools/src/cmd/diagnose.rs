@@ -137,7 +137,7 @@ fn share(text: &str) -> Result<Share, String> {
 fn run_batch(args: &Args, path: &Path, out: &Path) -> anyhow::Result<()> {
     let all = manifest::read(path)?;
     let settings = batch::Settings {
-        columns: args.input.columns(),
+        layout: args.input.layout(),
         seed: args.seed,
     };
     let Share { index, of } = args.share.unwrap_or(Share { index: 0, of: 1 });
@@ -146,7 +146,7 @@ fn run_batch(args: &Args, path: &Path, out: &Path) -> anyhow::Result<()> {
     let mut failed = Vec::new();
     for (number, case) in (1..).zip(&cases) {
         let clock = Instant::now();
-        let outcome = batch::diagnose(case, out, settings)?;
+        let outcome = batch::diagnose(case, out, &settings)?;
         let seconds = clock.elapsed().as_secs_f64();
         let summary = || anyhow::Ok(results::Row::read(out, case)?.summary());
         let said = match outcome {
@@ -195,13 +195,14 @@ fn run_one(args: &Args, model: &PathBuf) -> anyhow::Result<()> {
         read.chain([model]).chain(&args.effects),
     )?;
     super::check_distinct(&args.recordings, &args.holdout)?;
-    let columns = args.input.columns();
-    let (file, recordings) = super::read(model, &args.recordings, &columns)?;
+    let layout = args.input.layout();
+    let (file, recordings) = super::read(model, &args.recordings, &layout)?;
+    let layout = layout.or(&file.recording);
     let own = match &args.effects {
         Some(path) => Some(OwnEffects::read(path, &file.model)?),
         None => None,
     };
-    let holdout = crate::recording::read_all(&args.holdout, &columns, super::warn)?;
+    let holdout = crate::recording::read_all(&args.holdout, &layout, super::warn)?;
     // Before the long work: these are the bytes that it starts from.
     let provenance = match &args.report {
         Some(_) => Some(Provenance::of(

@@ -98,7 +98,7 @@ fn starting_as(
     args: &Args,
     file: &ModelFile,
 ) -> Result<Defaults, InputError> {
-    let (recording, warnings) = Recording::read_as(path, &args.input.columns())?;
+    let (recording, warnings) = Recording::read_as(path, &args.input.layout())?;
     for warning in &warnings {
         super::warn(warning);
     }

@@ -278,9 +278,9 @@ fn identify(args: &Args, known: &Known) -> anyhow::Result<FirstModel> {
         return from_nothing(known.geometry).map_err(Into::into);
     }
     super::check_distinct(&known.recordings, &[])?;
-    let columns = args.input.columns();
-    let recordings = read_all(&known.recordings, &columns, super::warn)?;
-    if columns.time.is_none() {
+    let layout = args.input.layout();
+    let recordings = read_all(&known.recordings, &layout, super::warn)?;
+    if layout.columns.time.is_none() {
         ask_about_time(&recordings);
     }
     let assembled = assemble(&recordings, &[])?;

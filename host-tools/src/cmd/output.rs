@@ -250,8 +250,12 @@ fn found(path: &Path) -> Found {
     if bytes.iter().all(u8::is_ascii_whitespace) {
         return Found::Nothing;
     }
-    // A compressed table is a recording: nothing else that is read here is compressed.
-    if bytes.starts_with(&[0x1f, 0x8b]) {
+    // A compressed table is a recording, as are the binary formats: nothing else that is read
+    // here is either.
+    if [&[0x1f, 0x8b][..], b"PAR1", mcap::MAGIC, b"MATLAB"]
+        .iter()
+        .any(|start| bytes.starts_with(start))
+    {
         return Found::Known(FileKind::Recording);
     }
     let text = String::from_utf8_lossy(&bytes);

@@ -76,7 +76,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         &[Output::of("-o", FileKind::Protocol, args.output.as_ref())],
         read,
     )?;
-    let (file, recordings) = super::read(&args.model, &args.recordings, &args.input.columns())?;
+    let (file, recordings) = super::read(&args.model, &args.recordings, &args.input.layout())?;
     let own = match &args.effects {
         Some(path) => Some(OwnEffects::read(path, &file.model)?),
         None => None,

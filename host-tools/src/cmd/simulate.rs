@@ -108,7 +108,8 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let file = model_file(args)?;
     let (recording, setpoint) = match (&args.recording, args.protocol.as_deref()) {
         (Some(path), _) => {
-            let (recording, warnings) = Recording::read_as(path, &args.input.columns())?;
+            let (recording, warnings) =
+                Recording::read_as(path, &args.input.layout().or(&file.recording))?;
             for warning in &warnings {
                 super::warn(warning);
             }

@@ -10,6 +10,7 @@ use sha2::{Digest, Sha256};
 
 use super::content::quoted;
 use crate::error::InputError;
+use crate::recording::meta_beside;
 
 /// Role of a recording that was fitted.
 pub const FITTED: &str = "fitted";
@@ -62,7 +63,7 @@ impl Provenance {
         }
         for (role, path) in fitted.chain(held_out) {
             files.push(Source::read(role, path)?);
-            let meta = metadata(path);
+            let meta = meta_beside(path);
             if meta.exists() {
                 files.push(Source::read(METADATA, &meta)?);
             }
@@ -85,16 +86,6 @@ impl Source {
             sha256: hexadecimal(&Sha256::digest(&bytes)),
         })
     }
-}
-
-/// Where the metadata of a recording stand: they decide what repeats what.
-fn metadata(recording: &Path) -> PathBuf {
-    let name = recording
-        .file_name()
-        .map_or_else(String::new, |name| name.to_string_lossy().into_owned());
-    let name = name.strip_suffix(".gz").unwrap_or(&name);
-    let name = name.strip_suffix(".csv").unwrap_or(name);
-    recording.with_file_name(format!("{name}.meta.toml"))
 }
 
 fn hexadecimal(bytes: &[u8]) -> String {
