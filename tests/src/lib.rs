@@ -56,7 +56,7 @@ impl Case {
                 .collect();
             paths.sort();
             read_all(&paths, &host_tools::columns::Layout::default(), |warning| {
-                eprintln!("{warning}")
+                eprintln!("{warning}");
             })
             .unwrap()
         };
