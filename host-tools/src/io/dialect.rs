@@ -62,7 +62,11 @@ pub fn read(
     let mut record = csv::ByteRecord::new();
     let mut first = true;
     while let Some(line) = rows.next(&mut record)? {
-        let place = |error: InputError| error.in_file(path).at_line(line);
+        // What is known to stand elsewhere stays there.
+        let place = |error: InputError| match error.line {
+            Some(_) => error.in_file(path),
+            None => error.in_file(path).at_line(line),
+        };
         if record.len() != header.len() {
             let last = matches!(rows.next(&mut csv::ByteRecord::new()), Ok(None));
             return Err(place(wrong_length(record.len(), header.len(), last)));
@@ -86,9 +90,7 @@ pub fn read(
         let mut row = [0.0; 3];
         for ((number, field), quantity) in row.iter_mut().zip(&fields).zip(Quantity::ALL) {
             let column = layout.names.of(quantity);
-            *number = numbers
-                .read(field, line, column)
-                .map_err(|error| place(error).in_column(column))?;
+            *number = numbers.read(field, line, column).map_err(place)?;
             samples.decimals[quantity as usize].count(field);
         }
         if let Some(question) = samples.push(row, layout).map_err(place)? {
@@ -355,7 +357,9 @@ impl Top {
             let start = text.iter().position(|&byte| !is_mark(byte));
             let (names, delimiter) = separated(&text[start.unwrap_or(0)..], layout);
             let row = split(first, delimiter);
-            if names.len() == row.len() && row.iter().all(|field| seems_number(field)) {
+            let has_names = has_all(&names, layout) && row.iter().any(|field| seems_number(field));
+            let is_header = has_names || row.iter().all(|field| seems_number(field));
+            if names.len() == row.len() && is_header {
                 return Some(Header {
                     names,
                     delimiter,
@@ -385,9 +389,7 @@ fn seems_number(field: &str) -> bool {
 /// stand. Where they do not stand there, what separates most will do to say so.
 fn separated(header: &[u8], layout: &Layout) -> (Vec<String>, u8) {
     let splits = DELIMITERS.map(|delimiter| (split(header, delimiter), delimiter));
-    let wanted = Quantity::ALL.map(|quantity| layout.names.of(quantity));
-    let has_all = |names: &Vec<String>| wanted.iter().all(|name| names.iter().any(|it| it == name));
-    let fits = splits.iter().position(|(names, _)| has_all(names));
+    let fits = splits.iter().position(|(names, _)| has_all(names, layout));
     let best = fits
         .or_else(|| splits.iter().position(|(names, _)| names.len() > 2))
         .or_else(|| splits.iter().position(|(names, _)| names.len() > 1))
@@ -398,6 +400,12 @@ fn separated(header: &[u8], layout: &Layout) -> (Vec<String>, u8) {
         1 => b,
         _ => c,
     }
+}
+
+/// Whether all three wanted names are among those of a header.
+fn has_all(names: &[String], layout: &Layout) -> bool {
+    let wanted = Quantity::ALL.map(|quantity| layout.names.of(quantity));
+    wanted.iter().all(|name| names.iter().any(|it| it == name))
 }
 
 /// The fields of one line.
@@ -480,7 +488,16 @@ struct Numbers {
 }
 
 impl Numbers {
+    /// Reads a number; an error names the column, and the line if it is another.
     fn read(&mut self, field: &str, line: u64, column: &str) -> Result<f64, InputError> {
+        self.number(field, line, column)
+            .map_err(|error| match error.column {
+                Some(_) => error,
+                None => error.in_column(column),
+            })
+    }
+
+    fn number(&mut self, field: &str, line: u64, column: &str) -> Result<f64, InputError> {
         let points = field.matches('.').count();
         let commas = field.matches(',').count();
         let sign = match (points, commas) {
@@ -814,6 +831,7 @@ mod tests {
     }
 
     proptest! {
+        #[allow(clippy::float_cmp)] // To the bit is the point.
         /// However a table is written, the numbers in it are the same or it is refused.
         #[test]
         fn a_dialect_never_changes_a_number(

@@ -274,14 +274,15 @@ mod tests {
     /// Elements as MATLAB writes them, in the order of bytes of most computers.
     fn element(kind: u32, data: &[u8]) -> Vec<u8> {
         let mut bytes = Vec::new();
+        let length = u32::try_from(data.len()).unwrap();
         if (1..=4).contains(&data.len()) {
-            bytes.extend((kind | (data.len() as u32) << 16).to_le_bytes());
+            bytes.extend((kind | length << 16).to_le_bytes());
             bytes.extend(data);
             bytes.resize(8, 0);
             return bytes;
         }
         bytes.extend(kind.to_le_bytes());
-        bytes.extend((data.len() as u32).to_le_bytes());
+        bytes.extend(length.to_le_bytes());
         bytes.extend(data);
         if kind != COMPRESSED {
             bytes.resize(bytes.len().next_multiple_of(8), 0);

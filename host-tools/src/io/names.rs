@@ -91,6 +91,12 @@ pub(crate) fn find(
 
 /// How the file would be read, or what it needs.
 fn advice(header: &[String], layout: &Layout, what: &str) -> String {
+    if header.len() < Quantity::ALL.len() && what == "column" {
+        return format!(
+            "separate the columns by commas, semicolons or tabs, and give them names in the first row: a recording needs {}",
+            Quantity::ALL.map(Quantity::column).join(", ")
+        );
+    }
     match suggestion(header, layout) {
         Some(flags) => format!(
             "if its names mean what they seem to, add {flags}, or say so once in [recording] of the model file; or rename the {what}s"
