@@ -271,6 +271,15 @@ fn a_recording_is_converted_there_and_back_with_its_metadata() {
             std::fs::remove_file(bench.path(file)).unwrap();
         }
     }
+    // Beside the original its metadata are those of both.
+    bench.prints("convert run.csv -o run.csv.gz");
+    bench.prints("convert run.csv -o run.mcap");
+    assert_eq!(bench.text("run.meta.toml"), META);
+    bench.put("kept.meta.toml", "protocol = \"other\"\n");
+    bench.refuses(
+        "convert run.csv -o kept.csv",
+        &["kept.meta.toml", "never replaced"],
+    );
     for (line, part) in [
         ("convert run.csv -o run.xlsx", "end it in .csv"),
         ("convert run.csv m.toml -o new", "say their format"),

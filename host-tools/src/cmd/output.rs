@@ -67,6 +67,7 @@ pub(crate) struct Output<'a> {
     kind: FileKind,
     path: Option<&'a Path>,
     may_replace: bool,
+    rows_only: bool,
 }
 
 impl<'a> Output<'a> {
@@ -77,7 +78,13 @@ impl<'a> Output<'a> {
             kind,
             path: path.map(PathBuf::as_path),
             may_replace: kind != FileKind::Recording,
+            rows_only: false,
         }
+    }
+
+    /// Says whether it leaves the metadata beside it alone.
+    pub(crate) fn rows_only(self, rows_only: bool) -> Self {
+        Self { rows_only, ..self }
     }
 
     /// Lets it replace a recording, if that can be had again or the user says so.
@@ -133,7 +140,7 @@ pub(crate) fn check<'a>(
             Some("is read by this command".to_owned())
         } else {
             match found(path) {
-                Found::Nothing if output.kind == FileKind::Recording => {
+                Found::Nothing if output.kind == FileKind::Recording && !output.rows_only => {
                     keep_metadata(path, output.may_replace)?;
                     None
                 }
@@ -200,7 +207,7 @@ pub(crate) fn is_simulated(path: &Path) -> bool {
 }
 
 /// The same for every name of a file that exists.
-fn same_file(path: &Path) -> PathBuf {
+pub(super) fn same_file(path: &Path) -> PathBuf {
     path.canonicalize().unwrap_or_else(|_| {
         // A new file in a folder that may have several names.
         let folder = match path.parent() {
