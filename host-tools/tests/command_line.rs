@@ -239,11 +239,12 @@ fn damaged_files_are_refused_with_their_place() {
             ],
         ),
         (
-            "semicolons.csv",
-            good.replace(',', ";").into(),
+            "spaces.csv",
+            good.replace(',', " ").into(),
             &[
-                "semicolons.csv, line 1, column time_s",
-                "time_s;pressure_kpa",
+                "spaces.csv, line 1, column time_s",
+                "time_s pressure_kpa",
+                "separate the columns",
             ],
         ),
         (
@@ -452,12 +453,12 @@ fn rewritten(text: &str, change: impl Fn([f64; 3]) -> [f64; 3]) -> String {
 type Mended = (&'static str, fn([f64; 3]) -> [f64; 3]);
 
 const MENDED: [Mended; 8] = [
-    ("--time-in ms", |[t, p, a]| [t * 1e3, p, a]),
-    ("--pressure-in psi", |[t, p, a]| [t, p / 6.894_757, a]),
-    ("--pressure-in bar", |[t, p, a]| [t, p / 100.0, a]),
+    ("--units time=ms", |[t, p, a]| [t * 1e3, p, a]),
+    ("--units pressure=psi", |[t, p, a]| [t, p / 6.894_757, a]),
+    ("--units pressure=bar", |[t, p, a]| [t, p / 100.0, a]),
     ("--absolute-pressure", |[t, p, a]| [t, p + 101.325, a]),
     ("--absolute-pressure=95", |[t, p, a]| [t, p + 95.0, a]),
-    ("--angle-in rad", |[t, p, a]| [t, p, a.to_radians()]),
+    ("--units angle=rad", |[t, p, a]| [t, p, a.to_radians()]),
     ("--flip-angle", |[t, p, a]| [t, p, -a]),
     ("--exchange-columns", |[t, p, a]| [t, a, p]),
 ];
@@ -503,17 +504,18 @@ fn a_fit_and_a_diagnosis_refuse_other_columns_at_once_and_name_the_flags() {
 #[test]
 fn every_command_that_fits_takes_the_flags() {
     let bench = Bench::empty();
-    for command in ["diagnose", "fit", "compare", "simulate", "plan"] {
+    for command in [
+        "diagnose", "fit", "compare", "simulate", "plan", "gap", "convert",
+    ] {
         let assert = bench.line(&format!("{command} --help")).assert().success();
         let help = stdout(&assert);
         let (_, flags) = help
             .split_once("If the columns mean something else:")
             .unwrap_or_else(|| panic!("{command}: {help}"));
         for flag in [
-            "--time-in",
-            "--pressure-in",
+            "--columns",
+            "--units",
             "--absolute-pressure",
-            "--angle-in",
             "--flip-angle",
             "--exchange-columns",
         ] {
@@ -754,6 +756,15 @@ fn faults_of_arguments_exit_with_2() {
             "from 0 to 110 kPa",
         ),
         ("fit --model m.toml good.csv --pressure-in atm", "kpa, psi"),
+        (
+            "fit --model m.toml good.csv --units pressure=atm",
+            "kpa, psi",
+        ),
+        ("fit --model m.toml good.csv --columns p=q", "none of time"),
+        (
+            "fit --model m.toml good.csv --units time=s --time-in ms",
+            "cannot be used with",
+        ),
         ("completions tcsh", "bash"),
     ] {
         let before = bench.contents();
@@ -1571,7 +1582,7 @@ fn names_of_files_are_not_obeyed_by_the_terminal() {
         ("example -o", vec![name(".csv")]),
         ("simulate", vec![name("")]),
         ("", vec![name("")]),
-        ("compare --model m.toml --time-in", vec![name("")]),
+        ("compare --model m.toml --units", vec![name("")]),
         ("simulate --angle-deg", vec![name("")]),
     ] {
         let said = harmless(bench.line(line).args(files));

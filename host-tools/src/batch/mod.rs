@@ -8,6 +8,7 @@
 //! ```text
 //! OUT/CASE/verdict.json     as of --json
 //! OUT/CASE/repaired.toml    as of -o
+//! OUT/CASE/warnings.txt     what a single diagnosis would have warned of, if anything
 //! OUT/CASE/inputs.sha256    what they are of, as `sha256sum` writes it; written last
 //! OUT/CASE/error.txt        instead of them, where a case could not be diagnosed
 //! OUT/results.parquet       a row a case
@@ -59,6 +60,11 @@ impl Folder {
     /// The model to go on with.
     pub fn repaired(&self) -> PathBuf {
         self.0.join("repaired.toml")
+    }
+
+    /// What may be wrong with the recordings: not complete, rows lost, odd units.
+    pub fn warnings(&self) -> PathBuf {
+        self.0.join("warnings.txt")
     }
 
     /// What the results are of.
@@ -113,12 +119,12 @@ pub fn diagnose(case: &Case, out: &Path, settings: &Settings) -> Result<Outcome,
         }
         Ok(Some((solve(case, settings)?, inputs)))
     });
-    let (verdict, repaired, inputs) = match results {
+    let (solved, inputs) = match results {
         Ok(None) => {
             folder.forget(&folder.error())?;
             return Ok(Outcome::Known);
         }
-        Ok(Some(((verdict, repaired), inputs))) => (verdict, repaired, inputs),
+        Ok(Some(results)) => results,
         Err(error) => {
             let text = format!("{error:#}");
             write_atomically(&folder.error(), format!("{text}\n").as_bytes())?;
@@ -128,8 +134,13 @@ pub fn diagnose(case: &Case, out: &Path, settings: &Settings) -> Result<Outcome,
     // First away with what an earlier try says of itself: a job may be killed anywhere here.
     folder.forget(&folder.inputs())?;
     folder.forget(&folder.error())?;
-    write_atomically(&folder.verdict(), verdict.as_bytes())?;
-    write_atomically(&folder.repaired(), repaired.as_bytes())?;
+    folder.forget(&folder.warnings())?;
+    write_atomically(&folder.verdict(), solved.verdict.as_bytes())?;
+    write_atomically(&folder.repaired(), solved.repaired.as_bytes())?;
+    if !solved.warnings.is_empty() {
+        let text = solved.warnings.join("\n") + "\n";
+        write_atomically(&folder.warnings(), text.as_bytes())?;
+    }
     write_atomically(&folder.inputs(), inputs.as_bytes())?;
     Ok(Outcome::Diagnosed)
 }
@@ -160,15 +171,22 @@ fn inputs(case: &Case, settings: &Settings) -> anyhow::Result<String> {
     Ok(text)
 }
 
-/// The verdict and the model to go on with, as texts.
-fn solve(case: &Case, settings: &Settings) -> anyhow::Result<(String, String)> {
-    // Warnings of a thousand cases are read by nobody; those that matter are in the verdict.
-    let quiet = |_: &str| {};
+/// What a diagnosis came to, as texts.
+struct Solved {
+    verdict: String,
+    repaired: String,
+    warnings: Vec<String>,
+}
+
+fn solve(case: &Case, settings: &Settings) -> anyhow::Result<Solved> {
+    // Those of a thousand cases would be read by nobody: they stand beside the verdict.
+    let mut warnings = Vec::new();
+    let mut warn = |text: &str| warnings.push(text.to_owned());
     check_distinct(&case.recordings, &case.holdout)?;
     let file = ModelFile::read(&case.model)?;
     let layout = settings.layout.or(&case.layout).or(&file.recording);
-    let recordings = read_all(&case.recordings, &layout, quiet)?;
-    let holdout = read_all(&case.holdout, &layout, quiet)?;
+    let recordings = read_all(&case.recordings, &layout, &mut warn)?;
+    let holdout = read_all(&case.holdout, &layout, &mut warn)?;
     let request = Request {
         file: &file,
         recordings: &recordings,
@@ -180,5 +198,9 @@ fn solve(case: &Case, settings: &Settings) -> anyhow::Result<(String, String)> {
     let diagnosis = diagnose_from(&request, &Checkpoint::default(), &Progress::default())?;
     let verdict = diagnosis.verdict(&request, clock.elapsed().as_secs_f64());
     let verdict = format!("{}\n", serde_json::to_string_pretty(&verdict)?);
-    Ok((verdict, diagnosis.model_text(&file)))
+    Ok(Solved {
+        verdict,
+        repaired: diagnosis.model_text(&file),
+        warnings,
+    })
 }

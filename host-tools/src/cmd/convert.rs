@@ -52,8 +52,9 @@ pub struct Args {
 /// Faults of the input, with place and remedy.
 pub fn run(args: &Args) -> anyhow::Result<()> {
     let outputs = outputs(args)?;
-    for (path, _) in &outputs {
-        let output = Output::of("-o", FileKind::Recording, Some(path));
+    for (from, (to, format)) in args.recordings.iter().zip(&outputs) {
+        let output = Output::of("-o", FileKind::Recording, Some(to))
+            .rows_only(!writes_metadata(from, to, *format));
         output::check(&[output], args.recordings.iter().chain(&args.model))?;
     }
     let mut layout = args.input.layout();
@@ -104,6 +105,13 @@ fn outputs(args: &Args) -> Result<Vec<(PathBuf, Format)>, InputError> {
     Ok(outputs)
 }
 
+/// Whether metadata are written beside the rows. Where those of the original stand there
+/// already, they are of both.
+fn writes_metadata(from: &Path, to: &Path, format: Format) -> bool {
+    let beside = |path: &Path| output::same_file(&meta_beside(path));
+    !format.holds_metadata() && beside(from) != beside(to)
+}
+
 /// Converts one recording, and says how many samples it has.
 fn convert(from: &Path, to: &Path, format: Format, layout: &Layout) -> anyhow::Result<usize> {
     let samples = crate::io::read(from, layout)?;
@@ -121,7 +129,7 @@ fn convert(from: &Path, to: &Path, format: Format, layout: &Layout) -> anyhow::R
     let count = samples.len();
     let rows = bytes(samples, meta.clone(), format)?;
     match meta {
-        Some(meta) if !format.holds_metadata() => {
+        Some(meta) if writes_metadata(from, to, format) => {
             write_with_meta((to, &rows), (&meta_beside(to), meta.as_bytes()))?;
         }
         _ => write_atomically(to, &rows)?,

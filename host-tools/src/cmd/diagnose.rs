@@ -143,19 +143,26 @@ fn run_batch(args: &Args, path: &Path, out: &Path) -> anyhow::Result<()> {
     let Share { index, of } = args.share.unwrap_or(Share { index: 0, of: 1 });
     let cases: Vec<_> = all.iter().skip(index).step_by(of).collect();
     let width = cases.iter().map(|case| case.name.len()).max().unwrap_or(0);
-    let mut failed = Vec::new();
+    let (mut failed, mut warned) = (Vec::new(), Vec::new());
     for (number, case) in (1..).zip(&cases) {
         let clock = Instant::now();
         let outcome = batch::diagnose(case, out, &settings)?;
         let seconds = clock.elapsed().as_secs_f64();
-        let summary = || anyhow::Ok(results::Row::read(out, case)?.summary());
+        let mut known = |how: String| {
+            let row = results::Row::read(out, case)?;
+            let how: Vec<String> = [how].into_iter().chain(row.warned()).collect();
+            if row.warnings.is_some() {
+                warned.push(Folder::of(out, case).warnings());
+            }
+            anyhow::Ok(format!("{} ({})", row.summary(), how.join(", ")))
+        };
         let said = match outcome {
             Outcome::Failed(error) => {
                 failed.push(Folder::of(out, case).error());
                 error.lines().next().unwrap_or_default().to_owned()
             }
-            Outcome::Known => format!("{} (known)", summary()?),
-            Outcome::Diagnosed => format!("{} ({seconds:.1} s)", summary()?),
+            Outcome::Known => known("known".to_owned())?,
+            Outcome::Diagnosed => known(format!("{seconds:.1} s"))?,
         };
         super::print(&format!(
             "{number}/{} {:<width$}  {said}\n",
@@ -171,6 +178,14 @@ fn run_batch(args: &Args, path: &Path, out: &Path) -> anyhow::Result<()> {
         let table = out.join("results.parquet");
         results::write(&table, &rows)?;
         super::print(&format!("{} cases in {}\n", rows.len(), table.display()))?;
+    }
+    if let Some(first) = warned.first() {
+        super::warn(&format!(
+            "{} of {} cases have recordings that are not complete or odd in another way; what was said of the first stands in {}",
+            warned.len(),
+            cases.len(),
+            first.display()
+        ));
     }
     match failed.as_slice() {
         [] => Ok(()),

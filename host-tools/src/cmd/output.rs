@@ -72,6 +72,7 @@ pub(crate) struct Output<'a> {
     kind: FileKind,
     path: Option<&'a Path>,
     may_replace: bool,
+    rows_only: bool,
 }
 
 impl<'a> Output<'a> {
@@ -82,6 +83,7 @@ impl<'a> Output<'a> {
             kind,
             path: path.map(PathBuf::as_path),
             may_replace: kind != FileKind::Recording,
+            rows_only: false,
         }
     }
 
@@ -91,6 +93,11 @@ impl<'a> Output<'a> {
             path: self.path.filter(|_| !dry_run),
             ..self
         }
+    }
+
+    /// Says whether it leaves the metadata beside it alone.
+    pub(crate) fn rows_only(self, rows_only: bool) -> Self {
+        Self { rows_only, ..self }
     }
 
     /// Lets it replace a recording, if that can be had again or the user says so.
@@ -146,7 +153,7 @@ pub(crate) fn check<'a>(
             Some("is read by this command".to_owned())
         } else {
             match found(path) {
-                Found::Nothing if output.kind == FileKind::Recording => {
+                Found::Nothing if output.kind == FileKind::Recording && !output.rows_only => {
                     keep_metadata(path, output.may_replace)?;
                     None
                 }
@@ -213,7 +220,7 @@ pub(crate) fn is_simulated(path: &Path) -> bool {
 }
 
 /// The same for every name of a file, also of one that is still to be made.
-fn same_file(path: &Path) -> PathBuf {
+pub(super) fn same_file(path: &Path) -> PathBuf {
     let target = target_of(path).unwrap_or_else(|_| path.to_owned());
     let path = target.as_path();
     path.canonicalize().unwrap_or_else(|_| {
