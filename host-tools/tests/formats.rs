@@ -193,12 +193,12 @@ units = { time = \"ms\", pressure = \"psi\", angle = \"rad\" }
     bench.prints("convert lab.csv -o lab.parquet --model m.toml");
     bench.prints("compare --model m.toml lab.csv --units angle=rad");
     // A flag wins.
-    bench.put("other.csv", foreign("t_ms,p_psi,theta"));
-    let other = "compare --model m.toml other.csv";
-    bench.refuses(other, &["other.csv, line 1, column theta_rad"]);
+    bench.put("new.csv", foreign("t_ms,p_psi,theta"));
+    let other = "compare --model m.toml new.csv";
+    bench.refuses(other, &["new.csv, line 1, column theta_rad"]);
     assert_eq!(
         bench.prints(&format!("{other} --columns angle=theta")),
-        by_flags.replace("lab", "other")
+        by_flags.replace("lab", "new")
     );
 }
 
