@@ -30,6 +30,11 @@ const CLEAR: u8 = 10;
 /// Share of the fastest flow with which the switch is looked for.
 const SEARCH_SHARE: f32 = 0.5;
 
+/// Fastest flow (µl/s) of a search. The plunger sucks air in through the tube meanwhile: twice
+/// that through 1 mm of bore and 1 m of length takes 7 kPa, which would be taken for a
+/// blocked vent.
+const FASTEST_SEARCH: f32 = 5_000.0;
+
 /// Share of the fastest flow with which its edge is taken.
 const EDGE_SHARE: f32 = 0.05;
 
@@ -64,7 +69,7 @@ impl Config {
     }
 
     fn rate(&self, share: f32) -> f32 {
-        self.max_flow * share / self.volume_per_step
+        FASTEST_SEARCH.min(self.max_flow * share) / self.volume_per_step
     }
 }
 
@@ -231,6 +236,18 @@ mod tests {
             assert!((counted - plant.plunger).abs() < 10.0, "{counted}");
             assert!(plant.pressure.abs() < 1_000.0);
         }
+    }
+
+    #[test]
+    fn a_fast_pump_searches_no_faster_than_the_tube_lets_air_in() {
+        let rate = |max_flow: f32| {
+            let mut settings = Settings::DEFAULT;
+            settings.set(Key::MaxFlow, max_flow.to_bits()).unwrap();
+            let config = Config::of(&settings);
+            config.rate(SEARCH_SHARE) * config.volume_per_step
+        };
+        assert!((rate(5_000.0) - 2_500.0).abs() < 1.0);
+        assert!((rate(20_000.0) - FASTEST_SEARCH).abs() < 1.0);
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! Set-up, demo, test, flash, bench, soak, fuzz and ci.
+//! Set-up, demo, test, book, flash, bench, soak, fuzz, ci and dist.
 //!
 //! Everything that takes more than one plain cargo command is a task here, in
 //! Rust on the standard library alone: it compiles in a second on a machine that
@@ -9,7 +9,9 @@ mod avr;
 mod bench;
 mod bench_loop;
 mod bench_real;
+mod book;
 mod demo;
+mod dist;
 mod flash;
 mod json;
 mod machines;
@@ -38,6 +40,7 @@ Tasks:
                          simulate, diagnose, repair; says where the picture is
   test [--host-only]     everything that must hold before a change goes in
   ci                     the same, as continuous integration runs it
+  book                   build the book from docs/; says where it is
   firmware               build the image, check it, print its size
   size [--accept]        memory and processor time against budgets and last time
   bench [diagnosis | host | board]
@@ -69,6 +72,11 @@ Tasks:
                          that finds undefined behaviour; installs a nightly
   flash --port PORT [--no-console] [--dry-run]
                          put the image on a board and show what it says
+  dist [--target TRIPLE] [--with FILE] [--no-firmware] [--dry-run]
+                         a release in target/dist: static `rig`, the image,
+                         completions, licences and checksums in one archive,
+                         tried where there is nothing else; --with puts a file,
+                         such as a wheel, beside it
 
 Examples:
   cargo xtask setup --dry-run
@@ -79,6 +87,7 @@ Examples:
   cargo xtask soak --hours 8 --seed 7
   cargo xtask fuzz --minutes 30
   cargo xtask flash --port /dev/ttyACM0
+  cargo xtask dist --dry-run
 ";
 
 /// Exit code for a command line that makes no sense.
@@ -101,6 +110,7 @@ fn main() -> ExitCode {
         },
         ["test" | "ci"] => test::test(Scope::Everything),
         ["test", "--host-only"] => test::test(Scope::Host),
+        ["book"] => book::book().map(|page| println!("  {}", page.display())),
         ["firmware"] => firmware(),
         ["size"] => avr::build().and_then(|image| size::size(&image, Golden::Check)),
         ["size", "--accept"] => avr::build().and_then(|image| size::size(&image, Golden::Accept)),
@@ -136,8 +146,15 @@ fn main() -> ExitCode {
             Ok(options) => flash::flash(options),
             Err(problem) => return usage(&problem),
         },
+        ["dist", words @ ..] => match dist::Options::parse(words) {
+            Ok(options) => dist::dist(&options),
+            Err(problem) => return usage(&problem),
+        },
         [task, ..]
-            if ["setup", "test", "ci", "firmware", "size", "bench", "miri"].contains(task) =>
+            if [
+                "setup", "test", "ci", "book", "firmware", "size", "bench", "miri",
+            ]
+            .contains(task) =>
         {
             return usage(&format!("{task} does not take these options"));
         }

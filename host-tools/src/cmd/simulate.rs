@@ -13,6 +13,7 @@ use crate::estimate::fit::Fitter;
 use crate::estimate::{Dataset, Nuisance, Session};
 use crate::linear::linear_rival;
 use crate::model_file::ModelFile;
+use crate::own_effects::refuse_on_board;
 use crate::plot::{Figure, Panel, Series, Style, write_svg};
 use crate::protocol::{Play, Protocol, play};
 use crate::protocol_file::ProtocolFile;
@@ -104,10 +105,11 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         ],
         args.recording.iter().chain(&played).chain([&args.model]),
     )?;
-    let file = ModelFile::read(&args.model)?;
+    let file = model_file(args)?;
     let (recording, setpoint) = match (&args.recording, args.protocol.as_deref()) {
         (Some(path), _) => {
-            let (recording, warnings) = Recording::read_as(path, &args.input.columns())?;
+            let (recording, warnings) =
+                Recording::read_as(path, &args.input.layout().or(&file.recording))?;
             for warning in &warnings {
                 super::warn(warning);
             }
@@ -196,6 +198,15 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         text += &format!("drawn: {}\n", path.display());
     }
     Ok(super::print(&text)?)
+}
+
+/// The model, if the arithmetic that is asked for can run it.
+fn model_file(args: &Args) -> Result<ModelFile, InputError> {
+    let file = ModelFile::read(&args.model)?;
+    if args.arithmetic != Arithmetic::F64 {
+        refuse_on_board(&file)?;
+    }
+    Ok(file)
 }
 
 /// A simulated run with what there is to compare it with.

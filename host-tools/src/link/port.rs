@@ -20,6 +20,10 @@ pub const BAUD: u32 = 115_200;
 /// How long a read waits for a byte.
 const READ_WAIT: Duration = Duration::from_millis(20);
 
+/// How long a write waits for room.
+#[cfg(target_os = "linux")]
+const WRITE_WAIT: Duration = Duration::from_millis(100);
+
 /// Both directions of an open connection.
 pub struct Channel {
     /// From the board; a read returns `TimedOut` after some milliseconds
@@ -74,13 +78,64 @@ impl Connector for SerialConnector {
         let fail = |error: &serialport::Error| refused(&self.name, error);
         let port = serialport::new(&self.name, BAUD)
             .timeout(READ_WAIT)
-            .open()
+            .open_native()
             .map_err(|error| fail(&error))?;
-        let writer = port.try_clone().map_err(|error| fail(&error))?;
+        let writer = writer(&port).map_err(|error| fail(&error))?;
         Ok(Channel {
             reader: Box::new(port),
-            writer: Box::new(writer),
+            writer,
         })
+    }
+}
+
+/// The port to write to.
+///
+/// serialport asks the system before every write whether there is room. Linux answers that
+/// only after it has worked off what has arrived from the board, which on a busy computer
+/// took up to three seconds: longer than a board waits for a sign of life. So the port is
+/// written to without asking.
+#[cfg(target_os = "linux")]
+fn writer(port: &serialport::TTYPort) -> serialport::Result<Box<dyn Write + Send>> {
+    use rustix::process::{PidfdFlags, PidfdGetfdFlags, getpid, pidfd_getfd, pidfd_open};
+    use std::os::fd::AsRawFd;
+    let own = pidfd_open(getpid(), PidfdFlags::empty())
+        .and_then(|own| pidfd_getfd(own, port.as_raw_fd(), PidfdGetfdFlags::empty()));
+    match own {
+        Ok(file) => Ok(Box::new(Unasked(file.into()))),
+        // Before Linux 5.6, or where it is forbidden.
+        Err(_) => Ok(Box::new(port.try_clone_native()?)),
+    }
+}
+
+#[cfg(not(target_os = "linux"))]
+fn writer(port: &impl serialport::SerialPort) -> serialport::Result<Box<dyn Write + Send>> {
+    Ok(Box::new(port.try_clone()?))
+}
+
+/// A port that is written to without asking first whether there is room.
+#[cfg(target_os = "linux")]
+#[derive(Debug)]
+struct Unasked(std::fs::File);
+
+#[cfg(target_os = "linux")]
+impl Write for Unasked {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let until = std::time::Instant::now() + WRITE_WAIT;
+        loop {
+            match self.0.write(bytes) {
+                Err(error)
+                    if error.kind() == io::ErrorKind::WouldBlock
+                        && std::time::Instant::now() < until =>
+                {
+                    std::thread::sleep(Duration::from_millis(1));
+                }
+                written => return written,
+            }
+        }
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.0.flush()
     }
 }
 
