@@ -1188,6 +1188,10 @@ fn calibrations_that_make_no_sense_change_nothing() {
             "calibrate --port PORT --points 0,90 --lower-limits",
             "\n\n\n",
         )
+        .failed(2, &["did not move", "668.0 counts at 0° and 668.0 at 90°"]);
+    bench.put("t.csv", "angle_deg,flex_counts\n0,668\n90,412\n150,500\n");
+    bench
+        .rig_with("calibrate --port PORT --assume t.csv", "\n")
         .failed(2, &["do not go one way"]);
     bench.put("t.csv", "angle_deg,flex_counts\n0,668\n90,412\n");
     bench
@@ -1236,7 +1240,7 @@ fn a_simulator_that_is_not_built_says_how_to_build_it() {
     std::fs::write(&image, "").unwrap();
     let image = image.to_str().unwrap();
     let said = run(&["--image", image, "--hide", "7", "--link", "here"], None).ok();
-    said.says("serve --image");
+    said.says("serve --control --image");
     said.says("--link here --hide 7 --speed realtime");
     said.says("rig monitor --port");
     executable(&simulator, "echo broken >&2\nexit 3\n");
