@@ -14,7 +14,6 @@ use clap_complete::Shell;
 use host_tools::cmd;
 use host_tools::error::InputError;
 use host_tools::link::LinkError;
-use host_tools::plot::PlotError;
 use host_tools::terminal::{printable, printable_line, remark};
 
 /// Instead of musl's, which gives memory back to the system at every turn.
@@ -142,9 +141,7 @@ fn report(error: &anyhow::Error) -> ExitCode {
     }
     remark(&format!("error: {error:#}"));
     let of_input = |cause: &(dyn Error + 'static)| {
-        cause.is::<InputError>()
-            || matches!(cause.downcast_ref(), Some(LinkError::Open(_)))
-            || matches!(cause.downcast_ref(), Some(PlotError::Write(_)))
+        cause.is::<InputError>() || matches!(cause.downcast_ref(), Some(LinkError::Open(_)))
     };
     if error.chain().any(of_input) {
         ExitCode::from(2)

@@ -72,7 +72,7 @@ fn main() -> anyhow::Result<()> {
         figure = figure.with_panel(panel);
     }
     if let Some(path) = &args.picture {
-        let svg = to_svg_string(&figure).context("the picture")?;
+        let svg = to_svg_string(&figure);
         write_atomically(path, svg.as_bytes()).context("the picture")?;
     }
     Ok(())

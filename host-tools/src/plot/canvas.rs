@@ -1,29 +1,26 @@
-//! The drawing backend behind a few calls in pixels.
+//! The page that is drawn on, and the SVG that it becomes.
 //!
-//! The rest of the module thinks in pixels with fractions and in dashes. The
-//! backend knows neither, and what it is told instead concerns nobody else, so
-//! all that depends on it stands here.
+//! The rest of the module thinks in pixels with fractions; an SVG that says them all is long.
+//! Tenths of a pixel are finer than a screen shows and are whole numbers, so the page is
+//! measured in them and its view box scales them. A script on a report's page reads values off
+//! the drawing, and finds the same numbers there.
 
-use plotters::backend::{DrawingBackend, SVGBackend};
-use plotters::style::text_anchor::{HPos, Pos, VPos};
-use plotters::style::{FontFamily, FontStyle, FontTransform, RGBColor, ShapeStyle, TextStyle};
+use std::fmt::Display;
 
+use super::Mark;
 use super::rectangle::Rectangle;
-use super::{Mark, PlotError};
+use super::style::Colour;
 
 const FONT: &str = "Helvetica, Arial, Liberation Sans, sans-serif";
-const INK: RGBColor = RGBColor(0x22, 0x22, 0x22);
-const SOFT_INK: RGBColor = RGBColor(0x55, 0x55, 0x55);
+const INK: Colour = Colour(0x22, 0x22, 0x22);
+const SOFT_INK: Colour = Colour(0x55, 0x55, 0x55);
 
-/// Widths in tenths of a pixel. No other line may have the width that stands
-/// for dashes.
-const LINE_TENTHS: u32 = 16;
 /// Width of an ordinary line in pixels.
 pub const LINE_PX: f64 = LINE_TENTHS as f64 / 10.0;
-const DASHED_TENTHS: u32 = 17;
+const LINE_TENTHS: u32 = 16;
 const THIN_TENTHS: u32 = 9;
 const WIDE_TENTHS: u32 = 42;
-pub(super) const HAIR_TENTHS: u32 = 8;
+const HAIR_TENTHS: u32 = 8;
 const DOT_RADIUS_TENTHS: u32 = 17;
 const DISC_RADIUS_TENTHS: u32 = 38;
 /// So much larger than a disc that this is seen within.
@@ -34,12 +31,32 @@ pub(super) fn tenths(pixels: f64) -> i32 {
     (pixels * 10.0).round() as i32
 }
 
-pub(super) fn stroke(mark: Mark) -> u32 {
-    match mark {
-        Mark::Dashed => DASHED_TENTHS,
-        Mark::Thin => THIN_TENTHS,
-        Mark::Wide => WIDE_TENTHS,
-        Mark::Line | Mark::Points | Mark::Discs | Mark::Rings | Mark::Band => LINE_TENTHS,
+/// How a line is drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Stroke {
+    width_tenths: u32,
+    dashed: bool,
+}
+
+impl Stroke {
+    /// Axes and their grid.
+    pub(super) const HAIR: Self = Self {
+        width_tenths: HAIR_TENTHS,
+        dashed: false,
+    };
+
+    pub(super) fn of(mark: Mark) -> Self {
+        let width_tenths = match mark {
+            Mark::Thin => THIN_TENTHS,
+            Mark::Wide => WIDE_TENTHS,
+            Mark::Line | Mark::Dashed | Mark::Points | Mark::Discs | Mark::Rings | Mark::Band => {
+                LINE_TENTHS
+            }
+        };
+        Self {
+            width_tenths,
+            dashed: mark == Mark::Dashed,
+        }
     }
 }
 
@@ -56,7 +73,6 @@ pub(super) enum Medium {
 /// A page that is being drawn on.
 pub(super) struct Canvas {
     body: String,
-    size: (u32, u32),
     pub(super) medium: Medium,
 }
 
@@ -67,120 +83,135 @@ pub(super) enum Anchor {
     End,
 }
 
-#[allow(clippy::needless_pass_by_value)] // the signature that `map_err` wants
-fn refused(error: impl std::fmt::Display) -> PlotError {
-    PlotError::Draw(error.to_string())
+impl Anchor {
+    /// Its name in SVG.
+    fn name(self) -> &'static str {
+        match self {
+            Self::Start => "start",
+            Self::Middle => "middle",
+            Self::End => "end",
+        }
+    }
 }
 
 pub(super) fn pixel((x, y): (f64, f64)) -> (i32, i32) {
     (tenths(x), tenths(y))
 }
 
+/// Corners as the attribute `points` lists them.
+fn listed(points: &[(f64, f64)]) -> String {
+    let corners: Vec<String> = points
+        .iter()
+        .map(|point| {
+            let (x, y) = pixel(*point);
+            format!("{x},{y}")
+        })
+        .collect();
+    corners.join(" ")
+}
+
 impl Canvas {
-    /// Lets the backend draw one element.
-    fn draw<E: std::fmt::Display>(
-        &mut self,
-        element: impl FnOnce(&mut SVGBackend) -> Result<(), E>,
-    ) -> Result<(), PlotError> {
-        let mut text = String::new();
-        {
-            let mut backend = SVGBackend::with_string(&mut text, self.size);
-            element(&mut backend).map_err(refused)?;
-            backend.present().map_err(refused)?;
+    /// Writes one element: its name, and its attributes.
+    fn element(&mut self, name: &str, attributes: &[(&str, &dyn Display)]) {
+        self.open(name, attributes);
+        self.body.push_str("/>\n");
+    }
+
+    /// Writes a tag as far as its last attribute.
+    fn open(&mut self, name: &str, attributes: &[(&str, &dyn Display)]) {
+        self.body.push('<');
+        self.body.push_str(name);
+        for (name, value) in attributes {
+            let value = escaped(&value.to_string());
+            self.body.push_str(&format!(" {name}=\"{value}\""));
         }
-        // A whole document, of which the middle is the element.
-        let element = text.split_once('\n').map_or("", |(_, rest)| rest);
-        self.body
-            .push_str(element.trim_end().trim_end_matches("</svg>"));
-        Ok(())
     }
 
     /// Draws what belongs together; on a page, in a group with attributes that
     /// a script can read.
-    pub(super) fn group(
-        &mut self,
-        attributes: &[(&str, String)],
-        draw: impl FnOnce(&mut Self) -> Result<(), PlotError>,
-    ) -> Result<(), PlotError> {
+    pub(super) fn group(&mut self, attributes: &[(&str, String)], draw: impl FnOnce(&mut Self)) {
         if self.medium == Medium::File {
             return draw(self);
         }
-        self.body.push_str("<g");
-        for (name, value) in attributes {
-            self.body
-                .push_str(&format!(" {name}=\"{}\"", escaped(value)));
-        }
+        let attributes: Vec<(&str, &dyn Display)> = attributes
+            .iter()
+            .map(|(name, value)| (*name, value as &dyn Display))
+            .collect();
+        self.open("g", &attributes);
         self.body.push_str(">\n");
-        draw(self)?;
+        draw(self);
         self.body.push_str("</g>\n");
-        Ok(())
     }
 
-    pub(super) fn fill(&mut self, area: &Rectangle, colour: RGBColor) -> Result<(), PlotError> {
-        self.draw(|backend| {
-            backend.draw_rect(
-                pixel((area.left, area.top)),
-                pixel((area.right, area.bottom)),
-                &ShapeStyle::from(colour).filled(),
-                true,
-            )
-        })
+    pub(super) fn fill(&mut self, area: &Rectangle, colour: Colour) {
+        let (left, top) = pixel((area.left, area.top));
+        let (right, bottom) = pixel((area.right, area.bottom));
+        self.element(
+            "rect",
+            &[
+                ("x", &left),
+                ("y", &top),
+                ("width", &(right - left)),
+                ("height", &(bottom - top)),
+                ("fill", &colour),
+            ],
+        );
     }
 
-    pub(super) fn polygon(
-        &mut self,
-        corners: &[(f64, f64)],
-        colour: RGBColor,
-    ) -> Result<(), PlotError> {
-        use plotters::style::Color as _;
-        self.draw(|backend| {
-            backend.fill_polygon(
-                corners.iter().map(|corner| pixel(*corner)),
-                &colour.mix(0.22),
-            )
-        })
+    pub(super) fn polygon(&mut self, corners: &[(f64, f64)], colour: Colour) {
+        self.element(
+            "polygon",
+            &[
+                ("fill", &colour),
+                ("opacity", &0.22),
+                ("points", &listed(corners)),
+            ],
+        );
     }
 
-    pub(super) fn path(
-        &mut self,
-        points: &[(f64, f64)],
-        colour: RGBColor,
-        width_tenths: u32,
-    ) -> Result<(), PlotError> {
-        self.draw(|backend| {
-            backend.draw_path(
-                points.iter().map(|point| pixel(*point)),
-                &ShapeStyle::from(colour).stroke_width(width_tenths),
-            )
-        })
+    pub(super) fn path(&mut self, points: &[(f64, f64)], colour: Colour, stroke: Stroke) {
+        let points = listed(points);
+        let mut attributes: Vec<(&str, &dyn Display)> = vec![
+            ("fill", &"none"),
+            ("stroke", &colour),
+            ("stroke-width", &stroke.width_tenths),
+            ("points", &points),
+        ];
+        if stroke.dashed {
+            attributes.insert(3, ("stroke-dasharray", &"55 40"));
+        }
+        self.element("polyline", &attributes);
     }
 
-    pub(super) fn dot(&mut self, centre: (f64, f64), colour: RGBColor) -> Result<(), PlotError> {
-        use plotters::style::Color as _;
-        self.draw(|backend| {
-            backend.draw_circle(
-                pixel(centre),
-                DOT_RADIUS_TENTHS,
-                &ShapeStyle::from(&colour.mix(0.7)).filled(),
-                true,
-            )
-        })
+    pub(super) fn dot(&mut self, centre: (f64, f64), colour: Colour) {
+        let (x, y) = pixel(centre);
+        self.element(
+            "circle",
+            &[
+                ("cx", &x),
+                ("cy", &y),
+                ("r", &DOT_RADIUS_TENTHS),
+                ("fill", &colour),
+                ("opacity", &0.7),
+            ],
+        );
     }
 
     /// Draws a disc, or a ring.
-    pub(super) fn disc(
-        &mut self,
-        centre: (f64, f64),
-        colour: RGBColor,
-        is_ring: bool,
-    ) -> Result<(), PlotError> {
-        let style = ShapeStyle::from(colour);
-        let (radius, style) = if is_ring {
-            (RING_RADIUS_TENTHS, style.stroke_width(LINE_TENTHS))
+    pub(super) fn disc(&mut self, centre: (f64, f64), colour: Colour, is_ring: bool) {
+        let (x, y) = pixel(centre);
+        let place: [(&str, &dyn Display); 2] = [("cx", &x), ("cy", &y)];
+        let look: &[(&str, &dyn Display)] = if is_ring {
+            &[
+                ("r", &RING_RADIUS_TENTHS),
+                ("fill", &"none"),
+                ("stroke", &colour),
+                ("stroke-width", &LINE_TENTHS),
+            ]
         } else {
-            (DISC_RADIUS_TENTHS, style.filled())
+            &[("r", &DISC_RADIUS_TENTHS), ("fill", &colour)]
         };
-        self.draw(|backend| backend.draw_circle(pixel(centre), radius, &style, !is_ring))
+        self.element("circle", &[&place, look].concat());
     }
 
     /// Writes a text whose baseline box is centred on `at` vertically.
@@ -191,34 +222,41 @@ impl Canvas {
         size_px: f64,
         anchor: Anchor,
         look: TextLook,
-    ) -> Result<(), PlotError> {
+    ) {
         // Control characters are not allowed in XML, even escaped.
         let clean: String = text
             .chars()
             .map(|c| if c.is_control() { ' ' } else { c })
             .collect();
-        let horizontal = match anchor {
-            Anchor::Start => HPos::Left,
-            Anchor::Middle => HPos::Center,
-            Anchor::End => HPos::Right,
-        };
-        // The backend divides sizes by 1.24.
-        let mut style = TextStyle::from((FontFamily::Name(FONT), size_px * 12.4))
-            .color(&look.colour)
-            .pos(Pos::new(horizontal, VPos::Center));
+        let (x, y) = pixel(at);
+        let size = tenths(size_px);
+        let turned = format!("rotate(270, {x}, {y})");
+        let mut attributes: Vec<(&str, &dyn Display)> = vec![
+            ("x", &x),
+            ("y", &y),
+            ("dy", &"0.5ex"),
+            ("font-size", &size),
+            ("fill", &look.colour),
+        ];
+        let anchor = anchor.name();
+        if anchor != "start" {
+            attributes.push(("text-anchor", &anchor));
+        }
         if look.bold {
-            style.font = style.font.style(FontStyle::Bold);
+            attributes.push(("font-weight", &"bold"));
         }
         if look.upwards {
-            style = style.transform(FontTransform::Rotate270);
+            attributes.push(("transform", &turned));
         }
-        self.draw(|backend| backend.draw_text(&clean, &style, pixel(at)))
+        self.open("text", &attributes);
+        self.body
+            .push_str(&format!(">{}</text>\n", escaped(&clean)));
     }
 }
 
 #[derive(Clone, Copy)]
 pub(super) struct TextLook {
-    colour: RGBColor,
+    colour: Colour,
     bold: bool,
     upwards: bool,
 }
@@ -257,33 +295,38 @@ pub(super) fn document(
     (width, height): (f64, f64),
     medium: Medium,
     name: &str,
-    draw: impl FnOnce(&mut Canvas) -> Result<(), PlotError>,
-) -> Result<String, PlotError> {
-    // The backend writes whole pixels and knows neither dashes nor joins. So it
-    // is given tenths of a pixel, and the head of the document scales them.
-    let size = (tenths(width), tenths(height));
+    draw: impl FnOnce(&mut Canvas),
+) -> String {
+    let (width, height) = (tenths(width), tenths(height));
     let mut canvas = Canvas {
         body: String::new(),
-        size: (size.0.unsigned_abs(), size.1.unsigned_abs()),
         medium,
     };
-    draw(&mut canvas)?;
-    let dashed = format!("stroke-width=\"{DASHED_TENTHS}\"");
-    let with_dashes = canvas.body.replace(
-        &dashed,
-        &format!("stroke-width=\"{LINE_TENTHS}\" stroke-dasharray=\"55 40\""),
-    );
-    let place = match medium {
-        Medium::File => format!(
-            "xmlns=\"http://www.w3.org/2000/svg\" width=\"{}\" height=\"{}\"",
-            size.0 / 10,
-            size.1 / 10
-        ),
-        Medium::Page => format!("class=\"picture\" aria-label=\"{}\"", escaped(name)),
+    let mut attributes: Vec<(&str, String)> = match medium {
+        Medium::File => vec![
+            ("xmlns", "http://www.w3.org/2000/svg".to_owned()),
+            ("width", (width / 10).to_string()),
+            ("height", (height / 10).to_string()),
+            ("font-family", FONT.to_owned()),
+        ],
+        Medium::Page => vec![
+            ("class", "picture".to_owned()),
+            ("aria-label", name.to_owned()),
+        ],
     };
-    Ok(format!(
-        "<svg {place} viewBox=\"0 0 {} {}\" \
-         stroke-linejoin=\"round\" stroke-linecap=\"butt\" role=\"img\">\n{with_dashes}</svg>\n",
-        size.0, size.1,
-    ))
+    attributes.extend([
+        ("viewBox", format!("0 0 {width} {height}")),
+        ("stroke-linejoin", "round".to_owned()),
+        ("stroke-linecap", "butt".to_owned()),
+        ("role", "img".to_owned()),
+    ]);
+    let attributes: Vec<(&str, &dyn Display)> = attributes
+        .iter()
+        .map(|(name, value)| (*name, value as &dyn Display))
+        .collect();
+    canvas.open("svg", &attributes);
+    canvas.body.push_str(">\n");
+    draw(&mut canvas);
+    canvas.body.push_str("</svg>\n");
+    canvas.body
 }

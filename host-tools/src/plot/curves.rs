@@ -3,20 +3,19 @@
 //! Recordings have gaps, run past the limits and hold more samples than pixels.
 //! Here a series becomes the lines, dots and areas that are left to draw.
 
-use plotters::style::RGBColor;
-
 use super::axis::drawable;
-use super::canvas::{Canvas, stroke};
+use super::canvas::{Canvas, Stroke};
 use super::panel::Placed;
 use super::rectangle::Rectangle;
+use super::style::Colour;
 use super::thin::{runs, thin_dots, thin_line};
-use super::{Cell, Mark, PlotError, Series, diverging};
+use super::{Cell, Mark, Series, diverging};
 
 impl Placed {
-    pub(super) fn draw_cell(&self, cell: &Cell, canvas: &mut Canvas) -> Result<(), PlotError> {
+    pub(super) fn draw_cell(&self, cell: &Cell, canvas: &mut Canvas) {
         let corners = [(cell.x.0, cell.y.1), (cell.x.1, cell.y.0)];
         if !corners.iter().all(|(x, y)| drawable(*x) && drawable(*y)) {
-            return Ok(());
+            return;
         }
         let [(left, top), (right, bottom)] = corners.map(|corner| self.at(corner));
         let area = Rectangle {
@@ -31,15 +30,11 @@ impl Placed {
             ("data-text", cell.text.clone()),
         ];
         canvas.group(&attributes, |canvas| {
-            canvas.fill(&area, RGBColor(red, green, blue))
-        })
+            canvas.fill(&area, Colour(red, green, blue));
+        });
     }
 
-    pub(super) fn draw_series(
-        &self,
-        series: &Series,
-        canvas: &mut Canvas,
-    ) -> Result<(), PlotError> {
+    pub(super) fn draw_series(&self, series: &Series, canvas: &mut Canvas) {
         let colour = series.style.role.colour();
         match series.style.mark {
             Mark::Points => {
@@ -50,7 +45,7 @@ impl Placed {
                     .filter(|point| self.area.contains(*point))
                     .collect();
                 for centre in thin_dots(&inside) {
-                    canvas.dot(centre, colour)?;
+                    canvas.dot(centre, colour);
                 }
             }
             Mark::Discs | Mark::Rings => {
@@ -59,25 +54,24 @@ impl Placed {
                 for point in points.filter(|(x, y)| drawable(*x) && drawable(*y)) {
                     let centre = self.at(point);
                     if self.area.contains(centre) {
-                        canvas.disc(centre, colour, is_ring)?;
+                        canvas.disc(centre, colour, is_ring);
                     }
                 }
             }
             Mark::Band => {
                 for corners in self.bands(series) {
-                    canvas.polygon(&corners, colour)?;
+                    canvas.polygon(&corners, colour);
                 }
             }
             mark => {
                 for run in runs(series.points()) {
                     let pixels: Vec<(f64, f64)> = run.into_iter().map(|p| self.at(p)).collect();
                     for visible in self.area.clip_path(&thin_line(&pixels)) {
-                        canvas.path(&visible, colour, stroke(mark))?;
+                        canvas.path(&visible, colour, Stroke::of(mark));
                     }
                 }
             }
         }
-        Ok(())
     }
 
     /// The outlines of a band, one for each uninterrupted stretch.

@@ -4,14 +4,13 @@
 //! column have to line up. So all places are settled first, in pixels, and only
 //! then is anything drawn.
 
-use plotters::style::RGBColor;
-
+use super::Figure;
 use super::axis::drawable;
 use super::canvas::{Anchor, Canvas, Medium, TextLook};
 use super::panel::Placed;
 use super::rectangle::Rectangle;
+use super::style::Colour;
 use super::text::{LEADING, SUBTITLE_PX, TITLE_PX, Weight, wrap};
-use super::{Figure, PlotError};
 
 const MARGIN: f64 = 16.0;
 const COLUMN_GAP: f64 = 22.0;
@@ -113,7 +112,7 @@ impl Layout {
         }
     }
 
-    pub(super) fn draw(&self, figure: &Figure, canvas: &mut Canvas) -> Result<(), PlotError> {
+    pub(super) fn draw(&self, figure: &Figure, canvas: &mut Canvas) {
         let page = Rectangle {
             left: 0.0,
             top: 0.0,
@@ -121,7 +120,7 @@ impl Layout {
             bottom: self.height,
         };
         if canvas.medium == Medium::File {
-            canvas.fill(&page, RGBColor(0xFF, 0xFF, 0xFF))?;
+            canvas.fill(&page, Colour(0xFF, 0xFF, 0xFF));
         }
         let mut y = MARGIN;
         for (lines, size, look) in [
@@ -130,13 +129,12 @@ impl Layout {
         ] {
             for line in lines {
                 let height = size * LEADING;
-                canvas.text(line, (MARGIN, y + height / 2.0), size, Anchor::Start, look)?;
+                canvas.text(line, (MARGIN, y + height / 2.0), size, Anchor::Start, look);
                 y += height;
             }
         }
         for (placed, panel) in self.panels.iter().zip(&figure.panels) {
-            placed.draw(panel, canvas)?;
+            placed.draw(panel, canvas);
         }
-        Ok(())
     }
 }

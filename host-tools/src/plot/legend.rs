@@ -3,9 +3,9 @@
 //! Figures here often hold many runs of few kinds. The legend names each kind
 //! once and wraps to the width of its panel, so that it never covers a curve.
 
-use super::canvas::{Canvas, stroke};
+use super::canvas::{Canvas, Stroke};
 use super::text::{LEGEND_PX, Weight, text_width};
-use super::{Mark, Panel, PlotError, Style};
+use super::{Mark, Panel, Style};
 
 pub(super) const LEGEND_SAMPLE: f64 = 24.0;
 pub(super) const LEGEND_GAP: f64 = 18.0;
@@ -49,25 +49,21 @@ pub(super) fn legend_rows(panel: &Panel, width: f64) -> Vec<Vec<LegendEntry>> {
 }
 
 /// A short piece of what the entry stands for.
-pub(super) fn draw_sample(
-    style: Style,
-    (x, y): (f64, f64),
-    canvas: &mut Canvas,
-) -> Result<(), PlotError> {
+pub(super) fn draw_sample(style: Style, (x, y): (f64, f64), canvas: &mut Canvas) {
     let colour = style.role.colour();
     match style.mark {
         Mark::Points => [4.0, 12.0, 20.0]
             .into_iter()
-            .try_for_each(|offset| canvas.dot((x + offset, y), colour)),
+            .for_each(|offset| canvas.dot((x + offset, y), colour)),
         Mark::Discs | Mark::Rings => {
             let middle = (x + LEGEND_SAMPLE / 2.0, y);
-            canvas.disc(middle, colour, style.mark == Mark::Rings)
+            canvas.disc(middle, colour, style.mark == Mark::Rings);
         }
         Mark::Band => {
             let (x2, top, bottom) = (x + LEGEND_SAMPLE, y - 4.5, y + 4.5);
-            canvas.polygon(&[(x, top), (x2, top), (x2, bottom), (x, bottom)], colour)
+            canvas.polygon(&[(x, top), (x2, top), (x2, bottom), (x, bottom)], colour);
         }
-        mark => canvas.path(&[(x, y), (x + LEGEND_SAMPLE, y)], colour, stroke(mark)),
+        mark => canvas.path(&[(x, y), (x + LEGEND_SAMPLE, y)], colour, Stroke::of(mark)),
     }
 }
 

@@ -3,8 +3,9 @@
 //! Every command that compares a model with a rig draws the same kind of
 //! figure, and a reader compares figures across commands. So the meaning of a
 //! colour ([`Role`]), the way long recordings are thinned and the place of the
-//! legend are decided once, here. The drawing itself is done by the SVG backend
-//! of `plotters`, which needs no system font.
+//! legend are decided once, here. A picture is text that this
+//! module writes itself ([`canvas`]): it needs no font of the system, and a script can read
+//! values off it.
 //!
 //! The same figure gives the same bytes on every machine.
 //!
@@ -19,8 +20,7 @@
 //!     Panel::new("time (s)", "angle (°)")
 //!         .with_series(Series::new("nominal", &time_s, &angle_deg, Style::NOMINAL)),
 //! );
-//! assert!(to_svg_string(&figure)?.starts_with("<svg"));
-//! # Ok::<(), host_tools::plot::PlotError>(())
+//! assert!(to_svg_string(&figure).starts_with("<svg"));
 //! ```
 
 mod axis;
@@ -42,18 +42,6 @@ use layout::Layout;
 
 pub use canvas::LINE_PX;
 pub use style::{Mark, Role, Style, css_colour, diverging};
-
-/// Why a picture could not be drawn or written.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum PlotError {
-    /// The file could not be written.
-    #[error(transparent)]
-    Write(#[from] InputError),
-    /// The drawing backend refused an element.
-    #[error("cannot draw the picture: {0}")]
-    Draw(String),
-}
 
 /// One curve.
 ///
@@ -306,19 +294,13 @@ impl Figure {
 ///
 /// # Errors
 ///
-/// [`PlotError::Write`] if the folder is missing or not writable.
-pub fn write_svg(path: &Path, figure: &Figure) -> Result<(), PlotError> {
-    let svg = to_svg_string(figure)?;
-    Ok(write_atomically(path, svg.as_bytes())?)
+/// If the folder is missing or not writable.
+pub fn write_svg(path: &Path, figure: &Figure) -> Result<(), InputError> {
+    write_atomically(path, to_svg_string(figure).as_bytes())
 }
 
 /// Draws a figure.
-///
-/// # Errors
-///
-/// [`PlotError::Draw`] if the backend refuses an element, which no figure is
-/// known to cause.
-pub fn to_svg_string(figure: &Figure) -> Result<String, PlotError> {
+pub fn to_svg_string(figure: &Figure) -> String {
     draw(figure, Medium::File, &figure.title)
 }
 
@@ -329,18 +311,14 @@ pub fn to_svg_string(figure: &Figure) -> Result<String, PlotError> {
 /// of a panel in tenths of a pixel and in their units (`data-area`, `data-x`,
 /// `data-y`), the label of a series, the text of a cell. So a script can read
 /// values off the drawing, and no number is there twice.
-///
-/// # Errors
-///
-/// As [`to_svg_string`].
-pub fn to_inline_svg(figure: &Figure, name: &str) -> Result<String, PlotError> {
+pub fn to_inline_svg(figure: &Figure, name: &str) -> String {
     draw(figure, Medium::Page, name)
 }
 
-fn draw(figure: &Figure, medium: Medium, name: &str) -> Result<String, PlotError> {
+fn draw(figure: &Figure, medium: Medium, name: &str) -> String {
     let layout = Layout::of(figure);
     canvas::document((layout.width, layout.height), medium, name, |canvas| {
-        layout.draw(figure, canvas)
+        layout.draw(figure, canvas);
     })
 }
 
@@ -367,10 +345,7 @@ mod tests {
         let figure = Figure::new("A < B & \"C\"").with_panel(
             Panel::new("time (s)", "angle (°)").with_series(Series::new("a", &x, &y, Style::AFTER)),
         );
-        assert_eq!(
-            to_svg_string(&figure).unwrap(),
-            to_svg_string(&figure.clone()).unwrap()
-        );
+        assert_eq!(to_svg_string(&figure), to_svg_string(&figure.clone()));
     }
 
     #[test]
@@ -399,14 +374,14 @@ mod tests {
                     ..Series::new("odd", x, y, style)
                 };
                 let panel = Panel::new("x", "y").with_series(series).with_level(nan);
-                let svg = to_svg_string(&Figure::new("odd").with_panel(panel)).unwrap();
+                let svg = to_svg_string(&Figure::new("odd").with_panel(panel));
                 assert!(!svg.contains("NaN") && !svg.contains("inf"), "{x:?} {y:?}");
             }
         }
-        let bare = to_svg_string(&Figure::new("")).unwrap();
+        let bare = to_svg_string(&Figure::new(""));
         assert!(bare.ends_with("</svg>\n"));
         let no_series = Figure::new("t").with_panel(Panel::new("x", "y"));
-        assert!(to_svg_string(&no_series).unwrap().contains("no data"));
+        assert!(to_svg_string(&no_series).contains("no data"));
     }
 
     #[test]
@@ -421,9 +396,9 @@ mod tests {
             )))
         };
         let count = |svg: &str| svg.matches("stroke=\"#0072B2\"").count();
-        assert_eq!(count(&to_svg_string(&figure(&y)).unwrap()), 1);
+        assert_eq!(count(&to_svg_string(&figure(&y))), 1);
         y[50] = f64::NAN;
-        assert_eq!(count(&to_svg_string(&figure(&y)).unwrap()), 2);
+        assert_eq!(count(&to_svg_string(&figure(&y))), 2);
     }
 
     #[test]
@@ -439,7 +414,7 @@ mod tests {
         }
         let dots = Series::new("d", &x, &y, Style::MEASURED_POINTS);
         let figure = Figure::new("long").with_panel(panel.with_series(dots));
-        let svg = to_svg_string(&figure).unwrap();
+        let svg = to_svg_string(&figure);
         assert!(svg.len() < 300_000, "{} bytes", svg.len());
         assert!(points_of(&svg) < 2_000);
     }
@@ -457,7 +432,7 @@ mod tests {
             .with_cells(vec![cell])
             .with_series(Series::new("measured", &x, &y, Style::MEASURED).with_key("3"));
         let figure = Figure::new("").with_panel(panel);
-        let page = to_inline_svg(&figure, "Run \"3\" <b>").unwrap();
+        let page = to_inline_svg(&figure, "Run \"3\" <b>");
         for part in [
             "aria-label=\"Run &quot;3&quot; &lt;b&gt;\"",
             "data-y-label=\"a &lt; b (°)\"",
@@ -469,7 +444,7 @@ mod tests {
         assert_eq!(page.matches("<g").count(), page.matches("</g>").count());
         // No ground, and no name space that looks like an address to load.
         assert!(!page.contains("#FFFFFF") && !page.contains("http"));
-        let file = to_svg_string(&figure).unwrap();
+        let file = to_svg_string(&figure);
         assert!(file.contains("#FFFFFF") && !file.contains("<g"));
     }
 

@@ -4,22 +4,21 @@
 //! has to know that before the panel has a place. So a panel is measured first,
 //! then placed, then drawn.
 
-use plotters::style::RGBColor;
-
 use super::axis::{Axis, drawable};
-use super::canvas::{Anchor, Canvas, HAIR_TENTHS, TextLook, tenths};
+use super::canvas::{Anchor, Canvas, Stroke, TextLook, tenths};
 use super::legend::{
     LEGEND_GAP, LEGEND_SAMPLE, LegendEntry, draw_sample, legend_rows, legend_width,
 };
 use super::rectangle::Rectangle;
+use super::style::Colour;
 use super::text::{
     LABEL_PX, LEADING, LEGEND_PX, PANEL_TITLE_PX, TICK_PX, Weight, text_width, wrap,
 };
-use super::{Figure, Mark, Panel, PlotError};
+use super::{Figure, Mark, Panel};
 
-const FRAME: RGBColor = RGBColor(0x9A, 0x9A, 0x9A);
-const GRID: RGBColor = RGBColor(0xE6, 0xE6, 0xE6);
-const LEVEL: RGBColor = RGBColor(0x77, 0x77, 0x77);
+const FRAME: Colour = Colour(0x9A, 0x9A, 0x9A);
+const GRID: Colour = Colour(0xE6, 0xE6, 0xE6);
+const LEVEL: Colour = Colour(0x77, 0x77, 0x77);
 
 /// How far a note stands beside its point, and above or below it.
 const NOTE_PX: f64 = 5.0;
@@ -164,10 +163,10 @@ impl Placed {
         )
     }
 
-    pub(super) fn draw(&self, panel: &Panel, canvas: &mut Canvas) -> Result<(), PlotError> {
+    pub(super) fn draw(&self, panel: &Panel, canvas: &mut Canvas) {
         canvas.group(&self.attributes(panel), |canvas| {
-            self.draw_inside(panel, canvas)
-        })
+            self.draw_inside(panel, canvas);
+        });
     }
 
     /// What a script needs to read values off the panel.
@@ -189,11 +188,11 @@ impl Placed {
         ]
     }
 
-    fn draw_inside(&self, panel: &Panel, canvas: &mut Canvas) -> Result<(), PlotError> {
-        self.draw_grid(panel, canvas)?;
-        self.draw_header(canvas)?;
+    fn draw_inside(&self, panel: &Panel, canvas: &mut Canvas) {
+        self.draw_grid(panel, canvas);
+        self.draw_header(canvas);
         for cell in &panel.cells {
-            self.draw_cell(cell, canvas)?;
+            self.draw_cell(cell, canvas);
         }
         for series in &panel.series {
             let mut attributes = vec![("class", "series".to_owned())];
@@ -202,9 +201,9 @@ impl Placed {
                     attributes.push((name, value.clone()));
                 }
             }
-            canvas.group(&attributes, |canvas| self.draw_series(series, canvas))?;
+            canvas.group(&attributes, |canvas| self.draw_series(series, canvas));
         }
-        self.draw_notes(panel, canvas)?;
+        self.draw_notes(panel, canvas);
         let Rectangle {
             left,
             top,
@@ -214,8 +213,8 @@ impl Placed {
         canvas.path(
             &[(left, top), (left, bottom), (right, bottom)],
             FRAME,
-            HAIR_TENTHS,
-        )?;
+            Stroke::HAIR,
+        );
         let empty = panel.cells.is_empty()
             && panel
                 .series
@@ -228,13 +227,12 @@ impl Placed {
                 LABEL_PX,
                 Anchor::Middle,
                 TextLook::SOFT,
-            )?;
+            );
         }
-        Ok(())
     }
 
     /// Notes stand above and to the right of their points, or where no other note is yet.
-    fn draw_notes(&self, panel: &Panel, canvas: &mut Canvas) -> Result<(), PlotError> {
+    fn draw_notes(&self, panel: &Panel, canvas: &mut Canvas) {
         const SIDES: [(f64, f64); 4] = [(1.0, -1.0), (-1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
         let mut taken: Vec<(f64, f64)> = Vec::new();
         for note in &panel.notes {
@@ -253,13 +251,12 @@ impl Placed {
             };
             let centre = SIDES.map(beside).into_iter().find(is_free);
             let centre = centre.unwrap_or_else(|| beside(SIDES[0]));
-            canvas.text(&note.text, centre, TICK_PX, Anchor::Middle, TextLook::SOFT)?;
+            canvas.text(&note.text, centre, TICK_PX, Anchor::Middle, TextLook::SOFT);
             taken.push(centre);
         }
-        Ok(())
     }
 
-    fn draw_grid(&self, panel: &Panel, canvas: &mut Canvas) -> Result<(), PlotError> {
+    fn draw_grid(&self, panel: &Panel, canvas: &mut Canvas) {
         let Rectangle {
             left,
             top,
@@ -268,26 +265,26 @@ impl Placed {
         } = self.area;
         for (tick, label) in self.y.ticks.iter().zip(&self.y.labels) {
             let (_, y) = self.at((self.x.low, *tick));
-            canvas.path(&[(left, y), (right, y)], GRID, HAIR_TENTHS)?;
-            canvas.text(label, (left - 7.0, y), TICK_PX, Anchor::End, TextLook::SOFT)?;
+            canvas.path(&[(left, y), (right, y)], GRID, Stroke::HAIR);
+            canvas.text(label, (left - 7.0, y), TICK_PX, Anchor::End, TextLook::SOFT);
         }
         for (tick, label) in self.x.ticks.iter().zip(&self.x.labels) {
             let (x, _) = self.at((*tick, self.y.low));
-            canvas.path(&[(x, top), (x, bottom)], GRID, HAIR_TENTHS)?;
+            canvas.path(&[(x, top), (x, bottom)], GRID, Stroke::HAIR);
             if self.labelled_x {
                 let y = bottom + 6.0 + TICK_PX * LEADING / 2.0;
-                canvas.text(label, (x, y), TICK_PX, Anchor::Middle, TextLook::SOFT)?;
+                canvas.text(label, (x, y), TICK_PX, Anchor::Middle, TextLook::SOFT);
             }
         }
         for level in panel.levels.iter().filter(|level| drawable(**level)) {
             let (_, y) = self.at((self.x.low, *level));
             if y >= top && y <= bottom {
-                canvas.path(&[(left, y), (right, y)], LEVEL, HAIR_TENTHS)?;
+                canvas.path(&[(left, y), (right, y)], LEVEL, Stroke::HAIR);
             }
         }
         if let Some(note) = self.y.power_note() {
             let y = top - 7.0 - TICK_PX * LEADING / 2.0 + 3.0;
-            canvas.text(&note, (left, y), TICK_PX, Anchor::Start, TextLook::SOFT)?;
+            canvas.text(&note, (left, y), TICK_PX, Anchor::Start, TextLook::SOFT);
         }
         if self.labelled_x {
             let y = bottom + 8.0 + TICK_PX * LEADING + LABEL_PX * LEADING / 2.0;
@@ -298,9 +295,9 @@ impl Placed {
                 LABEL_PX,
                 Anchor::Middle,
                 TextLook::PLAIN,
-            )?;
+            );
             if let Some(note) = self.x.power_note() {
-                canvas.text(&note, (right, y), TICK_PX, Anchor::End, TextLook::SOFT)?;
+                canvas.text(&note, (right, y), TICK_PX, Anchor::End, TextLook::SOFT);
             }
         }
         let mut x = left
@@ -311,18 +308,17 @@ impl Placed {
             + LABEL_PX * LEADING / 2.0;
         for line in &self.y_label {
             let y = f64::midpoint(top, bottom);
-            canvas.text(line, (x, y), LABEL_PX, Anchor::Middle, TextLook::UPWARDS)?;
+            canvas.text(line, (x, y), LABEL_PX, Anchor::Middle, TextLook::UPWARDS);
             x += LABEL_PX * LEADING;
         }
-        Ok(())
     }
 
-    fn draw_header(&self, canvas: &mut Canvas) -> Result<(), PlotError> {
+    fn draw_header(&self, canvas: &mut Canvas) {
         let mut y = self.header_top;
         for line in &self.title {
             let height = PANEL_TITLE_PX * LEADING;
             let at = (self.area.left, y + height / 2.0);
-            canvas.text(line, at, PANEL_TITLE_PX, Anchor::Start, TextLook::BOLD)?;
+            canvas.text(line, at, PANEL_TITLE_PX, Anchor::Start, TextLook::BOLD);
             y += height;
         }
         if self.legend_beside_title {
@@ -339,18 +335,17 @@ impl Placed {
                 self.area.left
             };
             for entry in row {
-                draw_sample(entry.style, (x, middle), canvas)?;
+                draw_sample(entry.style, (x, middle), canvas);
                 canvas.text(
                     &entry.label,
                     (x + LEGEND_SAMPLE + 6.0, middle),
                     LEGEND_PX,
                     Anchor::Start,
                     TextLook::PLAIN,
-                )?;
+                );
                 x += entry.width() + LEGEND_GAP;
             }
             y += height;
         }
-        Ok(())
     }
 }

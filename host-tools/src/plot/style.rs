@@ -3,7 +3,18 @@
 //! A colour has to mean the same in every figure, so callers name the role of a
 //! curve and never a colour.
 
-use plotters::style::RGBColor;
+use std::fmt;
+
+/// Red, green and blue.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Colour(pub(super) u8, pub(super) u8, pub(super) u8);
+
+impl fmt::Display for Colour {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self(red, green, blue) = self;
+        write!(f, "#{red:02X}{green:02X}{blue:02X}")
+    }
+}
 
 /// What a curve stands for; it decides the colour.
 ///
@@ -28,19 +39,19 @@ pub enum Role {
 }
 
 impl Role {
-    pub(super) fn colour(self) -> RGBColor {
+    pub(super) fn colour(self) -> Colour {
         match self {
-            Self::Measured => RGBColor(0xA0, 0xA0, 0xA0),
-            Self::Nominal => RGBColor(0x00, 0x72, 0xB2),
-            Self::Before => RGBColor(0xD5, 0x5E, 0x00),
-            Self::After => RGBColor(0x00, 0x9E, 0x73),
-            Self::Emphasis => RGBColor(0xA0, 0x3C, 0x78),
-            Self::Reference => RGBColor(0x33, 0x33, 0x33),
+            Self::Measured => Colour(0xA0, 0xA0, 0xA0),
+            Self::Nominal => Colour(0x00, 0x72, 0xB2),
+            Self::Before => Colour(0xD5, 0x5E, 0x00),
+            Self::After => Colour(0x00, 0x9E, 0x73),
+            Self::Emphasis => Colour(0xA0, 0x3C, 0x78),
+            Self::Reference => Colour(0x33, 0x33, 0x33),
             Self::Other(index) => match index % 4 {
-                0 => RGBColor(0x56, 0xB4, 0xE9),
-                1 => RGBColor(0xE6, 0x9F, 0x00),
-                2 => RGBColor(0xCC, 0x79, 0xA7),
-                _ => RGBColor(0x8C, 0x6B, 0x3F),
+                0 => Colour(0x56, 0xB4, 0xE9),
+                1 => Colour(0xE6, 0x9F, 0x00),
+                2 => Colour(0xCC, 0x79, 0xA7),
+                _ => Colour(0x8C, 0x6B, 0x3F),
             },
         }
     }
@@ -69,21 +80,20 @@ impl Role {
 
 /// The colour of a role as style sheets write it.
 pub fn css_colour(role: Role) -> String {
-    let RGBColor(red, green, blue) = role.colour();
-    format!("#{red:02x}{green:02x}{blue:02x}")
+    role.colour().to_string()
 }
 
 /// Red, green and blue of a value between −1 and 1 on a scale with a neutral
 /// middle: the blue of [`Role::Nominal`] over near white to the vermilion of
 /// [`Role::Before`]. Light and dark tell sign from size without the hue.
 pub fn diverging(value: f64) -> (u8, u8, u8) {
-    const MIDDLE: RGBColor = RGBColor(0xF4, 0xF2, 0xEF);
+    const MIDDLE: Colour = Colour(0xF4, 0xF2, 0xEF);
     let value = if value.is_finite() {
         value.clamp(-1.0, 1.0)
     } else {
         0.0
     };
-    let RGBColor(red, green, blue) = if value < 0.0 {
+    let Colour(red, green, blue) = if value < 0.0 {
         Role::Nominal.colour()
     } else {
         Role::Before.colour()

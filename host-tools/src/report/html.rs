@@ -24,7 +24,7 @@ use crate::diagnose::localise::{Feature, Gap, SINCE_LAST_EDGE};
 use crate::diagnose::verdict::Answer;
 use crate::diagnose::{Diagnosis, Request};
 use crate::numbers::{degrees, fit, percent, short};
-use crate::plot::{Figure, Mark, PlotError, css_colour, diverging, to_inline_svg};
+use crate::plot::{Figure, Mark, css_colour, diverging, to_inline_svg};
 use crate::statistics::{median, squares_about_mean};
 
 const TEMPLATE: &str = include_str!("assets/template.html");
@@ -44,18 +44,6 @@ const FEATURE_WORTH: f64 = 0.1;
 
 /// Below what was tried, where the repaired model is not the best fit to whole runs.
 const HORIZON: &str = "The repaired model was fitted over a horizon shorter than whole runs, where it predicts best what was not fitted. The errors of the others on fitted runs are those of fits over whole runs, which are smaller there.";
-
-/// Why a page could not be made.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum PageError {
-    /// A picture could not be drawn.
-    #[error(transparent)]
-    Picture(#[from] PlotError),
-    /// The template and what it is filled with do not fit together.
-    #[error("cannot fill the template of the report: {0}")]
-    Template(#[from] minijinja::Error),
-}
 
 /// A picture with its caption.
 #[derive(Debug, Serialize)]
@@ -154,14 +142,15 @@ struct Page<'a> {
 ///
 /// # Errors
 ///
-/// None that a diagnosis is known to cause.
+/// If the template and what it is filled with do not fit together, which no diagnosis is
+/// known to cause.
 pub fn page(
     request: &Request<'_>,
     diagnosis: &Diagnosis,
     content: &Content,
     provenance: &Provenance,
     seconds: f64,
-) -> Result<String, PageError> {
+) -> Result<String, minijinja::Error> {
     let views = runs(diagnosis);
     let drawn = most_telling(&views);
     let missing = content.something_is_missing();
@@ -196,17 +185,17 @@ pub fn page(
             Vec::new()
         },
         force: if missing {
-            Some(force_picture(&diagnosis.gap, &shown)?)
+            Some(force_picture(&diagnosis.gap, &shown))
         } else {
             None
         },
         features: if missing {
-            features(&diagnosis.gap)?
+            features(&diagnosis.gap)
         } else {
             Vec::new()
         },
         maps: if content.answer == Answer::Unexplained {
-            maps(&diagnosis.gap)?
+            maps(&diagnosis.gap)
         } else {
             Vec::new()
         },
@@ -222,13 +211,10 @@ pub fn page(
         runs: drawn
             .iter()
             .map(|&view| run_picture(view, &views[view], &curves, confidence.as_ref()))
-            .collect::<Result<_, _>>()?,
+            .collect(),
         confidence: confidence.as_ref().map(Confidence::text),
         horizon: (content.repaired && diagnosis.repaired.level.is_some()).then_some(HORIZON),
-        left: Residuals::of(diagnosis, &views)
-            .as_ref()
-            .map(left)
-            .transpose()?,
+        left: Residuals::of(diagnosis, &views).as_ref().map(left),
         runs_total: views.len(),
         table: views.iter().map(run_row).collect(),
         model_text: request.file.text_with(
@@ -247,9 +233,9 @@ pub fn page(
     environment.add_filter("equation", equation);
     // The name decides that values are escaped.
     environment.add_template("report.html", TEMPLATE)?;
-    Ok(environment
+    environment
         .get_template("report.html")?
-        .render(Serde(&filled))?)
+        .render(Serde(&filled))
 }
 
 /// Sets an equation or a symbol.
@@ -285,17 +271,17 @@ fn most_telling(views: &[RunView<'_>]) -> Vec<usize> {
     order
 }
 
-fn picture(figure: &Figure, title: String, caption: String) -> Result<Picture, PlotError> {
+fn picture(figure: &Figure, title: String, caption: String) -> Picture {
     let spoken = format!("{title}. {caption}");
-    Ok(Picture {
-        svg: to_inline_svg(figure, &spoken)?,
+    Picture {
+        svg: to_inline_svg(figure, &spoken),
         title,
         caption,
         run: None,
-    })
+    }
 }
 
-fn force_picture(gap: &Gap, shown: &[(usize, &str)]) -> Result<Picture, PlotError> {
+fn force_picture(gap: &Gap, shown: &[(usize, &str)]) -> Picture {
     picture(
         &force_figure(gap, shown),
         "Over the time of each recording".into(),
@@ -305,7 +291,7 @@ fn force_picture(gap: &Gap, shown: &[(usize, &str)]) -> Result<Picture, PlotErro
     )
 }
 
-fn features(gap: &Gap) -> Result<Vec<Picture>, PlotError> {
+fn features(gap: &Gap) -> Vec<Picture> {
     let folded = |feature: &&Feature| feature.name == SINCE_LAST_EDGE;
     let mut others: Vec<&Feature> = gap
         .features
@@ -336,7 +322,7 @@ fn features(gap: &Gap) -> Result<Vec<Picture>, PlotError> {
         .collect()
 }
 
-fn maps(gap: &Gap) -> Result<Vec<Map>, PlotError> {
+fn maps(gap: &Gap) -> Vec<Map> {
     let titles = ["Over the state", "Over time"];
     let colours = [-1.0, -0.5, 0.0, 0.5, 1.0]
         .map(|shade| {
@@ -354,15 +340,15 @@ fn maps(gap: &Gap) -> Result<Vec<Map>, PlotError> {
                 "Mean missing force for each {} and {}; blank where the rig hardly ever was.",
                 across.name, up.name
             );
-            Ok(Map {
-                picture: picture(&figure, title.to_owned(), caption)?,
+            Map {
+                picture: picture(&figure, title.to_owned(), caption),
                 scale: [
                     format!("{} N", short(-scale)),
                     "0".to_owned(),
                     format!("+{} N", short(scale)),
                 ],
                 colours: colours.clone(),
-            })
+            }
         })
         .collect()
 }
@@ -391,7 +377,7 @@ fn run_picture(
     view: &RunView<'_>,
     curves: &[Vec<&'static str>; 2],
     confidence: Option<&Confidence>,
-) -> Result<Picture, PlotError> {
+) -> Picture {
     let errors: Vec<String> = curves[1]
         .iter()
         .map(|label| format!("{}° {label}", short(error_of(view, label))))
@@ -416,26 +402,26 @@ fn run_picture(
     } else {
         "fitted"
     };
-    Ok(Picture {
+    Picture {
         run: Some(place),
         ..picture(
             &run_figure(view, curves, band),
             view.recording.name.clone(),
             format!("{role}; RMS error {}{width}.", errors.join(", ")),
-        )?
-    })
+        )
+    }
 }
 
-fn left(residuals: &Residuals) -> Result<Left, PlotError> {
+fn left(residuals: &Residuals) -> Left {
     let panels = residuals.figures();
-    Ok(Left {
+    Left {
         sentence: residuals.sentence(),
         caption: residuals.caption(),
         panels: panels
             .iter()
             .map(|(name, figure)| to_inline_svg(figure, name))
-            .collect::<Result<_, _>>()?,
-    })
+            .collect(),
+    }
 }
 
 fn run_row(view: &RunView<'_>) -> RunRow {

@@ -89,7 +89,7 @@ fn measure(args: &Args) -> Result<(), String> {
         found.push(measured);
     }
     if let Some(path) = &args.picture {
-        let svg = to_svg_string(&figure(&found)).map_err(|error| error.to_string())?;
+        let svg = to_svg_string(&figure(&found));
         write_atomically(path, svg.as_bytes()).map_err(|error| error.to_string())?;
     }
     Ok(())

@@ -66,7 +66,7 @@ fn draw(args: &Args) -> Result<(), String> {
         .ok_or("give a run")?;
     let shown = refit[worst].excerpt();
     let figure = figure(args, &refit[worst], repaired.get(worst), shown);
-    let svg = to_svg_string(&figure).map_err(|error| error.to_string())?;
+    let svg = to_svg_string(&figure);
     // Behind the opening tag: viewers do not show it, editors and readers of the file do.
     let command = args.command.replace('&', "&amp;").replace('<', "&lt;");
     let start = svg.find('>').map_or(0, |end| end + 1);
