@@ -12,8 +12,7 @@ pub const PERIOD_S: f32 = 0.01;
 /// Length of a control period (ms).
 pub const PERIOD_MS: u16 = 1000 / CONTROL_HZ;
 
-/// Conversions that are summed into one reading of a sensor.
-pub const OVERSAMPLING: u16 = 16;
+pub use wire::answer::OVERSAMPLING;
 
 /// A sensor's reading: the sum of [`OVERSAMPLING`] conversions of ten bits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

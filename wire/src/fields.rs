@@ -47,7 +47,16 @@ pub(crate) fn number<N: core::str::FromStr>(field: &[u8]) -> Option<N> {
 
 /// Eight hexadecimal digits.
 pub(crate) fn word(field: &[u8]) -> Option<u32> {
-    if field.len() != 8 || !field.iter().all(u8::is_ascii_hexdigit) {
+    hexadecimal(field, 8)
+}
+
+/// Four hexadecimal digits.
+pub(crate) fn half_word(field: &[u8]) -> Option<u16> {
+    u16::try_from(hexadecimal(field, 4)?).ok()
+}
+
+fn hexadecimal(field: &[u8], digits: usize) -> Option<u32> {
+    if field.len() != digits || !field.iter().all(u8::is_ascii_hexdigit) {
         return None;
     }
     u32::from_str_radix(core::str::from_utf8(field).ok()?, 16).ok()

@@ -21,11 +21,11 @@ mod texts;
 use model_core::predictor::Predictor;
 use ufmt::{uWrite, uwrite};
 use wire::{
-    checksum::Crc16,
-    decimal::{HalfWord, Hundredths},
+    answer::{Counters, Identity, SettingsId},
+    decimal::Hundredths,
     fault::Fault,
     line::Sealed,
-    reply::{REMARK, VERSION},
+    reply::REMARK,
     settings::{Key, Settings},
     state::State,
     telemetry::{Setpoint, Telemetry},
@@ -48,7 +48,6 @@ use activity::{Activity, Given, Play};
 use protection::Protection;
 use saving::Saving;
 
-pub use requests::Counters;
 pub use texts::{HELP, PlainTexts, Texts};
 
 /// Calls that prepare the table of the power, 20 ms of work.
@@ -96,17 +95,6 @@ fn take_model(predictor: &mut Predictor, settings: &Settings) -> bool {
         Ok(model) => predictor.restart(model, farthest).is_ok(),
         Err(_) => false,
     }
-}
-
-/// The checksum of all settings, by which a computer knows them again.
-pub fn checksum(settings: &Settings) -> u16 {
-    let mut crc = Crc16::new();
-    for word in settings.words() {
-        for byte in word.to_le_bytes() {
-            crc.update(byte);
-        }
-    }
-    crc.value()
 }
 
 impl App {
@@ -188,7 +176,7 @@ impl App {
     pub fn banner<W: uWrite + ?Sized>(&self, out: &mut W) -> Result<(), W::Error> {
         let mut line = Sealed::new(out);
         line.write_str(REMARK)?;
-        self.identity(&mut line)?;
+        uwrite!(line, "{}", self.identity())?;
         match self.reset {
             ResetCause::Ordinary => {}
             ResetCause::BrownOut => line.write_str(", brown-out")?,
@@ -197,14 +185,8 @@ impl App {
         line.finish()
     }
 
-    fn identity<W: uWrite + ?Sized>(&self, out: &mut W) -> Result<(), W::Error> {
-        uwrite!(
-            out,
-            "softrig {} wire {} settings {}",
-            env!("CARGO_PKG_VERSION"),
-            VERSION,
-            HalfWord(checksum(&self.settings))
-        )
+    fn identity(&self) -> Identity<'static> {
+        Identity::new(env!("CARGO_PKG_VERSION"), SettingsId::of(&self.settings))
     }
 
     /// Lets one control period pass.

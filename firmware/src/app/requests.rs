@@ -5,35 +5,24 @@
 //! what moves or saves is refused with [`Refusal::NotNow`], what sets or asks has the same
 //! result.
 
-use ufmt::{uWrite, uwrite};
+use ufmt::{uDisplay, uWrite, uwrite};
 use wire::{
+    answer::{Bits, Exact, Place, Raw, SettingsId, Status},
     command::{Command, Rejection, Request},
-    decimal::{HalfWord, Word},
-    fault::Fault,
     reply::{self, Refusal},
     state::State,
 };
 
-use super::{Activity, App, Play, checksum, saving::Saving, take_model};
+use super::{Activity, App, Play, saving::Saving, take_model};
 use crate::{
     homing::Homing,
+    io::Inputs,
     runner::Runner,
     safety::Event,
     self_test::SelfTest,
     sensing::Sensors,
     settings::{calibration, check},
 };
-
-/// Lines that were not obeyed, since reset; they stop counting at the top.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Counters {
-    /// No such command.
-    pub unknown: u16,
-    /// Checksum wrong.
-    pub damaged: u16,
-    /// Too long for a line.
-    pub overlong: u16,
-}
 
 impl App {
     /// Counts a line that was too long to be read.
@@ -68,25 +57,26 @@ impl App {
         self.conditions.host_silent = false;
         let id = request.id;
         match request.command {
-            Command::Hello => {
-                let mut line = reply::ok(out, id)?;
-                line.write_char(' ')?;
-                self.identity(&mut line)?;
-                line.finish()
+            Command::Hello => answer(out, id, &self.identity()),
+            Command::Status => {
+                let status = self.status();
+                self.sentence = status.fault;
+                answer(out, id, &status)
             }
-            Command::Status => self.status(id, out),
             Command::Raw => {
-                let mut line = reply::ok(out, id)?;
-                uwrite!(line, " {} {}", self.inputs.pressure.0, self.inputs.flex.0)?;
-                line.finish()
+                let Inputs { pressure, flex, .. } = self.inputs;
+                let raw = Raw {
+                    pressure: pressure.0,
+                    flex: flex.0,
+                };
+                answer(out, id, &raw)
             }
-            Command::Exact => self.exact(id, out),
+            Command::Exact => match self.exact() {
+                Some(exact) => answer(out, id, &exact),
+                None => reply::no(out, id, Refusal::NoReading),
+            },
             Command::Get(key) => match self.settings.bits(key) {
-                Some(bits) => {
-                    let mut line = reply::ok(out, id)?;
-                    uwrite!(line, " {}", Word(bits))?;
-                    line.finish()
-                }
+                Some(bits) => answer(out, id, &Bits(bits)),
                 None => reply::no(out, id, Refusal::OutOfBounds),
             },
             Command::SelfTest => {
@@ -216,46 +206,36 @@ impl App {
         Ok(())
     }
 
-    #[inline(never)]
-    fn status<W: uWrite + ?Sized>(&mut self, id: u8, out: &mut W) -> Result<(), W::Error> {
-        let fault = self.supervisor.fault();
-        self.sentence = fault;
-        let mut line = reply::ok(out, id)?;
-        line.write_char(' ')?;
-        line.write_char(self.state().letter() as char)?;
-        let counters = &self.counters;
-        uwrite!(
-            line,
-            " {} {} {} {} {}",
-            fault.map_or(0, Fault::code),
-            counters.unknown,
-            counters.damaged,
-            counters.overlong,
-            HalfWord(checksum(&self.settings)),
-        )?;
-        if let Some(runner) = self.running() {
-            uwrite!(line, " {} {}", runner.index(), runner.repeat())?;
+    fn status(&self) -> Status {
+        Status {
+            state: self.state(),
+            fault: self.supervisor.fault(),
+            counters: self.counters,
+            settings: SettingsId::of(&self.settings),
+            place: self.running().map(|runner| Place {
+                segment: runner.index(),
+                repeat: runner.repeat(),
+            }),
         }
-        line.finish()
     }
 
-    /// `SEQUENCE STEPS ANGLE RATE PRESSURE`: the prediction belongs to the line of
-    /// that number, and started so many steps before; then its angle (rad), rate
-    /// (rad/s) and newest pressure (Pa) to the bit.
-    #[inline(never)]
-    fn exact<W: uWrite + ?Sized>(&mut self, id: u8, out: &mut W) -> Result<(), W::Error> {
-        let Some(prediction) = self.monitor.prediction() else {
-            return reply::no(out, id, Refusal::NoReading);
-        };
-        let mut line = reply::ok(out, id)?;
-        uwrite!(line, " {} {}", self.sequence, prediction.steps())?;
-        for value in [
-            prediction.angle(),
-            self.predictor.rate(prediction),
-            prediction.pressure(),
-        ] {
-            uwrite!(line, " {}", Word(value.to_bits()))?;
-        }
-        line.finish()
+    /// The prediction that the newest line of telemetry shows, if there is one.
+    fn exact(&self) -> Option<Exact> {
+        let prediction = self.monitor.prediction()?;
+        Some(Exact {
+            sequence: self.sequence,
+            steps: prediction.steps(),
+            angle: prediction.angle(),
+            rate: self.predictor.rate(prediction),
+            pressure: prediction.pressure(),
+        })
     }
+}
+
+/// Writes a reply with an answer in it.
+#[inline(never)]
+fn answer<W: uWrite + ?Sized>(out: &mut W, id: u8, answer: &impl uDisplay) -> Result<(), W::Error> {
+    let mut line = reply::ok(out, id)?;
+    uwrite!(line, " {}", answer)?;
+    line.finish()
 }

@@ -9,6 +9,7 @@ use std::{
 
 use proptest::prelude::*;
 use wire::{
+    answer::Exact,
     command::{Command, Request},
     line,
     protocol::{Named, Track},
@@ -317,7 +318,7 @@ fn an_unusual_reset_is_told_and_has_to_be_seen() {
 fn who_it_is_and_how_it_is_are_machine_readable() {
     let mut rig = Rig::new();
     rig.wait(0.1);
-    let crc = format!("{:04x}", checksum(&Settings::DEFAULT));
+    let crc = SettingsId::of(&Settings::DEFAULT);
     assert_eq!(
         rig.ask(Command::Hello).unwrap(),
         format!("softrig 0.1.0 wire 3 settings {crc}")
@@ -416,12 +417,15 @@ fn the_prediction_can_be_repeated_from_the_log() {
     let mut rig = Rig::running(Named::Steps);
     rig.wait(20.0);
     let exact = rig.ask(Command::Exact).unwrap();
-    let mut words = exact.split(' ');
-    let sequence: u16 = words.next().unwrap().parse().unwrap();
-    let steps: u16 = words.next().unwrap().parse().unwrap();
-    let bits: Vec<u32> = words
-        .map(|word| u32::from_str_radix(word, 16).unwrap())
-        .collect();
+    let Exact {
+        sequence,
+        steps,
+        angle,
+        rate,
+        pressure,
+    } = Exact::parse(&exact).unwrap();
+    let steps = u16::try_from(steps).unwrap();
+    let bits = [angle, rate, pressure].map(f32::to_bits);
     let at = |sequence: u16| {
         let sample = rig.log.iter().find(|sample| sample.sequence == sequence);
         // As it came over the cable.

@@ -8,7 +8,6 @@ use std::time::Duration;
 
 use clap::Parser;
 use indicatif::ProgressBar;
-use wire::command::Command;
 use wire::settings::{FLEX_POINTS, Key, Settings};
 use wire::state::State;
 
@@ -64,8 +63,6 @@ pub struct Args {
 /// The board reads angles beyond its table for this share of the counts' range.
 const BEYOND: f32 = 0.2;
 
-/// Conversions that the board sums into one reading.
-const SUMMED: f32 = 16.0;
 /// Readings that are averaged: a second's.
 const READINGS: usize = 20;
 /// Time between readings.
@@ -287,19 +284,8 @@ fn pause(link: &mut Link, wait: Duration) {
 }
 
 fn raw(link: &mut Link) -> Result<Raw, LinkError> {
-    let reply = link.request(Command::Raw)?;
-    let mut sums = reply.split_whitespace().map(str::parse::<f32>);
-    match (sums.next(), sums.next()) {
-        (Some(Ok(pressure)), Some(Ok(flex))) => Ok(Raw {
-            pressure: pressure / SUMMED,
-            flex: flex / SUMMED,
-        }),
-        _ => Err(LinkError::Unexpected {
-            port: link.port().to_owned(),
-            command: "raw".into(),
-            reply,
-        }),
-    }
+    let [pressure, flex] = link.raw()?.counts();
+    Ok(Raw { pressure, flex })
 }
 
 fn check_angles(angles: &[f32]) -> Result<(), InputError> {

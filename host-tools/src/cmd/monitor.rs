@@ -145,7 +145,7 @@ fn live(
     log: &mut Option<Recorder>,
     terminal: &mut DefaultTerminal,
 ) -> anyhow::Result<()> {
-    let mut view = View::new(link.port(), &link.identity().firmware);
+    let mut view = View::new(link.port(), &link.board().firmware);
     let mut first_ms = None;
     let mut drawn = Instant::now();
     while !interrupt.requested() {

@@ -539,16 +539,16 @@ fn load_commands(protocol: &ProtocolFile) -> Vec<Command> {
 }
 
 fn about(link: &Link, port: &str, protocol: Option<&ProtocolFile>) -> About {
-    let identity = link.identity();
+    let board = link.board();
     let segments = protocol.map_or(&[][..], |protocol| &protocol.segments);
     About {
         simulated: is_pseudo_terminal(port).then_some(true),
         protocol: protocol.map(|protocol| protocol.name.clone()),
         started: humantime::format_rfc3339_seconds(SystemTime::now()).to_string(),
         port: port.to_owned(),
-        firmware: identity.firmware.clone(),
-        wire: identity.wire,
-        settings: identity.settings.clone(),
+        firmware: board.firmware.clone(),
+        wire: board.wire,
+        settings: board.settings.to_string(),
         rig: env!("CARGO_PKG_VERSION").into(),
         segments: segments
             .iter()

@@ -96,11 +96,8 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         );
     }
     if args.read {
-        let identity = link.identity();
-        let about = format!(
-            "settings {} of firmware {}",
-            identity.settings, identity.firmware
-        );
+        let board = link.board();
+        let about = format!("settings {} of firmware {}", board.settings, board.firmware);
         return Ok(super::print(&settings_file::to_text(&settings, &about))?);
     }
     let changes: Vec<Assignment> = wanted

@@ -2,6 +2,7 @@
 
 use std::time::{Duration, Instant};
 
+use wire::answer::{Bits, Identity, Raw, SettingsId, Status};
 use wire::command::Command;
 use wire::fault::Fault;
 use wire::reply::Refusal;
@@ -19,76 +20,29 @@ const HOMING: Duration = Duration::from_secs(60);
 /// All settings are in EEPROM after this at the latest: 3.3 ms a byte.
 const SAVING: Duration = Duration::from_secs(6);
 
-/// Who a board is: the reply to `hello`.
+/// Who a board is; [`Identity`], to keep.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Identity {
+pub struct Board {
     /// Version of the firmware.
     pub firmware: String,
     /// Version of the serial protocol.
     pub wire: u8,
-    /// Checksum of the settings in use, as the board writes it.
-    pub settings: String,
+    /// The settings in use.
+    pub settings: SettingsId,
 }
 
-impl Identity {
-    /// Reads `softrig 0.1.0 wire 1 settings 1d0f`.
-    pub fn parse(reply: &str) -> Option<Self> {
-        let mut words = reply.split_whitespace();
-        if words.next()? != "softrig" {
-            return None;
-        }
-        let firmware = words.next()?.to_owned();
-        let mut identity = Self {
+impl From<Identity<'_>> for Board {
+    fn from(identity: Identity<'_>) -> Self {
+        let Identity {
             firmware,
-            ..Self::default()
-        };
-        let mut has_wire = false;
-        while let Some(word) = words.next() {
-            match word {
-                "wire" => {
-                    identity.wire = words.next()?.parse().ok()?;
-                    has_wire = true;
-                }
-                "settings" => words.next()?.clone_into(&mut identity.settings),
-                _ => {}
-            }
+            wire,
+            settings,
+        } = identity;
+        Self {
+            firmware: firmware.to_owned(),
+            wire,
+            settings,
         }
-        has_wire.then_some(identity)
-    }
-}
-
-/// The board's reply to `status`.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Status {
-    /// What it is doing.
-    pub state: State,
-    /// The latched fault.
-    pub fault: Option<Fault>,
-    /// Requests that it did not know.
-    pub unknown: u32,
-    /// Lines that reached it damaged.
-    pub damaged: u32,
-    /// Lines that were too long for it.
-    pub overlong: u32,
-}
-
-impl Status {
-    /// Reads `i 0 0 0 0 1d0f`; what follows the counters is not looked at.
-    pub fn parse(reply: &str) -> Option<Self> {
-        let mut words = reply.split_whitespace();
-        let state = match words.next()?.as_bytes() {
-            [letter] => State::from_letter(*letter)?,
-            _ => return None,
-        };
-        let fault = Fault::from_code(words.next()?.parse().ok()?);
-        let mut counter = || words.next().and_then(|word| word.parse().ok()).unwrap_or(0);
-        Some(Self {
-            state,
-            fault,
-            unknown: counter(),
-            damaged: counter(),
-            overlong: counter(),
-        })
     }
 }
 
@@ -135,13 +89,20 @@ impl Link {
     pub fn get(&mut self, key: Key) -> Result<u32, LinkError> {
         let command = Command::Get(key);
         let reply = self.request(command)?;
-        // The firmware may repeat the key in front of the bits.
-        reply
-            .split_whitespace()
-            .next_back()
-            .filter(|word| word.len() == 8)
-            .and_then(|word| u32::from_str_radix(word, 16).ok())
-            .ok_or_else(|| self.unexpected(command, &reply))
+        match Bits::parse(&reply) {
+            Some(Bits(bits)) => Ok(bits),
+            None => Err(self.unexpected(command, &reply)),
+        }
+    }
+
+    /// Asks for what the ADC converts.
+    ///
+    /// # Errors
+    ///
+    /// [`LinkError`].
+    pub fn raw(&mut self) -> Result<Raw, LinkError> {
+        let reply = self.request(Command::Raw)?;
+        Raw::parse(&reply).ok_or_else(|| self.unexpected(Command::Raw, &reply))
     }
 
     /// Reads all settings; `progress` hears how many of how many are read.
@@ -401,35 +362,5 @@ impl Link {
             "the board did not confirm that the settings are in its EEPROM",
             "upload again; if it happens again the EEPROM is worn out",
         )))
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn identities_are_read() {
-        let identity = Identity::parse("softrig 0.1.0 wire 1 settings 1d0f").unwrap();
-        assert_eq!(identity.firmware, "0.1.0");
-        assert_eq!(identity.wire, 1);
-        assert_eq!(identity.settings, "1d0f");
-        for reply in [
-            "",
-            "softrig",
-            "marlin 2 wire 1",
-            "softrig 1",
-            "softrig 1 wire x",
-        ] {
-            assert_eq!(Identity::parse(reply), None, "{reply}");
-        }
-    }
-
-    #[test]
-    fn a_status_is_read_even_when_more_follows() {
-        let status = Status::parse("f 8 1 2 3 1d0f more").unwrap();
-        assert_eq!(status.fault, Some(Fault::HostLost));
-        assert_eq!((status.unknown, status.damaged, status.overlong), (1, 2, 3));
-        assert_eq!(Status::parse("idle 0"), None);
     }
 }

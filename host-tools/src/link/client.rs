@@ -3,11 +3,12 @@
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
+use wire::answer::Identity;
 use wire::command::{Command, Request};
 use wire::reply::VERSION;
 use wire::telemetry::Telemetry;
 
-use super::board::Identity;
+use super::board::Board;
 use super::error::LinkError;
 use super::heart::Silence;
 use super::line::{Incoming, command_text};
@@ -89,7 +90,7 @@ pub struct Link {
     connector: Box<dyn Connector>,
     timing: Timing,
     worker: Option<Worker>,
-    identity: Identity,
+    board: Board,
     counters: Counters,
     backlog: VecDeque<Event>,
     last: Option<Telemetry>,
@@ -101,7 +102,7 @@ impl std::fmt::Debug for Link {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Link")
             .field("port", &self.connector.name())
-            .field("identity", &self.identity)
+            .field("board", &self.board)
             .field("counters", &self.counters)
             .finish_non_exhaustive()
     }
@@ -119,7 +120,7 @@ impl Link {
             connector: Box::new(connector),
             timing,
             worker: None,
-            identity: Identity::default(),
+            board: Board::default(),
             counters: Counters::default(),
             backlog: VecDeque::new(),
             last: None,
@@ -149,8 +150,8 @@ impl Link {
     }
 
     /// Who the board is.
-    pub fn identity(&self) -> &Identity {
-        &self.identity
+    pub fn board(&self) -> &Board {
+        &self.board
     }
 
     /// What arrived so far.
@@ -429,7 +430,7 @@ impl Link {
                 theirs: identity.wire,
             });
         }
-        self.identity = identity;
+        self.board = identity.into();
         Ok(())
     }
 }

@@ -16,7 +16,7 @@ pub mod line;
 mod port;
 mod worker;
 
-pub use board::{Identity, NotChanged, Status, float, setting_bits};
+pub use board::{Board, NotChanged, float, setting_bits};
 pub use client::{Counters, Event, Link, Received, Timing};
 pub use clock::{Break, Clock, Placed};
 pub use error::LinkError;

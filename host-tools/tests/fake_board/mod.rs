@@ -18,7 +18,8 @@ use host_tools::link::line::{Text, command_text};
 use rustix::fs::{Mode, OFlags};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
-use ufmt::uWrite;
+use ufmt::{uDisplay, uWrite, uwrite};
+use wire::answer::{Bits, Counters, Identity, Raw, SettingsId, Status};
 use wire::assemble::{Assembled, Assembler};
 use wire::command::{Command, MAX_LINE, Request};
 use wire::decimal::Hundredths;
@@ -29,6 +30,9 @@ use wire::reply::{self, Refusal};
 use wire::settings::{Key, Settings};
 use wire::state::State;
 use wire::telemetry::{Setpoint, Telemetry};
+
+/// What it calls its settings.
+const SETTINGS: SettingsId = SettingsId(0x1d0f);
 
 /// How the board behaves; may be changed while it runs.
 #[derive(Clone, Debug)]
@@ -399,27 +403,32 @@ impl Board {
         let armed = matches!(self.state, State::Homing | State::Ready | State::Running);
         match command {
             Command::Hello => {
-                return Ok(format!(
-                    "softrig {} wire {} settings 1d0f",
-                    script.remark.unwrap_or("9.9.9"),
-                    script.version
-                ));
+                return Ok(text(&Identity {
+                    firmware: script.remark.unwrap_or("9.9.9"),
+                    wire: script.version,
+                    settings: SETTINGS,
+                }));
             }
             Command::Status => {
-                return Ok(format!(
-                    "{} {} 0 0 0 1d0f",
-                    char::from(self.state.letter()),
-                    self.fault
-                ));
+                return Ok(text(&Status {
+                    state: self.state,
+                    fault: Fault::from_code(self.fault),
+                    counters: Counters::default(),
+                    settings: SETTINGS,
+                    place: None,
+                }));
             }
-            Command::Get(key) => return Ok(format!("{:08x}", self.settings.bits(key).unwrap())),
+            Command::Get(key) => return Ok(text(&Bits(self.settings.bits(key).unwrap()))),
             Command::Raw => {
                 let shake = if self.lines.is_multiple_of(2) {
                     script.shake
                 } else {
                     0
                 };
-                return Ok(format!("{} {}", script.raw.0, script.raw.1 + shake));
+                return Ok(text(&Raw {
+                    pressure: script.raw.0,
+                    flex: script.raw.1 + shake,
+                }));
             }
             Command::Arm if self.state == State::Idle => {
                 self.state = State::Homing;
@@ -545,4 +554,11 @@ impl Board {
         }
         text + &line.0
     }
+}
+
+/// An answer as the board writes it.
+fn text(answer: &impl uDisplay) -> String {
+    let mut out = Text::default();
+    let Ok(()) = uwrite!(out, "{}", answer);
+    out.0
 }

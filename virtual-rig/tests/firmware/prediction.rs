@@ -10,6 +10,7 @@ use model_core::{
 };
 use virtual_rig::Options;
 use wire::{
+    answer::Exact,
     command::Command,
     protocol::Named,
     settings::{Key, Settings, effect_id},
@@ -51,12 +52,10 @@ fn repeats_to_the_bit(bench: &mut Bench, model: &Model<f32, Minimax>) {
     bench.run(9.0);
     let exact = bench.obey(Command::Exact);
     bench.run(0.1);
-    let mut fields = exact.split(' ');
-    let mut number = || fields.next().and_then(|field| field.parse::<u16>().ok());
-    let (newest, steps) = number().zip(number()).expect("a line and a count");
-    let bits: Vec<u32> = fields
-        .map(|word| u32::from_str_radix(word, 16).expect("eight digits"))
-        .collect();
+    let exact = Exact::parse(&exact).expect("the prediction to the bit");
+    let newest = exact.sequence;
+    let steps = u16::try_from(exact.steps).expect("a run of less than ten minutes");
+    let bits = [exact.angle, exact.rate, exact.pressure].map(f32::to_bits);
 
     let at = |sequence: u16| {
         bench
@@ -86,7 +85,7 @@ fn repeats_to_the_bit(bench: &mut Bench, model: &Model<f32, Minimax>) {
     assert_eq!(
         bits,
         desktop.map(f32::to_bits),
-        "{exact}; the desktop has {desktop:?}"
+        "{exact:?}; the desktop has {desktop:?}"
     );
     assert!(steps > 500, "{steps} steps prove little");
 }

@@ -1,0 +1,415 @@
+//! What the board answers to a question: the text behind the `ok` of a [`reply`](crate::reply).
+//!
+//! The board writes these types, the computer and the tests read them. An order is answered
+//! with nothing but `ok` or `no`, so there is nothing to define for it here.
+
+use core::fmt;
+
+use ufmt::{Formatter, uDisplay, uWrite, uwrite};
+
+use crate::{
+    checksum::Crc16,
+    decimal::{HalfWord, Word},
+    fault::Fault,
+    fields::{self, Fields},
+    reply::VERSION,
+    settings::Settings,
+    state::State,
+};
+
+/// Conversions of the ADC that a reading of a sensor is the sum of.
+pub const OVERSAMPLING: u16 = 16;
+
+/// Checksum of the settings in use: which ones a recording was made with.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct SettingsId(pub u16);
+
+impl SettingsId {
+    /// Of these settings.
+    pub fn of(settings: &Settings) -> Self {
+        let mut crc = Crc16::new();
+        for word in settings.words() {
+            for byte in word.to_le_bytes() {
+                crc.update(byte);
+            }
+        }
+        Self(crc.value())
+    }
+
+    fn parse(field: &[u8]) -> Option<Self> {
+        fields::half_word(field).map(Self)
+    }
+}
+
+impl uDisplay for SettingsId {
+    fn fmt<W: uWrite + ?Sized>(&self, f: &mut Formatter<'_, W>) -> Result<(), W::Error> {
+        uDisplay::fmt(&HalfWord(self.0), f)
+    }
+}
+
+impl fmt::Display for SettingsId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:04x}", self.0)
+    }
+}
+
+/// The answer to `hello`, and the first remark after a reset: who the board is.
+///
+/// ```text
+/// softrig 0.1.0 wire 3 settings 1d0f
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Identity<'t> {
+    /// Version of the firmware.
+    pub firmware: &'t str,
+    /// [`VERSION`] of the board.
+    pub wire: u8,
+    /// The settings in use.
+    pub settings: SettingsId,
+}
+
+impl<'t> Identity<'t> {
+    /// Of a board that speaks this version.
+    pub const fn new(firmware: &'t str, settings: SettingsId) -> Self {
+        Self {
+            firmware,
+            wire: VERSION,
+            settings,
+        }
+    }
+
+    /// Reads it. What later versions may add behind is not looked at.
+    pub fn parse(text: &'t str) -> Option<Self> {
+        let mut fields = Fields::new(text.as_bytes());
+        let mut named = |name: &[u8]| (fields.next()? == name).then(|| fields.next())?;
+        let firmware = core::str::from_utf8(named(b"softrig")?).ok()?;
+        let wire = fields::number(named(b"wire")?)?;
+        let settings = SettingsId::parse(named(b"settings")?)?;
+        Some(Self {
+            firmware,
+            wire,
+            settings,
+        })
+    }
+}
+
+impl uDisplay for Identity<'_> {
+    fn fmt<W: uWrite + ?Sized>(&self, f: &mut Formatter<'_, W>) -> Result<(), W::Error> {
+        let Self {
+            firmware,
+            wire,
+            settings,
+        } = self;
+        uwrite!(
+            f,
+            "softrig {} wire {} settings {}",
+            firmware,
+            wire,
+            settings
+        )
+    }
+}
+
+/// Lines that were not obeyed, since reset; they stop counting at the top.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counters {
+    /// No such command.
+    pub unknown: u16,
+    /// Checksum wrong.
+    pub damaged: u16,
+    /// Too long for a line.
+    pub overlong: u16,
+}
+
+/// Where in a run the board is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Place {
+    /// Number of the segment, from 0.
+    pub segment: u8,
+    /// Number of its repeat, from 0.
+    pub repeat: u8,
+}
+
+/// The answer to `status`: state, fault, three counters, the settings, and the place in a run.
+///
+/// ```text
+/// x 0 1 0 0 1d0f 4 2
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Status {
+    /// What it is doing.
+    pub state: State,
+    /// The latched fault.
+    pub fault: Option<Fault>,
+    /// What it did not obey.
+    pub counters: Counters,
+    /// The settings in use.
+    pub settings: SettingsId,
+    /// Where in a run it is.
+    pub place: Option<Place>,
+}
+
+impl Status {
+    /// Reads it.
+    pub fn parse(text: &str) -> Option<Self> {
+        let mut fields = Fields::new(text.as_bytes());
+        let state = match fields.next()? {
+            [letter] => State::from_letter(*letter)?,
+            _ => return None,
+        };
+        let fault = match fields.number()? {
+            0 => None,
+            code => Some(Fault::from_code(code)?),
+        };
+        let counters = Counters {
+            unknown: fields.number()?,
+            damaged: fields.number()?,
+            overlong: fields.number()?,
+        };
+        let settings = SettingsId::parse(fields.next()?)?;
+        let place = if fields.is_empty() {
+            None
+        } else {
+            Some(Place {
+                segment: fields.number()?,
+                repeat: fields.number()?,
+            })
+        };
+        Some(Self {
+            state,
+            fault,
+            counters,
+            settings,
+            place,
+        })
+    }
+}
+
+impl uDisplay for Status {
+    fn fmt<W: uWrite + ?Sized>(&self, f: &mut Formatter<'_, W>) -> Result<(), W::Error> {
+        let Counters {
+            unknown,
+            damaged,
+            overlong,
+        } = self.counters;
+        f.write_char(char::from(self.state.letter()))?;
+        let fault = self.fault.map_or(0, Fault::code);
+        uwrite!(f, " {} {} {} {}", fault, unknown, damaged, overlong)?;
+        uwrite!(f, " {}", self.settings)?;
+        if let Some(Place { segment, repeat }) = self.place {
+            uwrite!(f, " {} {}", segment, repeat)?;
+        }
+        Ok(())
+    }
+}
+
+/// The answer to `raw`: what the ADC converts, each the sum of [`OVERSAMPLING`] conversions
+/// of 0 to 1023.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Raw {
+    /// Of the pressure sensor.
+    pub pressure: u16,
+    /// Of the flex sensor.
+    pub flex: u16,
+}
+
+impl Raw {
+    /// Reads it.
+    pub fn parse(text: &str) -> Option<Self> {
+        let mut fields = Fields::new(text.as_bytes());
+        Some(Self {
+            pressure: fields.number()?,
+            flex: fields.number()?,
+        })
+    }
+
+    /// The means of the conversions, in counts of 0 to 1023: pressure, flex.
+    pub fn counts(self) -> [f32; 2] {
+        [self.pressure, self.flex].map(|sum| f32::from(sum) / f32::from(OVERSAMPLING))
+    }
+}
+
+impl uDisplay for Raw {
+    fn fmt<W: uWrite + ?Sized>(&self, f: &mut Formatter<'_, W>) -> Result<(), W::Error> {
+        uwrite!(f, "{} {}", self.pressure, self.flex)
+    }
+}
+
+/// The answer to `exact`: the prediction to the last bit.
+///
+/// It belongs to the telemetry of that number, and started so many steps before. Who repeats
+/// the steps from the telemetry gets the same bits.
+///
+/// ```text
+/// 812 311 3f490fdb 3dcccccd 461c4000
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Exact {
+    /// Number of the line of telemetry.
+    pub sequence: u16,
+    /// Steps since the prediction started.
+    pub steps: u32,
+    /// Bending angle (rad).
+    pub angle: f32,
+    /// Its rate (rad/s).
+    pub rate: f32,
+    /// The newest pressure (Pa).
+    pub pressure: f32,
+}
+
+impl Exact {
+    /// Reads it.
+    pub fn parse(text: &str) -> Option<Self> {
+        let mut fields = Fields::new(text.as_bytes());
+        let sequence = fields.number()?;
+        let steps = fields.number()?;
+        let mut float = || fields.next().and_then(fields::word).map(f32::from_bits);
+        Some(Self {
+            sequence,
+            steps,
+            angle: float()?,
+            rate: float()?,
+            pressure: float()?,
+        })
+    }
+}
+
+impl uDisplay for Exact {
+    fn fmt<W: uWrite + ?Sized>(&self, f: &mut Formatter<'_, W>) -> Result<(), W::Error> {
+        uwrite!(f, "{} {}", self.sequence, self.steps)?;
+        for value in [self.angle, self.rate, self.pressure] {
+            uwrite!(f, " {}", Word(value.to_bits()))?;
+        }
+        Ok(())
+    }
+}
+
+/// The answer to `get`: the bits of a setting.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Bits(pub u32);
+
+impl Bits {
+    /// Reads it.
+    pub fn parse(text: &str) -> Option<Self> {
+        fields::word(text.as_bytes()).map(Self)
+    }
+}
+
+impl uDisplay for Bits {
+    fn fmt<W: uWrite + ?Sized>(&self, f: &mut Formatter<'_, W>) -> Result<(), W::Error> {
+        uDisplay::fmt(&Word(self.0), f)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use std::string::String;
+
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::line::tests::Text;
+
+    fn text(answer: &impl uDisplay) -> String {
+        let mut out = Text::default();
+        let Ok(()) = uwrite!(out, "{}", answer);
+        out.0
+    }
+
+    fn states() -> impl Strategy<Value = State> {
+        proptest::sample::select(&State::ALL[..])
+    }
+
+    fn faults() -> impl Strategy<Value = Option<Fault>> {
+        proptest::option::of(proptest::sample::select(Fault::ALL))
+    }
+
+    proptest! {
+        #[test]
+        fn answers_are_read_back(
+            state in states(),
+            fault in faults(),
+            words in any::<[u16; 6]>(),
+            long in any::<u32>(),
+            place in proptest::option::of(any::<[u8; 2]>()),
+            bits in any::<[u32; 3]>(),
+            firmware in "[0-9]{1,3}\\.[0-9]{1,3}\\.[0-9a-z-]{1,9}",
+        ) {
+            let settings = SettingsId(words[0]);
+            let identity = Identity::new(&firmware, settings);
+            let line = text(&identity);
+            prop_assert_eq!(Identity::parse(&line), Some(identity));
+            let status = Status {
+                state,
+                fault,
+                counters: Counters { unknown: words[1], damaged: words[2], overlong: words[3] },
+                settings,
+                place: place.map(|[segment, repeat]| Place { segment, repeat }),
+            };
+            prop_assert_eq!(Status::parse(&text(&status)), Some(status));
+            let raw = Raw { pressure: words[4], flex: words[5] };
+            prop_assert_eq!(Raw::parse(&text(&raw)), Some(raw));
+            let [angle, rate, pressure] = bits.map(f32::from_bits);
+            let exact = Exact { sequence: words[1], steps: long, angle, rate, pressure };
+            let read = Exact::parse(&text(&exact)).unwrap();
+            prop_assert_eq!((read.sequence, read.steps), (words[1], long));
+            prop_assert_eq!([read.angle, read.rate, read.pressure].map(f32::to_bits), bits);
+            prop_assert_eq!(Bits::parse(&text(&Bits(long))), Some(Bits(long)));
+        }
+
+        #[test]
+        fn any_text_is_read_or_refused(text in "\\PC{0,60}") {
+            let _ = (Identity::parse(&text), Status::parse(&text), Raw::parse(&text));
+            let _ = (Exact::parse(&text), Bits::parse(&text));
+        }
+    }
+
+    #[test]
+    fn the_text_is_that_of_version_3() {
+        let identity = Identity::new("0.1.0", SettingsId(0x1d0f));
+        assert_eq!(text(&identity), "softrig 0.1.0 wire 3 settings 1d0f");
+        let status = Status {
+            state: State::Fault,
+            fault: Some(Fault::HostLost),
+            counters: Counters {
+                unknown: 1,
+                damaged: 2,
+                overlong: 3,
+            },
+            settings: SettingsId(0xf),
+            place: None,
+        };
+        assert_eq!(text(&status), "f 8 1 2 3 000f");
+        assert_eq!(
+            text(&Raw {
+                pressure: 102,
+                flex: 16_368
+            }),
+            "102 16368"
+        );
+    }
+
+    #[test]
+    fn other_answers_are_refused() {
+        for text in [
+            "",
+            "softrig",
+            "marlin 2 wire 1 settings 1d0f",
+            "softrig 1 wire x settings 0",
+        ] {
+            assert_eq!(Identity::parse(text), None, "{text}");
+        }
+        for text in [
+            "idle 0 0 0 0 1d0f",
+            "i 200 0 0 0 1d0f",
+            "i 0 0 0 0",
+            "i 0 0 0 0 1d0f 4",
+        ] {
+            assert_eq!(Status::parse(text), None, "{text}");
+        }
+        assert_eq!(Raw::parse("12"), None);
+        assert_eq!(Exact::parse("1 2 3f490fdb 3dcccccd"), None);
+        assert_eq!(Bits::parse("3f80000"), None);
+    }
+}
