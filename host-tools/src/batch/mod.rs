@@ -181,9 +181,10 @@ struct Solved {
 fn solve(case: &Case, settings: &Settings) -> anyhow::Result<Solved> {
     // Those of a thousand cases would be read by nobody: they stand beside the verdict.
     let mut warnings = Vec::new();
-    let mut warn = |text: &str| warnings.push(text.to_owned());
     check_distinct(&case.recordings, &case.holdout)?;
     let file = ModelFile::read(&case.model)?;
+    warnings.extend_from_slice(&file.warnings);
+    let mut warn = |text: &str| warnings.push(text.to_owned());
     let layout = settings.layout.or(&case.layout).or(&file.recording);
     let recordings = read_all(&case.recordings, &layout, &mut warn)?;
     let holdout = read_all(&case.holdout, &layout, &mut warn)?;
