@@ -72,10 +72,19 @@ impl OwnEffects {
     ///
     /// Names file, line, column and remedy.
     pub fn read(path: &Path, model: &Model<f64>) -> Result<Self, InputError> {
-        let text = crate::bounded::read_text(path)?;
-        let own = Self::parse(&text, path)?;
+        let own = Self::read_for_any(path)?;
         own.check_beside(model)?;
         Ok(own)
+    }
+
+    /// Reads a file of effects for several models, each of which has to pass
+    /// [`OwnEffects::check_beside`].
+    ///
+    /// # Errors
+    ///
+    /// Names file, line, column and remedy.
+    pub fn read_for_any(path: &Path) -> Result<Self, InputError> {
+        Self::parse(&crate::bounded::read_text(path)?, path)
     }
 
     /// Parses the text of a file of effects; `path` is only named in messages.
@@ -99,7 +108,11 @@ impl OwnEffects {
     }
 
     /// Refuses an effect that the model has under the same name with another formula.
-    fn check_beside(&self, model: &Model<f64>) -> Result<(), InputError> {
+    ///
+    /// # Errors
+    ///
+    /// Names the effect and both formulas.
+    pub fn check_beside(&self, model: &Model<f64>) -> Result<(), InputError> {
         for effect in model.effects() {
             let info = effect.kind().info();
             let other = self
