@@ -658,8 +658,8 @@ impl Reader<'_> {
         }
     }
 
-    /// Refuses a second effect with the name of the first: `[fit]`, verdicts and the board
-    /// tell effects apart by it.
+    /// Refuses a second effect with the name of the first: `[fit]` and verdicts tell effects
+    /// apart by it.
     pub(crate) fn twice(&self, effect: &Effect<f64>, first: &Table, second: &Table) -> InputError {
         let name = effect.kind().name();
         let (key, advice) = match effect {
@@ -670,8 +670,7 @@ impl Reader<'_> {
             ),
             _ => (
                 "kind",
-                "keep one: parameters are told apart by the kind of their effect; a second force \
-                 of this kind can be written as a formula with a name of its own (kind = \"custom\")",
+                "keep one: [fit] and verdicts name parameters by the kind of their effect",
             ),
         };
         let span = |table: &Table| table.get(key).and_then(Item::span).or(table.span());
