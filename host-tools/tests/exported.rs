@@ -207,7 +207,7 @@ fn models() -> Vec<(String, ModelFile)> {
             0.9,
             "[[effect]]\nkind = \"custom\"\nname = \"one\"\nforce = \"a*sqrt(t + 1)*th\"\nparameters = { a = 0.3 }\n\
              [[effect]]\nkind = \"coulomb_friction\"\nforce_n = 0.2\n\
-             [[effect]]\nkind = \"custom\"\nname = \"two\"\nforce = \"a*th*abs(th) + a*exp(-p)\"\nparameters = { a = 0.4 }\n",
+             [[effect]]\nkind = \"custom\"\nname = \"two\"\nforce = \"a*th*abs(th) + a*exp(-abs(p)/20)\"\nparameters = { a = 0.4 }\n",
         ),
         (
             "a bent sensor behind a lag behind an offset",
