@@ -130,6 +130,7 @@ fn with_effects(damping: f64, effects: &str) -> String {
 
 /// Every effect as `rig example` draws it, tables of each variable, and what effects do to
 /// each other.
+#[allow(clippy::too_many_lines)] // A table.
 fn models() -> Vec<(String, ModelFile)> {
     const EFFECTS: [(&str, f64, &str); 15] = [
         ("base", 0.9, ""),

@@ -274,6 +274,9 @@ fn worst(gaps: &[Gap], of: impl IntoIterator<Item = usize>) -> Option<usize> {
         .max_by(|&a, &b| gaps[a].rms().total_cmp(&gaps[b].rms()))
 }
 
+/// How runs before and after go together, by their places.
+type Pairing<'a> = &'a dyn Fn() -> Vec<(usize, usize)>;
+
 /// Runs before with the same key as one after; of several the first that is left.
 fn pairs(before: &[Gap], after: &[Gap], key: impl Fn(&Gap) -> Option<&str>) -> Vec<(usize, usize)> {
     let mut left: Vec<usize> = (0..after.len()).collect();
@@ -303,7 +306,7 @@ fn drawn<'a>(before: &'a [Gap], after: &'a [Gap]) -> (Option<&'a Gap>, Option<&'
         let count = if alike { before.len() } else { 0 };
         (0..count).map(|index| (index, index)).collect()
     };
-    let ways: [(&str, &dyn Fn() -> Vec<(usize, usize)>); 3] = [
+    let ways: [(&str, Pairing<'_>); 3] = [
         ("name", &by_name),
         ("set-point and repeat", &by_step),
         ("order", &by_order),
