@@ -61,10 +61,10 @@ impl InputError {
 
     /// Names the place of a byte offset in `text`.
     pub fn at_offset(self, text: &str, offset: usize) -> Self {
-        let before = text.get(..offset.min(text.len())).unwrap_or(text);
-        let line = before.matches('\n').count() + 1;
+        let before = before(text, offset);
         let column = before.rsplit('\n').next().unwrap_or("").chars().count() + 1;
-        self.at_line(line as u64).in_column(column.to_string())
+        self.at_line(line_of(text, offset))
+            .in_column(column.to_string())
     }
 
     /// Turns a failure to open or read `path` into an error with advice.
@@ -96,6 +96,15 @@ impl fmt::Display for InputError {
         }
         write!(f, "{}; {}", quoted(&self.found), quoted(&self.advice))
     }
+}
+
+fn before(text: &str, offset: usize) -> &str {
+    text.get(..offset.min(text.len())).unwrap_or(text)
+}
+
+/// The line of a byte offset in `text`, from 1.
+pub(crate) fn line_of(text: &str, offset: usize) -> u64 {
+    before(text, offset).matches('\n').count() as u64 + 1
 }
 
 /// A text with parts of a file in it: harmless, on one line, and no longer than one reads.

@@ -11,12 +11,12 @@ use model_core::catalogue::{Effect, Kind};
 use model_core::effects::Unit;
 use model_core::effects::table::{self, MAX_NODES, MIN_NODES, Variable};
 use model_core::ludwick::{Beam, Ludwick, SecondMoment};
-use model_core::material::find;
 use model_core::power::Exact;
 use toml_edit::{Array, ArrayOfTables, Document, DocumentMut, Item, Table, Value};
 
 use crate::columns::{self, Layout};
-use crate::error::InputError;
+use crate::error::{InputError, line_of};
+use crate::materials::{like, named};
 use crate::own_effects::{self, Role};
 use crate::ranges::Range;
 use crate::recording::PASCAL_PER_KPA;
@@ -55,6 +55,8 @@ pub struct ModelFile {
     pub actuator: Option<ActuatorSection>,
     /// Where the recordings of this rig stand in their files.
     pub recording: Layout,
+    /// What is odd and changes no number, each with its place and what to do.
+    pub warnings: Vec<String>,
     text: String,
 }
 
@@ -340,22 +342,23 @@ impl Reader<'_> {
                 "add one with inertia_kg_m, damping_n_s_per_rad, stiffness_n_per_rad_n, exponent and input_gain_n_per_kpa",
             )
         })?;
-        let dynamics = self.dynamics(dynamics_table, actuator.as_ref())?;
+        let dynamics = self.dynamics(root, dynamics_table, actuator.as_ref())?;
         let effect_tables = self.effect_tables(root)?;
         let effects = effect_tables
             .iter()
             .map(|table| self.effect(table))
             .collect::<Result<Vec<_>, _>>()?;
         for (index, effect) in effects.iter().enumerate() {
-            let is_named = |other: &Effect<f64>| other.kind().name() == effect.kind().name();
-            if matches!(effect, Effect::Custom(_)) && effects[..index].iter().any(is_named) {
-                return Err(own_effects::twice(self, effect_tables[index].get("name")));
+            let is_this = |other: &Effect<f64>| other.kind().name() == effect.kind().name();
+            if let Some(first) = effects[..index].iter().position(is_this) {
+                return Err(self.twice(effect, effect_tables[first], effect_tables[index]));
             }
         }
         let model = Model::new(dynamics, &effects)
             .map_err(|error| self.invalid(error, dynamics_table, &effect_tables))?;
         self.check_ranges(&model, dynamics_table, &effect_tables)?;
         let free = self.free(root, &model)?;
+        let warnings = self.unknown_material(root, actuator.as_ref());
         Ok(ModelFile {
             name,
             path: self.path.to_owned(),
@@ -363,6 +366,7 @@ impl Reader<'_> {
             free,
             actuator,
             recording: self.recording(root)?,
+            warnings: warnings.into_iter().collect(),
             text: self.text.to_owned(),
         })
     }
@@ -453,7 +457,16 @@ impl Reader<'_> {
             "[actuator]",
             &["material", "length_m", "width_m", "height_m"],
         )?;
-        let material = table.get("material").and_then(Item::as_str).unwrap_or("");
+        let material = match table.get("material") {
+            None => "",
+            Some(item) => item.as_str().ok_or_else(|| {
+                self.fail_at(
+                    item.span(),
+                    format!("material = {} is no name", item.to_string().trim()),
+                    "write the name of the material in quotes",
+                )
+            })?,
+        };
         let dimension = |key: &str| {
             let value = self.required(table, "actuator", key)?;
             self.check_range(table, key, value, Range::of_key(key))?;
@@ -465,6 +478,26 @@ impl Reader<'_> {
             width_m: dimension("width_m")?,
             height_m: dimension("height_m")?,
         }))
+    }
+
+    /// Says that a material is not in the table. Stiffness and exponent are given, or there
+    /// would be no model: the name of a silicone that was measured is as good as any, and a
+    /// slip of the keyboard looks the same.
+    fn unknown_material(&self, root: &Table, actuator: Option<&ActuatorSection>) -> Option<String> {
+        let name = &actuator?.material;
+        if name.is_empty() || named(name).is_some() {
+            return None;
+        }
+        let found = format!(
+            "the material \"{name}\" is not in the table, and nothing is taken from it: stiffness \
+             and exponent are those in [dynamics]"
+        );
+        let advice = format!(
+            "{}, or leave the line out and say it in a comment",
+            material_to_write(name)
+        );
+        let said = self.fail_at(material_span(root), found, advice);
+        Some(said.to_string())
     }
 
     /// Where recordings stand in their files.
@@ -530,6 +563,7 @@ impl Reader<'_> {
 
     fn dynamics(
         &self,
+        root: &Table,
         table: &Table,
         actuator: Option<&ActuatorSection>,
     ) -> Result<Dynamics<f64>, InputError> {
@@ -540,19 +574,22 @@ impl Reader<'_> {
             if let Some(value) = self.number(table, key)? {
                 return Ok(value);
             }
-            if let Some(actuator) = actuator {
-                return derive(actuator).ok_or_else(|| {
-                    self.fail_at(
-                        table.span(),
-                        format!(
-                            "[dynamics] has no {key} and the material \"{}\" is not in the table",
+            match actuator {
+                Some(actuator) if !actuator.material.is_empty() => {
+                    derive(actuator).ok_or_else(|| {
+                        let found = format!(
+                            "[dynamics] has no {key}, and the material \"{}\" is not in the table",
                             actuator.material
-                        ),
-                        format!("add `{key} = …`, or name a material of `rig materials list`"),
-                    )
-                });
+                        );
+                        let advice = format!(
+                            "{}, or give `{key} = …` in [dynamics]",
+                            material_to_write(&actuator.material)
+                        );
+                        self.fail_at(material_span(root).or(table.span()), found, advice)
+                    })
+                }
+                _ => required(key),
             }
-            required(key)
         };
         Ok(Dynamics {
             inertia: required("inertia_kg_m")?,
@@ -619,6 +656,33 @@ impl Reader<'_> {
                 "write each effect as a section [[effect]] with a kind",
             )),
         }
+    }
+
+    /// Refuses a second effect with the name of the first: `[fit]` and verdicts tell effects
+    /// apart by it.
+    pub(crate) fn twice(&self, effect: &Effect<f64>, first: &Table, second: &Table) -> InputError {
+        let name = effect.kind().name();
+        let (key, advice) = match effect {
+            Effect::Custom(_) => ("name", "give each a name of its own"),
+            Effect::Table(_) => (
+                "kind",
+                "keep one: a model, like a board, has room for the numbers of one table",
+            ),
+            _ => (
+                "kind",
+                "keep one: [fit] and verdicts name parameters by the kind of their effect",
+            ),
+        };
+        let span = |table: &Table| table.get(key).and_then(Item::span).or(table.span());
+        let begins = span(first).map_or(0, |span| span.start);
+        self.fail_at(
+            span(second),
+            format!(
+                "there is a second effect {name}; the first is in line {}",
+                line_of(self.text, begins)
+            ),
+            advice,
+        )
     }
 
     fn effect(&self, table: &Table) -> Result<Effect<f64>, InputError> {
@@ -775,20 +839,6 @@ impl Reader<'_> {
     }
 
     fn invalid(&self, error: InvalidModel, dynamics: &Table, effects: &[&Table]) -> InputError {
-        if error == InvalidModel::NotOneTable {
-            let is_table = |table: &&&Table| {
-                table.get("kind").and_then(Item::as_str) == Some(Kind::Table.name())
-            };
-            return self.fail_at(
-                effects
-                    .iter()
-                    .filter(is_table)
-                    .nth(1)
-                    .and_then(|table| table.span()),
-                error.to_string(),
-                "keep one: a model, like a board, has room for the numbers of one table",
-            );
-        }
         let (InvalidModel::NotFinite(id)
         | InvalidModel::NotPositive(id)
         | InvalidModel::Negative(id)
@@ -889,7 +939,7 @@ impl Reader<'_> {
 /// Kₙ (N/radⁿ) from the material's modulus and exponent and the actuator's
 /// dimensions, with the corrected second moment (paper, Eq. 11).
 fn derived_stiffness(actuator: &ActuatorSection) -> Option<f64> {
-    let material = find(&actuator.material)?;
+    let material = named(&actuator.material)?;
     let beam = Beam::new(actuator.length_m, actuator.width_m, actuator.height_m).ok()?;
     let modulus_pa = 1e6 * material.data_sheet::<f64>().modulus_mpa();
     let law = Ludwick::new(modulus_pa, material.exponent::<f64>()).ok()?;
@@ -898,7 +948,22 @@ fn derived_stiffness(actuator: &ActuatorSection) -> Option<f64> {
 
 /// The material's exponent as printed in the paper's Table I.
 fn derived_exponent(actuator: &ActuatorSection) -> Option<f64> {
-    Some(find(&actuator.material)?.exponent())
+    Some(named(&actuator.material)?.exponent())
+}
+
+/// Where the material stands.
+fn material_span(root: &Table) -> Option<std::ops::Range<usize>> {
+    root.get("actuator")?.get("material")?.span()
+}
+
+/// What to write in place of a material that is not in the table.
+fn material_to_write(name: &str) -> String {
+    let near = like(name);
+    if near.is_empty() {
+        return "write a name of `rig materials list`".to_owned();
+    }
+    let names: Vec<String> = near.iter().map(|it| format!("\"{}\"", it.name)).collect();
+    format!("write {} if that is meant", names.join(" or "))
 }
 
 #[cfg(test)]
@@ -961,6 +1026,15 @@ force_n = 0.02
                 vec!["line 8, column 12", "exponent = 0 must be above zero"],
             ),
             ("= 2.365", "= nan", vec!["line 8", "finite"]),
+            (
+                "= 2.365",
+                "= 90",
+                vec![
+                    "line 8, column 12",
+                    "exponent = 90.0 is outside its range",
+                    "from 0.01 to 20",
+                ],
+            ),
             (
                 "= 2.365",
                 "= \"two\"",
@@ -1111,7 +1185,9 @@ forces_n = [
         let two = with_table() + TABLE;
         let message = parse(&two).unwrap_err().to_string();
         assert!(
-            message.contains("line 29") && message.contains("one table"),
+            message.contains(
+                "line 30, column 8: there is a second effect table; the first is in line 19"
+            ) && message.contains("one table"),
             "{message}"
         );
     }
@@ -1164,13 +1240,76 @@ forces_n = [
         assert!((file.model.dynamics().exponent - 2.5).abs() < 1e-12);
         // The authors' dimensions with the corrected second moment.
         assert!((file.model.dynamics().stiffness - 0.094).abs() < 5e-4);
-        let message = parse(&derived.replace("Dragon Skin 20", "Play-Doh"))
+        // Spaces and hyphens are written differently everywhere.
+        let other = parse(&derived.replace("Dragon Skin 20", "ecoflex 0030")).unwrap();
+        assert!((other.model.dynamics().exponent - 1.613).abs() < 1e-12);
+        for (name, advice) in [
+            ("Play-Doh", "rig materials list"),
+            ("Dragon Skn 20", "write \"Dragon Skin 20\""),
+        ] {
+            let message = parse(&derived.replace("Dragon Skin 20", name))
+                .unwrap_err()
+                .to_string();
+            for part in [
+                "line 5, column 12",
+                name,
+                advice,
+                "stiffness_n_per_rad_n = …",
+            ] {
+                assert!(message.contains(part), "{part:?} not in {message:?}");
+            }
+        }
+        // Nothing to derive from: the key is what is missing.
+        let message = parse(&derived.replace("material = \"Dragon Skin 20\"\n", ""))
             .unwrap_err()
             .to_string();
         assert!(
-            message.contains("Play-Doh") && message.contains("rig materials list"),
+            message.contains("has no stiffness_n_per_rad_n"),
             "{message}"
         );
+    }
+
+    #[test]
+    fn a_material_that_is_not_in_the_table_is_warned_of() {
+        let section = "[actuator]\nmaterial = \"Ecoflex 0031\"\nlength_m = 0.094\nwidth_m = 0.030\nheight_m = 0.024\n\n[dynamics]";
+        let text = GOOD.replace("[dynamics]", section);
+        let file = parse(&text).unwrap();
+        let [warning] = &file.warnings[..] else {
+            panic!("{:?}", file.warnings);
+        };
+        for part in [
+            "m.toml, line 5, column 12",
+            "\"Ecoflex 0031\" is not in the table",
+            "or \"Ecoflex 00-30\"",
+        ] {
+            assert!(warning.contains(part), "{part:?} not in {warning:?}");
+        }
+        let silent = |text: &str| parse(text).unwrap().warnings.is_empty();
+        assert!(silent(GOOD) && silent(&text.replace("0031", "00-30")));
+        assert!(silent(&text.replace("material = \"Ecoflex 0031\"\n", "")));
+        let message = parse(&text.replace("\"Ecoflex 0031\"", "20"))
+            .unwrap_err()
+            .to_string();
+        assert!(
+            message.contains("line 5, column 12: material = 20 is no name"),
+            "{message}"
+        );
+    }
+
+    #[test]
+    fn a_second_effect_of_a_kind_is_refused() {
+        let friction = &GOOD[GOOD.find("[[effect]]").unwrap()..];
+        let drag = "\n[[effect]]\nkind = \"quadratic_damping\"\ndamping_n_s2_per_rad2 = 0.5\n";
+        let message = parse(&format!("{GOOD}{drag}\n{friction}"))
+            .unwrap_err()
+            .to_string();
+        for part in [
+            "m.toml, line 23, column 8",
+            "a second effect coulomb_friction; the first is in line 15",
+            "keep one",
+        ] {
+            assert!(message.contains(part), "{part:?} not in {message:?}");
+        }
     }
 
     #[test]

@@ -72,10 +72,19 @@ impl OwnEffects {
     ///
     /// Names file, line, column and remedy.
     pub fn read(path: &Path, model: &Model<f64>) -> Result<Self, InputError> {
-        let text = crate::bounded::read_text(path)?;
-        let own = Self::parse(&text, path)?;
+        let own = Self::read_for_any(path)?;
         own.check_beside(model)?;
         Ok(own)
+    }
+
+    /// Reads a file of effects for several models, each of which has to pass
+    /// [`OwnEffects::check_beside`].
+    ///
+    /// # Errors
+    ///
+    /// Names file, line, column and remedy.
+    pub fn read_for_any(path: &Path) -> Result<Self, InputError> {
+        Self::parse(&crate::bounded::read_text(path)?, path)
     }
 
     /// Parses the text of a file of effects; `path` is only named in messages.
@@ -99,7 +108,11 @@ impl OwnEffects {
     }
 
     /// Refuses an effect that the model has under the same name with another formula.
-    fn check_beside(&self, model: &Model<f64>) -> Result<(), InputError> {
+    ///
+    /// # Errors
+    ///
+    /// Names the effect and both formulas.
+    pub fn check_beside(&self, model: &Model<f64>) -> Result<(), InputError> {
         for effect in model.effects() {
             let info = effect.kind().info();
             let other = self
@@ -143,7 +156,7 @@ fn parse(text: &str, path: &Path) -> Result<Vec<Kind>, InputError> {
         ));
     }
     let mut kinds: Vec<Kind> = Vec::new();
-    for section in sections {
+    for section in &sections {
         let kind = section.get("kind");
         if kind.and_then(Item::as_str) != Some(KIND) {
             return Err(reader.fail_at(
@@ -153,12 +166,9 @@ fn parse(text: &str, path: &Path) -> Result<Vec<Kind>, InputError> {
             ));
         }
         let effect = read_section(&reader, section, Role::Candidate)?;
-        let name = section.get("name");
-        if kinds
-            .iter()
-            .any(|other| other.name() == effect.kind().name())
-        {
-            return Err(twice(&reader, name));
+        let is_this = |other: &Kind| other.name() == effect.kind().name();
+        if let Some(first) = kinds.iter().position(is_this) {
+            return Err(reader.twice(&effect, sections[first], section));
         }
         kinds.push(effect.kind());
     }
@@ -184,16 +194,6 @@ pub fn refuse_on_board(file: &ModelFile) -> Result<(), InputError> {
         .in_file(&file.path)),
         None => Ok(()),
     }
-}
-
-/// Refuses a second effect of the same name.
-pub(crate) fn twice(reader: &Reader<'_>, name: Option<&Item>) -> InputError {
-    let shown = name.and_then(Item::as_str).unwrap_or_default();
-    reader.fail_at(
-        name.and_then(Item::span),
-        format!("there are two effects with the name {shown}"),
-        "give each a name of its own",
-    )
 }
 
 /// What a section is read for.
@@ -1038,7 +1038,7 @@ unit = "N/kPa"
         assert!(
             refused(&twice)
                 .found
-                .contains("two effects with the name my_friction")
+                .contains("a second effect my_friction; the first is in line")
         );
     }
 
@@ -1049,7 +1049,10 @@ unit = "N/kPa"
             (String::new(), "is empty"),
             ("schema = 1\n".to_owned(), "has no effect"),
             (EFFECTS.replace("schema = 1", ""), "has no schema"),
-            (EFFECTS.replace("\"pressed\"", "\"wave\""), "two effects"),
+            (
+                EFFECTS.replace("\"pressed\"", "\"wave\""),
+                "a second effect wave; the first is in line 4",
+            ),
             (
                 EFFECTS.replace("schema = 1", "schema = 1\nname = \"e\""),
                 "no key name",

@@ -63,6 +63,7 @@ pub struct Meta {
     /// Name of the protocol that was run.
     pub protocol: Option<String>,
     /// Number of the repeat of that protocol, from 1.
+    #[serde(default, deserialize_with = "whole")]
     pub repeat: Option<u32>,
     /// Set-point of a step test (°).
     pub setpoint_deg: Option<f64>,
@@ -109,7 +110,11 @@ pub struct SegmentMeta {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub setpoint_kpa: Option<f64>,
     /// Which step to this set-point it is, from 1.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(
+        default,
+        deserialize_with = "whole",
+        skip_serializing_if = "Option::is_none"
+    )]
     pub repeat: Option<u32>,
 }
 
@@ -439,7 +444,7 @@ fn read_meta(path: &Path, inside: Option<&str>) -> Result<Meta, InputError> {
     };
     toml::from_str(&text).map_err(|error| {
         let fault = InputError::new(
-            error.message().trim().replace('\n', ", "),
+            in_words(error.message()),
             "correct the metadata, or delete the file: it is optional",
         )
         .in_file(file);
@@ -450,18 +455,40 @@ fn read_meta(path: &Path, inside: Option<&str>) -> Result<Meta, InputError> {
     })
 }
 
-/// A whole number, also one with a point: other tools write 1200.0.
-fn whole<'de, D: serde::Deserializer<'de>>(from: D) -> Result<Option<u64>, D::Error> {
-    use serde::de::Error;
-    let wrong = || D::Error::custom("samples is not a whole number of rows");
-    match toml::Value::deserialize(from)? {
-        toml::Value::Integer(count) => u64::try_from(count).map(Some).map_err(|_| wrong()),
+/// A count, also one with a point: other tools write 1200.0.
+fn whole<'de, D: serde::Deserializer<'de>, T: TryFrom<u64>>(
+    from: D,
+) -> Result<Option<T>, D::Error> {
+    let value = toml::Value::deserialize(from)?;
+    let count = match value {
+        toml::Value::Integer(count) => u64::try_from(count).ok(),
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // It is checked.
         toml::Value::Float(count) if (0.0..1e15).contains(&count) && count.fract() == 0.0 => {
-            Ok(Some(count as u64))
+            Some(count as u64)
         }
-        _ => Err(wrong()),
+        _ => None,
+    };
+    match count.and_then(|count| T::try_from(count).ok()) {
+        Some(count) => Ok(Some(count)),
+        None => Err(serde::de::Error::custom(format!(
+            "{value} is not a whole number from 0, as 3 or 3.0"
+        ))),
     }
+}
+
+/// What a reader of TOML says of types, in words for those who wrote the file.
+fn in_words(message: &str) -> String {
+    let mut text = message.trim().replace('\n', ", ");
+    for (rust, words) in [
+        ("expected f64", "expected a number without quotes"),
+        (
+            "expected a boolean",
+            "expected true or false without quotes",
+        ),
+    ] {
+        text = text.replace(rust, words);
+    }
+    text
 }
 
 #[cfg(test)]
@@ -648,6 +675,64 @@ mod tests {
         );
         assert!(said.contains("more than 1 MiB, which"), "{said}");
         assert!(read < (1 << 20) + (1 << 16), "{read}");
+    }
+
+    #[test]
+    fn counts_with_a_point_are_read_and_faults_say_what_to_write() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("run.csv");
+        std::fs::write(&path, GOOD).unwrap();
+        let with = |meta: &str| {
+            std::fs::write(folder.path().join("run.meta.toml"), meta).unwrap();
+            Recording::read(&path).map_err(|error| error.to_string())
+        };
+        let (recording, warnings) = with(
+            "samples = 2.0\nrepeat = 3.0\n[[segment]]\nfrom_s = 0\nto_s = 0.02\nrepeat = 1.0\n",
+        )
+        .unwrap();
+        assert_eq!(warnings, Vec::<String>::new());
+        assert_eq!(recording.meta.samples, Some(2));
+        assert_eq!(recording.meta.repeat, Some(3));
+        assert_eq!(recording.meta.segment[0].repeat, Some(1));
+        for (meta, parts) in [
+            (
+                "samples = 2.5",
+                [
+                    "line 1, column 11",
+                    "2.5 is not a whole number",
+                    "as 3 or 3.0",
+                ],
+            ),
+            (
+                "repeat = -1",
+                [
+                    "line 1, column 10",
+                    "-1 is not a whole number",
+                    "correct the metadata",
+                ],
+            ),
+            (
+                "repeat = 1e12",
+                [
+                    "line 1, column 10",
+                    "is not a whole number",
+                    "correct the metadata",
+                ],
+            ),
+            (
+                "\ncomplete = 1",
+                ["line 2, column 12", "true or false", "correct the metadata"],
+            ),
+            (
+                "setpoint_deg = \"30\"",
+                ["line 1, column 16", "a number without quotes", "correct"],
+            ),
+        ] {
+            let said = with(meta).unwrap_err();
+            for part in parts {
+                assert!(said.contains(part), "{part:?} not in {said:?}");
+            }
+        }
     }
 
     proptest! {

@@ -941,6 +941,17 @@ fn fit_finds_the_parameters_and_writes_a_model() {
     let (before, after) = fit("demo/model.toml", "fitted.toml");
     // White noise of 0.2° and the converter's steps are left.
     assert!(after < 0.25 && before > 2.0 * after, "{before} {after}");
+    let shown = bench
+        .line(&format!("fit --model demo/model.toml {}", runs.join(" ")))
+        .assert();
+    let shown = stdout(&shown);
+    let table = shown.lines().take_while(|line| !line.starts_with("Zeros"));
+    for number in table.flat_map(|line| line.split_whitespace().skip(1)) {
+        let digits: String = number.chars().filter(char::is_ascii_digit).collect();
+        let significant = digits.trim_start_matches('0').len();
+        let is_number = number.starts_with(|c: char| c.is_ascii_digit());
+        assert!(!is_number || significant <= 3, "{number} in\n{shown}");
+    }
     let read = |name: &str| ModelFile::read(&bench.path(name)).unwrap();
     let nominal = read("demo/model.toml");
     let (fitted, truth) = (read("fitted.toml"), read("demo/truth.toml"));
@@ -1511,6 +1522,42 @@ fn a_batch_is_shared_resumed_and_collected() {
         .assert()
         .success()
         .stdout(contains("known").not());
+}
+
+/// Each case has the whole budget, and tries the user's own effects.
+#[test]
+fn a_batch_takes_effects_and_a_budget_for_each_case() {
+    let bench = Bench::with_example("coulomb_friction", "0.1");
+    let runs = "recordings/step60_1.csv;recordings/triangle.csv";
+    bench.put(
+        "demo/cases.csv",
+        format!("case,model,recordings\nfirst,model.toml,{runs}\nsecond,model.toml,{runs}\n"),
+    );
+    bench.put(
+        "mine.toml",
+        "schema = 1\n[[effect]]\nkind = \"custom\"\nname = \"wave\"\nforce = \"a*sin(3*th)\"\n\
+         parameters = { a = { value = 0.01, min = 0.0, unit = \"N\" } }\n",
+    );
+    let batch = "diagnose --batch demo/cases.csv -o out --effects mine.toml --budget";
+    bench.line(&format!("{batch} 0s")).assert().success();
+    for case in ["first", "second"] {
+        let verdict: Value =
+            serde_json::from_str(&bench.text(&format!("out/{case}/verdict.json"))).unwrap();
+        assert_eq!(verdict["ended"], "budget", "{case}");
+        let left = verdict["not_tried"].as_array().unwrap();
+        assert!(left.contains(&"wave".into()), "{case}: {left:?}");
+    }
+    let again = |budget: &str| {
+        let assert = bench.line(&format!("{batch} {budget}")).assert().success();
+        stdout(&assert).matches("(known").count()
+    };
+    assert_eq!(again("0s"), 2);
+    // Effects and budget are part of what results are of.
+    bench.put("mine.toml", bench.text("mine.toml") + "\n");
+    assert_eq!(again("0s"), 0);
+    assert_eq!(again("1ms"), 0);
+    bench.put("mine.toml", "schema = 1\n");
+    bench.refuses(&format!("{batch} 0s"), &["mine.toml", "has no effect"]);
 }
 
 // ---- what others wrote ----

@@ -130,8 +130,9 @@ fn with_effects(damping: f64, effects: &str) -> String {
 
 /// Every effect as `rig example` draws it, tables of each variable, and what effects do to
 /// each other.
+#[allow(clippy::too_many_lines)] // A table.
 fn models() -> Vec<(String, ModelFile)> {
-    const EFFECTS: [(&str, f64, &str); 12] = [
+    const EFFECTS: [(&str, f64, &str); 15] = [
         ("base", 0.9, ""),
         ("overdamped", 40.0, ""),
         ("undamped", 0.0, ""),
@@ -178,7 +179,7 @@ fn models() -> Vec<(String, ModelFile)> {
             "three that are integrated",
             0.9,
             "[[effect]]\nkind = \"maxwell_branch\"\nstiffness_n_per_rad = 0.8\ntime_constant_s = 0.7\n\
-             [[effect]]\nkind = \"maxwell_branch\"\nstiffness_n_per_rad = 0.5\ntime_constant_s = 6.0\n\
+             [[effect]]\nkind = \"pneumatic_lag\"\ntime_constant_s = 0.4\n\
              [[effect]]\nkind = \"sensor_lag\"\ntime_constant_s = 0.1\n",
         ),
         (
@@ -187,6 +188,27 @@ fn models() -> Vec<(String, ModelFile)> {
             "[[effect]]\nkind = \"mullins_softening\"\nloss = 0.3\nangle_rad = 0.8\n\
              [[effect]]\nkind = \"pressure_stiffening\"\nper_kpa = 0.004\n\
              [[effect]]\nkind = \"asymmetric_damping\"\nratio = 0.7\n",
+        ),
+        (
+            "a formula with smooth functions",
+            0.9,
+            "[[effect]]\nkind = \"custom\"\nname = \"smooth\"\n\
+             force = \"a*tanh(w/b)*(1 + c*p) + a*exp(-t/3)*sqrt(abs(th) + 0.01) + c*log(1 + th^2)*cos(3*th)\"\n\
+             parameters = { a = 0.2, b = { value = 0.3, unit = \"rad/s\" }, c = 0.01 }\n",
+        ),
+        (
+            "a formula with powers and choices",
+            0.9,
+            "[[effect]]\nkind = \"custom\"\nname = \"crooked\"\n\
+             force = \"a*sign(th)*abs(th)^n + a*th^3 + a*max(0, th - 0.5)^1.5 + a*min(p, 20)/20 + a/(1 + th^2)^2 + a*sin(2*t)*tan(th/9) + a*pow(p_kpa + abs(w), 0.7)\"\n\
+             parameters = { a = 0.1, n = 1.5, p_kpa = 2.0 }\n",
+        ),
+        (
+            "two formulas beside a friction",
+            0.9,
+            "[[effect]]\nkind = \"custom\"\nname = \"one\"\nforce = \"a*sqrt(t + 1)*th\"\nparameters = { a = 0.3 }\n\
+             [[effect]]\nkind = \"coulomb_friction\"\nforce_n = 0.2\n\
+             [[effect]]\nkind = \"custom\"\nname = \"two\"\nforce = \"a*th*abs(th) + a*exp(-abs(p)/20)\"\nparameters = { a = 0.4 }\n",
         ),
         (
             "a bent sensor behind a lag behind an offset",

@@ -71,6 +71,32 @@ pub trait Real:
     /// The natural logarithm.
     #[cfg(feature = "formula")]
     fn ln(self) -> Self;
+    /// −1, 0 or 1. Its slope is zero everywhere.
+    #[cfg(feature = "formula")]
+    fn sign(self) -> Self {
+        if self > Self::zero() {
+            Self::one()
+        } else if self < Self::zero() {
+            -Self::one()
+        } else {
+            // Zero, also in its slopes, or not a number.
+            self * Self::zero()
+        }
+    }
+    /// The smaller of two numbers; `self` if they do not compare.
+    #[cfg(feature = "formula")]
+    fn least(self, other: Self) -> Self {
+        if other < self { other } else { self }
+    }
+    /// A power of a number that is not negative; not a number for one that is.
+    #[cfg(feature = "formula")]
+    fn power_of_positive(self, exponent: Self) -> Self {
+        if self < Self::zero() {
+            Self::zero() / Self::zero()
+        } else {
+            <Self::DefaultPower as crate::power::Power<Self>>::pow(self, exponent)
+        }
+    }
 }
 
 impl Real for f32 {

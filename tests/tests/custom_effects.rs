@@ -93,9 +93,15 @@ fn an_effect_that_is_in_no_catalogue_is_named_by_its_formula() {
     assert_eq!(without.answer, Answer::Unexplained, "{verdict:#}");
     assert_eq!(verdict["repair"]["kind"], "table");
 
+    // A board runs the table.
+    assert_eq!(verdict["upload"], true, "{verdict:#}");
+
     let (with, verdict, file) = diagnosed(&example, Some(&own(EFFECTS)));
     assert_eq!(with.answer, Answer::EffectFound, "{verdict:#}");
     assert_eq!(verdict["effects"][0]["kind"], "taut_hose");
+    // Better, but no board runs a formula.
+    assert!(with.is_better());
+    assert_eq!(verdict["upload"], false, "{verdict:#}");
     assert_eq!(verdict["effects"].as_array().unwrap().len(), 1);
     let parameter = |key: &str| verdict["effects"][0]["parameters"][key].as_f64().unwrap();
     assert!((parameter("a") - 0.9).abs() < 0.1, "{verdict:#}");

@@ -24,9 +24,10 @@ use std::time::Instant;
 use crate::checkpoint::Checkpoint;
 use crate::cmd::check_distinct;
 use crate::columns::Layout;
-use crate::diagnose::{Progress, Request, diagnose_from};
+use crate::diagnose::{Budget, Progress, Request, diagnose_from};
 use crate::error::{InputError, write_atomically};
 use crate::model_file::ModelFile;
+use crate::own_effects::OwnEffects;
 use crate::recording::read_all;
 use crate::report::provenance::Provenance;
 use manifest::Case;
@@ -102,6 +103,10 @@ pub struct Settings {
     pub layout: Layout,
     /// Seed of everything random.
     pub seed: u64,
+    /// Effects of the user's own, tried in every case.
+    pub own: Option<OwnEffects>,
+    /// What the search of one case may take.
+    pub budget: Option<Budget>,
 }
 
 /// Diagnoses a case, unless its results are there.
@@ -149,7 +154,7 @@ pub fn diagnose(case: &Case, out: &Path, settings: &Settings) -> Result<Outcome,
 fn inputs(case: &Case, settings: &Settings) -> anyhow::Result<String> {
     let Provenance { version, files, .. } = Provenance::of(
         &case.model,
-        None,
+        settings.own.as_ref().map(|own| own.path.as_path()),
         &case.recordings,
         &case.holdout,
         String::new(),
@@ -159,6 +164,10 @@ fn inputs(case: &Case, settings: &Settings) -> anyhow::Result<String> {
         settings.seed,
         settings.layout.or(&case.layout)
     );
+    if let Some(budget) = settings.budget {
+        // Less time may have found less.
+        let _ = writeln!(text, "# budget {budget:?}");
+    }
     let mut role = "";
     for file in &files {
         // A recording that is held out now was fitted before: another diagnosis.
@@ -181,9 +190,13 @@ struct Solved {
 fn solve(case: &Case, settings: &Settings) -> anyhow::Result<Solved> {
     // Those of a thousand cases would be read by nobody: they stand beside the verdict.
     let mut warnings = Vec::new();
-    let mut warn = |text: &str| warnings.push(text.to_owned());
     check_distinct(&case.recordings, &case.holdout)?;
     let file = ModelFile::read(&case.model)?;
+    warnings.extend_from_slice(&file.warnings);
+    let mut warn = |text: &str| warnings.push(text.to_owned());
+    if let Some(own) = &settings.own {
+        own.check_beside(&file.model)?;
+    }
     let layout = settings.layout.or(&case.layout).or(&file.recording);
     let recordings = read_all(&case.recordings, &layout, &mut warn)?;
     let holdout = read_all(&case.holdout, &layout, &mut warn)?;
@@ -191,11 +204,15 @@ fn solve(case: &Case, settings: &Settings) -> anyhow::Result<Solved> {
         file: &file,
         recordings: &recordings,
         holdout: &holdout,
-        own: None,
+        own: settings.own.as_ref(),
         seed: settings.seed,
     };
     let clock = Instant::now();
-    let diagnosis = diagnose_from(&request, &Checkpoint::default(), &Progress::default())?;
+    let diagnosis = diagnose_from(
+        &request,
+        &Checkpoint::default(),
+        &Progress::within(settings.budget),
+    )?;
     let verdict = diagnosis.verdict(&request, clock.elapsed().as_secs_f64());
     let verdict = format!("{}\n", serde_json::to_string_pretty(&verdict)?);
     Ok(Solved {

@@ -109,7 +109,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let files = args
         .models
         .iter()
-        .map(|path| ModelFile::read(path))
+        .map(|path| super::read_model(path))
         .collect::<Result<Vec<_>, InputError>>()?;
     let recordings = read_all(&args.recordings, &layout(&files, args)?, super::warn)?;
     let assembled = assemble(&recordings, &[])?;

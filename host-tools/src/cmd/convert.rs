@@ -10,7 +10,6 @@ use crate::bounded::read_text;
 use crate::columns::Layout;
 use crate::error::{InputError, write_atomically, write_with_meta};
 use crate::io::write::{Format, bytes};
-use crate::model_file::ModelFile;
 use crate::recording::{Recording, meta_beside, stem};
 
 /// Writes recordings in another format: CSV, Parquet or MCAP.
@@ -59,7 +58,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     }
     let mut layout = args.input.layout();
     if let Some(model) = &args.model {
-        layout = layout.or(&ModelFile::read(model)?.recording);
+        layout = layout.or(&super::read_model(model)?.recording);
     }
     for (from, (to, format)) in args.recordings.iter().zip(&outputs) {
         let rows = convert(from, to, *format, &layout)?;

@@ -39,6 +39,7 @@ Examples:
   rig diagnose --model m.toml run.csv --budget 2min       what is found by then
   rig diagnose --batch cases.csv -o out                   thousands of recordings
   rig diagnose --batch cases.csv -o out --share 7/400     as one job of an array
+  rig diagnose --batch cases.csv -o out --budget 1min     at most that long a case
 
 Ctrl-C prints what is known so far, writes nothing, and exits with code 130.
 
@@ -56,8 +57,9 @@ pub struct Args {
     /// Recordings to fit
     #[arg(required_unless_present = "batch", value_name = "REC.csv")]
     recordings: Vec<PathBuf>,
-    /// Effects of your own, by formulas, to try beside those that are known
-    #[arg(long, value_name = "EFFECTS.toml", conflicts_with = "batch")]
+    /// Effects of your own, by formulas, to try beside those that are known; of a batch in
+    /// every case
+    #[arg(long, value_name = "EFFECTS.toml")]
     effects: Option<PathBuf>,
     /// Recordings to judge by, which are not fitted
     #[arg(long, num_args = 1.., value_name = "REC.csv")]
@@ -82,7 +84,7 @@ pub struct Args {
         value_name = "MANIFEST.csv",
         requires = "output",
         conflicts_with_all = [
-            "model", "recordings", "holdout", "json", "report", "plot", "resume", "budget"
+            "model", "recordings", "holdout", "json", "report", "plot", "resume"
         ]
     )]
     batch: Option<PathBuf>,
@@ -93,7 +95,8 @@ pub struct Args {
     #[arg(long, value_name = "FOLDER")]
     resume: Option<PathBuf>,
     /// End the search after this time, such as 30s or 5min, with a verdict on what was tried
-    /// until then. What that is depends on the computer; the verdict takes a little longer
+    /// until then. What that is depends on the computer; the verdict takes a little longer. Of
+    /// a batch the time for each case
     #[arg(long, value_name = "TIME", value_parser = humantime::parse_duration)]
     budget: Option<Duration>,
     /// Seed of everything random
@@ -139,6 +142,11 @@ fn run_batch(args: &Args, path: &Path, out: &Path) -> anyhow::Result<()> {
     let settings = batch::Settings {
         layout: args.input.layout(),
         seed: args.seed,
+        own: match &args.effects {
+            Some(path) => Some(OwnEffects::read_for_any(path)?),
+            None => None,
+        },
+        budget: args.budget.map(Budget::Time),
     };
     let Share { index, of } = args.share.unwrap_or(Share { index: 0, of: 1 });
     let cases: Vec<_> = all.iter().skip(index).step_by(of).collect();

@@ -55,7 +55,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         &[Output::of("-o", FileKind::Code, args.output.as_ref())],
         args.recording.iter().chain([&args.model]),
     )?;
-    let file = ModelFile::read(&args.model)?;
+    let file = super::read_model(&args.model)?;
     let defaults = match &args.recording {
         Some(path) => starting_as(path, args, &file)?,
         None => Defaults::default(),

@@ -12,6 +12,7 @@ use crate::error::write_atomically;
 use crate::estimate::assemble::assemble;
 use crate::estimate::fit::{Effort, Fit, Fitter, rms_each};
 use crate::model_file::{ModelFile, parameter_unit, to_file_units};
+use crate::numbers::{short, with_ends};
 use crate::recording::Recording;
 
 /// Fits the free parameters of a model to recordings.
@@ -87,13 +88,14 @@ pub(crate) fn parameter_table(file: &ModelFile, fit: &Fit) -> String {
         let nominal = file
             .model
             .value(id)
-            .map_or_else(|| "–".to_owned(), |value| number(shown(value)));
+            .map_or_else(|| "–".to_owned(), |value| short(shown(value)));
         let fitted = fit.model.value(id).map_or(f64::NAN, shown);
-        let interval = match fit.interval95(index) {
+        let (fitted, interval) = match fit.interval95(index) {
             Some((low, high)) if low.is_finite() && high.is_finite() => {
-                format!("{} … {}", number(shown(low)), number(shown(high)))
+                let (fitted, [low, high]) = with_ends(fitted, [shown(low), shown(high)]);
+                (fitted, format!("{low} … {high}"))
             }
-            _ => "not determined by these runs".to_owned(),
+            _ => (short(fitted), "not determined by these runs".to_owned()),
         };
         let name = crate::model_file::parameter_name(&fit.model, id);
         let unit = parameter_unit(&fit.model, id);
@@ -102,67 +104,24 @@ pub(crate) fn parameter_table(file: &ModelFile, fit: &Fit) -> String {
         } else {
             format!("{name} ({unit})")
         };
-        text += &format!(
-            "{label:<40} {nominal:>11} {:>11}   {interval:<24}\n",
-            number(fitted)
-        );
+        text += &format!("{label:<40} {nominal:>11} {fitted:>11}   {interval:<24}\n");
     }
     text
 }
 
 /// RMS error of each recording before and after.
 fn error_table(recordings: &[Recording], before: &Fit, after: &Fit) -> String {
+    let row = |name: &str, before: f64, after: f64| {
+        let [before, after] = [before, after].map(|rms| short(rms.to_degrees()));
+        format!("{name:<40} {before:>11} {after:>11}\n")
+    };
     let mut text = format!(
         "{:<40} {:>11} {:>11}\n",
         "RMS error (°)", "nominal", "fitted"
     );
     for ((recording, before), after) in recordings.iter().zip(rms_each(before)).zip(rms_each(after))
     {
-        text += &format!(
-            "{:<40} {:>11.3} {:>11.3}\n",
-            recording.name,
-            before.to_degrees(),
-            after.to_degrees()
-        );
+        text += &row(&recording.name, before, after);
     }
-    text += &format!(
-        "{:<40} {:>11.3} {:>11.3}\n",
-        "all",
-        before.rmse().to_degrees(),
-        after.rmse().to_degrees()
-    );
-    text
-}
-
-/// Four significant digits.
-pub(crate) fn number(value: f64) -> String {
-    if value == 0.0 {
-        return "0".to_owned();
-    }
-    let magnitude = value.abs().log10().floor();
-    if !(-4.0..6.0).contains(&magnitude) {
-        return format!("{value:.3e}");
-    }
-    // Between 0 and 7 after the check.
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-    let decimals = (3.0 - magnitude).clamp(0.0, 7.0) as usize;
-    format!("{value:.decimals$}")
-}
-
-#[cfg(test)]
-mod tests {
-    use super::number;
-
-    #[test]
-    fn numbers_keep_four_digits() {
-        for (value, text) in [
-            (0.0, "0"),
-            (0.36, "0.3600"),
-            (-63.4, "-63.40"),
-            (209_872.0, "209872"),
-            (2.17e-5, "2.170e-5"),
-        ] {
-            assert_eq!(number(value), text);
-        }
-    }
+    text + &row("all", before.rmse(), after.rmse())
 }

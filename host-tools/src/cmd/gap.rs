@@ -36,7 +36,8 @@ pub struct Args {
     /// Recordings made after the upload
     #[arg(long, num_args = 1.., value_name = "REC.csv")]
     after: Vec<PathBuf>,
-    /// Draw the worst run, before and after, with what the model leaves
+    /// Draw the worst run, before and after, with what the model leaves. Runs before and after
+    /// go together by name, else by set-point and repeat, else by their order
     #[arg(long, value_name = "FILE.svg")]
     plot: Option<PathBuf>,
     #[command(flatten)]
@@ -70,6 +71,8 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
 #[derive(Clone, Debug, PartialEq)]
 struct Gap {
     name: String,
+    /// Set-point and repeat, if it is a step.
+    step: Option<String>,
     /// Time since the run's first sample (s).
     time: Vec<f64>,
     measured: Vec<f64>,
@@ -112,6 +115,7 @@ impl Gap {
             })?;
         Ok(Self {
             name: recording.name.clone(),
+            step: step((recording.meta.setpoint_deg, None), recording.meta.repeat),
             time: recording.time.clone(),
             measured: recording.angle.iter().map(|a| a.to_degrees()).collect(),
             predicted,
@@ -127,6 +131,7 @@ impl Gap {
         let pick = |column: &[f64]| within.iter().map(|&row| column[row]).collect();
         Self {
             name: format!("{} {}", self.name, label(segment)),
+            step: step((segment.setpoint_deg, segment.setpoint_kpa), segment.repeat),
             time: within.iter().map(|&row| self.time[row] - first).collect(),
             measured: pick(&self.measured),
             predicted: pick(&self.predicted),
@@ -161,15 +166,21 @@ impl Gap {
 
 /// What tells a segment from others of its session: its step, or its times.
 fn label(segment: &SegmentMeta) -> String {
-    let level = match (segment.setpoint_deg, segment.setpoint_kpa) {
+    step((segment.setpoint_deg, segment.setpoint_kpa), segment.repeat)
+        .unwrap_or_else(|| format!("{:.1}–{:.1} s", segment.from_s, segment.to_s))
+}
+
+/// A step by its level (° or kPa) and its repeat; none without a level.
+fn step((degrees, kilopascals): (Option<f64>, Option<f64>), repeat: Option<u32>) -> Option<String> {
+    let level = match (degrees, kilopascals) {
         (Some(degrees), _) => format!("{degrees}°"),
         (None, Some(kilopascals)) => format!("{kilopascals} kPa"),
-        (None, None) => return format!("{:.1}–{:.1} s", segment.from_s, segment.to_s),
+        (None, None) => return None,
     };
-    match segment.repeat {
+    Some(match repeat {
         Some(repeat) => format!("{level} {repeat}"),
         None => level,
-    }
+    })
 }
 
 fn gaps(paths: &[PathBuf], layout: &Layout) -> Result<Vec<Gap>, InputError> {
@@ -257,15 +268,84 @@ fn sentence(before: &[Gap], after: &[Gap]) -> String {
     }
 }
 
-/// The run with the largest gap before, and the same or the worst one after.
-fn figure(before: &[Gap], after: &[Gap]) -> Figure {
-    let worst = |gaps: &'_ [Gap]| -> Option<usize> {
-        (0..gaps.len()).max_by(|&a, &b| gaps[a].rms().total_cmp(&gaps[b].rms()))
+/// The worst of some runs, by its place among all.
+fn worst(gaps: &[Gap], of: impl IntoIterator<Item = usize>) -> Option<usize> {
+    of.into_iter()
+        .max_by(|&a, &b| gaps[a].rms().total_cmp(&gaps[b].rms()))
+}
+
+/// How runs before and after go together, by their places.
+type Pairing<'a> = &'a dyn Fn() -> Vec<(usize, usize)>;
+
+/// Runs before with the same key as one after; of several the first that is left.
+fn pairs(before: &[Gap], after: &[Gap], key: impl Fn(&Gap) -> Option<&str>) -> Vec<(usize, usize)> {
+    let mut left: Vec<usize> = (0..after.len()).collect();
+    let mut pairs = Vec::new();
+    for (index, gap) in before.iter().enumerate() {
+        let same = |&other: &usize| key(gap).is_some() && key(&after[other]) == key(gap);
+        if let Some(place) = left.iter().position(same) {
+            pairs.push((index, left.remove(place)));
+        }
+    }
+    pairs
+}
+
+/// The run to draw before and after, and how they were chosen: two runs that were not made
+/// alike say nothing about the upload.
+fn drawn<'a>(before: &'a [Gap], after: &'a [Gap]) -> (Option<&'a Gap>, Option<&'a Gap>, String) {
+    let all_before = || worst(before, 0..before.len()).map(|index| &before[index]);
+    if after.is_empty() {
+        return (all_before(), None, String::new());
+    }
+    let by_name = || pairs(before, after, |gap| Some(&gap.name));
+    let by_step = || pairs(before, after, |gap| gap.step.as_deref());
+    let by_order = || {
+        let stepless = |gaps: &[Gap]| gaps.iter().all(|gap| gap.step.is_none());
+        // Steps that are none of the other side's are other runs.
+        let alike = before.len() == after.len() && (stepless(before) || stepless(after));
+        let count = if alike { before.len() } else { 0 };
+        (0..count).map(|index| (index, index)).collect()
     };
-    let first = worst(before).map(|index| &before[index]);
-    let second = first
-        .and_then(|first| after.iter().find(|gap| gap.name == first.name))
-        .or_else(|| worst(after).map(|index| &after[index]));
+    let ways: [(&str, Pairing<'_>); 3] = [
+        ("name", &by_name),
+        ("set-point and repeat", &by_step),
+        ("order", &by_order),
+    ];
+    for (how, pairs) in ways {
+        let pairs = pairs();
+        let Some(first) = worst(before, pairs.iter().map(|(first, _)| *first)) else {
+            continue;
+        };
+        let second = pairs.iter().find(|pair| pair.0 == first).map(|pair| pair.1);
+        let rest = if before.len().max(after.len()) == 1 {
+            String::new()
+        } else if pairs.len() == before.len() {
+            "The run with the largest gap before; ".to_owned()
+        } else {
+            format!(
+                "The largest gap before among the {} runs that were made on both sides; ",
+                pairs.len()
+            )
+        };
+        let note = if rest.is_empty() {
+            format!("The two runs go together by {how}.")
+        } else {
+            format!("{rest}runs go together by {how}.")
+        };
+        return (
+            Some(&before[first]),
+            second.map(|index| &after[index]),
+            note,
+        );
+    }
+    let note = "No run after the upload has the name or the set-point of one before: these are \
+                different runs, the worst of each side.";
+    let second = worst(after, 0..after.len()).map(|index| &after[index]);
+    (all_before(), second, note.to_owned())
+}
+
+fn figure(before: &[Gap], after: &[Gap]) -> Figure {
+    let (first, second, note) = drawn(before, after);
     let title = if after.is_empty() {
         "What the board predicts and what it measures".to_owned()
     } else {
@@ -278,10 +358,10 @@ fn figure(before: &[Gap], after: &[Gap]) -> Figure {
     .into_iter()
     .flatten()
     .collect();
+    let source =
+        "Predicted on the microcontroller, from the measured pressure, while the run was made.";
     let mut figure = Figure::new(title)
-        .with_subtitle(
-            "Predicted on the microcontroller, from the measured pressure, while the run was made.",
-        )
+        .with_subtitle(format!("{source} {note}").trim_end())
         .with_columns(shown.len().max(1))
         .with_separate_x();
     let alone = after.is_empty();
@@ -449,6 +529,81 @@ mod tests {
         );
         let error = Gap::of(&plain.unwrap().0).err().unwrap().to_string();
         assert!(error.contains("predicted_deg"), "{error}");
+    }
+
+    #[test]
+    fn the_same_runs_are_drawn_before_and_after() {
+        // Runs of one error each (°).
+        let run = |name: &str, step: Option<&str>, error: f64| Gap {
+            name: name.to_owned(),
+            step: step.map(str::to_owned),
+            time: vec![0.0],
+            measured: vec![1.0],
+            predicted: vec![1.0 + error],
+        };
+        let chosen = |before: &[Gap], after: &[Gap]| {
+            let (first, second, note) = drawn(before, after);
+            let name = |gap: Option<&Gap>| gap.map_or_else(String::new, |gap| gap.name.clone());
+            (name(first), name(second), note)
+        };
+        let pair = |first: &str, second: &str| (first.to_owned(), second.to_owned());
+
+        // By name, though another run is the worst on each side.
+        let before = [
+            run("a", None, 9.0),
+            run("b", None, 2.0),
+            run("c", None, 3.0),
+        ];
+        let after = [
+            run("d", None, 8.0),
+            run("c", None, 0.1),
+            run("b", None, 1.0),
+        ];
+        let (first, second, note) = chosen(&before, &after);
+        assert_eq!((first, second), pair("c", "c"));
+        assert!(
+            note.contains("2 runs") && note.contains("by name"),
+            "{note}"
+        );
+
+        // One session each, in files of other names.
+        let before = [
+            run("monday 30° 1", Some("30° 1"), 1.0),
+            run("monday 60° 1", Some("60° 1"), 4.0),
+        ];
+        let after = [
+            run("tuesday 60° 1", Some("60° 1"), 0.2),
+            run("tuesday 30° 1", Some("30° 1"), 0.5),
+        ];
+        let (first, second, note) = chosen(&before, &after);
+        assert_eq!((first, second), pair("monday 60° 1", "tuesday 60° 1"));
+        assert!(note.contains("by set-point and repeat"), "{note}");
+
+        // Nothing but their order.
+        let before = [run("a", None, 1.0), run("b", None, 2.0)];
+        let after = [run("x", None, 0.5), run("y", None, 0.1)];
+        let (first, second, note) = chosen(&before, &after);
+        assert_eq!((first, second), pair("b", "y"));
+        assert!(note.contains("by order"), "{note}");
+        let (first, second, note) = chosen(&before[1..], &after[..1]);
+        assert_eq!((first, second), pair("b", "x"));
+        assert_eq!(note, "The two runs go together by order.");
+
+        // Other runs: said to be.
+        for (before, after) in [
+            (&before[..], &after[..1]),
+            (
+                &[run("a", Some("30° 1"), 1.0), run("b", Some("40° 1"), 2.0)][..],
+                &[run("x", Some("60° 1"), 0.5), run("y", Some("90° 1"), 0.1)][..],
+            ),
+        ] {
+            let (first, second, note) = chosen(before, after);
+            assert_eq!((first, second), pair("b", "x"));
+            assert!(note.contains("different runs"), "{note}");
+        }
+        let (first, second, note) = chosen(&before, &[]);
+        assert_eq!((first, second), pair("b", ""));
+        assert!(note.is_empty(), "{note}");
     }
 
     #[test]

@@ -9,16 +9,16 @@ use dialoguer::{Input, Select};
 use model_core::actuator::ParameterId;
 use model_core::material::{Material, TABLE_I};
 
-use super::fit::number;
 use super::input::InputArgs;
 use super::output::{self, FileKind, Output};
 use crate::error::{InputError, is_stream, write_atomically};
 use crate::estimate::assemble::assemble;
 use crate::first_model::{
-    self, BASE, FirstModel, Geometry, authors_actuator, from_geometry, from_recordings,
+    BASE, FirstModel, Geometry, authors_actuator, from_geometry, from_recordings,
 };
 use crate::materials::{like, named};
 use crate::model_file::{ModelFile, parameter_name, parameter_unit, to_file_units};
+use crate::numbers::short;
 use crate::ranges::Range;
 use crate::recording::{Recording, read_all};
 use crate::terminal::{printable_line, remark};
@@ -325,7 +325,7 @@ fn ask_about_time(recordings: &[Recording]) {
         super::warn(&format!(
             "{}: there are {} s between samples; if the times are milliseconds, add --time-in ms",
             slow.path.display(),
-            first_model::short(slow.interval())
+            short(slow.interval())
         ));
     }
 }
@@ -344,7 +344,7 @@ fn summary(first: &FirstModel) -> String {
         let value = first.model.value(id).unwrap_or_default();
         text += &format!(
             "{label:<32} {:>11}   {}\n",
-            number(to_file_units(&first.model, id, value)),
+            short(to_file_units(&first.model, id, value)),
             first.origin(id).word()
         );
     }
@@ -354,8 +354,8 @@ fn summary(first: &FirstModel) -> String {
     };
     text += &format!(
         "\nRMS error {}°, of {}° about the mean.\n",
-        first_model::short(evidence.rms.to_degrees()),
-        first_model::short(evidence.about_mean.to_degrees())
+        short(evidence.rms.to_degrees()),
+        short(evidence.about_mean.to_degrees())
     );
     if evidence.explains_little() {
         super::warn(

@@ -22,7 +22,7 @@ pub mod upload;
 pub mod virtual_rig;
 mod watch;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -38,14 +38,23 @@ pub(crate) fn warn(text: &str) {
     crate::terminal::remark(&format!("warning: {text}"));
 }
 
+/// Reads a model, with its warnings.
+pub(crate) fn read_model(path: &Path) -> Result<ModelFile, InputError> {
+    let file = ModelFile::read(path)?;
+    for warning in &file.warnings {
+        warn(warning);
+    }
+    Ok(file)
+}
+
 /// Reads a model and recordings, with their warnings. What the command line leaves open of
 /// where they stand in their files, the model says.
 pub(crate) fn read(
-    model: &std::path::Path,
+    model: &Path,
     recordings: &[PathBuf],
     layout: &Layout,
 ) -> Result<(ModelFile, Vec<Recording>), InputError> {
-    let file = ModelFile::read(model)?;
+    let file = read_model(model)?;
     let recordings = read_all(recordings, &layout.or(&file.recording), warn)?;
     Ok((file, recordings))
 }

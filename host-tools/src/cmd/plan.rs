@@ -20,6 +20,7 @@ use crate::estimate::fit::{Effort, Fitter};
 use crate::estimate::subsample::excerpt;
 use crate::estimate::{Dataset, Nuisance};
 use crate::model_file::ModelFile;
+use crate::numbers::evidence;
 use crate::own_effects::OwnEffects;
 use crate::protocol::Protocol;
 use crate::recording::Recording;
@@ -121,10 +122,10 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     );
     for proposal in list.iter().take(LISTED) {
         text += &format!(
-            "{:<20} {:>8.0} {:>12.0}  {}\n",
+            "{:<20} {:>8.0} {:>12}  {}\n",
             proposal.protocol.name,
             f64::from(proposal.protocol.total_ms()) / 1000.0,
-            proposal.evidence,
+            evidence(proposal.evidence),
             proposal.protocol.title
         );
     }

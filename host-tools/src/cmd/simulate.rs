@@ -202,7 +202,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
 
 /// The model, if the arithmetic that is asked for can run it.
 fn model_file(args: &Args) -> Result<ModelFile, InputError> {
-    let file = ModelFile::read(&args.model)?;
+    let file = super::read_model(&args.model)?;
     if args.arithmetic != Arithmetic::F64 {
         refuse_on_board(&file)?;
     }

@@ -64,7 +64,7 @@ pub struct Args {
 /// Faults of the files before the port is opened; then what the board refuses.
 pub fn run(args: &Args) -> anyhow::Result<()> {
     let mut wanted: Vec<Assignment> = Vec::new();
-    let model = args.model.as_deref().map(ModelFile::read).transpose()?;
+    let model = args.model.as_deref().map(super::read_model).transpose()?;
     if let Some(model) = &model {
         wanted.extend(settings_file::from_model(model)?);
     }

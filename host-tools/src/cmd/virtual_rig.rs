@@ -15,7 +15,6 @@ use clap::{Parser, ValueEnum};
 
 use super::Interrupt;
 use crate::error::InputError;
-use crate::model_file::ModelFile;
 
 /// Runs the real firmware image in a simulator, behind a serial port.
 ///
@@ -104,7 +103,7 @@ const PROGRAM: &str = if cfg!(windows) {
 pub fn run(args: &Args) -> anyhow::Result<()> {
     if let Some(path) = &args.actuator {
         // Its faults are told better here, with line and column.
-        ModelFile::read(path)?;
+        super::read_model(path)?;
     }
     let program = find_program()?;
     let image = find_image(args.image.as_deref())?;

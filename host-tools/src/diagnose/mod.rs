@@ -61,6 +61,7 @@ use crate::estimate::fit::{Fit, Fitter};
 use crate::model_file::{ModelFile, tidy, to_file_units};
 use crate::own_effects::OwnEffects;
 use crate::recording::Recording;
+use crate::settings_file::from_model;
 use baseline::Baseline;
 pub use budget::Budget;
 use budget::{Ended, Part};
@@ -511,6 +512,13 @@ impl Diagnosis {
             && self.held_out.repaired_on_board < self.held_out.nominal
     }
 
+    /// Whether a board has room for the model to go on with, and can run its effects.
+    fn fits_the_board(&self, file: &ModelFile) -> bool {
+        let mut kept = file.clone();
+        kept.model = self.fit_to_keep().model;
+        from_model(&kept).is_ok()
+    }
+
     /// The fit of the model to go on with.
     fn fit_to_keep(&self) -> &Fit {
         if self.is_better() {
@@ -568,7 +576,7 @@ impl Diagnosis {
                 repaired: degrees(self.held_out.repaired_on_board),
             },
             nuisance: self.zeros(),
-            upload: self.is_better(),
+            upload: self.is_better() && self.fits_the_board(request.file),
             next_experiment: self
                 .proposals
                 .iter()

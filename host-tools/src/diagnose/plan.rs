@@ -7,12 +7,14 @@
 //! units of the noise, is the evidence that the run would bring:
 //!
 //! ```text
-//! Δχ² = min over dp of |δ − J dp|²/σ² + dpᵀ Λ dp,   δ = y_A − y_B
+//! Δχ² = min over dp, dz of |δ − J dp − N dz|²/σ² + dpᵀ Λ dp + Σ (dz/s)²,   δ = y_A − y_B
 //! ```
 //!
 //! with J the derivatives of B's run by its parameters and Λ the information
-//! that the recordings hold about them (a profile to second order). What counts
-//! is the smaller of both directions.
+//! that the recordings hold about them (a profile to second order). The zeros of both sensors
+//! and the start of the run are estimated in every fit, so what they can follow is no evidence:
+//! N are the derivatives of B's run by them, and s how well they are known before
+//! ([`Prior`]). What counts is the smaller of both directions.
 
 use model_core::actuator::Model;
 use nalgebra::{DMatrix, DVector};
@@ -22,7 +24,8 @@ use wire::protocol::{Named, Segment, Track, total_ms};
 
 use super::candidates::Candidate;
 use crate::estimate::fit::Fitter;
-use crate::estimate::{Dataset, Nuisance};
+use crate::estimate::nuisance::Prior;
+use crate::estimate::{Dataset, Nuisance, Session};
 use crate::protocol::play;
 use crate::protocol_file::ProtocolFile;
 use crate::recording::{PASCAL_PER_KPA, Recording};
@@ -78,28 +81,16 @@ pub fn proposals(
         .into_par_iter()
         .filter_map(|protocol| {
             let recording = drive(&protocol, believed, limits)?;
-            let data = Dataset::known(recording, Nuisance::AT_ZERO);
-            let session = data.sessions().first()?;
-            let simulated: Vec<Vec<f64>> = rivals
+            let prior = Prior::of(&recording);
+            let runs: Vec<Run> = rivals
                 .iter()
-                .map(|rival| session.simulate(&rival.fit.model, &Nuisance::AT_ZERO))
-                .collect();
-            let fitter = Fitter::new(believed, &data);
-            let jacobians: Vec<DMatrix<f64>> = rivals
-                .iter()
-                .map(|rival| fitter.derivatives(&rival.fit))
-                .collect();
+                .map(|rival| Run::of(rival, believed, &recording, &prior, noise))
+                .collect::<Option<_>>()?;
             let mut worst: Option<((usize, usize), f64)> = None;
             for a in 0..rivals.len() {
                 for b in a + 1..rivals.len() {
                     let one_way = |truth: usize, rival: usize| {
-                        missed(
-                            &simulated[truth],
-                            &simulated[rival],
-                            &jacobians[rival],
-                            &rivals[rival],
-                            noise,
-                        )
+                        missed(&runs[truth], &runs[rival], &rivals[rival], noise)
                     };
                     let evidence = one_way(a, b).min(one_way(b, a));
                     if evidence.is_finite() && worst.is_none_or(|(_, least)| evidence < least) {
@@ -119,31 +110,97 @@ pub fn proposals(
     proposals
 }
 
-/// What a rival misses of the truth after moving its parameters as far as it
-/// may.
-fn missed(
-    truth: &[f64],
-    rival: &[f64],
-    jacobian: &DMatrix<f64>,
-    candidate: &Candidate,
-    noise: f64,
-) -> f64 {
-    let difference =
-        DVector::from_iterator(truth.len(), truth.iter().zip(rival).map(|(a, b)| a - b));
+/// A run as a rival has it.
+struct Run {
+    /// What the sensor shows (rad); the actuator rests at first.
+    shown: DVector<f64>,
+    /// What it shows at first (rad).
+    start: f64,
+    /// Derivatives by its parameters, in the coordinates of its fit.
+    by_parameters: DMatrix<f64>,
+    /// The same by what is estimated beside them, in standard deviations of what is known
+    /// before: the zero of the pressure, the zero of the angle, and the start.
+    by_nuisance: DMatrix<f64>,
+    /// Standard deviation of the start (rad).
+    start_deviation: f64,
+}
+
+impl Run {
+    /// The run of a rival under the pressure of `recording`; none without samples.
+    fn of(
+        rival: &Candidate,
+        believed: &Model<f64>,
+        recording: &Recording,
+        prior: &Prior,
+        noise: f64,
+    ) -> Option<Self> {
+        /// Of a difference in place of a derivative, in standard deviations.
+        const STEP: f64 = 0.1;
+        let model = &rival.fit.model;
+        let mut rest = Nuisance::AT_ZERO;
+        rest.start.angle = model.reading(&model.at_rest(0.0, 0.0));
+        let data = Dataset::known(recording.clone(), rest);
+        let session: &Session = data.sessions().first()?;
+        let shown = |nuisance: &Nuisance| DVector::from_vec(session.simulate(model, nuisance));
+        // A single sample says where a run starts, and the noise how well.
+        let start_deviation = noise.max(1e-6);
+        let moved: [&dyn Fn(f64) -> Nuisance; 3] = [
+            &|by| Nuisance {
+                pressure_zero: by * prior.deviation.pressure_zero,
+                ..rest
+            },
+            &|by| Nuisance {
+                angle_zero: by * prior.deviation.angle_zero,
+                ..rest
+            },
+            &|by| {
+                let mut moved = rest;
+                moved.start.angle += by * start_deviation;
+                moved
+            },
+        ];
+        let columns =
+            moved.map(|moved| (shown(&moved(STEP)) - shown(&moved(-STEP))) / (2.0 * STEP));
+        Some(Self {
+            shown: shown(&rest),
+            start: rest.start.angle,
+            by_parameters: Fitter::new(believed, &data).derivatives(&rival.fit),
+            by_nuisance: DMatrix::from_columns(&columns),
+            start_deviation,
+        })
+    }
+}
+
+/// What a rival misses of the truth after moving its parameters, its zeros and its start as
+/// far as it may.
+fn missed(truth: &Run, rival: &Run, candidate: &Candidate, noise: f64) -> f64 {
     // As many samples as would be recorded.
     let weight = 100.0 / f64::from(RATE_HZ);
+    let variance = noise.powi(2).max(1e-12);
+    let (parameters, nuisance) = (&rival.by_parameters, &rival.by_nuisance);
+    // The start is where the truth shows it, within the noise.
+    let started = (truth.start - rival.start) / rival.start_deviation;
+    let difference = &truth.shown - &rival.shown - nuisance.column(2) * started;
+    let (free, own) = (parameters.ncols(), nuisance.ncols());
+    let mut jacobian = DMatrix::zeros(difference.len(), free + own);
+    jacobian.columns_mut(0, free).copy_from(parameters);
+    jacobian.columns_mut(free, own).copy_from(nuisance);
     let scaled = jacobian.tr_mul(&difference) * weight;
-    let mut normal = jacobian.tr_mul(jacobian) * weight;
+    let mut normal = jacobian.tr_mul(&jacobian) * weight;
     if let Some(known) = candidate.fit.curvature() {
-        normal += known;
+        let mut of_parameters = normal.view_mut((0, 0), (free, free));
+        of_parameters += known;
     }
     for k in 0..normal.nrows() {
+        if k >= free {
+            normal[(k, k)] += variance;
+        }
         normal[(k, k)] += 1e-9 * normal[(k, k)] + f64::MIN_POSITIVE;
     }
     let absorbed = normal
         .cholesky()
         .map_or(0.0, |factor| scaled.dot(&factor.solve(&scaled)));
-    (weight * difference.norm_squared() - absorbed).max(0.0) / noise.powi(2).max(1e-12)
+    (weight * difference.norm_squared() - absorbed).max(0.0) / variance
 }
 
 /// The pressure that a board would make of a protocol, as a recording without
@@ -375,17 +432,48 @@ mod tests {
         assert!(drive(&list[0], &believed(), &too_little).is_none());
     }
 
+    /// A rival by its effects, of which nothing is known but their values.
+    fn with(kind: Kind, values: &[f64]) -> Candidate {
+        let dynamics = *believed().dynamics();
+        let model = Model::new(dynamics, &[kind.build(values).unwrap()]).unwrap();
+        let none = Dataset::default();
+        let fitter = Fitter::new(&model, &none);
+        Candidate::of(vec![kind], fitter.compare(&model))
+    }
+
+    /// What zeros follow in every fit is no evidence, whatever the run.
+    #[test]
+    fn an_offset_of_a_sensor_is_no_evidence() {
+        let rivals = |offset_rad: f64| {
+            // An offset of its own, so that nothing but the zero can follow the difference.
+            [
+                with(Kind::SensorOffset, &[0.0]),
+                with(Kind::SensorOffset, &[offset_rad]),
+            ]
+        };
+        let list = proposals(&believed(), &rivals(0.02), 0.007, &Limits::default());
+        assert!(list.len() > 10);
+        for proposal in &list {
+            // 0.02 rad are 0.57 of the zero's standard deviation of 2 degrees, which is
+            // all that it costs.
+            let (name, evidence) = (&proposal.protocol.name, proposal.evidence);
+            assert!((evidence - 0.33).abs() < 0.05, "{name}: {evidence}");
+        }
+        // The same offset with friction on one side is the friction alone.
+        let friction = with(Kind::CoulombFriction, &[0.2, 0.02]);
+        let of = |offset: f64| {
+            let pair = [friction.clone(), with(Kind::SensorOffset, &[offset])];
+            proposals(&believed(), &pair, 0.007, &Limits::default())[0].evidence
+        };
+        let (without, beside) = (of(0.0), of(0.02));
+        assert!(without > 50.0, "{without}");
+        assert!((beside / without - 1.0).abs() < 0.1, "{without} {beside}");
+    }
+
     /// Hysteresis and friction differ most in small reversals, creep and drift
     /// over time: a planner that works says so.
     #[test]
     fn friction_and_hysteresis_are_separated_by_reversals() {
-        let with = |kind: Kind, values: &[f64]| {
-            let dynamics = *believed().dynamics();
-            let model = Model::new(dynamics, &[kind.build(values).unwrap()]).unwrap();
-            let none = Dataset::default();
-            let fitter = Fitter::new(&model, &none);
-            Candidate::of(vec![kind], fitter.compare(&model))
-        };
         let rivals = [
             with(Kind::CoulombFriction, &[0.4, 0.02]),
             with(Kind::BoucWenHysteresis, &[0.4, 0.06, 0.5]),

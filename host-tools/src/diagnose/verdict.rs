@@ -68,8 +68,8 @@ pub struct Verdict {
     /// Zeros of the sensors, a number a session that was fitted.
     #[serde(default)]
     pub nuisance: Zeros,
-    /// Whether the model that `-o` writes predicts better than the one supplied on
-    /// runs that were not fitted: one that does not is not worth an upload.
+    /// Whether the model that `-o` writes is worth an upload: it predicts better than the one
+    /// supplied on runs that were not fitted, and a board can run it.
     #[serde(default)]
     pub upload: bool,
     /// Runs that would separate the surviving rivals.

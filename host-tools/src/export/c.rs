@@ -71,6 +71,9 @@ impl Syntax for C<'_> {
     fn rate_place(&self, state: usize) -> String {
         format!("dx[{state}]")
     }
+    fn nan(&self) -> &'static str {
+        "NAN"
+    }
     fn unary(&self, function: Unary, x: &str) -> String {
         let name = match function {
             Unary::Negate => "-",

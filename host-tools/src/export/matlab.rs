@@ -69,12 +69,16 @@ impl Syntax for Matlab<'_> {
     fn rate_place(&self, state: usize) -> String {
         format!("dx({})", state + 1)
     }
+    fn nan(&self) -> &'static str {
+        "NaN"
+    }
     fn unary(&self, function: Unary, x: &str) -> String {
         let name = match function {
             Unary::Negate => "-",
             Unary::Absolute => "abs",
             Unary::Exp => "exp",
-            Unary::Log => "log",
+            // Elsewhere a number of two parts.
+            Unary::Log => "reallog",
             Unary::Tanh => "tanh",
             Unary::Sin => "sin",
             Unary::Cos => "cos",

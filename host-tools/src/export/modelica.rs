@@ -187,6 +187,10 @@ impl Syntax for Modelica<'_> {
             name.to_owned()
         }
     }
+    /// Modelica has none: a solver stops at the root of a negative number.
+    fn nan(&self) -> &'static str {
+        "sqrt(-1.0)"
+    }
     fn unary(&self, function: Unary, x: &str) -> String {
         let name = match function {
             Unary::Negate => "-",

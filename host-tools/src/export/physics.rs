@@ -338,15 +338,16 @@ fn constants(model: &Model<f64>) -> Vec<Constant> {
                 ParameterId::InputGain => base("input_gain_n_per_pa", "g", Scale::Over1000, "N/Pa"),
                 ParameterId::Effect { slot, parameter } => {
                     let row = &effects[slot].parameters()[parameter];
-                    let key = row
-                        .key
-                        .replace("kpa", "pa")
-                        .replace('[', "_")
-                        .replace(']', "");
+                    let key = row.key.replace('[', "_").replace(']', "");
                     let scale = match row.unit {
                         Unit::KiloPascal => Scale::Times1000,
                         Unit::PerKiloPascal => Scale::Over1000,
                         _ => Scale::Same,
+                    };
+                    let key = match scale {
+                        // A formula's own parameters are as they are written.
+                        Scale::Same => key,
+                        _ => key.replace("kpa", "pa"),
                     };
                     let name = format!("{}_{key}", effect_name(model, slot));
                     (name, row.symbol, scale, si_symbol(row.unit))

@@ -23,6 +23,8 @@ pub trait Syntax {
     fn rate_place(&self, _state: usize) -> String {
         String::new()
     }
+    /// What is not a number.
+    fn nan(&self) -> &'static str;
     /// A function of one number, other than a minus sign.
     fn unary(&self, function: Unary, x: &str) -> String;
     /// The larger of two numbers.
@@ -74,6 +76,10 @@ impl Lines {
         self.0.len() > 1
     }
 }
+
+/// Functions of functions go no deeper than this: Python reads no more than two hundred
+/// parentheses in each other.
+const DEEPEST: usize = 24;
 
 /// How tightly a text holds together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -150,8 +156,12 @@ impl<'a, S: Syntax> Printer<'a, S> {
             *uses.entry(*id).or_default() += 1;
         }
         let mut count = 0;
+        // How deep each part without a name is.
+        let mut depths: HashMap<Id, usize> = HashMap::new();
         for id in reached {
             let expression = self.tape.get(id);
+            let below = expression.parts().filter_map(|part| depths.get(&part));
+            let depth = 1 + below.max().copied().unwrap_or(0);
             if expression.is_leaf() || self.at_once || self.tape.depends(id, self.in_place) {
                 continue;
             }
@@ -162,12 +172,16 @@ impl<'a, S: Syntax> Printer<'a, S> {
                 Some((_, label)) => label.clone(),
                 // A choice within a choice is a branch within a branch.
                 None if uses[&id] > 1
+                    || depth >= DEEPEST
                     || is_statement && !is_result && !self.is_within_choice(id, &results) =>
                 {
                     count += 1;
                     format!("{}{count}", self.prefix)
                 }
-                None => continue,
+                None => {
+                    depths.insert(id, depth);
+                    continue;
+                }
             };
             let name = self.syntax.symbol(&name);
             if is_statement {
@@ -273,7 +287,11 @@ impl<'a, S: Syntax> Printer<'a, S> {
             Expression::Literal(bits) => {
                 let value = f64::from_bits(bits);
                 let tightness = if value < 0.0 { Sum } else { Atom };
-                (number(value), tightness)
+                if value.is_nan() {
+                    (self.syntax.nan().to_owned(), Atom)
+                } else {
+                    (number(value), tightness)
+                }
             }
             Expression::Symbol(symbol) => (self.syntax.symbol(&self.tape.name(symbol)), Atom),
             Expression::Unary(Unary::Negate, x) => (format!("-{}", self.within(x, Product)), Sum),

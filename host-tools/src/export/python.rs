@@ -60,6 +60,9 @@ impl Syntax for Python<'_> {
     fn rate_place(&self, state: usize) -> String {
         format!("dx[{state}]")
     }
+    fn nan(&self) -> &'static str {
+        "math.nan"
+    }
     fn unary(&self, function: Unary, x: &str) -> String {
         let name = match function {
             Unary::Negate => "-",

@@ -311,6 +311,22 @@ impl Tape {
             .then(|| self.insert(Expression::Binary(Binary::SignedPower, x, n)))
     }
 
+    /// Whether an expression shows that it cannot be below zero.
+    fn is_never_negative(&self, id: Id) -> bool {
+        let is = |id| self.is_never_negative(id);
+        match self.get(id) {
+            Expression::Literal(bits) => f64::from_bits(bits) >= 0.0,
+            Expression::Unary(Unary::Absolute | Unary::Exp, _) => true,
+            Expression::Binary(Binary::Multiply, x, y) if x == y => true,
+            Expression::Binary(Binary::Add | Binary::Multiply | Binary::Divide, x, y) => {
+                is(x) && is(y)
+            }
+            Expression::Binary(Binary::Max, x, y) => is(x) || is(y),
+            Expression::Binary(Binary::Power, x, _) => is(x),
+            _ => false,
+        }
+    }
+
     fn decide(&self, condition: Condition) -> bool {
         let mut run = self.run.borrow_mut();
         if let Some((_, answer)) = run.asked.iter().find(|(asked, _)| *asked == condition) {
@@ -388,6 +404,31 @@ impl<'t> Traced<'t> {
                 let [x, y] = [self, other].map(|x| tape.place(x));
                 tape.traced(Expression::Binary(function, x, y))
             }
+        }
+    }
+
+    /// One of two numbers by a comparison with another, which is no branch of what follows.
+    fn select(self, relation: Relation, other: Self, yes: Self, no: Self) -> Self {
+        match self.tape(other) {
+            Ok(_) if self.compare(relation, other) => yes,
+            Ok(_) => no,
+            Err(tape) => {
+                let [left, right, yes, no] = [self, other, yes, no].map(|x| tape.place(x));
+                let condition = Condition {
+                    relation,
+                    left,
+                    right,
+                };
+                tape.traced(Expression::Select(condition, yes, no))
+            }
+        }
+    }
+
+    /// Whether it shows that it cannot be below zero.
+    fn is_never_negative(self) -> bool {
+        match self {
+            Self::Literal(value) => value >= 0.0,
+            Self::On(tape, id) => tape.is_never_negative(id),
         }
     }
 
@@ -549,6 +590,23 @@ impl Real for Traced<'_> {
     }
     fn cos(self) -> Self {
         self.unary(Unary::Cos, f64::cos)
+    }
+    // A formula is evaluated at hundreds of states to find its steepest slopes. Choices in it
+    // are written where they are made: as branches of all that follows they would multiply.
+    fn sign(self) -> Self {
+        let zero = Self::Literal(0.0);
+        let below = self.select(Relation::Less, zero, -Self::one(), zero);
+        zero.select(Relation::Less, self, Self::one(), below)
+    }
+    fn least(self, other: Self) -> Self {
+        other.select(Relation::Less, self, other, self)
+    }
+    fn power_of_positive(self, exponent: Self) -> Self {
+        let power = Written::pow(self, exponent);
+        if self.is_never_negative() {
+            return power;
+        }
+        self.select(Relation::Less, Self::zero(), Self::Literal(f64::NAN), power)
     }
     // What a model computes of finite numbers is taken for finite.
     fn is_finite(self) -> bool {

@@ -21,7 +21,6 @@ use core::hash::{Hash, Hasher};
 use super::table::Variable;
 use super::{Hidden, Info, Instant, Mechanism, Parameter};
 use crate::actuator::{Dynamics, Rates};
-use crate::power::Power;
 use crate::real::Real;
 
 /// The most parameters of a formula. Every slot of a model has room for them.
@@ -85,11 +84,8 @@ impl Unary {
         match self {
             Self::Negative => -x,
             Self::Abs => x.abs(),
-            Self::Sign if x > R::zero() => R::one(),
-            Self::Sign if x < R::zero() => -R::one(),
-            // Zero, also in its slopes, or not a number.
-            Self::Sign => x * R::zero(),
-            Self::Sqrt => power(x, R::half()),
+            Self::Sign => x.sign(),
+            Self::Sqrt => x.power_of_positive(R::half()),
             Self::Exp => x.exp(),
             Self::Log => x.ln(),
             Self::Sin => x.sin(),
@@ -109,19 +105,10 @@ impl Binary {
             Self::Difference => x - y,
             Self::Product => x * y,
             Self::Quotient => x / y,
-            Self::Power => power(x, y),
-            Self::Min if y < x => y,
-            Self::Min => x,
+            Self::Power => x.power_of_positive(y),
+            Self::Min => x.least(y),
             Self::Max => x.max(y),
         }
-    }
-}
-
-fn power<R: Real>(base: R, exponent: R) -> R {
-    if base < R::zero() {
-        R::zero() / R::zero()
-    } else {
-        R::DefaultPower::pow(base, exponent)
     }
 }
 
