@@ -62,7 +62,7 @@ pub struct Column {
 
 /// Metadata from `NAME.meta.toml`. Every field is optional; keys that are not
 /// listed here are ignored.
-#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
 pub struct Meta {
     /// Name of the protocol that was run.
     pub protocol: Option<String>,
@@ -117,7 +117,7 @@ pub struct SegmentMeta {
 }
 
 /// How well the zeros of the sensors are known, as standard deviations.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize, Serialize)]
 pub struct CalibrationMeta {
     /// Of the pressure sensor's zero (kPa).
     pub pressure_zero_sd_kpa: Option<f64>,
@@ -168,6 +168,51 @@ impl Recording {
             Self::parse_from(table, path, columns, Limits::RECORDING)?;
         recording.meta = read_meta(path)?;
         warnings.extend(recording.unlike_its_metadata());
+        Ok((recording, warnings))
+    }
+
+    /// Makes a recording of samples in memory: time, pressure and angle in the units that
+    /// `columns` says, which are s, kPa and ° if it says nothing. They are checked as those
+    /// of a file are; a fault is named by its place in the array, from 0.
+    ///
+    /// # Errors
+    ///
+    /// Names the array, the place in it, and the remedy.
+    pub fn of_samples(
+        name: &str,
+        samples: [&[f64]; 3],
+        columns: &Columns,
+    ) -> Result<(Self, Vec<String>), InputError> {
+        let rows = same_length(samples)?;
+        Limits::RECORDING.check(rows as u64, REQUIRED.len())?;
+        let mut recording = Self {
+            name: name.to_owned(),
+            path: PathBuf::from(name),
+            columns: *columns,
+            ..Self::default()
+        };
+        let mut units = UnitCheck::default();
+        let mut warnings = Vec::new();
+        for row in 0..rows {
+            let mut read = samples.map(|values| values[row]);
+            for (value, array) in read.iter_mut().zip(REQUIRED) {
+                *value = usable_number(*value).map_err(|error| in_array(error, array, row))?;
+            }
+            let [time, pressure, angle] = recording
+                .follows(columns.read(read))
+                .map_err(|error| in_array(error, REQUIRED[0], row))?;
+            let questions = units.question(pressure, angle);
+            warnings.extend(
+                questions.map(|(array, question)| format!("{name}, {array}[{row}]: {question}")),
+            );
+            recording.push([time, pressure, angle]);
+        }
+        recording.long_enough()?;
+        warnings.extend(
+            recording
+                .describe_gaps()
+                .map(|gap| format!("{name}: {gap}")),
+        );
         Ok((recording, warnings))
     }
 
@@ -235,7 +280,10 @@ impl Recording {
                     .at_line(line));
             }
             let [time, pressure, angle] = row(&record, &required, line)
-                .and_then(|row| recording.follows(columns.read(row), line))
+                .and_then(|row| {
+                    let follows = recording.follows(columns.read(row));
+                    follows.map_err(|error| error.at_line(line).in_column(REQUIRED[0]))
+                })
                 .map_err(|error| error.in_file(path))?;
             warnings.extend(units.question(pressure, angle).map(|(column, question)| {
                 format!(
@@ -243,20 +291,14 @@ impl Recording {
                     path.display()
                 )
             }));
-            recording.time.push(time);
-            recording.pressure.push(pressure * PASCAL_PER_KPA);
-            recording.angle.push(angle.to_radians());
+            recording.push([time, pressure, angle]);
             for (kept, &column) in recording.extra.iter_mut().zip(&other) {
                 kept.fields.push(record[column].to_owned());
             }
         }
-        if recording.time.len() < 2 {
-            return Err(InputError::new(
-                format!("has {} samples", recording.time.len()),
-                "a recording needs at least two; record it again",
-            )
-            .in_file(path));
-        }
+        recording
+            .long_enough()
+            .map_err(|error| error.in_file(path))?;
         if !rows.end_with_line() {
             warnings.push(format!(
                 "{}: the last line has no line end; if the recording was cut off there, its last value may be wrong",
@@ -290,16 +332,32 @@ impl Recording {
     }
 
     /// Checks that a row's time follows those before.
-    fn follows(&self, row: [f64; 3], line: u64) -> Result<[f64; 3], InputError> {
+    fn follows(&self, row: [f64; 3]) -> Result<[f64; 3], InputError> {
         match self.time.last() {
             Some(&before) if row[0] <= before => Err(InputError::new(
                 format!("time {} s does not follow {before} s", row[0]),
                 "times must increase: sort the rows or split the file where the clock restarts",
-            )
-            .at_line(line)
-            .in_column("time_s")),
+            )),
             _ => Ok(row),
         }
+    }
+
+    /// Adds a sample: time (s), pressure (kPa) and angle (°).
+    fn push(&mut self, [time, pressure, angle]: [f64; 3]) {
+        self.time.push(time);
+        self.pressure.push(pressure * PASCAL_PER_KPA);
+        self.angle.push(angle.to_radians());
+    }
+
+    /// Refuses what is too short to be a recording.
+    fn long_enough(&self) -> Result<(), InputError> {
+        if self.len() < 2 {
+            return Err(InputError::new(
+                format!("has {} samples", self.len()),
+                "a recording needs at least two; record it again",
+            ));
+        }
+        Ok(())
     }
 
     /// Number of samples.
@@ -396,6 +454,29 @@ pub fn read_all(
         recordings.push(recording);
     }
     Ok(recordings)
+}
+
+/// Refuses a recording that is given twice: a run that is fitted and judged by
+/// proves nothing.
+///
+/// # Errors
+///
+/// Names the file.
+pub fn check_distinct(fitted: &[PathBuf], held_out: &[PathBuf]) -> Result<(), InputError> {
+    let same_file = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
+    let mut seen = Vec::new();
+    for path in fitted.iter().chain(held_out) {
+        let file = same_file(path);
+        if seen.contains(&file) {
+            return Err(InputError::new(
+                "is given twice",
+                "name each recording once: to be fitted, or with --holdout to judge by",
+            )
+            .in_file(path));
+        }
+        seen.push(file);
+    }
+    Ok(())
 }
 
 /// Formats a recording with the three required columns and any others in
@@ -630,13 +711,48 @@ impl UnitCheck {
 /// numbers too.
 const LARGEST_NUMBER: f64 = 1e30;
 
+/// A number as it stands in memory, if a sensor can have shown it.
+fn usable_number(value: f64) -> Result<f64, InputError> {
+    if value.abs() <= LARGEST_NUMBER {
+        Ok(value)
+    } else {
+        Err(unusable(value))
+    }
+}
+
+fn unusable(number: impl std::fmt::Display) -> InputError {
+    InputError::new(
+        format!("{number} is not a number that can be used"),
+        "delete the rows in which the sensor gave nothing; gaps in time are allowed",
+    )
+}
+
+/// The number of samples in three arrays.
+fn same_length(samples: [&[f64]; 3]) -> Result<usize, InputError> {
+    let lengths = samples.map(<[f64]>::len);
+    if lengths.iter().any(|&length| length != lengths[0]) {
+        let each: Vec<String> = REQUIRED
+            .iter()
+            .zip(lengths)
+            .map(|(array, length)| format!("{length} in {array}"))
+            .collect();
+        return Err(InputError::new(
+            format!("the arrays have different lengths: {}", each.join(", ")),
+            "give one value a sample in each of them",
+        ));
+    }
+    Ok(lengths[0])
+}
+
+/// Names the place of a fault in an array.
+fn in_array(error: InputError, array: &str, row: usize) -> InputError {
+    InputError::new(format!("{array}[{row}]: {}", error.found), error.advice)
+}
+
 fn parse_number(field: &str) -> Result<f64, InputError> {
     match field.parse::<f64>() {
         Ok(value) if value.abs() <= LARGEST_NUMBER => Ok(value),
-        Ok(_) => Err(InputError::new(
-            format!("{field} is not a number that can be used"),
-            "delete the rows in which the sensor gave nothing; gaps in time are allowed",
-        )),
+        Ok(_) => Err(unusable(field)),
         Err(_) => Err(InputError::new(
             if field.is_empty() {
                 "is empty".to_owned()
@@ -727,6 +843,58 @@ mod tests {
                 assert!(message.contains(part), "{part:?} not in {message:?}");
             }
         }
+    }
+
+    /// The same numbers from memory and from a file are the same recording, and the same
+    /// faults have the same names.
+    #[test]
+    fn samples_in_memory_are_checked_as_those_of_a_file() {
+        let of = |samples: [&[f64]; 3], columns: &Columns| {
+            Recording::of_samples("run", samples, columns)
+        };
+        let nothing = Columns::default();
+        let (recording, warnings) =
+            of([&[0.0, 0.01], &[0.0, 10.0], &[0.0, 90.0]], &nothing).unwrap();
+        assert_eq!(warnings, [""; 0]);
+        let (parsed, _) = parse(GOOD).unwrap();
+        assert_eq!(recording.time, parsed.time);
+        assert_eq!(recording.pressure, parsed.pressure);
+        assert_eq!(recording.angle, parsed.angle);
+        let in_bar = Columns {
+            pressure: Some(crate::columns::PressureUnit::Bar),
+            ..nothing
+        };
+        let (recording, _) = of([&[0.0, 0.01], &[0.0, 0.1], &[0.0, 90.0]], &in_bar).unwrap();
+        assert!((recording.pressure[1] - 10_000.0).abs() < 1e-9);
+        for (samples, part) in [
+            (
+                [&[0.0, 1.0][..], &[0.0, f64::NAN], &[0.0, 0.0]],
+                "pressure_kpa[1]: NaN is not a number",
+            ),
+            (
+                [&[0.0, 1.0], &[0.0, 0.0], &[f64::INFINITY, 0.0]],
+                "angle_deg[0]: inf is not",
+            ),
+            ([&[0.0, 1.0], &[0.0, 1e31], &[0.0, 0.0]], "pressure_kpa[1]"),
+            (
+                [&[0.0, 0.0], &[0.0, 0.0], &[0.0, 0.0]],
+                "time_s[1]: time 0 s does not follow 0 s",
+            ),
+            ([&[0.0], &[0.0], &[0.0]], "has 1 samples"),
+            ([&[], &[], &[]], "has 0 samples"),
+            (
+                [&[0.0, 1.0], &[0.0], &[0.0, 0.0]],
+                "2 in time_s, 1 in pressure_kpa, 2 in angle_deg",
+            ),
+        ] {
+            let said = of(samples, &nothing).unwrap_err().to_string();
+            assert!(said.contains(part), "{part:?} not in {said:?}");
+        }
+        let (_, warnings) = of([&[0.0, 1.0], &[0.0, 20_000.0], &[0.0, 0.0]], &nothing).unwrap();
+        assert!(
+            warnings[0].starts_with("run, pressure_kpa[1]: "),
+            "{warnings:?}"
+        );
     }
 
     #[test]

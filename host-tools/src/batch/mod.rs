@@ -21,12 +21,11 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use crate::checkpoint::Checkpoint;
-use crate::cmd::check_distinct;
 use crate::columns::Columns;
 use crate::diagnose::{Progress, Request, diagnose_from};
 use crate::error::{InputError, write_atomically};
 use crate::model_file::ModelFile;
-use crate::recording::read_all;
+use crate::recording::{check_distinct, read_all};
 use crate::report::provenance::Provenance;
 use manifest::Case;
 

@@ -12,6 +12,7 @@ use crate::batch::{self, Folder, Outcome, manifest, results};
 use crate::checkpoint::Checkpoint;
 use crate::diagnose::{Request, diagnose_from};
 use crate::error::write_atomically;
+use crate::recording::{check_distinct, read_all};
 use crate::report::Outputs;
 use crate::report::content::Content;
 use crate::report::html::page;
@@ -179,10 +180,10 @@ fn run_one(args: &Args, model: &PathBuf) -> anyhow::Result<()> {
         ],
         read.chain([model]),
     )?;
-    super::check_distinct(&args.recordings, &args.holdout)?;
+    check_distinct(&args.recordings, &args.holdout)?;
     let columns = args.input.columns();
     let (file, recordings) = super::read(model, &args.recordings, &columns)?;
-    let holdout = crate::recording::read_all(&args.holdout, &columns, super::warn)?;
+    let holdout = read_all(&args.holdout, &columns, super::warn)?;
     // Before the long work: these are the bytes that it starts from.
     let provenance = match &args.report {
         Some(_) => Some(Provenance::of(

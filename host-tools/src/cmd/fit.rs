@@ -6,11 +6,10 @@ use clap::Parser;
 
 use super::input::InputArgs;
 use super::output::{self, FileKind, Output};
-use crate::diagnose::unit_errors;
 use crate::diagnose::verdict::Zeros;
 use crate::error::write_atomically;
-use crate::estimate::assemble::assemble;
-use crate::estimate::fit::{Effort, Fit, Fitter, rms_each};
+use crate::estimate::fit::{Fit, rms_each};
+use crate::estimate::refit::{Refit, refit};
 use crate::model_file::{ModelFile, parameter_unit, to_file_units};
 use crate::recording::Recording;
 
@@ -48,20 +47,20 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         read,
     )?;
     let (file, recordings) = super::read(&args.model, &args.recordings, &args.input.columns())?;
-    unit_errors::refuse(&file, &recordings)?;
-    let assembled = assemble(&recordings, &[])?;
-    for concern in &assembled.concerns {
+    let Refit {
+        data,
+        concerns,
+        nominal,
+        fitted: fit,
+    } = refit(&file, &recordings)?;
+    for concern in &concerns {
         super::warn(&concern.to_string());
     }
-    let data = &assembled.data;
-    let fitter = Fitter::new(&file.model, data);
-    let before = fitter.compare(&file.model);
-    let fit = fitter.fit(&file.model, &file.free, Effort::Full);
     let mut text = format!(
         "{}\n{}\n{}\n",
         parameter_table(&file, &fit),
-        error_table(&data.recordings(true), &before, &fit),
-        Zeros::of(&fit, data)
+        error_table(&data.recordings(true), &nominal, &fit),
+        Zeros::of(&fit, &data)
     );
     if !fit.converged {
         super::warn(

@@ -51,7 +51,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         &[Output::of("--plot", FileKind::Picture, args.plot.as_ref())],
         read,
     )?;
-    super::check_distinct(&args.recordings, &args.after)?;
+    crate::recording::check_distinct(&args.recordings, &args.after)?;
     let before = gaps(&args.recordings)?;
     let after = gaps(&args.after)?;
     let mut text = table(&before, &after);
