@@ -11,6 +11,23 @@ use crate::recording::PASCAL_PER_KPA;
 /// Pressure of the air at sea level (kPa), the standard atmosphere.
 pub const ATMOSPHERE_KPA: f64 = 101.325;
 
+/// Checks the pressure of the air (kPa); zero says that the column is gauge pressure.
+///
+/// # Errors
+///
+/// Says what it can be.
+pub fn air(kpa: f64) -> Result<f64, String> {
+    /// Beyond what the weather does at sea level.
+    const MOST: f64 = 110.0;
+    if (0.0..=MOST).contains(&kpa) {
+        Ok(kpa)
+    } else {
+        Err(format!(
+            "give the pressure of the air, from 0 to {MOST} kPa; at sea level it is {ATMOSPHERE_KPA}"
+        ))
+    }
+}
+
 /// Unit of the column `time_s`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum TimeUnit {

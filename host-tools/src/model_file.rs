@@ -92,6 +92,11 @@ impl ModelFile {
         parameter_name(&self.model, id)
     }
 
+    /// The text as it was read.
+    pub fn text(&self) -> &str {
+        &self.text
+    }
+
     /// The text of the file with `model` in place of its own: numbers are
     /// replaced, effects that the file lacks are appended, everything else
     /// stays as it was written.

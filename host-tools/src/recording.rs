@@ -126,6 +126,25 @@ pub struct CalibrationMeta {
 }
 
 impl Meta {
+    /// Parses the text of a file of metadata; `path` is only named in messages.
+    ///
+    /// # Errors
+    ///
+    /// Names file, line, column and remedy.
+    pub fn parse(text: &str, path: &Path) -> Result<Self, InputError> {
+        toml::from_str(text).map_err(|error| {
+            let fault = InputError::new(
+                error.message().trim().replace('\n', ", "),
+                "correct the metadata, or delete the file: it is optional",
+            )
+            .in_file(path);
+            match error.span() {
+                Some(span) => fault.at_offset(text, span.start),
+                None => fault,
+            }
+        })
+    }
+
     /// When the recording began (s since 1970-01-01, UTC); none where that is not
     /// known or no date in UTC.
     pub fn started_unix_s(&self) -> Option<f64> {
@@ -602,18 +621,7 @@ fn read_meta(path: &Path) -> Result<Meta, InputError> {
     if !beside.exists() {
         return Ok(Meta::default());
     }
-    let text = read_text(&beside)?;
-    toml::from_str(&text).map_err(|error| {
-        let fault = InputError::new(
-            error.message().trim().replace('\n', ", "),
-            "correct the metadata, or delete the file: it is optional",
-        )
-        .in_file(&beside);
-        match error.span() {
-            Some(span) => fault.at_offset(&text, span.start),
-            None => fault,
-        }
-    })
+    Meta::parse(&read_text(&beside)?, &beside)
 }
 
 /// The positions of the required columns.

@@ -4,6 +4,8 @@
 //! measured, as in every fit. Over a protocol, or a pressure alone, there is nothing to come
 //! near to: the sensors have no zeros, and the actuator starts at rest.
 
+use std::ops::RangeInclusive;
+
 use clap::ValueEnum;
 use model_core::actuator::Model;
 use model_core::power::{GuardedMicromath, Minimax, Power};
@@ -17,6 +19,25 @@ use crate::protocol::{Play, Protocol, play};
 use crate::protocol_file::ProtocolFile;
 use crate::recording::Recording;
 use crate::simulate::Start;
+
+/// Largest set-points of a protocol (°).
+pub const ANGLES_DEG: RangeInclusive<f64> = 0.1..=360.0;
+
+/// Times at each set-point of a protocol, or of each ramp (s).
+pub const HOLDS_S: RangeInclusive<f64> = 0.1..=3600.0;
+
+/// Checks a number of a protocol.
+///
+/// # Errors
+///
+/// Says what it can be.
+pub fn in_range(value: f64, range: &RangeInclusive<f64>, unit: &str) -> Result<f64, String> {
+    if range.contains(&value) {
+        return Ok(value);
+    }
+    let (low, high) = (range.start(), range.end());
+    Err(format!("give a number from {low} to {high} {unit}"))
+}
 
 /// The numbers in which a model is simulated.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]

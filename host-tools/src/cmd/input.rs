@@ -3,7 +3,7 @@
 
 use clap::Args;
 
-use crate::columns::{ATMOSPHERE_KPA, AngleUnit, Columns, PressureUnit, TimeUnit};
+use crate::columns::{self, AngleUnit, Columns, PressureUnit, TimeUnit};
 
 /// What the columns of all recordings hold, if not what their header says.
 #[derive(Clone, Copy, Debug, Default, Args)]
@@ -51,14 +51,6 @@ impl InputArgs {
     }
 }
 
-/// The pressure of the air (kPa); zero says that the column is gauge pressure.
 fn air(text: &str) -> Result<f64, String> {
-    /// Beyond what the weather does at sea level.
-    const MOST: f64 = 110.0;
-    match text.parse::<f64>() {
-        Ok(value) if (0.0..=MOST).contains(&value) => Ok(value),
-        _ => Err(format!(
-            "give the pressure of the air, from 0 to {MOST} kPa; at sea level it is {ATMOSPHERE_KPA}"
-        )),
-    }
+    columns::air(text.parse().unwrap_or(f64::NAN))
 }
