@@ -9,7 +9,7 @@ use super::output::{self, FileKind, Output};
 use crate::diagnose::verdict::Zeros;
 use crate::error::write_atomically;
 use crate::estimate::fit::{Fit, rms_each};
-use crate::estimate::refit::{Refit, refit};
+use crate::estimate::refit::{NOT_CONVERGED, Refit, refit};
 use crate::model_file::{ModelFile, parameter_unit, to_file_units};
 use crate::recording::Recording;
 
@@ -63,9 +63,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         Zeros::of(&fit, &data)
     );
     if !fit.converged {
-        super::warn(
-            "the fit stopped before it met its tolerance; a parameter may be at its limit or undetermined",
-        );
+        super::warn(NOT_CONVERGED);
     }
     if let Some(path) = &args.output {
         let model = file.text_with(&fit.model, "");

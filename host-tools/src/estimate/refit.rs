@@ -9,6 +9,10 @@ use crate::error::InputError;
 use crate::model_file::ModelFile;
 use crate::recording::Recording;
 
+/// What is said of a fit that did not converge.
+pub const NOT_CONVERGED: &str =
+    "the fit stopped before it met its tolerance; a parameter may be at its limit or undetermined";
+
 /// A fit beside the model that it began with.
 #[derive(Clone, Debug)]
 pub struct Refit {
