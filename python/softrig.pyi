@@ -7,18 +7,39 @@ Names say their units: ``_s``, ``_kpa`` (gauge pressure), ``_deg`` (bending angl
 
 from collections.abc import Callable, Iterable, Mapping
 from os import PathLike
-from typing import Any, Literal, TypedDict, final, overload
+from typing import Any, Literal, TypeAlias, TypedDict, final, overload
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from typing_extensions import Unpack
 
+__all__ = [
+    "Diagnosis",
+    "Example",
+    "Fit",
+    "FitRun",
+    "InputError",
+    "InputWarning",
+    "Model",
+    "Parameter",
+    "Progress",
+    "Recording",
+    "Run",
+    "Simulation",
+    "__version__",
+    "diagnose",
+    "example",
+    "fit",
+    "read",
+    "simulate",
+]
+
 __version__: str
 
-type _Path = str | PathLike[str]
-type _Array = NDArray[np.float64]
-type _Recordings = Recording | Iterable[Recording]
+_Path: TypeAlias = str | PathLike[str]
+_Array: TypeAlias = NDArray[np.float64]
+_Recordings: TypeAlias = Recording | Iterable[Recording]
 
 class InputError(ValueError):
     """A fault in a file or an argument. As a text: where it is, what was found, and what to
@@ -104,8 +125,9 @@ class Recording:
 
     def __len__(self) -> int: ...
 
+# A text is a path, although it is an iterable of texts as well.
 @overload
-def read(path: _Path, **columns: Unpack[_Columns]) -> Recording: ...
+def read(path: _Path, **columns: Unpack[_Columns]) -> Recording: ...  # type: ignore[overload-overlap]
 @overload
 def read(path: Iterable[_Path], **columns: Unpack[_Columns]) -> list[Recording]:
     """Reads a recording, or several."""
@@ -281,6 +303,10 @@ class Progress:
     """How far a diagnosis is. As a text it is one line that says all of it."""
 
     @property
+    def line(self) -> str:
+        """All of it in one line."""
+
+    @property
     def stage(self) -> str: ...
     @property
     def done(self) -> int:
@@ -304,7 +330,7 @@ class Progress:
     def best(self) -> str | None:
         """The best explanation so far; None if there is none."""
 
-_Answer = Literal[
+_Answer: TypeAlias = Literal[
     "effect_found", "parameters_only", "no_discrepancy", "cannot_tell", "unexplained"
 ]
 

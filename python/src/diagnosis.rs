@@ -20,7 +20,7 @@ use host_tools::report::html::page;
 use host_tools::report::pictures::figure;
 use host_tools::report::provenance::{FITTED, HELD_OUT, Provenance};
 use host_tools::report::runs::runs;
-use host_tools::report::terminal::summary;
+use host_tools::report::terminal::{KEEP, summary};
 use minijinja::value::Serde;
 use minijinja::{Environment, context};
 use pyo3::exceptions::PyRuntimeError;
@@ -37,6 +37,10 @@ use crate::work::{self, Listener};
 
 /// The summary in a notebook.
 const TEMPLATE: &str = include_str!("assets/summary.html");
+
+/// How the result is kept.
+const KEEP_HERE: &str =
+    "Call .report(\"report.html\") or .model.write(\"repaired.toml\") to keep the result.";
 
 /// What a diagnosis found.
 #[pyclass(frozen, module = "softrig")]
@@ -139,7 +143,7 @@ impl Diagnosis {
     /// The summary that `rig diagnose` prints.
     fn __str__(&self) -> String {
         let nothing = Outputs::default();
-        summary(&self.content, &nothing, self.seed, self.seconds)
+        summary(&self.content, &nothing, self.seed, self.seconds).replace(KEEP, KEEP_HERE)
     }
 
     fn __repr__(&self) -> PyResult<String> {

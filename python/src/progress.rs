@@ -21,6 +21,7 @@ pub struct Progress {
     remaining_s: Option<f64>,
     /// The best explanation so far; None if there is none.
     best: Option<String>,
+    /// All of it in one line.
     line: String,
 }
 

@@ -59,15 +59,24 @@ def test_curves_add_up(
     assert np.sqrt(squares / samples) == pytest.approx(expected, rel=1e-6)
 
 
-def test_dry_friction_opposes_the_motion(diagnosis: softrig.Diagnosis) -> None:
-    """The sign of the missing force is that of the rate where the actuator moves fast."""
-    agree = []
-    for run in diagnosis.runs:
+def test_the_missing_force_is_the_one_that_was_taken_away(folder: Path) -> None:
+    """A model with nothing wrong but that its dry friction is missing, and with nothing free
+    that could make up for it, lacks just that force: against the motion, and about as large,
+    for the estimate is smooth and the motion is short."""
+    truth = softrig.Model.read(folder / "truth.toml")
+    text = truth.to_toml().split("[[effect]]")[0]
+    without = softrig.Model.from_toml(re.sub(r"free = \[.*\]", "free = []", text))
+    steps = sorted((folder / "recordings").glob("step90_*.csv"))
+    found = softrig.diagnose(without, softrig.read(steps))
+    assert found.effects == ["coulomb_friction"]
+    ratios = []
+    for run in found.runs:
         rate = np.gradient(run.repaired_deg, run.time_s)
-        fast = np.abs(rate) > 0.3 * np.abs(rate).max()
+        fast = np.abs(rate) > 0.5 * np.abs(rate).max()
         assert run.missing_force_n is not None
-        agree.append(np.sign(rate[fast]) == np.sign(run.missing_force_n[fast]))
-    assert np.mean(np.concatenate(agree)) > 0.8
+        ratios.append(run.missing_force_n[fast] * np.sign(rate[fast]))
+    expected = truth.parameters["coulomb_friction.force_n"]
+    assert np.median(np.concatenate(ratios)) == pytest.approx(expected, rel=0.3)
 
 
 def test_runs_can_be_held_out(

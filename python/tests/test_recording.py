@@ -1,6 +1,7 @@
 """Recordings come in whole, or not at all."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -13,9 +14,9 @@ PRESSURE = 20 * np.sin(TIME) ** 2
 ANGLE = 2.5 * PRESSURE
 
 
-def of(**other: object) -> softrig.Recording:
-    columns = {"time_s": TIME, "pressure_kpa": PRESSURE, "angle_deg": ANGLE}
-    return softrig.Recording(**(columns | other))  # type: ignore[arg-type]
+def of(**other: Any) -> softrig.Recording:
+    columns: dict[str, Any] = {"time_s": TIME, "pressure_kpa": PRESSURE, "angle_deg": ANGLE}
+    return softrig.Recording(**(columns | other))
 
 
 def test_arrays_come_back() -> None:

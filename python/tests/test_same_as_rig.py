@@ -3,6 +3,7 @@
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -39,13 +40,12 @@ def test_a_simulation_is_that_of_the_command(
     rig: Rig, folder: Path, paths: list[Path], model: softrig.Model, tmp_path: Path
 ) -> None:
     recording = softrig.read(paths[0])
-    for number, (flags, options) in enumerate(
-        [
-            ([], {}),
-            (["--linear"], {"linear": True}),
-            (["--arithmetic", "board"], {"arithmetic": "board"}),
-        ]
-    ):
+    cases: list[tuple[list[str], dict[str, Any]]] = [
+        ([], {}),
+        (["--linear"], {"linear": True}),
+        (["--arithmetic", "board"], {"arithmetic": "board"}),
+    ]
+    for number, (flags, options) in enumerate(cases):
         out = tmp_path / f"{number}.csv"
         done = rig(
             *["simulate", "--model", folder / "model.toml"],
