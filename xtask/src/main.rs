@@ -13,6 +13,7 @@ mod demo;
 mod flash;
 mod json;
 mod machines;
+mod python;
 mod rig_loop;
 mod setup;
 mod shell;
@@ -38,6 +39,8 @@ Tasks:
                          simulate, diagnose, repair; says where the picture is
   test [--host-only]     everything that must hold before a change goes in
   ci                     the same, as continuous integration runs it
+  wheel [--test]         build the Python package for this system and say where it is;
+                         --test builds one quickly and tests it
   firmware               build the image, check it, print its size
   size [--accept]        memory and processor time against budgets and last time
   bench [diagnosis | host | board]
@@ -101,6 +104,8 @@ fn main() -> ExitCode {
         },
         ["test" | "ci"] => test::test(Scope::Everything),
         ["test", "--host-only"] => test::test(Scope::Host),
+        ["wheel"] => python::wheel().map(drop),
+        ["wheel", "--test"] => python::test(),
         ["firmware"] => firmware(),
         ["size"] => avr::build().and_then(|image| size::size(&image, Golden::Check)),
         ["size", "--accept"] => avr::build().and_then(|image| size::size(&image, Golden::Accept)),
@@ -137,7 +142,10 @@ fn main() -> ExitCode {
             Err(problem) => return usage(&problem),
         },
         [task, ..]
-            if ["setup", "test", "ci", "firmware", "size", "bench", "miri"].contains(task) =>
+            if [
+                "setup", "test", "ci", "wheel", "firmware", "size", "bench", "miri",
+            ]
+            .contains(task) =>
         {
             return usage(&format!("{task} does not take these options"));
         }

@@ -2,8 +2,8 @@
 //!
 //! Beyond stable Rust it takes a compiler with the library source that avr-none is
 //! built from, avr-gcc as its linker, simavr, avrdude, ravedude, through which
-//! `cargo run` reaches a board, and Chromium, which looks at reports. Each is looked for first, so that a second run does
-//! nothing.
+//! `cargo run` reaches a board, Chromium, which looks at reports, and Python, whose package is
+//! tested. Each is looked for first, so that a second run does nothing.
 
 use std::{
     env, fs,
@@ -80,6 +80,11 @@ const NEEDS: &[Need] = &[
         debian: &["chromium"],
     },
     Need {
+        what: "Python with virtual environments, for its package",
+        present: has_python,
+        debian: PYTHON,
+    },
+    Need {
         what: "libudev with headers, for ravedude",
         present: || {
             has_program("ravedude")
@@ -96,24 +101,29 @@ pub fn chromium() -> Option<PathBuf> {
         .find_map(find_program)
 }
 
-/// Finds Python with its virtual environments, or installs both: only some benchmarks
-/// need them, so that they are not among the [`NEEDS`].
+/// Debian packages of Python with what makes virtual environments.
+const PYTHON: &[&str] = &["python3", "python3-venv"];
+
+fn has_python() -> bool {
+    read(Command::new("python3").args(["-c", "import ensurepip, venv"])).is_ok()
+}
+
+/// Finds Python with its virtual environments, or installs both: for tasks that need nothing
+/// else of the [`NEEDS`].
 pub fn python() -> Outcome {
-    const PACKAGES: [&str; 2] = ["python3", "python3-venv"];
-    let works = || read(Command::new("python3").args(["-c", "import ensurepip, venv"])).is_ok();
-    if works() {
+    if has_python() {
         return Ok(());
     }
     if has_program("apt-get") && as_root().is_some() {
-        Apt::new(Mode::Install).install(&PACKAGES)?;
+        Apt::new(Mode::Install).install(PYTHON)?;
     }
-    if works() {
+    if has_python() {
         return Ok(());
     }
     Err(format!(
-        "this benchmark needs Python 3 with its module venv.\n\
+        "this needs Python 3 with its module venv.\n\
          On Debian: sudo apt-get install --no-install-recommends {}",
-        PACKAGES.join(" ")
+        PYTHON.join(" ")
     )
     .into())
 }

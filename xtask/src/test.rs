@@ -6,7 +6,7 @@ use std::{
 };
 
 use crate::{
-    avr, bench,
+    avr, bench, python,
     setup::{self, Mode},
     shell::{Outcome, Steps, cargo, run, target_dir},
     size::{self, Golden},
@@ -21,11 +21,15 @@ pub enum Scope {
     Host,
 }
 
+/// The package whose dependencies ask for more features than the rest of the workspace, so
+/// that with it everything would be compiled once more.
+const PYTHON: &str = "softrig-python";
+
 const HOST_ONLY: &str = "--host-only was given";
 
 /// Runs the tests; the first failure stops them.
 pub fn test(scope: Scope) -> Outcome {
-    let mut steps = Steps::new(11);
+    let mut steps = Steps::new(12);
     let everything = scope == Scope::Everything;
 
     if everything {
@@ -59,6 +63,12 @@ pub fn test(scope: Scope) -> Outcome {
         steps.step("report in a browser", browser)?;
     } else {
         steps.skip("report in a browser", HOST_ONLY);
+    }
+
+    if everything {
+        steps.step("Python package", python::test)?;
+    } else {
+        steps.skip("Python package", HOST_ONLY);
     }
 
     if everything {
@@ -100,6 +110,7 @@ fn simulator(image: &Path) -> Outcome {
         .env("SOFTRIG_FIRMWARE", image))?;
     run(cargo()
         .args(["test", "--locked", "--workspace"])
+        .args(["--exclude", PYTHON])
         .args(["--test", "firmware_in_simulator"])
         .args(["--test", "loop_on_the_virtual_rig", "--", "--nocapture"])
         .env("SOFTRIG_FIRMWARE", image)
@@ -128,6 +139,8 @@ pub fn virtual_rig() -> Outcome<PathBuf> {
         "-q",
         "--locked",
         "--workspace",
+        "--exclude",
+        PYTHON,
         "--bin",
         "virtual-rig",
     ]))?;
