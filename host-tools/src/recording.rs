@@ -874,9 +874,9 @@ mod tests {
         };
         let (recording, _) = of([&[0.0, 0.01], &[0.0, 0.1], &[0.0, 90.0]], &in_bar).unwrap();
         assert!((recording.pressure[1] - 10_000.0).abs() < 1e-9);
-        for (samples, part) in [
+        let faults: [([&[f64]; 3], &str); 7] = [
             (
-                [&[0.0, 1.0][..], &[0.0, f64::NAN], &[0.0, 0.0]],
+                [&[0.0, 1.0], &[0.0, f64::NAN], &[0.0, 0.0]],
                 "pressure_kpa[1]: NaN is not a number",
             ),
             (
@@ -894,7 +894,8 @@ mod tests {
                 [&[0.0, 1.0], &[0.0], &[0.0, 0.0]],
                 "2 in time_s, 1 in pressure_kpa, 2 in angle_deg",
             ),
-        ] {
+        ];
+        for (samples, part) in faults {
             let said = of(samples, &nothing).unwrap_err().to_string();
             assert!(said.contains(part), "{part:?} not in {said:?}");
         }

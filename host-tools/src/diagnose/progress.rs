@@ -416,7 +416,7 @@ mod tests {
     #[test]
     #[should_panic(expected = "a defect")]
     fn a_defect_stays_a_panic() {
-        let _ = stoppable(|| panic!("a defect"));
+        let _ = stoppable::<()>(|| panic!("a defect"));
     }
 
     #[test]
