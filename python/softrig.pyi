@@ -59,14 +59,33 @@ class InputError(ValueError):
 class InputWarning(UserWarning):
     """Something unusual about a recording that may be meant."""
 
-class _Columns(TypedDict, total=False):
-    """What columns hold, if not what their header says: the flags of ``rig``."""
+class _Names(TypedDict, total=False):
+    """The columns of a file that hold the recording, where they have other names."""
 
-    time_in: Literal["s", "ms"] | None
-    pressure_in: Literal["kpa", "psi", "bar", "mpa", "pa"] | None
+    time: str
+    pressure: str
+    angle: str
+    setpoint_deg: str
+    setpoint_kpa: str
+    pump_ul: str
+    predicted_deg: str
+    state: str
+    fault: str
+    seq: str
+
+class _Units(TypedDict, total=False):
+    """Units, as ``rig --units`` takes them; also as people write them, such as ``"sec"``."""
+
+    time: Literal["s", "ms", "us", "ns", "min"] | str
+    pressure: Literal["kpa", "psi", "bar", "mbar", "mpa", "pa", "mmhg"] | str
+    angle: Literal["deg", "rad"] | str
+
+class _Meaning(TypedDict, total=False):
+    """What columns hold, if not s, kPa (gauge) and °: the flags of ``rig``."""
+
+    units: _Units | None
     absolute_pressure: bool | float
     """True takes off the air at sea level, a number so many kPa."""
-    angle_in: Literal["deg", "rad"] | None
     flip_angle: bool
     """The angle counts the other way round."""
     exchange_columns: bool
@@ -84,7 +103,7 @@ class Recording:
         angle_deg: ArrayLike,
         name: str = "recording",
         metadata: Mapping[str, Any] | None = None,
-        **columns: Unpack[_Columns],
+        **meaning: Unpack[_Meaning],
     ) -> Recording: ...
     @staticmethod
     def from_pandas(
@@ -95,7 +114,7 @@ class Recording:
         angle_deg: str = "angle_deg",
         name: str = "recording",
         metadata: Mapping[str, Any] | None = None,
-        **columns: Unpack[_Columns],
+        **meaning: Unpack[_Meaning],
     ) -> Recording:
         """Makes a recording of a frame. The names of its columns can be given; the time may
         be its index. Other columns are kept."""
@@ -127,10 +146,26 @@ class Recording:
 
 # A text is a path, although it is an iterable of texts as well.
 @overload
-def read(path: _Path, **columns: Unpack[_Columns]) -> Recording: ...  # type: ignore[overload-overlap]
+def read(  # type: ignore[overload-overlap]
+    path: _Path,
+    *,
+    columns: _Names | None = None,
+    model: Model | None = None,
+    **meaning: Unpack[_Meaning],
+) -> Recording: ...
 @overload
-def read(path: Iterable[_Path], **columns: Unpack[_Columns]) -> list[Recording]:
-    """Reads a recording, or several."""
+def read(
+    path: Iterable[_Path],
+    *,
+    columns: _Names | None = None,
+    model: Model | None = None,
+    **meaning: Unpack[_Meaning],
+) -> list[Recording]:
+    """Reads a recording, or several.
+
+    ``columns`` and ``units`` say where the recording stands in a file with other columns:
+    ``{"time": "t", "pressure": "p_psi"}`` and ``{"time": "ms", "pressure": "psi"}``. What
+    they leave open, ``model`` says, as its file may in the section ``[recording]``."""
 
 @final
 class Model:
@@ -410,6 +445,8 @@ class _Verdict:
     nuisance: _Zeros
     upload: bool
     next_experiment: list[_Experiment]
+    ended: Literal["budget"] | None
+    not_tried: list[str]
     recordings: list[str]
     seed: int
     tool_version: str
@@ -511,16 +548,20 @@ def diagnose(
     recordings: _Recordings,
     *,
     holdout: _Recordings | None = None,
+    effects: _Path | None = None,
     seed: int = 1,
     progress: Callable[[Progress], object] | None = None,
     threads: int | None = None,
     resume: _Path | None = None,
+    budget_s: float | None = None,
 ) -> Diagnosis:
     """Diagnoses a model against recordings: which effect does it lack?
 
     Without ``holdout`` the runs are left out in turn to judge by. ``progress`` is called a
     few times a second; ``print`` will do. ``resume`` is a folder in which finished fits are
-    kept, and from which they are taken up."""
+    kept, and from which they are taken up. ``effects`` is a file of effects with formulas of
+    your own, which are tried beside those that are known. After ``budget_s`` seconds the
+    search ends with an answer on what was tried until then."""
 
 @final
 class Example:

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use host_tools::{
+    columns::Layout,
     error::InputError,
     model_file::ModelFile,
     protocol_file::ProtocolFile,
@@ -46,7 +47,7 @@ fn points_into(error: &InputError, path: &Path, text: &str) {
     );
 }
 
-/// Recordings, as CSV.
+/// Recordings, in any format that is read.
 ///
 /// # Panics
 ///
@@ -56,15 +57,16 @@ fn points_into(error: &InputError, path: &Path, text: &str) {
 /// outside the file.
 pub fn recording(bytes: &[u8]) {
     let path = Path::new("run.csv");
-    let Some(text) = text(bytes) else {
+    if bytes.len() > LONGEST {
         return;
-    };
-    let (read, _) = match Recording::parse(text, path) {
+    }
+    let (read, _) = match Recording::parse_bytes(bytes, path, &Layout::default()) {
         Ok(read) => read,
         Err(error) => {
             assert_eq!(error.file.as_deref(), Some(path), "{error}");
-            // Columns of a table have names, so that only the line is looked at.
-            let lines = text.split(['\n', '\r']).count() as u64;
+            // Columns of a table have names, so that only the line is looked at; UTF-16 has no
+            // fewer such bytes than lines.
+            let lines = bytes.split(|byte| b"\n\r".contains(byte)).count() as u64;
             assert!(
                 error.line.is_none_or(|line| (1..=lines).contains(&line)),
                 "{error}"

@@ -5,7 +5,7 @@
 //! error names, and nothing is held in memory that is not looked at.
 
 use std::fs::File;
-use std::io::{self, BufReader, Read};
+use std::io::{self, Read};
 use std::path::Path;
 
 use crate::error::InputError;
@@ -112,13 +112,7 @@ impl<R: Read> Bounded<R> {
     pub fn fault(&self) -> Option<InputError> {
         let mebibytes = |bytes: u64| bytes as f64 / MIB as f64;
         Some(match self.beyond? {
-            Beyond::Bytes(limit) => InputError::new(
-                format!(
-                    "holds more than {} MiB of text, which is more than any recording is read for",
-                    mebibytes(limit)
-                ),
-                "check that it is a recording, and split it into several if it is",
-            ),
+            Beyond::Bytes(limit) => too_large(limit),
             Beyond::Row(limit) => InputError::new(
                 format!(
                     "goes on for more than {} MiB without a row that ends",
@@ -150,20 +144,14 @@ impl<R: Read> Read for Bounded<R> {
     }
 }
 
-/// Opens a table, and unpacks it where its name ends in `.gz`.
-///
-/// # Errors
-///
-/// Says why it cannot be opened.
-pub fn open(path: &Path) -> Result<Box<dyn Read>, InputError> {
-    let file = File::open(path).map_err(|error| InputError::from_io(path, &error))?;
-    Ok(
-        if path.extension().is_some_and(|extension| extension == "gz") {
-            // Files that were appended to have several members.
-            Box::new(flate2::bufread::MultiGzDecoder::new(BufReader::new(file)))
-        } else {
-            Box::new(file)
-        },
+/// Says that a recording has more bytes than are read.
+pub fn too_large(limit: u64) -> InputError {
+    InputError::new(
+        format!(
+            "holds more than {} MiB, which is more than any recording is read for",
+            limit as f64 / MIB as f64
+        ),
+        "check that it is a recording, and split it into several if it is",
     )
 }
 

@@ -183,6 +183,13 @@ impl<const N: usize> Real for Dual<N> {
     fn is_finite(self) -> bool {
         self.value.is_finite() && self.partials.iter().all(|partial| partial.is_finite())
     }
+    #[inline]
+    fn from_double(x: f64) -> Self {
+        Self::constant(x)
+    }
+    fn ln(self) -> Self {
+        self.chain(self.value.ln(), 1.0 / self.value)
+    }
 }
 
 /// At a base of zero the slope is that of the limit, except that an infinite

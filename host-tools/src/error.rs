@@ -111,7 +111,8 @@ fn quoted(text: &str) -> String {
 /// written to and never replaced, nor read.
 pub(crate) fn is_stream(path: &Path) -> bool {
     const OPEN_FILES: [&str; 4] = ["/dev/stdout", "/dev/stderr", "/dev/fd", "/proc"];
-    OPEN_FILES.iter().any(|place| path.starts_with(place))
+    // A name there that is none is a slip of the keyboard.
+    (OPEN_FILES.iter().any(|place| path.starts_with(place)) && path.symlink_metadata().is_ok())
         || std::fs::metadata(path).is_ok_and(|about| !about.is_file() && !about.is_dir())
 }
 
@@ -145,6 +146,28 @@ pub fn not_written(path: &Path, error: &io::Error) -> InputError {
     InputError::new(format!("cannot be written: {error}"), advice).in_file(path)
 }
 
+/// The file that `path` is a name of. A link whose target is not there yet is the name of
+/// that target.
+pub(crate) fn target_of(path: &Path) -> io::Result<PathBuf> {
+    /// Links behind each other, as many as Linux follows.
+    const MOST: usize = 40;
+    if let Ok(target) = path.canonicalize() {
+        return Ok(target);
+    }
+    let mut target = path.to_owned();
+    for _ in 0..MOST {
+        let Ok(next) = std::fs::read_link(&target) else {
+            return Ok(target);
+        };
+        // Relative to the folder of the link.
+        target = match target.parent() {
+            Some(folder) => folder.join(next),
+            None => next,
+        };
+    }
+    Err(io::Error::other("links that lead to each other"))
+}
+
 /// Where bytes go until they are whole.
 #[derive(Debug)]
 enum Place {
@@ -164,7 +187,7 @@ impl Place {
             ));
         }
         // A link stays a link: what it points at is replaced.
-        let target = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+        let target = target_of(path).map_err(|error| not_written(path, &error))?;
         let folder = match target.parent() {
             Some(parent) if !parent.as_os_str().is_empty() => parent,
             _ => Path::new("."),
@@ -346,6 +369,31 @@ mod tests {
         write_atomically(&link, b"new").unwrap();
         assert_eq!(std::fs::read(&target).unwrap(), b"new");
         assert!(link.is_symlink());
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_link_to_a_file_that_is_not_there_stays_a_link() {
+        use std::os::unix::fs::symlink;
+
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        std::fs::create_dir(at("results")).unwrap();
+        symlink("results/target.csv", at("link.csv")).unwrap();
+        symlink("link.csv", at("other.csv")).unwrap();
+        check_writable(&at("other.csv")).unwrap();
+        write_atomically(&at("other.csv"), b"new").unwrap();
+        assert_eq!(std::fs::read(at("results/target.csv")).unwrap(), b"new");
+        assert!(at("link.csv").is_symlink() && at("other.csv").is_symlink());
+
+        symlink("absent/target.csv", at("nowhere.csv")).unwrap();
+        symlink("b.csv", at("a.csv")).unwrap();
+        symlink("a.csv", at("b.csv")).unwrap();
+        for (link, why) in [("nowhere.csv", "folder exists"), ("a.csv", "each other")] {
+            let error = write_atomically(&at(link), b"new").unwrap_err().to_string();
+            assert!(error.contains(link) && error.contains(why), "{error}");
+            assert!(at(link).is_symlink());
+        }
     }
 
     #[cfg(target_os = "linux")]

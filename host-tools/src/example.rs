@@ -8,7 +8,7 @@
 
 use std::path::Path;
 
-use model_core::actuator::{Dynamics, Model, State};
+use model_core::actuator::{Dynamics, InvalidModel, Model, State};
 use model_core::catalogue::Kind;
 use model_core::input::Held;
 use rand::{Rng, RngExt, SeedableRng};
@@ -16,7 +16,7 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 
 use crate::error::{InputError, write_atomically, write_with_meta};
-use crate::model_file::tidy;
+use crate::model_file::{ModelFile, tidy};
 use crate::protocol::Protocol;
 use crate::recording::{Meta, PASCAL_PER_KPA, Recording, to_csv};
 use crate::simulate::{Signal, Start, run, substeps};
@@ -88,12 +88,6 @@ pub struct Example {
 ///
 /// Refuses noise that is negative or not a number.
 pub fn make(hidden: Hidden, noise_deg: f64, seed: u64) -> Result<Example, InputError> {
-    if !(0.0..=20.0).contains(&noise_deg) {
-        return Err(InputError::new(
-            format!("the noise is {noise_deg}°"),
-            "give an RMS between 0 and 20 degrees",
-        ));
-    }
     let mut random = Pcg64Mcg::seed_from_u64(seed);
     let dynamics = Dynamics {
         inertia: random.random_range(0.15..0.4),
@@ -108,30 +102,60 @@ pub fn make(hidden: Hidden, noise_deg: f64, seed: u64) -> Result<Example, InputE
         Hidden::Nothing => None,
     };
     // A slow effect does what was drawn for it within the longest of the runs.
-    let protocols = protocols();
-    let session_s = protocols
+    let session_s = protocols()
         .iter()
         .map(|(.., protocol)| protocol.duration())
         .fold(0.0, f64::max);
     let effect = kind.map(|kind| draw_effect(kind, &dynamics, session_s, &mut random));
     let effects: Vec<_> = effect.into_iter().collect();
-    let invalid = |error: model_core::actuator::InvalidModel| {
-        InputError::new(format!("the drawn model {error}"), "choose another seed")
-    };
     let truth: Model<f64> = Model::new(dynamics, &effects).map_err(invalid)?;
+    let text = model_text(&dynamics, &effects, "simulated example, as it is");
+    of_truth(&truth, text, noise_deg, &mut random)
+}
+
+/// Makes an example of an actuator that a model file describes, with effects of any kind.
+/// The same seed gives the same bytes.
+///
+/// # Errors
+///
+/// As [`make`].
+pub fn of_actuator(truth: &ModelFile, noise_deg: f64, seed: u64) -> Result<Example, InputError> {
+    let mut random = Pcg64Mcg::seed_from_u64(seed);
+    let text = truth.text_with(&truth.model, "");
+    of_truth(&truth.model, text, noise_deg, &mut random)
+}
+
+fn invalid(error: InvalidModel) -> InputError {
+    InputError::new(format!("the drawn model {error}"), "choose another seed")
+}
+
+/// Recordings of an actuator, and the model that its owner believes in.
+fn of_truth(
+    truth: &Model<f64>,
+    text: String,
+    noise_deg: f64,
+    random: &mut Pcg64Mcg,
+) -> Result<Example, InputError> {
+    if !(0.0..=20.0).contains(&noise_deg) {
+        return Err(InputError::new(
+            format!("the noise is {noise_deg}°"),
+            "give an RMS between 0 and 20 degrees",
+        ));
+    }
+    let dynamics = *truth.dynamics();
     let off = |value: f64, random: &mut Pcg64Mcg| value * random.random_range(0.85..1.15);
     let nominal = Dynamics {
-        damping: off(dynamics.damping, &mut random),
-        stiffness: off(dynamics.stiffness, &mut random),
-        input_gain: off(dynamics.input_gain, &mut random),
+        damping: off(dynamics.damping, random),
+        stiffness: off(dynamics.stiffness, random),
+        input_gain: off(dynamics.input_gain, random),
         ..dynamics
     };
     // The rig is driven as its owner would: by the plain model's inverse.
     let inverse: Model<f64> = Model::new(dynamics, &[]).map_err(invalid)?;
-    let recordings = protocols
+    let recordings = protocols()
         .into_iter()
         .map(|(name, setpoint_deg, repeat, protocol)| {
-            let recording = record(&truth, &inverse, &protocol, noise_deg, &mut random);
+            let recording = record(truth, &inverse, &protocol, noise_deg, random);
             let file = match repeat {
                 Some(repeat) => format!("{name}_{repeat}.csv"),
                 None => format!("{name}.csv"),
@@ -141,7 +165,7 @@ pub fn make(hidden: Hidden, noise_deg: f64, seed: u64) -> Result<Example, InputE
         .collect();
     Ok(Example {
         model: model_text(&nominal, &[], "simulated example"),
-        truth: model_text(&dynamics, &effects, "simulated example, as it is"),
+        truth: text,
         recordings,
     })
 }

@@ -2,6 +2,9 @@
 #![forbid(unsafe_code)]
 #![warn(clippy::print_stdout, clippy::print_stderr)]
 
+#[cfg(test)]
+mod documented;
+
 use std::error::Error;
 use std::io;
 use std::process::ExitCode;
@@ -13,6 +16,11 @@ use host_tools::error::InputError;
 use host_tools::link::LinkError;
 use host_tools::plot::PlotError;
 use host_tools::terminal::{printable, printable_line, remark};
+
+/// Instead of musl's, which gives memory back to the system at every turn.
+#[cfg(target_env = "musl")]
+#[global_allocator]
+static ALLOCATOR: dlmalloc::GlobalDlmalloc = dlmalloc::GlobalDlmalloc;
 
 /// Finds where the simulation of a soft pneumatic actuator and its measurements
 /// disagree, names the missing effect, and repairs the model.
@@ -36,12 +44,15 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     Diagnose(cmd::diagnose::Args),
+    Init(cmd::init::Args),
     Fit(cmd::fit::Args),
     Simulate(cmd::simulate::Args),
     Compare(cmd::compare::Args),
     Gap(cmd::gap::Args),
+    Convert(cmd::convert::Args),
     Materials(cmd::materials::Args),
     Example(cmd::example::Args),
+    Export(cmd::export::Args),
     Ports(cmd::ports::Args),
     Monitor(cmd::monitor::Args),
     Record(cmd::record::Args),
@@ -76,12 +87,15 @@ fn main() -> ExitCode {
 fn run(command: Command) -> anyhow::Result<()> {
     match command {
         Command::Diagnose(args) => cmd::diagnose::run(&args),
+        Command::Init(args) => cmd::init::run(&args),
         Command::Fit(args) => cmd::fit::run(&args),
         Command::Simulate(args) => cmd::simulate::run(&args),
         Command::Compare(args) => cmd::compare::run(&args),
         Command::Gap(args) => cmd::gap::run(&args),
+        Command::Convert(args) => cmd::convert::run(&args),
         Command::Materials(args) => cmd::materials::run(args),
         Command::Example(args) => cmd::example::run(&args),
+        Command::Export(args) => cmd::export::run(&args),
         Command::Ports(args) => cmd::ports::run(&args),
         Command::Monitor(args) => cmd::monitor::run(&args),
         Command::Record(args) => cmd::record::run(&args),

@@ -15,12 +15,14 @@ use model_core::material::find;
 use model_core::power::Exact;
 use toml_edit::{Array, ArrayOfTables, Document, DocumentMut, Item, Table, Value};
 
+use crate::columns::{self, Layout};
 use crate::error::InputError;
+use crate::own_effects::{self, Role};
 use crate::ranges::Range;
 use crate::recording::PASCAL_PER_KPA;
 
 /// The schema number that this version reads and writes.
-const SCHEMA: i64 = 1;
+pub(crate) const SCHEMA: i64 = 1;
 
 /// What a refit may move where the file does not say.
 const FREE_BY_DEFAULT: [ParameterId; 3] = [
@@ -51,6 +53,8 @@ pub struct ModelFile {
     pub free: Vec<ParameterId>,
     /// The material section, if there is one.
     pub actuator: Option<ActuatorSection>,
+    /// Where the recordings of this rig stand in their files.
+    pub recording: Layout,
     text: String,
 }
 
@@ -113,19 +117,26 @@ impl ModelFile {
         if let Some(tables) = list.as_array_of_tables_mut() {
             for (slot, effect) in model.effects().enumerate() {
                 if slot >= tables.len() {
-                    let mut table = Table::new();
+                    let mut table = match &effect {
+                        Effect::Custom(custom) => own_effects::section(custom),
+                        _ => Table::new(),
+                    };
                     table.decor_mut().set_prefix(format!("\n{comment}"));
-                    table["kind"] = toml_edit::value(effect.kind().name());
+                    if !table.contains_key("kind") {
+                        table["kind"] = toml_edit::value(effect.kind().name());
+                    }
                     tables.push(table);
                 }
                 let Some(table) = tables.get_mut(slot) else {
                     continue;
                 };
-                if let Effect::Table(numbers) = &effect {
-                    write_table(table, numbers);
-                } else {
-                    for (row, value) in effect.parameters().iter().zip(effect.values()) {
-                        replace_number(&mut table[row.key], tidy(row.unit.from_si(value)));
+                match &effect {
+                    Effect::Table(numbers) => write_table(table, numbers),
+                    Effect::Custom(custom) => own_effects::write_values(table, custom),
+                    _ => {
+                        for (row, value) in effect.parameters().iter().zip(effect.values()) {
+                            replace_number(&mut table[row.key], tidy(row.unit.from_si(value)));
+                        }
                     }
                 }
             }
@@ -283,7 +294,7 @@ pub fn tidy(value: f64) -> f64 {
 }
 
 /// Replaces a number and keeps the comment beside it.
-fn replace_number(item: &mut Item, number: f64) {
+pub(crate) fn replace_number(item: &mut Item, number: f64) {
     let decor = item.as_value().map(|value| value.decor().clone());
     let mut value = Value::from(number);
     if let Some(decor) = decor {
@@ -292,17 +303,20 @@ fn replace_number(item: &mut Item, number: f64) {
     *item = Item::Value(value);
 }
 
-struct Reader<'a> {
-    text: &'a str,
-    path: &'a Path,
+/// Reads sections of a TOML file and names the place of what is wrong with them.
+pub(crate) struct Reader<'a> {
+    /// The text of the file.
+    pub(crate) text: &'a str,
+    /// Its path, for messages.
+    pub(crate) path: &'a Path,
 }
 
 impl Reader<'_> {
-    fn fail(&self, found: impl Into<String>, advice: impl Into<String>) -> InputError {
+    pub(crate) fn fail(&self, found: impl Into<String>, advice: impl Into<String>) -> InputError {
         InputError::new(found, advice).in_file(self.path)
     }
 
-    fn fail_at(
+    pub(crate) fn fail_at(
         &self,
         span: Option<std::ops::Range<usize>>,
         found: impl Into<String>,
@@ -315,22 +329,35 @@ impl Reader<'_> {
         }
     }
 
-    fn read(&self) -> Result<ModelFile, InputError> {
+    /// The parsed file; what to do if it is empty.
+    pub(crate) fn document(&self, start: &str) -> Result<Document<String>, InputError> {
         if self.text.trim().is_empty() {
-            return Err(self.fail("is empty", "start from a model of `rig example`"));
+            return Err(self.fail("is empty", start));
         }
-        let document = Document::parse(self.text.to_owned()).map_err(|error| {
+        Document::parse(self.text.to_owned()).map_err(|error| {
             self.fail_at(
                 error.span(),
                 error.message().trim().replace('\n', ", "),
                 "correct the TOML there",
             )
-        })?;
+        })
+    }
+
+    fn read(&self) -> Result<ModelFile, InputError> {
+        let document = self.document("let `rig init` write a first model")?;
         let root = document.as_table();
         self.known_keys(
             root,
             "the model",
-            &["schema", "name", "actuator", "dynamics", "fit", "effect"],
+            &[
+                "schema",
+                "name",
+                "actuator",
+                "dynamics",
+                "fit",
+                "effect",
+                "recording",
+            ],
         )?;
         self.schema(root)?;
         let name = root
@@ -350,6 +377,12 @@ impl Reader<'_> {
             .iter()
             .map(|table| self.effect(table))
             .collect::<Result<Vec<_>, _>>()?;
+        for (index, effect) in effects.iter().enumerate() {
+            let is_named = |other: &Effect<f64>| other.kind().name() == effect.kind().name();
+            if matches!(effect, Effect::Custom(_)) && effects[..index].iter().any(is_named) {
+                return Err(own_effects::twice(self, effect_tables[index].get("name")));
+            }
+        }
         let model = Model::new(dynamics, &effects)
             .map_err(|error| self.invalid(error, dynamics_table, &effect_tables))?;
         self.check_ranges(&model, dynamics_table, &effect_tables)?;
@@ -360,11 +393,12 @@ impl Reader<'_> {
             model,
             free,
             actuator,
+            recording: self.recording(root)?,
             text: self.text.to_owned(),
         })
     }
 
-    fn schema(&self, root: &Table) -> Result<(), InputError> {
+    pub(crate) fn schema(&self, root: &Table) -> Result<(), InputError> {
         let item = root.get("schema").ok_or_else(|| {
             self.fail(
                 "has no schema number",
@@ -393,7 +427,12 @@ impl Reader<'_> {
         }
     }
 
-    fn known_keys(&self, table: &Table, place: &str, known: &[&str]) -> Result<(), InputError> {
+    pub(crate) fn known_keys(
+        &self,
+        table: &Table,
+        place: &str,
+        known: &[&str],
+    ) -> Result<(), InputError> {
         for (key, item) in table {
             if !known.contains(&key) {
                 let span = table
@@ -457,6 +496,67 @@ impl Reader<'_> {
             width_m: dimension("width_m")?,
             height_m: dimension("height_m")?,
         }))
+    }
+
+    /// Where recordings stand in their files.
+    fn recording(&self, root: &Table) -> Result<Layout, InputError> {
+        let mut layout = Layout::default();
+        let Some(table) = self.table(root, "recording")? else {
+            return Ok(layout);
+        };
+        self.known_keys(
+            table,
+            "[recording]",
+            &["columns", "units", "absolute_pressure_kpa", "flip_angle"],
+        )?;
+        self.entries(table, "columns", "pressure = \"p_psi\"", |key, column| {
+            layout.names.set(key, column)
+        })?;
+        self.entries(table, "units", "pressure = \"psi\"", |key, unit| {
+            layout.columns.set(columns::unit_of(key, unit)?);
+            Ok(())
+        })?;
+        if let Some(kpa) = self.number(table, "absolute_pressure_kpa")? {
+            let kpa = columns::air(kpa).map_err(|advice| {
+                let span = table.get("absolute_pressure_kpa").and_then(Item::span);
+                self.fail_at(span, format!("absolute_pressure_kpa is {kpa}"), advice)
+            })?;
+            layout.columns.air_kpa = Some(kpa);
+        }
+        if let Some(item) = table.get("flip_angle") {
+            layout.columns.flip_angle = item.as_bool().ok_or_else(|| {
+                self.fail_at(
+                    item.span(),
+                    "flip_angle is neither true nor false",
+                    "write `flip_angle = true` if the angle counts the other way round",
+                )
+            })?;
+        }
+        Ok(layout)
+    }
+
+    /// Hands over the entries of a table of texts, if it is there.
+    fn entries(
+        &self,
+        table: &Table,
+        key: &str,
+        example: &str,
+        mut take: impl FnMut(&str, &str) -> Result<(), String>,
+    ) -> Result<(), InputError> {
+        let Some(item) = table.get(key) else {
+            return Ok(());
+        };
+        let advice = format!("write it as {key} = {{ {example} }}");
+        let entries = item.as_table_like().ok_or_else(|| {
+            self.fail_at(item.span(), format!("{key} is no table"), advice.clone())
+        })?;
+        for (name, item) in entries.iter() {
+            item.as_str()
+                .ok_or_else(|| format!("{name} is not in quotes"))
+                .and_then(|text| take(name, text))
+                .map_err(|found| self.fail_at(item.span(), found, advice.clone()))?;
+        }
+        Ok(())
     }
 
     fn dynamics(
@@ -540,7 +640,7 @@ impl Reader<'_> {
         }
     }
 
-    fn effect_tables<'t>(&self, root: &'t Table) -> Result<Vec<&'t Table>, InputError> {
+    pub(crate) fn effect_tables<'t>(&self, root: &'t Table) -> Result<Vec<&'t Table>, InputError> {
         match root.get("effect") {
             None => Ok(Vec::new()),
             Some(Item::ArrayOfTables(tables)) => Ok(tables.iter().collect()),
@@ -553,7 +653,8 @@ impl Reader<'_> {
     }
 
     fn effect(&self, table: &Table) -> Result<Effect<f64>, InputError> {
-        let known: Vec<&str> = Kind::ALL.iter().map(|kind| kind.name()).collect();
+        let known = Kind::ALL.iter().map(|kind| kind.name());
+        let known: Vec<&str> = known.chain([own_effects::KIND]).collect();
         let item = table.get("kind").ok_or_else(|| {
             self.fail_at(
                 table.span(),
@@ -561,6 +662,9 @@ impl Reader<'_> {
                 format!("add kind = \"…\", one of: {}", known.join(", ")),
             )
         })?;
+        if item.as_str() == Some(own_effects::KIND) {
+            return own_effects::read_section(self, table, Role::InModel);
+        }
         let kind = item.as_str().and_then(Kind::from_name).ok_or_else(|| {
             self.fail_at(
                 item.span(),

@@ -1,10 +1,10 @@
 //! Recordings: reading, checking and writing them.
 //!
-//! A recording is a CSV file (plain or gzip-compressed) with a header row and
-//! the columns `time_s`, `pressure_kpa` and `angle_deg`; others are optional
-//! and kept. Inside, everything is SI and radians. Whatever is wrong with a
-//! file is reported with its line and column, because a fit on a damaged
-//! recording gives a wrong cause with great confidence.
+//! A recording is a table with the columns `time_s`, `pressure_kpa` and `angle_deg`;
+//! others are optional and kept. How it stands in a file is the concern of [`crate::io`].
+//! Inside, everything is SI and radians. Whatever is wrong with a file is reported with
+//! its line and column, because a fit on a damaged recording gives a wrong cause with
+//! great confidence.
 
 use std::io::Read;
 use std::ops::Range;
@@ -12,20 +12,16 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use crate::bounded::{self, Bounded, Limits, read_text};
-use crate::columns::Columns;
+use crate::bounded::{Limits, read_text};
+use crate::columns::{Columns, Layout};
 use crate::error::InputError;
+use crate::io::{self, Samples};
 
 /// Pascals in a kilopascal.
 pub const PASCAL_PER_KPA: f64 = 1000.0;
 
-/// An angle beyond this is taken for a slip of units (°).
-const SUSPICIOUS_ANGLE_DEG: f64 = 720.0;
-/// A pressure beyond this is taken for a slip of units (kPa): more than the
-/// sensors and the silicone of such rigs stand.
-const SUSPICIOUS_PRESSURE_KPA: f64 = 600.0;
 /// A sampling interval this many times the median one is a gap.
-const GAP_FACTOR: f64 = 3.0;
+pub(crate) const GAP_FACTOR: f64 = 3.0;
 
 /// Columns that every recording has.
 const REQUIRED: [&str; 3] = ["time_s", "pressure_kpa", "angle_deg"];
@@ -45,7 +41,7 @@ pub struct Recording {
     pub angle: Vec<f64>,
     /// Other columns, as they stand in the file.
     pub extra: Vec<Column>,
-    /// What was said of its columns when it was read.
+    /// What was said of its columns when it was read, by the user or by the file.
     pub columns: Columns,
     /// What the file beside it says.
     pub meta: Meta,
@@ -94,6 +90,7 @@ pub struct Meta {
     /// Whether it was recorded to its end.
     pub complete: Option<bool>,
     /// Rows that were written; none while it is recorded.
+    #[serde(default, deserialize_with = "whole")]
     pub samples: Option<u64>,
 }
 
@@ -173,19 +170,27 @@ impl Recording {
     /// Names file, line, column and remedy for anything that is not a
     /// recording.
     pub fn read(path: &Path) -> Result<(Self, Vec<String>), InputError> {
-        Self::read_as(path, &Columns::default())
+        Self::read_as(path, &Layout::default())
     }
 
-    /// As [`Recording::read`], of a file whose columns hold something else.
+    /// As [`Recording::read`], of a file that has the recording in other columns or units.
     ///
     /// # Errors
     ///
     /// As [`Recording::read`].
-    pub fn read_as(path: &Path, columns: &Columns) -> Result<(Self, Vec<String>), InputError> {
-        let table = bounded::open(path)?;
-        let (mut recording, mut warnings) =
-            Self::parse_from(table, path, columns, Limits::RECORDING)?;
-        recording.meta = read_meta(path)?;
+    pub fn read_as(path: &Path, layout: &Layout) -> Result<(Self, Vec<String>), InputError> {
+        Self::assemble(io::read(path, layout)?, path)
+    }
+
+    /// Puts the metadata to the samples of a file, and compares them.
+    ///
+    /// # Errors
+    ///
+    /// Metadata that cannot be read.
+    pub fn assemble(samples: Samples, path: &Path) -> Result<(Self, Vec<String>), InputError> {
+        let meta = read_meta(path, samples.meta.as_deref())?;
+        let (mut recording, mut warnings) = Self::of(samples, path);
+        recording.meta = meta;
         warnings.extend(recording.unlike_its_metadata());
         Ok((recording, warnings))
     }
@@ -202,37 +207,10 @@ impl Recording {
         samples: [&[f64]; 3],
         columns: &Columns,
     ) -> Result<(Self, Vec<String>), InputError> {
-        let rows = same_length(samples)?;
-        Limits::RECORDING.check(rows as u64, REQUIRED.len())?;
-        let mut recording = Self {
-            name: name.to_owned(),
-            path: PathBuf::from(name),
-            columns: *columns,
-            ..Self::default()
-        };
-        let mut units = UnitCheck::default();
-        let mut warnings = Vec::new();
-        for row in 0..rows {
-            let mut read = samples.map(|values| values[row]);
-            for (value, array) in read.iter_mut().zip(REQUIRED) {
-                *value = usable_number(*value).map_err(|error| in_array(error, array, row))?;
-            }
-            let [time, pressure, angle] = recording
-                .follows(columns.read(read))
-                .map_err(|error| in_array(error, REQUIRED[0], row))?;
-            let questions = units.question(pressure, angle);
-            warnings.extend(
-                questions.map(|(array, question)| format!("{name}, {array}[{row}]: {question}")),
-            );
-            recording.push([time, pressure, angle]);
-        }
-        recording.long_enough()?;
-        warnings.extend(
-            recording
-                .describe_gaps()
-                .map(|gap| format!("{name}: {gap}")),
-        );
-        Ok((recording, warnings))
+        let samples = Samples::of_arrays(name, samples, columns)?;
+        let (recording, warnings) = Self::of(samples, Path::new(name));
+        let name = name.to_owned();
+        Ok((Self { name, ..recording }, warnings))
     }
 
     /// Parses the text of a recording; `path` is only named in messages.
@@ -241,10 +219,10 @@ impl Recording {
     ///
     /// As [`Recording::read`].
     pub fn parse(text: &str, path: &Path) -> Result<(Self, Vec<String>), InputError> {
-        Self::parse_as(text, path, &Columns::default())
+        Self::parse_as(text, path, &Layout::default())
     }
 
-    /// As [`Recording::parse`], of a text whose columns hold something else.
+    /// As [`Recording::parse`], of a text that has the recording in other columns or units.
     ///
     /// # Errors
     ///
@@ -252,9 +230,9 @@ impl Recording {
     pub fn parse_as(
         text: &str,
         path: &Path,
-        columns: &Columns,
+        layout: &Layout,
     ) -> Result<(Self, Vec<String>), InputError> {
-        Self::parse_from(text.as_bytes(), path, columns, Limits::RECORDING)
+        Self::parse_from(text.as_bytes(), path, layout, Limits::RECORDING)
     }
 
     /// As [`Recording::parse_as`], of a text that is read as far as `limits` allow and never
@@ -266,68 +244,59 @@ impl Recording {
     pub fn parse_from(
         text: impl Read,
         path: &Path,
-        columns: &Columns,
+        layout: &Layout,
         limits: Limits,
     ) -> Result<(Self, Vec<String>), InputError> {
-        let mut rows = Rows::new(text, path, limits);
-        let header = rows.header()?;
-        let required = required_columns(&header).map_err(|error| error.in_file(path))?;
-        let other: Vec<usize> = (0..header.len())
-            .filter(|column| !required.contains(column))
-            .collect();
-        let mut recording = Self {
+        Ok(Self::of(
+            io::dialect::read(text, path, layout, limits)?,
+            path,
+        ))
+    }
+
+    /// Reads a file in any format from memory; `path` is only named in messages.
+    ///
+    /// # Errors
+    ///
+    /// As [`Recording::read`].
+    pub fn parse_bytes(
+        bytes: &[u8],
+        path: &Path,
+        layout: &Layout,
+    ) -> Result<(Self, Vec<String>), InputError> {
+        Ok(Self::of(io::read_bytes(bytes, path, layout)?, path))
+    }
+
+    /// Converts samples to SI units, and says where they have gaps.
+    fn of(samples: Samples, path: &Path) -> (Self, Vec<String>) {
+        let Samples {
+            time_s,
+            mut pressure_kpa,
+            mut angle_deg,
+            extra,
+            columns,
+            mut warnings,
+            ..
+        } = samples;
+        for pressure in &mut pressure_kpa {
+            *pressure *= PASCAL_PER_KPA;
+        }
+        for angle in &mut angle_deg {
+            *angle = angle.to_radians();
+        }
+        let recording = Self {
             name: stem(path),
             path: path.to_owned(),
-            extra: other
-                .iter()
-                .map(|&column| Column {
-                    name: header[column].to_owned(),
-                    fields: Vec::new(),
-                })
-                .collect(),
-            columns: *columns,
-            ..Self::default()
+            time: time_s,
+            pressure: pressure_kpa,
+            angle: angle_deg,
+            extra,
+            columns,
+            meta: Meta::default(),
         };
-        let mut units = UnitCheck::default();
-        let mut warnings = Vec::new();
-        let mut record = csv::StringRecord::new();
-        while let Some(line) = rows.next(&mut record)? {
-            if record.len() != header.len() {
-                let last = matches!(rows.next(&mut csv::StringRecord::new()), Ok(None));
-                return Err(wrong_length(&record, &header, last)
-                    .in_file(path)
-                    .at_line(line));
-            }
-            let [time, pressure, angle] = row(&record, &required, line)
-                .and_then(|row| {
-                    let follows = recording.follows(columns.read(row));
-                    follows.map_err(|error| error.at_line(line).in_column(REQUIRED[0]))
-                })
-                .map_err(|error| error.in_file(path))?;
-            warnings.extend(units.question(pressure, angle).map(|(column, question)| {
-                format!(
-                    "{}, line {line}, column {column}: {question}",
-                    path.display()
-                )
-            }));
-            recording.push([time, pressure, angle]);
-            for (kept, &column) in recording.extra.iter_mut().zip(&other) {
-                kept.fields.push(record[column].to_owned());
-            }
-        }
-        recording
-            .long_enough()
-            .map_err(|error| error.in_file(path))?;
-        if !rows.end_with_line() {
-            warnings.push(format!(
-                "{}: the last line has no line end; if the recording was cut off there, its last value may be wrong",
-                path.display()
-            ));
-        }
         if let Some(gap) = recording.describe_gaps() {
             warnings.push(format!("{}: {gap}", path.display()));
         }
-        Ok((recording, warnings))
+        (recording, warnings)
     }
 
     /// Where the rows and what stands beside them show that a recording was cut off, or
@@ -348,35 +317,6 @@ impl Recording {
             )),
             _ => None,
         }
-    }
-
-    /// Checks that a row's time follows those before.
-    fn follows(&self, row: [f64; 3]) -> Result<[f64; 3], InputError> {
-        match self.time.last() {
-            Some(&before) if row[0] <= before => Err(InputError::new(
-                format!("time {} s does not follow {before} s", row[0]),
-                "times must increase: sort the rows or split the file where the clock restarts",
-            )),
-            _ => Ok(row),
-        }
-    }
-
-    /// Adds a sample: time (s), pressure (kPa) and angle (°).
-    fn push(&mut self, [time, pressure, angle]: [f64; 3]) {
-        self.time.push(time);
-        self.pressure.push(pressure * PASCAL_PER_KPA);
-        self.angle.push(angle.to_radians());
-    }
-
-    /// Refuses what is too short to be a recording.
-    fn long_enough(&self) -> Result<(), InputError> {
-        if self.len() < 2 {
-            return Err(InputError::new(
-                format!("has {} samples", self.len()),
-                "a recording needs at least two; record it again",
-            ));
-        }
-        Ok(())
     }
 
     /// Number of samples.
@@ -453,7 +393,7 @@ impl Recording {
     }
 }
 
-/// Reads several recordings, all with the same columns, and passes their
+/// Reads several recordings, all with the same layout, and passes their
 /// warnings on.
 ///
 /// # Errors
@@ -461,12 +401,12 @@ impl Recording {
 /// The first file that is not a recording.
 pub fn read_all(
     paths: &[PathBuf],
-    columns: &Columns,
+    layout: &Layout,
     mut warn: impl FnMut(&str),
 ) -> Result<Vec<Recording>, InputError> {
     let mut recordings = Vec::with_capacity(paths.len());
     for path in paths {
-        let (recording, warnings) = Recording::read_as(path, columns)?;
+        let (recording, warnings) = Recording::read_as(path, layout)?;
         for warning in &warnings {
             warn(warning);
         }
@@ -528,247 +468,49 @@ fn rounded(time: f64) -> f64 {
     (time * 1e6).round() / 1e6
 }
 
-/// The rows of a table, one after the other.
-struct Rows<'a, R> {
-    reader: csv::Reader<Bounded<R>>,
-    path: &'a Path,
-    limits: Limits,
-    columns: usize,
-    count: u64,
-}
+/// What the names of recordings end in; a packed one has `.gz` behind it.
+const ENDINGS: [&str; 6] = [".csv", ".tsv", ".txt", ".parquet", ".mat", ".mcap"];
 
-impl<'a, R: Read> Rows<'a, R> {
-    fn new(text: R, path: &'a Path, limits: Limits) -> Self {
-        Self {
-            reader: csv::ReaderBuilder::new()
-                .trim(csv::Trim::All)
-                .flexible(true)
-                .from_reader(Bounded::new(text, limits)),
-            path,
-            limits,
-            columns: 0,
-            count: 0,
-        }
-    }
-
-    fn header(&mut self) -> Result<csv::StringRecord, InputError> {
-        let header = match self.reader.headers() {
-            Ok(header) => header.clone(),
-            Err(error) => return Err(self.fault(error)),
-        };
-        self.reader.get_mut().found_row();
-        self.columns = header.len();
-        if header.iter().all(str::is_empty) && self.next(&mut csv::StringRecord::new())?.is_none() {
-            return Err(InputError::new(
-                "is empty",
-                "record it again, or leave it out of the command",
-            )
-            .in_file(self.path));
-        }
-        Ok(header)
-    }
-
-    /// The line of the next row, which is read into `record`; none at the end.
-    fn next(&mut self, record: &mut csv::StringRecord) -> Result<Option<u64>, InputError> {
-        match self.reader.read_record(record) {
-            Ok(true) => {}
-            Ok(false) => return Ok(None),
-            Err(error) => return Err(self.fault(error)),
-        }
-        self.reader.get_mut().found_row();
-        self.count += 1;
-        let line = record.position().map_or(0, csv::Position::line);
-        self.limits
-            .check(self.count, self.columns)
-            .map_err(|error| error.in_file(self.path).at_line(line))?;
-        Ok(Some(line))
-    }
-
-    fn end_with_line(&self) -> bool {
-        self.reader.get_ref().ends_with_line()
-    }
-
-    /// What a failure to read comes from: a limit, the disk, or the text.
-    fn fault(&self, error: csv::Error) -> InputError {
-        let line = self.reader.position().line();
-        if let Some(fault) = self.reader.get_ref().fault() {
-            return fault.in_file(self.path).at_line(line);
-        }
-        match error.into_kind() {
-            csv::ErrorKind::Io(error) => InputError::from_io(self.path, &error),
-            csv::ErrorKind::Utf8 { .. } => bounded::not_text(self.path).at_line(line),
-            other => InputError::new(format!("is not a CSV table: {other:?}"), "export it again")
-                .in_file(self.path)
-                .at_line(line),
-        }
-    }
-}
-
-fn stem(path: &Path) -> String {
+/// The name of a recording: that of its file without folder and ending.
+pub fn stem(path: &Path) -> String {
     let name = path
         .file_name()
         .map_or_else(String::new, |name| name.to_string_lossy().into_owned());
     let name = name.strip_suffix(".gz").unwrap_or(&name);
-    name.strip_suffix(".csv").unwrap_or(name).to_owned()
+    let mut endings = ENDINGS.into_iter();
+    endings
+        .find_map(|ending| name.strip_suffix(ending))
+        .unwrap_or(name)
+        .to_owned()
 }
 
-fn meta_beside(path: &Path) -> PathBuf {
+/// Where the metadata of a recording stand.
+pub fn meta_beside(path: &Path) -> PathBuf {
     path.with_file_name(format!("{}.meta.toml", stem(path)))
 }
 
-fn read_meta(path: &Path) -> Result<Meta, InputError> {
+/// The metadata beside a recording, or else those in it.
+fn read_meta(path: &Path, inside: Option<&str>) -> Result<Meta, InputError> {
     let beside = meta_beside(path);
-    if !beside.exists() {
-        return Ok(Meta::default());
-    }
-    Meta::parse(&read_text(&beside)?, &beside)
-}
-
-/// The positions of the required columns.
-fn required_columns(header: &csv::StringRecord) -> Result<[usize; 3], InputError> {
-    let mut index = [0; 3];
-    for (place, name) in index.iter_mut().zip(REQUIRED) {
-        *place = header
-            .iter()
-            .position(|column| column == name)
-            .ok_or_else(|| {
-                let found: Vec<&str> = header.iter().collect();
-                InputError::new(
-                    format!("has no column {name} (it has {})", found.join(", ")),
-                    format!(
-                        "add it, or rename the column that holds it: a recording needs {}",
-                        REQUIRED.join(", ")
-                    ),
-                )
-                .at_line(1)
-                .in_column(name)
-            })?;
-        if header.iter().filter(|column| *column == name).count() > 1 {
-            return Err(InputError::new(
-                format!("has more than one column {name}"),
-                "remove or rename all but the one that is meant",
-            )
-            .at_line(1)
-            .in_column(name));
-        }
-    }
-    Ok(index)
-}
-
-/// The required numbers of a row.
-fn row(
-    record: &csv::StringRecord,
-    required: &[usize; 3],
-    line: u64,
-) -> Result<[f64; 3], InputError> {
-    let mut row = [0.0; 3];
-    for ((number, &column), name) in row.iter_mut().zip(required).zip(REQUIRED) {
-        *number = parse_number(record.get(column).unwrap_or(""))
-            .map_err(|error| error.at_line(line).in_column(name))?;
-    }
-    Ok(row)
-}
-
-/// A row with another number of fields than the header.
-fn wrong_length(record: &csv::StringRecord, header: &csv::StringRecord, last: bool) -> InputError {
-    let advice = if last && record.len() < header.len() {
-        "the recording was cut off while it was written: delete this line to use the rest"
-    } else {
-        "give every row as many fields as the header has"
+    let (text, file) = match inside {
+        _ if beside.exists() => (read_text(&beside)?, beside.as_path()),
+        Some(text) => (text.to_owned(), path),
+        None => return Ok(Meta::default()),
     };
-    InputError::new(
-        format!("has {} of {} fields", record.len(), header.len()),
-        advice,
-    )
-    .in_column((record.len().min(header.len()) + 1).to_string())
+    Meta::parse(&text, file)
 }
 
-/// Asks about values that look like another unit, once for each column.
-#[derive(Debug, Default)]
-struct UnitCheck {
-    angle_asked: bool,
-    pressure_asked: bool,
-}
-
-impl UnitCheck {
-    /// A column and a question about its unit, if a value (kPa, °) raises one.
-    fn question(&mut self, pressure_kpa: f64, angle_deg: f64) -> Option<(&'static str, String)> {
-        if angle_deg.abs() > SUSPICIOUS_ANGLE_DEG && !self.angle_asked {
-            self.angle_asked = true;
-            return Some((
-                "angle_deg",
-                format!(
-                    "{angle_deg} is more than two turns; is the column in degrees, or are pressure and angle exchanged (--exchange-columns)?"
-                ),
-            ));
+/// A whole number, also one with a point: other tools write 1200.0.
+fn whole<'de, D: serde::Deserializer<'de>>(from: D) -> Result<Option<u64>, D::Error> {
+    use serde::de::Error;
+    let wrong = || D::Error::custom("samples is not a whole number of rows");
+    match toml::Value::deserialize(from)? {
+        toml::Value::Integer(count) => u64::try_from(count).map(Some).map_err(|_| wrong()),
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // It is checked.
+        toml::Value::Float(count) if (0.0..1e15).contains(&count) && count.fract() == 0.0 => {
+            Ok(Some(count as u64))
         }
-        if pressure_kpa.abs() > SUSPICIOUS_PRESSURE_KPA && !self.pressure_asked {
-            self.pressure_asked = true;
-            return Some((
-                "pressure_kpa",
-                format!(
-                    "{pressure_kpa} kPa would burst a soft actuator; is the column in kPa (--pressure-in), or are pressure and angle exchanged (--exchange-columns)?"
-                ),
-            ));
-        }
-        None
-    }
-}
-
-/// No sensor shows more, in whatever unit, and its square and a thousand times as much are
-/// numbers too.
-const LARGEST_NUMBER: f64 = 1e30;
-
-/// A number as it stands in memory, if a sensor can have shown it.
-fn usable_number(value: f64) -> Result<f64, InputError> {
-    if value.abs() <= LARGEST_NUMBER {
-        Ok(value)
-    } else {
-        Err(unusable(value))
-    }
-}
-
-fn unusable(number: impl std::fmt::Display) -> InputError {
-    InputError::new(
-        format!("{number} is not a number that can be used"),
-        "delete the rows in which the sensor gave nothing; gaps in time are allowed",
-    )
-}
-
-/// The number of samples in three arrays.
-fn same_length(samples: [&[f64]; 3]) -> Result<usize, InputError> {
-    let lengths = samples.map(<[f64]>::len);
-    if lengths.iter().any(|&length| length != lengths[0]) {
-        let each: Vec<String> = REQUIRED
-            .iter()
-            .zip(lengths)
-            .map(|(array, length)| format!("{length} in {array}"))
-            .collect();
-        return Err(InputError::new(
-            format!("the arrays have different lengths: {}", each.join(", ")),
-            "give one value a sample in each of them",
-        ));
-    }
-    Ok(lengths[0])
-}
-
-/// Names the place of a fault in an array.
-fn in_array(error: InputError, array: &str, row: usize) -> InputError {
-    InputError::new(format!("{array}[{row}]: {}", error.found), error.advice)
-}
-
-fn parse_number(field: &str) -> Result<f64, InputError> {
-    match field.parse::<f64>() {
-        Ok(value) if value.abs() <= LARGEST_NUMBER => Ok(value),
-        Ok(_) => Err(unusable(field)),
-        Err(_) => Err(InputError::new(
-            if field.is_empty() {
-                "is empty".to_owned()
-            } else {
-                format!("\"{field}\" is not a number")
-            },
-            "write numbers with a decimal point and no unit, or delete the row",
-        )),
+        _ => Err(wrong()),
     }
 }
 
@@ -940,7 +682,7 @@ mod tests {
         let error = Recording::parse_from(
             std::io::Cursor::new(text).chain(&mut endless),
             Path::new("bomb.csv.gz"),
-            &Columns::default(),
+            &Layout::default(),
             limits,
         )
         .unwrap_err();
@@ -1007,7 +749,7 @@ mod tests {
             },
             endless_row,
         );
-        assert!(said.contains("more than 1 MiB of text"), "{said}");
+        assert!(said.contains("more than 1 MiB, which"), "{said}");
         assert!(read < (1 << 20) + (1 << 16), "{read}");
     }
 

@@ -16,6 +16,7 @@ use wire::settings::{EFFECT_PARAMETERS, EFFECTS, Key, Settings, effect_id};
 use crate::error::InputError;
 use crate::link::line::key_text;
 use crate::model_file::ModelFile;
+use crate::own_effects::refuse_on_board;
 
 /// A setting and its bits.
 pub type Assignment = (Key, u32);
@@ -45,6 +46,7 @@ pub fn from_model(file: &ModelFile) -> Result<Vec<Assignment>, InputError> {
             format!("the board has room for {EFFECTS}: keep the ones that matter most"),
         ));
     }
+    refuse_on_board(file)?;
     for slot in 0..EFFECTS {
         let effect = effects.get(usize::from(slot));
         let id = effect.map_or(0, |effect| effect_id(effect.kind().name()));

@@ -16,13 +16,16 @@ use crate::recording::Recording;
 
 /// An angle (rad) at which a run counts as diverged: no actuator bends this
 /// far, and going on would only produce infinities.
-const DIVERGED: f64 = 200.0;
+pub(crate) const DIVERGED: f64 = 200.0;
 
 /// The most integration steps in one sampling interval.
-const MOST_SUBSTEPS: usize = 64;
+pub(crate) const MOST_SUBSTEPS: usize = 64;
+
+/// Share of the slow time constant C/K in an exponential step.
+pub(crate) const SLOW: f64 = 0.1;
 
 /// The most integration steps across a gap.
-const LONGEST_GAP: f64 = 1e6;
+pub(crate) const LONGEST_GAP: f64 = 1e6;
 
 /// Pressure of a recording as a continuous signal: a cubic Hermite spline
 /// through the samples with slopes from their neighbours (Catmull–Rom on an
@@ -265,7 +268,7 @@ pub enum Grain {
 
 impl Grain {
     /// Largest angle ωh of an oscillation that a step spans (rad).
-    const fn angle_a_step(self) -> f64 {
+    pub(crate) const fn angle_a_step(self) -> f64 {
         match self {
             Self::Fine => 0.2,
             Self::Coarse => 0.4,
@@ -293,8 +296,6 @@ impl Stepping {
         angle: f64,
         grain: Grain,
     ) -> Self {
-        /// Share of the slow time constant C/K in an exponential step.
-        const SLOW: f64 = 0.1;
         let damping = (model.dynamics().damping / model.dynamics().inertia).to_f64();
         let about = |decay: f64, [stiffness, relaxation]: [f64; 2]| {
             let others = (relaxation - decay).max(0.0);

@@ -15,6 +15,7 @@ use crate::estimate::fit::Fitter;
 use crate::estimate::{Dataset, Nuisance, Session};
 use crate::linear::linear_rival;
 use crate::model_file::ModelFile;
+use crate::own_effects::refuse_on_board;
 use crate::protocol::{Play, Protocol, play};
 use crate::protocol_file::ProtocolFile;
 use crate::recording::Recording;
@@ -49,6 +50,20 @@ pub enum Arithmetic {
     Board,
     /// The board's single precision with guarded micromath
     BoardMicromath,
+}
+
+impl Arithmetic {
+    /// Refuses a model that cannot be simulated in these numbers.
+    ///
+    /// # Errors
+    ///
+    /// Names the effect that the board cannot compute.
+    pub fn check(self, file: &ModelFile) -> Result<(), InputError> {
+        match self {
+            Self::F64 => Ok(()),
+            Self::Board | Self::BoardMicromath => refuse_on_board(file),
+        }
+    }
 }
 
 /// What a model is simulated over.

@@ -239,11 +239,12 @@ fn damaged_files_are_refused_with_their_place() {
             ],
         ),
         (
-            "semicolons.csv",
-            good.replace(',', ";").into(),
+            "spaces.csv",
+            good.replace(',', " ").into(),
             &[
-                "semicolons.csv, line 1, column time_s",
-                "time_s;pressure_kpa",
+                "spaces.csv, line 1, column time_s",
+                "time_s pressure_kpa",
+                "separate the columns",
             ],
         ),
         (
@@ -409,7 +410,7 @@ fn models_that_are_not_there_are_refused() {
     let bench = Bench::new();
     bench.put("bad.toml", "");
     for command in MODEL_READERS {
-        bench.refuses(command, &["bad.toml", "is empty", "rig example"]);
+        bench.refuses(command, &["bad.toml", "is empty", "rig init"]);
     }
     std::fs::remove_file(bench.path("bad.toml")).unwrap();
     for command in MODEL_READERS {
@@ -452,12 +453,12 @@ fn rewritten(text: &str, change: impl Fn([f64; 3]) -> [f64; 3]) -> String {
 type Mended = (&'static str, fn([f64; 3]) -> [f64; 3]);
 
 const MENDED: [Mended; 8] = [
-    ("--time-in ms", |[t, p, a]| [t * 1e3, p, a]),
-    ("--pressure-in psi", |[t, p, a]| [t, p / 6.894_757, a]),
-    ("--pressure-in bar", |[t, p, a]| [t, p / 100.0, a]),
+    ("--units time=ms", |[t, p, a]| [t * 1e3, p, a]),
+    ("--units pressure=psi", |[t, p, a]| [t, p / 6.894_757, a]),
+    ("--units pressure=bar", |[t, p, a]| [t, p / 100.0, a]),
     ("--absolute-pressure", |[t, p, a]| [t, p + 101.325, a]),
     ("--absolute-pressure=95", |[t, p, a]| [t, p + 95.0, a]),
-    ("--angle-in rad", |[t, p, a]| [t, p, a.to_radians()]),
+    ("--units angle=rad", |[t, p, a]| [t, p, a.to_radians()]),
     ("--flip-angle", |[t, p, a]| [t, p, -a]),
     ("--exchange-columns", |[t, p, a]| [t, a, p]),
 ];
@@ -503,17 +504,18 @@ fn a_fit_and_a_diagnosis_refuse_other_columns_at_once_and_name_the_flags() {
 #[test]
 fn every_command_that_fits_takes_the_flags() {
     let bench = Bench::empty();
-    for command in ["diagnose", "fit", "compare", "simulate", "plan"] {
+    for command in [
+        "diagnose", "fit", "compare", "simulate", "plan", "gap", "convert",
+    ] {
         let assert = bench.line(&format!("{command} --help")).assert().success();
         let help = stdout(&assert);
         let (_, flags) = help
             .split_once("If the columns mean something else:")
             .unwrap_or_else(|| panic!("{command}: {help}"));
         for flag in [
-            "--time-in",
-            "--pressure-in",
+            "--columns",
+            "--units",
             "--absolute-pressure",
-            "--angle-in",
             "--flip-angle",
             "--exchange-columns",
         ] {
@@ -754,6 +756,15 @@ fn faults_of_arguments_exit_with_2() {
             "from 0 to 110 kPa",
         ),
         ("fit --model m.toml good.csv --pressure-in atm", "kpa, psi"),
+        (
+            "fit --model m.toml good.csv --units pressure=atm",
+            "kpa, psi",
+        ),
+        ("fit --model m.toml good.csv --columns p=q", "none of time"),
+        (
+            "fit --model m.toml good.csv --units time=s --time-in ms",
+            "cannot be used with",
+        ),
         ("completions tcsh", "bash"),
     ] {
         let before = bench.contents();
@@ -1081,7 +1092,14 @@ fn obeys(value: &Value, schema: &Value, root: &Value) -> bool {
 fn assert_verdict(verdict: &Value, schema: &Value) {
     assert!(obeys(verdict, schema, schema), "{verdict:#}");
     // What is only there where it says something.
-    let optional = ["strength", "family", "closure", "repair"];
+    let optional = [
+        "strength",
+        "family",
+        "closure",
+        "repair",
+        "ended",
+        "not_tried",
+    ];
     let mut always = keys(verdict);
     always.retain(|key| !optional.contains(key));
     assert_eq!(
@@ -1228,6 +1246,53 @@ fn a_diagnosis_writes_the_verdict_and_the_repaired_model() {
     let mut same = verdict("same.json");
     same["seconds"] = found["seconds"].clone();
     assert_eq!(same, found);
+}
+
+/// A search that its budget ends gives a whole verdict on what it tried; one that has time
+/// enough gives the one that it gives without.
+#[test]
+fn a_budget_ends_the_search_with_a_verdict() {
+    let bench = Bench::with_example("quadratic_damping", "0.4");
+    let printed = stdout(&bench.line("schema").assert().success());
+    let schema: Value = serde_json::from_str(&printed).unwrap();
+    let recordings =
+        ["step30_1", "step60_1", "step90_1"].map(|name| format!("demo/recordings/{name}.csv"));
+    let diagnose = |flags: &str| -> (String, Value) {
+        let line = format!(
+            "diagnose --model demo/model.toml {flags} --json v.json --report r.html -o r.toml {}",
+            recordings.join(" ")
+        );
+        let said = stdout(&bench.line(&line).assert().success());
+        let verdict: Value = serde_json::from_str(&bench.text("v.json")).unwrap();
+        assert_verdict(&verdict, &schema);
+        (said, verdict)
+    };
+    let (said, at_once) = diagnose("--budget 1ms");
+    assert_eq!(at_once["verdict"], "cannot_tell");
+    assert_eq!(at_once["ended"], "budget");
+    assert_eq!(at_once["effects"], serde_json::json!([]));
+    let not_tried = at_once["not_tried"].as_array().unwrap();
+    assert!(not_tried.contains(&"quadratic_damping".into()) && not_tried.len() > 20);
+    assert!(
+        said.starts_with("Something is missing, and the time was up"),
+        "{said}"
+    );
+    assert!(said.contains("The time of 1 ms was up"), "{said}");
+    assert!(bench.text("r.html").contains("The time of 1 ms was up"));
+    ModelFile::read(&bench.path("r.toml")).unwrap();
+
+    let (_, mut without) = diagnose("");
+    let (_, with) = diagnose("--budget 3h");
+    assert_eq!(without["verdict"], "effect_found");
+    assert!(with.get("ended").is_none() && with.get("not_tried").is_none());
+    without["seconds"] = with["seconds"].clone();
+    assert_eq!(with, without);
+
+    bench
+        .line("diagnose --model demo/model.toml --budget soon demo/recordings/step30_1.csv")
+        .assert()
+        .code(2)
+        .stderr(contains("--budget"));
 }
 
 /// The subcommands that a help text lists.
@@ -1517,7 +1582,7 @@ fn names_of_files_are_not_obeyed_by_the_terminal() {
         ("example -o", vec![name(".csv")]),
         ("simulate", vec![name("")]),
         ("", vec![name("")]),
-        ("compare --model m.toml --time-in", vec![name("")]),
+        ("compare --model m.toml --units", vec![name("")]),
         ("simulate --angle-deg", vec![name("")]),
     ] {
         let said = harmless(bench.line(line).args(files));
@@ -1813,4 +1878,76 @@ fn a_full_disk_keeps_the_results_that_are_there() {
         std::fs::remove_file(bench.path(out)).unwrap();
         let _ = std::fs::remove_file(bench.path("out.meta.toml"));
     }
+}
+
+#[test]
+fn a_model_is_exported_and_may_replace_what_was_exported() {
+    let bench = Bench::new();
+    for (language, extension, says) in [
+        ("c", "c", "softrig_run"),
+        ("python", "py", "def simulate"),
+        ("matlab", "m", "function angle_deg = finger("),
+        ("modelica", "mo", "package finger"),
+    ] {
+        let line = format!("export --model m.toml --to {language} -o finger.{extension}");
+        for _ in 0..2 {
+            bench
+                .line(&line)
+                .assert()
+                .success()
+                .stdout(contains("written: finger"));
+        }
+        let code = bench.text(&format!("finger.{extension}"));
+        assert!(
+            code.contains(says) && code.contains("coulomb_friction"),
+            "{language}"
+        );
+        assert!(code.contains("bench actuator"), "{language}");
+        bench
+            .line(&format!("export --model m.toml --to {language}"))
+            .assert()
+            .success()
+            .stdout(contains("0.913"));
+    }
+}
+
+#[test]
+fn an_export_starts_as_a_recording_does() {
+    let bench = Bench::with_example("none", "0.2");
+    bench
+        .line("export --model demo/truth.toml --to python --recording demo/recordings/triangle.csv")
+        .assert()
+        .success()
+        .stdout(is_match(r"(?m)^START_DEG = -?[0-9.e-]+$").unwrap())
+        .stdout(is_match(r"(?m)^LARGEST_ANGLE_DEG = (8|9)[0-9.]+$").unwrap());
+}
+
+#[test]
+fn an_export_replaces_nothing_else() {
+    let bench = Bench::new();
+    bench.put("mine.c", "int main(void) { return 0; }\n");
+    bench.refuses(
+        "export --model m.toml --to c -o mine.c",
+        &["mine.c: is something else", "-o exported.c"],
+    );
+    bench.refuses(
+        "export --model m.toml --to c -o good.csv",
+        &["good.csv: is a recording"],
+    );
+    bench.refuses(
+        "export --model m.toml --to c -o m.toml",
+        &["m.toml: is read by this command"],
+    );
+    bench.refuses(
+        "export --model m.toml --to matlab -o 2-fingers.m",
+        &[
+            "2-fingers.m: is no name of a MATLAB function",
+            "-o model_2_fingers.m",
+        ],
+    );
+    bench.put("warp.toml", MODEL.replace("coulomb_friction", "warp_drive"));
+    bench.refuses(
+        "export --model warp.toml --to c -o warp.c",
+        &["warp.toml, line 15", "not a known kind of effect"],
+    );
 }

@@ -113,6 +113,7 @@ fn go(image: &Path, simulator: &Path) -> Pass {
         file: &file,
         recordings: std::slice::from_ref(&recording),
         holdout: &[],
+        own: None,
         seed: 1,
     };
     let diagnosis = diagnose(&request, &Progress::default()).unwrap();

@@ -20,6 +20,7 @@ sensor shows; F and Q are generalised forces (N), M an effective inertia (kg·m)
 piece of physics that a real rig adds to it. In a model file it is an `[[effect]]` with its `kind`
 and the keys below; a key with a value in the column *if left out* may be left out, and a first fit
 holds it there, or fits it too where the column says *fitted*. A model has at most three effects.
+A force that is not here can be written as [a formula](custom-effects.md).
 
 What no recording of angle and pressure can show: a gain of the angle sensor (stiffness, damping and
 input gain absorb it) and the scale of the inertia M (only ratios to it move anything).

@@ -6,6 +6,8 @@
 //! it has no fixed list of parameters.
 
 use crate::actuator::{Dynamics, Rates};
+#[cfg(feature = "formula")]
+use crate::effects::custom;
 use crate::effects::table::{self, Table};
 use crate::effects::{Hidden, Info, Instant, Mechanism, Motion, Parameter, Rest, Sign};
 use crate::real::Real;
@@ -22,6 +24,9 @@ macro_rules! catalogue {
             )+
             /// See [`crate::effects::table`].
             Table,
+            /// See [`crate::effects::custom`].
+            #[cfg(feature = "formula")]
+            Custom(custom::Formula),
         }
 
         /// An effect with its parameters.
@@ -37,10 +42,14 @@ macro_rules! catalogue {
             )+
             /// See [`crate::effects::table`].
             Table(T),
+            /// See [`crate::effects::custom`].
+            #[cfg(feature = "formula")]
+            Custom(custom::Custom<R>),
         }
 
         impl Kind {
-            /// Every effect, in the order of the catalogue.
+            /// Every effect, in the order of the catalogue. Those that a user writes
+            /// are in no list.
             pub const ALL: &'static [Self] = &[$( Self::$name, )+ Self::Table];
 
             /// Every effect that names a cause, in the order of the catalogue: what
@@ -52,6 +61,8 @@ macro_rules! catalogue {
                 match self {
                     $( Self::$name => &crate::effects::$module::INFO, )+
                     Self::Table => &table::INFO,
+                    #[cfg(feature = "formula")]
+                    Self::Custom(formula) => &formula.0.info,
                 }
             }
 
@@ -60,6 +71,8 @@ macro_rules! catalogue {
                 match self {
                     $( Self::$name => crate::effects::$module::$name::<()>::PARAMETERS, )+
                     Self::Table => table::PARAMETERS,
+                    #[cfg(feature = "formula")]
+                    Self::Custom(formula) => formula.0.parameters,
                 }
             }
 
@@ -69,6 +82,8 @@ macro_rules! catalogue {
                 match self {
                     $( Self::$name => crate::effects::$module::$name::<()>::COUNT, )+
                     Self::Table => table::MAX_NODES,
+                    #[cfg(feature = "formula")]
+                    Self::Custom(formula) => formula.0.parameters.len(),
                 }
             }
 
@@ -82,6 +97,15 @@ macro_rules! catalogue {
                 match self {
                     $( Self::$name => crate::effects::$module::$name::<()>::bounds(index), )+
                     Self::Table => table::bounds(index),
+                    #[cfg(feature = "formula")]
+                    Self::Custom(formula) => {
+                        let rows = formula.0.parameters;
+                        if index < rows.len() {
+                            Some((rows[index].lower, rows[index].upper))
+                        } else {
+                            None
+                        }
+                    }
                 }
             }
 
@@ -98,6 +122,8 @@ macro_rules! catalogue {
                 Some(match self {
                     $( Self::$name => Effect::$name(crate::effects::$module::$name::from_values(values)?), )+
                     Self::Table => return None,
+                    #[cfg(feature = "formula")]
+                    Self::Custom(formula) => Effect::Custom(custom::Custom::from_values(formula, values)?),
                 })
             }
         }
@@ -108,6 +134,8 @@ macro_rules! catalogue {
                 match self {
                     $( Self::$name(_) => Kind::$name, )+
                     Self::Table(_) => Kind::Table,
+                    #[cfg(feature = "formula")]
+                    Self::Custom(effect) => Kind::Custom(effect.formula()),
                 }
             }
 
@@ -116,6 +144,8 @@ macro_rules! catalogue {
                 match self {
                     $( Self::$name(effect) => effect.value(index), )+
                     Self::Table(_) => None,
+                    #[cfg(feature = "formula")]
+                    Self::Custom(effect) => effect.value(index),
                 }
             }
 
@@ -124,6 +154,8 @@ macro_rules! catalogue {
                 match self {
                     $( Self::$name(effect) => effect.set_value(index, value), )+
                     Self::Table(_) => {}
+                    #[cfg(feature = "formula")]
+                    Self::Custom(effect) => effect.set_value(index, value),
                 }
             }
 
@@ -137,6 +169,8 @@ macro_rules! catalogue {
                 Some(match self {
                     $( Self::$name(effect) => Effect::$name(effect.map(f)), )+
                     Self::Table(_) => Effect::Table(table?),
+                    #[cfg(feature = "formula")]
+                    Self::Custom(effect) => Effect::Custom(effect.map(f)),
                 })
             }
         }
@@ -147,6 +181,8 @@ macro_rules! catalogue {
                 match self {
                     $( Self::$name(effect) => effect.value(index), )+
                     Self::Table(table) => table.value(index),
+                    #[cfg(feature = "formula")]
+                    Self::Custom(effect) => effect.value(index),
                 }
             }
 
@@ -156,6 +192,8 @@ macro_rules! catalogue {
                 match self {
                     $( Self::$name(effect) => effect.set_value(index, value), )+
                     Self::Table(table) => table.set_value(index, value),
+                    #[cfg(feature = "formula")]
+                    Self::Custom(effect) => effect.set_value(index, value),
                 }
             }
 
@@ -164,61 +202,63 @@ macro_rules! catalogue {
                 match self {
                     $( Self::$name(effect) => Effect::$name(effect.map(f)), )+
                     Self::Table(table) => Effect::Table(table.map(f)),
+                    #[cfg(feature = "formula")]
+                    Self::Custom(effect) => Effect::Custom(effect.map(f)),
                 }
             }
         }
 
         impl<R: Real, T: Mechanism<R>> Mechanism<R> for Effect<R, T> {
             fn integrates(&self) -> bool {
-                match self { $( Self::$name(effect) => Mechanism::<R>::integrates(effect), )+ Self::Table(effect) => Mechanism::<R>::integrates(effect), }
+                match self { $( Self::$name(effect) => Mechanism::<R>::integrates(effect), )+ Self::Table(effect) => Mechanism::<R>::integrates(effect), #[cfg(feature = "formula")] Self::Custom(effect) => Mechanism::<R>::integrates(effect), }
             }
             fn at_rest(&self, rest: &Rest<R>) -> Hidden<R> {
-                match self { $( Self::$name(effect) => effect.at_rest(rest), )+ Self::Table(effect) => effect.at_rest(rest), }
+                match self { $( Self::$name(effect) => effect.at_rest(rest), )+ Self::Table(effect) => effect.at_rest(rest), #[cfg(feature = "formula")] Self::Custom(effect) => effect.at_rest(rest), }
             }
             fn delay(&self) -> R {
-                match self { $( Self::$name(effect) => effect.delay(), )+ Self::Table(effect) => effect.delay(), }
+                match self { $( Self::$name(effect) => effect.delay(), )+ Self::Table(effect) => effect.delay(), #[cfg(feature = "formula")] Self::Custom(effect) => effect.delay(), }
             }
             fn input(&self, pressure: R, hidden: &Hidden<R>, rates: &mut Hidden<R>) -> R {
-                match self { $( Self::$name(effect) => effect.input(pressure, hidden, rates), )+ Self::Table(effect) => effect.input(pressure, hidden, rates), }
+                match self { $( Self::$name(effect) => effect.input(pressure, hidden, rates), )+ Self::Table(effect) => effect.input(pressure, hidden, rates), #[cfg(feature = "formula")] Self::Custom(effect) => effect.input(pressure, hidden, rates), }
             }
             fn modulate(&self, at: &Instant<R>, hidden: &Hidden<R>, dynamics: &mut Dynamics<R>) {
-                match self { $( Self::$name(effect) => effect.modulate(at, hidden, dynamics), )+ Self::Table(effect) => effect.modulate(at, hidden, dynamics), }
+                match self { $( Self::$name(effect) => effect.modulate(at, hidden, dynamics), )+ Self::Table(effect) => effect.modulate(at, hidden, dynamics), #[cfg(feature = "formula")] Self::Custom(effect) => effect.modulate(at, hidden, dynamics), }
             }
             fn enlarge(&self, angle: R, dynamics: &mut Dynamics<R>) {
-                match self { $( Self::$name(effect) => effect.enlarge(angle, dynamics), )+ Self::Table(effect) => effect.enlarge(angle, dynamics), }
+                match self { $( Self::$name(effect) => effect.enlarge(angle, dynamics), )+ Self::Table(effect) => effect.enlarge(angle, dynamics), #[cfg(feature = "formula")] Self::Custom(effect) => effect.enlarge(angle, dynamics), }
             }
             fn force(&self, at: &Instant<R>, hidden: &Hidden<R>, rates: &mut Hidden<R>) -> R {
-                match self { $( Self::$name(effect) => effect.force(at, hidden, rates), )+ Self::Table(effect) => effect.force(at, hidden, rates), }
+                match self { $( Self::$name(effect) => effect.force(at, hidden, rates), )+ Self::Table(effect) => effect.force(at, hidden, rates), #[cfg(feature = "formula")] Self::Custom(effect) => effect.force(at, hidden, rates), }
             }
             fn respond(&self, acceleration: R, hidden: &Hidden<R>, rates: &mut Hidden<R>) {
-                match self { $( Self::$name(effect) => effect.respond(acceleration, hidden, rates), )+ Self::Table(effect) => effect.respond(acceleration, hidden, rates), }
+                match self { $( Self::$name(effect) => effect.respond(acceleration, hidden, rates), )+ Self::Table(effect) => effect.respond(acceleration, hidden, rates), #[cfg(feature = "formula")] Self::Custom(effect) => effect.respond(acceleration, hidden, rates), }
             }
             // Inlined, because LLVM for the AVR otherwise passes some of it on the
             // stack and loses the pointer on the way (llvm#163015).
             #[inline(always)]
             fn sensor(&self, angle: R, time: R, hidden: &Hidden<R>, rates: &mut Hidden<R>) -> R {
-                match self { $( Self::$name(effect) => effect.sensor(angle, time, hidden, rates), )+ Self::Table(effect) => effect.sensor(angle, time, hidden, rates), }
+                match self { $( Self::$name(effect) => effect.sensor(angle, time, hidden, rates), )+ Self::Table(effect) => effect.sensor(angle, time, hidden, rates), #[cfg(feature = "formula")] Self::Custom(effect) => effect.sensor(angle, time, hidden, rates), }
             }
             fn pressure_behind(&self, pressure: R) -> R {
-                match self { $( Self::$name(effect) => Mechanism::<R>::pressure_behind(effect, pressure), )+ Self::Table(effect) => Mechanism::<R>::pressure_behind(effect, pressure), }
+                match self { $( Self::$name(effect) => Mechanism::<R>::pressure_behind(effect, pressure), )+ Self::Table(effect) => Mechanism::<R>::pressure_behind(effect, pressure), #[cfg(feature = "formula")] Self::Custom(effect) => Mechanism::<R>::pressure_behind(effect, pressure), }
             }
             fn behind(&self, shown: Motion<R>) -> Motion<R> {
-                match self { $( Self::$name(effect) => effect.behind(shown), )+ Self::Table(effect) => effect.behind(shown), }
+                match self { $( Self::$name(effect) => effect.behind(shown), )+ Self::Table(effect) => effect.behind(shown), #[cfg(feature = "formula")] Self::Custom(effect) => effect.behind(shown), }
             }
             fn stiffens(&self) -> bool {
-                match self { $( Self::$name(effect) => Mechanism::<R>::stiffens(effect), )+ Self::Table(effect) => Mechanism::<R>::stiffens(effect), }
+                match self { $( Self::$name(effect) => Mechanism::<R>::stiffens(effect), )+ Self::Table(effect) => Mechanism::<R>::stiffens(effect), #[cfg(feature = "formula")] Self::Custom(effect) => Mechanism::<R>::stiffens(effect), }
             }
             fn has_memory(&self) -> bool {
-                match self { $( Self::$name(effect) => Mechanism::<R>::has_memory(effect), )+ Self::Table(effect) => Mechanism::<R>::has_memory(effect), }
+                match self { $( Self::$name(effect) => Mechanism::<R>::has_memory(effect), )+ Self::Table(effect) => Mechanism::<R>::has_memory(effect), #[cfg(feature = "formula")] Self::Custom(effect) => Mechanism::<R>::has_memory(effect), }
             }
             fn note(&self, angle: R, pressure: R, hidden: &mut Hidden<R>) {
-                match self { $( Self::$name(effect) => effect.note(angle, pressure, hidden), )+ Self::Table(effect) => effect.note(angle, pressure, hidden), }
+                match self { $( Self::$name(effect) => effect.note(angle, pressure, hidden), )+ Self::Table(effect) => effect.note(angle, pressure, hidden), #[cfg(feature = "formula")] Self::Custom(effect) => effect.note(angle, pressure, hidden), }
             }
 fn sign(&self, dynamics: &Dynamics<R>) -> Option<Sign<R>> {
-                match self { $( Self::$name(effect) => effect.sign(dynamics), )+ Self::Table(effect) => effect.sign(dynamics), }
+                match self { $( Self::$name(effect) => effect.sign(dynamics), )+ Self::Table(effect) => effect.sign(dynamics), #[cfg(feature = "formula")] Self::Custom(effect) => effect.sign(dynamics), }
             }
                         fn fastest_rate(&self, dynamics: &Dynamics<R>, angle: R) -> Rates<R> {
-                match self { $( Self::$name(effect) => effect.fastest_rate(dynamics, angle), )+ Self::Table(effect) => effect.fastest_rate(dynamics, angle), }
+                match self { $( Self::$name(effect) => effect.fastest_rate(dynamics, angle), )+ Self::Table(effect) => effect.fastest_rate(dynamics, angle), #[cfg(feature = "formula")] Self::Custom(effect) => effect.fastest_rate(dynamics, angle), }
             }
         }
     };

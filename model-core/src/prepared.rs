@@ -61,6 +61,9 @@ pub enum Unsteppable {
     TooFast,
     /// Its exponent is outside what a table of the power can hold.
     Exponent,
+    /// It has a force by a user's formula ([`crate::effects::custom`]).
+    #[cfg(feature = "formula")]
+    Formula,
 }
 
 impl fmt::Display for Unsteppable {
@@ -69,6 +72,8 @@ impl fmt::Display for Unsteppable {
             Self::TooMuchDelay => "has more dead time than the board's 0.6 s of memory",
             Self::TooFast => "moves too fast for the steps that the board has time for",
             Self::Exponent => "has an exponent outside the board's 0.25 … 5",
+            #[cfg(feature = "formula")]
+            Self::Formula => "has an effect by a formula, which the board cannot compute",
         })
     }
 }
@@ -225,6 +230,9 @@ pub const fn cycles(kind: Kind) -> u16 {
         | Kind::MullinsSoftening
         | Kind::SecondMode
         | Kind::PeriodicDisturbance => 2_400,
+        // Not on the board.
+        #[cfg(feature = "formula")]
+        Kind::Custom(_) => 0,
     }
 }
 
@@ -298,6 +306,13 @@ pub fn plan(
     farthest: f32,
     interval: f32,
 ) -> Result<Plan, Unsteppable> {
+    #[cfg(feature = "formula")]
+    if model
+        .occupied()
+        .any(|slot| matches!(slot, Effect::Custom(_)))
+    {
+        return Err(Unsteppable::Formula);
+    }
     let mut dynamics = *model.dynamics();
     for slot in model.occupied() {
         slot.enlarge(farthest, &mut dynamics);
@@ -907,6 +922,9 @@ fn part_of(
         | Effect::CoulombFriction(_)
         | Effect::StribeckFriction(_)
         | Effect::AsymmetricDamping(_) => Part::None,
+        // Refused by the plan.
+        #[cfg(feature = "formula")]
+        Effect::Custom(_) => Part::None,
     }
 }
 

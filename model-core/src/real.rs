@@ -64,6 +64,13 @@ pub trait Real:
     fn cos(self) -> Self;
     /// Whether the value is neither infinite nor NaN.
     fn is_finite(self) -> bool;
+
+    /// Converts a number of a user's formula.
+    #[cfg(feature = "formula")]
+    fn from_double(x: f64) -> Self;
+    /// The natural logarithm.
+    #[cfg(feature = "formula")]
+    fn ln(self) -> Self;
 }
 
 impl Real for f32 {
@@ -92,6 +99,16 @@ impl Real for f32 {
     fn is_finite(self) -> bool {
         f32::is_finite(self)
     }
+    #[cfg(feature = "formula")]
+    #[allow(clippy::cast_possible_truncation)] // Rounding is the point.
+    fn from_double(x: f64) -> Self {
+        x as f32
+    }
+    // The platform's, for no board runs a formula.
+    #[cfg(feature = "formula")]
+    fn ln(self) -> Self {
+        f32::ln(self)
+    }
 }
 
 #[cfg(feature = "std")]
@@ -118,5 +135,13 @@ impl Real for f64 {
     }
     fn is_finite(self) -> bool {
         f64::is_finite(self)
+    }
+    #[cfg(feature = "formula")]
+    fn from_double(x: f64) -> Self {
+        x
+    }
+    #[cfg(feature = "formula")]
+    fn ln(self) -> Self {
+        f64::ln(self)
     }
 }

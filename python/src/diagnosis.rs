@@ -3,22 +3,22 @@
 use std::num::NonZero;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use host_tools::checkpoint::Checkpoint;
 use host_tools::cmd::output::{self, FileKind, Output};
-use host_tools::columns::Columns;
 use host_tools::diagnose::verdict::{Verdict, schema};
-use host_tools::diagnose::{Diagnosis as Found, Progress, Request, diagnose_from};
-use host_tools::error::write_atomically;
+use host_tools::diagnose::{Budget, Diagnosis as Found, Progress, Request, diagnose_from};
+use host_tools::error::{InputError as Fault, write_atomically};
 use host_tools::model_file::ModelFile;
+use host_tools::own_effects::OwnEffects;
 use host_tools::plot::write_svg;
 use host_tools::recording;
 use host_tools::report::Outputs;
 use host_tools::report::content::Content;
 use host_tools::report::html::page;
 use host_tools::report::pictures::figure;
-use host_tools::report::provenance::{FITTED, HELD_OUT, Provenance};
+use host_tools::report::provenance::{EFFECTS, FITTED, HELD_OUT, Provenance, Source};
 use host_tools::report::runs::runs;
 use host_tools::report::terminal::{KEEP, summary};
 use minijinja::value::Serde;
@@ -51,6 +51,7 @@ pub struct Diagnosis {
     file: Arc<ModelFile>,
     fitted: Vec<recording::Recording>,
     held_out: Vec<recording::Recording>,
+    own: Option<OwnEffects>,
     seed: u64,
     seconds: f64,
     provenance: Provenance,
@@ -180,6 +181,7 @@ impl Diagnosis {
             file: &self.file,
             recordings: &self.fitted,
             holdout: &self.held_out,
+            own: self.own.as_ref(),
             seed: self.seed,
         }
     }
@@ -189,10 +191,13 @@ impl Diagnosis {
     }
 
     /// Refuses a file that should not be written over.
-    fn check(&self, output: &Output<'_>) -> Result<(), host_tools::error::InputError> {
+    fn check(&self, output: &Output<'_>) -> Result<(), Fault> {
         let recordings = self.fitted.iter().chain(&self.held_out);
-        let read = recordings.map(|recording| &recording.path);
-        output::check(std::slice::from_ref(output), read.chain([&self.file.path]))
+        let read = recordings
+            .map(|recording| &recording.path)
+            .chain([&self.file.path])
+            .chain(self.own.iter().map(|own| &own.path));
+        output::check(std::slice::from_ref(output), read)
     }
 
     fn make_runs(&self) -> Vec<Run> {
@@ -362,24 +367,41 @@ impl Run {
 ///
 /// Without `holdout` the runs are left out in turn to judge by. `progress` is called a few
 /// times a second with a Progress; `print` will do. `resume` is a folder in which finished
-/// fits are kept, and from which they are taken up.
+/// fits are kept, and from which they are taken up. `effects` is a file of effects with
+/// formulas of your own, which are tried beside those that are known. After `budget_s` seconds
+/// the search ends with an answer on what was tried until then.
 #[pyfunction]
-#[pyo3(signature = (model, recordings, *, holdout = None, seed = 1, progress = None, threads = None, resume = None))]
+#[pyo3(signature = (model, recordings, *, holdout = None, effects = None, seed = 1, progress = None, threads = None, resume = None, budget_s = None))]
 #[allow(clippy::too_many_arguments)] // Each has a name where it is called.
 pub fn diagnose(
     py: Python<'_>,
     model: &Bound<'_, Model>,
     recordings: &Bound<'_, PyAny>,
     holdout: Option<&Bound<'_, PyAny>>,
+    effects: Option<PathBuf>,
     seed: u64,
     progress: Option<Bound<'_, PyAny>>,
     threads: Option<NonZero<usize>>,
     resume: Option<PathBuf>,
+    budget_s: Option<f64>,
 ) -> PyResult<Diagnosis> {
     let given = model.get();
     let fitted = self::recordings(recordings)?;
     let held_out = holdout.map_or_else(|| Ok(Vec::new()), self::recordings)?;
-    let provenance = provenance(given, &fitted, &held_out, seed);
+    let budget = budget_s.map(budget).transpose().or_raise(py)?;
+    let own = effects
+        .map(|path| OwnEffects::read(&path, &given.file.model))
+        .transpose()
+        .or_raise(py)?;
+    let call = Call {
+        model: given,
+        fitted: &fitted,
+        held_out: &held_out,
+        own: own.as_ref(),
+        seed,
+        budget_s,
+    };
+    let provenance = call.provenance().or_raise(py)?;
     let [fitted, held_out] = inputs(py, &fitted, &held_out)?;
     let checkpoint = match resume {
         Some(folder) => Checkpoint::open(&folder).or_raise(py)?,
@@ -392,21 +414,25 @@ pub fn diagnose(
             file: &file,
             recordings: &fitted,
             holdout: &held_out,
+            own: own.as_ref(),
             seed,
         };
         let found = diagnose_from(&request, &checkpoint, progress)?;
         let seconds = clock.elapsed().as_secs_f64();
         let content = Content::of(&request, &found);
-        Ok((Box::new(found), content, seconds, fitted, held_out))
+        Ok((Box::new(found), content, seconds, fitted, held_out, own))
     };
-    let (found, content, seconds, fitted, held_out) =
-        work::run(py, threads, Listener::new(progress), work)?.or_raise(py)?;
+    let listener = Listener::new(progress);
+    let progress = Progress::within(budget);
+    let (found, content, seconds, fitted, held_out, own) =
+        work::run(py, threads, progress, listener, work)?.or_raise(py)?;
     let repaired = given.with(py, &found.model_text(&given.file))?;
     Ok(Diagnosis {
         model: Py::new(py, repaired)?,
         file: Arc::clone(&given.file),
         fitted,
         held_out,
+        own,
         seed,
         seconds,
         provenance,
@@ -416,50 +442,76 @@ pub fn diagnose(
     })
 }
 
-/// What a report says of how it was made: the call, as far as files can say it, and hashes.
-fn provenance(
-    model: &Model,
-    fitted: &[Recording],
-    held_out: &[Recording],
+/// The time that a search may take, of seconds.
+fn budget(seconds: f64) -> Result<Budget, Fault> {
+    let time = Duration::try_from_secs_f64(seconds).map_err(|_| {
+        let advice = "give the seconds after which the search shall end, such as 30";
+        Fault::new(format!("budget_s is {seconds}"), advice)
+    })?;
+    Ok(Budget::Time(time))
+}
+
+/// What a diagnosis was called with.
+struct Call<'a> {
+    model: &'a Model,
+    fitted: &'a [Recording],
+    held_out: &'a [Recording],
+    own: Option<&'a OwnEffects>,
     seed: u64,
-) -> Provenance {
-    let quoted = |path: &Path| format!("{:?}", path.display().to_string());
-    let read = |recordings: &[Recording]| {
-        let is_plain = |recording: &Recording| {
-            recording.is_of_file() && recording.inner.columns == Columns::default()
-        };
-        if recordings.iter().all(is_plain) {
-            let paths = recordings
-                .iter()
-                .map(|recording| quoted(&recording.inner.path));
-            format!("softrig.read([{}])", paths.collect::<Vec<_>>().join(", "))
-        } else {
-            "[…]".to_owned()
+    budget_s: Option<f64>,
+}
+
+impl Call<'_> {
+    /// What a report says of how it was made: the call, as far as files can say it, and
+    /// hashes.
+    fn provenance(&self) -> Result<Provenance, Fault> {
+        let mut files = vec![self.model.source()];
+        if let Some(own) = self.own {
+            files.push(Source::read(EFFECTS, &own.path)?);
         }
-    };
-    let mut command = if model.is_of_file() {
-        let path = quoted(&model.file.path);
-        format!("softrig.diagnose(softrig.Model.read({path}), ")
-    } else {
-        "softrig.diagnose(softrig.Model.from_toml(…), ".to_owned()
-    };
-    command += &read(fitted);
-    if !held_out.is_empty() {
-        command += &format!(", holdout={}", read(held_out));
+        for (recordings, role) in [(self.fitted, FITTED), (self.held_out, HELD_OUT)] {
+            files.extend(recordings.iter().flat_map(|it| it.sources(role)));
+        }
+        Ok(Provenance {
+            command: self.text(),
+            version: env!("CARGO_PKG_VERSION"),
+            files,
+        })
     }
-    command += &format!(", seed={seed})");
-    let of = |recordings: &[Recording], role| {
-        let sources = recordings
-            .iter()
-            .flat_map(move |recording| recording.sources(role));
-        sources.collect::<Vec<_>>()
-    };
-    let mut files = vec![model.source()];
-    files.extend(of(fitted, FITTED));
-    files.extend(of(held_out, HELD_OUT));
-    Provenance {
-        command,
-        version: env!("CARGO_PKG_VERSION"),
-        files,
+
+    fn text(&self) -> String {
+        let mut text = if self.model.is_of_file() {
+            let path = quoted(&self.model.file.path);
+            format!("softrig.diagnose(softrig.Model.read({path}), ")
+        } else {
+            "softrig.diagnose(softrig.Model.from_toml(…), ".to_owned()
+        };
+        text += &read(self.fitted);
+        if !self.held_out.is_empty() {
+            text += &format!(", holdout={}", read(self.held_out));
+        }
+        if let Some(own) = self.own {
+            text += &format!(", effects={}", quoted(&own.path));
+        }
+        text += &format!(", seed={}", self.seed);
+        if let Some(seconds) = self.budget_s {
+            text += &format!(", budget_s={seconds}");
+        }
+        text + ")"
     }
+}
+
+fn quoted(path: &Path) -> String {
+    format!("{:?}", path.display().to_string())
+}
+
+/// How recordings were read, if their paths say it.
+fn read(recordings: &[Recording]) -> String {
+    if !recordings.iter().all(Recording::is_of_plain_file) {
+        return "[…]".to_owned();
+    }
+    let paths = recordings
+        .iter()
+        .map(|recording| quoted(&recording.inner.path));
+    format!("softrig.read([{}])", paths.collect::<Vec<_>>().join(", "))
 }

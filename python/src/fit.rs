@@ -3,6 +3,7 @@
 use std::num::NonZero;
 use std::sync::Arc;
 
+use host_tools::diagnose::Progress;
 use host_tools::diagnose::verdict::Zeros;
 use host_tools::estimate::fit as fits;
 use host_tools::estimate::refit::{NOT_CONVERGED, Refit, refit};
@@ -265,8 +266,9 @@ pub fn fit(
     let [fitted, _] = inputs(py, &self::recordings(recordings)?, &[])?;
     let given = model.get();
     let file = Arc::clone(&given.file);
-    let listener = Listener::new(None);
-    let refit = work::run(py, threads, listener, move |_| refit(&file, &fitted))?.or_raise(py)?;
+    let work = move |_: &Progress| refit(&file, &fitted);
+    let (progress, listener) = (Progress::default(), Listener::new(None));
+    let refit = work::run(py, threads, progress, listener, work)?.or_raise(py)?;
     let mut warnings: Vec<String> = refit.concerns.iter().map(ToString::to_string).collect();
     if !refit.fitted.converged {
         warnings.push(NOT_CONVERGED.to_owned());

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use host_tools::columns::{self, ATMOSPHERE_KPA, Columns};
+use host_tools::columns::{self, ATMOSPHERE_KPA, Columns, Layout, Names};
 use host_tools::error::InputError as Fault;
 use host_tools::recording::{self, Column, Meta, PASCAL_PER_KPA, check_distinct};
 use host_tools::report::provenance::{FITTED, Source};
@@ -14,21 +14,31 @@ use serde_json::Value;
 
 use crate::fault::{OrRaise, raised, warn};
 use crate::frame;
-use crate::values::{Array, array, choice, from_json, numbers, to_json};
+use crate::model::Model;
+use crate::values::{Array, array, from_json, numbers, to_json};
 
 /// A recorded run or session: time, pressure and bending angle.
 #[pyclass(frozen, module = "softrig")]
 #[derive(Clone, Debug)]
 pub struct Recording {
     pub inner: Arc<recording::Recording>,
-    /// The files that it was read from, as they were then; none if it is of arrays.
-    files: Option<Arc<Vec<Source>>>,
+    /// Where it was read from; none if it is of arrays.
+    files: Option<Arc<Files>>,
+}
+
+/// What a recording was read from.
+#[derive(Debug)]
+struct Files {
+    /// The files, as they were then.
+    sources: Vec<Source>,
+    /// What was said of their columns.
+    layout: Layout,
 }
 
 #[pymethods]
 impl Recording {
     #[new]
-    #[pyo3(signature = (*, time_s, pressure_kpa, angle_deg, name = "recording", metadata = None, **columns))]
+    #[pyo3(signature = (*, time_s, pressure_kpa, angle_deg, name = "recording", metadata = None, **meaning))]
     fn new(
         py: Python<'_>,
         time_s: &Bound<'_, PyAny>,
@@ -36,9 +46,9 @@ impl Recording {
         angle_deg: &Bound<'_, PyAny>,
         name: &str,
         metadata: Option<&Bound<'_, PyAny>>,
-        columns: Option<&Bound<'_, PyDict>>,
+        meaning: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<Self> {
-        let columns = columns_of(py, columns)?;
+        let columns = columns_of(py, meaning)?;
         let samples = [
             numbers(py, "time_s", time_s)?,
             numbers(py, "pressure_kpa", pressure_kpa)?,
@@ -57,7 +67,7 @@ impl Recording {
     /// Makes a recording of a pandas frame. The names of its columns can be given; the time
     /// may be its index. Other columns are kept.
     #[staticmethod]
-    #[pyo3(signature = (frame, *, time_s = "time_s", pressure_kpa = "pressure_kpa", angle_deg = "angle_deg", name = "recording", metadata = None, **columns))]
+    #[pyo3(signature = (frame, *, time_s = "time_s", pressure_kpa = "pressure_kpa", angle_deg = "angle_deg", name = "recording", metadata = None, **meaning))]
     #[allow(clippy::too_many_arguments)] // Each has a name where it is called.
     fn from_pandas(
         py: Python<'_>,
@@ -67,7 +77,7 @@ impl Recording {
         angle_deg: &str,
         name: &str,
         metadata: Option<&Bound<'_, PyAny>>,
-        columns: Option<&Bound<'_, PyDict>>,
+        meaning: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<Self> {
         let column = |name| frame::column(frame, name);
         let made = Self::new(
@@ -77,7 +87,7 @@ impl Recording {
             &column(angle_deg)?,
             name,
             metadata,
-            columns,
+            meaning,
         )?;
         let mut inner = Arc::unwrap_or_clone(made.inner);
         let required = [time_s, pressure_kpa, angle_deg];
@@ -171,9 +181,12 @@ impl Recording {
         }
     }
 
-    fn read(path: &Path, columns: &Columns) -> Result<(Self, Vec<String>), Fault> {
-        let (inner, warnings) = recording::Recording::read_as(path, columns)?;
-        let files = Source::recording(FITTED, path)?;
+    fn read(path: &Path, layout: &Layout) -> Result<(Self, Vec<String>), Fault> {
+        let (inner, warnings) = recording::Recording::read_as(path, layout)?;
+        let files = Files {
+            sources: Source::recording(FITTED, path)?,
+            layout: layout.clone(),
+        };
         Ok((
             Self {
                 inner: Arc::new(inner),
@@ -188,11 +201,17 @@ impl Recording {
         self.files.is_some()
     }
 
+    /// Whether its path alone says how it was read.
+    pub fn is_of_plain_file(&self) -> bool {
+        let files = self.files.as_ref();
+        files.is_some_and(|files| files.layout == Layout::default())
+    }
+
     /// What a report says that it was made from: files with their hashes, or the hash of the
     /// three arrays, one after the other as little-endian doubles.
     pub fn sources(&self, role: &'static str) -> Vec<Source> {
         let mut sources = match &self.files {
-            Some(files) => files.to_vec(),
+            Some(files) => files.sources.clone(),
             None => vec![self.source_of_arrays()],
         };
         if let Some(first) = sources.first_mut() {
@@ -227,18 +246,28 @@ pub fn angle_deg(recording: &recording::Recording) -> Vec<f64> {
 
 /// Reads a recording, or several.
 ///
-/// One path gives a recording, several give a list of them. The keyword arguments are those
-/// of the command line, for files whose columns hold something else than their header says.
+/// One path gives a recording, several give a list of them. `columns` and `units` say where
+/// the recording stands in a file with other columns: `{"time": "t", "pressure": "p_psi"}` and
+/// `{"time": "ms", "pressure": "psi"}`. What they leave open, `model` says, as its file may in
+/// the section `[recording]`.
 #[pyfunction]
-#[pyo3(signature = (path, **columns))]
+#[pyo3(signature = (path, *, columns = None, model = None, **meaning))]
 pub fn read<'py>(
     py: Python<'py>,
     path: &Bound<'py, PyAny>,
     columns: Option<&Bound<'py, PyDict>>,
+    model: Option<&Bound<'py, Model>>,
+    meaning: Option<&Bound<'py, PyDict>>,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let columns = columns_of(py, columns)?;
+    let mut layout = Layout {
+        names: names_of(py, columns)?,
+        columns: columns_of(py, meaning)?,
+    };
+    if let Some(model) = model {
+        layout = layout.or(&model.get().file.recording);
+    }
     let one = |path: PathBuf| -> PyResult<Recording> {
-        let read = py.detach(|| Recording::read(&path, &columns));
+        let read = py.detach(|| Recording::read(&path, &layout));
         py.check_signals()?;
         let (recording, warnings) = read.or_raise(py)?;
         warn(py, warnings)?;
@@ -318,27 +347,45 @@ pub fn inputs(
     Ok([told_apart(fitted), told_apart(held_out)])
 }
 
+/// The columns of a file, by what they hold.
+fn names_of(py: Python<'_>, given: Option<&Bound<'_, PyDict>>) -> PyResult<Names> {
+    let mut names = Names::default();
+    for (key, column) in given.into_iter().flatten() {
+        let (key, column): (String, String) = (key.extract()?, column.extract()?);
+        let advice = "name columns as columns={\"time\": \"t\", \"pressure\": \"p_psi\"}";
+        names
+            .set(&key, &column)
+            .map_err(|problem| Fault::new(format!("columns: {problem}"), advice))
+            .or_raise(py)?;
+    }
+    Ok(names)
+}
+
 /// What the columns hold, by the keyword arguments that are named as the flags of `rig`.
 fn columns_of(py: Python<'_>, given: Option<&Bound<'_, PyDict>>) -> PyResult<Columns> {
     let mut columns = Columns::default();
-    let Some(given) = given else {
-        return Ok(columns);
-    };
-    for (key, value) in given {
+    for (key, value) in given.into_iter().flatten() {
         let key: String = key.extract()?;
         if value.is_none() {
             continue;
         }
         match key.as_str() {
-            "time_in" => columns.time = Some(choice(py, &key, value.extract()?)?),
-            "pressure_in" => columns.pressure = Some(choice(py, &key, value.extract()?)?),
-            "angle_in" => columns.angle = Some(choice(py, &key, value.extract()?)?),
+            "units" => {
+                for (quantity, unit) in value.cast::<PyDict>()? {
+                    let (quantity, unit): (String, String) = (quantity.extract()?, unit.extract()?);
+                    let advice = "name units as units={\"time\": \"ms\", \"pressure\": \"psi\"}";
+                    let unit = columns::unit_of(&quantity, &unit)
+                        .map_err(|problem| Fault::new(format!("units: {problem}"), advice))
+                        .or_raise(py)?;
+                    columns.set(unit);
+                }
+            }
             "absolute_pressure" => columns.air_kpa = air(py, &value)?,
             "flip_angle" => columns.flip_angle = value.extract()?,
             "exchange_columns" => columns.exchange = value.extract()?,
             _ => {
                 return Err(PyTypeError::new_err(format!(
-                    "unexpected keyword argument {key:?}; what columns hold is said with time_in, pressure_in, absolute_pressure, angle_in, flip_angle and exchange_columns"
+                    "unexpected keyword argument {key:?}; what columns hold is said with units, absolute_pressure, flip_angle and exchange_columns"
                 )));
             }
         }

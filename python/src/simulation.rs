@@ -1,9 +1,10 @@
 //! `softrig.simulate`.
 
 use host_tools::columns::Columns;
+use host_tools::diagnose::Progress;
 use host_tools::error::InputError as Fault;
 use host_tools::recording;
-use host_tools::simulation::{ANGLES_DEG, Drive, HOLDS_S, in_range};
+use host_tools::simulation::{ANGLES_DEG, Arithmetic, Drive, HOLDS_S, in_range};
 use host_tools::statistics::rms;
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
@@ -117,7 +118,8 @@ pub fn simulate(
     arithmetic: &str,
 ) -> PyResult<Simulation> {
     let file = std::sync::Arc::clone(&model.get().file);
-    let arithmetic = choice(py, "arithmetic", arithmetic)?;
+    let arithmetic: Arithmetic = choice(py, "arithmetic", arithmetic)?;
+    arithmetic.check(&file).or_raise(py)?;
     let drive = match (recording, time_s, pressure_kpa, protocol) {
         (Some(recording), None, None, None) => {
             Drive::measured(recording.get().inner.as_ref().clone())
@@ -149,7 +151,8 @@ pub fn simulate(
             ));
         }
     };
-    let (drive, angle) = work::run(py, None, Listener::new(None), move |_| {
+    let (progress, listener) = (Progress::default(), Listener::new(None));
+    let (drive, angle) = work::run(py, None, progress, listener, move |_| {
         let model = if linear {
             drive.linear_rival(&file.model)
         } else {

@@ -104,7 +104,7 @@ pub fn to_json(py: Python<'_>, name: &str, given: &Bound<'_, PyAny>) -> PyResult
 }
 
 /// A structure as an object with attributes, after its JSON Schema: what the schema allows
-/// and the value lacks is None, and what has no fixed keys is a dictionary.
+/// and the value lacks is its default, or None, and what has no fixed keys is a dictionary.
 pub fn object<'py>(
     py: Python<'py>,
     value: &Value,
@@ -126,7 +126,8 @@ pub fn object<'py>(
         (Value::Object(map), Some(Value::Object(properties)), _) => {
             let attributes = PyDict::new(py);
             for (key, schema) in properties {
-                let value = map.get(key).unwrap_or(&Value::Null);
+                let value = map.get(key).or_else(|| schema.get("default"));
+                let value = value.unwrap_or(&Value::Null);
                 // A keyword of Python is no name of an attribute.
                 let name = if key == "where" { "places" } else { key };
                 attributes.set_item(name, object(py, value, schema, definitions)?)?;

@@ -64,14 +64,16 @@ impl<'py> Listener<'py> {
     }
 }
 
-/// Does `work` on as many threads as are asked for, or as there are processors.
+/// Does `work`, which reports to `progress`, on as many threads as are asked for, or as there
+/// are processors.
 pub fn run<T: Send + 'static>(
     py: Python<'_>,
     threads: Option<NonZero<usize>>,
+    progress: Progress,
     mut listener: Listener<'_>,
     work: impl FnOnce(&Progress) -> T + Send + 'static,
 ) -> PyResult<T> {
-    let progress = Arc::new(Progress::default());
+    let progress = Arc::new(progress);
     let reports = Arc::clone(&progress);
     let failed = |error: &dyn std::fmt::Display| {
         PyRuntimeError::new_err(format!("no threads could be started: {error}"))

@@ -55,11 +55,9 @@ impl Case {
                 })
                 .collect();
             paths.sort();
-            read_all(
-                &paths,
-                &host_tools::columns::Columns::default(),
-                |warning| eprintln!("{warning}"),
-            )
+            read_all(&paths, &host_tools::columns::Layout::default(), |warning| {
+                eprintln!("{warning}");
+            })
             .unwrap()
         };
         Self {
@@ -89,6 +87,7 @@ impl Case {
             file: &self.file,
             recordings: &self.recordings,
             holdout: &self.holdout,
+            own: None,
             seed: 1,
         };
         diagnose(&request, &Progress::default()).unwrap()

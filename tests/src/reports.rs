@@ -96,6 +96,7 @@ fn report(case: &Case, diagnosis: &Diagnosis) -> Report {
         file: &case.file,
         recordings: &case.recordings,
         holdout: &case.holdout,
+        own: None,
         seed: 1,
     };
     let paths = |recordings: &[host_tools::recording::Recording]| -> Vec<PathBuf> {
@@ -103,7 +104,7 @@ fn report(case: &Case, diagnosis: &Diagnosis) -> Report {
     };
     let (fitted, held_out) = (paths(&case.recordings), paths(&case.holdout));
     let command = "rig diagnose --model model.toml".to_owned();
-    let provenance = Provenance::of(&case.file.path, &fitted, &held_out, command).unwrap();
+    let provenance = Provenance::of(&case.file.path, None, &fitted, &held_out, command).unwrap();
     let content = Content::of(&request, diagnosis);
     let with = |seconds| page(&request, diagnosis, &content, &provenance, seconds).unwrap();
     let report = Path::new("report.html");

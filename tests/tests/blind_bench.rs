@@ -3,7 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
-use host_tools::columns::Columns;
+use host_tools::columns::Layout;
 use host_tools::diagnose::{Progress, Request, diagnose};
 use host_tools::model_file::ModelFile;
 use host_tools::recording::{Recording, read_all};
@@ -367,7 +367,7 @@ fn read(folder: &Path) -> Vec<Recording> {
         .filter(|path| path.extension().is_some_and(|end| end == "csv"))
         .collect();
     paths.sort();
-    read_all(&paths, &Columns::default(), |warning| {
+    read_all(&paths, &Layout::default(), |warning| {
         eprintln!("{warning}");
     })
     .unwrap()
@@ -436,6 +436,7 @@ fn a_session_is_diagnosed_and_not_refused() {
         file: &file,
         recordings: &recordings,
         holdout: &[],
+        own: None,
         seed: 1,
     };
     let diagnosis = diagnose(&request, &Progress::default()).unwrap();

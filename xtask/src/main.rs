@@ -1,4 +1,4 @@
-//! Set-up, demo, test, flash, bench, soak, fuzz and ci.
+//! Set-up, demo, test, book, flash, bench, soak, fuzz, ci and dist.
 //!
 //! Everything that takes more than one plain cargo command is a task here, in
 //! Rust on the standard library alone: it compiles in a second on a machine that
@@ -9,7 +9,9 @@ mod avr;
 mod bench;
 mod bench_loop;
 mod bench_real;
+mod book;
 mod demo;
+mod dist;
 mod flash;
 mod json;
 mod machines;
@@ -39,6 +41,7 @@ Tasks:
                          simulate, diagnose, repair; says where the picture is
   test [--host-only]     everything that must hold before a change goes in
   ci                     the same, as continuous integration runs it
+  book                   build the book from docs/; says where it is
   wheel [--test]         build the Python package for this system and say where it is;
                          --test builds one quickly and tests it
   firmware               build the image, check it, print its size
@@ -72,6 +75,11 @@ Tasks:
                          that finds undefined behaviour; installs a nightly
   flash --port PORT [--no-console] [--dry-run]
                          put the image on a board and show what it says
+  dist [--target TRIPLE] [--with FILE] [--no-firmware] [--dry-run]
+                         a release in target/dist: static `rig`, the image,
+                         completions, licences and checksums in one archive,
+                         tried where there is nothing else; --with puts a file,
+                         such as a wheel, beside it
 
 Examples:
   cargo xtask setup --dry-run
@@ -82,6 +90,7 @@ Examples:
   cargo xtask soak --hours 8 --seed 7
   cargo xtask fuzz --minutes 30
   cargo xtask flash --port /dev/ttyACM0
+  cargo xtask dist --dry-run
 ";
 
 /// Exit code for a command line that makes no sense.
@@ -104,6 +113,7 @@ fn main() -> ExitCode {
         },
         ["test" | "ci"] => test::test(Scope::Everything),
         ["test", "--host-only"] => test::test(Scope::Host),
+        ["book"] => book::book().map(|page| println!("  {}", page.display())),
         ["wheel"] => python::wheel().map(drop),
         ["wheel", "--test"] => python::test(),
         ["firmware"] => firmware(),
@@ -141,9 +151,13 @@ fn main() -> ExitCode {
             Ok(options) => flash::flash(options),
             Err(problem) => return usage(&problem),
         },
+        ["dist", words @ ..] => match dist::Options::parse(words) {
+            Ok(options) => dist::dist(&options),
+            Err(problem) => return usage(&problem),
+        },
         [task, ..]
             if [
-                "setup", "test", "ci", "wheel", "firmware", "size", "bench", "miri",
+                "setup", "test", "ci", "book", "wheel", "firmware", "size", "bench", "miri",
             ]
             .contains(task) =>
         {

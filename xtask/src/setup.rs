@@ -2,8 +2,10 @@
 //!
 //! Beyond stable Rust it takes a compiler with the library source that avr-none is
 //! built from, avr-gcc as its linker, simavr, avrdude, ravedude, through which
-//! `cargo run` reaches a board, Chromium, which looks at reports, and Python, whose package is
-//! tested. Each is looked for first, so that a second run does nothing.
+//! `cargo run` reaches a board, Chromium, which looks at reports, a C compiler and Python,
+//! which run exported models, Python's virtual environments, in which its package is tested,
+//! and mdBook, which makes the book. Each is looked for first, so that a second run does
+//! nothing.
 
 use std::{
     env, fs,
@@ -46,6 +48,11 @@ const NEEDS: &[Need] = &[
         debian: &["gcc", "libc6-dev"],
     },
     Need {
+        what: "Python 3 with virtual environments, for exported models and the package",
+        present: has_python,
+        debian: PYTHON,
+    },
+    Need {
         what: "pkg-config",
         present: || has_program("pkg-config"),
         debian: &["pkg-config"],
@@ -78,11 +85,6 @@ const NEEDS: &[Need] = &[
         what: "Chromium, to look at reports",
         present: || chromium().is_some(),
         debian: &["chromium"],
-    },
-    Need {
-        what: "Python with virtual environments, for its package",
-        present: has_python,
-        debian: PYTHON,
     },
     Need {
         what: "libudev with headers, for ravedude",
@@ -131,6 +133,20 @@ pub fn python() -> Outcome {
 /// The version of ravedude that was tried.
 const RAVEDUDE: &str = "0.2.2";
 
+/// The version of mdBook that was tried.
+const MDBOOK: &str = "0.5.4";
+
+/// Where mdBook is: on the search path, or where [`setup`] puts it.
+pub fn mdbook() -> Option<PathBuf> {
+    let ours = tools().join("bin/mdbook");
+    find_program("mdbook").or_else(|| ours.is_file().then_some(ours))
+}
+
+/// Where programs are installed that only these tasks need.
+fn tools() -> PathBuf {
+    shell::target_dir().join("tools")
+}
+
 /// Debian packages with a compiler, its cargo and the library source. The first
 /// set is what Debian 12 keeps current for browsers.
 const DEBIAN_RUST: [[&str; 3]; 2] = [
@@ -143,7 +159,7 @@ pub fn setup(mode: Mode) -> Outcome {
     let started = Instant::now();
     let missing: Vec<&Need> = NEEDS.iter().filter(|need| !(need.present)()).collect();
     let linked = avr::is_linked();
-    if missing.is_empty() && linked && has_program("ravedude") {
+    if missing.is_empty() && linked && has_program("ravedude") && mdbook().is_some() {
         println!("setup: nothing to do ({})", seconds(started.elapsed()));
         return Ok(());
     }
@@ -194,6 +210,9 @@ pub fn setup(mode: Mode) -> Outcome {
     if !has_program("ravedude") {
         ravedude(mode)?;
     }
+    if mdbook().is_none() {
+        build_mdbook(mode)?;
+    }
     if mode == Mode::DryRun {
         println!("setup: dry run, nothing was changed");
         return Ok(());
@@ -218,6 +237,24 @@ fn ravedude(mode: Mode) -> Outcome {
     let began = Instant::now();
     let mut command = shell::cargo();
     command.args(["install", "ravedude", "--version", RAVEDUDE, "--locked"]);
+    if mode == Mode::Install {
+        run_quietly(&mut command, INSTALL_LIMIT)?;
+    }
+    report(mode, &shell::text(&command), began);
+    Ok(())
+}
+
+/// Builds mdBook without its web server and without optimisation, which takes about a minute of
+/// one core; the book then takes a second.
+fn build_mdbook(mode: Mode) -> Outcome {
+    let began = Instant::now();
+    let mut command = shell::cargo();
+    command
+        .args(["install", "mdbook", "--version", MDBOOK, "--locked"])
+        .args(["--debug", "--no-default-features", "--features", "search"])
+        .arg("--root")
+        .arg(tools())
+        .env("CARGO_PROFILE_DEV_DEBUG", "0");
     if mode == Mode::Install {
         run_quietly(&mut command, INSTALL_LIMIT)?;
     }

@@ -6,7 +6,7 @@ use std::{
 };
 
 use crate::{
-    avr, bench, python,
+    avr, bench, book, python,
     setup::{self, Mode},
     shell::{Outcome, Steps, cargo, run, target_dir},
     size::{self, Golden},
@@ -42,7 +42,13 @@ pub fn test(scope: Scope) -> Outcome {
     })?;
     steps.step("clippy", || run(&mut clippy(everything)))?;
     steps.step("host tests", || {
-        run(cargo().args(["test", "--locked", "--", "-q"]))
+        let mut tests = cargo();
+        tests.args(["test", "--locked", "--", "-q"]);
+        if everything {
+            // What runs exported models is there: see the set-up.
+            tests.env("SOFTRIG_EXPORT_TOOLS", "required");
+        }
+        run(&mut tests)
     })?;
     steps.step("firmware logic on the host", || {
         run(cargo().args(["test", "--locked", "-p", "firmware", "--", "-q"]))
@@ -52,6 +58,13 @@ pub fn test(scope: Scope) -> Outcome {
             .args(["doc", "--no-deps", "--locked"])
             .env("RUSTDOCFLAGS", "-D warnings"))
     })?;
+
+    // Links and commands in it are among the host tests.
+    if everything {
+        steps.step("book", || book::book().map(drop))?;
+    } else {
+        steps.skip("book", HOST_ONLY);
+    }
 
     if everything {
         steps.step("blind gate", || bench::blind(&["--fast"]))?;

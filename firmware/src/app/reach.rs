@@ -23,7 +23,11 @@ use std::{
     vec::Vec,
 };
 
-use wire::{command::MAX_LINE, protocol::Segment, reply::Reply};
+use wire::{
+    command::{Command, MAX_LINE, Request},
+    protocol::Segment,
+    reply::Reply,
+};
 
 use super::{tests::Text, *};
 use crate::{io::Oversampled, probe::NoProbe};
@@ -244,8 +248,8 @@ impl Bench {
             pressurised: app.conditions.pressurised,
             saving: app.saving.is_busy(),
             self_test: app.self_test.is_some(),
-            is_homing: app.homing.is_some(),
-            running: app.runner.as_ref().map(Runner::index),
+            is_homing: matches!(app.activity, Activity::Homing(_)),
+            running: app.running().map(Runner::index),
             can_start: Runner::start(None, &app.memory, &app.settings).is_some(),
             // No line of the alphabet changes another word.
             draft: [Key::PressureZero, kind].map(|key| word(&app.draft, key)),

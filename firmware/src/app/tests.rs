@@ -8,10 +8,15 @@ use std::{
 };
 
 use proptest::prelude::*;
-use wire::{line, protocol::Named, reply::Reply};
+use wire::{
+    command::{Command, Request},
+    line,
+    protocol::{Named, Track},
+    reply::{Refusal, Reply},
+};
 
 use super::*;
-use crate::{io::PERIOD_S, plant::Plant, probe::NoProbe};
+use crate::{control::limit, io::PERIOD_S, plant::Plant, probe::NoProbe};
 
 /// Text in memory.
 #[derive(Default)]
@@ -354,12 +359,13 @@ fn a_request_that_comes_twice_does_nothing_twice() {
     assert_eq!(rig.ask(Command::Arm), Err(Refusal::NotNow));
     rig.ask(Command::Run(Some(Named::Paper))).unwrap();
     rig.wait(1.0);
-    let before = rig.app.runner;
+    let before = rig.app.running().copied();
+    assert!(before.is_some());
     assert_eq!(
         rig.ask(Command::Run(Some(Named::Paper))),
         Err(Refusal::NotNow)
     );
-    assert_eq!(rig.app.runner, before);
+    assert_eq!(rig.app.running().copied(), before);
     assert_eq!(rig.ask(Command::Load(3)), Err(Refusal::NotNow));
     assert_eq!(rig.ask(Command::SelfTest), Err(Refusal::NotNow));
     for _ in 0..2 {
@@ -669,7 +675,10 @@ proptest! {
                     }
                 }
                 let highest = settings.number(Key::SetpointMaxPressure) * 1_000.0;
-                prop_assert!(rig.app.controller.pressure_setpoint() <= highest * 1.000_01);
+                if let Activity::Playing(play) = &rig.app.activity {
+                    let setpoint = play.controller().pressure_setpoint();
+                    prop_assert!(setpoint <= highest * 1.000_01);
+                }
             }
         }
     }

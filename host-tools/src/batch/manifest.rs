@@ -7,17 +7,19 @@
 //! ```
 //!
 //! Several files are separated by `;`. Paths are relative to the manifest. The column
-//! `holdout` may be left out, and further columns are not read.
+//! `holdout` may be left out. `columns` and `units` say of a case what `--columns` and
+//! `--units` say on the command line. Further columns are not read.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
+use crate::columns::{Columns, Layout, Names};
 use crate::error::InputError;
 
 /// One diagnosis of a manifest.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Case {
     /// Its name, which is that of its folder.
     pub name: String,
@@ -27,6 +29,8 @@ pub struct Case {
     pub recordings: Vec<PathBuf>,
     /// Recordings to judge by.
     pub holdout: Vec<PathBuf>,
+    /// Where they stand in their files, as far as the manifest says.
+    pub layout: Layout,
 }
 
 /// A row as it is written.
@@ -37,6 +41,10 @@ struct Row {
     recordings: String,
     #[serde(default)]
     holdout: String,
+    #[serde(default)]
+    columns: String,
+    #[serde(default)]
+    units: String,
 }
 
 /// Reads a manifest.
@@ -109,7 +117,18 @@ fn parse(text: &str, folder: &Path) -> Result<Vec<Case>, InputError> {
                 "name one or more files, separated by ';'",
             ));
         }
+        let mut layout = Layout::default();
+        let wrong = |column: &'static str| {
+            move |found: String| fail(column, found, "write it as for the flag of that name")
+        };
+        if !row.columns.is_empty() {
+            layout.names = Names::parse(&row.columns).map_err(wrong("columns"))?;
+        }
+        if !row.units.is_empty() {
+            layout.columns = Columns::of_units(&row.units).map_err(wrong("units"))?;
+        }
         cases.push(Case {
+            layout,
             model: folder.join(&row.model),
             name: row.case,
             recordings,

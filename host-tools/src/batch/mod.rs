@@ -8,6 +8,7 @@
 //! ```text
 //! OUT/CASE/verdict.json     as of --json
 //! OUT/CASE/repaired.toml    as of -o
+//! OUT/CASE/warnings.txt     what a single diagnosis would have warned of, if anything
 //! OUT/CASE/inputs.sha256    what they are of, as `sha256sum` writes it; written last
 //! OUT/CASE/error.txt        instead of them, where a case could not be diagnosed
 //! OUT/results.parquet       a row a case
@@ -21,7 +22,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use crate::checkpoint::Checkpoint;
-use crate::columns::Columns;
+use crate::columns::Layout;
 use crate::diagnose::{Progress, Request, diagnose_from};
 use crate::error::{InputError, write_atomically};
 use crate::model_file::ModelFile;
@@ -60,6 +61,11 @@ impl Folder {
         self.0.join("repaired.toml")
     }
 
+    /// What may be wrong with the recordings: not complete, rows lost, odd units.
+    pub fn warnings(&self) -> PathBuf {
+        self.0.join("warnings.txt")
+    }
+
     /// What the results are of.
     pub fn inputs(&self) -> PathBuf {
         self.0.join("inputs.sha256")
@@ -89,10 +95,10 @@ impl Folder {
 }
 
 /// How cases are diagnosed.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Settings {
-    /// What the columns of recordings hold.
-    pub columns: Columns,
+    /// Where the recordings stand in their files, as far as the command line says.
+    pub layout: Layout,
     /// Seed of everything random.
     pub seed: u64,
 }
@@ -103,7 +109,7 @@ pub struct Settings {
 ///
 /// The folder cannot be written. What is wrong with the case itself is an
 /// [`Outcome::Failed`], so that the others go on.
-pub fn diagnose(case: &Case, out: &Path, settings: Settings) -> Result<Outcome, InputError> {
+pub fn diagnose(case: &Case, out: &Path, settings: &Settings) -> Result<Outcome, InputError> {
     let folder = Folder::of(out, case);
     std::fs::create_dir_all(&folder.0).map_err(|error| InputError::from_io(&folder.0, &error))?;
     let results = inputs(case, settings).and_then(|inputs| {
@@ -112,12 +118,12 @@ pub fn diagnose(case: &Case, out: &Path, settings: Settings) -> Result<Outcome, 
         }
         Ok(Some((solve(case, settings)?, inputs)))
     });
-    let (verdict, repaired, inputs) = match results {
+    let (solved, inputs) = match results {
         Ok(None) => {
             folder.forget(&folder.error())?;
             return Ok(Outcome::Known);
         }
-        Ok(Some(((verdict, repaired), inputs))) => (verdict, repaired, inputs),
+        Ok(Some(results)) => results,
         Err(error) => {
             let text = format!("{error:#}");
             write_atomically(&folder.error(), format!("{text}\n").as_bytes())?;
@@ -127,19 +133,30 @@ pub fn diagnose(case: &Case, out: &Path, settings: Settings) -> Result<Outcome, 
     // First away with what an earlier try says of itself: a job may be killed anywhere here.
     folder.forget(&folder.inputs())?;
     folder.forget(&folder.error())?;
-    write_atomically(&folder.verdict(), verdict.as_bytes())?;
-    write_atomically(&folder.repaired(), repaired.as_bytes())?;
+    folder.forget(&folder.warnings())?;
+    write_atomically(&folder.verdict(), solved.verdict.as_bytes())?;
+    write_atomically(&folder.repaired(), solved.repaired.as_bytes())?;
+    if !solved.warnings.is_empty() {
+        let text = solved.warnings.join("\n") + "\n";
+        write_atomically(&folder.warnings(), text.as_bytes())?;
+    }
     write_atomically(&folder.inputs(), inputs.as_bytes())?;
     Ok(Outcome::Diagnosed)
 }
 
 /// Everything that the results depend on.
-fn inputs(case: &Case, settings: Settings) -> anyhow::Result<String> {
-    let Provenance { version, files, .. } =
-        Provenance::of(&case.model, &case.recordings, &case.holdout, String::new())?;
+fn inputs(case: &Case, settings: &Settings) -> anyhow::Result<String> {
+    let Provenance { version, files, .. } = Provenance::of(
+        &case.model,
+        None,
+        &case.recordings,
+        &case.holdout,
+        String::new(),
+    )?;
     let mut text = format!(
         "# softrig {version}, seed {}, columns {:?}\n",
-        settings.seed, settings.columns
+        settings.seed,
+        settings.layout.or(&case.layout)
     );
     let mut role = "";
     for file in &files {
@@ -153,23 +170,36 @@ fn inputs(case: &Case, settings: Settings) -> anyhow::Result<String> {
     Ok(text)
 }
 
-/// The verdict and the model to go on with, as texts.
-fn solve(case: &Case, settings: Settings) -> anyhow::Result<(String, String)> {
-    // Warnings of a thousand cases are read by nobody; those that matter are in the verdict.
-    let quiet = |_: &str| {};
+/// What a diagnosis came to, as texts.
+struct Solved {
+    verdict: String,
+    repaired: String,
+    warnings: Vec<String>,
+}
+
+fn solve(case: &Case, settings: &Settings) -> anyhow::Result<Solved> {
+    // Those of a thousand cases would be read by nobody: they stand beside the verdict.
+    let mut warnings = Vec::new();
+    let mut warn = |text: &str| warnings.push(text.to_owned());
     check_distinct(&case.recordings, &case.holdout)?;
     let file = ModelFile::read(&case.model)?;
-    let recordings = read_all(&case.recordings, &settings.columns, quiet)?;
-    let holdout = read_all(&case.holdout, &settings.columns, quiet)?;
+    let layout = settings.layout.or(&case.layout).or(&file.recording);
+    let recordings = read_all(&case.recordings, &layout, &mut warn)?;
+    let holdout = read_all(&case.holdout, &layout, &mut warn)?;
     let request = Request {
         file: &file,
         recordings: &recordings,
         holdout: &holdout,
+        own: None,
         seed: settings.seed,
     };
     let clock = Instant::now();
     let diagnosis = diagnose_from(&request, &Checkpoint::default(), &Progress::default())?;
     let verdict = diagnosis.verdict(&request, clock.elapsed().as_secs_f64());
     let verdict = format!("{}\n", serde_json::to_string_pretty(&verdict)?);
-    Ok((verdict, diagnosis.model_text(&file)))
+    Ok(Solved {
+        verdict,
+        repaired: diagnosis.model_text(&file),
+        warnings,
+    })
 }

@@ -28,6 +28,8 @@ pub struct Row {
     pub status: &'static str,
     /// Why it failed.
     pub error: Option<String>,
+    /// What may be wrong with its recordings, a line a warning.
+    pub warnings: Option<String>,
     /// Its verdict.
     pub verdict: Option<Value>,
 }
@@ -57,6 +59,7 @@ impl Row {
                 (None, None) => "missing",
             },
             error: error.map(|text| text.trim_end().to_owned()),
+            warnings: read(&folder.warnings()).map(|text| text.trim_end().to_owned()),
             verdict,
         })
     }
@@ -67,6 +70,14 @@ impl Row {
         match self.effects().or_else(|| self.text("/family")) {
             Some(what) => format!("{verdict}: {what}"),
             None => verdict,
+        }
+    }
+
+    /// How many warnings there are, for a terminal; none if there are none.
+    pub fn warned(&self) -> Option<String> {
+        match self.warnings.as_ref()?.lines().count() {
+            1 => Some("1 warning".to_owned()),
+            count => Some(format!("{count} warnings")),
         }
     }
 
@@ -134,6 +145,7 @@ fn columns(rows: &[Row]) -> Vec<(&'static str, Cells)> {
         ("case", text(&|row| Some(row.case.clone()))),
         ("status", text(&|row| Some(row.status.to_owned()))),
         ("error", text(&|row| row.error.clone())),
+        ("warnings", text(&|row| row.warnings.clone())),
         ("verdict", text(&|row| row.text("/verdict"))),
         ("strength", text(&|row| row.text("/strength"))),
         ("family", text(&|row| row.text("/family"))),
@@ -254,12 +266,14 @@ mod tests {
                 case: "a".into(),
                 status: "diagnosed",
                 error: None,
+                warnings: Some("a.csv: is not complete".into()),
                 verdict: Some(verdict),
             },
             Row {
                 case: "b".into(),
                 status: "failed",
                 error: Some("no such file".into()),
+                warnings: None,
                 verdict: None,
             },
         ];

@@ -1,7 +1,7 @@
 //! `rig diagnose`: which effect does the model lack?
 
 use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use clap::Parser;
 
@@ -10,8 +10,9 @@ use super::output::{self, FileKind, Output};
 use super::watch::Watched;
 use crate::batch::{self, Folder, Outcome, manifest, results};
 use crate::checkpoint::Checkpoint;
-use crate::diagnose::{Request, diagnose_from};
+use crate::diagnose::{Budget, Request, diagnose_from};
 use crate::error::write_atomically;
+use crate::own_effects::OwnEffects;
 use crate::recording::{check_distinct, read_all};
 use crate::report::Outputs;
 use crate::report::content::Content;
@@ -34,11 +35,16 @@ Examples:
   rig diagnose --model m.toml run.csv --json verdict.json
   rig diagnose --model m.toml monday.csv tuesday.csv      sessions of one rig
   rig diagnose --model m.toml id_*.csv --holdout vad_*.csv --plot gap.svg
+  rig diagnose --model m.toml --effects mine.toml run.csv  tries formulas of your own
   rig diagnose --model m.toml run.csv --resume fits       after an interruption
+  rig diagnose --model m.toml run.csv --budget 2min       what is found by then
   rig diagnose --batch cases.csv -o out                   thousands of recordings
   rig diagnose --batch cases.csv -o out --share 7/400     as one job of an array
 
 Ctrl-C prints what is known so far, writes nothing, and exits with code 130.
+
+A file of effects has sections [[effect]] with kind = \"custom\", a name, a formula
+for the force, and its parameters; docs/custom-effects.md.
 
 A batch is a CSV with the columns case,model,recordings,holdout; docs/batch.md.
 
@@ -51,6 +57,9 @@ pub struct Args {
     /// Recordings to fit
     #[arg(required_unless_present = "batch", value_name = "REC.csv")]
     recordings: Vec<PathBuf>,
+    /// Effects of your own, by formulas, to try beside those that are known
+    #[arg(long, value_name = "EFFECTS.toml", conflicts_with = "batch")]
+    effects: Option<PathBuf>,
     /// Recordings to judge by, which are not fitted
     #[arg(long, num_args = 1.., value_name = "REC.csv")]
     holdout: Vec<PathBuf>,
@@ -73,7 +82,9 @@ pub struct Args {
         long,
         value_name = "MANIFEST.csv",
         requires = "output",
-        conflicts_with_all = ["model", "recordings", "holdout", "json", "report", "plot", "resume"]
+        conflicts_with_all = [
+            "model", "recordings", "holdout", "json", "report", "plot", "resume", "budget"
+        ]
     )]
     batch: Option<PathBuf>,
     /// Only every Nth case of the batch, beginning with the Kth from 0: one job of an array
@@ -82,6 +93,10 @@ pub struct Args {
     /// Keep finished fits in this folder, and take up those that are there
     #[arg(long, value_name = "FOLDER")]
     resume: Option<PathBuf>,
+    /// End the search after this time, such as 30s or 5min, with a verdict on what was tried
+    /// until then. What that is depends on the computer; the verdict takes a little longer
+    #[arg(long, value_name = "TIME", value_parser = humantime::parse_duration)]
+    budget: Option<Duration>,
     /// Seed of everything random
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -123,25 +138,32 @@ fn share(text: &str) -> Result<Share, String> {
 fn run_batch(args: &Args, path: &Path, out: &Path) -> anyhow::Result<()> {
     let all = manifest::read(path)?;
     let settings = batch::Settings {
-        columns: args.input.columns(),
+        layout: args.input.layout(),
         seed: args.seed,
     };
     let Share { index, of } = args.share.unwrap_or(Share { index: 0, of: 1 });
     let cases: Vec<_> = all.iter().skip(index).step_by(of).collect();
     let width = cases.iter().map(|case| case.name.len()).max().unwrap_or(0);
-    let mut failed = Vec::new();
+    let (mut failed, mut warned) = (Vec::new(), Vec::new());
     for (number, case) in (1..).zip(&cases) {
         let clock = Instant::now();
-        let outcome = batch::diagnose(case, out, settings)?;
+        let outcome = batch::diagnose(case, out, &settings)?;
         let seconds = clock.elapsed().as_secs_f64();
-        let summary = || anyhow::Ok(results::Row::read(out, case)?.summary());
+        let mut known = |how: String| {
+            let row = results::Row::read(out, case)?;
+            let how: Vec<String> = [how].into_iter().chain(row.warned()).collect();
+            if row.warnings.is_some() {
+                warned.push(Folder::of(out, case).warnings());
+            }
+            anyhow::Ok(format!("{} ({})", row.summary(), how.join(", ")))
+        };
         let said = match outcome {
             Outcome::Failed(error) => {
                 failed.push(Folder::of(out, case).error());
                 error.lines().next().unwrap_or_default().to_owned()
             }
-            Outcome::Known => format!("{} (known)", summary()?),
-            Outcome::Diagnosed => format!("{} ({seconds:.1} s)", summary()?),
+            Outcome::Known => known("known".to_owned())?,
+            Outcome::Diagnosed => known(format!("{seconds:.1} s"))?,
         };
         super::print(&format!(
             "{number}/{} {:<width$}  {said}\n",
@@ -157,6 +179,14 @@ fn run_batch(args: &Args, path: &Path, out: &Path) -> anyhow::Result<()> {
         let table = out.join("results.parquet");
         results::write(&table, &rows)?;
         super::print(&format!("{} cases in {}\n", rows.len(), table.display()))?;
+    }
+    if let Some(first) = warned.first() {
+        super::warn(&format!(
+            "{} of {} cases have recordings that are not complete or odd in another way; what was said of the first stands in {}",
+            warned.len(),
+            cases.len(),
+            first.display()
+        ));
     }
     match failed.as_slice() {
         [] => Ok(()),
@@ -178,16 +208,22 @@ fn run_one(args: &Args, model: &PathBuf) -> anyhow::Result<()> {
             Output::of("--plot", FileKind::Picture, args.plot.as_ref()),
             Output::of("-o", FileKind::Model, args.output.as_ref()),
         ],
-        read.chain([model]),
+        read.chain([model]).chain(&args.effects),
     )?;
     check_distinct(&args.recordings, &args.holdout)?;
-    let columns = args.input.columns();
-    let (file, recordings) = super::read(model, &args.recordings, &columns)?;
-    let holdout = read_all(&args.holdout, &columns, super::warn)?;
+    let layout = args.input.layout();
+    let (file, recordings) = super::read(model, &args.recordings, &layout)?;
+    let layout = layout.or(&file.recording);
+    let own = match &args.effects {
+        Some(path) => Some(OwnEffects::read(path, &file.model)?),
+        None => None,
+    };
+    let holdout = read_all(&args.holdout, &layout, super::warn)?;
     // Before the long work: these are the bytes that it starts from.
     let provenance = match &args.report {
         Some(_) => Some(Provenance::of(
             model,
+            args.effects.as_deref(),
             &args.recordings,
             &args.holdout,
             command_line(),
@@ -198,6 +234,7 @@ fn run_one(args: &Args, model: &PathBuf) -> anyhow::Result<()> {
         file: &file,
         recordings: &recordings,
         holdout: &holdout,
+        own: own.as_ref(),
         seed: args.seed,
     };
     let checkpoint = match &args.resume {
@@ -205,7 +242,8 @@ fn run_one(args: &Args, model: &PathBuf) -> anyhow::Result<()> {
         None => Checkpoint::default(),
     };
     let clock = Instant::now();
-    let watched = Watched::start(go_on(args.resume.as_deref()))?;
+    let budget = args.budget.map(Budget::Time);
+    let watched = Watched::start(go_on(args.resume.as_deref()), budget)?;
     let diagnosis = diagnose_from(&request, &checkpoint, &watched.progress);
     let writing = watched.finish();
     let diagnosis = diagnosis?;

@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use clap::Parser;
 
-use crate::example::{Hidden, make};
+use crate::example::{Hidden, make, of_actuator};
+use crate::model_file::ModelFile;
 
 /// Writes a model and simulated recordings with an effect hidden in them.
 ///
@@ -15,6 +16,7 @@ use crate::example::{Hidden, make};
 Examples:
   rig example -o demo --hide 7
   rig example -o demo --effect coulomb_friction --noise-deg 0.4
+  rig example -o demo --actuator truth.toml               effects of any kind
   rig diagnose --model demo/model.toml demo/recordings/*.csv --plot gap.svg")]
 pub struct Args {
     /// Folder to write model.toml, truth.toml and recordings/ to
@@ -27,6 +29,10 @@ pub struct Args {
     /// nothing but wrong parameters
     #[arg(long, value_name = "KIND")]
     effect: Option<String>,
+    /// Record the actuator of this model file instead; model.toml is then its
+    /// dynamics, off by as much as data sheets are, without its effects
+    #[arg(long, value_name = "TRUTH.toml", conflicts_with = "effect")]
+    actuator: Option<PathBuf>,
     /// RMS noise of the angle sensor, in degrees
     #[arg(long, default_value_t = 0.4)]
     noise_deg: f64,
@@ -39,7 +45,10 @@ pub struct Args {
 /// Faults of the arguments, and folders that cannot be written.
 pub fn run(args: &Args) -> anyhow::Result<()> {
     let hidden = Hidden::named(args.effect.as_deref())?;
-    let example = make(hidden, args.noise_deg, args.hide)?;
+    let example = match &args.actuator {
+        Some(path) => of_actuator(&ModelFile::read(path)?, args.noise_deg, args.hide)?,
+        None => make(hidden, args.noise_deg, args.hide)?,
+    };
     example.write(&args.output)?;
     let shown = args.output.display();
     super::print(&format!(

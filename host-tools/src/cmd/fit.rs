@@ -46,7 +46,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         &[Output::of("-o", FileKind::Model, args.output.as_ref())],
         read,
     )?;
-    let (file, recordings) = super::read(&args.model, &args.recordings, &args.input.columns())?;
+    let (file, recordings) = super::read(&args.model, &args.recordings, &args.input.layout())?;
     let Refit {
         data,
         concerns,

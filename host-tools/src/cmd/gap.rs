@@ -9,12 +9,13 @@ use std::path::PathBuf;
 
 use clap::Parser;
 
+use super::input::InputArgs;
 use super::output::{self, FileKind, Output};
-use crate::columns::Columns;
+use crate::columns::Layout;
 use crate::error::InputError;
 use crate::estimate::assemble::{Group, grouped};
 use crate::plot::{Figure, Panel, Series, Style, write_svg};
-use crate::recording::{Recording, SegmentMeta, read_all};
+use crate::recording::{Recording, SegmentMeta, check_distinct, read_all};
 use crate::statistics::rms;
 
 /// Shows the gap between the angle that the board predicts and the angle that
@@ -38,6 +39,8 @@ pub struct Args {
     /// Draw the worst run, before and after, with what the model leaves
     #[arg(long, value_name = "FILE.svg")]
     plot: Option<PathBuf>,
+    #[command(flatten)]
+    input: InputArgs,
 }
 
 /// Runs the command.
@@ -51,9 +54,10 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         &[Output::of("--plot", FileKind::Picture, args.plot.as_ref())],
         read,
     )?;
-    crate::recording::check_distinct(&args.recordings, &args.after)?;
-    let before = gaps(&args.recordings)?;
-    let after = gaps(&args.after)?;
+    check_distinct(&args.recordings, &args.after)?;
+    let layout = args.input.layout();
+    let before = gaps(&args.recordings, &layout)?;
+    let after = gaps(&args.after, &layout)?;
     let mut text = table(&before, &after);
     if let Some(path) = &args.plot {
         write_svg(path, &figure(&before, &after))?;
@@ -168,8 +172,8 @@ fn label(segment: &SegmentMeta) -> String {
     }
 }
 
-fn gaps(paths: &[PathBuf]) -> Result<Vec<Gap>, InputError> {
-    let recordings = read_all(paths, &Columns::default(), super::warn)?;
+fn gaps(paths: &[PathBuf], layout: &Layout) -> Result<Vec<Gap>, InputError> {
+    let recordings = read_all(paths, layout, super::warn)?;
     let mut gaps = Vec::new();
     for group in grouped(recordings.iter().map(|recording| (recording, true))) {
         let (used, note) = used_of(&group);

@@ -1,19 +1,41 @@
-//! The flags of every command that reads recordings of other tools: what their
-//! columns hold.
+//! The flags of every command that reads recordings of other tools: which columns
+//! hold what, and in which units.
 
 use clap::Args;
 
-use crate::columns::{self, AngleUnit, Columns, PressureUnit, TimeUnit};
+use crate::columns::{self, AngleUnit, Columns, Layout, Names, PressureUnit, TimeUnit};
 
-/// What the columns of all recordings hold, if not what their header says.
-#[derive(Clone, Copy, Debug, Default, Args)]
+/// Where all recordings of a command stand in their files, if not in the columns `time_s`,
+/// `pressure_kpa` and `angle_deg`.
+#[derive(Clone, Debug, Default, Args)]
 #[command(next_help_heading = "If the columns mean something else")]
 pub struct InputArgs {
-    /// Unit of the column time_s
-    #[arg(long, value_enum, value_name = "UNIT")]
+    /// The columns that hold the recording: time=t,pressure=p_psi,angle=theta. In an MCAP
+    /// file topics: pressure=/rig/pressure.data. [recording] in the model file says the
+    /// same for good
+    #[arg(long, value_name = "WHICH=COLUMN,…", value_parser = Names::parse)]
+    columns: Vec<Names>,
+    /// Their units: time=ms,pressure=psi,angle=rad. Known are s, ms, us, ns, min; kpa, psi,
+    /// bar, mbar, mpa, pa, mmhg; deg, rad
+    #[arg(long, value_name = "WHICH=UNIT,…", value_parser = Columns::of_units)]
+    units: Vec<Columns>,
+    /// Unit of the time, as --units time=UNIT
+    #[arg(
+        long,
+        value_enum,
+        value_name = "UNIT",
+        hide = true,
+        conflicts_with = "units"
+    )]
     time_in: Option<TimeUnit>,
-    /// Unit of the column pressure_kpa
-    #[arg(long, value_enum, value_name = "UNIT")]
+    /// Unit of the pressure, as --units pressure=UNIT
+    #[arg(
+        long,
+        value_enum,
+        value_name = "UNIT",
+        hide = true,
+        conflicts_with = "units"
+    )]
     pressure_in: Option<PressureUnit>,
     /// The pressure is absolute: take off that of the air, 101.325 kPa if no
     /// other is given
@@ -26,8 +48,14 @@ pub struct InputArgs {
         value_parser = air
     )]
     absolute_pressure: Option<f64>,
-    /// Unit of the column angle_deg
-    #[arg(long, value_enum, value_name = "UNIT")]
+    /// Unit of the angle, as --units angle=UNIT
+    #[arg(
+        long,
+        value_enum,
+        value_name = "UNIT",
+        hide = true,
+        conflicts_with = "units"
+    )]
     angle_in: Option<AngleUnit>,
     /// The angle counts the other way round: change its sign
     #[arg(long)]
@@ -38,15 +66,26 @@ pub struct InputArgs {
 }
 
 impl InputArgs {
-    /// What the columns hold.
-    pub fn columns(&self) -> Columns {
-        Columns {
+    /// Where the recordings stand, as far as the command line says.
+    pub fn layout(&self) -> Layout {
+        let said = Columns {
             time: self.time_in,
             pressure: self.pressure_in,
             air_kpa: self.absolute_pressure,
             angle: self.angle_in,
             flip_angle: self.flip_angle,
             exchange: self.exchange_columns,
+        };
+        Layout {
+            // Of two that contradict each other the later counts, as everywhere.
+            names: self
+                .columns
+                .iter()
+                .fold(Names::default(), |earlier, later| later.or(&earlier)),
+            columns: self
+                .units
+                .iter()
+                .fold(said, |earlier, later| later.or(earlier)),
         }
     }
 }

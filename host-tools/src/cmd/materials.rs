@@ -14,7 +14,7 @@ use crate::error::{InputError, write_atomically};
 use crate::materials::curve::{Measure, TensileCurve};
 use crate::materials::fit::{self, Choice, CurveFit, Estimate, LawFit, Modulus, Residual};
 use crate::materials::predictor::{LeaveOneOut, PredictorFit, eight_rows, leave_one_out};
-use crate::materials::table_row;
+use crate::materials::{pictures, table_row};
 use crate::plot::{Figure, Mark, Panel, Role, Series, Style, write_svg};
 
 /// Materials: the paper's table, exponents from tensile curves and data sheets.
@@ -23,6 +23,7 @@ use crate::plot::{Figure, Mark, Panel, Role, Series, Style, write_svg};
 Examples:
   rig materials list
   rig materials fit-curve tensile.csv --plot curve.svg
+  rig materials fit-curve *.csv --plot curves.svg            several in one picture
   rig materials predict --modulus-mpa 0.338 --viscosity-cps 20000 --tensile-mpa 3.79")]
 pub struct Args {
     #[command(subcommand)]
@@ -40,14 +41,21 @@ enum Command {
 }
 
 #[derive(Debug, Default, clap::Args)]
-#[command(after_help = "Examples:\n  rig materials list --json table.json")]
+#[command(after_help = "\
+Examples:
+  rig materials list --json table.json
+  rig materials list --plot predictor.svg")]
 struct ListArgs {
+    /// Draw the exponents against the figures of the data sheets, with what the predictor
+    /// makes of them
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
     /// Print JSON, to a file if one is named
     #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
     json: Option<PathBuf>,
 }
 
-/// Fits Ludwick's law σ = E εⁿ, and Hooke's for comparison, to a tensile curve.
+/// Fits Ludwick's law σ = E εⁿ, and Hooke's for comparison, to tensile curves.
 ///
 /// The exponent depends on choices that are easily left unsaid; all of them are
 /// printed with the result. By default the engineering stress is fitted against
@@ -60,11 +68,13 @@ struct ListArgs {
 #[command(after_help = "\
 Examples:
   rig materials fit-curve tensile.csv --range 0,1 --plot curve.svg
+  rig materials fit-curve \"Dragon Skin 20.csv\" \"Ecoflex 00-30.csv\" --plot curves.svg
   rig materials fit-curve \"Dragon Skin 20.csv\" --paper")]
 struct FitCurveArgs {
-    /// Tensile curve: a file of the Soft Robotics Materials Database, or a CSV
+    /// Tensile curves: files of the Soft Robotics Materials Database, or CSVs
     /// with the columns `strain` and `stress_mpa`
-    file: PathBuf,
+    #[arg(required = true, value_name = "FILE")]
+    files: Vec<PathBuf>,
     /// Stress measure [default: that of the strain, else engineering]
     #[arg(long, value_enum)]
     stress: Option<Measure>,
@@ -85,7 +95,7 @@ struct FitCurveArgs {
     /// 6, misfit in strain, modulus from the table (or --modulus-mpa)
     #[arg(long, conflicts_with_all = ["stress", "strain", "range", "residual"])]
     paper: bool,
-    /// Draw curve, laws and residuals as SVG
+    /// Draw curve, laws and residuals as SVG; of several curves, all in one picture
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
     /// Write the result as JSON; `-` prints it instead of the text
@@ -164,9 +174,9 @@ fn execute(args: Args, out: &mut dyn Write) -> anyhow::Result<()> {
 
 fn check_outputs(command: &Command) -> Result<(), InputError> {
     let (json, plot, read) = match command {
-        Command::List(args) => (&args.json, &None, None),
-        Command::FitCurve(args) => (&args.json, &args.plot, Some(&args.file)),
-        Command::Predict(args) => (&args.json, &None, None),
+        Command::List(args) => (&args.json, &args.plot, &[][..]),
+        Command::FitCurve(args) => (&args.json, &args.plot, args.files.as_slice()),
+        Command::Predict(args) => (&args.json, &None, &[][..]),
     };
     let json = json
         .as_ref()
@@ -206,6 +216,9 @@ fn list(args: &ListArgs, out: &mut dyn Write) -> anyhow::Result<()> {
     let predictor = PredictorFit::new(&eight_rows())?;
     let all_rows = PredictorFit::new(&TABLE_I)?;
     let unseen = leave_one_out(&TABLE_I)?;
+    if let Some(path) = &args.plot {
+        write_svg(path, &pictures::predictor_figure(&predictor, &unseen))?;
+    }
     let value = json!({
         "schema": 1,
         "source": format!("{SOURCE}, Tables I and II"),
@@ -219,34 +232,7 @@ fn list(args: &ListArgs, out: &mut dyn Write) -> anyhow::Result<()> {
     if !deliver_json(args.json.as_deref(), &value, out)? {
         return Ok(());
     }
-    writeln!(out, "Table I of {SOURCE}")?;
-    writeln!(out)?;
-    writeln!(
-        out,
-        "{:<23} {:>6} {:>9} {:>22} {:>23}",
-        "material", "n", "E (MPa)", "mixed viscosity (cps)", "tensile strength (MPa)"
-    )?;
-    for material in &TABLE_I {
-        let sheet = material.data_sheet::<f64>();
-        let mark = if material.held_out.is_some() {
-            " *"
-        } else {
-            ""
-        };
-        writeln!(
-            out,
-            "{:<23} {:>6.3} {:>9.2} {:>22.0} {:>23.2}",
-            format!("{}{mark}", material.name),
-            material.exponent::<f64>(),
-            sheet.modulus_mpa(),
-            sheet.mixed_viscosity_cps(),
-            sheet.tensile_strength_mpa(),
-        )?;
-    }
-    writeln!(
-        out,
-        "* held out of the predictor's fit; Table II estimates them"
-    )?;
+    write_table_i(out)?;
     writeln!(out)?;
     writeln!(
         out,
@@ -302,7 +288,42 @@ fn list(args: &ListArgs, out: &mut dyn Write) -> anyhow::Result<()> {
          fit gives\nthe paper's two estimates to three decimals."
     )?;
     writeln!(out, "{}", sentence_on_unseen(&unseen))?;
+    if let Some(path) = &args.plot {
+        writeln!(out, "picture: {}", path.display())?;
+    }
     Ok(())
+}
+
+/// Table I, with the two that the predictor's fit leaves out marked.
+fn write_table_i(out: &mut dyn Write) -> std::io::Result<()> {
+    writeln!(out, "Table I of {SOURCE}")?;
+    writeln!(out)?;
+    writeln!(
+        out,
+        "{:<23} {:>6} {:>9} {:>22} {:>23}",
+        "material", "n", "E (MPa)", "mixed viscosity (cps)", "tensile strength (MPa)"
+    )?;
+    for material in &TABLE_I {
+        let sheet = material.data_sheet::<f64>();
+        let mark = if material.held_out.is_some() {
+            " *"
+        } else {
+            ""
+        };
+        writeln!(
+            out,
+            "{:<23} {:>6.3} {:>9.2} {:>22.0} {:>23.2}",
+            format!("{}{mark}", material.name),
+            material.exponent::<f64>(),
+            sheet.modulus_mpa(),
+            sheet.mixed_viscosity_cps(),
+            sheet.tensile_strength_mpa(),
+        )?;
+    }
+    writeln!(
+        out,
+        "* held out of the predictor's fit; Table II estimates them"
+    )
 }
 
 fn sentence_on_unseen(unseen: &LeaveOneOut) -> String {
@@ -441,11 +462,15 @@ fn choice_of(args: &FitCurveArgs, curve: &TensileCurve) -> Result<Choice, InputE
 }
 
 fn choice_sentence(fit: &CurveFit) -> String {
+    match fit.choice.modulus {
+        Modulus::Free => choice_but(fit, "modulus free"),
+        Modulus::Fixed(mpa) => choice_but(fit, &format!("modulus held at {mpa} MPa")),
+    }
+}
+
+/// The choice in a sentence, with what is said of the modulus.
+fn choice_but(fit: &CurveFit, modulus: &str) -> String {
     let choice = &fit.choice;
-    let modulus = match choice.modulus {
-        Modulus::Free => "modulus free".to_owned(),
-        Modulus::Fixed(mpa) => format!("modulus held at {mpa} MPa"),
-    };
     let range = choice
         .range
         .map_or("whole curve".to_owned(), |(low, high)| {
@@ -490,15 +515,23 @@ fn notes(curve: &TensileCurve, fit: &CurveFit) -> Vec<String> {
 }
 
 fn fit_curve(args: &FitCurveArgs, out: &mut dyn Write) -> anyhow::Result<()> {
-    let curve = TensileCurve::read(&args.file)?;
-    let choice = choice_of(args, &curve)?;
-    let fit = fit::fit(&curve, &choice)?;
-    let notes = notes(&curve, &fit);
-    let published = table_row(&curve);
-    if let Some(path) = &args.plot {
-        write_svg(path, &figure(&curve, &fit))?;
+    let mut fitted = Vec::new();
+    for path in &args.files {
+        let curve = TensileCurve::read(path)?;
+        let choice = choice_of(args, &curve)?;
+        let fit = fit::fit(&curve, &choice)?;
+        fitted.push((curve, fit));
     }
-    let value = json!({
+    match fitted.as_slice() {
+        [(curve, fit)] => fit_one(args, curve, fit, out),
+        all => fit_several(args, all, out),
+    }
+}
+
+/// What is fitted, and how, as JSON.
+fn curve_json(args: &FitCurveArgs, curve: &TensileCurve, fit: &CurveFit) -> Value {
+    let choice = &fit.choice;
+    json!({
         "schema": 1,
         "file": curve.path.display().to_string(),
         "material": curve.material,
@@ -519,10 +552,100 @@ fn fit_curve(args: &FitCurveArgs, out: &mut dyn Write) -> anyhow::Result<()> {
         "residual_unit": choice.residual.unit(),
         "ludwick": fit.ludwick,
         "hooke": fit.hooke,
-        "table_i": published.map(material_json),
-        "notes": notes,
+        "table_i": table_row(curve).map(material_json),
+        "notes": notes(curve, fit),
         "tool_version": env!("CARGO_PKG_VERSION"),
-    });
+    })
+}
+
+/// A row a curve, and all of them in one picture.
+fn fit_several(
+    args: &FitCurveArgs,
+    fitted: &[(TensileCurve, CurveFit)],
+    out: &mut dyn Write,
+) -> anyhow::Result<()> {
+    let Some((_, first)) = fitted.first() else {
+        return Ok(());
+    };
+    let alike = fitted.iter().all(|(_, fit)| fit.choice == first.choice);
+    let choice = if alike {
+        choice_sentence(first)
+    } else {
+        // The paper's recipe holds each modulus where the table has it.
+        choice_but(first, "modulus held as in Table I")
+    };
+    if let Some(path) = &args.plot {
+        write_svg(
+            path,
+            &pictures::curves_figure(fitted, &with_capital(&choice)),
+        )?;
+    }
+    let each: Vec<Value> = fitted
+        .iter()
+        .map(|(curve, fit)| curve_json(args, curve, fit))
+        .collect();
+    let value = json!({ "schema": 1, "curves": each });
+    if !deliver_json(args.json.as_deref(), &value, out)? {
+        return Ok(());
+    }
+    writeln!(out, "Ludwick's law; {choice}")?;
+    writeln!(out)?;
+    writeln!(
+        out,
+        "{:<23} {:>7} {:>15} {:>18} {:>20} {:>9} {:>10}",
+        "material", "samples", "strain", "n", "E (MPa)", "R²", "Table I: n"
+    )?;
+    for (curve, fit) in fitted {
+        let table = table_row(curve).map(Material::exponent::<f64>);
+        writeln!(
+            out,
+            "{:<23} {:>7} {:>15} {:>18} {:>20} {:>9.5} {:>10}",
+            pictures::name(curve),
+            fit.points,
+            format!("{:.3} to {:.3}", fit.strains.0, fit.strains.1),
+            with_error(fit.ludwick.exponent),
+            with_error(fit.ludwick.modulus_mpa),
+            fit.ludwick.r_squared,
+            table.map_or_else(|| "–".to_owned(), |exponent| format!("{exponent:.3}")),
+        )?;
+    }
+    let of_each: Vec<Vec<String>> = fitted
+        .iter()
+        .map(|(curve, fit)| notes(curve, fit))
+        .collect();
+    let (of_all, others): (Vec<&String>, Vec<&String>) = of_each
+        .iter()
+        .flatten()
+        .partition(|note| of_each.iter().all(|notes| notes.contains(note)));
+    writeln!(out)?;
+    for note in &of_all[..of_all.len() / fitted.len()] {
+        writeln!(out, "note: {note}")?;
+    }
+    if !others.is_empty() {
+        writeln!(
+            out,
+            "{} notes on single curves: fit a curve by itself to read them, or take --json",
+            others.len()
+        )?;
+    }
+    if let Some(path) = &args.plot {
+        writeln!(out, "picture: {}", path.display())?;
+    }
+    Ok(())
+}
+
+fn fit_one(
+    args: &FitCurveArgs,
+    curve: &TensileCurve,
+    fit: &CurveFit,
+    out: &mut dyn Write,
+) -> anyhow::Result<()> {
+    let choice = &fit.choice;
+    let notes = notes(curve, fit);
+    if let Some(path) = &args.plot {
+        write_svg(path, &figure(curve, fit))?;
+    }
+    let value = curve_json(args, curve, fit);
     if !deliver_json(args.json.as_deref(), &value, out)? {
         return Ok(());
     }
@@ -532,7 +655,7 @@ fn fit_curve(args: &FitCurveArgs, out: &mut dyn Write) -> anyhow::Result<()> {
         "{} samples, strain {:.4} to {:.4}",
         fit.points, fit.strains.0, fit.strains.1
     )?;
-    writeln!(out, "{}", choice_sentence(&fit))?;
+    writeln!(out, "{}", choice_sentence(fit))?;
     writeln!(out)?;
     writeln!(
         out,
@@ -556,7 +679,7 @@ fn fit_curve(args: &FitCurveArgs, out: &mut dyn Write) -> anyhow::Result<()> {
             law.r_squared
         )?;
     }
-    if let Some(material) = published {
+    if let Some(material) = table_row(curve) {
         writeln!(
             out,
             "{:<9} {:>18} {:>20}",
@@ -587,16 +710,15 @@ fn with_error(estimate: Estimate) -> String {
 const HOOKE: Style = Style::new(Role::Before, Mark::Line);
 const LUDWICK: Style = Style::AFTER;
 
+fn with_capital(sentence: &str) -> String {
+    let mut letters = sentence.chars();
+    let first = letters.next().into_iter().flat_map(char::to_uppercase);
+    first.chain(letters).collect()
+}
+
 /// Curve and laws above, misfits below.
 fn figure(curve: &TensileCurve, fit: &CurveFit) -> Figure {
-    let sentence = choice_sentence(fit);
-    let mut letters = sentence.chars();
-    let sentence: String = letters
-        .next()
-        .into_iter()
-        .flat_map(char::to_uppercase)
-        .chain(letters)
-        .collect();
+    let sentence = with_capital(&choice_sentence(fit));
     Figure::new(format!("{}: Ludwick's law and Hooke's", curve.material))
         .with_subtitle(format!(
             "{sentence}. RMS misfit {:.4} against {:.4} {}.",
@@ -828,6 +950,38 @@ mod tests {
         let value: Value =
             serde_json::from_str(&rig(&["fit-curve", &file, "--json", "-"]).unwrap()).unwrap();
         assert_eq!(value["choice"]["modulus_mpa"], "free");
+    }
+
+    #[test]
+    fn several_curves_make_a_table_and_one_picture() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = curve_file(folder.path());
+        let other = folder.path().join("Ecoflex 00-30.csv");
+        std::fs::copy(&file, &other).unwrap();
+        let other = other.display().to_string();
+        let svg = folder.path().join("both.svg").display().to_string();
+        let text = rig(&["fit-curve", &file, &other, "--plot", &svg]).unwrap();
+        assert!(
+            text.starts_with("Ludwick's law; engineering stress against"),
+            "{text}"
+        );
+        let row = text.lines().find(|line| line.starts_with("Ecoflex 00-30"));
+        assert!(row.is_some_and(|row| row.ends_with("1.613")), "{text}");
+        assert_eq!(text.matches("1.5000 ± 0.0000").count(), 2);
+        let picture = std::fs::read_to_string(&svg).unwrap();
+        assert!(picture.contains("Ecoflex 00-30: n = 1.50, E = 0.300 MPa"));
+        let value: Value =
+            serde_json::from_str(&rig(&["fit-curve", &file, &other, "--json", "-"]).unwrap())
+                .unwrap();
+        assert_eq!(value["curves"].as_array().unwrap().len(), 2);
+        assert_eq!(value["curves"][1]["points"], 101);
+        let list = rig(&["list", "--plot", &svg]).unwrap();
+        assert!(list.ends_with("both.svg\n"), "{list}");
+        assert!(
+            std::fs::read_to_string(&svg)
+                .unwrap()
+                .contains("modulus E (MPa)")
+        );
     }
 
     #[test]

@@ -3,10 +3,13 @@
 
 pub mod calibrate;
 pub mod compare;
+pub mod convert;
 pub mod diagnose;
 pub mod example;
+pub mod export;
 pub mod fit;
 pub mod gap;
+pub mod init;
 pub mod input;
 pub mod materials;
 pub mod monitor;
@@ -23,7 +26,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use crate::columns::Columns;
+use crate::columns::Layout;
 use crate::error::InputError;
 use crate::model_file::ModelFile;
 use crate::recording::{Recording, read_all};
@@ -35,14 +38,15 @@ pub(crate) fn warn(text: &str) {
     crate::terminal::remark(&format!("warning: {text}"));
 }
 
-/// Reads a model and recordings, with their warnings.
+/// Reads a model and recordings, with their warnings. What the command line leaves open of
+/// where they stand in their files, the model says.
 pub(crate) fn read(
     model: &std::path::Path,
     recordings: &[PathBuf],
-    columns: &Columns,
+    layout: &Layout,
 ) -> Result<(ModelFile, Vec<Recording>), InputError> {
     let file = ModelFile::read(model)?;
-    let recordings = read_all(recordings, columns, warn)?;
+    let recordings = read_all(recordings, &layout.or(&file.recording), warn)?;
     Ok((file, recordings))
 }
 

@@ -10,7 +10,8 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use crate::error::{InputError, check_writable, is_stream};
+use crate::error::{InputError, check_writable, is_stream, target_of};
+use crate::export::WRITTEN_BY as WRITTEN_BY_EXPORT;
 use crate::record::meta_path;
 
 /// What a file holds.
@@ -30,6 +31,8 @@ pub enum FileKind {
     Table,
     /// A recording: never replaced without being told to.
     Recording,
+    /// A model as a program of another language.
+    Code,
 }
 
 impl FileKind {
@@ -43,6 +46,7 @@ impl FileKind {
             Self::Picture => "a picture",
             Self::Table => "a table",
             Self::Recording => "a recording",
+            Self::Code => "code",
         }
     }
 
@@ -56,6 +60,7 @@ impl FileKind {
             Self::Picture => "picture.svg",
             Self::Table => "table.csv",
             Self::Recording => "new.csv",
+            Self::Code => "exported.c",
         }
     }
 }
@@ -67,6 +72,7 @@ pub struct Output<'a> {
     kind: FileKind,
     path: Option<&'a Path>,
     may_replace: bool,
+    rows_only: bool,
 }
 
 impl<'a> Output<'a> {
@@ -77,7 +83,21 @@ impl<'a> Output<'a> {
             kind,
             path: path.map(PathBuf::as_path),
             may_replace: kind != FileKind::Recording,
+            rows_only: false,
         }
+    }
+
+    /// Takes it away where nothing is written.
+    pub(crate) fn unless(self, dry_run: bool) -> Self {
+        Self {
+            path: self.path.filter(|_| !dry_run),
+            ..self
+        }
+    }
+
+    /// Says whether it leaves the metadata beside it alone.
+    pub(crate) fn rows_only(self, rows_only: bool) -> Self {
+        Self { rows_only, ..self }
     }
 
     /// Lets it replace a recording, if that can be had again or the user says so.
@@ -133,7 +153,7 @@ pub fn check<'a>(
             Some("is read by this command".to_owned())
         } else {
             match found(path) {
-                Found::Nothing if output.kind == FileKind::Recording => {
+                Found::Nothing if output.kind == FileKind::Recording && !output.rows_only => {
                     keep_metadata(path, output.may_replace)?;
                     None
                 }
@@ -199,8 +219,10 @@ pub(crate) fn is_simulated(path: &Path) -> bool {
     })
 }
 
-/// The same for every name of a file that exists.
-fn same_file(path: &Path) -> PathBuf {
+/// The same for every name of a file, also of one that is still to be made.
+pub(super) fn same_file(path: &Path) -> PathBuf {
+    let target = target_of(path).unwrap_or_else(|_| path.to_owned());
+    let path = target.as_path();
     path.canonicalize().unwrap_or_else(|_| {
         // A new file in a folder that may have several names.
         let folder = match path.parent() {
@@ -235,13 +257,20 @@ fn found(path: &Path) -> Found {
     if bytes.iter().all(u8::is_ascii_whitespace) {
         return Found::Nothing;
     }
-    // A compressed table is a recording: nothing else that is read here is compressed.
-    if bytes.starts_with(&[0x1f, 0x8b]) {
+    // A compressed table is a recording, as are the binary formats: nothing else that is read
+    // here is either.
+    if [&[0x1f, 0x8b][..], b"PAR1", mcap::MAGIC, b"MATLAB"]
+        .iter()
+        .any(|start| bytes.starts_with(start))
+    {
         return Found::Known(FileKind::Recording);
     }
     let text = String::from_utf8_lossy(&bytes);
     of_text(text.trim_start_matches('\u{feff}').trim_start()).map_or(Found::Unknown, Found::Known)
 }
+
+/// The lines within which an export says what wrote it.
+const EXPORT_SAYS_SO_BY: usize = 12;
 
 fn of_text(text: &str) -> Option<FileKind> {
     let start: String = text.chars().take(200).collect::<String>().to_lowercase();
@@ -250,6 +279,15 @@ fn of_text(text: &str) -> Option<FileKind> {
     }
     if start.starts_with("<svg") || (start.starts_with("<?xml") && text.contains("<svg")) {
         return Some(FileKind::Picture);
+    }
+    // Every export says so in its first lines, whatever the language; other code is
+    // somebody's work.
+    let head = text.lines().take(EXPORT_SAYS_SO_BY);
+    if head
+        .into_iter()
+        .any(|line| line.contains(WRITTEN_BY_EXPORT))
+    {
+        return Some(FileKind::Code);
     }
     if start.starts_with('{') {
         return Some(FileKind::Json);
@@ -327,6 +365,11 @@ mod tests {
             ),
             ("schema = 1\n[settings]\n", None),
             ("Dear diary, today", None),
+            (
+                "/*\n * Model \"a\"\n *\n * Written by `rig export` of softrig 0.1.0.\n */",
+                Some(FileKind::Code),
+            ),
+            ("int main(void) { return 0; }\n", None),
         ] {
             assert_eq!(of_text(text), expected, "{text}");
         }

@@ -20,6 +20,7 @@ use crate::estimate::fit::{Effort, Fitter};
 use crate::estimate::subsample::excerpt;
 use crate::estimate::{Dataset, Nuisance};
 use crate::model_file::ModelFile;
+use crate::own_effects::OwnEffects;
 use crate::protocol::Protocol;
 use crate::recording::Recording;
 
@@ -37,6 +38,9 @@ pub struct Args {
     /// Model file
     #[arg(long, value_name = "MODEL.toml")]
     model: PathBuf,
+    /// Effects of your own, by formulas, that --between may name
+    #[arg(long, value_name = "EFFECTS.toml")]
+    effects: Option<PathBuf>,
     /// The two effects; join effects that act together with +
     #[arg(long, value_name = "A,B")]
     between: String,
@@ -67,12 +71,17 @@ const LISTED: usize = 5;
 /// Faults of the input, with place and remedy.
 pub fn run(args: &Args) -> anyhow::Result<()> {
     let read = args.recordings.iter().chain([&args.model]);
+    let read = read.chain(&args.effects);
     output::check(
         &[Output::of("-o", FileKind::Protocol, args.output.as_ref())],
         read,
     )?;
-    let (file, recordings) = super::read(&args.model, &args.recordings, &args.input.columns())?;
-    let pair = between(&args.between)?;
+    let (file, recordings) = super::read(&args.model, &args.recordings, &args.input.layout())?;
+    let own = match &args.effects {
+        Some(path) => Some(OwnEffects::read(path, &file.model)?),
+        None => None,
+    };
+    let pair = between(&args.between, own.as_ref())?;
     let limits = limits(args.limits.as_deref())?;
     let noise = match args.noise_deg {
         Some(noise) if noise > 0.0 && noise.is_finite() => noise.to_radians(),
@@ -128,9 +137,11 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
 }
 
 /// The two explanations in `--between`.
-fn between(text: &str) -> Result<[Vec<Kind>; 2], InputError> {
+fn between(text: &str, own: Option<&OwnEffects>) -> Result<[Vec<Kind>; 2], InputError> {
     let advice = || {
-        let known: Vec<&str> = Kind::NAMES.iter().map(|kind| kind.name()).collect();
+        let own = own.into_iter().flat_map(|own| &own.kinds);
+        let kinds = Kind::NAMES.iter().chain(own);
+        let known: Vec<&str> = kinds.map(|kind| kind.name()).collect();
         format!(
             "name two effects with a comma between them, of: {}",
             known.join(", ")
@@ -141,8 +152,7 @@ fn between(text: &str) -> Result<[Vec<Kind>; 2], InputError> {
         .map(|side| {
             side.split('+')
                 .map(|name| {
-                    let kind = Kind::from_name(name.trim()).filter(|kind| kind.is_name());
-                    kind.ok_or_else(|| {
+                    OwnEffects::find(own, name.trim()).ok_or_else(|| {
                         InputError::new(format!("there is no effect \"{}\"", name.trim()), advice())
                     })
                 })

@@ -86,9 +86,11 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         args.recording.iter().chain(&played).chain([&args.model]),
     )?;
     let file = ModelFile::read(&args.model)?;
+    args.arithmetic.check(&file)?;
     let drive = match (&args.recording, args.protocol.as_deref()) {
         (Some(path), _) => {
-            let (recording, warnings) = Recording::read_as(path, &args.input.columns())?;
+            let (recording, warnings) =
+                Recording::read_as(path, &args.input.layout().or(&file.recording))?;
             for warning in &warnings {
                 super::warn(warning);
             }

@@ -7,8 +7,8 @@ use std::time::Duration;
 
 use indicatif::ProgressBar;
 
-use crate::diagnose::Progress;
 use crate::diagnose::progress::State;
+use crate::diagnose::{Budget, Progress};
 use crate::terminal::{printable, remark};
 
 /// Exit code of an interrupted command, as shells give it: 128 and the number of SIGINT.
@@ -30,9 +30,10 @@ pub(crate) struct Watched {
 }
 
 impl Watched {
-    /// Starts to show, and takes over Ctrl-C; `go_on` says how to take up the work.
-    pub(crate) fn start(go_on: String) -> anyhow::Result<Self> {
-        let progress = Arc::new(Progress::default());
+    /// Starts to show, and takes over Ctrl-C; `go_on` says how to take up the work. The budget
+    /// counts from here.
+    pub(crate) fn start(go_on: String, budget: Option<Budget>) -> anyhow::Result<Self> {
+        let progress = Arc::new(Progress::within(budget));
         let display = Arc::new(Mutex::new(Some(Display::of(Arc::clone(&progress)))));
         let (known, shown) = (Arc::clone(&progress), Arc::clone(&display));
         ctrlc::set_handler(move || {

@@ -137,7 +137,8 @@ impl Scales {
     pub fn plausible(&self, row: &Parameter) -> Option<f64> {
         match row.unit {
             Unit::Second => Some(self.duration),
-            Unit::One | Unit::Radian | Unit::Hertz => None,
+            // What a user gives a formula has the range that the user gives it.
+            Unit::One | Unit::Radian | Unit::Hertz | Unit::Given(_) => None,
             Unit::PerRadian => Some(3.0 / self.angle),
             _ => Some(self.size(row)),
         }
@@ -308,9 +309,13 @@ pub struct Untried {
     pub reason: &'static str,
 }
 
-/// The effects that the recordings can speak about, and the others with the
-/// reason why not.
-pub fn applicable(nominal: &Model<f64>, fitter: &Fitter<'_>) -> (Vec<Kind>, Vec<Untried>) {
+/// The effects of the catalogue and of the user's `own` that the recordings can speak
+/// about, and the others with the reason why not.
+pub fn applicable(
+    nominal: &Model<f64>,
+    own: &[Kind],
+    fitter: &Fitter<'_>,
+) -> (Vec<Kind>, Vec<Untried>) {
     let constant_input = fitter.data.fitted().all(|segment| {
         let pressure = &segment.recording.pressure;
         let first = pressure.first().copied().unwrap_or(0.0);
@@ -318,8 +323,9 @@ pub fn applicable(nominal: &Model<f64>, fitter: &Fitter<'_>) -> (Vec<Kind>, Vec<
     });
     let mut tried = Vec::new();
     let mut untried = Vec::new();
-    for &kind in Kind::NAMES {
-        if nominal.effects().any(|effect| effect.kind() == kind) {
+    for &kind in Kind::NAMES.iter().chain(own) {
+        let is_this = |effect: Effect<f64>| effect.kind().name() == kind.name();
+        if nominal.effects().any(is_this) {
             untried.push(Untried {
                 kind,
                 reason: "the model has it already",

@@ -107,6 +107,46 @@ pub fn decide(scored: &[Scored], policy: &Policy) -> Decision {
     }
 }
 
+/// What is left of a decision if structures of more effects than `tried` were not all
+/// measured: a larger one is named only as far as a smaller one within it could be by itself.
+pub fn as_far_as_tried(
+    decision: Decision,
+    scored: &[Scored],
+    tried: usize,
+    policy: &Policy,
+) -> Decision {
+    match decision {
+        Decision::Named {
+            structure,
+            strength,
+        } if scored[structure].kinds.len() > tried => {
+            let places: Vec<usize> = (0..scored.len())
+                .filter(|&row| scored[row].kinds.len() <= tried)
+                .collect();
+            let smaller: Vec<Scored> = places.iter().map(|&row| scored[row].clone()).collect();
+            let within = |row: &Scored| {
+                let mut kinds = row.kinds.iter();
+                kinds.all(|kind| scored[structure].kinds.contains(kind))
+            };
+            match decide(&smaller, policy) {
+                Decision::Named {
+                    structure: own,
+                    strength,
+                } if within(&smaller[own]) => Decision::Named {
+                    structure: places[own],
+                    strength,
+                },
+                _ => Decision::CannotTell {
+                    rivals: vec![structure],
+                    families: Vec::new(),
+                    strength,
+                },
+            }
+        }
+        other => other,
+    }
+}
+
 /// What becomes of a decision if a table of the named effect's own variable, beside the
 /// formula, leaves these shares of its error, fitted and held out: a right formula leaves
 /// nothing to a table. Where it does, the variable is right and the formula is not, and
@@ -462,6 +502,29 @@ mod tests {
         assert_eq!(shaped(name(), &rows, [0.86, 0.85], &POLICY), name());
         let none = Decision::Unexplained { nearest: None };
         assert_eq!(shaped(none.clone(), &rows, [0.1, 0.1], &POLICY), none);
+    }
+
+    #[test]
+    fn a_name_needs_that_everything_of_its_size_was_tried() {
+        let pair = [CoulombFriction, Gravity];
+        let rows = [
+            row(&[MaxwellBranch], 0.2, 150.0),
+            row(&[Gravity], 0.5, 500.0),
+            row(&pair, 0.9, 900.0),
+        ];
+        let after =
+            |rows: &[Scored], tried| as_far_as_tried(decide(rows, &POLICY), rows, tried, &POLICY);
+        assert_eq!(after(&rows, 2), named(2, Strength::Explains));
+        assert_eq!(after(&rows, 1), named(1, Strength::Part));
+        let open = |structure| Decision::CannotTell {
+            rivals: vec![structure],
+            families: vec![],
+            strength: Strength::Explains,
+        };
+        assert_eq!(after(&rows, 0), open(2));
+        // What the best single effect is does not stand in the pair.
+        let rows = [row(&[MaxwellBranch], 0.5, 500.0), row(&pair, 0.9, 900.0)];
+        assert_eq!(after(&rows, 1), open(1));
     }
 
     /// The order of the rows is that of a search and must not matter.

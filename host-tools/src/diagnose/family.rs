@@ -35,11 +35,57 @@ pub enum Family {
     Periodic,
     /// A second oscillation beside the first.
     SecondMode,
+    /// An effect with a formula of a user's own, who says no family: by its name.
+    Own(&'static str),
     /// What belongs to no family.
     Other,
 }
 
 impl Family {
+    /// The families that effects of the catalogue belong to, and that one with a formula
+    /// can be said to belong to.
+    pub const NAMED: [Self; 12] = [
+        Self::DryFriction,
+        Self::Play,
+        Self::Creep,
+        Self::Drift,
+        Self::FirstStretch,
+        Self::RateDamping,
+        Self::StiffnessShape,
+        Self::Offset,
+        Self::InputPath,
+        Self::SensorPath,
+        Self::Periodic,
+        Self::SecondMode,
+    ];
+
+    /// Looks a family up by its name.
+    pub fn named(title: &str) -> Option<Self> {
+        Self::NAMED
+            .into_iter()
+            .find(|family| family.title() == title)
+    }
+
+    /// Its name.
+    pub const fn title(self) -> &'static str {
+        match self {
+            Self::DryFriction => "dry friction",
+            Self::Play => "play",
+            Self::Creep => "creep",
+            Self::Drift => "drift",
+            Self::FirstStretch => "first stretch",
+            Self::RateDamping => "rate damping",
+            Self::StiffnessShape => "stiffness shape",
+            Self::Offset => "offset",
+            Self::InputPath => "input path",
+            Self::SensorPath => "sensor path",
+            Self::Periodic => "periodic",
+            Self::SecondMode => "second mode",
+            Self::Own(name) => name,
+            Self::Other => "other",
+        }
+    }
+
     /// The family of an effect.
     pub fn of(kind: Kind) -> Self {
         match kind {
@@ -65,6 +111,11 @@ impl Family {
             Kind::SensorLag => Self::SensorPath,
             Kind::PeriodicDisturbance => Self::Periodic,
             Kind::SecondMode => Self::SecondMode,
+            Kind::Custom(formula) => formula
+                .0
+                .family
+                .and_then(Self::named)
+                .unwrap_or(Self::Own(formula.0.info.name)),
             _ => Self::Other,
         }
     }
@@ -79,21 +130,7 @@ impl Family {
 
 impl fmt::Display for Family {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::DryFriction => "dry friction",
-            Self::Play => "play",
-            Self::Creep => "creep",
-            Self::Drift => "drift",
-            Self::FirstStretch => "first stretch",
-            Self::RateDamping => "rate damping",
-            Self::StiffnessShape => "stiffness shape",
-            Self::Offset => "offset",
-            Self::InputPath => "input path",
-            Self::SensorPath => "sensor path",
-            Self::Periodic => "periodic",
-            Self::SecondMode => "second mode",
-            Self::Other => "other",
-        })
+        f.write_str(self.title())
     }
 }
 
@@ -112,7 +149,16 @@ mod tests {
         for &kind in Kind::ALL {
             if kind.name() != "table" {
                 assert_ne!(Family::of(kind), Family::Other, "{kind:?}");
+                assert!(Family::NAMED.contains(&Family::of(kind)), "{kind:?}");
             }
         }
+    }
+
+    #[test]
+    fn families_are_found_by_their_names() {
+        for family in Family::NAMED {
+            assert_eq!(Family::named(family.title()), Some(family));
+        }
+        assert_eq!(Family::named("other"), None);
     }
 }

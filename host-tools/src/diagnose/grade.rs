@@ -10,8 +10,9 @@ use model_core::catalogue::Kind;
 use rayon::prelude::*;
 
 use super::Progress;
+use super::budget::{Part, tried_sizes};
 use super::candidates::{Candidate, FitContext, coarse_fit, final_fit};
-use super::decide::{Decision, Scored, decide, shaped};
+use super::decide::{Decision, Scored, as_far_as_tried, decide, shaped};
 use super::levels::{Estimate, Levels};
 use super::measure::{Baseline, Measured, Ruler, closed};
 use super::noise::NoiseFloor;
@@ -94,6 +95,7 @@ impl Graded {
             .progress
             .stage("final fits of the best combinations", rows.len());
         rows.par_iter()
+            .filter(|_| context.progress.has_time_for(Part::Combinations))
             .filter_map(|(_, row)| {
                 let fit = row.estimate.fits.last()?.clone();
                 Some(final_fit(
@@ -240,7 +242,7 @@ impl Graded {
                 None => refit.clone(),
             });
         let enough = policy.adds_to_repair * error(&by_name);
-        let table = (enough > validator.floor())
+        let table = (enough > validator.floor() && context.progress.has_time_for(Part::Table))
             .then(|| tables::with_table(context, &by_name))
             .flatten()
             .filter(|with_table| error(with_table) <= enough)
@@ -352,7 +354,7 @@ fn everything(context: &FitContext<'_>, row: &Measured) -> Candidate {
     candidate
 }
 
-/// Measures single effects and pairs, and decides.
+/// Measures single effects and pairs, and decides; none if nothing could be measured.
 pub fn graded(
     context: &FitContext<'_>,
     validator: &CrossValidator<'_>,
@@ -379,7 +381,7 @@ pub fn graded(
         policy,
     };
     progress.step("validation", base.fits.len());
-    let baseline = ruler.baseline(base.clone());
+    let baseline = ruler.baseline(base.clone())?;
     let screened = vec![0, levels.output_error().saturating_sub(1)];
     let mut search = Search {
         levels: &levels,
@@ -390,7 +392,7 @@ pub fn graded(
     };
     progress.stage(format!("{} effects at several horizons", kinds.len()), 0);
     search.extend(&[(&base, screened)], coarse);
-    if !search.leaves_noise(1, noise) {
+    if !search.leaves_noise(1, noise) && progress.has_time_for(Part::Combinations) {
         progress.stage("combinations of 2 effects at several horizons", 0);
         let leads = search.leads(1);
         let leads: Vec<(&Estimate, Vec<usize>)> = leads
@@ -401,14 +403,16 @@ pub fn graded(
         let joined: Vec<Candidate> = pairs::ranked(context, refit, kinds)
             .par_iter()
             .take(JOINED)
+            .filter(|_| progress.has_time_for(Part::Combinations))
             .filter_map(|predicted| coarse_fit(context, predicted))
             .collect();
         search.extend(&leads, &joined);
     }
     let measured = search.measured;
     let scored: Vec<Scored> = measured.iter().map(|row| row.scored.clone()).collect();
-    Some(Graded {
-        decision: decide(&scored, policy),
+    let tried = tried_sizes(&progress.undone());
+    (!measured.is_empty()).then(|| Graded {
+        decision: as_far_as_tried(decide(&scored, policy), &scored, tried, policy),
         measured,
     })
 }

@@ -14,6 +14,7 @@ use model_core::actuator::{MAX_EFFECTS, Model};
 use model_core::catalogue::Kind;
 use rayon::prelude::*;
 
+use super::budget::Part;
 use super::candidates::{Candidate, FitContext, free_parameters, starts_from};
 use crate::estimate::filter::{Level, Pace, levels};
 use crate::estimate::fit::{Effort, Fit, Fitter};
@@ -96,6 +97,12 @@ impl<'a> Levels<'a> {
         self.horizons.get(place).copied().flatten()
     }
 
+    /// None if there is no time for a structure with these effects added.
+    pub(super) fn has_time_for(&self, added: &[Kind]) -> Option<()> {
+        let part = Part::of(added);
+        self.context.progress.has_time_for(part).then_some(())
+    }
+
     fn fitter(&self, level: usize) -> Fitter<'_> {
         self.context.excerpt.at(self.horizons[level].as_ref())
     }
@@ -106,6 +113,7 @@ impl<'a> Levels<'a> {
         let mut fits: Vec<Fit> = Vec::new();
         self.context.progress.step("fits", self.horizons.len());
         for level in 0..self.horizons.len() {
+            self.has_time_for(&[])?;
             let _fit = self.context.progress.fit();
             let mut starts = vec![self.context.file.model, refit.fit.model];
             starts.extend(fits.last().map(|shorter| shorter.model));
@@ -189,8 +197,9 @@ impl<'a> Levels<'a> {
 
     /// The best start of an effect at a level, two steps on.
     fn screened(&self, task: &Task<'_>) -> Option<(f64, Model<f64>)> {
-        let _fit = self.context.progress.fit();
         let added = appended(&task.base.added, task.kind);
+        self.has_time_for(&added)?;
+        let _fit = self.context.progress.fit();
         let free = free_parameters(self.context.file, &added);
         let fitter = self.fitter(task.level);
         let start = self.promising(&fitter, task.base, task.kind, task.level)?;
@@ -225,6 +234,7 @@ impl<'a> Levels<'a> {
         let free = free_parameters(self.context.file, added);
         let mut fits: Vec<Fit> = Vec::new();
         for (level, start) in starts.iter().enumerate() {
+            self.has_time_for(added)?;
             let _fit = self.context.progress.fit();
             let fitter = self.fitter(level);
             let mut from: Vec<Model<f64>> = start.iter().copied().collect();

@@ -14,6 +14,7 @@ use model_core::actuator::Model;
 
 use super::smoother::{ForceSeries, Smoother};
 use crate::estimate::{Dataset, Nuisance};
+use crate::numbers::{percent, short};
 use crate::recording::Recording;
 use crate::statistics::{mean, noise_by_differences, rms};
 
@@ -220,8 +221,8 @@ fn features(samples: &[Sample], forces: &[f64]) -> Vec<Feature> {
                 unit,
                 share,
                 text: format!(
-                    "{:.0} % of the force that the model lacks goes with the {name}.",
-                    100.0 * share
+                    "{} of the force that the model lacks goes with the {name}.",
+                    percent(share)
                 ),
                 curve,
                 dots: samples
@@ -281,21 +282,21 @@ fn sentences(features: &[Feature], missing: f64, known: f64) -> Vec<String> {
         return Vec::new();
     };
     let mut sentences = vec![format!(
-        "The model lacks a force of {} N RMS, {:.0} % of the largest that it knows.",
+        "The model lacks a force of {} N RMS, {} of the largest that it knows.",
         short(missing),
-        100.0 * missing / known
+        percent(missing / known)
     )];
     if first.share < WORTH_SAYING {
         sentences.push(format!(
-            "It goes with nothing in particular: the {} explains {:.0} % of it, everything else less.",
+            "It goes with nothing in particular: the {} explains {} of it, everything else less.",
             first.name,
-            100.0 * first.share
+            percent(first.share)
         ));
         return sentences;
     }
     sentences.push(format!(
-        "{:.0} % of it goes with the {}: {}.",
-        100.0 * first.share,
+        "{} of it goes with the {}: {}.",
+        percent(first.share),
         first.name,
         shape(first)
     ));
@@ -304,9 +305,9 @@ fn sentences(features: &[Feature], missing: f64, known: f64) -> Vec<String> {
         .filter(|second| second.share > WORTH_SAYING && !related(first.name, second.name))
     {
         sentences.push(format!(
-            "The {} explains {:.0} % as well, so these runs do not quite separate the two.",
+            "The {} explains {} as well, so these runs do not quite separate the two.",
             second.name,
-            100.0 * second.share
+            percent(second.share)
         ));
     }
     sentences
@@ -367,22 +368,6 @@ fn shape(feature: &Feature) -> String {
             with_unit(low.at),
             short(low.force)
         )
-    }
-}
-
-/// Two significant digits.
-fn short(value: f64) -> String {
-    if value == 0.0 {
-        return "0".into();
-    }
-    // Decimals of two significant digits; at most six.
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-    let decimals = (1.0 - value.abs().log10().floor()).clamp(0.0, 6.0) as usize;
-    let text = format!("{value:.decimals$}");
-    if text.trim_start_matches('-').parse::<f64>() == Ok(0.0) {
-        "0".into()
-    } else {
-        text.replace('-', "−")
     }
 }
 

@@ -74,8 +74,8 @@ pub struct Ruler<'a> {
 }
 
 impl Ruler<'_> {
-    /// Measures the nominal structure.
-    pub fn baseline(&self, estimate: Estimate) -> Baseline {
+    /// Measures the nominal structure; none if there is no time for it.
+    pub fn baseline(&self, estimate: Estimate) -> Option<Baseline> {
         let mut fitted = [[f64::INFINITY; 3]; 2];
         let mut held_out = [f64::INFINITY; 3];
         let least = |least: &mut [f64; 3], errors: Errors| {
@@ -84,6 +84,7 @@ impl Ruler<'_> {
             }
         };
         for (level, fit) in estimate.fits.iter().enumerate() {
+            self.levels.has_time_for(&estimate.added)?;
             let candidate = self.levels.candidate(&estimate, level);
             least(
                 &mut held_out,
@@ -96,14 +97,14 @@ impl Ruler<'_> {
             );
         }
         let [on_excerpt, fitted] = fitted;
-        Baseline {
+        Some(Baseline {
             discrepancy: self.discrepancy(&estimate),
             random_walk: self.random_walk(&estimate),
             estimate,
             on_excerpt,
             fitted,
             held_out,
-        }
+        })
     }
 
     /// Measures structures against the nominal one: those with the most evidence, and
@@ -143,6 +144,7 @@ impl Ruler<'_> {
     }
 
     fn rough(&self, baseline: &Baseline, estimate: Estimate) -> Option<Rough> {
+        self.levels.has_time_for(&estimate.added)?;
         let (level, leaves) = (0..estimate.fits.len())
             .map(|level| {
                 let errors = self.fitted_errors(self.excerpt, &estimate.fits[level]);
@@ -173,6 +175,7 @@ impl Ruler<'_> {
             evidence,
             leaves: leaves_roughly,
         } = rough;
+        self.levels.has_time_for(&estimate.added)?;
         let candidate = self.levels.candidate(&estimate, level);
         let fitted = self.fitted_errors(self.fitter, &candidate.fit);
         let held_out = self.validator.errors_over(&candidate, self.horizons());

@@ -17,10 +17,13 @@
 //! 8. [`selection`]; the answer is written as a [`verdict`].
 //! 9. [`plan`]: the run that would separate the rivals.
 //!
+//! A [`budget`] ends the search early; the answer then claims less.
+//!
 //! A false name is worse than "cannot tell".
 
 pub mod baseline;
 pub mod bootstrap;
+pub mod budget;
 pub mod candidates;
 pub mod decide;
 pub mod discrepancy;
@@ -56,8 +59,11 @@ use crate::estimate::Dataset;
 use crate::estimate::assemble::assemble;
 use crate::estimate::fit::{Fit, Fitter};
 use crate::model_file::{ModelFile, tidy, to_file_units};
+use crate::own_effects::OwnEffects;
 use crate::recording::Recording;
 use baseline::Baseline;
+pub use budget::Budget;
+use budget::{Ended, Part};
 use candidates::{Candidate, Untried};
 use family::Family;
 use identifiability::Identifiability;
@@ -70,8 +76,8 @@ use search::{Options, Searched, search};
 use selection::{Selection, Tried};
 use validation::{CrossValidator, HeldOut};
 use verdict::{
-    Adequacy, Alternative, Answer, Closure, Experiment, FittedError, HeldOutError, NamedEffect,
-    Place, Remaining, Repair, SCHEMA, Strength, Verdict, Zeros,
+    Adequacy, Alternative, Answer, Closure, EndedBy, Experiment, FittedError, HeldOutError,
+    NamedEffect, Place, Remaining, Repair, SCHEMA, Strength, Verdict, Zeros,
 };
 
 /// Proposals for the next experiment that are kept.
@@ -86,8 +92,17 @@ pub struct Request<'a> {
     pub recordings: &'a [Recording],
     /// Recordings to judge by; if empty, segments are left out in turn.
     pub holdout: &'a [Recording],
+    /// Effects with formulas of the user's own, which are tried beside the catalogue.
+    pub own: Option<&'a OwnEffects>,
     /// Seed of everything random.
     pub seed: u64,
+}
+
+impl<'a> Request<'a> {
+    /// The user's own effects.
+    pub fn own_kinds(&self) -> &'a [Kind] {
+        self.own.map_or(&[], |own| &own.kinds)
+    }
 }
 
 /// Everything that a diagnosis found.
@@ -146,8 +161,10 @@ pub struct Diagnosis {
     pub adequacy: Adequacy,
     /// Where the gap of the refit lives.
     pub gap: Gap,
-    /// Effects that the recordings cannot speak about.
+    /// Effects that the recordings cannot speak about, and those that there was no time for.
     pub untried: Vec<Untried>,
+    /// Whether, and before what, a budget has ended the search.
+    pub ended: Option<Ended>,
 }
 
 /// Diagnoses a model against recordings.
@@ -181,7 +198,10 @@ pub fn diagnose_from(
     let mut found = diagnose_zeros(request, &assembled.data, checkpoint, progress)?;
     let mut odd_concern = None;
     let mut left_out = None;
-    if let Some(odd) = found.odd {
+    let odd = found.odd.take();
+    if odd.is_some() && !progress.has_time_for(Part::WithoutOdd) {
+        odd_concern = odd.map(|odd| odd.kept);
+    } else if let Some(odd) = odd {
         progress.again("once more, without the recording that does not belong");
         let others = assembled.data.dropping(odd.index);
         left_out = assembled.data.fitted().nth(odd.index).and_then(|segment| {
@@ -200,6 +220,19 @@ pub fn diagnose_from(
         .chain(assembled.concerns)
         .chain(own)
         .collect();
+    diagnosis.ended = progress.ended();
+    if let Some(ended) = &diagnosis.ended {
+        // What goes into the repaired model was tried, if not to the end.
+        let tried = &diagnosis.repaired.added;
+        let kinds = ended.kinds().into_iter();
+        let untried = kinds
+            .filter(|kind| !tried.contains(kind))
+            .map(|kind| Untried {
+                kind,
+                reason: "the time was up",
+            });
+        diagnosis.untried.extend(untried);
+    }
     Ok(diagnosis)
 }
 
@@ -225,16 +258,21 @@ fn diagnose_zeros(
         diagnosis.answer,
         Answer::NoDiscrepancy | Answer::ParametersOnly
     );
-    let effect = ranking::required_evidence(1, Kind::NAMES.len());
-    if !quiet || cost_of_zeros(&diagnosis.data, &diagnosis.refit) < effect {
+    let effect = ranking::required_evidence(1, Kind::NAMES.len() + request.own_kinds().len());
+    if !quiet
+        || cost_of_zeros(&diagnosis.data, &diagnosis.refit) < effect
+        || !progress.has_time_for(Part::Calibrated)
+    {
         return Ok(found);
     }
     progress.again("once more, with zeros as calibrated");
     let calibrated = diagnose_all(request, &data.calibrated(), checkpoint, progress)?;
-    let explains = matches!(
-        calibrated.diagnosis.answer,
-        Answer::EffectFound | Answer::CannotTell
-    );
+    let explains = match calibrated.diagnosis.answer {
+        Answer::EffectFound => true,
+        // Not where it is the time that was too short to tell.
+        Answer::CannotTell => progress.ended().is_none(),
+        _ => false,
+    };
     Ok(if explains { calibrated } else { found })
 }
 
@@ -252,6 +290,7 @@ fn diagnose_all(
         checkpoint,
         progress,
         seed: request.seed,
+        own: request.own_kinds(),
     };
     let Searched {
         found,
@@ -294,7 +333,11 @@ fn diagnose_all(
             .find_map(|candidate| quality::odd_one_out(file, &fitter, candidate, floor.rms))
     };
     concerns.extend(quality::slow_effects(&found.repaired, &data));
-    let proposals = propose(&file.model, &found.rivals, &floor);
+    let proposals = if found.rivals.len() > 1 && progress.has_time_for(Part::Experiment) {
+        propose(&file.model, &found.rivals, &floor)
+    } else {
+        Vec::new()
+    };
     let added = !found.repaired.added.is_empty();
     let closure = added.then(|| measure::closed(&validator, &refit, &found.repaired));
     let gap_left = added.then(|| {
@@ -331,6 +374,7 @@ fn diagnose_all(
         untried,
         validation,
         left_out: None,
+        ended: None,
         data,
     };
     Ok(Found { diagnosis, odd })
@@ -438,6 +482,9 @@ impl Diagnosis {
     /// The text of the model file to go on with, with what stands above added effects.
     pub fn model_text(&self, nominal: &ModelFile) -> String {
         let what = match self.answer {
+            Answer::CannotTell if self.is_open() => {
+                "Added by rig diagnose: lowers the error, not named.".into()
+            }
             Answer::CannotTell if self.families.is_empty() => {
                 "Added by rig diagnose: one of several that these recordings cannot tell apart."
                     .into()
@@ -447,6 +494,14 @@ impl Diagnosis {
             _ => "Added by rig diagnose.".into(),
         };
         nominal.text_with(self.model_to_keep(nominal), &format!("# {what}\n"))
+    }
+
+    /// Whether the budget ended the search so early that another answer is open, and nothing
+    /// is named or told apart from nothing else.
+    pub fn is_open(&self) -> bool {
+        self.answer == Answer::CannotTell
+            && self.alternatives.len() <= 1
+            && self.ended.as_ref().is_some_and(Ended::is_open)
     }
 
     /// Whether the model that a diagnosis ends with predicts better than the one
@@ -524,6 +579,12 @@ impl Diagnosis {
                 })
                 .collect(),
             recordings: files.map(|file| file.path.display().to_string()).collect(),
+            ended: self.ended.as_ref().map(|_| EndedBy::Budget),
+            not_tried: self
+                .ended
+                .as_ref()
+                .map(Ended::not_tried)
+                .unwrap_or_default(),
             seed: request.seed,
             tool_version: env!("CARGO_PKG_VERSION").to_owned(),
             seconds,
@@ -549,7 +610,7 @@ impl Diagnosis {
 
     /// What is added without a name.
     fn repair(&self) -> Option<Repair> {
-        let unnamed = self.answer == Answer::Unexplained;
+        let unnamed = self.answer == Answer::Unexplained || self.is_open();
         let first = self.repaired.added.first().filter(|_| unnamed)?;
         if let Some(table) = self.repaired.fit.model.table() {
             return Some(Repair {

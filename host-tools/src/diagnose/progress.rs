@@ -3,12 +3,14 @@
 //! A [`Progress`] only keeps count. Nothing is shown unless somebody asks for its
 //! [`State`], so a caller who wants nothing passes `&Progress::default()`. How many fits are
 //! still to come is known for one step of a stage and not for all of them: whether
-//! combinations are tried depends on what single effects leave. The estimate says so.
+//! combinations are tried depends on what single effects leave. The estimate says so. Where
+//! there is a [`Budget`], it also knows when that is spent, and what was left undone for it.
 //!
 //! A diagnosis that nobody waits for any more can be asked to [`Progress::stop`]. It ends at
 //! its next report, by unwinding as [`stoppable`] expects: between a fit and its caller lie a
 //! dozen functions and a pool of threads that need not know of it.
 
+use std::collections::BTreeSet;
 use std::fmt;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -17,16 +19,19 @@ use std::time::{Duration, Instant};
 
 use model_core::catalogue::Kind;
 
+use super::budget::{Budget, Ended, Part};
 use super::candidates::Candidate;
 use super::family::{Family, title};
 use super::measure::Measured;
 use super::policy::Policy;
 use super::selection::names;
+use crate::numbers::{degrees, percent};
 
 /// Counts what a diagnosis does. Any thread may report.
 #[derive(Debug)]
 pub struct Progress {
     started: Instant,
+    budget: Option<Budget>,
     now: Mutex<Now>,
     stop: AtomicBool,
 }
@@ -67,6 +72,8 @@ struct Now {
     /// RMS residual (rad) of the refit of the nominal structure.
     refit: Option<f64>,
     best: Option<Best>,
+    /// What there was no time for.
+    undone: BTreeSet<Part>,
 }
 
 /// The best explanation so far.
@@ -107,6 +114,7 @@ impl Default for Progress {
         let started = Instant::now();
         Self {
             started,
+            budget: None,
             now: Mutex::new(Now {
                 again: "",
                 stage: "reading the recordings".into(),
@@ -117,6 +125,7 @@ impl Default for Progress {
                 fits: 0,
                 refit: None,
                 best: None,
+                undone: BTreeSet::new(),
             }),
             stop: AtomicBool::new(false),
         }
@@ -124,6 +133,42 @@ impl Default for Progress {
 }
 
 impl Progress {
+    /// Of a search that may do so much, from now on; all that it needs if there is no budget.
+    pub fn within(budget: Option<Budget>) -> Self {
+        Self {
+            budget,
+            ..Self::default()
+        }
+    }
+
+    /// Whether a part of the search may still be begun. If not, it is noted as undone.
+    pub fn has_time_for(&self, part: Part) -> bool {
+        let Some(budget) = self.budget else {
+            return true;
+        };
+        let mut now = self.now();
+        let has_time = match budget {
+            Budget::Time(time) => self.started.elapsed() < time,
+            Budget::Fits(fits) => now.fits < fits,
+        };
+        if !has_time {
+            now.undone.insert(part);
+        }
+        has_time
+    }
+
+    /// What there was no time for.
+    pub fn undone(&self) -> BTreeSet<Part> {
+        self.now().undone.clone()
+    }
+
+    /// Whether, and before what, the budget has ended the search.
+    pub fn ended(&self) -> Option<Ended> {
+        let undone = self.undone();
+        let budget = self.budget.filter(|_| !undone.is_empty())?;
+        Some(Ended { budget, undone })
+    }
+
     /// Asks the work to end. Only work within [`stoppable`] may be asked.
     pub fn stop(&self) {
         self.stop.store(true, Ordering::Relaxed);
@@ -275,14 +320,14 @@ impl fmt::Display for Best {
             write!(f, " of {}", degrees(of))?;
         }
         match self.explains {
-            Some(share) => write!(f, ", explains {:.0} %", 100.0 * share.max(0.0)),
-            None => f.write_str(", not yet validated"),
+            Some(share) => write!(
+                f,
+                " on runs that were not fitted, explains {}",
+                percent(share.max(0.0))
+            ),
+            None => f.write_str(" on fitted runs, not yet validated"),
         }
     }
-}
-
-fn degrees(radians: f64) -> String {
-    format!("{:.2}°", radians.to_degrees())
 }
 
 impl State {
@@ -339,6 +384,19 @@ fn duration(time: Duration) -> String {
         (0, 0, seconds) => format!("{seconds} s"),
         (0, minutes, seconds) => format!("{minutes} min {seconds} s"),
         (hours, minutes, _) => format!("{hours} h {minutes} min"),
+    }
+}
+
+/// A time as somebody has given it: 1 ms, 0.5 s, 30 s, 2 min.
+pub(super) fn spelled(time: Duration) -> String {
+    if time < Duration::from_millis(100) {
+        format!("{} ms", time.as_secs_f64() * 1e3)
+    } else if time < Duration::from_secs(60) {
+        format!("{} s", time.as_secs_f64())
+    } else {
+        let text = duration(time);
+        let text = text.trim_end_matches(" 0 s");
+        text.trim_end_matches(" 0 min").to_owned()
     }
 }
 
@@ -420,6 +478,38 @@ mod tests {
     }
 
     #[test]
+    fn what_there_is_no_time_for_is_noted() {
+        let progress = Progress::within(Some(Budget::Fits(2)));
+        assert!(progress.has_time_for(Part::Alone(Gravity)));
+        assert_eq!(progress.ended(), None);
+        (0..2).for_each(|_| drop(progress.fit()));
+        assert!(!progress.has_time_for(Part::Alone(MaxwellBranch)));
+        assert!(!progress.has_time_for(Part::Combinations));
+        let undone = progress.ended().unwrap().undone;
+        let expected = [Part::Alone(MaxwellBranch), Part::Combinations];
+        assert_eq!(undone, expected.into_iter().collect());
+        let hours = Progress::within(Some(Budget::Time(Duration::from_secs(7200))));
+        assert!(hours.has_time_for(Part::Table));
+        let none = Progress::within(Some(Budget::Time(Duration::ZERO)));
+        assert!(!none.has_time_for(Part::Table));
+        assert!(Progress::within(None).has_time_for(Part::Table));
+    }
+
+    #[test]
+    fn a_budget_is_spelled_as_it_was_given() {
+        for (time, text) in [
+            (Duration::from_millis(1), "1 ms"),
+            (Duration::from_millis(500), "0.5 s"),
+            (Duration::from_secs(30), "30 s"),
+            (Duration::from_secs(120), "2 min"),
+            (Duration::from_secs(90), "1 min 30 s"),
+            (Duration::from_secs(7200), "2 h"),
+        ] {
+            assert_eq!(spelled(time), text);
+        }
+    }
+
+    #[test]
     fn a_larger_structure_has_to_leave_half_to_be_best() {
         let pair = [CoulombFriction, Gravity];
         let progress = Progress::default();
@@ -475,7 +565,7 @@ mod tests {
             "27 effects at several horizons: screening; 12 of 54 fits (63 in all), \
              3 min 20 s so far, this step about 80 s more; \
              best so far: dry friction + stiffness shape (coulomb_friction + gravity), \
-             leaves 0.39° of 1.21°, explains 71 %"
+             leaves 0.390° of 1.21° on runs that were not fitted, explains 71 %"
         );
         let begun = State {
             stage: "refit of the nominal structure".into(),
@@ -493,7 +583,7 @@ mod tests {
         };
         assert_eq!(
             coarse.to_string(),
-            "stiffness shape (gravity), leaves 0.57°, not yet validated"
+            "stiffness shape (gravity), leaves 0.573° on fitted runs, not yet validated"
         );
     }
 

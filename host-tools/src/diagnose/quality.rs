@@ -113,6 +113,8 @@ pub struct Odd {
     pub index: usize,
     /// What was found.
     pub concern: Concern,
+    /// The same, where there is no time to do without it.
+    pub kept: Concern,
 }
 
 /// Looks for one recording that a fitted structure cannot follow together with
@@ -175,19 +177,26 @@ pub fn odd_one_out(
         return None;
     }
     let recording = &segment.recording;
-    let concern = Concern::of(
-        Matter::OtherActuator,
-        Some(recording),
-        format!(
-            "behaves like another actuator and is left out: the others agree among themselves to {:.2}° and miss it by {:.2}°; alone it asks for {:.2} times their {}",
-            without.rmse().to_degrees(),
-            predicted.to_degrees(),
-            ratio,
-            parameter_name(&candidate.fit.model, id)
-        ),
-        "check which actuator and which calibration it was recorded with",
+    let why = format!(
+        "the others agree among themselves to {:.2}° and miss it by {:.2}°; alone it asks for {:.2} times their {}",
+        without.rmse().to_degrees(),
+        predicted.to_degrees(),
+        ratio,
+        parameter_name(&candidate.fit.model, id)
     );
-    Some(Odd { index, concern })
+    let concern = |what: &str| {
+        Concern::of(
+            Matter::OtherActuator,
+            Some(recording),
+            format!("behaves like another actuator and {what}: {why}"),
+            "check which actuator and which calibration it was recorded with",
+        )
+    };
+    Some(Odd {
+        index,
+        concern: concern("is left out"),
+        kept: concern("is used all the same"),
+    })
 }
 
 /// Time constants of named effects that are longer than the runs can show.

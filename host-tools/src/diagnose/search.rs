@@ -1,16 +1,20 @@
 //! The search: which structures are fitted, and by which route they are selected.
 
+use std::collections::BTreeSet;
+
 use model_core::catalogue::Kind;
 
 use super::Progress;
 use super::baseline::{Baseline, in_step};
-use super::candidates::{Candidate, FitContext, Scales, Untried, applicable};
+use super::budget::{self, Part};
+use super::candidates::{Candidate, FitContext, Scales, Untried, applicable, final_fit};
 use super::grade::{Graded, graded};
 use super::noise::NoiseFloor;
-use super::selection::{Selection, Selector};
+use super::policy::Policy;
+use super::selection::{Selection, Selector, names};
 use super::singles::{Singles, settles, singles};
 use super::validation::CrossValidator;
-use super::verdict::Answer;
+use super::verdict::{Alternative, Answer};
 use crate::checkpoint::Checkpoint;
 use crate::estimate::Dataset;
 use crate::estimate::fit::Fitter;
@@ -26,6 +30,8 @@ pub struct Options<'a> {
     pub progress: &'a Progress,
     /// Seed of the noise that is drawn.
     pub seed: u64,
+    /// Effects that are tried beside those of the catalogue.
+    pub own: &'a [Kind],
 }
 
 /// What a search came to.
@@ -52,15 +58,22 @@ impl Searched {
 ///
 /// Single effects are fitted by output error. Where one leaves only noise, exact formulas
 /// decide. Where none does, the best of them shows how much no formula explains: zeros
-/// are weighed against that, and structures are graded.
-pub fn search(mut baseline: Baseline, options: Options<'_>) -> Searched {
+/// are weighed against that, and structures are graded. Where the budget ends that, what is
+/// selected is claimed as far as what was tried allows.
+pub fn search(baseline: Baseline, options: Options<'_>) -> Searched {
+    let mut searched = selected(baseline, options);
+    searched.found = as_far_as_tried(searched.found, &options.progress.undone());
+    searched
+}
+
+fn selected(mut baseline: Baseline, options: Options<'_>) -> Searched {
     let (file, data) = (baseline.file.clone(), baseline.data.clone());
     let fitter = Fitter::new(&file.model, &data);
     let mut validator = CrossValidator::new(&file, &fitter, baseline.floor.input);
     if let Some(answer) = baseline.quiet(&validator) {
         return Searched::nothing(answer, Vec::new(), baseline);
     }
-    let (kinds, untried) = applicable(&file.model, &fitter);
+    let (kinds, untried) = applicable(&file.model, options.own, &fitter);
     let material = Material::of(&fitter, &baseline.refit);
     let fitters = material.fitters(&fitter);
     let context = fitters.context(&file, &material, options);
@@ -71,7 +84,8 @@ pub fn search(mut baseline: Baseline, options: Options<'_>) -> Searched {
         &baseline.refit,
         options.progress,
     );
-    let mut graded = (!settles(&pool, &baseline.floor))
+    let is_open = !settles(&pool, &baseline.floor);
+    let mut graded = (is_open && options.progress.has_time_for(Part::Horizons))
         .then(|| Grading::of(&baseline, &kinds, &coarse, &pool, options))
         .flatten();
     if let Some(Grading { graded, .. }) = &graded
@@ -98,7 +112,7 @@ pub fn search(mut baseline: Baseline, options: Options<'_>) -> Searched {
     if let Some(graded) = graded.take_if(|it| hopeless(it)) {
         return graded.searched(untried, baseline.floor, options);
     }
-    let found = Selector {
+    let mut found = Selector {
         context,
         validator: &validator,
         floor: &baseline.floor,
@@ -112,11 +126,55 @@ pub fn search(mut baseline: Baseline, options: Options<'_>) -> Searched {
     };
     match graded {
         Some(graded) if !settled => graded.searched(untried, baseline.floor, options),
-        _ => Searched {
-            found,
-            untried,
-            baseline,
-        },
+        _ => {
+            if !settled && !options.progress.undone().is_empty() {
+                let best = best_so_far(&context, &validator, &baseline.refit, &pool, &coarse);
+                found.repaired = best.unwrap_or(found.repaired);
+            }
+            Searched {
+                found,
+                untried,
+                baseline,
+            }
+        }
+    }
+}
+
+/// The single effect that leaves least, if it predicts better than the refit what was not
+/// fitted: what a search that was ended early has to show.
+fn best_so_far(
+    context: &FitContext<'_>,
+    validator: &CrossValidator<'_>,
+    refit: &Candidate,
+    pool: &[Candidate],
+    coarse: &[Candidate],
+) -> Option<Candidate> {
+    let finished = pool.iter().skip(1);
+    let best = match finished.min_by(|a, b| a.fit.sse().total_cmp(&b.fit.sse())) {
+        Some(best) => best.clone(),
+        None => final_fit(context, coarse.first()?),
+    };
+    let most = Policy::STANDARD.worth_writing * validator.error_of(refit);
+    (validator.error_of(&best) <= most).then_some(best)
+}
+
+/// What is left of a selection where this was left undone: what would have been named is the
+/// best so far.
+fn as_far_as_tried(found: Selection, undone: &BTreeSet<Part>) -> Selection {
+    let answer = budget::as_far_as_tried(found.answer, found.named.len(), undone);
+    if answer == found.answer {
+        return found;
+    }
+    let named = (!found.named.is_empty()).then(|| Alternative {
+        kinds: names(&found.named),
+        probability: found.probability.iter().copied().fold(1.0, f64::min),
+        delta_bic: 0.0,
+    });
+    Selection {
+        alternatives: named.into_iter().collect(),
+        tried: found.tried,
+        best: found.best,
+        ..Selection::nothing(answer, &found.repaired)
     }
 }
 

@@ -8,6 +8,7 @@ use model_core::catalogue::Kind;
 use rayon::prelude::*;
 
 use super::Progress;
+use super::budget::Part;
 use super::candidates::{Candidate, FitContext, coarse_fit, final_fit, predicted};
 use super::noise::{NoiseFloor, adequate};
 use super::policy::Exact;
@@ -46,6 +47,7 @@ pub fn singles(
     progress.stage(what, kinds.len());
     let mut coarse: Vec<Candidate> = kinds
         .par_iter()
+        .filter(|kind| progress.has_time_for(Part::Alone(**kind)))
         .filter_map(|&kind| coarse_fit(context, &predicted(context, refit, kind)?))
         .inspect(|candidate| progress.fitted(candidate))
         .collect();
@@ -64,6 +66,7 @@ pub fn singles(
             .take(FINISHED)
             .enumerate()
             .filter(|(place, candidate)| *place < RIVALS_SHOWN || candidate.fit.sse() <= hopeless)
+            .filter(|(_, candidate)| progress.has_time_for(Part::of(&candidate.added)))
             .map(|(_, candidate)| final_fit(context, candidate))
             .inspect(|candidate| progress.fitted(candidate))
             .collect();

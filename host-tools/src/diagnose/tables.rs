@@ -60,6 +60,7 @@ pub fn own_variable(kind: Kind) -> Option<Variable> {
         | Kind::EndStop => Some(Variable::Angle),
         Kind::PressureThreshold => Some(Variable::Pressure),
         Kind::PeriodicDisturbance => Some(Variable::Time),
+        Kind::Custom(formula) => formula.own_variable(),
         _ => None,
     }
 }

@@ -351,9 +351,9 @@ fn refused(slip: &Columns, whole: &str, first: &Recording) -> InputError {
         (
             format!("pressure_kpa is read as {}{absolute}", unit.symbol()),
             if slip.air_kpa.is_some() {
-                "--pressure-in kpa --absolute-pressure=0 if the column is right"
+                "--units pressure=kpa --absolute-pressure=0 if the column is right"
             } else {
-                "--pressure-in kpa if the column is right"
+                "--units pressure=kpa if the column is right"
             },
         )
     });
@@ -363,7 +363,7 @@ fn refused(slip: &Columns, whole: &str, first: &Recording) -> InputError {
                 "the times look like milliseconds: {:.3} s lie between two samples, in which the model comes to rest, in {whole}",
                 first.interval()
             ),
-            "--time-in s if they are seconds",
+            "--units time=s if they are seconds",
         )
     } else if let Some((read_as, otherwise)) = units {
         (
@@ -382,7 +382,7 @@ fn refused(slip: &Columns, whole: &str, first: &Recording) -> InputError {
             format!(
                 "the units look mixed up: the model agrees with {whole} only if angle_deg is read as radians"
             ),
-            "--angle-in deg if the column is right",
+            "--units angle=deg if the column is right",
         )
     } else if slip.flip_angle {
         (
@@ -542,15 +542,15 @@ mod tests {
     #[test]
     fn other_units_are_named_with_their_flags() {
         let every = "every recording";
-        assert_refused(|_, p, _| *p /= 6.894_757, &["--pressure-in psi", every]);
-        assert_refused(|_, p, _| *p /= 100.0, &["--pressure-in bar", every]);
-        assert_refused(|_, p, _| *p /= 1e3, &["--pressure-in mpa", every]);
-        assert_refused(|_, p, _| *p *= 1e3, &["--pressure-in pa,", every]);
-        assert_refused(|_, _, a| *a = a.to_radians(), &["--angle-in rad", every]);
+        assert_refused(|_, p, _| *p /= 6.894_757, &["--units pressure=psi", every]);
+        assert_refused(|_, p, _| *p /= 100.0, &["--units pressure=bar", every]);
+        assert_refused(|_, p, _| *p /= 1e3, &["--units pressure=mpa", every]);
+        assert_refused(|_, p, _| *p *= 1e3, &["--units pressure=pa,", every]);
+        assert_refused(|_, _, a| *a = a.to_radians(), &["--units angle=rad", every]);
         assert_refused(|_, _, a| *a = -*a, &["--flip-angle", every]);
         assert_refused(
             |_, p, _| *p = (*p + 101_325.0) / 6.894_757,
-            &["--pressure-in psi --absolute-pressure", every],
+            &["--units pressure=psi --absolute-pressure", every],
         );
     }
 
@@ -622,7 +622,7 @@ mod tests {
         change(&mut recordings, |_, p, _| *p /= 6.894_757);
         let said = refusal(&poor, &recordings);
         assert!(
-            said.contains("--pressure-in psi --absolute-pressure=94."),
+            said.contains("--units pressure=psi --absolute-pressure=94."),
             "{said}"
         );
     }
@@ -642,7 +642,7 @@ mod tests {
     #[test]
     fn milliseconds_are_named_without_simulating_hours() {
         let clock = std::time::Instant::now();
-        assert_refused(|t, _, _| *t *= 1e3, &["--time-in ms", "every recording"]);
+        assert_refused(|t, _, _| *t *= 1e3, &["--units time=ms", "every recording"]);
         // Simulating them takes minutes.
         assert!(clock.elapsed().as_secs() < 10, "{:?}", clock.elapsed());
         // A model as slow as the samples is believed.

@@ -55,7 +55,7 @@ pub struct Verdict {
     pub closure: Option<Closure>,
     /// What the model that `-o` writes leaves on runs that were not fitted.
     pub remaining: Remaining,
-    /// What `-o` adds to the model although no effect is named.
+    /// What `-o` adds to the model although no effect is named, nor an answer set given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub repair: Option<Repair>,
     /// Where the gap lives, strongest feature first.
@@ -74,6 +74,12 @@ pub struct Verdict {
     pub upload: bool,
     /// Runs that would separate the surviving rivals.
     pub next_experiment: Vec<Experiment>,
+    /// What ended the search before it was done; missing where it was done.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ended: Option<EndedBy>,
+    /// What was not tried for that: effects by their kind, and other parts of the search.
+    #[serde(skip_serializing_if = "Vec::is_empty", default)]
+    pub not_tried: Vec<String>,
     /// Files that were fitted, then files held out.
     pub recordings: Vec<String>,
     /// Seed of everything random.
@@ -82,6 +88,14 @@ pub struct Verdict {
     pub tool_version: String,
     /// Wall time in seconds.
     pub seconds: f64,
+}
+
+/// What ended a search.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum EndedBy {
+    /// The time that it was given.
+    Budget,
 }
 
 /// How strongly an effect is named.

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use super::dataset::{Dataset, Mark, Session};
 use crate::diagnose::quality::{Concern, Matter};
 use crate::error::InputError;
-use crate::recording::{Column, Recording};
+use crate::recording::{Column, Recording, stem};
 use crate::usable::{Usable, usable};
 
 /// Segments into which the only session is cut if nothing says where its runs
@@ -109,7 +109,13 @@ fn session_path(recording: &Recording) -> PathBuf {
         None if recording.path.as_os_str().is_empty() => PathBuf::from(&recording.name),
         None => recording.path.clone(),
     };
-    path.canonicalize().unwrap_or(path)
+    // It may have been converted since, into a file with another ending.
+    let stem = stem(&path);
+    let path = path.canonicalize().unwrap_or_else(|_| {
+        let folder = path.parent().and_then(|it| it.canonicalize().ok());
+        folder.map_or(path.clone(), |folder| folder.join(&stem))
+    });
+    path.with_file_name(stem)
 }
 
 /// When the board was reset before each recording, as far as it is known.
@@ -547,6 +553,19 @@ mod tests {
         let assembled = assemble(fitted, held_out).unwrap();
         assert_eq!(assembled.concerns, []);
         assembled.data
+    }
+
+    #[test]
+    fn a_session_that_was_converted_is_still_the_whole_of_its_pieces() {
+        let mut whole = session();
+        whole.path = PathBuf::from("data/run.parquet");
+        let piece = piece(0);
+        let files = [(&whole, true), (&piece, true)];
+        for files in [files, [files[1], files[0]]] {
+            let groups = grouped(files.into_iter());
+            assert_eq!(groups.len(), 1);
+            assert!(groups[0].whole.is_some() && groups[0].pieces.len() == 1);
+        }
     }
 
     /// Session, range and name of each segment.

@@ -25,6 +25,9 @@ const THIN_TENTHS: u32 = 9;
 const WIDE_TENTHS: u32 = 42;
 pub(super) const HAIR_TENTHS: u32 = 8;
 const DOT_RADIUS_TENTHS: u32 = 17;
+const DISC_RADIUS_TENTHS: u32 = 38;
+/// So much larger than a disc that this is seen within.
+const RING_RADIUS_TENTHS: u32 = 60;
 
 #[allow(clippy::cast_possible_truncation)] // saturates, and callers pass clipped pixels
 pub(super) fn tenths(pixels: f64) -> i32 {
@@ -36,7 +39,7 @@ pub(super) fn stroke(mark: Mark) -> u32 {
         Mark::Dashed => DASHED_TENTHS,
         Mark::Thin => THIN_TENTHS,
         Mark::Wide => WIDE_TENTHS,
-        Mark::Line | Mark::Points | Mark::Band => LINE_TENTHS,
+        Mark::Line | Mark::Points | Mark::Discs | Mark::Rings | Mark::Band => LINE_TENTHS,
     }
 }
 
@@ -162,6 +165,22 @@ impl Canvas {
                 true,
             )
         })
+    }
+
+    /// Draws a disc, or a ring.
+    pub(super) fn disc(
+        &mut self,
+        centre: (f64, f64),
+        colour: RGBColor,
+        is_ring: bool,
+    ) -> Result<(), PlotError> {
+        let style = ShapeStyle::from(colour);
+        let (radius, style) = if is_ring {
+            (RING_RADIUS_TENTHS, style.stroke_width(LINE_TENTHS))
+        } else {
+            (DISC_RADIUS_TENTHS, style.filled())
+        };
+        self.draw(|backend| backend.draw_circle(pixel(centre), radius, &style, !is_ring))
     }
 
     /// Writes a text whose baseline box is centred on `at` vertically.

@@ -53,6 +53,16 @@ impl Placed {
                     canvas.dot(centre, colour)?;
                 }
             }
+            Mark::Discs | Mark::Rings => {
+                let is_ring = series.style.mark == Mark::Rings;
+                let points = series.points();
+                for point in points.filter(|(x, y)| drawable(*x) && drawable(*y)) {
+                    let centre = self.at(point);
+                    if self.area.contains(centre) {
+                        canvas.disc(centre, colour, is_ring)?;
+                    }
+                }
+            }
             Mark::Band => {
                 for corners in self.bands(series) {
                     canvas.polygon(&corners, colour)?;

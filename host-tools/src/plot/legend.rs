@@ -59,6 +59,10 @@ pub(super) fn draw_sample(
         Mark::Points => [4.0, 12.0, 20.0]
             .into_iter()
             .try_for_each(|offset| canvas.dot((x + offset, y), colour)),
+        Mark::Discs | Mark::Rings => {
+            let middle = (x + LEGEND_SAMPLE / 2.0, y);
+            canvas.disc(middle, colour, style.mark == Mark::Rings)
+        }
         Mark::Band => {
             let (x2, top, bottom) = (x + LEGEND_SAMPLE, y - 4.5, y + 4.5);
             canvas.polygon(&[(x, top), (x2, top), (x2, bottom), (x, bottom)], colour)

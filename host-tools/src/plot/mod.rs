@@ -128,6 +128,17 @@ pub struct Cell {
     pub text: String,
 }
 
+/// A word or number beside a point.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Note {
+    /// Abscissa of the point.
+    pub x: f64,
+    /// Ordinate of the point.
+    pub y: f64,
+    /// What stands there.
+    pub text: String,
+}
+
 /// One pair of axes with its curves.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Panel {
@@ -141,6 +152,8 @@ pub struct Panel {
     pub cells: Vec<Cell>,
     /// The curves, drawn in this order.
     pub series: Vec<Series>,
+    /// Words and numbers beside points.
+    pub notes: Vec<Note>,
     /// Limits of the abscissa; from the data if absent. Data outside is cut off.
     pub x_range: Option<(f64, f64)>,
     /// Limits of the ordinate; from the data if absent. Data outside is cut off.
@@ -164,6 +177,7 @@ impl Panel {
             y_label: y_label.into(),
             cells: Vec::new(),
             series: Vec::new(),
+            notes: Vec::new(),
             x_range: None,
             y_range: None,
             levels: Vec::new(),
@@ -181,6 +195,13 @@ impl Panel {
     /// Adds a curve.
     pub fn with_series(mut self, series: Series) -> Self {
         self.series.push(series);
+        self
+    }
+
+    /// Writes beside a point.
+    pub fn with_note(mut self, x: f64, y: f64, text: impl Into<String>) -> Self {
+        let text = text.into();
+        self.notes.push(Note { x, y, text });
         self
     }
 

@@ -21,6 +21,9 @@ const FRAME: RGBColor = RGBColor(0x9A, 0x9A, 0x9A);
 const GRID: RGBColor = RGBColor(0xE6, 0xE6, 0xE6);
 const LEVEL: RGBColor = RGBColor(0x77, 0x77, 0x77);
 
+/// How far a note stands beside its point, and above or below it.
+const NOTE_PX: f64 = 5.0;
+
 /// A panel's place on the page.
 #[derive(Clone, Debug)]
 pub(super) struct Placed {
@@ -77,7 +80,7 @@ impl Placed {
         let has_dots = shares_x
             .iter()
             .flat_map(|p| &p.series)
-            .any(|s| s.style.mark == Mark::Points);
+            .any(|s| matches!(s.style.mark, Mark::Points | Mark::Discs | Mark::Rings));
         let x = Axis::over(
             shares_x.iter().flat_map(|p| {
                 let cells = p.cells.iter().flat_map(|cell| [cell.x.0, cell.x.1]);
@@ -201,6 +204,7 @@ impl Placed {
             }
             canvas.group(&attributes, |canvas| self.draw_series(series, canvas))?;
         }
+        self.draw_notes(panel, canvas)?;
         let Rectangle {
             left,
             top,
@@ -225,6 +229,32 @@ impl Placed {
                 Anchor::Middle,
                 TextLook::SOFT,
             )?;
+        }
+        Ok(())
+    }
+
+    /// Notes stand above and to the right of their points, or where no other note is yet.
+    fn draw_notes(&self, panel: &Panel, canvas: &mut Canvas) -> Result<(), PlotError> {
+        const SIDES: [(f64, f64); 4] = [(1.0, -1.0), (-1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
+        let mut taken: Vec<(f64, f64)> = Vec::new();
+        for note in &panel.notes {
+            let (x, y) = self.at((note.x, note.y));
+            if !self.area.contains((x, y)) {
+                continue;
+            }
+            let width = text_width(&note.text, TICK_PX, Weight::Regular);
+            let is_free = |centre: &(f64, f64)| {
+                taken.iter().all(|other| {
+                    (centre.0 - other.0).abs() > width || (centre.1 - other.1).abs() > TICK_PX
+                })
+            };
+            let beside = |(right, down): (f64, f64)| {
+                (x + right * (NOTE_PX + width / 2.0), y + down * NOTE_PX)
+            };
+            let centre = SIDES.map(beside).into_iter().find(is_free);
+            let centre = centre.unwrap_or_else(|| beside(SIDES[0]));
+            canvas.text(&note.text, centre, TICK_PX, Anchor::Middle, TextLook::SOFT)?;
+            taken.push(centre);
         }
         Ok(())
     }

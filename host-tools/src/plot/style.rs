@@ -46,6 +46,27 @@ impl Role {
     }
 }
 
+impl Role {
+    /// Colours of several of a kind before one comes again.
+    pub const MANY: usize = 9;
+
+    /// One of several of a kind, such as materials.
+    pub fn of_many(index: usize) -> Self {
+        const ROLES: [Role; Role::MANY] = [
+            Role::Nominal,
+            Role::Before,
+            Role::After,
+            Role::Emphasis,
+            Role::Other(1),
+            Role::Other(0),
+            Role::Other(3),
+            Role::Other(2),
+            Role::Reference,
+        ];
+        ROLES[index % Self::MANY]
+    }
+}
+
 /// The colour of a role as style sheets write it.
 pub fn css_colour(role: Role) -> String {
     let RGBColor(red, green, blue) = role.colour();
@@ -92,6 +113,10 @@ pub enum Mark {
     Wide,
     /// Separate dots.
     Points,
+    /// A disc for each of a few points.
+    Discs,
+    /// A ring for each of a few points, which shows what it stands around.
+    Rings,
     /// The area between two curves; see [`Series::band`](super::Series::band).
     Band,
 }

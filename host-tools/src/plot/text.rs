@@ -49,7 +49,9 @@ pub(super) fn text_width(text: &str, size_px: f64, weight: Weight) -> f64 {
 pub(super) fn wrap(text: &str, size_px: f64, weight: Weight, width: f64) -> Vec<String> {
     let fits = |line: &str| text_width(line, size_px, weight) <= width;
     let mut lines: Vec<String> = Vec::new();
-    for word in text.split_whitespace() {
+    // What a no-break space joins stays together.
+    let ends = |letter: char| letter.is_whitespace() && letter != '\u{a0}';
+    for word in text.split(ends).filter(|word| !word.is_empty()) {
         match lines.last_mut() {
             Some(line) if fits(&format!("{line} {word}")) => {
                 line.push(' ');

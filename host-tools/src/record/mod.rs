@@ -50,7 +50,7 @@ pub struct Recorder {
 
 /// Where what is known about a recording stands.
 pub fn meta_path(path: &Path) -> PathBuf {
-    path.with_extension("meta.toml")
+    crate::recording::meta_beside(path)
 }
 
 /// Where the rows without a reading of both sensors go.

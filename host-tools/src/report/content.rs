@@ -8,8 +8,8 @@ use model_core::catalogue::Kind;
 use model_core::effects::Place;
 use serde::Serialize;
 
-use super::numbers::{degrees, fit, percent, short, with_ends};
 use super::shares::Explained;
+use crate::diagnose::budget::{Ended, Part};
 use crate::diagnose::family::Family;
 use crate::diagnose::noise::NoiseFloor;
 use crate::diagnose::policy::Policy;
@@ -19,6 +19,7 @@ use crate::diagnose::{Diagnosis, Request};
 use crate::estimate::Segment;
 use crate::estimate::fit::Fit;
 use crate::model_file::{parameter_name, parameter_unit, to_file_units};
+use crate::numbers::{degrees, evidence, fit, percent, short, with_ends};
 use crate::statistics::squares_about_mean;
 
 /// Structures of one size that are listed; what is behind them is counted.
@@ -45,6 +46,8 @@ pub struct Content {
     pub sentence: String,
     /// What it rests on, and what to do, in two or three sentences.
     pub lede: String,
+    /// What ended the search before it was done, and what was not tried, in sentences.
+    pub ended: Option<String>,
     /// The numbers that matter most.
     pub keys: Vec<Key>,
     /// What is noteworthy about the recordings.
@@ -195,7 +198,8 @@ pub struct Rival {
     /// Its probability; none where all of them explain too little, for it is
     /// relative to the others only.
     pub probability: Option<String>,
-    /// Share of the held-out gap that it closes, where that was found.
+    /// Share of the error beyond the noise that it explains on runs that were not fitted,
+    /// over three horizons together, where that was found.
     pub closed: Option<String>,
     /// Its information criterion behind the best.
     pub delta_bic: String,
@@ -285,6 +289,7 @@ impl Content {
             answer: diagnosis.answer,
             sentence: sentence(diagnosis),
             lede: lede(diagnosis),
+            ended: diagnosis.ended.as_ref().map(Ended::sentence),
             keys: keys(diagnosis),
             notices: notices(diagnosis),
             errors: errors(diagnosis),
@@ -344,6 +349,18 @@ pub fn sentence(diagnosis: &Diagnosis) -> String {
             titles(&diagnosis.named)
         ),
         Answer::EffectFound => format!("The model lacks {}.", titles(&diagnosis.named)),
+        Answer::CannotTell if diagnosis.is_open() => {
+            let best = match diagnosis.alternatives.first() {
+                Some(best) => titles_of_names(&best.kinds),
+                None => titles(&diagnosis.repaired.added),
+            };
+            if best.is_empty() {
+                "Something is missing, and the time was up before it was found.".into()
+            } else {
+                let best = with_capital(&best);
+                format!("Something is missing. {best} came closest until the time was up.")
+            }
+        }
         Answer::CannotTell if diagnosis.alternatives.len() == 1 => format!(
             "There is a trace of {}, too faint for a name.",
             titles_of_names(&diagnosis.alternatives[0].kinds)
@@ -455,8 +472,8 @@ fn lede(diagnosis: &Diagnosis) -> String {
     .map(degrees);
     match diagnosis.answer {
         Answer::NoDiscrepancy => format!(
-            "Simulation and measurement differ by {nominal}, where noise alone leaves {floor}. \
-             There is nothing to repair: keep the model as it is."
+            "On runs that were not fitted, simulation and measurement differ by {nominal}, where \
+             noise alone leaves {floor}. There is nothing to repair: keep the model as it is."
         ),
         Answer::ParametersOnly => format!(
             "With the parameters refitted, the error on runs that were not fitted falls from \
@@ -472,6 +489,18 @@ fn lede(diagnosis: &Diagnosis) -> String {
                 "the effects added"
             },
             left_over(diagnosis)
+        ),
+        Answer::CannotTell if diagnosis.is_open() => format!(
+            "Refitting the parameters leaves {refit} on runs that were not fitted, where noise \
+             alone leaves {floor}. {}",
+            if diagnosis.repaired.added.is_empty() {
+                "Nothing that was tried until then predicts better.".into()
+            } else {
+                format!(
+                    "With {} it is {repaired}, which is no name: what was not tried may do better.",
+                    titles(&diagnosis.repaired.added)
+                )
+            }
         ),
         Answer::CannotTell if diagnosis.alternatives.len() == 1 => format!(
             "Refitting the parameters leaves {refit} on runs that were not fitted, where noise \
@@ -529,7 +558,8 @@ fn why_no_name(diagnosis: &Diagnosis) -> String {
         return "Nothing that was tried explains any of that. ".into();
     }
     format!(
-        "The best of all that was tried explains {} of what is beyond the noise. {} ",
+        "The best of all that was tried explains {} of what is beyond the noise, over three \
+         horizons together. {} ",
         percent(closed),
         shortfall(closed)
     )
@@ -564,7 +594,7 @@ fn rivals(diagnosis: &Diagnosis) -> Vec<Rival> {
             closed: fitted_as(diagnosis, &rival.kinds)
                 .and_then(|tried| tried.held_out)
                 .map(|(_, closed)| percent(closed)),
-            delta_bic: format!("{:.0}", rival.delta_bic),
+            delta_bic: evidence(rival.delta_bic),
         })
         .collect()
 }
@@ -605,7 +635,13 @@ fn are_the_same(kinds: &[Kind], names: &[String]) -> bool {
 
 /// What would separate the rivals, as a sentence.
 fn what_separates(diagnosis: &Diagnosis) -> &'static str {
-    if !next_suffices(diagnosis) {
+    if diagnosis
+        .ended
+        .as_ref()
+        .is_some_and(|ended| ended.lacks(Part::Experiment))
+    {
+        "With more time, a run that would separate them is looked for."
+    } else if !next_suffices(diagnosis) {
         "No run that the board can make is expected to separate them: a different measurement \
          is needed."
     } else if diagnosis.alternatives.len() > selection::RIVALS_PLANNED {
@@ -680,7 +716,11 @@ fn keys(diagnosis: &Diagnosis) -> Vec<Key> {
             },
             probability_key(
                 diagnosis.alternatives.first().map(|best| best.probability),
-                "of the best explanation: too little for a name",
+                if diagnosis.is_open() {
+                    "of what came closest, among what was tried"
+                } else {
+                    "of the best explanation: too little for a name"
+                },
             ),
         ],
         Answer::Unexplained => [
@@ -688,7 +728,7 @@ fn keys(diagnosis: &Diagnosis) -> Vec<Key> {
                 key(
                     EXPLAINED,
                     percent(best_closed(diagnosis).unwrap_or(0.0)),
-                    "of what is beyond the noise, by the best that was tried",
+                    "over three horizons, by the best that was tried",
                 )
             } else {
                 repair_key(diagnosis, UNNAMED)
@@ -1044,7 +1084,7 @@ fn tried_row(tried: &Tried, diagnosis: &Diagnosis) -> TriedRow {
         delta_bic: if tried.kinds.is_empty() {
             "–".into()
         } else {
-            format!("{:.0}", tried.delta_bic)
+            evidence(tried.delta_bic)
         },
         probability: if tried.kinds.is_empty() {
             "–".into()
@@ -1122,6 +1162,9 @@ fn next(request: &Request<'_>, diagnosis: &Diagnosis) -> Vec<NextRun> {
         .filter(|(index, _)| Some(*index) != diagnosis.left_out)
         .map(|(_, recording)| quoted(&recording.path.to_string_lossy()))
         .collect();
+    let effects = request.own.map_or_else(String::new, |own| {
+        format!(" --effects {}", quoted(&own.path.to_string_lossy()))
+    });
     diagnosis
         .proposals
         .iter()
@@ -1130,9 +1173,9 @@ fn next(request: &Request<'_>, diagnosis: &Diagnosis) -> Vec<NextRun> {
             title: proposal.protocol.title.clone(),
             seconds: format!("{:.0}", f64::from(proposal.protocol.total_ms()) / 1000.0),
             separates: [a.join(" + "), b.join(" + ")],
-            evidence: format!("{:.0}", proposal.evidence),
+            evidence: evidence(proposal.evidence),
             command: format!(
-                "rig plan --model {} --between {},{} {} -o next.toml",
+                "rig plan --model {}{effects} --between {},{} {} -o next.toml",
                 quoted(&request.file.path.to_string_lossy()),
                 a.join("+"),
                 b.join("+"),
@@ -1163,6 +1206,9 @@ fn open(diagnosis: &Diagnosis) -> Vec<String> {
                     left_over(diagnosis)
                 ));
             }
+        }
+        Answer::CannotTell if diagnosis.is_open() => {
+            open.push("What is missing: the search was ended before everything was tried.".into());
         }
         Answer::CannotTell => open.push(
             "Which of the explanations is the right one. Upload none of them yet: a wrong one \

@@ -7,12 +7,12 @@
 //! script go in as they are.
 
 use minijinja::value::Serde;
-use minijinja::{Environment, UndefinedBehavior};
+use minijinja::{Environment, UndefinedBehavior, Value};
 use serde::Serialize;
 
 use super::confidence::Confidence;
 use super::content::{CLOSEST, Content};
-use super::numbers::{degrees, fit, percent, short};
+use super::equation;
 use super::pictures::{
     MEASURED, curves_of, error_of, feature_figure, force_figure, is_thinner_than_its_line,
     largest_forces, map_figure, run_figure, style_of,
@@ -23,6 +23,7 @@ use super::runs::{RunView, runs};
 use crate::diagnose::localise::{Feature, Gap, SINCE_LAST_EDGE};
 use crate::diagnose::verdict::Answer;
 use crate::diagnose::{Diagnosis, Request};
+use crate::numbers::{degrees, fit, percent, short};
 use crate::plot::{Figure, Mark, PlotError, css_colour, diverging, to_inline_svg};
 use crate::statistics::{median, squares_about_mean};
 
@@ -243,11 +244,18 @@ pub fn page(
     let mut environment = Environment::new();
     environment.set_undefined_behavior(UndefinedBehavior::Strict);
     environment.add_filter("set", set);
+    environment.add_filter("equation", equation);
     // The name decides that values are escaped.
     environment.add_template("report.html", TEMPLATE)?;
     Ok(environment
         .get_template("report.html")?
         .render(Serde(&filled))?)
+}
+
+/// Sets an equation or a symbol.
+#[allow(clippy::needless_pass_by_value)] // the signature that a filter has
+fn equation(plain: String) -> Value {
+    Value::from_safe_string(equation::html(&plain))
 }
 
 /// Sets a text as print would: a number keeps its unit on the line, and a minus
@@ -436,7 +444,7 @@ fn run_row(view: &RunView<'_>) -> RunRow {
     RunRow {
         name: view.recording.name.clone(),
         role: if view.held_out { "held out" } else { "fitted" },
-        seconds: format!("{:.1}", view.recording.duration()),
+        seconds: short(view.recording.duration()),
         samples: view.recording.len(),
         errors: view.errors().map(short),
         fits: view.errors().map(|error| fit(error, spread)),

@@ -5,14 +5,14 @@
 //! [`terminal`] sets them in lines, [`html`] on a page with [`pictures`]; how
 //! the page was made, down to the hashes of its files, stands in
 //! [`provenance`]. What is left is analysed in [`residuals`] by its [`correlation`], what
-//! the parameters leave open of a curve in [`confidence`]. Numbers are set in [`numbers`],
-//! shares of the error in [`shares`].
+//! the parameters leave open of a curve in [`confidence`]. Shares of the error are set in
+//! [`shares`], equations in [`equation`].
 
 pub mod confidence;
 pub mod content;
 pub mod correlation;
+pub mod equation;
 pub mod html;
-pub mod numbers;
 pub mod pictures;
 pub mod provenance;
 pub mod residuals;

@@ -6,12 +6,12 @@
 //! an error follows the input is the first thing to look for.
 
 use super::content::sentence;
-use super::numbers::{degrees, short};
 use super::runs::{RunView, runs};
 use crate::diagnose::Diagnosis;
 use crate::diagnose::localise::{Feature, ForceMap, Gap, MapAxis};
 use crate::diagnose::noise::NoiseFloor;
 use crate::diagnose::verdict::Answer;
+use crate::numbers::{degrees, short};
 use crate::plot::{Cell, Figure, LINE_PX, Mark, Panel, Role, Series, Style};
 use crate::statistics::{rms, swing};
 
@@ -143,6 +143,9 @@ pub fn curves_of(diagnosis: &Diagnosis) -> [Vec<&'static str>; 2] {
     let curves: [&[&str]; 2] = match diagnosis.answer {
         Answer::NoDiscrepancy => [&[NOMINAL], &[NOMINAL]],
         Answer::ParametersOnly => [&[NOMINAL, REFITTED], &[NOMINAL, REFITTED]],
+        Answer::CannotTell if diagnosis.is_open() && !diagnosis.repaired.added.is_empty() => {
+            [&[NOMINAL, REFITTED, REPAIRED], &[REFITTED, REPAIRED]]
+        }
         Answer::CannotTell => {
             let rivals = &RIVALS[..diagnosis.rivals.len().min(RIVALS.len())];
             let curves = || [&[REFITTED], rivals].concat();

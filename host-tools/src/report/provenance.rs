@@ -10,6 +10,7 @@ use sha2::{Digest, Sha256};
 
 use super::content::quoted;
 use crate::error::InputError;
+use crate::recording::meta_beside;
 
 /// Role of a recording that was fitted.
 pub const FITTED: &str = "fitted";
@@ -23,6 +24,9 @@ pub const HELD_OUT: &str = "held out";
 /// Role of the model.
 pub const MODEL: &str = "model";
 
+/// Role of a file of one's own effects.
+pub const EFFECTS: &str = "effects";
+
 /// How a page was made.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Provenance {
@@ -30,7 +34,7 @@ pub struct Provenance {
     pub command: String,
     /// Version of the tool.
     pub version: &'static str,
-    /// The model, then the recordings, each with its metadata behind it.
+    /// The model, the file of effects, then the recordings, each with its metadata behind it.
     pub files: Vec<Source>,
 }
 
@@ -55,6 +59,7 @@ impl Provenance {
     /// A file that cannot be read any more.
     pub fn of(
         model: &Path,
+        effects: Option<&Path>,
         recordings: &[PathBuf],
         holdout: &[PathBuf],
         command: String,
@@ -62,6 +67,9 @@ impl Provenance {
         let fitted = recordings.iter().map(|path| (FITTED, path.as_path()));
         let held_out = holdout.iter().map(|path| (HELD_OUT, path.as_path()));
         let mut files = vec![Source::read(MODEL, model)?];
+        if let Some(effects) = effects {
+            files.push(Source::read(EFFECTS, effects)?);
+        }
         for (role, path) in fitted.chain(held_out) {
             files.extend(Source::recording(role, path)?);
         }
@@ -91,7 +99,7 @@ impl Source {
     /// One of the files cannot be read any more.
     pub fn recording(role: &'static str, path: &Path) -> Result<Vec<Self>, InputError> {
         let mut files = vec![Self::read(role, path)?];
-        let meta = metadata(path);
+        let meta = meta_beside(path);
         if meta.exists() {
             files.push(Self::read(METADATA, &meta)?);
         }
@@ -107,16 +115,6 @@ impl Source {
             sha256: hexadecimal(&Sha256::digest(bytes)),
         }
     }
-}
-
-/// Where the metadata of a recording stand: they decide what repeats what.
-fn metadata(recording: &Path) -> PathBuf {
-    let name = recording
-        .file_name()
-        .map_or_else(String::new, |name| name.to_string_lossy().into_owned());
-    let name = name.strip_suffix(".gz").unwrap_or(&name);
-    let name = name.strip_suffix(".csv").unwrap_or(name);
-    recording.with_file_name(format!("{name}.meta.toml"))
 }
 
 fn hexadecimal(bytes: &[u8]) -> String {
@@ -147,7 +145,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("m.toml");
         std::fs::write(&path, "abc").unwrap();
-        let found = Provenance::of(&path, &[], &[], String::new()).unwrap();
+        let found = Provenance::of(&path, None, &[], &[], String::new()).unwrap();
         // The test vector of FIPS 180-2.
         assert_eq!(
             found.files[0].sha256,
@@ -157,10 +155,15 @@ mod tests {
             std::fs::write(folder.path().join(path), path).unwrap();
         }
         let recordings = ["a.b.csv", "a.b.csv.gz", "c.csv"].map(|name| folder.path().join(name));
-        let found = Provenance::of(&path, &recordings, &[], String::new()).unwrap();
+        let found = Provenance::of(&path, Some(&path), &recordings, &[], String::new()).unwrap();
         let roles: Vec<&str> = found.files.iter().map(|file| file.role).collect();
-        assert_eq!(roles, ["model", FITTED, METADATA, FITTED, METADATA, FITTED]);
+        assert_eq!(
+            roles,
+            [
+                "model", "effects", FITTED, METADATA, FITTED, METADATA, FITTED
+            ]
+        );
         let absent = folder.path().join("absent.csv");
-        assert!(Provenance::of(&path, &[absent], &[], String::new()).is_err());
+        assert!(Provenance::of(&path, None, &[absent], &[], String::new()).is_err());
     }
 }

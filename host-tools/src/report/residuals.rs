@@ -4,12 +4,12 @@
 //! The numbers come from [`super::correlation`].
 
 use super::correlation::{Correlation, Correlations, Run};
-use super::numbers::{percent, short};
 use super::pictures::{COLUMN_PX, NOMINAL, REFITTED, REPAIRED, ROW_HEIGHT_PX, style_of};
 use super::runs::RunView;
 use crate::diagnose::Diagnosis;
 use crate::diagnose::verdict::Answer;
 use crate::estimate::filter::Pace;
+use crate::numbers::{percent, short};
 use crate::plot::{Figure, Mark, Panel, Role, Series, Style};
 
 /// Lags reach over so many swings: what is correlated for longer is an offset.

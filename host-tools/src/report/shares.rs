@@ -6,9 +6,9 @@
 
 use std::fmt;
 
-use super::numbers::percent;
 use crate::diagnose::measure;
 use crate::diagnose::policy::Policy;
+use crate::numbers::percent;
 
 /// A share of the error beyond the noise.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -12,7 +12,9 @@ pub const KEEP: &str = "Add --report report.html or -o repaired.toml to keep the
 
 /// The summary; `seed` and `seconds` stand in its last line.
 pub fn summary(content: &Content, outputs: &Outputs<'_>, seed: u64, seconds: f64) -> String {
-    let mut lines = vec![content.sentence.clone(), String::new()];
+    let mut lines = vec![content.sentence.clone()];
+    lines.extend(content.ended.clone());
+    lines.push(String::new());
     lines.extend(errors(content));
     let table = lines.len();
     lines.extend(content.closed.clone());
@@ -24,28 +26,12 @@ pub fn summary(content: &Content, outputs: &Outputs<'_>, seed: u64, seconds: f64
             effect.equation,
             effect.standing()
         ));
-        lines.extend(effect.parameters.iter().map(|row| {
-            // Keys of effects carry their unit already.
-            format!("  {} = {} [{}]", row.name, row.value, row.certainty())
-        }));
+        lines.extend(effect.parameters.iter().map(parameter));
     }
     let free: Vec<&ParameterRow> = content.base.iter().filter(|row| row.free).collect();
     if !free.is_empty() {
         lines.push(base_title(content.answer).into());
-        lines.extend(free.iter().map(|row| {
-            let nominal = row
-                .nominal
-                .as_ref()
-                .map_or_else(String::new, |nominal| format!("{nominal} → "));
-            format!(
-                "  {} = {nominal}{} {} [{}]",
-                row.name,
-                row.value,
-                row.unit,
-                row.certainty()
-            )
-            .replace("  [", " [")
-        }));
+        lines.extend(free.into_iter().map(parameter));
     }
     if !content.zeros.is_empty() {
         lines.push(content.zeros.clone());
@@ -84,6 +70,24 @@ fn notes(notices: &[Notice], room: usize) -> Vec<String> {
         lines.push(format!("{more} more notes on the page of --report."));
     }
     lines
+}
+
+/// A parameter, before and after, with its unit and how well it is known.
+fn parameter(row: &ParameterRow) -> String {
+    let nominal = row
+        .nominal
+        .as_ref()
+        .map_or_else(String::new, |nominal| format!("{nominal} → "));
+    let unit = if row.unit.is_empty() {
+        String::new()
+    } else {
+        format!(" {}", row.unit)
+    };
+    let certainty = row.certainty();
+    format!(
+        "  {} = {nominal}{}{unit} [{certainty}]",
+        row.name, row.value
+    )
 }
 
 /// What stands above the base parameters.
@@ -160,7 +164,7 @@ fn rival(rival: &Rival) -> String {
                 rival.delta_bic
             )
         }
-        (None, Some(closed)) => format!("{name} (explains {closed})"),
+        (None, Some(closed)) => format!("{name} (explains {closed} over three horizons)"),
         (None, None) => name.clone(),
     }
 }
@@ -168,7 +172,8 @@ fn rival(rival: &Rival) -> String {
 /// The run to do next, or that there is none.
 fn next(content: &Content) -> Option<String> {
     let Some(run) = content.next.first() else {
-        return (content.answer == Answer::CannotTell).then(|| {
+        let none = content.answer == Answer::CannotTell && content.ended.is_none();
+        return none.then(|| {
             "Next experiment: none that the board can make; a different measurement is needed."
                 .into()
         });

@@ -29,6 +29,8 @@ pub mod asymmetric_damping;
 pub mod bouc_wen_hysteresis;
 pub mod coulomb_friction;
 pub mod cubic_stiffness;
+#[cfg(feature = "formula")]
+pub mod custom;
 pub mod dead_time;
 pub mod end_stop;
 pub mod exponent_shift;
@@ -212,6 +214,9 @@ pub enum Unit {
     PerKiloPascal,
     /// kPa in files, Pa inside.
     KiloPascal,
+    /// What a user says of a parameter of a formula, which is taken as it is.
+    #[cfg(feature = "formula")]
+    Given(&'static str),
 }
 
 impl Unit {
@@ -231,12 +236,22 @@ impl Unit {
             Self::PerRadian => "1/rad",
             Self::PerKiloPascal => "1/kPa",
             Self::KiloPascal => "kPa",
+            #[cfg(feature = "formula")]
+            Self::Given(symbol) => symbol,
         }
     }
 
     /// Whether it measures a force, or a force by something: an effect is twice as
     /// strong with twice as much.
     pub const fn is_force(self) -> bool {
+        #[cfg(feature = "formula")]
+        if let Self::Given(symbol) = self {
+            // N, or N by something.
+            return matches!(
+                symbol.as_bytes(),
+                [b'N'] | [b'N', b'/' | b'*' | b' ', ..] | [b'N', 0xC2, 0xB7, ..]
+            );
+        }
         matches!(
             self,
             Self::Newton | Self::NewtonPerRad | Self::NewtonPerRad3 | Self::NewtonSecond2PerRad2

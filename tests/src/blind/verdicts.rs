@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
-use host_tools::columns::Columns;
+use host_tools::columns::Layout;
 use host_tools::diagnose::{Progress, Request, diagnose};
 use host_tools::error::{InputError, write_atomically};
 use host_tools::model_file::{ModelFile, to_file_units};
@@ -57,11 +57,12 @@ impl Outcome {
     pub fn of(folder: &Path) -> Result<Self, InputError> {
         let file = ModelFile::read(&folder.join("model.toml"))?;
         let paths = recordings(folder)?;
-        let recordings = read_all(&paths, &Columns::default(), |_| {})?;
+        let recordings = read_all(&paths, &Layout::default(), |_| {})?;
         let request = Request {
             file: &file,
             recordings: &recordings,
             holdout: &[],
+            own: None,
             seed: 1,
         };
         let (clock, processor) = (Instant::now(), processor_seconds());

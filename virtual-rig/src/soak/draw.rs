@@ -139,13 +139,25 @@ impl Misfortune {
             ],
             // Lost steps make the counted place wrong until the next homing.
             Fault::Leak | Fault::VentOpen => &[L::EndSwitch, L::Stall, L::Reach],
-            Fault::Stall | Fault::LostCoil | Fault::ReversedMotor => &[
+            Fault::Stall | Fault::LostCoil => &[
                 L::EndSwitch,
                 L::Stall,
                 L::RetractedSwitch,
                 L::MotorReversed,
                 L::Vent,
                 L::Reach,
+            ],
+            // Reversed within a run, it pushes where it should let go.
+            Fault::ReversedMotor => &[
+                L::EndSwitch,
+                L::Stall,
+                L::RetractedSwitch,
+                L::MotorReversed,
+                L::Vent,
+                L::Reach,
+                L::OverPressure,
+                L::OverAngle,
+                L::Disagreement,
             ],
             Fault::EndSwitch => &[L::EndSwitch, L::Stall, L::MotorReversed],
             Fault::RetractedSwitch => &[L::EndSwitch, L::RetractedSwitch, L::Stall, L::Reach],

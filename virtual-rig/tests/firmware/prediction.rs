@@ -45,7 +45,7 @@ fn upload(bench: &mut Bench, kind: Kind, values: &[f32]) {
 
 /// Repeats the board's prediction from the log, and compares the bits of its
 /// state at the end.
-fn repeats_to_the_bit(bench: &mut Bench, model: Model<f32, Minimax>) {
+fn repeats_to_the_bit(bench: &mut Bench, model: &Model<f32, Minimax>) {
     bench.arm();
     bench.obey(Command::Run(Some(Named::Reversals)));
     bench.run(9.0);
@@ -67,7 +67,7 @@ fn repeats_to_the_bit(bench: &mut Bench, model: Model<f32, Minimax>) {
     };
     let (first, last) = (at(newest.wrapping_sub(steps)), at(newest));
     let start = bench.samples[first];
-    let predictor = Predictor::new(&model, FARTHEST_RAD).expect("a model that can be stepped");
+    let predictor = Predictor::new(model, FARTHEST_RAD).expect("a model that can be stepped");
     let mut prediction = predictor.start(
         start.angle_deg.expect("an angle").0,
         start.pressure_kpa.expect("a pressure").0,
@@ -96,7 +96,7 @@ fn the_plain_model_is_repeated_to_the_bit() {
     let Some(mut bench) = Bench::start(healthy()) else {
         return;
     };
-    repeats_to_the_bit(&mut bench, shipped(&[]));
+    repeats_to_the_bit(&mut bench, &shipped(&[]));
 }
 
 #[test]
@@ -114,7 +114,7 @@ fn a_model_with_memory_is_repeated_to_the_bit() {
         };
         upload(&mut bench, kind, values);
         let effect = kind.build(values).expect("an effect");
-        repeats_to_the_bit(&mut bench, shipped(&[effect]));
+        repeats_to_the_bit(&mut bench, &shipped(&[effect]));
     }
 }
 
@@ -149,7 +149,7 @@ fn tables_of_everything_are_repeated_to_the_bit() {
         };
         let table = Table::new(of, nodes, forces).expect("a table");
         upload_table(&mut bench, &table);
-        repeats_to_the_bit(&mut bench, shipped(&[Effect::Table(table)]));
+        repeats_to_the_bit(&mut bench, &shipped(&[Effect::Table(table)]));
     }
 }
 
@@ -167,7 +167,7 @@ fn a_table_survives_a_reset() {
         return;
     };
     assert_eq!(bench.fault(), None);
-    repeats_to_the_bit(&mut bench, shipped(&[Effect::Table(table)]));
+    repeats_to_the_bit(&mut bench, &shipped(&[Effect::Table(table)]));
 }
 
 /// Friction that the model does not know raises the flag, and the repaired model

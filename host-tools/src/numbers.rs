@@ -6,10 +6,27 @@
 
 /// A share in whole percent.
 pub fn percent(share: f64) -> String {
+    /// Smaller shares are none to a whole percent.
+    const HALF: f64 = 0.005;
     if !share.is_finite() {
         return "–".into();
     }
+    if 0.0 < share && share < HALF {
+        return "< 1 %".into();
+    }
+    // None is not below zero.
+    let share = if share.abs() < HALF { 0.0 } else { share };
     format!("{:.0} %", 100.0 * share).replace('-', "−")
+}
+
+/// Evidence (ΔBIC, Δχ²): whole numbers, of which three digits count.
+pub fn evidence(value: f64) -> String {
+    if value.abs() < 100.0 {
+        let whole = if value.abs() < 0.5 { 0.0 } else { value };
+        format!("{whole:.0}").replace('-', "−")
+    } else {
+        short(value)
+    }
 }
 
 /// The fit of system identification: what share of a signal's spread an error leaves out,
@@ -111,6 +128,12 @@ mod tests {
         }
         assert_eq!(percent(f64::NAN), "–");
         assert_eq!(percent(-0.12), "−12 %");
+        assert_eq!(percent(0.0), "0 %");
+        assert_eq!(percent(0.002), "< 1 %");
+        assert_eq!(percent(-0.002), "0 %");
+        for (value, text) in [(0.0, "0"), (-0.3, "0"), (7.6, "8"), (1509.4, "1510")] {
+            assert_eq!(evidence(value), text);
+        }
     }
 
     #[test]

@@ -1,0 +1,173 @@
+//! What the board is busy with, and what it needs to remember for that alone.
+//!
+//! The state of [`crate::safety`] says what the rig may do; an [`Activity`] is what it
+//! does. Leaving one drops all that belonged to it, so that nothing of a run is left when
+//! the next begins.
+
+use wire::{
+    decimal::Hundredths,
+    fault::Fault,
+    protocol::{Demand, Track},
+    settings::{Key, Settings},
+    telemetry::Setpoint,
+};
+
+use model_core::predictor::Predictor;
+
+use crate::{
+    control::{self, Controller, DEG_PER_RAD, KPA_PER_PA, Measured, limit},
+    homing::{self, Homing},
+    io::{Outputs, Pump, Valve},
+    monitor::Monitor,
+    runner::{Memory, Runner},
+};
+
+/// How near (microsteps) to its start position a plunger is back.
+const BACK_STEPS: f32 = 3.0;
+
+/// Periods for which it has to be back before the valve closes: the last air
+/// goes out in 0.2 s.
+const VENTING: u8 = 20;
+
+/// What the board is busy with.
+#[derive(Clone, Debug)]
+pub(super) enum Activity {
+    /// Nothing: idle, ready, or in a fault.
+    Rest,
+    /// Looking for the end of the stroke.
+    Homing(Homing),
+    /// A protocol.
+    Playing(Play),
+}
+
+/// A protocol that is being played.
+#[derive(Clone, Debug)]
+pub(super) struct Play {
+    runner: Runner,
+    controller: Controller,
+    setpoint: Setpoint,
+    /// Periods for which the plunger has been back at its start.
+    back: u8,
+}
+
+/// What a run is played with.
+pub(super) struct Given<'a> {
+    pub(super) settings: &'a Settings,
+    pub(super) memory: &'a Memory,
+    pub(super) predictor: &'a Predictor,
+    pub(super) monitor: &'a Monitor,
+    pub(super) measured: &'a Measured,
+    /// Whether there is still a pressure when there should be none.
+    pub(super) pressurised: bool,
+}
+
+/// What a period of a run came to.
+pub(super) enum Progress {
+    /// Going on.
+    Playing(Outputs),
+    /// The last segment is over, and the plunger is back at its start.
+    Done(Outputs),
+    /// The controller found something wrong.
+    Failed(Fault),
+}
+
+impl Play {
+    /// Begins a run.
+    pub(super) fn new(runner: Runner) -> Self {
+        Self {
+            runner,
+            controller: Controller::new(),
+            setpoint: Setpoint::None,
+            back: 0,
+        }
+    }
+
+    /// Where in the protocol it is.
+    pub(super) fn runner(&self) -> &Runner {
+        &self.runner
+    }
+
+    /// What is asked for now.
+    pub(super) fn setpoint(&self) -> Setpoint {
+        self.setpoint
+    }
+
+    /// What follows the set-points.
+    #[cfg(test)]
+    pub(super) fn controller(&self) -> &Controller {
+        &self.controller
+    }
+
+    /// Lets one control period pass.
+    #[inline(never)]
+    pub(super) fn step(&mut self, given: &Given) -> Progress {
+        let delay_s = given.predictor.delay_s();
+        let config = control::Config::of(given.settings).with_delay(delay_s);
+        let per_step = given.settings.number(Key::VolumePerStep);
+        let demand = self.runner.demand(given.memory);
+        let closed = |flow: f32| Outputs {
+            pump: Pump::Rate(flow / per_step),
+            valve: Valve::Closed,
+            ..Outputs::default()
+        };
+        let outputs = match demand {
+            Demand::Track { track, level } => {
+                self.back = 0;
+                let mut measured = *given.measured;
+                if track == Track::AngleClosedLoop {
+                    measured.expected = given.monitor.expected(given.predictor);
+                }
+                let model = given.predictor.model();
+                let flow = self
+                    .controller
+                    .track(&config, model, (track, level), &measured);
+                self.setpoint = if track == Track::Pressure {
+                    let pressure = self.controller.pressure_setpoint();
+                    Setpoint::Pressure(Hundredths::round(pressure * KPA_PER_PA))
+                } else {
+                    let angle = self.controller.angle_setpoint();
+                    Setpoint::Angle(Hundredths::round(angle * DEG_PER_RAD))
+                };
+                closed(flow)
+            }
+            Demand::Hold => {
+                self.setpoint = Setpoint::None;
+                closed(0.0)
+            }
+            Demand::Release | Demand::Done => {
+                self.controller = Controller::new();
+                self.setpoint = Setpoint::None;
+                let start = homing::Config::of(given.settings).start_volume();
+                let gap = start - given.measured.volume;
+                let is_back = limit::size(gap) <= BACK_STEPS * per_step;
+                self.back = if is_back {
+                    self.back.saturating_add(1)
+                } else {
+                    0
+                };
+                let flow = if is_back {
+                    0.0
+                } else {
+                    config.pressure.approach(gap)
+                };
+                Outputs {
+                    pump: Pump::Rate(flow / per_step),
+                    ..Outputs::default()
+                }
+            }
+        };
+        if let Some(fault) = self.controller.fault() {
+            return Progress::Failed(fault);
+        }
+        // Behind a narrow tube the air needs longer than the plunger.
+        let is_back = self.back >= VENTING && !given.pressurised;
+        if demand == Demand::Done {
+            if is_back {
+                return Progress::Done(outputs);
+            }
+        } else {
+            self.runner.advance(given.memory, is_back);
+        }
+        Progress::Playing(outputs)
+    }
+}

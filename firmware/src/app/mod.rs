@@ -1,0 +1,413 @@
+//! The application: what the board makes of readings and of lines.
+//!
+//! It owns everything that is decided and nothing that is wired. The board layer
+//! calls, once a control period:
+//!
+//! 1. [`App::receive`] for every line that was completed since, or
+//!    [`App::overlong`] for one that was too long;
+//! 2. [`App::tick`] with the inputs and the EEPROM, and obeys the outputs;
+//! 3. [`App::telemetry`], and writes the line;
+//! 4. [`App::report`], which writes at most one further line.
+//!
+//! After a reset it calls [`App::new`] and then [`App::banner`].
+
+mod activity;
+mod protection;
+mod remarks;
+mod requests;
+mod saving;
+mod texts;
+
+use model_core::predictor::Predictor;
+use ufmt::{uWrite, uwrite};
+use wire::{
+    checksum::Crc16,
+    decimal::{HalfWord, Hundredths},
+    fault::Fault,
+    line::Sealed,
+    reply::VERSION,
+    settings::{Key, Settings},
+    state::State,
+    telemetry::{Setpoint, Telemetry},
+};
+
+use crate::{
+    control::{DEG_PER_RAD, KPA_PER_PA, Measured, RAD_PER_DEG},
+    homing,
+    io::{Inputs, Outputs, Pump, ResetCause, Valve},
+    monitor::{Monitor, Seen},
+    runner::{Memory, Runner},
+    safety::{Conditions, Event, Supervisor},
+    self_test::SelfTest,
+    sensing::{Calibration, Readings, Sensors},
+    settings::{calibration, model},
+    store::{Eeprom, Loaded, load},
+};
+
+use activity::{Activity, Given, Play};
+use protection::Protection;
+use saving::Saving;
+
+pub use requests::Counters;
+pub use texts::{HELP, PlainTexts, Texts};
+
+/// Calls that prepare the table of the power, 20 ms of work.
+const AT_ONCE: u8 = 14;
+
+/// Everything that the board remembers.
+#[derive(Clone, Debug)]
+pub struct App {
+    settings: Settings,
+    draft: Settings,
+    /// None while the settings make no sense.
+    calibration: Option<Calibration>,
+    /// The model of the settings; that of the self-test while there is one.
+    predictor: Predictor,
+    sensors: Sensors,
+    supervisor: Supervisor,
+    conditions: Conditions,
+    reset: ResetCause,
+    activity: Activity,
+    memory: Memory,
+    monitor: Monitor,
+    protection: Protection,
+    inputs: Inputs,
+    seen: Seen,
+    outputs: Outputs,
+    volume: f32,
+    /// When a valid line came last (ms).
+    heard: u32,
+    sequence: u16,
+    counters: Counters,
+    saving: Saving,
+    /// The next line of help, while there is one.
+    help: Option<u8>,
+    self_test: Option<SelfTest>,
+    /// A fault whose sentence is to be written.
+    sentence: Option<Fault>,
+}
+
+/// Takes the model of settings for the prediction; whether it can be stepped.
+#[inline(never)]
+fn take_model(predictor: &mut Predictor, settings: &Settings) -> bool {
+    let farthest = settings.number(Key::MaxAngle) * RAD_PER_DEG;
+    // By reference: a second one has no room on the stack.
+    match &model(settings) {
+        Ok(model) => predictor.restart(model, farthest).is_ok(),
+        Err(_) => false,
+    }
+}
+
+/// The checksum of all settings, by which a computer knows them again.
+pub fn checksum(settings: &Settings) -> u16 {
+    let mut crc = Crc16::new();
+    for word in settings.words() {
+        for byte in word.to_le_bytes() {
+            crc.update(byte);
+        }
+    }
+    crc.value()
+}
+
+impl App {
+    /// Starts after a reset, idle, with the settings that are stored; with those
+    /// that a board is shipped with if none are or if they are damaged, which is
+    /// a fault.
+    pub fn new(eeprom: &impl Eeprom, reset: ResetCause) -> Self {
+        let mut app = Self::empty(reset);
+        app.load(eeprom);
+        app
+    }
+
+    /// Reads the settings and computes what follows from them. Apart from
+    /// [`App::empty`], so that on the board there is one application and not a
+    /// second one on the stack meanwhile.
+    #[inline(never)]
+    pub fn load(&mut self, eeprom: &impl Eeprom) {
+        let found = load(eeprom, &mut self.settings);
+        self.draft.clone_from(&self.settings);
+        self.calibration = calibration(&self.settings).ok();
+        let is_steppable = take_model(&mut self.predictor, &self.settings);
+        // No period has begun yet: a model without friction is ready with the first line.
+        for _ in 0..AT_ONCE {
+            self.predictor.prepare();
+        }
+        self.conditions.settings_damaged =
+            found == Loaded::Damaged || self.calibration.is_none() || !is_steppable;
+    }
+
+    /// An application that has not read its settings.
+    #[inline(always)] // Where it will stay: it is too large to be moved there.
+    pub fn empty(reset: ResetCause) -> Self {
+        Self {
+            draft: Settings::EMPTY,
+            settings: Settings::EMPTY,
+            sensors: Sensors::new(),
+            supervisor: Supervisor::new(),
+            conditions: Conditions {
+                watchdog: reset == ResetCause::Watchdog,
+                brown_out: reset == ResetCause::BrownOut,
+                ..Conditions::default()
+            },
+            calibration: None,
+            predictor: Predictor::empty(),
+            reset,
+            activity: Activity::Rest,
+            memory: Memory::new(),
+            monitor: Monitor::default(),
+            protection: Protection::default(),
+            inputs: Inputs::default(),
+            seen: Seen::default(),
+            outputs: Outputs::default(),
+            volume: 0.0,
+            heard: 0,
+            sequence: 0,
+            counters: Counters::default(),
+            saving: Saving::No,
+            help: None,
+            self_test: None,
+            sentence: None,
+        }
+    }
+
+    /// The settings in use: the board's driver takes its acceleration from them.
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// What the board is doing.
+    pub fn state(&self) -> State {
+        self.supervisor.state()
+    }
+
+    /// Writes who this is, and why it started if that is unusual.
+    ///
+    /// # Errors
+    ///
+    /// Those of the output.
+    pub fn banner<W: uWrite + ?Sized>(&self, out: &mut W) -> Result<(), W::Error> {
+        let mut line = Sealed::new(out);
+        line.write_str("# ")?;
+        self.identity(&mut line)?;
+        match self.reset {
+            ResetCause::Ordinary => {}
+            ResetCause::BrownOut => line.write_str(", brown-out")?,
+            ResetCause::Watchdog => line.write_str(", watchdog")?,
+        }
+        line.finish()
+    }
+
+    fn identity<W: uWrite + ?Sized>(&self, out: &mut W) -> Result<(), W::Error> {
+        uwrite!(
+            out,
+            "softrig {} wire {} settings {}",
+            env!("CARGO_PKG_VERSION"),
+            VERSION,
+            HalfWord(checksum(&self.settings))
+        )
+    }
+
+    /// Lets one control period pass.
+    #[inline(never)]
+    pub fn tick(&mut self, inputs: &Inputs, eeprom: &mut impl Eeprom) -> Outputs {
+        self.inputs = *inputs;
+        if self.saving.step(&self.settings, eeprom) {
+            self.conditions.settings_damaged = false;
+        }
+        self.volume = inputs.steps as f32 * self.settings.number(Key::VolumePerStep);
+        let readings = self.sense(inputs);
+        let seen = protection::Seen {
+            settings: &self.settings,
+            inputs,
+            readings: &readings,
+            outputs: &self.outputs,
+            state: self.supervisor.state(),
+            volume: self.volume,
+            heard: self.heard,
+        };
+        self.protection.look(&seen, &mut self.conditions);
+        self.latch();
+        // Events, not conditions: once latched they are over.
+        self.conditions.watchdog = false;
+        self.conditions.brown_out = false;
+
+        let measured = Measured {
+            pressure: readings.pressure.filtered,
+            angle: readings.angle.filtered,
+            volume: self.volume,
+            expected: None,
+        };
+        let outputs = match self.state() {
+            State::Idle | State::Fault => Outputs::default(),
+            State::Homing => self.home(inputs),
+            State::Ready => Outputs {
+                pump: Pump::Rate(0.0),
+                valve: Valve::Closed,
+                ..Outputs::default()
+            },
+            State::Running => self.play(&measured),
+        };
+        self.outputs = Outputs {
+            light: self.light(),
+            ..self.supervisor.restrain(outputs)
+        };
+        self.predict();
+        self.sequence = self.sequence.wrapping_add(1);
+        self.outputs
+    }
+
+    /// Steps the prediction, or prepares its tables a little further.
+    #[inline(never)]
+    fn predict(&mut self) {
+        if !self.predictor.prepare() || self.self_test.is_some() {
+            return;
+        }
+        let judge = self.state() == State::Running;
+        self.monitor
+            .step(&self.predictor, &self.settings, &self.seen, judge);
+    }
+
+    /// Reads the sensors; without a calibration there is nothing to read.
+    #[inline(never)]
+    fn sense(&mut self, inputs: &Inputs) -> Readings {
+        let Some(calibration) = &self.calibration else {
+            self.seen = Seen::default();
+            return Readings::default();
+        };
+        let readings = self.sensors.update(calibration, inputs);
+        let rounded =
+            |value: Option<f32>, scale| value.map(|value| Hundredths::round(value * scale));
+        self.seen = Seen {
+            pressure: rounded(readings.pressure.valid(), KPA_PER_PA),
+            angle: rounded(readings.angle.valid(), DEG_PER_RAD),
+        };
+        readings
+    }
+
+    /// A fault that control logic found.
+    fn fail(&mut self, fault: Fault) {
+        match fault {
+            Fault::Stall => self.conditions.stall = true,
+            Fault::EndSwitch => self.conditions.end_switch = true,
+            Fault::RetractedSwitch => self.conditions.retracted_switch = true,
+            Fault::MotorReversed => self.conditions.motor_reversed = true,
+            Fault::Reach => self.conditions.out_of_reach = true,
+            Fault::Disagreement => self.conditions.disagreement = true,
+            _ => self.conditions.internal = true,
+        }
+        self.latch();
+        self.activity = Activity::Rest;
+    }
+
+    /// Leaves everything for a fault whose condition holds.
+    fn latch(&mut self) {
+        if self.supervisor.update(&self.conditions).is_some() {
+            self.sentence = self.supervisor.fault();
+            self.activity = Activity::Rest;
+        }
+    }
+
+    #[inline(never)]
+    fn home(&mut self, inputs: &Inputs) -> Outputs {
+        let Activity::Homing(homing) = &mut self.activity else {
+            self.fail(Fault::Internal);
+            return Outputs::default();
+        };
+        match homing.step(&homing::Config::of(&self.settings), inputs) {
+            homing::Progress::Moving(outputs) => outputs,
+            homing::Progress::Done => {
+                self.finish(Event::Homed);
+                Outputs {
+                    pump: Pump::Brake,
+                    ..Outputs::default()
+                }
+            }
+            homing::Progress::Failed(fault) => {
+                self.fail(fault);
+                Outputs::default()
+            }
+        }
+    }
+
+    #[inline(never)]
+    fn play(&mut self, measured: &Measured) -> Outputs {
+        let Activity::Playing(play) = &mut self.activity else {
+            self.fail(Fault::Internal);
+            return Outputs::default();
+        };
+        let progress = play.step(&Given {
+            settings: &self.settings,
+            memory: &self.memory,
+            predictor: &self.predictor,
+            monitor: &self.monitor,
+            measured,
+            pressurised: self.conditions.pressurised,
+        });
+        match progress {
+            activity::Progress::Playing(outputs) => outputs,
+            activity::Progress::Done(outputs) => {
+                self.finish(Event::ProtocolDone);
+                outputs
+            }
+            activity::Progress::Failed(fault) => {
+                self.fail(fault);
+                Outputs::default()
+            }
+        }
+    }
+
+    /// What was going on has come to its end.
+    fn finish(&mut self, event: Event) {
+        self.activity = Activity::Rest;
+        if self.supervisor.handle(event, &self.conditions).is_err() {
+            self.fail(Fault::Internal);
+        }
+    }
+
+    /// The protocol that is being played, while there is one.
+    fn running(&self) -> Option<&Runner> {
+        match &self.activity {
+            Activity::Playing(play) => Some(play.runner()),
+            Activity::Rest | Activity::Homing(_) => None,
+        }
+    }
+
+    /// Slow blinking at rest, fast in a fault, steady while armed.
+    fn light(&self) -> bool {
+        let time = self.inputs.time_ms;
+        match self.state() {
+            State::Idle => time & 0x400 != 0,
+            State::Fault => time & 0x80 != 0,
+            State::Homing | State::Ready | State::Running => true,
+        }
+    }
+
+    /// The sample of this period.
+    pub fn telemetry(&self) -> Telemetry {
+        #[allow(clippy::cast_possible_truncation)] // Saturates.
+        let volume_ul = self.volume as i32;
+        Telemetry {
+            sequence: self.sequence,
+            time_ms: self.inputs.time_ms,
+            pressure_kpa: self.seen.pressure,
+            angle_deg: self.seen.angle,
+            predicted_deg: self.monitor.predicted(),
+            setpoint: match &self.activity {
+                Activity::Playing(play) => play.setpoint(),
+                Activity::Rest | Activity::Homing(_) => Setpoint::None,
+            },
+            volume_ul,
+            state: self.state(),
+            fault: self.supervisor.fault().map_or(0, Fault::code),
+            mismatch: self.monitor.mismatch(),
+        }
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+mod tests;
+
+#[cfg(test)]
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+mod reach;

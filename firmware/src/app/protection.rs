@@ -1,0 +1,93 @@
+//! What may be wrong in this period: readings against limits, and what has to be watched
+//! over several periods before it counts.
+
+use wire::settings::Settings;
+
+use crate::{
+    io::{Inputs, Outputs, Pump, Valve},
+    safety::{Conditions, LARGEST_AT_REST_PA, LONGEST_VENTING, STILL_THERE, runs_into_end},
+    sensing::Readings,
+    settings::Limits,
+    stall::Watch,
+};
+use wire::state::State;
+
+/// What is watched.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Protection {
+    stall: Watch,
+    /// Periods for which the valve has been open; beyond [`LONGEST_VENTING`], those for
+    /// which there is a pressure nevertheless.
+    venting: u16,
+    /// Whether the last reading of the pressure was above its limit.
+    pressure_was_high: bool,
+}
+
+/// What is looked at.
+pub(super) struct Seen<'a> {
+    pub(super) settings: &'a Settings,
+    pub(super) inputs: &'a Inputs,
+    pub(super) readings: &'a Readings,
+    /// What was driven in the period before.
+    pub(super) outputs: &'a Outputs,
+    pub(super) state: State,
+    /// What the pump displaced (µl).
+    pub(super) volume: f32,
+    /// When a valid line came last (ms).
+    pub(super) heard: u32,
+}
+
+impl Protection {
+    /// Sets every condition that readings decide; the others are for who finds them.
+    #[inline(never)]
+    pub(super) fn look(&mut self, seen: &Seen, conditions: &mut Conditions) {
+        let Seen {
+            settings,
+            inputs,
+            readings,
+            ..
+        } = *seen;
+        let limits = Limits::of(settings);
+        // Numbers above zero are in the order of their bits, which are compared in a tenth
+        // of the time; what is not a number counts as much.
+        let size = readings.pressure.filtered.abs().to_bits();
+        let pressurised = size > LARGEST_AT_REST_PA.to_bits();
+        let rate = match seen.outputs.pump {
+            Pump::Rate(rate) => rate,
+            Pump::Off | Pump::Brake => 0.0,
+        };
+        let closed = seen.outputs.valve == Valve::Closed;
+        self.venting = if closed {
+            0
+        } else if pressurised {
+            self.venting.saturating_add(1)
+        } else {
+            self.venting.saturating_add(1).min(LONGEST_VENTING)
+        };
+        let pressure = readings.pressure.value;
+        // Twice in a row: a wire that breaks within a reading leaves a mean of
+        // good and bad conversions, which can look like any pressure once.
+        let high = readings.pressure.fresh && pressure > limits.pressure_pa;
+        let over_pressure = core::mem::replace(&mut self.pressure_was_high, high) && high;
+        *conditions = Conditions {
+            emergency_stop: inputs.emergency_stop,
+            over_pressure,
+            // A flex sensor is noisy; 20 ms do not matter to silicone.
+            over_angle: readings.angle.filtered > limits.angle_rad,
+            pressure_sensor: readings.pressure.fault.is_some(),
+            flex_sensor: readings.angle.fault.is_some(),
+            stall: self.stall.step(settings, closed, seen.volume, pressure),
+            end_switch: runs_into_end(seen.state, inputs, rate),
+            host_silent: inputs.time_ms.wrapping_sub(seen.heard) > limits.host_timeout_ms,
+            overrun: inputs.overruns > 0,
+            internal: false,
+            retracted_switch: false,
+            motor_reversed: false,
+            vent_blocked: self.venting > LONGEST_VENTING + STILL_THERE,
+            out_of_reach: false,
+            disagreement: false,
+            pressurised,
+            ..*conditions
+        };
+    }
+}

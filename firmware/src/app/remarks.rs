@@ -1,0 +1,64 @@
+//! Lines that the board writes unasked, for people: what became of settings that were
+//! saved, what a fault means, the help, and the self-test.
+
+use ufmt::uWrite;
+use wire::line::Sealed;
+
+use super::{App, saving::Saving, take_model, texts::Texts};
+use crate::probe::Probe;
+
+impl App {
+    /// Writes at most one line that has been waiting: `# saved` or `# not saved`,
+    /// the sentence of a fault, help, the self-test. One a period, so that the cable
+    /// keeps up.
+    ///
+    /// # Errors
+    ///
+    /// Those of the output.
+    #[inline(never)]
+    pub fn report<W: uWrite + ?Sized>(
+        &mut self,
+        texts: &impl Texts,
+        out: &mut W,
+        probe: &mut impl Probe,
+    ) -> Result<(), W::Error> {
+        if let Saving::Over { kept } = self.saving {
+            self.saving = Saving::No;
+            let mut line = Sealed::new(out);
+            line.write_str("# ")?;
+            if !kept {
+                line.write_str("not ")?;
+            }
+            line.write_str("saved")?;
+            return line.finish();
+        }
+        if let Some(fault) = self.sentence.take() {
+            let mut line = Sealed::new(out);
+            line.write_str("# ")?;
+            texts.fault(fault, &mut line)?;
+            return line.finish();
+        }
+        // A line and the telemetry do not fit into one period on the cable.
+        let has_room = self.sequence.is_multiple_of(4);
+        if let Some(test) = &mut self.self_test {
+            if has_room && !test.advance(&mut self.predictor, out, probe)? {
+                self.self_test = None;
+                if !take_model(&mut self.predictor, &self.settings) {
+                    self.predictor.clear();
+                }
+            }
+            return Ok(());
+        }
+        let Some(index) = self.help else {
+            return Ok(());
+        };
+        if has_room {
+            let mut line = Sealed::new(out);
+            line.write_str("# ")?;
+            let more = texts.help(index, &mut line)?;
+            line.finish()?;
+            self.help = more.then_some(index.saturating_add(1));
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,49 @@
+//! Texts for people: what a fault means, and what can be typed.
+
+use ufmt::uWrite;
+use wire::fault::Fault;
+
+/// Long texts for people, which the board keeps in flash: a constant string
+/// would lie in its RAM.
+pub trait Texts {
+    /// Writes what a fault means and what to do.
+    ///
+    /// # Errors
+    ///
+    /// Those of the output.
+    fn fault<W: uWrite + ?Sized>(&self, fault: Fault, out: &mut W) -> Result<(), W::Error>;
+
+    /// Writes a line of the help, without a line end; whether another follows.
+    ///
+    /// # Errors
+    ///
+    /// Those of the output.
+    fn help<W: uWrite + ?Sized>(&self, line: u8, out: &mut W) -> Result<bool, W::Error>;
+}
+
+/// The help, line by line.
+pub const HELP: [&str; 6] = [
+    "status, raw, exact, get KEY: look; stop, disarm: pump off, valve open",
+    "arm: home and be ready; run [paper|steps|stairs|triangle|small|sines|hold]",
+    "load N, seg I step|ramp|sines|hold|release|repeat ...: a protocol of your own",
+    "set KEY BITS, save, discard: settings; tare: zero the sensors; clear: a fault",
+    "selftest: model steps to the bit; hello, beat: for programs",
+    "what moves or changes something needs a checksum: use rig",
+];
+
+/// The texts where RAM does not matter.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct PlainTexts;
+
+impl Texts for PlainTexts {
+    fn fault<W: uWrite + ?Sized>(&self, fault: Fault, out: &mut W) -> Result<(), W::Error> {
+        out.write_str(fault.sentence())
+    }
+
+    fn help<W: uWrite + ?Sized>(&self, line: u8, out: &mut W) -> Result<bool, W::Error> {
+        if let Some(text) = HELP.get(usize::from(line)) {
+            out.write_str(text)?;
+        }
+        Ok(usize::from(line) + 1 < HELP.len())
+    }
+}

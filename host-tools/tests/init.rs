@@ -1,0 +1,470 @@
+//! `rig init` as someone without a model meets it.
+//!
+//! What it writes has to be a model that the other commands take, that follows the recording
+//! it came from, and that says of each number where it is from; and it has to leave alone
+//! what is there.
+
+use std::path::PathBuf;
+
+use assert_cmd::Command;
+use host_tools::example::{Hidden, make};
+use host_tools::model_file::ModelFile;
+use model_core::actuator::{Dynamics, Model, ParameterId};
+use model_core::catalogue::Kind;
+use predicates::prelude::*;
+use predicates::str::{contains, is_empty};
+use tempfile::TempDir;
+
+const HEADER: &str = "time_s,pressure_kpa,angle_deg\n";
+
+/// A folder to run commands in.
+struct Bench(TempDir);
+
+impl Bench {
+    fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    /// With the recordings of an example in it, and the models that its owner believes in
+    /// and that it is.
+    fn with_example(hidden: Hidden, seed: u64) -> (Self, Model<f64>) {
+        let bench = Self::new();
+        let example = make(hidden, 0.4, seed).unwrap();
+        example.write(bench.0.path()).unwrap();
+        let truth = ModelFile::read(&bench.path("truth.toml")).unwrap().model;
+        // What `rig init` would find in its place.
+        std::fs::remove_file(bench.path("model.toml")).unwrap();
+        (bench, truth)
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn put(&self, name: &str, text: &str) {
+        std::fs::write(self.path(name), text).unwrap();
+    }
+
+    fn text(&self, name: &str) -> String {
+        std::fs::read_to_string(self.path(name)).unwrap()
+    }
+
+    fn files(&self) -> Vec<PathBuf> {
+        let entries = std::fs::read_dir(self.0.path()).unwrap();
+        let mut paths: Vec<PathBuf> = entries.map(|entry| entry.unwrap().path()).collect();
+        paths.sort();
+        paths
+    }
+
+    fn rig(&self, arguments: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_rig"));
+        command
+            .current_dir(self.0.path())
+            .env("RUST_BACKTRACE", "1")
+            .args(arguments);
+        command
+    }
+
+    /// Runs a command that has to end with 2, say all parts, and write nothing.
+    fn refuses(&self, arguments: &[&str], parts: &[&str]) {
+        let before = self.files();
+        let mut said = self.rig(arguments).assert().code(2).stdout(is_empty());
+        for part in parts {
+            said = said.stderr(contains(*part));
+        }
+        said.stderr(contains("panicked").not());
+        assert_eq!(before, self.files(), "{arguments:?}");
+    }
+
+    fn model(&self) -> ModelFile {
+        ModelFile::read(&self.path("model.toml")).unwrap()
+    }
+
+    /// What `rig simulate` says of the model's RMS error over a recording (°).
+    fn error_deg(&self, recording: &str) -> f64 {
+        let arguments = [
+            "simulate",
+            "--model",
+            "model.toml",
+            "--recording",
+            recording,
+        ];
+        let said = self.rig(&arguments).assert().success();
+        let text = String::from_utf8(said.get_output().stdout.clone()).unwrap();
+        let (_, after) = text
+            .split_once("RMS error against the recording: ")
+            .unwrap();
+        after.split('°').next().unwrap().parse().unwrap()
+    }
+}
+
+/// A recording of a model of unit inertia under steps to several levels, in the file's units.
+fn steps(dynamics: Dynamics<f64>, levels: &[f64]) -> String {
+    const INTERVAL: f64 = 0.01;
+    const FINE: u32 = 20;
+    /// Samples of a level.
+    const SAMPLES: usize = 200;
+    let mut text = String::from("time_s,pressure_kpa,angle_deg\n");
+    let (mut angle, mut rate) = (0.0_f64, 0.0_f64);
+    for (k, level) in levels.iter().enumerate() {
+        for sample in 0..SAMPLES {
+            let time = (k * SAMPLES + sample) as f64 * INTERVAL;
+            text += &format!("{time:.3},{level},{:.4}\n", angle.to_degrees());
+            for _ in 0..FINE {
+                let force = dynamics.input_gain * level * 1e3
+                    - dynamics.stiffness * angle.abs().powf(dynamics.exponent).copysign(angle)
+                    - dynamics.damping * rate;
+                rate += INTERVAL / f64::from(FINE) * force / dynamics.inertia;
+                angle += INTERVAL / f64::from(FINE) * rate;
+            }
+        }
+    }
+    text
+}
+
+#[test]
+fn without_a_terminal_it_says_what_to_give() {
+    let bench = Bench::new();
+    bench.refuses(
+        &["init"],
+        &[
+            "no terminal to ask on",
+            "rig init --recording step.csv",
+            "--length-mm 94",
+        ],
+    );
+}
+
+#[test]
+fn a_beam_gives_stiffness_and_exponent_and_the_rest_is_a_guess() {
+    let bench = Bench::new();
+    let beam = "init --material ecoflex-0030 --length-mm 94 --width-mm 30 --height-mm 24";
+    let beam: Vec<&str> = beam.split(' ').collect();
+    bench.rig(&beam).assert().success().stdout(
+        contains("written: model.toml").and(contains("rig upload --port PORT --model model.toml")),
+    );
+    let file = bench.model();
+    let actuator = file.actuator.as_ref().unwrap();
+    assert_eq!(actuator.material, "Ecoflex 00-30");
+    // Without stiffness and exponent the reader would take the same from the material.
+    let text = bench.text("model.toml");
+    let derived: String = text
+        .lines()
+        .filter(|line| !line.starts_with("stiffness_n") && !line.starts_with("exponent"))
+        .map(|line| line.to_owned() + "\n")
+        .collect();
+    let derived = ModelFile::parse(&derived, &bench.path("model.toml")).unwrap();
+    for id in [ParameterId::Stiffness, ParameterId::Exponent] {
+        let (written, derived) = (file.model.value(id), derived.model.value(id));
+        assert!((written.unwrap() / derived.unwrap() - 1.0).abs() < 1e-5);
+    }
+    // 90° at 150 kPa, as the file says of its guess.
+    let at_90 = file.model.holding_pressure(std::f64::consts::FRAC_PI_2);
+    assert!((at_90 / 150e3 - 1.0).abs() < 1e-4, "{at_90} Pa");
+    assert_eq!(text.matches("GUESS").count(), 3, "{text}");
+
+    // It is there now, and stays as it is.
+    let mut edited = text.clone();
+    edited.push_str("# mine\n");
+    bench.put("model.toml", &edited);
+    bench.refuses(&beam, &["model.toml", "is there already", "--dry-run"]);
+    let dry = bench.rig(&beam).arg("--dry-run").assert().success();
+    assert_eq!(String::from_utf8_lossy(&dry.get_output().stdout), text);
+    assert_eq!(bench.text("model.toml"), edited);
+}
+
+#[test]
+fn without_anything_it_is_the_authors_actuator() {
+    let bench = Bench::new();
+    bench
+        .rig(&["init", "--material", "none"])
+        .assert()
+        .success()
+        .stdout(contains("Nothing of this was measured on your rig"));
+    let file = bench.model();
+    assert_eq!(file.actuator.unwrap().material, "Dragon Skin 20");
+    assert!((file.model.dynamics().stiffness - 0.094).abs() < 5e-4);
+    assert!(bench.text("model.toml").contains("for want of yours"));
+}
+
+#[test]
+fn slips_of_the_command_line_are_refused_with_a_remedy() {
+    let bench = Bench::new();
+    bench.put(
+        "step.csv",
+        "time_s,pressure_kpa,angle_deg\n0,1,2\n0.1,1,nan\n",
+    );
+    bench.put("notes.toml", "a = 1\n");
+    for (line, parts) in [
+        (
+            "--material Dragonskin-2O",
+            &["not in the table", "did you mean \"Dragon Skin 20\""][..],
+        ),
+        (
+            "--material PLA",
+            &["\"Ecoflex 00-10\"", "materials predict"],
+        ),
+        (
+            "--material Ecoflex-00-30 --length-mm 94 --height-mm 24",
+            &["--width-mm is missing", "all three"],
+        ),
+        (
+            "--length-mm 94 --width-mm 30 --height-mm 24",
+            &["without a material", "--material"],
+        ),
+        ("--length-mm 94 --length-m 0.094", &["cannot be used with"]),
+        ("--length-mm 0", &["from 0.01 to 1000000 mm"]),
+        (
+            "--recording step.csv",
+            &["step.csv, line 3, column angle_deg"],
+        ),
+        ("--recording gone.csv", &["gone.csv", "check the path"]),
+        ("--recording step.csv step.csv", &["is given twice"]),
+        (
+            "--recording step.csv -o step.csv",
+            &["step.csv", "is there already"],
+        ),
+        (
+            "--material none -o notes.toml",
+            &["notes.toml", "is there already"],
+        ),
+        ("--material none -o no/such/m.toml", &["there is no folder"]),
+    ] {
+        let arguments: Vec<&str> = ["init"].into_iter().chain(line.split(' ')).collect();
+        bench.refuses(&arguments, parts);
+    }
+}
+
+/// All recordings of an example that hides nothing: the parameters are the true ones, up to
+/// the scale that nothing determines.
+#[test]
+fn what_hides_nothing_is_identified() {
+    let (bench, truth) = Bench::with_example(Hidden::Nothing, 5);
+    let files = ["step30_1", "step60_1", "step90_1", "staircase"]
+        .map(|name| format!("recordings/{name}.csv"));
+    let mut arguments = vec!["init", "--recording"];
+    arguments.extend(files.iter().map(String::as_str));
+    bench.rig(&arguments).assert().success();
+    let file = bench.model();
+    let (found, truth) = (file.model.dynamics(), truth.dynamics());
+    assert!(
+        (found.exponent / truth.exponent - 1.0).abs() < 0.05,
+        "{found:?} {truth:?}"
+    );
+    for (found, truth) in [
+        (found.damping / found.inertia, truth.damping / truth.inertia),
+        (
+            found.stiffness / found.inertia,
+            truth.stiffness / truth.inertia,
+        ),
+        (
+            found.input_gain / found.inertia,
+            truth.input_gain / truth.inertia,
+        ),
+    ] {
+        assert!((found / truth - 1.0).abs() < 0.1, "{found} {truth}");
+    }
+    // Nothing is left but noise of 0.4°, also where it was not fitted.
+    assert!(bench.error_deg("recordings/triangle.csv") < 0.6);
+    let text = bench.text("model.toml");
+    for part in [
+        "# stiffness K; fitted; 95 % interval",
+        "# effective inertia M; by convention",
+        "rig diagnose --model model.toml recordings/step30_1.csv",
+        "free = [\"damping\", \"stiffness\", \"exponent\", \"input_gain\"]",
+    ] {
+        assert!(text.contains(part), "{part:?} not in\n{text}");
+    }
+}
+
+/// One step of an actuator that hides something: the model follows it far better than its
+/// mean does.
+#[test]
+fn one_step_is_enough_to_follow_it() {
+    for (kind, seed) in [
+        (Kind::MaxwellBranch, 2),
+        (Kind::CoulombFriction, 3),
+        (Kind::Gravity, 4),
+    ] {
+        let (bench, _) = Bench::with_example(Hidden::Effect(kind), seed);
+        let step = "recordings/step60_1.csv";
+        bench.rig(&["init", "--recording", step]).assert().success();
+        let error = bench.error_deg(step);
+        // A step to 60° scatters by 20° to 30° about its mean.
+        assert!(error < 4.0, "{kind:?}: {error}°");
+    }
+}
+
+/// Volts to revolutions: far from an actuator in every unit, and of the other sign.
+#[test]
+fn a_motor_in_other_units_is_identified() {
+    let bench = Bench::new();
+    let motor = Dynamics {
+        inertia: 1.0,
+        damping: 18.0,
+        stiffness: 100.0,
+        exponent: 1.0,
+        input_gain: -0.02,
+    };
+    let volts = [0.0, 3.0, 6.0, -4.0, 0.0];
+    bench.put("motor.csv", &steps(motor, &volts));
+    bench
+        .rig(&["init", "--recording", "motor.csv", "--name", "motor \"A\""])
+        .assert()
+        .success();
+    let file = bench.model();
+    assert_eq!(file.name, "motor \"A\"");
+    let found = file.model.dynamics();
+    assert!((found.exponent - 1.0).abs() < 1e-12, "{found:?}");
+    for (found, truth) in [
+        (found.damping, motor.damping),
+        (found.stiffness, motor.stiffness),
+        (found.input_gain, motor.input_gain),
+    ] {
+        assert!((found / truth - 1.0).abs() < 0.1, "{found} {truth}");
+    }
+    // The same numbers in millivolts and milliseconds.
+    let text = bench.text("motor.csv");
+    let rows = text.lines().skip(1).map(|row| {
+        let (time, rest) = row.split_once(',').unwrap();
+        format!("{:.0},{rest}\n", time.parse::<f64>().unwrap() * 1e3)
+    });
+    let rows: String = rows.collect();
+    bench.put("ms.csv", &format!("time_s,pressure_kpa,angle_deg\n{rows}"));
+    let arguments = "init --recording ms.csv --time-in ms -o ms.toml";
+    let arguments: Vec<&str> = arguments.split(' ').collect();
+    bench.rig(&arguments).assert().success();
+    let again = ModelFile::read(&bench.path("ms.toml")).unwrap();
+    let ratio = again.model.dynamics().stiffness / found.stiffness;
+    assert!((ratio - 1.0).abs() < 1e-3, "{ratio}");
+}
+
+/// A free swing has no input whose gain could be known.
+#[test]
+fn a_free_swing_has_no_input_gain() {
+    let bench = Bench::new();
+    let rows = (0..1_000).map(|k| {
+        let time = f64::from(k) * 0.01;
+        let angle = 12.0 * (-0.1 * time).exp() * (5.0 * time).cos();
+        format!("{time:.2},0,{angle:.4}\n")
+    });
+    bench.put(
+        "swing.csv",
+        &(HEADER.to_owned() + &rows.collect::<String>()),
+    );
+    bench
+        .rig(&["init", "--recording", "swing.csv"])
+        .assert()
+        .success()
+        .stderr(contains("the input is zero all the time"));
+    let file = bench.model();
+    assert!(!file.free.contains(&ParameterId::InputGain));
+    let stiffness = file.model.dynamics().stiffness;
+    assert!((stiffness / 25.0 - 1.0).abs() < 0.02, "{stiffness}");
+    assert!(bench.error_deg("swing.csv") < 0.3);
+}
+
+/// What is no rig of second order is said to be none.
+#[test]
+fn noise_is_not_explained() {
+    let bench = Bench::new();
+    let mut state = 1_u32;
+    let rows = (0..600).map(|k| {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        format!("{:.2},{},{}\n", f64::from(k) * 0.01, k / 100, state >> 26)
+    });
+    bench.put(
+        "noise.csv",
+        &(HEADER.to_owned() + &rows.collect::<String>()),
+    );
+    bench
+        .rig(&["init", "--recording", "noise.csv"])
+        .assert()
+        .success()
+        .stderr(contains("explains little of the motion").and(contains("panicked").not()));
+    assert!(bench.text("model.toml").contains("It explains little"));
+}
+
+/// `rig init` on a terminal of its own: answers each question as it is asked, and returns
+/// the exit code.
+#[cfg(unix)]
+fn converse(bench: &Bench, dialogue: &[(&str, &str)]) -> Option<i32> {
+    use std::fs::File;
+    use std::io::{Read, Write};
+    use std::process::Stdio;
+
+    use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+    use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
+
+    let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
+    grantpt(&master).unwrap();
+    unlockpt(&master).unwrap();
+    let name = ptsname(&master, Vec::new()).unwrap();
+    let open = || {
+        let mut options = File::options();
+        options.read(true).write(true);
+        options.open(name.to_str().unwrap()).unwrap()
+    };
+    // Keys reach the program as they are also while it is not reading yet.
+    let keyboard = open();
+    let mut modes = tcgetattr(&keyboard).unwrap();
+    modes.make_raw();
+    tcsetattr(&keyboard, OptionalActions::Now, &modes).unwrap();
+    let slave = || Stdio::from(open());
+    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_rig"))
+        .current_dir(bench.0.path())
+        .arg("init")
+        .env("TERM", "xterm")
+        .stdin(slave())
+        .stdout(slave())
+        .stderr(slave())
+        .spawn()
+        .unwrap();
+    // Reading ends when the program has.
+    drop(keyboard);
+    let mut terminal = File::from(master);
+    let mut said = String::new();
+    for (question, answer) in dialogue {
+        let mut bytes = [0; 4096];
+        while !said.contains(question) {
+            let count = terminal.read(&mut bytes).unwrap_or(0);
+            assert!(count > 0, "{question:?} was not asked: {said}");
+            said += &String::from_utf8_lossy(&bytes[..count]);
+        }
+        terminal.write_all(answer.as_bytes()).unwrap();
+    }
+    child.wait().unwrap().code()
+}
+
+#[cfg(unix)]
+#[test]
+fn on_a_terminal_it_asks() {
+    let (bench, _) = Bench::with_example(Hidden::Nothing, 5);
+    let code = converse(
+        &bench,
+        &[
+            // The last choice is none.
+            ("> another material, or none", "\r"),
+            ("Recording of a step", "nothing.csv\r"),
+            ("there is no file nothing.csv", "recordings/staircase.csv\r"),
+            ("Write the model to", "\r"),
+            ("written: model.toml", ""),
+        ],
+    );
+    assert_eq!(code, Some(0));
+    assert!(bench.error_deg("recordings/staircase.csv") < 0.6);
+}
+
+#[cfg(unix)]
+#[test]
+fn who_gives_up_leaves_no_trace() {
+    let bench = Bench::new();
+    for (keys, code) in [("\u{1b}", 0), ("\u{3}", 130)] {
+        let dialogue = [
+            ("> another material, or none", keys),
+            ("nothing was written", ""),
+        ];
+        assert_eq!(converse(&bench, &dialogue), Some(code), "{keys:?}");
+        assert!(bench.files().is_empty());
+    }
+}

@@ -1,0 +1,633 @@
+//! Custom: Q = f(θ, ω, p, t), a formula that a user writes.
+//!
+//! Nobody can list all the forces that act on an actuator. This effect is given as
+//! text in a file; the desktop compiles it to a [`Program`], a flat list of
+//! instructions over numbered results, which runs in any [`Real`]: in `f64` for
+//! simulations and on numbers with derivatives for fits.
+//!
+//! For the desktop alone, behind the feature `formula`: the firmware is built
+//! without it, has no room for programs, and is refused a model that has one
+//! ([`crate::prepared::Unsteppable::Formula`]). A [`crate::effects::table`] of the
+//! same force runs there.
+//!
+//! A model is copied freely, and so is an [`crate::catalogue::Effect`]. So a
+//! [`Definition`] is made once for each formula that is read and lives as long as
+//! the program that read it; what is copied is a reference and the parameters.
+
+use core::cmp::Ordering;
+use core::fmt;
+use core::hash::{Hash, Hasher};
+
+use super::table::Variable;
+use super::{Hidden, Info, Instant, Mechanism, Parameter};
+use crate::actuator::{Dynamics, Rates};
+use crate::power::Power;
+use crate::real::Real;
+
+/// The most parameters of a formula. Every slot of a model has room for them.
+pub const MAX_PARAMETERS: usize = 6;
+
+/// The most results that a program keeps at once.
+pub const MAX_RESULTS: usize = 16;
+
+/// Results for which no larger store is needed in nearly all formulas.
+const FEW_RESULTS: usize = 4;
+
+/// A function of one number.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Unary {
+    /// −x.
+    Negative,
+    /// |x|.
+    Abs,
+    /// −1, 0 or 1. Its slope is zero everywhere.
+    Sign,
+    /// √x.
+    Sqrt,
+    /// eˣ.
+    Exp,
+    /// The natural logarithm.
+    Log,
+    /// The sine of an angle in radians.
+    Sin,
+    /// The cosine.
+    Cos,
+    /// The tangent.
+    Tan,
+    /// The hyperbolic tangent.
+    Tanh,
+    /// xⁿ for a whole number n, of negative numbers too.
+    Whole(i8),
+}
+
+/// A function of two numbers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Binary {
+    /// x + y.
+    Sum,
+    /// x − y.
+    Difference,
+    /// x y.
+    Product,
+    /// x/y.
+    Quotient,
+    /// x to the power of y for x ≥ 0; not a number below.
+    Power,
+    /// The smaller.
+    Min,
+    /// The larger.
+    Max,
+}
+
+impl Unary {
+    /// Its value.
+    pub fn of<R: Real>(self, x: R) -> R {
+        match self {
+            Self::Negative => -x,
+            Self::Abs => x.abs(),
+            Self::Sign if x > R::zero() => R::one(),
+            Self::Sign if x < R::zero() => -R::one(),
+            // Zero, also in its slopes, or not a number.
+            Self::Sign => x * R::zero(),
+            Self::Sqrt => power(x, R::half()),
+            Self::Exp => x.exp(),
+            Self::Log => x.ln(),
+            Self::Sin => x.sin(),
+            Self::Cos => x.cos(),
+            Self::Tan => x.sin() / x.cos(),
+            Self::Tanh => x.tanh(),
+            Self::Whole(exponent) => whole_power(x, exponent),
+        }
+    }
+}
+
+impl Binary {
+    /// Its value.
+    pub fn of<R: Real>(self, x: R, y: R) -> R {
+        match self {
+            Self::Sum => x + y,
+            Self::Difference => x - y,
+            Self::Product => x * y,
+            Self::Quotient => x / y,
+            Self::Power => power(x, y),
+            Self::Min if y < x => y,
+            Self::Min => x,
+            Self::Max => x.max(y),
+        }
+    }
+}
+
+fn power<R: Real>(base: R, exponent: R) -> R {
+    if base < R::zero() {
+        R::zero() / R::zero()
+    } else {
+        R::DefaultPower::pow(base, exponent)
+    }
+}
+
+/// By repeated squaring.
+fn whole_power<R: Real>(base: R, exponent: i8) -> R {
+    let mut power = R::one();
+    let mut square = base;
+    let mut left = exponent.unsigned_abs();
+    while left > 0 {
+        if left % 2 == 1 {
+            power = power * square;
+        }
+        left /= 2;
+        if left > 0 {
+            square = square * square;
+        }
+    }
+    if exponent < 0 {
+        R::one() / power
+    } else {
+        power
+    }
+}
+
+/// What an instruction reads.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Operand {
+    /// A number in the formula.
+    Constant(f64),
+    /// The parameter at this index.
+    Parameter(u8),
+    /// θ (rad), ω (rad/s), p (kPa) or t (s).
+    Variable(Variable),
+    /// What an instruction before left there.
+    Result(u8),
+}
+
+/// One step of a program.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Instruction {
+    /// A function of one number.
+    Unary {
+        /// Which.
+        function: Unary,
+        /// Of what.
+        x: Operand,
+        /// Where the result goes.
+        into: u8,
+    },
+    /// A function of two numbers.
+    Binary {
+        /// Which.
+        function: Binary,
+        /// Of what.
+        x: Operand,
+        /// And of what.
+        y: Operand,
+        /// Where the result goes.
+        into: u8,
+    },
+}
+
+/// A formula, compiled. It always ends, and reads only what it has written.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Program<'p> {
+    instructions: &'p [Instruction],
+    result: Operand,
+    /// Places that hold all its results.
+    results: usize,
+}
+
+impl<'p> Program<'p> {
+    /// Creates a program after checking that it reads none of its results before
+    /// it is there, and no parameter beyond `parameters`; none if it does.
+    pub fn new(
+        instructions: &'p [Instruction],
+        result: Operand,
+        parameters: usize,
+    ) -> Option<Self> {
+        let mut written = [false; MAX_RESULTS];
+        let is_there = |operand: Operand, written: &[bool]| match operand {
+            Operand::Constant(_) | Operand::Variable(_) => true,
+            Operand::Parameter(index) => usize::from(index) < parameters.min(MAX_PARAMETERS),
+            Operand::Result(index) => written.get(usize::from(index)) == Some(&true),
+        };
+        for instruction in instructions {
+            let (reads, into) = match *instruction {
+                Instruction::Unary { x, into, .. } => ([x, x], into),
+                Instruction::Binary { x, y, into, .. } => ([x, y], into),
+            };
+            if !reads.into_iter().all(|operand| is_there(operand, &written)) {
+                return None;
+            }
+            *written.get_mut(usize::from(into))? = true;
+        }
+        is_there(result, &written).then_some(Self {
+            instructions,
+            result,
+            results: written
+                .iter()
+                .rposition(|written| *written)
+                .map_or(0, |last| last + 1),
+        })
+    }
+
+    /// Its value, with parameters as in the formula, at an instant.
+    pub fn at<R: Real>(&self, parameters: &[R], at: &Instant<R>) -> R {
+        if self.results <= FEW_RESULTS {
+            self.run::<R, FEW_RESULTS>(parameters, at)
+        } else {
+            self.run::<R, MAX_RESULTS>(parameters, at)
+        }
+    }
+
+    fn run<R: Real, const N: usize>(&self, parameters: &[R], at: &Instant<R>) -> R {
+        let mut results = [R::zero(); N];
+        let read = |operand: Operand, results: &[R; N]| match operand {
+            Operand::Constant(value) => R::from_double(value),
+            Operand::Parameter(index) => value_at(parameters, index),
+            Operand::Variable(Variable::Pressure) => at.pressure / R::from_i16(1000),
+            Operand::Variable(variable) => variable.at(at),
+            Operand::Result(index) => value_at(results, index),
+        };
+        for instruction in self.instructions {
+            let (value, into) = match *instruction {
+                Instruction::Unary { function, x, into } => (function.of(read(x, &results)), into),
+                Instruction::Binary {
+                    function,
+                    x,
+                    y,
+                    into,
+                } => (function.of(read(x, &results), read(y, &results)), into),
+            };
+            if let Some(place) = results.get_mut(usize::from(into)) {
+                *place = value;
+            }
+        }
+        read(self.result, &results)
+    }
+
+    /// What it reads: constants, parameters and variables, in any order.
+    pub fn reads(&self) -> impl Iterator<Item = Operand> {
+        let of_instructions = self.instructions.iter().flat_map(|it| match *it {
+            Instruction::Unary { x, .. } => [x, x],
+            Instruction::Binary { x, y, .. } => [x, y],
+        });
+        of_instructions.chain([self.result])
+    }
+
+    /// Whether it depends on a variable.
+    pub fn depends_on(&self, variable: Variable) -> bool {
+        self.reads().any(|it| it == Operand::Variable(variable))
+    }
+}
+
+/// A checked program reads nothing that is not there.
+fn value_at<R: Real>(values: &[R], index: u8) -> R {
+    values.get(usize::from(index)).copied().unwrap_or(R::zero())
+}
+
+/// What a user wrote, compiled.
+#[derive(Debug)]
+pub struct Definition {
+    /// Its name, and what is said of it.
+    pub info: Info,
+    /// Its parameters. Their numbers are in the units of the formula, in files and
+    /// inside.
+    pub parameters: &'static [Parameter],
+    /// The force Q (N).
+    pub program: Program<'static>,
+    /// Its text without the values: two definitions with the same are one.
+    pub text: &'static str,
+    /// The family that it is said to belong to; none if it is one of its own.
+    pub family: Option<&'static str>,
+}
+
+/// A formula by its [`Definition`]: what names it where effects are listed.
+#[derive(Clone, Copy)]
+pub struct Formula(pub &'static Definition);
+
+impl Formula {
+    /// The variable that its force is a function of; none if there are several.
+    pub fn own_variable(self) -> Option<Variable> {
+        let mut variables = Variable::ALL
+            .into_iter()
+            .filter(|&variable| self.0.program.depends_on(variable));
+        match (variables.next(), variables.next()) {
+            (Some(variable), None) => Some(variable),
+            _ => None,
+        }
+    }
+}
+
+impl PartialEq for Formula {
+    fn eq(&self, other: &Self) -> bool {
+        self.0.text == other.0.text
+    }
+}
+
+impl Eq for Formula {}
+
+impl PartialOrd for Formula {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Ord for Formula {
+    fn cmp(&self, other: &Self) -> Ordering {
+        self.0.text.cmp(other.0.text)
+    }
+}
+
+impl Hash for Formula {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        self.0.text.hash(state);
+    }
+}
+
+impl fmt::Debug for Formula {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:?}", self.0.text)
+    }
+}
+
+/// A formula with its parameters.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Custom<R> {
+    formula: Formula,
+    /// The first one repeated beyond those that there are.
+    values: [R; MAX_PARAMETERS],
+}
+
+impl<R: Copy> Custom<R> {
+    /// Creates the effect from values in the order of the parameters; none if their
+    /// number differs, or is zero.
+    pub fn from_values(formula: Formula, values: &[R]) -> Option<Self> {
+        if values.len() != formula.0.parameters.len() {
+            return None;
+        }
+        let mut all = [*values.first()?; MAX_PARAMETERS];
+        all.get_mut(..values.len())?.copy_from_slice(values);
+        Some(Self {
+            formula,
+            values: all,
+        })
+    }
+
+    /// Its formula.
+    pub const fn formula(&self) -> Formula {
+        self.formula
+    }
+
+    /// The parameter at `index`.
+    pub fn value(&self, index: usize) -> Option<R> {
+        self.values
+            .get(..self.formula.0.parameters.len())?
+            .get(index)
+            .copied()
+    }
+
+    /// Replaces the parameter at `index`; ignores an index beyond the parameters.
+    pub fn set_value(&mut self, index: usize, value: R) {
+        if let Some(place) = self.values.get_mut(index) {
+            *place = value;
+        }
+    }
+
+    /// Converts every parameter with `f`.
+    pub fn map<S>(&self, f: impl FnMut(R) -> S) -> Custom<S> {
+        Custom {
+            formula: self.formula,
+            values: self.values.map(f),
+        }
+    }
+}
+
+impl<R: Real> Mechanism<R> for Custom<R> {
+    fn force(&self, at: &Instant<R>, _hidden: &Hidden<R>, _rates: &mut Hidden<R>) -> R {
+        self.formula.0.program.at(&self.values, at)
+    }
+
+    fn stiffens(&self) -> bool {
+        self.formula.0.program.depends_on(Variable::Pressure)
+    }
+
+    /// The steepest slopes by angle and by rate that a coarse grid of states shows.
+    /// A sign without a width has no largest slope; one over the grid's finest
+    /// step is as many integration steps as there can be.
+    fn fastest_rate(&self, dynamics: &Dynamics<R>, angle: R) -> Rates<R> {
+        const ANGLES: &[f32] = &[-1.0, -0.5, 0.0, 0.5, 1.0];
+        /// rad/s.
+        const RATES: &[f32] = &[-3.0, -0.3, -0.03, 0.0, 0.03, 0.3, 3.0];
+        /// Pa.
+        const PRESSURES: &[f32] = &[0.0, 1.5e5];
+        /// s.
+        const TIMES: &[f32] = &[0.0, 60.0];
+        /// rad or rad/s.
+        const STEP: f32 = 1e-4;
+        let program = &self.formula.0.program;
+        let grid = |variable, full: &'static [f32]| {
+            if program.depends_on(variable) {
+                full
+            } else {
+                &[0.0]
+            }
+        };
+        let step = R::from_f32(STEP);
+        let mut steepest = [R::zero(); 2];
+        for &share in grid(Variable::Angle, ANGLES) {
+            for &rate in grid(Variable::Rate, RATES) {
+                for &pressure in grid(Variable::Pressure, PRESSURES) {
+                    for &time in grid(Variable::Time, TIMES) {
+                        let at = Instant {
+                            time: R::from_f32(time),
+                            angle: angle * R::from_f32(share),
+                            rate: R::from_f32(rate),
+                            pressure: R::from_f32(pressure),
+                        };
+                        let by_angle = [at.angle - step, at.angle + step]
+                            .map(|angle| program.at(&self.values, &Instant { angle, ..at }));
+                        let by_rate = [at.rate - step, at.rate + step]
+                            .map(|rate| program.at(&self.values, &Instant { rate, ..at }));
+                        for (most, [below, above]) in steepest.iter_mut().zip([by_angle, by_rate]) {
+                            *most = most.max(((above - below) / (step + step)).abs());
+                        }
+                    }
+                }
+            }
+        }
+        let [by_angle, by_rate] = steepest;
+        Rates {
+            stiffness: by_angle / dynamics.inertia,
+            relaxation: by_rate / dynamics.inertia,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::actuator::{InvalidModel, Model, ParameterId};
+    use crate::catalogue::{Effect, Kind};
+    use crate::effects::testing::{force, run, spring};
+    use crate::effects::{Place, Unit};
+    use crate::input::Held;
+
+    const fn parameter(key: &'static str, lower: f32, upper: f32) -> Parameter {
+        Parameter {
+            key,
+            symbol: key,
+            unit: Unit::Given("N"),
+            lower,
+            upper,
+            held: None,
+            default: None,
+            starts: &[0.1],
+        }
+    }
+
+    /// Q = a sin(3 θ) − p.
+    static WAVE: Definition = Definition {
+        info: Info {
+            name: "wave",
+            title: "wave",
+            place: Place::Force,
+            equation: "Q = a*sin(3*th) - p",
+            text: "",
+            signature: "",
+            look_alikes: &[],
+        },
+        parameters: &[parameter("a", 0.0, 1.0)],
+        program: Program {
+            instructions: &[
+                Instruction::Binary {
+                    function: Binary::Product,
+                    x: Operand::Constant(3.0),
+                    y: Operand::Variable(Variable::Angle),
+                    into: 0,
+                },
+                Instruction::Unary {
+                    function: Unary::Sin,
+                    x: Operand::Result(0),
+                    into: 0,
+                },
+                Instruction::Binary {
+                    function: Binary::Product,
+                    x: Operand::Parameter(0),
+                    y: Operand::Result(0),
+                    into: 0,
+                },
+                Instruction::Binary {
+                    function: Binary::Difference,
+                    x: Operand::Result(0),
+                    y: Operand::Variable(Variable::Pressure),
+                    into: 0,
+                },
+            ],
+            result: Operand::Result(0),
+            results: 1,
+        },
+        text: "wave",
+        family: None,
+    };
+
+    fn wave(a: f64) -> Effect<f64> {
+        Kind::Custom(Formula(&WAVE)).build(&[a]).unwrap()
+    }
+
+    #[test]
+    fn a_program_computes_its_formula_with_kilopascals() {
+        let at = Instant {
+            time: 0.0,
+            angle: 0.4,
+            rate: 0.0,
+            pressure: 2_000.0,
+        };
+        let found = wave(0.5).force(&at, &[0.0; 2], &mut [0.0; 2]);
+        assert!((found - (0.5 * 1.2_f64.sin() - 2.0)).abs() < 1e-15);
+        assert!((force(&wave(0.5), 0.4, 9.0) - 0.5 * 1.2_f64.sin()).abs() < 1e-15);
+    }
+
+    #[test]
+    fn a_model_checks_names_and_changes_its_parameters() {
+        let dynamics = *spring(1.0, 0.1, 2.0, &[]).dynamics();
+        let id = ParameterId::Effect {
+            slot: 0,
+            parameter: 0,
+        };
+        assert_eq!(
+            Model::<f64>::new(dynamics, &[wave(1.5)]).unwrap_err(),
+            InvalidModel::OutOfBounds(id)
+        );
+        let model: Model<f64> = Model::new(dynamics, &[wave(0.5)]).unwrap();
+        assert_eq!(model.value(id), Some(0.5));
+        assert_eq!(model.with_value(id, 0.7).value(id), Some(0.7));
+        let beyond = ParameterId::Effect {
+            slot: 0,
+            parameter: 1,
+        };
+        assert_eq!(model.value(beyond), None);
+        assert_eq!(Kind::Custom(Formula(&WAVE)).build::<f64>(&[0.1, 0.2]), None);
+    }
+
+    /// At rest a sin(3θ) + Kθ = F.
+    #[test]
+    fn the_force_stands_on_the_side_of_the_spring() {
+        let plain = spring(1.0, 2.0, 2.0, &[]);
+        let model = spring(1.0, 2.0, 2.0, &[wave(0.5)]);
+        let end = run(&model, model.at_rest(0.3, 0.0), &Held(0.0), 30.0, 3_000);
+        assert!(end.angle.abs() < 1e-6);
+        let held = |model: &Model<f64>| {
+            // 1 Pa is a force of 1 N here, and 0.001 N more through the formula.
+            run(model, model.at_rest(0.0, 0.0), &Held(0.6), 30.0, 3_000).angle
+        };
+        let angle = held(&model);
+        assert!((0.5 * (3.0 * angle).sin() + 2.0 * angle - 0.6 - 0.0006).abs() < 1e-6);
+        assert!(angle < held(&plain));
+        let pressure = model.holding_pressure(angle);
+        assert!((pressure - 0.6).abs() < 1e-6, "{pressure}");
+    }
+
+    #[test]
+    fn the_board_refuses_it() {
+        use crate::prepared::{Unsteppable, plan};
+        let dynamics = spring(1.0, 0.1, 2.0, &[]).dynamics().map(|_| 1.0_f32);
+        let effect = Kind::Custom(Formula(&WAVE)).build(&[0.1_f32]).unwrap();
+        let model = Model::new(dynamics, &[effect]).unwrap();
+        assert_eq!(plan(&model, 1.0, 0.01), Err(Unsteppable::Formula));
+    }
+
+    #[test]
+    fn the_step_length_follows_the_steepest_slopes() {
+        let model = spring(0.5, 0.0, 2.0, &[]);
+        let rates = wave(0.5).fastest_rate(model.dynamics(), 1.0);
+        assert!((rates.stiffness - 0.5 * 3.0 / 0.5).abs() < 1e-3);
+        assert!(rates.relaxation < 1e-9);
+    }
+
+    #[test]
+    fn what_reads_before_it_writes_is_no_program() {
+        let sine = |x, into| Instruction::Unary {
+            function: Unary::Sin,
+            x,
+            into,
+        };
+        let new = |list: &[Instruction], result| Program::new(list, result, 1).is_some();
+        let parameter = Operand::Parameter(0);
+        assert!(new(&[], parameter));
+        assert!(new(&[sine(parameter, 0)], Operand::Result(0)));
+        assert!(!new(&[], Operand::Parameter(1)));
+        assert!(!new(&[], Operand::Result(0)));
+        assert!(!new(&[sine(Operand::Result(1), 1)], Operand::Result(1)));
+        assert!(!new(&[sine(parameter, 16)], Operand::Result(0)));
+    }
+
+    #[test]
+    fn powers_and_signs() {
+        assert!((Unary::Whole(3).of(-2.0_f64) + 8.0).abs() < 1e-15);
+        assert!((Unary::Whole(-2).of(-2.0_f64) - 0.25).abs() < 1e-15);
+        assert!((Unary::Whole(0).of(0.0_f64) - 1.0).abs() < 1e-15);
+        assert!((Binary::Power.of(2.0_f64, 0.5) - 2.0_f64.sqrt()).abs() < 1e-15);
+        assert!(Binary::Power.of(-2.0_f64, 0.5).is_nan());
+        assert!(Unary::Sqrt.of(-1.0_f64).is_nan());
+        assert!(Unary::Sign.of(f64::NAN).is_nan());
+        assert!(Unary::Sign.of(0.0_f64).abs() < 1e-15);
+        assert!((Unary::Sign.of(-3.0_f64) + 1.0).abs() < 1e-15);
+    }
+}

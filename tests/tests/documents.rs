@@ -1,0 +1,267 @@
+//! The documents hold together: every relative link and anchor in every Markdown file of the
+//! repository leads somewhere, and the book in `docs/` has every page.
+//!
+//! Links to the web are not followed: a test that needs the network fails for reasons of its own.
+
+use std::{
+    collections::{BTreeSet, HashMap},
+    ffi::OsStr,
+    fs,
+    path::{Component, Path, PathBuf},
+};
+
+use pulldown_cmark::{Event, Options, Parser, Tag, TagEnd};
+
+/// Pages that are announced and not here yet. Whoever brings one takes it off this list and puts
+/// it into `docs/SUMMARY.md`.
+const NOT_YET: &[&str] = &["docs/python.ipynb", "docs/python.md"];
+
+/// Folders that hold no documents of ours.
+const SKIPPED: &[&str] = &["target", "demo", "node_modules"];
+
+fn root() -> PathBuf {
+    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+    here.parent().expect("tests/ is in the repository").into()
+}
+
+/// What a Markdown file says about itself and about others.
+struct Document {
+    /// Anchors of its headings.
+    anchors: BTreeSet<String>,
+    /// Where its links and pictures lead, as written.
+    links: Vec<String>,
+}
+
+impl Document {
+    fn read(path: &Path) -> Self {
+        let text =
+            fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+        Self::parse(&text)
+    }
+
+    fn parse(text: &str) -> Self {
+        let mut anchors = BTreeSet::new();
+        let mut links = Vec::new();
+        let mut heading: Option<String> = None;
+        for event in Parser::new_ext(text, Options::ENABLE_TABLES) {
+            match event {
+                Event::Start(Tag::Heading { .. }) => heading = Some(String::new()),
+                Event::End(TagEnd::Heading(_)) => {
+                    let anchor = anchor(&heading.take().unwrap_or_default());
+                    // As on GitHub: of headings that are the same the second has -1 at its end.
+                    let mut unique = anchor.clone();
+                    let mut repeats = 0;
+                    while anchors.contains(&unique) {
+                        repeats += 1;
+                        unique = format!("{anchor}-{repeats}");
+                    }
+                    anchors.insert(unique);
+                }
+                Event::Start(Tag::Link { dest_url, .. } | Tag::Image { dest_url, .. }) => {
+                    links.push(dest_url.into_string());
+                }
+                Event::Text(words) | Event::Code(words) => {
+                    if let Some(heading) = &mut heading {
+                        heading.push_str(&words);
+                    }
+                }
+                Event::Html(tags) | Event::InlineHtml(tags) => {
+                    for attribute in ["src=\"", "srcset=\"", "href=\""] {
+                        let values = tags.split(attribute).skip(1);
+                        links.extend(
+                            values.filter_map(|rest| Some(rest.split_once('"')?.0.to_owned())),
+                        );
+                    }
+                }
+                _ => {}
+            }
+        }
+        Self { anchors, links }
+    }
+}
+
+/// The anchor of a heading, as GitHub and mdBook make it.
+fn anchor(heading: &str) -> String {
+    heading
+        .trim()
+        .chars()
+        .filter_map(|letter| match letter {
+            letter if letter.is_alphanumeric() || matches!(letter, '-' | '_') => {
+                Some(letter.to_lowercase().to_string())
+            }
+            letter if letter.is_whitespace() => Some("-".to_owned()),
+            _ => None,
+        })
+        .collect()
+}
+
+/// All Markdown files below a folder, relative to the repository.
+fn markdown(folder: &Path, root: &Path, found: &mut Vec<PathBuf>) {
+    for entry in fs::read_dir(folder).expect("the repository can be read") {
+        let path = entry.expect("the repository can be read").path();
+        let name = path.file_name().and_then(OsStr::to_str).unwrap_or_default();
+        if path.is_dir() {
+            if !name.starts_with('.') && !SKIPPED.contains(&name) {
+                markdown(&path, root, found);
+            }
+        } else if path.extension() == Some(OsStr::new("md")) {
+            found.push(
+                path.strip_prefix(root)
+                    .expect("below the repository")
+                    .into(),
+            );
+        }
+    }
+}
+
+/// The file that a link in `page` leads to, relative to the repository, and its anchor. Nothing
+/// for links to the web; an error where it leaves the repository.
+fn target(page: &Path, link: &str) -> Option<Result<(PathBuf, Option<String>), String>> {
+    if link.contains("://") || link.starts_with("mailto:") {
+        return None;
+    }
+    let (file, anchor) = match link.split_once('#') {
+        Some((file, anchor)) => (file, Some(anchor.to_owned())),
+        None => (link, None),
+    };
+    if file.is_empty() {
+        return Some(Ok((page.into(), anchor)));
+    }
+    let folder = page.parent().unwrap_or(Path::new(""));
+    let mut path = PathBuf::new();
+    for part in folder.join(file.replace("%20", " ")).components() {
+        let inside = match part {
+            Component::Normal(name) => {
+                path.push(name);
+                true
+            }
+            Component::ParentDir => path.pop(),
+            Component::CurDir => true,
+            Component::RootDir | Component::Prefix(_) => false,
+        };
+        if !inside {
+            return Some(Err(format!("{link} leaves the repository")));
+        }
+    }
+    Some(Ok((path, anchor)))
+}
+
+/// What is wrong with a link in `page`.
+fn fault(
+    root: &Path,
+    documents: &HashMap<&Path, Document>,
+    page: &Path,
+    link: &str,
+) -> Option<String> {
+    let (path, anchor) = match target(page, link)? {
+        Ok(found) => found,
+        Err(fault) => return Some(fault),
+    };
+    if NOT_YET.iter().any(|absent| path == Path::new(absent)) {
+        return None;
+    }
+    if !root.join(&path).is_file() {
+        return Some(format!("{link}: there is no file {}", path.display()));
+    }
+    if page.starts_with("docs") && !path.starts_with("docs") {
+        return Some(format!(
+            "{link} leads out of docs/, which is the book: name the file instead"
+        ));
+    }
+    let known = &documents.get(path.as_path())?.anchors;
+    let anchor = anchor.filter(|anchor| !known.contains(anchor))?;
+    Some(format!(
+        "{link}: {} has no heading #{anchor}",
+        path.display()
+    ))
+}
+
+/// What is wrong with the links of all documents.
+fn faults(root: &Path) -> Vec<String> {
+    let mut pages = Vec::new();
+    markdown(root, root, &mut pages);
+    let documents: HashMap<&Path, Document> = pages
+        .iter()
+        .map(|page| (page.as_path(), Document::read(&root.join(page))))
+        .collect();
+    let mut faults: Vec<String> = documents
+        .iter()
+        .flat_map(|(page, document)| {
+            let links = document.links.iter();
+            links
+                .filter_map(|link| fault(root, &documents, page, link))
+                .map(|fault| format!("{}: {fault}", page.display()))
+        })
+        .collect();
+    faults.sort();
+    faults
+}
+
+#[test]
+fn every_link_leads_somewhere() {
+    let faults = faults(&root());
+    assert!(faults.is_empty(), "{}", faults.join("\n"));
+}
+
+#[test]
+fn a_broken_link_is_found() {
+    let folder = std::env::temp_dir().join(format!("softrig-documents-{}", std::process::id()));
+    fs::create_dir_all(folder.join("docs")).expect("a folder for the test");
+    fs::write(
+        folder.join("docs/a.md"),
+        "# One `two`, three!\n\n# One two three\n\n[good](#one-two-three) [good](b.md#über-uns) \
+         [good](#one-two-three-1) [web](https://example.org/none.md)\n[bad](#one) [bad](none.md) \
+         [bad](b.md#none) [bad](../c.md) [bad](../../d.md)\n\n<img src=\"none.svg\">\n",
+    )
+    .and_then(|()| fs::write(folder.join("docs/b.md"), "# Über uns\n"))
+    .and_then(|()| fs::write(folder.join("c.md"), "[good](docs/b.md)\n"))
+    .expect("documents for the test");
+    let found = faults(&folder);
+    fs::remove_dir_all(&folder).expect("the test cleans up");
+    let bad: Vec<&str> = found
+        .iter()
+        .filter_map(|fault| fault.strip_prefix("docs/a.md: ")?.split([':', ' ']).next())
+        .collect();
+    assert_eq!(
+        bad,
+        [
+            "#one",
+            "../../d.md",
+            "../c.md",
+            "b.md#none",
+            "none.md",
+            "none.svg"
+        ],
+        "{found:?}"
+    );
+}
+
+#[test]
+fn the_book_has_every_page() {
+    let root = root();
+    let summary = Path::new("docs/SUMMARY.md");
+    let listed: BTreeSet<PathBuf> = Document::read(&root.join(summary))
+        .links
+        .iter()
+        .filter_map(|link| Some(target(summary, link)?.expect("the book is in docs/").0))
+        .collect();
+    let mut pages = Vec::new();
+    markdown(&root.join("docs"), &root, &mut pages);
+    let forgotten: Vec<&PathBuf> = pages
+        .iter()
+        .filter(|page| *page != summary && !listed.contains(*page))
+        .collect();
+    assert!(
+        forgotten.is_empty(),
+        "not in docs/SUMMARY.md: {forgotten:?}"
+    );
+}
+
+#[test]
+fn pages_that_are_here_are_not_announced_any_more() {
+    let here: Vec<&&str> = NOT_YET
+        .iter()
+        .filter(|page| root().join(page).exists())
+        .collect();
+    assert!(here.is_empty(), "take off the list NOT_YET: {here:?}");
+}

@@ -1,0 +1,282 @@
+//! The licences of everything that is linked into the archive's programs.
+//!
+//! Most of them ask that their text goes along with a binary. The texts are taken from the
+//! packages as they were built; equal ones are printed once.
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fs,
+    path::{Path, PathBuf},
+    process::Command,
+};
+
+use super::{cannot, copy, make, sysroot, write as write_text};
+use crate::{
+    json::Value,
+    shell::{Outcome, cargo, read},
+};
+
+/// Licences that a static program of ours may contain. The source of what is under the MPL
+/// has to be had; the list says where.
+const ALLOWED: [&str; 9] = [
+    "MIT",
+    "Apache-2.0",
+    "Zlib",
+    "BSD-2-Clause",
+    "BSD-3-Clause",
+    "ISC",
+    "Unlicense",
+    "Unicode-3.0",
+    "MPL-2.0",
+];
+
+/// What the board's image is linked with, and where Debian keeps its licence.
+const OF_THE_IMAGE: [(&str, &str); 2] = [
+    ("avr-libc", "/usr/share/doc/avr-libc/copyright"),
+    ("libgcc", "/usr/share/doc/gcc-avr/copyright"),
+];
+
+/// The C library of a static program, which no package of Rust's names.
+const MUSL: &str = "\
+musl, the C library that rig is linked with (https://musl.libc.org)
+
+Copyright © 2005-2020 Rich Felker, et al.
+
+Permission is hereby granted, free of charge, to any person obtaining
+a copy of this software and associated documentation files (the
+\"Software\"), to deal in the Software without restriction, including
+without limitation the rights to use, copy, modify, merge, publish,
+distribute, sublicense, and/or sell copies of the Software, and to
+permit persons to whom the Software is furnished to do so, subject to
+the following conditions:
+
+The above copyright notice and this permission notice shall be
+included in all copies or substantial portions of the Software.
+
+THE SOFTWARE IS PROVIDED \"AS IS\", WITHOUT WARRANTY OF ANY KIND,
+EXPRESS OR IMPLIED, INCLUDING BUT NOT LIMITED TO THE WARRANTIES OF
+MERCHANTABILITY, FITNESS FOR A PARTICULAR PURPOSE AND NONINFRINGEMENT.
+IN NO EVENT SHALL THE AUTHORS OR COPYRIGHT HOLDERS BE LIABLE FOR ANY
+CLAIM, DAMAGES OR OTHER LIABILITY, WHETHER IN AN ACTION OF CONTRACT,
+TORT OR OTHERWISE, ARISING FROM, OUT OF OR IN CONNECTION WITH THE
+SOFTWARE OR THE USE OR OTHER DEALINGS IN THE SOFTWARE.
+";
+
+/// A package that is linked.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct Package {
+    name: String,
+    version: String,
+    licence: String,
+    source: String,
+    folder: PathBuf,
+}
+
+/// Writes the licences into a folder.
+pub fn write(folder: &Path, target: &str, firmware: bool) -> Outcome {
+    make(folder)?;
+    let packages = packages(target)?;
+    if let Some(package) = packages.iter().find(|it| !is_allowed(&it.licence)) {
+        return Err(format!(
+            "{} is under {:?}, which is not in the list of allowed licences in xtask/src/dist/licences.rs",
+            package.name, package.licence
+        )
+        .into());
+    }
+    let mut texts: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
+    let mut table = String::new();
+    for package in &packages {
+        let Package {
+            name,
+            version,
+            licence,
+            source,
+            ..
+        } = package;
+        table += &format!("{name} {version}, {licence}, {source}\n");
+        for text in texts_of(&package.folder)? {
+            texts
+                .entry(text)
+                .or_default()
+                .insert(format!("{name} {version}"));
+        }
+    }
+    let mut page = format!(
+        "The program rig contains these packages. Their sources are at https://crates.io under \
+         their names and versions.\n\n{table}"
+    );
+    for (text, of) in texts {
+        let of: Vec<String> = of.into_iter().collect();
+        page += &format!(
+            "\n{}\n{}\n\n{}\n",
+            "-".repeat(72),
+            of.join(", "),
+            text.trim_end()
+        );
+    }
+    write_text(&folder.join("rig.txt"), &page)?;
+    println!("  licences of {} packages", packages.len());
+    write_text(&folder.join("musl.txt"), MUSL)?;
+    // Rust's own library and what is in it.
+    let library = sysroot()?.join("share/doc/rust/COPYRIGHT-library.html");
+    if library.is_file() {
+        copy(&library, &folder.join("rust-standard-library.html"))?;
+    } else {
+        println!(
+            "  without {}, which this toolchain does not have",
+            library.display()
+        );
+    }
+    if firmware {
+        for (name, path) in OF_THE_IMAGE {
+            if Path::new(path).is_file() {
+                copy(
+                    Path::new(path),
+                    &folder.join(format!("firmware-{name}.txt")),
+                )?;
+            } else {
+                return Err(format!(
+                    "{path} is missing: the licence of {name}, which the image contains, has to go along; or leave the image out with --no-firmware"
+                )
+                .into());
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Whether at least one way through an expression like `(MIT OR Apache-2.0) AND Zlib` is
+/// allowed: each part joined by AND has an allowed choice.
+fn is_allowed(expression: &str) -> bool {
+    let plain = expression.replace(['(', ')'], " ").replace('/', " OR ");
+    plain.split(" AND ").all(|part| {
+        part.split(" OR ")
+            .any(|choice| ALLOWED.contains(&choice.trim()))
+    })
+}
+
+/// The packages of others that are linked into `rig`.
+fn packages(target: &str) -> Outcome<Vec<Package>> {
+    let linked = read(cargo().args([
+        "tree",
+        "--locked",
+        "-p",
+        "host-tools",
+        "-e",
+        "normal",
+        "--target",
+        target,
+        "--prefix",
+        "none",
+        "-f",
+        "{p}",
+    ]))?;
+    // "name v1.2.3 (proc-macro)", some of them more than once.
+    let linked: BTreeSet<(&str, &str)> = linked
+        .lines()
+        .filter_map(|line| {
+            let mut words = line.split_whitespace();
+            Some((words.next()?, words.next()?.strip_prefix('v')?))
+        })
+        .collect();
+    let metadata = read(
+        Command::new(cargo().get_program())
+            .args([
+                "metadata",
+                "--locked",
+                "--format-version",
+                "1",
+                "--filter-platform",
+                target,
+            ])
+            .current_dir(crate::shell::root()),
+    )?;
+    let metadata = Value::parse(&metadata).ok_or("cargo metadata printed no JSON")?;
+    let all = metadata.get("packages").map_or(&[][..], Value::items);
+    let mut found: Vec<Package> = all.iter().filter_map(package).collect();
+    found.retain(|it| linked.contains(&(it.name.as_str(), it.version.as_str())));
+    found.sort();
+    if found.len() < linked.len() / 2 {
+        return Err("cargo metadata does not name the packages of cargo tree".into());
+    }
+    Ok(found)
+}
+
+/// A package of `cargo metadata`; none of one of ours, which have no registry.
+fn package(value: &Value) -> Option<Package> {
+    let text = |key: &str| value.get(key).and_then(Value::text).map(str::to_owned);
+    text("source")?;
+    let manifest = PathBuf::from(text("manifest_path")?);
+    Some(Package {
+        name: text("name")?,
+        version: text("version")?,
+        licence: text("license").unwrap_or_else(|| "licence in its files".into()),
+        source: text("repository").unwrap_or_else(|| "no repository named".into()),
+        folder: manifest.parent()?.to_owned(),
+    })
+}
+
+/// The licence texts in a package's folder.
+fn texts_of(folder: &Path) -> Outcome<Vec<String>> {
+    const NAMES: [&str; 6] = [
+        "LICENSE",
+        "LICENCE",
+        "COPYING",
+        "COPYRIGHT",
+        "NOTICE",
+        "UNLICENSE",
+    ];
+    let entries = fs::read_dir(folder).map_err(|error| cannot("list", folder, &error))?;
+    let mut paths: Vec<PathBuf> = entries
+        .filter_map(|entry| Some(entry.ok()?.path()))
+        .filter(|path| {
+            let name = path
+                .file_name()
+                .unwrap_or_default()
+                .to_string_lossy()
+                .to_uppercase();
+            path.is_file() && NAMES.iter().any(|start| name.starts_with(start))
+        })
+        .collect();
+    paths.sort();
+    let each = paths.iter().map(|path| {
+        let bytes = fs::read(path).map_err(|error| cannot("read", path, &error))?;
+        Ok(String::from_utf8_lossy(&bytes).replace("\r\n", "\n"))
+    });
+    each.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_licence_needs_one_way_through() {
+        for (expression, allowed) in [
+            ("MIT", true),
+            ("MIT/Apache-2.0", true),
+            ("(MIT OR Apache-2.0) AND Unicode-3.0", true),
+            ("Apache-2.0 WITH LLVM-exception OR Apache-2.0 OR MIT", true),
+            ("Apache-2.0 OR BSL-1.0", true),
+            ("GPL-3.0-or-later", false),
+            ("MIT AND GPL-3.0-only", false),
+            ("licence in its files", false),
+        ] {
+            assert_eq!(is_allowed(expression), allowed, "{expression}");
+        }
+    }
+
+    #[test]
+    fn packages_of_ours_are_not_in_the_list() {
+        let json = |source: &str| {
+            Value::parse(&format!(
+                "{{\"name\": \"a\", \"version\": \"1.0.0\", \"license\": \"MIT\", \"source\": {source}, \"repository\": null, \"manifest_path\": \"/x/Cargo.toml\"}}"
+            ))
+            .unwrap()
+        };
+        assert_eq!(package(&json("null")), None);
+        let found = package(&json("\"registry\"")).unwrap();
+        assert_eq!(found.folder, Path::new("/x"));
+        assert_eq!(found.source, "no repository named");
+    }
+}

@@ -1,0 +1,480 @@
+//! A release: `rig` that needs nothing installed, with the board's image, as one archive.
+//!
+//! The program is linked statically against musl, so that one file runs on every Linux of
+//! its processor, old or new. Nothing in it is C, so that Rust's own linker is enough, also
+//! for another processor than this machine's. The archive is unpacked again and run in a
+//! folder with nothing else in it: that is the proof.
+//!
+//! The virtual rig is not in the archive. It links simavr, whose licence is the GPL, and
+//! its libraries are not static; whoever wants it builds it from source.
+
+mod licences;
+mod trial;
+
+use std::{
+    env, fs,
+    path::{Path, PathBuf},
+    process::Command,
+    time::Instant,
+};
+
+use crate::{
+    avr,
+    shell::{self, Outcome, Steps, cargo, has_program, read, root, run, seconds, target_dir},
+};
+
+/// What a release is built for unless one asks for others.
+const DEFAULT_TARGET: &str = "x86_64-unknown-linux-musl";
+
+/// Targets of a static build that is linked without a C compiler. Only the first was tried.
+const TARGETS: [&str; 2] = [DEFAULT_TARGET, "aarch64-unknown-linux-musl"];
+
+/// Name of the board's image in the archive.
+const IMAGE: &str = "softrig-mega2560";
+
+/// Shells, and the file name under which each looks for completions.
+const COMPLETIONS: [(&str, &str); 3] = [("bash", "rig"), ("zsh", "_rig"), ("fish", "rig.fish")];
+
+/// Files of the repository that go along.
+const TEXTS: [&str; 4] = ["README.md", "CHANGELOG.md", "LICENSE-MIT", "LICENSE-APACHE"];
+
+/// Name of the list of checksums, in an archive and beside the archives.
+const CHECKSUMS: &str = "SHA256SUMS";
+
+/// What to build.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Options {
+    /// Target triples.
+    targets: Vec<String>,
+    /// Files to put beside the archives, such as a wheel.
+    with: Vec<PathBuf>,
+    /// Whether the board's image goes along.
+    firmware: bool,
+    /// Whether to only say what would be done.
+    dry_run: bool,
+}
+
+impl Options {
+    /// Reads the words after `dist`.
+    ///
+    /// # Errors
+    ///
+    /// Says what makes no sense.
+    pub fn parse(words: &[&str]) -> Result<Self, String> {
+        let mut options = Self {
+            targets: Vec::new(),
+            with: Vec::new(),
+            firmware: true,
+            dry_run: false,
+        };
+        let mut words = words.iter();
+        while let Some(&word) = words.next() {
+            let mut value = || {
+                let next = words.next().filter(|next| !next.starts_with('-'));
+                next.ok_or_else(|| format!("dist: {word} needs a value"))
+            };
+            match word {
+                "--dry-run" => options.dry_run = true,
+                "--no-firmware" => options.firmware = false,
+                "--with" => options.with.push(PathBuf::from(value()?)),
+                "--target" => {
+                    let target = *value()?;
+                    if !TARGETS.contains(&target) {
+                        return Err(format!(
+                            "dist: {target:?} is no target of a static build; there are {}",
+                            TARGETS.join(", ")
+                        ));
+                    }
+                    options.targets.push(target.into());
+                }
+                _ => return Err(format!("dist: there is no option {word}")),
+            }
+        }
+        if options.targets.is_empty() {
+            options.targets.push(DEFAULT_TARGET.into());
+        }
+        Ok(options)
+    }
+}
+
+/// Builds, packs and tries a release.
+pub fn dist(options: &Options) -> Outcome {
+    for program in ["tar", "gzip", "sha256sum"] {
+        if !has_program(program) {
+            return Err(format!("packing needs {program}, which is not on the path").into());
+        }
+    }
+    if options.dry_run {
+        return plan(options);
+    }
+    let folder = target_dir().join("dist");
+    let _ = fs::remove_dir_all(&folder);
+    make(&folder)?;
+    let mut steps = Steps::new(1 + 4 * options.targets.len() + 1);
+    let mut image = None;
+    if options.firmware {
+        steps.step("the board's image", || {
+            image = Some(board_image()?);
+            Ok(())
+        })?;
+    } else {
+        steps.skip("the board's image", "--no-firmware was given");
+    }
+    for target in &options.targets {
+        let mut program = PathBuf::new();
+        steps.step(&format!("build rig for {target}"), || {
+            program = build(target)?;
+            Ok(())
+        })?;
+        let stem = format!("softrig-{}-{target}", env!("CARGO_PKG_VERSION"));
+        let staged = folder.join(&stem);
+        steps.step("put the archive together", || {
+            stage(&staged, &program, target, image.as_deref())
+        })?;
+        let archive = folder.join(format!("{stem}.tar.gz"));
+        steps.step("pack", || pack(&folder, &stem, &archive))?;
+        if runs_here(target) {
+            steps.step("unpack and run it where there is nothing else", || {
+                trial::of(&archive, &stem, options.firmware)
+            })?;
+        } else {
+            steps.skip("run it", "it is built for another processor");
+        }
+        fs::remove_dir_all(&staged).map_err(|error| cannot("remove", &staged, &error))?;
+    }
+    steps.step("checksums", || {
+        for file in &options.with {
+            copy(file, &folder.join(file.file_name().unwrap_or_default()))?;
+        }
+        checksums(&folder)?;
+        print!("{}", text_of(&folder.join(CHECKSUMS))?);
+        Ok(())
+    })?;
+    steps.finish("cargo xtask dist");
+    println!("archives: {}", folder.display());
+    Ok(())
+}
+
+/// Says what would be done.
+fn plan(options: &Options) -> Outcome {
+    for target in &options.targets {
+        if !has_library(target)? {
+            println!("dist: would run rustup target add {target}");
+        }
+        println!("dist: would run {}", shell::text(&build_command(target)));
+        println!(
+            "dist: would pack target/dist/softrig-{}-{target}.tar.gz: rig, {}, completions for {}{}, licences, {CHECKSUMS}",
+            env!("CARGO_PKG_VERSION"),
+            TEXTS.join(", "),
+            COMPLETIONS.map(|(shell, _)| shell).join(", "),
+            if options.firmware {
+                format!(", {IMAGE}.elf and .hex")
+            } else {
+                String::new()
+            }
+        );
+        println!(
+            "dist: {}",
+            if runs_here(target) {
+                format!("would try it {}", trial::Place::here().words())
+            } else {
+                "would not try it: it is for another processor".into()
+            }
+        );
+    }
+    for file in &options.with {
+        println!("dist: would put {} beside it", file.display());
+    }
+    println!("dist: dry run, nothing was changed");
+    Ok(())
+}
+
+/// Whether a program for a target runs on this machine.
+fn runs_here(target: &str) -> bool {
+    env::consts::OS == "linux" && target.starts_with(&format!("{}-", env::consts::ARCH))
+}
+
+fn sysroot() -> Outcome<PathBuf> {
+    read(
+        Command::new("rustc")
+            .args(["--print", "sysroot"])
+            .current_dir(root()),
+    )
+    .map(PathBuf::from)
+}
+
+/// Whether the standard library for a target is installed.
+fn has_library(target: &str) -> Outcome<bool> {
+    Ok(sysroot()?
+        .join("lib/rustlib")
+        .join(target)
+        .join("lib")
+        .is_dir())
+}
+
+/// `cargo build` for a target with Rust's own linker.
+fn build_command(target: &str) -> Command {
+    let linker = format!(
+        "CARGO_TARGET_{}_LINKER",
+        target.to_uppercase().replace('-', "_")
+    );
+    let mut command = cargo();
+    command
+        .args(["build", "--release", "--locked", "-p", "host-tools"])
+        .args(["--bin", "rig", "--target", target])
+        .env(linker, "rust-lld")
+        // Where the sources are is nobody's business, and differs from build to build.
+        .env(
+            "RUSTFLAGS",
+            format!("--remap-path-prefix={}=softrig", root().display()),
+        );
+    command
+}
+
+/// Builds `rig` for a target and checks that it is static.
+fn build(target: &str) -> Outcome<PathBuf> {
+    if !has_library(target)? {
+        let added = run(Command::new("rustup").args(["target", "add", target]));
+        added.map_err(|failure| {
+            format!("{failure}\n  Rust's library for {target} is missing: `rustup target add {target}`, with access to static.rust-lang.org")
+        })?;
+    }
+    run(&mut build_command(target))?;
+    let program = target_dir().join(target).join("release/rig");
+    let bytes = fs::read(&program).map_err(|error| cannot("read", &program, &error))?;
+    match asks_for_loader(&bytes) {
+        Some(false) => {}
+        Some(true) => {
+            return Err(format!(
+                "{} asks for a dynamic loader: a dependency links a shared library",
+                program.display()
+            )
+            .into());
+        }
+        None => return Err(format!("{} is no 64-bit ELF", program.display()).into()),
+    }
+    println!(
+        "  {}: static, {:.1} MB",
+        program.display(),
+        bytes.len() as f64 / 1e6
+    );
+    Ok(program)
+}
+
+/// Whether an ELF program names a dynamic loader (a header `PT_INTERP`), without which it
+/// can load nothing. None if it is not a little-endian 64-bit ELF.
+fn asks_for_loader(bytes: &[u8]) -> Option<bool> {
+    /// Class 64, little-endian, version 1.
+    const KIND: &[u8] = b"\x7fELF\x02\x01\x01";
+    const PT_INTERP: u64 = 3;
+    let number = |at: usize, size: usize| -> Option<u64> {
+        let field = bytes.get(at..at.checked_add(size)?)?;
+        Some(
+            field
+                .iter()
+                .rev()
+                .fold(0, |sum, byte| sum << 8 | u64::from(*byte)),
+        )
+    };
+    let place = |at, size| number(at, size).and_then(|value| usize::try_from(value).ok());
+    if !bytes.starts_with(KIND) {
+        return None;
+    }
+    let (table, size, count) = (place(0x20, 8)?, place(0x36, 2)?, place(0x38, 2)?);
+    (0..count)
+        .map(|index| number(table.checked_add(index * size)?, 4))
+        .try_fold(false, |found, kind| Some(found || kind? == PT_INTERP))
+}
+
+/// The board's image, checked, as ELF and in Intel's format.
+fn board_image() -> Outcome<PathBuf> {
+    let image = avr::build()?;
+    avr::gates(&image)?;
+    avr::print_size(&image)?;
+    Ok(image)
+}
+
+/// Puts together what goes into an archive.
+fn stage(folder: &Path, program: &Path, target: &str, image: Option<&Path>) -> Outcome {
+    make(folder)?;
+    copy(program, &folder.join("rig"))?;
+    for text in TEXTS {
+        copy(&root().join(text), &folder.join(text))?;
+    }
+    // Everything that the README links to.
+    let docs = root().join("docs");
+    for page in files(&docs, &docs)? {
+        if page.extension().is_some_and(|kind| kind != "py") {
+            let copied = folder.join("docs").join(&page);
+            make(copied.parent().unwrap_or(folder))?;
+            copy(&docs.join(&page), &copied)?;
+        }
+    }
+    let completions = folder.join("completions");
+    // A program for another processor cannot say them.
+    let speaker = if runs_here(target) {
+        program.to_owned()
+    } else {
+        run(cargo().args([
+            "build",
+            "-q",
+            "--release",
+            "--locked",
+            "-p",
+            "host-tools",
+            "--bin",
+            "rig",
+        ]))?;
+        target_dir().join("release/rig")
+    };
+    for (shell, file) in COMPLETIONS {
+        let script = read(Command::new(&speaker).args(["completions", shell]))?;
+        write(&completions.join(shell).join(file), &(script + "\n"))?;
+    }
+    if let Some(image) = image {
+        let firmware = folder.join("firmware");
+        make(&firmware)?;
+        copy(image, &firmware.join(format!("{IMAGE}.elf")))?;
+        run(Command::new("avr-objcopy")
+            .args(["-O", "ihex", "-R", ".eeprom"])
+            .arg(image)
+            .arg(firmware.join(format!("{IMAGE}.hex"))))?;
+    }
+    licences::write(&folder.join("licences"), target, image.is_some())?;
+    checksums(folder)
+}
+
+/// Packs a folder so that the same sources give the same bytes.
+fn pack(folder: &Path, stem: &str, archive: &Path) -> Outcome {
+    let began = Instant::now();
+    let date = read(
+        Command::new("git")
+            .args(["log", "-1", "--format=%ct"])
+            .current_dir(root()),
+    )
+    .unwrap_or_else(|_| "0".into());
+    let tar = archive.with_extension("");
+    run(Command::new("tar")
+        .args(["--sort=name", "--owner=0", "--group=0", "--numeric-owner"])
+        .arg("--mode=u+rw,go+r,go-w")
+        .arg(format!("--mtime=@{date}"))
+        .arg("-cf")
+        .arg(&tar)
+        .arg("-C")
+        .arg(folder)
+        .arg(stem))?;
+    run(Command::new("gzip").args(["-9", "-n", "-f"]).arg(&tar))?;
+    let bytes = fs::metadata(archive)
+        .map_err(|error| cannot("read", archive, &error))?
+        .len();
+    println!(
+        "  {}: {:.1} MB, {}",
+        archive.display(),
+        bytes as f64 / 1e6,
+        seconds(began.elapsed())
+    );
+    Ok(())
+}
+
+/// Lists the checksums of all files in a folder, by their paths in it.
+fn checksums(folder: &Path) -> Outcome {
+    let mut files = files(folder, folder)?;
+    files.retain(|file| file != Path::new(CHECKSUMS));
+    files.sort();
+    let list = read(Command::new("sha256sum").args(&files).current_dir(folder))?;
+    write(&folder.join(CHECKSUMS), &(list + "\n"))
+}
+
+/// All files in a folder and those in it, relative to `from`.
+fn files(folder: &Path, from: &Path) -> Outcome<Vec<PathBuf>> {
+    let mut found = Vec::new();
+    for entry in fs::read_dir(folder).map_err(|error| cannot("list", folder, &error))? {
+        let path = entry
+            .map_err(|error| cannot("list", folder, &error))?
+            .path();
+        if path.is_dir() {
+            found.extend(files(&path, from)?);
+        } else {
+            found.push(path.strip_prefix(from).unwrap_or(&path).to_owned());
+        }
+    }
+    Ok(found)
+}
+
+fn make(folder: &Path) -> Outcome {
+    Ok(fs::create_dir_all(folder).map_err(|error| cannot("make", folder, &error))?)
+}
+
+fn copy(from: &Path, to: &Path) -> Outcome {
+    fs::copy(from, to).map_err(|error| cannot("copy", from, &error))?;
+    Ok(())
+}
+
+fn write(path: &Path, text: &str) -> Outcome {
+    if let Some(folder) = path.parent() {
+        make(folder)?;
+    }
+    Ok(fs::write(path, text).map_err(|error| cannot("write", path, &error))?)
+}
+
+fn text_of(path: &Path) -> Outcome<String> {
+    Ok(fs::read_to_string(path).map_err(|error| cannot("read", path, &error))?)
+}
+
+fn cannot(what: &str, path: &Path, error: &std::io::Error) -> String {
+    format!("cannot {what} {}: {error}", path.display())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn options_are_read_or_refused() {
+        let options = Options::parse(&[]).unwrap();
+        assert_eq!(options.targets, [DEFAULT_TARGET]);
+        assert!(options.firmware && !options.dry_run);
+        let options = Options::parse(&[
+            "--target",
+            "aarch64-unknown-linux-musl",
+            "--no-firmware",
+            "--with",
+            "a.whl",
+            "--dry-run",
+        ])
+        .unwrap();
+        assert_eq!(options.targets, ["aarch64-unknown-linux-musl"]);
+        assert_eq!(options.with, [Path::new("a.whl")]);
+        assert!(!options.firmware && options.dry_run);
+        for wrong in [
+            &["--target"][..],
+            &["--target", "--dry-run"],
+            &["--target", "x86_64-unknown-linux-gnu"],
+            &["--fast"],
+        ] {
+            assert!(Options::parse(wrong).unwrap_err().starts_with("dist: "));
+        }
+    }
+
+    /// An ELF header with one program header of a kind.
+    fn elf(kind: u8) -> Vec<u8> {
+        let mut bytes = vec![0; 0x78];
+        bytes[..7].copy_from_slice(b"\x7fELF\x02\x01\x01");
+        (bytes[0x20], bytes[0x36], bytes[0x38]) = (0x40, 0x38, 1);
+        bytes[0x40] = kind;
+        bytes
+    }
+
+    #[test]
+    fn a_program_that_asks_for_a_loader_is_told_from_a_static_one() {
+        assert_eq!(asks_for_loader(&elf(1)), Some(false));
+        assert_eq!(asks_for_loader(&elf(3)), Some(true));
+        assert_eq!(asks_for_loader(&elf(3)[..0x40]), None);
+        assert_eq!(asks_for_loader(b"#!/bin/sh\n"), None);
+        // Tests are linked against the machine's own library.
+        if cfg!(all(target_os = "linux", target_env = "gnu")) {
+            let own = fs::read(env::current_exe().unwrap()).unwrap();
+            assert_eq!(asks_for_loader(&own), Some(true));
+        }
+    }
+}
