@@ -75,11 +75,11 @@ Tasks:
                          that finds undefined behaviour; installs a nightly
   flash --port PORT [--no-console] [--dry-run]
                          put the image on a board and show what it says
-  dist [--target TRIPLE] [--with FILE] [--no-firmware] [--dry-run]
+  dist [--target TRIPLE] [--with FILE] [--no-firmware] [--no-wheel] [--dry-run]
                          a release in target/dist: static `rig`, the image,
                          completions, licences and checksums in one archive,
-                         tried where there is nothing else; --with puts a file,
-                         such as a wheel, beside it
+                         tried where there is nothing else; beside it the wheel
+                         of the Python package, and what --with names
 
 Examples:
   cargo xtask setup --dry-run

@@ -113,19 +113,30 @@ fn has_python() -> bool {
 /// Finds Python with its virtual environments, or installs both: for tasks that need nothing
 /// else of the [`NEEDS`].
 pub fn python() -> Outcome {
-    if has_python() {
+    find_or_install("Python 3 with its module venv", PYTHON, has_python)
+}
+
+/// Finds the C compiler for static programs of a processor, or installs Debian's, which is for
+/// this machine's processor.
+pub fn musl_gcc(program: &str) -> Outcome {
+    find_or_install(program, &["musl-tools"], || has_program(program))
+}
+
+/// Finds what one task needs, or installs its Debian packages.
+fn find_or_install(what: &str, debian: &[&str], present: impl Fn() -> bool) -> Outcome {
+    if present() {
         return Ok(());
     }
     if has_program("apt-get") && as_root().is_some() {
-        Apt::new(Mode::Install).install(PYTHON)?;
+        Apt::new(Mode::Install).install(debian)?;
     }
-    if has_python() {
+    if present() {
         return Ok(());
     }
     Err(format!(
-        "this needs Python 3 with its module venv.\n\
+        "this needs {what}.\n\
          On Debian: sudo apt-get install --no-install-recommends {}",
-        PYTHON.join(" ")
+        debian.join(" ")
     )
     .into())
 }
