@@ -28,6 +28,7 @@ def test_it_finds_what_was_hidden(diagnosis: softrig.Diagnosis) -> None:
     low, high = named.interval95["force_n"]
     assert low < named.parameters["force_n"] < high
     assert verdict.family is None and verdict.repair is None
+    assert verdict.ended is None and verdict.not_tried == []
     assert verdict.closure is not None and verdict.closure.overall > 0.5
     assert verdict.places[0].share_of_gap > 0
     assert verdict.holdout_rmse_deg.repaired < verdict.holdout_rmse_deg.refit
@@ -213,6 +214,52 @@ def test_fits_are_kept(
     assert any(folder.iterdir())
     again = softrig.diagnose(model, recordings, resume=folder)
     assert again.model.to_toml() == first.model.to_toml()
+
+
+OWN = """\
+schema = 1
+
+[[effect]]
+kind = "custom"
+name = "my_friction"
+force = "a*tanh(w/b)"
+
+[effect.parameters]
+a = { value = 0.02, min = 0.0, max = 1.0, unit = "N" }
+b = { value = 0.05, min = 0.001, max = 1.0, unit = "rad/s" }
+"""
+
+
+def test_effects_of_ones_own_are_tried(
+    model: softrig.Model, recordings: list[softrig.Recording], tmp_path: Path
+) -> None:
+    effects = tmp_path / "mine.toml"
+    effects.write_text(OWN)
+    found = softrig.diagnose(model, recordings, effects=effects)
+    # It is a dry friction like the one that is hidden: one of the two is named, or both are
+    # rivals.
+    named = found.effects + [kind for rival in found.verdict.alternatives for kind in rival.kinds]
+    assert "my_friction" in named
+    found.report(tmp_path / "report.html")
+    text = (tmp_path / "report.html").read_text()
+    assert hashlib.sha256(OWN.encode()).hexdigest() in text and "effects=" in text
+    with pytest.raises(softrig.InputError, match="is read by this command"):
+        found.plot(effects)
+    effects.write_text(OWN.replace("tanh", "tanz"))
+    with pytest.raises(softrig.InputError, match="there is no function") as raised:
+        softrig.diagnose(model, recordings, effects=effects)
+    assert raised.value.line == 6
+
+
+def test_a_budget_ends_the_search_with_an_answer(
+    model: softrig.Model, recordings: list[softrig.Recording]
+) -> None:
+    found = softrig.diagnose(model, recordings, budget_s=0)
+    assert found.verdict.ended == "budget" and found.verdict.not_tried
+    assert "budget" in str(found)
+    for seconds in [-1.0, float("nan"), 1e300]:
+        with pytest.raises(softrig.InputError, match="budget_s is"):
+            softrig.diagnose(model, recordings, budget_s=seconds)
 
 
 def test_other_threads_go_on_meanwhile(

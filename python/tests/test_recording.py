@@ -41,10 +41,8 @@ def test_units_are_those_of_the_command_line() -> None:
         time_s=1000 * TIME,
         pressure_kpa=1.01325 + PRESSURE / 100,
         angle_deg=-np.radians(ANGLE),
-        time_in="ms",
-        pressure_in="bar",
+        units={"time": "ms", "pressure": "bar", "angle": "rad"},
         absolute_pressure=True,
-        angle_in="rad",
         flip_angle=True,
     )
     np.testing.assert_allclose(recording.time_s, TIME, rtol=1e-14)
@@ -71,7 +69,8 @@ def wrong(name: str, place: int, value: float) -> dict[str, object]:
         ({"angle_deg": ANGLE + 1j}, "angle_deg holds complex128"),
         ({"time_s": pd.date_range("2026", periods=100)}, "time_s holds datetime64"),
         ({"angle_deg": np.ma.masked_less(ANGLE, 9)}, "angle_deg is a masked array"),
-        ({"pressure_in": "torr"}, "use one of: kpa, psi, bar, mpa, pa"),
+        ({"units": {"pressure": "volt"}}, "known: kpa, psi, bar, mbar, mpa, pa, mmhg"),
+        ({"units": {"mass": "kg"}}, '"mass" is none of time, pressure and angle'),
         ({"absolute_pressure": 1e9}, "from 0 to 110 kPa"),
         ({"metadata": {"setpoint": 60}}, 'there is no key "setpoint"'),
         ({"metadata": {"repeat": -1}}, "metadata: "),
@@ -113,8 +112,48 @@ def test_files_are_read_one_or_several(paths: list[Path]) -> None:
     assert one.metadata["simulated"] is True
     with pytest.raises(softrig.InputError, match="is given twice"):
         softrig.read([paths[0], paths[0]])
-    with pytest.raises(TypeError, match="time_in"):
+    with pytest.raises(TypeError, match="absolute_pressure"):
         softrig.read(paths[0], unit="ms")  # type: ignore[call-overload]
+
+
+def lab(path: Path) -> Path:
+    """A file of another tool."""
+    rows = zip(1000 * TIME, PRESSURE / 6.894757, np.radians(ANGLE), strict=True)
+    lines = [";".join(f"{value:.9f}" for value in row) for row in rows]
+    path.write_text("t;p_psi;theta\n" + "\n".join(lines) + "\n")
+    return path
+
+
+def test_columns_and_units_of_other_tools_are_said(tmp_path: Path) -> None:
+    path = lab(tmp_path / "lab.csv")
+    with pytest.raises(softrig.InputError, match="has no column time_s"):
+        softrig.read(path)
+    recording = softrig.read(
+        path,
+        columns={"time": "t", "pressure": "p_psi", "angle": "theta"},
+        units={"time": "ms", "pressure": "psi", "angle": "rad"},
+    )
+    np.testing.assert_allclose(recording.time_s, TIME, atol=1e-9)
+    np.testing.assert_allclose(recording.pressure_kpa, PRESSURE, atol=1e-6)
+    np.testing.assert_allclose(recording.angle_deg, ANGLE, atol=1e-6)
+    with pytest.raises(softrig.InputError, match="none of time, pressure, angle, setpoint"):
+        softrig.read(path, columns={"zeit": "t"})  # type: ignore[call-overload]
+    # Arrays have no names.
+    with pytest.raises(TypeError, match="columns"):
+        of(columns={"time": "t"})
+
+
+def test_a_model_says_where_its_recordings_stand(tmp_path: Path, model: softrig.Model) -> None:
+    path = lab(tmp_path / "lab.csv")
+    text = model.to_toml() + (
+        "\n[recording]\n"
+        'columns = { time = "t", pressure = "p_psi", angle = "theta" }\n'
+        'units = { time = "s", pressure = "psi", angle = "rad" }\n'
+    )
+    # What is said in the call wins.
+    recording = softrig.read(path, model=softrig.Model.from_toml(text), units={"time": "ms"})
+    np.testing.assert_allclose(recording.time_s, TIME, atol=1e-9)
+    np.testing.assert_allclose(recording.angle_deg, ANGLE, atol=1e-6)
 
 
 def test_a_frame_comes_back(tmp_path: Path) -> None:
