@@ -103,8 +103,9 @@ pub fn to_json(py: Python<'_>, name: &str, given: &Bound<'_, PyAny>) -> PyResult
     serde_json::from_str(&text).map_err(|error| refuse(error.to_string()))
 }
 
-/// A structure as an object with attributes, after its JSON Schema: what the schema allows
-/// and the value lacks is its default, or None, and what has no fixed keys is a dictionary.
+/// A structure as an object with attributes, after its JSON Schema. A list that the value
+/// lacks is empty, and anything else that it lacks is None. What has no fixed keys is a
+/// dictionary.
 pub fn object<'py>(
     py: Python<'py>,
     value: &Value,
@@ -126,8 +127,11 @@ pub fn object<'py>(
         (Value::Object(map), Some(Value::Object(properties)), _) => {
             let attributes = PyDict::new(py);
             for (key, schema) in properties {
-                let value = map.get(key).or_else(|| schema.get("default"));
-                let value = value.unwrap_or(&Value::Null);
+                let nothing = match schema["type"].as_str() {
+                    Some("array") => Value::Array(Vec::new()),
+                    _ => Value::Null,
+                };
+                let value = map.get(key).unwrap_or(&nothing);
                 // A keyword of Python is no name of an attribute.
                 let name = if key == "where" { "places" } else { key };
                 attributes.set_item(name, object(py, value, schema, definitions)?)?;

@@ -14,7 +14,7 @@ NOTEBOOK = Path(__file__).parents[2] / "docs" / "python.ipynb"
 @pytest.mark.filterwarnings("ignore")
 def test_the_notebook_runs_and_says_the_same() -> None:
     """`SOFTRIG_BLESS=1` replaces what it shows."""
-    notebook = nbformat.read(NOTEBOOK, as_version=4)
+    notebook = nbformat.read(NOTEBOOK, as_version=4)  # type: ignore[no-untyped-call]
     shown = findings(notebook)
     for cell in notebook.cells:
         if cell.cell_type == "code":
@@ -25,7 +25,7 @@ def test_the_notebook_runs_and_says_the_same() -> None:
             "kernelspec": notebook.metadata["kernelspec"],
             "language_info": {"name": "python"},
         }
-        nbformat.write(notebook, NOTEBOOK)
+        nbformat.write(notebook, NOTEBOOK)  # type: ignore[no-untyped-call]
     else:
         assert shown == findings(notebook)
     pictures = [data for data in outputs(notebook) if "image/png" in data]
