@@ -29,7 +29,7 @@ const HOST_ONLY: &str = "--host-only was given";
 
 /// Runs the tests; the first failure stops them.
 pub fn test(scope: Scope) -> Outcome {
-    let mut steps = Steps::new(12);
+    let mut steps = Steps::new(13);
     let everything = scope == Scope::Everything;
 
     if everything {
