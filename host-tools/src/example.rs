@@ -18,7 +18,7 @@ use rand_pcg::Pcg64Mcg;
 use crate::error::{InputError, write_atomically, write_with_meta};
 use crate::model_file::{ModelFile, tidy};
 use crate::protocol::Protocol;
-use crate::recording::{PASCAL_PER_KPA, Recording, to_csv};
+use crate::recording::{Meta, PASCAL_PER_KPA, Recording, to_csv};
 use crate::simulate::{Signal, Start, run, substeps};
 
 /// Angle of one count of a ten-bit converter behind a flex sensor (°).
@@ -43,6 +43,30 @@ pub enum Hidden {
     Effect(Kind),
     /// Nothing but wrong parameters.
     Nothing,
+}
+
+impl Hidden {
+    /// What a name asks for: an effect, `none`, or one drawn if nothing is named.
+    ///
+    /// # Errors
+    ///
+    /// Lists the effects that there are.
+    pub fn named(name: Option<&str>) -> Result<Self, InputError> {
+        match name {
+            None => Ok(Self::Drawn),
+            Some("none") => Ok(Self::Nothing),
+            Some(name) => Kind::from_name(name)
+                .filter(|kind| kind.is_name())
+                .map(Self::Effect)
+                .ok_or_else(|| {
+                    let known: Vec<&str> = Kind::NAMES.iter().map(|kind| kind.name()).collect();
+                    InputError::new(
+                        format!("{name} is not a known kind of effect"),
+                        format!("use \"none\" or one of: {}", known.join(", ")),
+                    )
+                }),
+        }
+    }
 }
 
 /// An example in memory.
@@ -255,6 +279,21 @@ fn is_held_late(truth: &Model<f64>) -> bool {
 }
 
 impl Example {
+    /// The recordings as they are read from the files that [`Example::write`] writes.
+    ///
+    /// # Errors
+    ///
+    /// None that an example is known to cause.
+    pub fn as_read(&self) -> Result<Vec<Recording>, InputError> {
+        let read = |(file, recording, meta): &(String, Recording, String)| {
+            let path = Path::new(file);
+            let (mut recording, _) = Recording::parse(&to_csv(recording, &[]), path)?;
+            recording.meta = Meta::parse(meta, &path.with_extension("meta.toml"))?;
+            Ok(recording)
+        };
+        self.recordings.iter().map(read).collect()
+    }
+
     /// Writes `model.toml`, `truth.toml` and the recordings into a folder.
     ///
     /// # Errors
@@ -491,6 +530,28 @@ mod tests {
         };
         assert_eq!(bytes(7), bytes(7));
         assert_ne!(bytes(7), bytes(8));
+    }
+
+    #[test]
+    fn recordings_in_memory_are_those_of_the_files() {
+        let example = make(Hidden::Drawn, 0.4, 7).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        example.write(folder.path()).unwrap();
+        for recording in example.as_read().unwrap() {
+            let path = folder.path().join("recordings").join(&recording.path);
+            let (read, warnings) = Recording::read(&path).unwrap();
+            assert_eq!(warnings, [""; 0]);
+            assert_eq!(
+                (read.time, read.pressure, read.angle, read.meta, read.name),
+                (
+                    recording.time,
+                    recording.pressure,
+                    recording.angle,
+                    recording.meta,
+                    recording.name
+                )
+            );
+        }
     }
 
     #[test]

@@ -35,6 +35,7 @@ pub mod recording;
 pub mod report;
 pub mod settings_file;
 pub mod simulate;
+pub mod simulation;
 pub mod smooth;
 pub mod statistics;
 pub mod terminal;

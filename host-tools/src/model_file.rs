@@ -98,6 +98,11 @@ impl ModelFile {
         parameter_name(&self.model, id)
     }
 
+    /// The text as it was read.
+    pub fn text(&self) -> &str {
+        &self.text
+    }
+
     /// The text of the file with `model` in place of its own: numbers are
     /// replaced, effects that the file lacks are appended, everything else
     /// stays as it was written.
@@ -220,6 +225,32 @@ pub fn parameter_name(model: &Model<f64>, id: ParameterId) -> String {
     BASE.iter()
         .find(|(base, ..)| *base == id)
         .map_or_else(String::new, |(_, name, _)| (*name).to_owned())
+}
+
+/// All parameters of a model with their key as files spell it, those of an effect behind
+/// its kind: `stiffness_n_per_rad_n`, `coulomb_friction.force_n`.
+pub fn parameters(model: &Model<f64>) -> Vec<(ParameterId, String)> {
+    let base = BASE.iter().map(|&(id, _, key)| (id, key.to_owned()));
+    let effects = model.effects().enumerate().flat_map(|(slot, effect)| {
+        let rows = effect.parameters().iter().enumerate();
+        rows.map(move |(parameter, _)| ParameterId::Effect { slot, parameter })
+            .collect::<Vec<_>>()
+    });
+    base.chain(effects.map(|id| (id, parameter_name(model, id))))
+        .collect()
+}
+
+/// Converts a parameter from the unit of files to SI units.
+pub fn from_file_units(model: &Model<f64>, id: ParameterId, value: f64) -> f64 {
+    match id {
+        ParameterId::InputGain => value / PASCAL_PER_KPA,
+        ParameterId::Effect { slot, parameter } => model
+            .effects()
+            .nth(slot)
+            .and_then(|effect| effect.parameters().get(parameter))
+            .map_or(value, |row| row.unit.to_si(value)),
+        _ => value,
+    }
 }
 
 /// The unit in which a parameter is shown.

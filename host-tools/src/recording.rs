@@ -58,7 +58,7 @@ pub struct Column {
 
 /// Metadata from `NAME.meta.toml`. Every field is optional; keys that are not
 /// listed here are ignored.
-#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
 pub struct Meta {
     /// Name of the protocol that was run.
     pub protocol: Option<String>,
@@ -119,7 +119,7 @@ pub struct SegmentMeta {
 }
 
 /// How well the zeros of the sensors are known, as standard deviations.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize, Serialize)]
 pub struct CalibrationMeta {
     /// Of the pressure sensor's zero (kPa).
     pub pressure_zero_sd_kpa: Option<f64>,
@@ -128,6 +128,25 @@ pub struct CalibrationMeta {
 }
 
 impl Meta {
+    /// Parses the text of a file of metadata; `path` is only named in messages.
+    ///
+    /// # Errors
+    ///
+    /// Names file, line, column and remedy.
+    pub fn parse(text: &str, path: &Path) -> Result<Self, InputError> {
+        toml::from_str(text).map_err(|error| {
+            let fault = InputError::new(
+                in_words(error.message()),
+                "correct the metadata, or delete the file: it is optional",
+            )
+            .in_file(path);
+            match error.span() {
+                Some(span) => fault.at_offset(text, span.start),
+                None => fault,
+            }
+        })
+    }
+
     /// When the recording began (s since 1970-01-01, UTC); none where that is not
     /// known or no date in UTC.
     pub fn started_unix_s(&self) -> Option<f64> {
@@ -179,6 +198,24 @@ impl Recording {
         recording.meta = meta;
         warnings.extend(recording.unlike_its_metadata());
         Ok((recording, warnings))
+    }
+
+    /// Makes a recording of samples in memory: time, pressure and angle in the units that
+    /// `columns` says, which are s, kPa and ° if it says nothing. They are checked as those
+    /// of a file are; a fault is named by its place in the array, from 0.
+    ///
+    /// # Errors
+    ///
+    /// Names the array, the place in it, and the remedy.
+    pub fn of_samples(
+        name: &str,
+        samples: [&[f64]; 3],
+        columns: &Columns,
+    ) -> Result<(Self, Vec<String>), InputError> {
+        let samples = Samples::of_arrays(name, samples, columns)?;
+        let (recording, warnings) = Self::of(samples, Path::new(name));
+        let name = name.to_owned();
+        Ok((Self { name, ..recording }, warnings))
     }
 
     /// Parses the text of a recording; `path` is only named in messages.
@@ -383,6 +420,29 @@ pub fn read_all(
     Ok(recordings)
 }
 
+/// Refuses a recording that is given twice: a run that is fitted and judged by
+/// proves nothing.
+///
+/// # Errors
+///
+/// Names the file.
+pub fn check_distinct(fitted: &[PathBuf], held_out: &[PathBuf]) -> Result<(), InputError> {
+    let same_file = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
+    let mut seen = Vec::new();
+    for path in fitted.iter().chain(held_out) {
+        let file = same_file(path);
+        if seen.contains(&file) {
+            return Err(InputError::new(
+                "is given twice",
+                "name each recording once: to be fitted, or with --holdout to judge by",
+            )
+            .in_file(path));
+        }
+        seen.push(file);
+    }
+    Ok(())
+}
+
 /// Formats a recording with the three required columns and any others in
 /// `columns`, given as header and numbers.
 pub fn to_csv(recording: &Recording, columns: &[(&str, &[f64])]) -> String {
@@ -442,17 +502,7 @@ fn read_meta(path: &Path, inside: Option<&str>) -> Result<Meta, InputError> {
         Some(text) => (text.to_owned(), path),
         None => return Ok(Meta::default()),
     };
-    toml::from_str(&text).map_err(|error| {
-        let fault = InputError::new(
-            in_words(error.message()),
-            "correct the metadata, or delete the file: it is optional",
-        )
-        .in_file(file);
-        match error.span() {
-            Some(span) => fault.at_offset(&text, span.start),
-            None => fault,
-        }
-    })
+    Meta::parse(&text, file)
 }
 
 /// A count, also one with a point: other tools write 1200.0.
@@ -570,6 +620,59 @@ mod tests {
                 assert!(message.contains(part), "{part:?} not in {message:?}");
             }
         }
+    }
+
+    /// The same numbers from memory and from a file are the same recording, and the same
+    /// faults have the same names.
+    #[test]
+    fn samples_in_memory_are_checked_as_those_of_a_file() {
+        let of = |samples: [&[f64]; 3], columns: &Columns| {
+            Recording::of_samples("run", samples, columns)
+        };
+        let nothing = Columns::default();
+        let (recording, warnings) =
+            of([&[0.0, 0.01], &[0.0, 10.0], &[0.0, 90.0]], &nothing).unwrap();
+        assert_eq!(warnings, [""; 0]);
+        let (parsed, _) = parse(GOOD).unwrap();
+        assert_eq!(recording.time, parsed.time);
+        assert_eq!(recording.pressure, parsed.pressure);
+        assert_eq!(recording.angle, parsed.angle);
+        let in_bar = Columns {
+            pressure: Some(crate::columns::PressureUnit::Bar),
+            ..nothing
+        };
+        let (recording, _) = of([&[0.0, 0.01], &[0.0, 0.1], &[0.0, 90.0]], &in_bar).unwrap();
+        assert!((recording.pressure[1] - 10_000.0).abs() < 1e-9);
+        let faults: [([&[f64]; 3], &str); 7] = [
+            (
+                [&[0.0, 1.0], &[0.0, f64::NAN], &[0.0, 0.0]],
+                "pressure_kpa[1]: NaN is not a number",
+            ),
+            (
+                [&[0.0, 1.0], &[0.0, 0.0], &[f64::INFINITY, 0.0]],
+                "angle_deg[0]: inf is not",
+            ),
+            ([&[0.0, 1.0], &[0.0, 1e31], &[0.0, 0.0]], "pressure_kpa[1]"),
+            (
+                [&[0.0, 0.0], &[0.0, 0.0], &[0.0, 0.0]],
+                "time_s[1]: time 0 s does not follow 0 s",
+            ),
+            ([&[0.0], &[0.0], &[0.0]], "has 1 samples"),
+            ([&[], &[], &[]], "has 0 samples"),
+            (
+                [&[0.0, 1.0], &[0.0], &[0.0, 0.0]],
+                "2 in time_s, 1 in pressure_kpa, 2 in angle_deg",
+            ),
+        ];
+        for (samples, part) in faults {
+            let said = of(samples, &nothing).unwrap_err().to_string();
+            assert!(said.contains(part), "{part:?} not in {said:?}");
+        }
+        let (_, warnings) = of([&[0.0, 1.0], &[0.0, 20_000.0], &[0.0, 0.0]], &nothing).unwrap();
+        assert!(
+            warnings[0].starts_with("run, pressure_kpa[1]: "),
+            "{warnings:?}"
+        );
     }
 
     #[test]

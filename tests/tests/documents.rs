@@ -12,10 +12,6 @@ use std::{
 
 use pulldown_cmark::{Event, Options, Parser, Tag, TagEnd};
 
-/// Pages that are announced and not here yet. Whoever brings one takes it off this list and puts
-/// it into `docs/SUMMARY.md`.
-const NOT_YET: &[&str] = &["docs/python.ipynb", "docs/python.md"];
-
 /// Folders that hold no documents of ours.
 const SKIPPED: &[&str] = &["target", "demo", "node_modules"];
 
@@ -157,9 +153,6 @@ fn fault(
         Ok(found) => found,
         Err(fault) => return Some(fault),
     };
-    if NOT_YET.iter().any(|absent| path == Path::new(absent)) {
-        return None;
-    }
     if !root.join(&path).is_file() {
         return Some(format!("{link}: there is no file {}", path.display()));
     }
@@ -255,13 +248,4 @@ fn the_book_has_every_page() {
         forgotten.is_empty(),
         "not in docs/SUMMARY.md: {forgotten:?}"
     );
-}
-
-#[test]
-fn pages_that_are_here_are_not_announced_any_more() {
-    let here: Vec<&&str> = NOT_YET
-        .iter()
-        .filter(|page| root().join(page).exists())
-        .collect();
-    assert!(here.is_empty(), "take off the list NOT_YET: {here:?}");
 }

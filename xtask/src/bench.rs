@@ -199,7 +199,7 @@ pub fn virtual_environment(
         return Ok(python);
     }
     setup::python()?;
-    println!("bench: installing Python packages");
+    println!("installing Python packages into {}", folder.display());
     run_quietly(
         Command::new("python3").args(["-m", "venv"]).arg(folder),
         PYTHON_LIMIT,

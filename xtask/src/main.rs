@@ -15,6 +15,7 @@ mod dist;
 mod flash;
 mod json;
 mod machines;
+mod python;
 mod rig_loop;
 mod setup;
 mod shell;
@@ -41,6 +42,8 @@ Tasks:
   test [--host-only]     everything that must hold before a change goes in
   ci                     the same, as continuous integration runs it
   book                   build the book from docs/; says where it is
+  wheel [--test]         build the Python package for this system and say where it is;
+                         --test builds one quickly and tests it
   firmware               build the image, check it, print its size
   size [--accept]        memory and processor time against budgets and last time
   bench [diagnosis | host | board]
@@ -72,11 +75,11 @@ Tasks:
                          that finds undefined behaviour; installs a nightly
   flash --port PORT [--no-console] [--dry-run]
                          put the image on a board and show what it says
-  dist [--target TRIPLE] [--with FILE] [--no-firmware] [--dry-run]
+  dist [--target TRIPLE] [--with FILE] [--no-firmware] [--no-wheel] [--dry-run]
                          a release in target/dist: static `rig`, the image,
                          completions, licences and checksums in one archive,
-                         tried where there is nothing else; --with puts a file,
-                         such as a wheel, beside it
+                         tried where there is nothing else; beside it the wheel
+                         of the Python package, and what --with names
 
 Examples:
   cargo xtask setup --dry-run
@@ -111,6 +114,8 @@ fn main() -> ExitCode {
         ["test" | "ci"] => test::test(Scope::Everything),
         ["test", "--host-only"] => test::test(Scope::Host),
         ["book"] => book::book().map(|page| println!("  {}", page.display())),
+        ["wheel"] => python::wheel().map(drop),
+        ["wheel", "--test"] => python::test(),
         ["firmware"] => firmware(),
         ["size"] => avr::build().and_then(|image| size::size(&image, Golden::Check)),
         ["size", "--accept"] => avr::build().and_then(|image| size::size(&image, Golden::Accept)),
@@ -152,7 +157,7 @@ fn main() -> ExitCode {
         },
         [task, ..]
             if [
-                "setup", "test", "ci", "book", "firmware", "size", "bench", "miri",
+                "setup", "test", "ci", "book", "wheel", "firmware", "size", "bench", "miri",
             ]
             .contains(task) =>
         {

@@ -3,8 +3,9 @@
 //! Beyond stable Rust it takes a compiler with the library source that avr-none is
 //! built from, avr-gcc as its linker, simavr, avrdude, ravedude, through which
 //! `cargo run` reaches a board, Chromium, which looks at reports, a C compiler and Python,
-//! which run exported models, and mdBook, which makes the book. Each is looked for first, so
-//! that a second run does nothing.
+//! which run exported models, Python's virtual environments, in which its package is tested,
+//! and mdBook, which makes the book. Each is looked for first, so that a second run does
+//! nothing.
 
 use std::{
     env, fs,
@@ -47,9 +48,9 @@ const NEEDS: &[Need] = &[
         debian: &["gcc", "libc6-dev"],
     },
     Need {
-        what: "Python 3, to run exported models",
-        present: || has_program("python3"),
-        debian: &["python3"],
+        what: "Python 3 with virtual environments, for exported models and the package",
+        present: has_python,
+        debian: PYTHON,
     },
     Need {
         what: "pkg-config",
@@ -102,24 +103,40 @@ pub fn chromium() -> Option<PathBuf> {
         .find_map(find_program)
 }
 
-/// Finds Python with its virtual environments, or installs both: only some benchmarks
-/// need them, so that they are not among the [`NEEDS`].
+/// Debian packages of Python with what makes virtual environments.
+const PYTHON: &[&str] = &["python3", "python3-venv"];
+
+fn has_python() -> bool {
+    read(Command::new("python3").args(["-c", "import ensurepip, venv"])).is_ok()
+}
+
+/// Finds Python with its virtual environments, or installs both: for tasks that need nothing
+/// else of the [`NEEDS`].
 pub fn python() -> Outcome {
-    const PACKAGES: [&str; 2] = ["python3", "python3-venv"];
-    let works = || read(Command::new("python3").args(["-c", "import ensurepip, venv"])).is_ok();
-    if works() {
+    find_or_install("Python 3 with its module venv", PYTHON, has_python)
+}
+
+/// Finds the C compiler for static programs of a processor, or installs Debian's, which is for
+/// this machine's processor.
+pub fn musl_gcc(program: &str) -> Outcome {
+    find_or_install(program, &["musl-tools"], || has_program(program))
+}
+
+/// Finds what one task needs, or installs its Debian packages.
+fn find_or_install(what: &str, debian: &[&str], present: impl Fn() -> bool) -> Outcome {
+    if present() {
         return Ok(());
     }
     if has_program("apt-get") && as_root().is_some() {
-        Apt::new(Mode::Install).install(&PACKAGES)?;
+        Apt::new(Mode::Install).install(debian)?;
     }
-    if works() {
+    if present() {
         return Ok(());
     }
     Err(format!(
-        "this benchmark needs Python 3 with its module venv.\n\
+        "this needs {what}.\n\
          On Debian: sudo apt-get install --no-install-recommends {}",
-        PACKAGES.join(" ")
+        debian.join(" ")
     )
     .into())
 }

@@ -6,7 +6,7 @@ use std::{
 };
 
 use crate::{
-    avr, bench, book,
+    avr, bench, book, python,
     setup::{self, Mode},
     shell::{Outcome, Steps, cargo, run, target_dir},
     size::{self, Golden},
@@ -21,11 +21,15 @@ pub enum Scope {
     Host,
 }
 
+/// The package whose dependencies ask for more features than the rest of the workspace, so
+/// that with it everything would be compiled once more.
+const PYTHON: &str = "softrig-python";
+
 const HOST_ONLY: &str = "--host-only was given";
 
 /// Runs the tests; the first failure stops them.
 pub fn test(scope: Scope) -> Outcome {
-    let mut steps = Steps::new(12);
+    let mut steps = Steps::new(13);
     let everything = scope == Scope::Everything;
 
     if everything {
@@ -75,6 +79,12 @@ pub fn test(scope: Scope) -> Outcome {
     }
 
     if everything {
+        steps.step("Python package", python::test)?;
+    } else {
+        steps.skip("Python package", HOST_ONLY);
+    }
+
+    if everything {
         let mut image = PathBuf::new();
         steps.step("firmware", || {
             image = avr::build()?;
@@ -113,6 +123,7 @@ fn simulator(image: &Path) -> Outcome {
         .env("SOFTRIG_FIRMWARE", image))?;
     run(cargo()
         .args(["test", "--locked", "--workspace"])
+        .args(["--exclude", PYTHON])
         .args(["--test", "firmware_in_simulator"])
         .args(["--test", "loop_on_the_virtual_rig", "--", "--nocapture"])
         .env("SOFTRIG_FIRMWARE", image)
@@ -141,6 +152,8 @@ pub fn virtual_rig() -> Outcome<PathBuf> {
         "-q",
         "--locked",
         "--workspace",
+        "--exclude",
+        PYTHON,
         "--bin",
         "virtual-rig",
     ]))?;

@@ -22,13 +22,12 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use crate::checkpoint::Checkpoint;
-use crate::cmd::check_distinct;
 use crate::columns::Layout;
 use crate::diagnose::{Budget, Progress, Request, diagnose_from};
 use crate::error::{InputError, write_atomically};
 use crate::model_file::ModelFile;
 use crate::own_effects::OwnEffects;
-use crate::recording::read_all;
+use crate::recording::{check_distinct, read_all};
 use crate::report::provenance::Provenance;
 use manifest::Case;
 

@@ -13,6 +13,7 @@ use crate::checkpoint::Checkpoint;
 use crate::diagnose::{Budget, Request, diagnose_from};
 use crate::error::write_atomically;
 use crate::own_effects::OwnEffects;
+use crate::recording::{check_distinct, read_all};
 use crate::report::Outputs;
 use crate::report::content::Content;
 use crate::report::html::page;
@@ -217,7 +218,7 @@ fn run_one(args: &Args, model: &PathBuf) -> anyhow::Result<()> {
         ],
         read.chain([model]).chain(&args.effects),
     )?;
-    super::check_distinct(&args.recordings, &args.holdout)?;
+    check_distinct(&args.recordings, &args.holdout)?;
     let layout = args.input.layout();
     let (file, recordings) = super::read(model, &args.recordings, &layout)?;
     let layout = layout.or(&file.recording);
@@ -225,7 +226,7 @@ fn run_one(args: &Args, model: &PathBuf) -> anyhow::Result<()> {
         Some(path) => Some(OwnEffects::read(path, &file.model)?),
         None => None,
     };
-    let holdout = crate::recording::read_all(&args.holdout, &layout, super::warn)?;
+    let holdout = read_all(&args.holdout, &layout, super::warn)?;
     // Before the long work: these are the bytes that it starts from.
     let provenance = match &args.report {
         Some(_) => Some(Provenance::of(

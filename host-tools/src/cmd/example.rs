@@ -3,9 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Parser;
-use model_core::catalogue::Kind;
 
-use crate::error::InputError;
 use crate::example::{Hidden, make, of_actuator};
 use crate::model_file::ModelFile;
 
@@ -46,21 +44,7 @@ pub struct Args {
 ///
 /// Faults of the arguments, and folders that cannot be written.
 pub fn run(args: &Args) -> anyhow::Result<()> {
-    let hidden = match args.effect.as_deref() {
-        None => Hidden::Drawn,
-        Some("none") => Hidden::Nothing,
-        Some(name) => Hidden::Effect(
-            Kind::from_name(name)
-                .filter(|kind| kind.is_name())
-                .ok_or_else(|| {
-                    let known: Vec<&str> = Kind::NAMES.iter().map(|kind| kind.name()).collect();
-                    InputError::new(
-                        format!("{name} is not a known kind of effect"),
-                        format!("use \"none\" or one of: {}", known.join(", ")),
-                    )
-                })?,
-        ),
-    };
+    let hidden = Hidden::named(args.effect.as_deref())?;
     let example = match &args.actuator {
         Some(path) => of_actuator(&ModelFile::read(path)?, args.noise_deg, args.hide)?,
         None => make(hidden, args.noise_deg, args.hide)?,

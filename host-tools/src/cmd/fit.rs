@@ -6,11 +6,10 @@ use clap::Parser;
 
 use super::input::InputArgs;
 use super::output::{self, FileKind, Output};
-use crate::diagnose::unit_errors;
 use crate::diagnose::verdict::Zeros;
 use crate::error::write_atomically;
-use crate::estimate::assemble::assemble;
-use crate::estimate::fit::{Effort, Fit, Fitter, rms_each};
+use crate::estimate::fit::{Fit, rms_each};
+use crate::estimate::refit::{NOT_CONVERGED, Refit, refit};
 use crate::model_file::{ModelFile, parameter_unit, to_file_units};
 use crate::numbers::{short, with_ends};
 use crate::recording::Recording;
@@ -49,25 +48,23 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         read,
     )?;
     let (file, recordings) = super::read(&args.model, &args.recordings, &args.input.layout())?;
-    unit_errors::refuse(&file, &recordings)?;
-    let assembled = assemble(&recordings, &[])?;
-    for concern in &assembled.concerns {
+    let Refit {
+        data,
+        concerns,
+        nominal,
+        fitted: fit,
+    } = refit(&file, &recordings)?;
+    for concern in &concerns {
         super::warn(&concern.to_string());
     }
-    let data = &assembled.data;
-    let fitter = Fitter::new(&file.model, data);
-    let before = fitter.compare(&file.model);
-    let fit = fitter.fit(&file.model, &file.free, Effort::Full);
     let mut text = format!(
         "{}\n{}\n{}\n",
         parameter_table(&file, &fit),
-        error_table(&data.recordings(true), &before, &fit),
-        Zeros::of(&fit, data)
+        error_table(&data.recordings(true), &nominal, &fit),
+        Zeros::of(&fit, &data)
     );
     if !fit.converged {
-        super::warn(
-            "the fit stopped before it met its tolerance; a parameter may be at its limit or undetermined",
-        );
+        super::warn(NOT_CONVERGED);
     }
     if let Some(path) = &args.output {
         let model = file.text_with(&fit.model, "");

@@ -15,7 +15,7 @@ use crate::columns::Layout;
 use crate::error::InputError;
 use crate::estimate::assemble::{Group, grouped};
 use crate::plot::{Figure, Panel, Series, Style, write_svg};
-use crate::recording::{Recording, SegmentMeta, read_all};
+use crate::recording::{Recording, SegmentMeta, check_distinct, read_all};
 use crate::statistics::rms;
 
 /// Shows the gap between the angle that the board predicts and the angle that
@@ -55,7 +55,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         &[Output::of("--plot", FileKind::Picture, args.plot.as_ref())],
         read,
     )?;
-    super::check_distinct(&args.recordings, &args.after)?;
+    check_distinct(&args.recordings, &args.after)?;
     let layout = args.input.layout();
     let before = gaps(&args.recordings, &layout)?;
     let after = gaps(&args.after, &layout)?;

@@ -20,7 +20,7 @@ use crate::materials::{like, named};
 use crate::model_file::{ModelFile, parameter_name, parameter_unit, to_file_units};
 use crate::numbers::short;
 use crate::ranges::Range;
-use crate::recording::{Recording, read_all};
+use crate::recording::{Recording, check_distinct, read_all};
 use crate::terminal::{printable_line, remark};
 
 /// Writes a first model from a recording, or from material and dimensions.
@@ -277,7 +277,7 @@ fn identify(args: &Args, known: &Known) -> anyhow::Result<FirstModel> {
     if known.recordings.is_empty() {
         return from_nothing(known.geometry).map_err(Into::into);
     }
-    super::check_distinct(&known.recordings, &[])?;
+    check_distinct(&known.recordings, &[])?;
     let layout = args.input.layout();
     let recordings = read_all(&known.recordings, &layout, super::warn)?;
     if layout.columns.time.is_none() {

@@ -3,7 +3,7 @@
 
 use clap::Args;
 
-use crate::columns::{AngleUnit, Columns, Layout, Names, PressureUnit, TimeUnit};
+use crate::columns::{self, AngleUnit, Columns, Layout, Names, PressureUnit, TimeUnit};
 
 /// Where all recordings of a command stand in their files, if not in the columns `time_s`,
 /// `pressure_kpa` and `angle_deg`.
@@ -91,5 +91,5 @@ impl InputArgs {
 }
 
 fn air(text: &str) -> Result<f64, String> {
-    crate::columns::air(text.parse().unwrap_or(f64::NAN))
+    columns::air(text.parse().unwrap_or(f64::NAN))
 }

@@ -13,7 +13,7 @@ pub mod init;
 pub mod input;
 pub mod materials;
 pub mod monitor;
-mod output;
+pub mod output;
 pub mod plan;
 pub mod ports;
 pub mod record;
@@ -57,25 +57,6 @@ pub(crate) fn read(
     let file = read_model(model)?;
     let recordings = read_all(recordings, &layout.or(&file.recording), warn)?;
     Ok((file, recordings))
-}
-
-/// Refuses a recording that is given twice: a run that is fitted and judged by
-/// proves nothing.
-pub(crate) fn check_distinct(fitted: &[PathBuf], held_out: &[PathBuf]) -> Result<(), InputError> {
-    let same_file = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
-    let mut seen = Vec::new();
-    for path in fitted.iter().chain(held_out) {
-        let file = same_file(path);
-        if seen.contains(&file) {
-            return Err(InputError::new(
-                "is given twice",
-                "name each recording once: to be fitted, or with --holdout to judge by",
-            )
-            .in_file(path));
-        }
-        seen.push(file);
-    }
-    Ok(())
 }
 
 /// A spinner for long work on a terminal, silent elsewhere.

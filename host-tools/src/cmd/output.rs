@@ -16,7 +16,7 @@ use crate::record::meta_path;
 
 /// What a file holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum FileKind {
+pub enum FileKind {
     /// A model file.
     Model,
     /// A protocol file.
@@ -67,7 +67,7 @@ impl FileKind {
 
 /// A file that a command was told to write.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Output<'a> {
+pub struct Output<'a> {
     flag: &'static str,
     kind: FileKind,
     path: Option<&'a Path>,
@@ -77,7 +77,7 @@ pub(crate) struct Output<'a> {
 
 impl<'a> Output<'a> {
     /// Of a flag, if it was given.
-    pub(crate) fn of(flag: &'static str, kind: FileKind, path: Option<&'a PathBuf>) -> Self {
+    pub fn of(flag: &'static str, kind: FileKind, path: Option<&'a PathBuf>) -> Self {
         Self {
             flag,
             kind,
@@ -101,7 +101,7 @@ impl<'a> Output<'a> {
     }
 
     /// Lets it replace a recording, if that can be had again or the user says so.
-    pub(crate) fn replacing(self, may_replace: bool) -> Self {
+    pub fn replacing(self, may_replace: bool) -> Self {
         Self {
             may_replace: self.may_replace || may_replace,
             ..self
@@ -124,7 +124,7 @@ enum Found {
 /// # Errors
 ///
 /// Names the file, the flag, and what is probably missing after it.
-pub(crate) fn check<'a>(
+pub fn check<'a>(
     outputs: &[Output<'_>],
     read: impl IntoIterator<Item = &'a PathBuf>,
 ) -> Result<(), InputError> {

@@ -2,24 +2,15 @@
 
 use std::path::PathBuf;
 
-use clap::{ArgGroup, Parser, ValueEnum};
-use model_core::actuator::Model;
-use model_core::power::{GuardedMicromath, Minimax, Power};
+use clap::{ArgGroup, Parser};
 
 use super::input::InputArgs;
 use super::output::{self, FileKind, Output};
-use crate::error::{InputError, write_with_meta};
-use crate::estimate::fit::Fitter;
-use crate::estimate::{Dataset, Nuisance, Session};
-use crate::linear::linear_rival;
-use crate::model_file::ModelFile;
-use crate::own_effects::refuse_on_board;
+use crate::error::write_with_meta;
 use crate::plot::{Figure, Panel, Series, Style, write_svg};
-use crate::protocol::{Play, Protocol, play};
-use crate::protocol_file::ProtocolFile;
 use crate::record::meta_path;
 use crate::recording::{PASCAL_PER_KPA, Recording, to_csv};
-use crate::simulate::Start;
+use crate::simulation::{ANGLES_DEG, Arithmetic, Drive, HOLDS_S, in_range};
 
 /// Simulates a model over the pressure of a recording, or over a protocol.
 #[derive(Debug, Parser)]
@@ -65,29 +56,17 @@ pub struct Args {
     input: InputArgs,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum Arithmetic {
-    /// Double precision
-    F64,
-    /// The board's single precision with its default power function
-    Board,
-    /// The board's single precision with guarded micromath
-    BoardMicromath,
-}
-
 fn angle(text: &str) -> Result<f64, String> {
-    in_range(text, 0.1, 360.0, "degrees")
+    in_range(number(text), &ANGLES_DEG, "degrees")
 }
 
 fn seconds(text: &str) -> Result<f64, String> {
-    in_range(text, 0.1, 3600.0, "seconds")
+    in_range(number(text), &HOLDS_S, "seconds")
 }
 
-fn in_range(text: &str, low: f64, high: f64, unit: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(value) if (low..=high).contains(&value) => Ok(value),
-        _ => Err(format!("give a number from {low} to {high} {unit}")),
-    }
+/// Not a number, which is in no range, where the text is none.
+fn number(text: &str) -> f64 {
+    text.parse().unwrap_or(f64::NAN)
 }
 
 /// Runs the command.
@@ -105,51 +84,34 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         ],
         args.recording.iter().chain(&played).chain([&args.model]),
     )?;
-    let file = model_file(args)?;
-    let (recording, setpoint) = match (&args.recording, args.protocol.as_deref()) {
+    let file = super::read_model(&args.model)?;
+    args.arithmetic.check(&file)?;
+    let drive = match (&args.recording, args.protocol.as_deref()) {
         (Some(path), _) => {
             let (recording, warnings) =
                 Recording::read_as(path, &args.input.layout().or(&file.recording))?;
             for warning in &warnings {
                 super::warn(warning);
             }
-            (recording, None)
+            Drive::measured(recording)
         }
-        (None, name) => from_protocol(&file, name.unwrap_or("step"), args)?,
+        (None, name) => {
+            Drive::protocol(&file, name.unwrap_or("step"), args.angle_deg, args.hold_s)?
+        }
     };
-    let data = Dataset::of(std::slice::from_ref(&recording));
-    let session = &data.sessions()[0];
-    let largest = recording
-        .pressure
-        .iter()
-        .fold(0.0, |largest: f64, p| largest.max(p.abs()));
     let model = if args.linear {
-        linear_rival(&file.model, steady_angle(&file.model, largest))
+        drive.linear_rival(&file.model)
     } else {
         file.model
     };
-    let nuisance = if args.recording.is_some() {
-        // Zeros and start with which the model comes nearest to the recording.
-        let fitter = Fitter::new(&model, &data);
-        fitter.compare(&model).nuisances[0]
-    } else {
-        Nuisance {
-            start: Start {
-                angle: model.reading(&model.at_rest(0.0, 0.0)),
-                rate: 0.0,
-            },
-            ..Nuisance::AT_ZERO
-        }
-    };
-    let simulated = match args.arithmetic {
-        Arithmetic::F64 => session.simulate(&model, &nuisance),
-        Arithmetic::Board => on_board::<Minimax>(session, &model, &nuisance),
-        Arithmetic::BoardMicromath => on_board::<GuardedMicromath>(session, &model, &nuisance),
-    };
-    let degrees =
-        |radians: &[f64]| -> Vec<f64> { radians.iter().map(|a| a.to_degrees()).collect() };
-    let simulated_deg = degrees(&simulated);
-    let measured_deg = args.recording.as_ref().map(|_| degrees(&recording.angle));
+    let simulated_deg = drive.simulate(&model, args.arithmetic);
+    let Drive {
+        recording,
+        is_measured,
+        setpoint_deg,
+    } = drive;
+    let degrees = || recording.angle.iter().map(|a| a.to_degrees()).collect();
+    let measured_deg = is_measured.then(degrees);
 
     let name = if args.linear {
         format!("{}, linear rival", file.name)
@@ -182,7 +144,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         name,
         recording: &recording,
         measured_deg,
-        setpoint_deg: setpoint,
+        setpoint_deg,
         simulated_deg,
     };
     if let Some(path) = &args.output {
@@ -198,15 +160,6 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         text += &format!("drawn: {}\n", path.display());
     }
     Ok(super::print(&text)?)
-}
-
-/// The model, if the arithmetic that is asked for can run it.
-fn model_file(args: &Args) -> Result<ModelFile, InputError> {
-    let file = super::read_model(&args.model)?;
-    if args.arithmetic != Arithmetic::F64 {
-        refuse_on_board(&file)?;
-    }
-    Ok(file)
 }
 
 /// A simulated run with what there is to compare it with.
@@ -264,79 +217,4 @@ impl Shown<'_> {
                 )),
             )
     }
-}
-
-/// A recording of nothing but the commanded pressure, with the set-points (°).
-fn from_protocol(
-    file: &ModelFile,
-    name: &str,
-    args: &Args,
-) -> Result<(Recording, Option<Vec<f64>>), InputError> {
-    let angle = args.angle_deg.to_radians();
-    let hold = args.hold_s;
-    let shape = match name {
-        // One step, held and released.
-        "step" => Some(Protocol::Step {
-            angle,
-            hold,
-            release: 0.6 * hold,
-        }),
-        // Four steps up and down.
-        "staircase" => Some(Protocol::Staircase {
-            angle,
-            steps: 4,
-            hold,
-        }),
-        // Two ramps up and down.
-        "triangle" => Some(Protocol::Triangle {
-            angle,
-            ramp: hold,
-            cycles: 2,
-        }),
-        _ => None,
-    };
-    let (time, setpoint, pressure) = if let Some(shape) = shape {
-        shape.pressure(&file.model)
-    } else {
-        let name = name.strip_prefix("board:").unwrap_or(name);
-        let Play {
-            time,
-            setpoint,
-            pressure,
-            ..
-        } = play(
-            &ProtocolFile::find(name)?,
-            &file.model,
-            u32::from(wire::telemetry::RATE_HZ),
-        );
-        (time, setpoint, pressure)
-    };
-    if pressure.iter().any(|pressure| !pressure.is_finite()) {
-        return Err(InputError::new(
-            "the model needs an infinite pressure for this set-point",
-            "give an input_gain_n_per_kpa other than zero",
-        )
-        .in_file(&file.path));
-    }
-    let recording = Recording {
-        angle: vec![0.0; time.len()],
-        time,
-        pressure,
-        ..Recording::default()
-    };
-    let setpoint = setpoint.iter().map(|angle| angle.to_degrees()).collect();
-    Ok((recording, Some(setpoint)))
-}
-
-/// The angle (rad) at which the plain model rests under `pressure` (Pa).
-pub(crate) fn steady_angle(model: &Model<f64>, pressure: f64) -> f64 {
-    let d = model.dynamics();
-    let angle = (d.input_gain.abs() * pressure / d.stiffness).powf(1.0 / d.exponent);
-    if angle.is_finite() { angle } else { 0.0 }
-}
-
-#[allow(clippy::cast_possible_truncation)]
-fn on_board<P: Power<f32>>(session: &Session, model: &Model<f64>, nuisance: &Nuisance) -> Vec<f64> {
-    let board: Model<f32, P> = model.map(|value| value as f32);
-    session.simulate(&board, nuisance)
 }

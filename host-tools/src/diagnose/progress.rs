@@ -5,9 +5,15 @@
 //! still to come is known for one step of a stage and not for all of them: whether
 //! combinations are tried depends on what single effects leave. The estimate says so. Where
 //! there is a [`Budget`], it also knows when that is spent, and what was left undone for it.
+//!
+//! A diagnosis that nobody waits for any more can be asked to [`Progress::stop`]. It ends at
+//! its next report, by unwinding as [`stoppable`] expects: between a fit and its caller lie a
+//! dozen functions and a pool of threads that need not know of it.
 
 use std::collections::BTreeSet;
 use std::fmt;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -27,6 +33,28 @@ pub struct Progress {
     started: Instant,
     budget: Option<Budget>,
     now: Mutex<Now>,
+    stop: AtomicBool,
+}
+
+/// Work ended because it was asked to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Stopped;
+
+/// Does work that reports to a [`Progress`] which may be asked to stop.
+///
+/// # Errors
+///
+/// [`Stopped`] if it was.
+///
+/// # Panics
+///
+/// As the work does.
+pub fn stoppable<T>(work: impl FnOnce() -> T) -> Result<T, Stopped> {
+    // What the work leaves half done is dropped with it.
+    catch_unwind(AssertUnwindSafe(work)).map_err(|cause| match cause.downcast::<Stopped>() {
+        Ok(stopped) => *stopped,
+        Err(defect) => resume_unwind(defect),
+    })
 }
 
 /// What is being done.
@@ -99,6 +127,7 @@ impl Default for Progress {
                 best: None,
                 undone: BTreeSet::new(),
             }),
+            stop: AtomicBool::new(false),
         }
     }
 }
@@ -140,8 +169,21 @@ impl Progress {
         Some(Ended { budget, undone })
     }
 
+    /// Asks the work to end. Only work within [`stoppable`] may be asked.
+    pub fn stop(&self) {
+        self.stop.store(true, Ordering::Relaxed);
+    }
+
+    /// Ends work that was asked to end. This is no panic: nothing is printed.
+    fn go_on(&self) {
+        if self.stop.load(Ordering::Relaxed) {
+            resume_unwind(Box::new(Stopped));
+        }
+    }
+
     /// Announces a stage of so many fits; 0 if that is not known.
     pub fn stage(&self, what: impl Into<String>, planned: usize) {
+        self.go_on();
         let mut now = self.now();
         now.stage = what.into();
         now.begin("", planned);
@@ -149,6 +191,7 @@ impl Progress {
 
     /// Announces a step of the stage, of so many fits.
     pub fn step(&self, what: &'static str, planned: usize) {
+        self.go_on();
         self.now().begin(what, planned);
     }
 
@@ -167,6 +210,7 @@ impl Progress {
 
     /// Counts a fit, once what is returned is dropped: also where the fit fails.
     pub fn fit(&self) -> Counted<'_> {
+        self.go_on();
         Counted(self)
     }
 
@@ -404,6 +448,33 @@ mod tests {
         let state = progress.state();
         assert_eq!(counts(&state), (0, 0, 82));
         assert_eq!(state.stage, "once more: quality of the recordings");
+    }
+
+    #[test]
+    fn work_that_is_asked_to_stop_ends_at_its_next_report_on_every_thread() {
+        use rayon::prelude::*;
+        let progress = Progress::default();
+        let fits = |stop_at: usize| {
+            stoppable(|| {
+                (0..1000).into_par_iter().for_each(|fit| {
+                    if fit == stop_at {
+                        progress.stop();
+                    }
+                    drop(progress.fit());
+                });
+            })
+        };
+        assert_eq!(fits(1000), Ok(()));
+        assert_eq!(fits(0), Err(Stopped));
+        assert_eq!(stoppable(|| progress.stage("another", 0)), Err(Stopped));
+        // Where nothing is reported, nothing ends.
+        assert_eq!(stoppable(|| progress.state().fits < 2000), Ok(true));
+    }
+
+    #[test]
+    #[should_panic(expected = "a defect")]
+    fn a_defect_stays_a_panic() {
+        let _ = stoppable::<()>(|| panic!("a defect"));
     }
 
     #[test]

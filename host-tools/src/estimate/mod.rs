@@ -9,7 +9,7 @@
 //! starts; [`subsample`] takes parts that are enough to rank candidates. [`fit`] finds
 //! the parameters, by way of a least-squares `problem` in the `coordinate`s of the
 //! solver, with the `normal` equations of many sessions, and [`information`] is what the recordings say about them; [`band`] is what
-//! that leaves open of the simulated curves.
+//! that leaves open of the simulated curves. [`mod@refit`] does it for a model file.
 
 pub mod assemble;
 pub mod band;
@@ -22,6 +22,7 @@ pub mod information;
 mod normal;
 pub mod nuisance;
 mod problem;
+pub mod refit;
 pub mod subsample;
 
 pub use dataset::{Dataset, Segment, Session};

@@ -93,11 +93,11 @@ pub fn read(
             *number = numbers.read(field, line, column).map_err(place)?;
             samples.decimals[quantity as usize].count(field);
         }
-        if let Some(question) = samples.push(row, layout).map_err(place)? {
-            let path = path.display();
+        if let Some((of, question)) = samples.push(row, layout).map_err(place)? {
+            let (path, column) = (path.display(), layout.names.of(of));
             samples
                 .warnings
-                .push(format!("{path}, line {line}, {question}"));
+                .push(format!("{path}, line {line}, column {column}: {question}"));
         }
         for (kept, &column) in samples.extra.iter_mut().zip(&other) {
             kept.fields.push(text_of(&record[column]).into_owned());
@@ -111,7 +111,9 @@ pub fn read(
         }
     }
     samples.forget_converted_decimals();
-    samples.check_length(path)?;
+    samples
+        .check_length()
+        .map_err(|error| error.in_file(path))?;
     if !rows.end_with_line() {
         samples.warnings.push(format!(
             "{}: the last line has no line end; if the recording was cut off there, its last value may be wrong",

@@ -5,6 +5,7 @@
 //! not say itself, in its header or its types, has to be said in a [`Layout`]. Behind this
 //! module a recording is a recording.
 
+mod arrays;
 pub mod dialect;
 mod guard;
 pub mod mat;
@@ -110,8 +111,12 @@ impl Samples {
     }
 
     /// Takes a row of the file: checks it, converts it, and asks about what is unusual.
-    /// The error has no place in the file yet; a question comes with the column it is about.
-    fn push(&mut self, row: [f64; 3], layout: &Layout) -> Result<Option<String>, InputError> {
+    /// The error has no place in the file yet; a question comes with what it is about.
+    fn push(
+        &mut self,
+        row: [f64; 3],
+        layout: &Layout,
+    ) -> Result<Option<(Quantity, String)>, InputError> {
         let [time, pressure, angle] = self.columns.read(row);
         if let Some(&before) = self.time_s.last()
             && time <= before
@@ -125,23 +130,27 @@ impl Samples {
         self.time_s.push(time);
         self.pressure_kpa.push(pressure);
         self.angle_deg.push(angle);
-        Ok(self.question(pressure, angle, layout))
+        Ok(self.question(pressure, angle))
     }
 
     /// Asks about values that look like another unit, once for each column.
-    fn question(&mut self, pressure: f64, angle: f64, layout: &Layout) -> Option<String> {
+    fn question(&mut self, pressure: f64, angle: f64) -> Option<(Quantity, String)> {
         if angle.abs() > SUSPICIOUS_ANGLE_DEG && !self.angle_asked {
             self.angle_asked = true;
-            return Some(format!(
-                "column {}: {angle} is more than two turns; is the column in degrees, or are pressure and angle exchanged (--exchange-columns)?",
-                layout.names.of(Quantity::Angle)
+            return Some((
+                Quantity::Angle,
+                format!(
+                    "{angle} is more than two turns; is the column in degrees, or are pressure and angle exchanged (--exchange-columns)?"
+                ),
             ));
         }
         if pressure.abs() > SUSPICIOUS_PRESSURE_KPA && !self.pressure_asked {
             self.pressure_asked = true;
-            return Some(format!(
-                "column {}: {pressure} kPa would burst a soft actuator; is the column in kPa (--units pressure=UNIT), or are pressure and angle exchanged (--exchange-columns)?",
-                layout.names.of(Quantity::Pressure)
+            return Some((
+                Quantity::Pressure,
+                format!(
+                    "{pressure} kPa would burst a soft actuator; is the column in kPa (--units pressure=UNIT), or are pressure and angle exchanged (--exchange-columns)?"
+                ),
             ));
         }
         None
@@ -352,11 +361,11 @@ impl Sheet {
                     );
                 }
             }
-            if let Some(question) = samples.push(values, layout).map_err(place)? {
-                let path = path.display();
+            if let Some((of, question)) = samples.push(values, layout).map_err(place)? {
+                let (path, column) = (path.display(), layout.names.of(of));
                 samples
                     .warnings
-                    .push(format!("{path}, row {row}, {question}"));
+                    .push(format!("{path}, row {row}, column {column}: {question}"));
             }
         }
         for (place, (name, values)) in self.columns.into_iter().enumerate() {
@@ -374,7 +383,9 @@ impl Sheet {
             });
         }
         samples.forget_converted_decimals();
-        samples.check_length(path)?;
+        samples
+            .check_length()
+            .map_err(|error| error.in_file(path))?;
         Ok(samples)
     }
 }
@@ -396,13 +407,12 @@ impl Samples {
         }
     }
 
-    fn check_length(&self, path: &Path) -> Result<(), InputError> {
+    fn check_length(&self) -> Result<(), InputError> {
         if self.len() < 2 {
             return Err(InputError::new(
                 format!("has {} samples", self.len()),
                 "a recording needs at least two; record it again",
-            )
-            .in_file(path));
+            ));
         }
         Ok(())
     }

@@ -18,6 +18,15 @@ pub const FITTED: &str = "fitted";
 /// Role of the file that says which run a recording is.
 pub const METADATA: &str = "metadata";
 
+/// Role of a recording that was held out.
+pub const HELD_OUT: &str = "held out";
+
+/// Role of the model.
+pub const MODEL: &str = "model";
+
+/// Role of a file of one's own effects.
+pub const EFFECTS: &str = "effects";
+
 /// How a page was made.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Provenance {
@@ -56,17 +65,13 @@ impl Provenance {
         command: String,
     ) -> Result<Self, InputError> {
         let fitted = recordings.iter().map(|path| (FITTED, path.as_path()));
-        let held_out = holdout.iter().map(|path| ("held out", path.as_path()));
-        let mut files = vec![Source::read("model", model)?];
+        let held_out = holdout.iter().map(|path| (HELD_OUT, path.as_path()));
+        let mut files = vec![Source::read(MODEL, model)?];
         if let Some(effects) = effects {
-            files.push(Source::read("effects", effects)?);
+            files.push(Source::read(EFFECTS, effects)?);
         }
         for (role, path) in fitted.chain(held_out) {
-            files.push(Source::read(role, path)?);
-            let meta = meta_beside(path);
-            if meta.exists() {
-                files.push(Source::read(METADATA, &meta)?);
-            }
+            files.extend(Source::recording(role, path)?);
         }
         Ok(Self {
             command,
@@ -77,14 +82,38 @@ impl Provenance {
 }
 
 impl Source {
-    fn read(role: &'static str, path: &Path) -> Result<Self, InputError> {
+    /// Hashes a file.
+    ///
+    /// # Errors
+    ///
+    /// It cannot be read any more.
+    pub fn read(role: &'static str, path: &Path) -> Result<Self, InputError> {
         let bytes = std::fs::read(path).map_err(|error| InputError::from_io(path, &error))?;
-        Ok(Self {
+        Ok(Self::of(role, path.display().to_string(), &bytes))
+    }
+
+    /// Hashes a recording, and its metadata if there are any.
+    ///
+    /// # Errors
+    ///
+    /// One of the files cannot be read any more.
+    pub fn recording(role: &'static str, path: &Path) -> Result<Vec<Self>, InputError> {
+        let mut files = vec![Self::read(role, path)?];
+        let meta = meta_beside(path);
+        if meta.exists() {
+            files.push(Self::read(METADATA, &meta)?);
+        }
+        Ok(files)
+    }
+
+    /// Hashes what is in no file.
+    pub fn of(role: &'static str, path: String, bytes: &[u8]) -> Self {
+        Self {
             role,
-            path: path.display().to_string(),
+            path,
             bytes: bytes.len(),
-            sha256: hexadecimal(&Sha256::digest(&bytes)),
-        })
+            sha256: hexadecimal(&Sha256::digest(bytes)),
+        }
     }
 }
 

@@ -7,6 +7,9 @@ use crate::diagnose::verdict::Answer;
 /// As many lines are read at a glance.
 const LINES: usize = 25;
 
+/// How the result is kept, where nothing was written.
+pub const KEEP: &str = "Add --report report.html or -o repaired.toml to keep the result.";
+
 /// The summary; `seed` and `seconds` stand in its last line.
 pub fn summary(content: &Content, outputs: &Outputs<'_>, seed: u64, seconds: f64) -> String {
     let mut lines = vec![content.sentence.clone()];
@@ -209,7 +212,7 @@ fn written(content: &Content, outputs: &Outputs<'_>) -> Vec<String> {
     .filter_map(|(what, path)| path.map(|path| format!("{what}: {}", path.display())))
     .collect();
     if lines.is_empty() {
-        vec!["Add --report report.html or -o repaired.toml to keep the result.".into()]
+        vec![KEEP.into()]
     } else {
         lines
     }

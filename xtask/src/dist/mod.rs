@@ -1,9 +1,10 @@
 //! A release: `rig` that needs nothing installed, with the board's image, as one archive.
 //!
 //! The program is linked statically against musl, so that one file runs on every Linux of
-//! its processor, old or new. Nothing in it is C, so that Rust's own linker is enough, also
-//! for another processor than this machine's. The archive is unpacked again and run in a
-//! folder with nothing else in it: that is the proof.
+//! its processor, old or new. Rust's own linker does that, with the musl that comes with Rust's
+//! library; the one library of it that is C, zstd, is compiled against the headers of musl.
+//! The archive is unpacked again and run in a folder with nothing else in it: that is the
+//! proof. Beside it lies the wheel of the Python package, for systems like this one.
 //!
 //! The virtual rig is not in the archive. It links simavr, whose licence is the GPL, and
 //! its libraries are not static; whoever wants it builds it from source.
@@ -19,14 +20,14 @@ use std::{
 };
 
 use crate::{
-    avr,
+    avr, python, setup,
     shell::{self, Outcome, Steps, cargo, has_program, read, root, run, seconds, target_dir},
 };
 
 /// What a release is built for unless one asks for others.
 const DEFAULT_TARGET: &str = "x86_64-unknown-linux-musl";
 
-/// Targets of a static build that is linked without a C compiler. Only the first was tried.
+/// Targets of a static build. Only the first was tried.
 const TARGETS: [&str; 2] = [DEFAULT_TARGET, "aarch64-unknown-linux-musl"];
 
 /// Name of the board's image in the archive.
@@ -50,6 +51,8 @@ pub struct Options {
     with: Vec<PathBuf>,
     /// Whether the board's image goes along.
     firmware: bool,
+    /// Whether the Python package is put beside the archives.
+    wheel: bool,
     /// Whether to only say what would be done.
     dry_run: bool,
 }
@@ -65,6 +68,7 @@ impl Options {
             targets: Vec::new(),
             with: Vec::new(),
             firmware: true,
+            wheel: true,
             dry_run: false,
         };
         let mut words = words.iter();
@@ -76,6 +80,7 @@ impl Options {
             match word {
                 "--dry-run" => options.dry_run = true,
                 "--no-firmware" => options.firmware = false,
+                "--no-wheel" => options.wheel = false,
                 "--with" => options.with.push(PathBuf::from(value()?)),
                 "--target" => {
                     let target = *value()?;
@@ -110,7 +115,7 @@ pub fn dist(options: &Options) -> Outcome {
     let folder = target_dir().join("dist");
     let _ = fs::remove_dir_all(&folder);
     make(&folder)?;
-    let mut steps = Steps::new(1 + 4 * options.targets.len() + 1);
+    let mut steps = Steps::new(1 + 4 * options.targets.len() + 2);
     let mut image = None;
     if options.firmware {
         steps.step("the board's image", || {
@@ -142,8 +147,17 @@ pub fn dist(options: &Options) -> Outcome {
         }
         fs::remove_dir_all(&staged).map_err(|error| cannot("remove", &staged, &error))?;
     }
+    let mut with = options.with.clone();
+    if options.wheel {
+        steps.step("the Python package", || {
+            with.push(python::wheel()?);
+            Ok(())
+        })?;
+    } else {
+        steps.skip("the Python package", "--no-wheel was given");
+    }
     steps.step("checksums", || {
-        for file in &options.with {
+        for file in &with {
             copy(file, &folder.join(file.file_name().unwrap_or_default()))?;
         }
         checksums(&folder)?;
@@ -160,6 +174,10 @@ fn plan(options: &Options) -> Outcome {
     for target in &options.targets {
         if !has_library(target)? {
             println!("dist: would run rustup target add {target}");
+        }
+        let compiler = c_compiler(target);
+        if !has_program(&compiler) {
+            println!("dist: would look for {compiler} in Debian's package musl-tools");
         }
         println!("dist: would run {}", shell::text(&build_command(target)));
         println!(
@@ -181,6 +199,9 @@ fn plan(options: &Options) -> Outcome {
                 "would not try it: it is for another processor".into()
             }
         );
+    }
+    if options.wheel {
+        println!("dist: would build the wheel of the Python package, as cargo xtask wheel does");
     }
     for file in &options.with {
         println!("dist: would put {} beside it", file.display());
@@ -212,17 +233,23 @@ fn has_library(target: &str) -> Outcome<bool> {
         .is_dir())
 }
 
+/// The C compiler that finds the headers of musl: glibc's would leave calls in its programs
+/// that musl does not have.
+fn c_compiler(target: &str) -> String {
+    let processor = target.split('-').next().unwrap_or(target);
+    format!("{processor}-linux-musl-gcc")
+}
+
 /// `cargo build` for a target with Rust's own linker.
 fn build_command(target: &str) -> Command {
-    let linker = format!(
-        "CARGO_TARGET_{}_LINKER",
-        target.to_uppercase().replace('-', "_")
-    );
+    let name = target.replace('-', "_");
+    let linker = format!("CARGO_TARGET_{}_LINKER", name.to_uppercase());
     let mut command = cargo();
     command
         .args(["build", "--release", "--locked", "-p", "host-tools"])
         .args(["--bin", "rig", "--target", target])
         .env(linker, "rust-lld")
+        .env(format!("CC_{name}"), c_compiler(target))
         // Where the sources are is nobody's business, and differs from build to build.
         .env(
             "RUSTFLAGS",
@@ -239,6 +266,7 @@ fn build(target: &str) -> Outcome<PathBuf> {
             format!("{failure}\n  Rust's library for {target} is missing: `rustup target add {target}`, with access to static.rust-lang.org")
         })?;
     }
+    setup::musl_gcc(&c_compiler(target))?;
     run(&mut build_command(target))?;
     let program = target_dir().join(target).join("release/rig");
     let bytes = fs::read(&program).map_err(|error| cannot("read", &program, &error))?;
@@ -433,11 +461,12 @@ mod tests {
     fn options_are_read_or_refused() {
         let options = Options::parse(&[]).unwrap();
         assert_eq!(options.targets, [DEFAULT_TARGET]);
-        assert!(options.firmware && !options.dry_run);
+        assert!(options.firmware && options.wheel && !options.dry_run);
         let options = Options::parse(&[
             "--target",
             "aarch64-unknown-linux-musl",
             "--no-firmware",
+            "--no-wheel",
             "--with",
             "a.whl",
             "--dry-run",
@@ -445,7 +474,7 @@ mod tests {
         .unwrap();
         assert_eq!(options.targets, ["aarch64-unknown-linux-musl"]);
         assert_eq!(options.with, [Path::new("a.whl")]);
-        assert!(!options.firmware && options.dry_run);
+        assert!(!options.firmware && !options.wheel && options.dry_run);
         for wrong in [
             &["--target"][..],
             &["--target", "--dry-run"],

@@ -1,0 +1,588 @@
+"""Finds where the simulation of a soft pneumatic actuator and its measurements disagree,
+names the missing effect, and repairs the model.
+
+Names say their units: ``_s``, ``_kpa`` (gauge pressure), ``_deg`` (bending angle),
+``_n`` (force).
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from os import PathLike
+from typing import Any, Literal, TypeAlias, TypedDict, final, overload
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+from typing_extensions import Unpack
+
+__all__ = [
+    "Diagnosis",
+    "Example",
+    "Fit",
+    "FitRun",
+    "InputError",
+    "InputWarning",
+    "Model",
+    "Parameter",
+    "Progress",
+    "Recording",
+    "Run",
+    "Simulation",
+    "__version__",
+    "diagnose",
+    "example",
+    "fit",
+    "read",
+    "simulate",
+]
+
+__version__: str
+
+_Path: TypeAlias = str | PathLike[str]
+_Array: TypeAlias = NDArray[np.float64]
+_Recordings: TypeAlias = Recording | Iterable[Recording]
+
+class InputError(ValueError):
+    """A fault in a file or an argument. As a text: where it is, what was found, and what to
+    do about it."""
+
+    file: str | None
+    """The file, if the fault is in one."""
+    line: int | None
+    """Line, from 1."""
+    column: str | None
+    """Name of a column, or a position from 1 in a text."""
+    found: str
+    """What was found."""
+    advice: str
+    """What to do about it."""
+
+class InputWarning(UserWarning):
+    """Something unusual about a recording that may be meant."""
+
+class _Names(TypedDict, total=False):
+    """The columns of a file that hold the recording, where they have other names."""
+
+    time: str
+    pressure: str
+    angle: str
+    setpoint_deg: str
+    setpoint_kpa: str
+    pump_ul: str
+    predicted_deg: str
+    state: str
+    fault: str
+    seq: str
+
+class _Units(TypedDict, total=False):
+    """Units, as ``rig --units`` takes them; also as people write them, such as ``"sec"``."""
+
+    time: Literal["s", "ms", "us", "ns", "min"] | str
+    pressure: Literal["kpa", "psi", "bar", "mbar", "mpa", "pa", "mmhg"] | str
+    angle: Literal["deg", "rad"] | str
+
+class _Meaning(TypedDict, total=False):
+    """What columns hold, if not s, kPa (gauge) and °: the flags of ``rig``."""
+
+    units: _Units | None
+    absolute_pressure: bool | float
+    """True takes off the air at sea level, a number so many kPa."""
+    flip_angle: bool
+    """The angle counts the other way round."""
+    exchange_columns: bool
+    """Pressure and angle stand in each other's column."""
+
+@final
+class Recording:
+    """A recorded run or session: time, pressure and bending angle."""
+
+    def __new__(
+        cls,
+        *,
+        time_s: ArrayLike,
+        pressure_kpa: ArrayLike,
+        angle_deg: ArrayLike,
+        name: str = "recording",
+        metadata: Mapping[str, Any] | None = None,
+        **meaning: Unpack[_Meaning],
+    ) -> Recording: ...
+    @staticmethod
+    def from_pandas(
+        frame: pd.DataFrame,
+        *,
+        time_s: str = "time_s",
+        pressure_kpa: str = "pressure_kpa",
+        angle_deg: str = "angle_deg",
+        name: str = "recording",
+        metadata: Mapping[str, Any] | None = None,
+        **meaning: Unpack[_Meaning],
+    ) -> Recording:
+        """Makes a recording of a frame. The names of its columns can be given; the time may
+        be its index. Other columns are kept."""
+
+    @property
+    def time_s(self) -> _Array: ...
+    @property
+    def pressure_kpa(self) -> _Array: ...
+    @property
+    def angle_deg(self) -> _Array: ...
+    @property
+    def name(self) -> str:
+        """Name: of a file without its folder and extension."""
+
+    @property
+    def path(self) -> PathLike[str] | None:
+        """The file that it was read from; None if it is of arrays."""
+
+    @property
+    def metadata(self) -> dict[str, Any]:
+        """What is known about it, with the keys of ``NAME.meta.toml``."""
+
+    @property
+    def duration_s(self) -> float: ...
+    def to_pandas(self) -> pd.DataFrame:
+        """All columns as a frame."""
+
+    def __len__(self) -> int: ...
+
+# A text is a path, although it is an iterable of texts as well.
+@overload
+def read(  # type: ignore[overload-overlap]
+    path: _Path,
+    *,
+    columns: _Names | None = None,
+    model: Model | None = None,
+    **meaning: Unpack[_Meaning],
+) -> Recording: ...
+@overload
+def read(
+    path: Iterable[_Path],
+    *,
+    columns: _Names | None = None,
+    model: Model | None = None,
+    **meaning: Unpack[_Meaning],
+) -> list[Recording]:
+    """Reads a recording, or several.
+
+    ``columns`` and ``units`` say where the recording stands in a file with other columns:
+    ``{"time": "t", "pressure": "p_psi"}`` and ``{"time": "ms", "pressure": "psi"}``. What
+    they leave open, ``model`` says, as its file may in the section ``[recording]``."""
+
+@final
+class Model:
+    """A model: its parameters, what a fit may move, and the text of its file."""
+
+    @staticmethod
+    def read(path: _Path) -> Model: ...
+    @staticmethod
+    def from_toml(text: str, *, name: str = "model.toml") -> Model:
+        """Parses the text of a model file; ``name`` is named in messages."""
+
+    def to_toml(self) -> str:
+        """The text of the model file, with its comments."""
+
+    def write(self, path: _Path) -> None: ...
+    def replace(self, **parameters: float) -> Model:
+        """The model with other parameters: ``model.replace(exponent=2.0)``. Keys with a dot
+        are given as ``model.replace(**{"gravity.force_n": 0.3})``."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def path(self) -> PathLike[str] | None:
+        """The file that it was read from; None if it is of a text."""
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """All parameters in the units that their keys say, those of an effect behind its
+        kind: ``coulomb_friction.force_n``."""
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Units of the parameters, by the same keys."""
+
+    @property
+    def free(self) -> list[str]:
+        """Keys of the parameters that a fit may move."""
+
+    @property
+    def effects(self) -> list[str]:
+        """Kinds of the effects, in the order of the file."""
+
+    @property
+    def inertia_kg_m(self) -> float: ...
+    @property
+    def damping_n_s_per_rad(self) -> float: ...
+    @property
+    def stiffness_n_per_rad_n(self) -> float: ...
+    @property
+    def exponent(self) -> float: ...
+    @property
+    def input_gain_n_per_kpa(self) -> float: ...
+
+@final
+class Simulation:
+    """A simulated run."""
+
+    @property
+    def time_s(self) -> _Array: ...
+    @property
+    def pressure_kpa(self) -> _Array: ...
+    @property
+    def angle_deg(self) -> _Array:
+        """The simulated angle, as the sensor would show it."""
+
+    @property
+    def measured_deg(self) -> _Array | None:
+        """The measured angle of the recording; None without one."""
+
+    @property
+    def setpoint_deg(self) -> _Array | None:
+        """The set-points of the protocol; None without one."""
+
+    @property
+    def rmse_deg(self) -> float | None:
+        """RMS error against the recording; None without one."""
+
+    def to_pandas(self) -> pd.DataFrame: ...
+    def __len__(self) -> int: ...
+
+def simulate(
+    model: Model,
+    recording: Recording | None = None,
+    *,
+    time_s: ArrayLike | None = None,
+    pressure_kpa: ArrayLike | None = None,
+    protocol: str | None = None,
+    angle_deg: float = 60.0,
+    hold_s: float = 5.0,
+    linear: bool = False,
+    arithmetic: Literal["f64", "board", "board-micromath"] = "f64",
+) -> Simulation:
+    """Simulates a model over a recording, over a pressure, or over a protocol.
+
+    Over a recording, zeros and start are those with which the model comes nearest to it.
+    Over ``time_s`` and ``pressure_kpa``, or over a protocol, it starts at rest."""
+
+@final
+class Parameter:
+    """A parameter that was free, in the unit of model files."""
+
+    @property
+    def unit(self) -> str: ...
+    @property
+    def nominal(self) -> float: ...
+    @property
+    def value(self) -> float: ...
+    @property
+    def interval95(self) -> tuple[float, float] | None:
+        """The ends of the 95 % interval; None if the recordings do not determine it."""
+
+@final
+class FitRun:
+    """A run of a fit: what was measured, and what the model makes of it."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def time_s(self) -> _Array: ...
+    @property
+    def pressure_kpa(self) -> _Array: ...
+    @property
+    def measured_deg(self) -> _Array: ...
+    @property
+    def nominal_deg(self) -> _Array:
+        """The angle of the model as it was given."""
+
+    @property
+    def fitted_deg(self) -> _Array: ...
+    @property
+    def residual_deg(self) -> _Array:
+        """The fitted angle less the measured one."""
+
+    @property
+    def rmse_deg(self) -> float: ...
+    def to_pandas(self) -> pd.DataFrame: ...
+
+@final
+class Fit:
+    """A fitted model beside the one that it began with."""
+
+    @property
+    def model(self) -> Model: ...
+    @property
+    def parameters(self) -> dict[str, Parameter]:
+        """The parameters that were free, by their keys in files."""
+
+    @property
+    def converged(self) -> bool: ...
+    @property
+    def rmse_deg(self) -> float: ...
+    @property
+    def nominal_rmse_deg(self) -> float: ...
+    @property
+    def pressure_zero_kpa(self) -> list[float]:
+        """What the pressure sensor shows without pressure, a number a session."""
+
+    @property
+    def angle_zero_deg(self) -> list[float]:
+        """What the angle sensor shows at 0°, a number a session."""
+
+    @property
+    def runs(self) -> list[FitRun]: ...
+
+def fit(model: Model, recordings: _Recordings, *, threads: int | None = None) -> Fit:
+    """Fits the free parameters of a model to recordings."""
+
+@final
+class Progress:
+    """How far a diagnosis is. As a text it is one line that says all of it."""
+
+    @property
+    def line(self) -> str:
+        """All of it in one line."""
+
+    @property
+    def stage(self) -> str: ...
+    @property
+    def done(self) -> int:
+        """Fits of the present step that are finished."""
+
+    @property
+    def planned(self) -> int:
+        """Fits of the present step; 0 where they are not counted in advance."""
+
+    @property
+    def fits(self) -> int:
+        """Finished fits of all steps."""
+
+    @property
+    def elapsed_s(self) -> float: ...
+    @property
+    def remaining_s(self) -> float | None:
+        """How long the present step still takes; None if that cannot be said yet."""
+
+    @property
+    def best(self) -> str | None:
+        """The best explanation so far; None if there is none."""
+
+_Answer: TypeAlias = Literal[
+    "effect_found", "parameters_only", "no_discrepancy", "cannot_tell", "unexplained"
+]
+
+class _NamedEffect:
+    kind: str
+    parameters: dict[str, float]
+    interval95: dict[str, list[float]]
+    probability: float
+
+class _Alternative:
+    kinds: list[str]
+    probability: float
+    delta_bic: float
+
+class _Adequacy:
+    adequate: bool
+    holdout_gap_closed: float
+    exact_form: bool
+
+class _Closure:
+    short: float
+    medium: float
+    full: float
+    overall: float
+
+class _Remaining:
+    rmse_deg: float
+    times_noise: float
+    goes_with: str | None
+
+class _Repair:
+    kind: str
+    of: list[str]
+
+class _Place:
+    feature: str
+    share_of_gap: float
+    text: str
+
+class _FittedError:
+    nominal: float
+    refit: float
+    repaired: float
+    noise_floor: float
+
+class _HeldOutError:
+    nominal: float
+    refit: float
+    repaired: float
+
+class _Zeros:
+    pressure_zero_kpa: list[float]
+    angle_zero_deg: list[float]
+
+class _Experiment:
+    protocol: str
+    separates: list[str]
+    expected_delta_chi2: float
+
+class _Verdict:
+    """The verdict with the names of the JSON; ``rig schema`` says what each means. What
+    stands under ``where`` in the JSON, a keyword of Python, is here ``places``."""
+
+    schema: int
+    verdict: _Answer
+    strength: Literal["explains", "part"] | None
+    family: str | None
+    effects: list[_NamedEffect]
+    alternatives: list[_Alternative]
+    adequacy: _Adequacy
+    closure: _Closure | None
+    remaining: _Remaining
+    repair: _Repair | None
+    places: list[_Place]
+    rmse_deg: _FittedError
+    holdout_rmse_deg: _HeldOutError
+    nuisance: _Zeros
+    upload: bool
+    next_experiment: list[_Experiment]
+    ended: Literal["budget"] | None
+    not_tried: list[str]
+    recordings: list[str]
+    seed: int
+    tool_version: str
+    seconds: float
+
+@final
+class Run:
+    """A run of a diagnosis: what was measured, and what each model makes of it."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def held_out(self) -> bool:
+        """Whether it was kept out of the fit."""
+
+    @property
+    def time_s(self) -> _Array: ...
+    @property
+    def pressure_kpa(self) -> _Array: ...
+    @property
+    def measured_deg(self) -> _Array: ...
+    @property
+    def nominal_deg(self) -> _Array:
+        """The angle of the model as it was given."""
+
+    @property
+    def refit_deg(self) -> _Array:
+        """The angle of the refitted model."""
+
+    @property
+    def repaired_deg(self) -> _Array:
+        """The angle of the repaired model."""
+
+    @property
+    def nominal_residual_deg(self) -> _Array:
+        """Simulated less measured angle of the model as it was given."""
+
+    @property
+    def refit_residual_deg(self) -> _Array: ...
+    @property
+    def repaired_residual_deg(self) -> _Array: ...
+    @property
+    def missing_force_n(self) -> _Array | None:
+        """The force that the refitted model lacks, positive where it acts against growing
+        angles; None for a run that was held out."""
+
+    @property
+    def missing_force_sd_n(self) -> _Array | None:
+        """Standard deviation of the missing force."""
+
+    @property
+    def compared(self) -> NDArray[np.bool_]:
+        """Whether the measured angle of each sample was compared: not where the sensor was
+        at the end of its range."""
+
+    def to_pandas(self) -> pd.DataFrame: ...
+
+@final
+class Diagnosis:
+    """What a diagnosis found. As a text it is the summary that ``rig diagnose`` prints."""
+
+    @property
+    def answer(self) -> _Answer: ...
+    @property
+    def sentence(self) -> str:
+        """The answer in one sentence."""
+
+    @property
+    def effects(self) -> list[str]:
+        """Kinds of the effects that are named, as in model files."""
+
+    @property
+    def notes(self) -> list[str]:
+        """What is noteworthy about the recordings."""
+
+    @property
+    def verdict(self) -> _Verdict: ...
+    def json(self) -> str:
+        """The verdict as ``rig diagnose --json`` writes it."""
+
+    @property
+    def model(self) -> Model:
+        """The model to go on with: repaired, refitted, or as it was."""
+
+    @property
+    def runs(self) -> tuple[Run, ...]:
+        """The runs, fitted ones first."""
+
+    def report(self, path: _Path) -> None:
+        """Writes the report: one HTML page that needs no network."""
+
+    def plot(self, path: _Path) -> None:
+        """Draws measured, before and after, and what is left, as SVG."""
+
+    def _repr_html_(self) -> str: ...
+
+def diagnose(
+    model: Model,
+    recordings: _Recordings,
+    *,
+    holdout: _Recordings | None = None,
+    effects: _Path | None = None,
+    seed: int = 1,
+    progress: Callable[[Progress], object] | None = None,
+    threads: int | None = None,
+    resume: _Path | None = None,
+    budget_s: float | None = None,
+) -> Diagnosis:
+    """Diagnoses a model against recordings: which effect does it lack?
+
+    Without ``holdout`` the runs are left out in turn to judge by. ``progress`` is called a
+    few times a second; ``print`` will do. ``resume`` is a folder in which finished fits are
+    kept, and from which they are taken up. ``effects`` is a file of effects with formulas of
+    your own, which are tried beside those that are known. After ``budget_s`` seconds the
+    search ends with an answer on what was tried until then."""
+
+@final
+class Example:
+    """Simulated recordings of an actuator that hides something."""
+
+    @property
+    def model(self) -> Model:
+        """The model that its owner believes in."""
+
+    @property
+    def truth(self) -> Model:
+        """The answer: look here last."""
+
+    @property
+    def recordings(self) -> list[Recording]: ...
+    def write(self, folder: _Path) -> None:
+        """Writes model.toml, truth.toml and recordings/ into a folder, as ``rig example``
+        does."""
+
+def example(seed: int = 1, *, effect: str | None = None, noise_deg: float = 0.4) -> Example:
+    """Simulates recordings with an effect hidden in them.
+
+    The seed decides the actuator, the noise and the hidden effect, unless one is named;
+    "none" hides nothing but wrong parameters."""

@@ -1,0 +1,517 @@
+//! `softrig.diagnose`.
+
+use std::num::NonZero;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use host_tools::checkpoint::Checkpoint;
+use host_tools::cmd::output::{self, FileKind, Output};
+use host_tools::diagnose::verdict::{Verdict, schema};
+use host_tools::diagnose::{Budget, Diagnosis as Found, Progress, Request, diagnose_from};
+use host_tools::error::{InputError as Fault, write_atomically};
+use host_tools::model_file::ModelFile;
+use host_tools::own_effects::OwnEffects;
+use host_tools::plot::write_svg;
+use host_tools::recording;
+use host_tools::report::Outputs;
+use host_tools::report::content::Content;
+use host_tools::report::html::page;
+use host_tools::report::pictures::figure;
+use host_tools::report::provenance::{EFFECTS, FITTED, HELD_OUT, Provenance, Source};
+use host_tools::report::runs::runs;
+use host_tools::report::terminal::{KEEP, summary};
+use minijinja::value::Serde;
+use minijinja::{Environment, context};
+use pyo3::exceptions::PyRuntimeError;
+use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
+use pyo3::types::PyTuple;
+
+use crate::fault::OrRaise;
+use crate::frame::frame;
+use crate::model::Model;
+use crate::recording::{Recording, inputs, recordings};
+use crate::values::{Array, array, object};
+use crate::work::{self, Listener};
+
+/// The summary in a notebook.
+const TEMPLATE: &str = include_str!("assets/summary.html");
+
+/// How the result is kept.
+const KEEP_HERE: &str =
+    "Call .report(\"report.html\") or .model.write(\"repaired.toml\") to keep the result.";
+
+/// What a diagnosis found.
+#[pyclass(frozen, module = "softrig")]
+pub struct Diagnosis {
+    /// The model to go on with.
+    #[pyo3(get)]
+    model: Py<Model>,
+    file: Arc<ModelFile>,
+    fitted: Vec<recording::Recording>,
+    held_out: Vec<recording::Recording>,
+    own: Option<OwnEffects>,
+    seed: u64,
+    seconds: f64,
+    provenance: Provenance,
+    content: Content,
+    found: Box<Found>,
+    runs: PyOnceLock<Py<PyTuple>>,
+}
+
+#[pymethods]
+impl Diagnosis {
+    /// The answer: effect_found, parameters_only, no_discrepancy, cannot_tell or unexplained.
+    #[getter]
+    fn answer(&self) -> PyResult<String> {
+        let answer = serde_json::to_value(self.found.answer).map_err(defect)?;
+        Ok(answer.as_str().unwrap_or_default().to_owned())
+    }
+
+    /// The answer in one sentence.
+    #[getter]
+    fn sentence(&self) -> &str {
+        &self.content.sentence
+    }
+
+    /// Kinds of the effects that are named, as in model files.
+    #[getter]
+    fn effects(&self) -> Vec<&'static str> {
+        self.found.named.iter().map(|kind| kind.name()).collect()
+    }
+
+    /// What is noteworthy about the recordings.
+    #[getter]
+    fn notes(&self) -> Vec<String> {
+        self.found
+            .concerns
+            .iter()
+            .map(ToString::to_string)
+            .collect()
+    }
+
+    /// The whole verdict, with the names of the JSON as attributes.
+    #[getter]
+    fn verdict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let verdict = serde_json::to_value(self.as_verdict()).map_err(defect)?;
+        let schema = schema();
+        object(py, &verdict, &schema, &schema["$defs"])
+    }
+
+    /// The verdict as `rig diagnose --json` writes it.
+    fn json(&self) -> PyResult<String> {
+        let mut text = serde_json::to_string_pretty(&self.as_verdict()).map_err(defect)?;
+        text.push('\n');
+        Ok(text)
+    }
+
+    /// The runs, fitted ones first.
+    #[getter]
+    fn runs<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
+        let made = self.runs.get_or_try_init(py, || {
+            Ok::<_, PyErr>(PyTuple::new(py, self.make_runs())?.unbind())
+        })?;
+        Ok(made.bind(py).clone())
+    }
+
+    /// Writes the report: one HTML page that needs no network.
+    fn report(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        self.check(&Output::of("report", FileKind::Page, Some(&path)))
+            .or_raise(py)?;
+        let text = py
+            .detach(|| {
+                page(
+                    &self.request(),
+                    &self.found,
+                    &self.content,
+                    &self.provenance,
+                    self.seconds,
+                )
+            })
+            .map_err(defect)?;
+        write_atomically(&path, text.as_bytes()).or_raise(py)
+    }
+
+    /// Draws measured, before and after, and what is left, as SVG.
+    fn plot(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        self.check(&Output::of("plot", FileKind::Picture, Some(&path)))
+            .or_raise(py)?;
+        py.detach(|| write_svg(&path, &figure(&self.found)))
+            .map_err(|error| PyRuntimeError::new_err(error.to_string()))
+    }
+
+    /// The summary that `rig diagnose` prints.
+    fn __str__(&self) -> String {
+        let nothing = Outputs::default();
+        summary(&self.content, &nothing, self.seed, self.seconds).replace(KEEP, KEEP_HERE)
+    }
+
+    fn __repr__(&self) -> PyResult<String> {
+        let answer = self.answer()?;
+        let effects = self.effects().join(", ");
+        Ok(if effects.is_empty() {
+            format!("<softrig.Diagnosis: {answer}>")
+        } else {
+            format!("<softrig.Diagnosis: {answer}, {effects}>")
+        })
+    }
+
+    fn _repr_html_(&self) -> PyResult<String> {
+        let mut environment = Environment::new();
+        // The name decides that values are escaped: they are names that users gave.
+        environment
+            .add_template("summary.html", TEMPLATE)
+            .and_then(|()| environment.get_template("summary.html"))
+            .and_then(|template| {
+                template.render(context! {
+                    content => Serde(&self.content),
+                    missing => self.content.something_is_missing(),
+                    seed => self.seed,
+                    seconds => format!("{:.1}", self.seconds),
+                })
+            })
+            .map_err(defect)
+    }
+}
+
+impl Diagnosis {
+    fn request(&self) -> Request<'_> {
+        Request {
+            file: &self.file,
+            recordings: &self.fitted,
+            holdout: &self.held_out,
+            own: self.own.as_ref(),
+            seed: self.seed,
+        }
+    }
+
+    fn as_verdict(&self) -> Verdict {
+        self.found.verdict(&self.request(), self.seconds)
+    }
+
+    /// Refuses a file that should not be written over.
+    fn check(&self, output: &Output<'_>) -> Result<(), Fault> {
+        let recordings = self.fitted.iter().chain(&self.held_out);
+        let read = recordings
+            .map(|recording| &recording.path)
+            .chain([&self.file.path])
+            .chain(self.own.iter().map(|own| &own.path));
+        output::check(std::slice::from_ref(output), read)
+    }
+
+    fn make_runs(&self) -> Vec<Run> {
+        let forces = &self.found.gap.runs;
+        runs(&self.found)
+            .into_iter()
+            .map(|run| {
+                let force = forces.get(run.index).filter(|_| !run.held_out);
+                Run {
+                    name: run.recording.name.clone(),
+                    held_out: run.held_out,
+                    time: run.recording.time.clone(),
+                    nominal: run.angle(&run.nominal),
+                    refit: run.angle(&run.refit),
+                    repaired: run.angle(&run.repaired),
+                    residuals: [run.nominal, run.refit, run.repaired],
+                    force: force.map(|force| force.force.clone()),
+                    deviation: force.map(|force| force.deviation.clone()),
+                    pressure: run.pressure,
+                    measured: run.measured,
+                    is_compared: run.silent.iter().map(|silent| !silent).collect(),
+                }
+            })
+            .collect()
+    }
+}
+
+/// Something that no input is known to cause.
+fn defect(error: impl std::fmt::Display) -> PyErr {
+    PyRuntimeError::new_err(format!("softrig has a defect: {error}"))
+}
+
+/// A run of a diagnosis: what was measured, and what each model makes of it.
+#[pyclass(frozen, module = "softrig")]
+#[derive(Clone, Debug)]
+pub struct Run {
+    name: String,
+    held_out: bool,
+    time: Vec<f64>,
+    pressure: Vec<f64>,
+    measured: Vec<f64>,
+    nominal: Vec<f64>,
+    refit: Vec<f64>,
+    repaired: Vec<f64>,
+    /// Of nominal, refitted and repaired model.
+    residuals: [Vec<f64>; 3],
+    force: Option<Vec<f64>>,
+    deviation: Option<Vec<f64>>,
+    is_compared: Vec<bool>,
+}
+
+#[pymethods]
+impl Run {
+    /// Name of the run.
+    #[getter]
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Whether it was kept out of the fit.
+    #[getter]
+    fn held_out(&self) -> bool {
+        self.held_out
+    }
+
+    /// Time of each sample (s).
+    #[getter]
+    fn time_s<'py>(&self, py: Python<'py>) -> Array<'py> {
+        array(py, &self.time)
+    }
+
+    /// Gauge pressure (kPa), its zero still in it.
+    #[getter]
+    fn pressure_kpa<'py>(&self, py: Python<'py>) -> Array<'py> {
+        array(py, &self.pressure)
+    }
+
+    /// The measured angle (°).
+    #[getter]
+    fn measured_deg<'py>(&self, py: Python<'py>) -> Array<'py> {
+        array(py, &self.measured)
+    }
+
+    /// The angle of the model as it was given (°).
+    #[getter]
+    fn nominal_deg<'py>(&self, py: Python<'py>) -> Array<'py> {
+        array(py, &self.nominal)
+    }
+
+    /// The angle of the refitted model (°).
+    #[getter]
+    fn refit_deg<'py>(&self, py: Python<'py>) -> Array<'py> {
+        array(py, &self.refit)
+    }
+
+    /// The angle of the repaired model (°).
+    #[getter]
+    fn repaired_deg<'py>(&self, py: Python<'py>) -> Array<'py> {
+        array(py, &self.repaired)
+    }
+
+    /// Simulated less measured angle of the model as it was given (°).
+    #[getter]
+    fn nominal_residual_deg<'py>(&self, py: Python<'py>) -> Array<'py> {
+        array(py, &self.residuals[0])
+    }
+
+    /// The same of the refitted model (°).
+    #[getter]
+    fn refit_residual_deg<'py>(&self, py: Python<'py>) -> Array<'py> {
+        array(py, &self.residuals[1])
+    }
+
+    /// The same of the repaired model (°).
+    #[getter]
+    fn repaired_residual_deg<'py>(&self, py: Python<'py>) -> Array<'py> {
+        array(py, &self.residuals[2])
+    }
+
+    /// The force that the refitted model lacks (N), positive where it acts against growing
+    /// angles; None for a run that was held out.
+    #[getter]
+    fn missing_force_n<'py>(&self, py: Python<'py>) -> Option<Array<'py>> {
+        self.force.as_ref().map(|values| array(py, values))
+    }
+
+    /// Standard deviation of the missing force (N).
+    #[getter]
+    fn missing_force_sd_n<'py>(&self, py: Python<'py>) -> Option<Array<'py>> {
+        self.deviation.as_ref().map(|values| array(py, values))
+    }
+
+    /// Whether the measured angle of each sample was compared: not where the sensor was at
+    /// the end of its range.
+    #[getter]
+    fn compared<'py>(&self, py: Python<'py>) -> Bound<'py, numpy::PyArray1<bool>> {
+        numpy::PyArray1::from_slice(py, &self.is_compared)
+    }
+
+    /// All of it as a pandas frame.
+    fn to_pandas<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let frame = frame(
+            py,
+            &[
+                ("time_s", Some(&self.time)),
+                ("pressure_kpa", Some(&self.pressure)),
+                ("measured_deg", Some(&self.measured)),
+                ("nominal_deg", Some(&self.nominal)),
+                ("refit_deg", Some(&self.refit)),
+                ("repaired_deg", Some(&self.repaired)),
+                ("missing_force_n", self.force.as_deref()),
+                ("missing_force_sd_n", self.deviation.as_deref()),
+            ],
+        )?;
+        frame.set_item("compared", self.compared(py))?;
+        Ok(frame)
+    }
+
+    fn __repr__(&self) -> String {
+        let Self { name, time, .. } = self;
+        let role = if self.held_out { "held out" } else { "fitted" };
+        format!("<softrig.Run {name:?}: {role}, {} samples>", time.len())
+    }
+}
+
+/// Diagnoses a model against recordings: which effect does it lack?
+///
+/// Without `holdout` the runs are left out in turn to judge by. `progress` is called a few
+/// times a second with a Progress; `print` will do. `resume` is a folder in which finished
+/// fits are kept, and from which they are taken up. `effects` is a file of effects with
+/// formulas of your own, which are tried beside those that are known. After `budget_s` seconds
+/// the search ends with an answer on what was tried until then.
+#[pyfunction]
+#[pyo3(signature = (model, recordings, *, holdout = None, effects = None, seed = 1, progress = None, threads = None, resume = None, budget_s = None))]
+#[allow(clippy::too_many_arguments)] // Each has a name where it is called.
+pub fn diagnose(
+    py: Python<'_>,
+    model: &Bound<'_, Model>,
+    recordings: &Bound<'_, PyAny>,
+    holdout: Option<&Bound<'_, PyAny>>,
+    effects: Option<PathBuf>,
+    seed: u64,
+    progress: Option<Bound<'_, PyAny>>,
+    threads: Option<NonZero<usize>>,
+    resume: Option<PathBuf>,
+    budget_s: Option<f64>,
+) -> PyResult<Diagnosis> {
+    let given = model.get();
+    let fitted = self::recordings(recordings)?;
+    let held_out = holdout.map_or_else(|| Ok(Vec::new()), self::recordings)?;
+    let budget = budget_s.map(budget).transpose().or_raise(py)?;
+    let own = effects
+        .map(|path| OwnEffects::read(&path, &given.file.model))
+        .transpose()
+        .or_raise(py)?;
+    let call = Call {
+        model: given,
+        fitted: &fitted,
+        held_out: &held_out,
+        own: own.as_ref(),
+        seed,
+        budget_s,
+    };
+    let provenance = call.provenance().or_raise(py)?;
+    let [fitted, held_out] = inputs(py, &fitted, &held_out)?;
+    let checkpoint = match resume {
+        Some(folder) => Checkpoint::open(&folder).or_raise(py)?,
+        None => Checkpoint::default(),
+    };
+    let file = Arc::clone(&given.file);
+    let clock = Instant::now();
+    let work = move |progress: &Progress| {
+        let request = Request {
+            file: &file,
+            recordings: &fitted,
+            holdout: &held_out,
+            own: own.as_ref(),
+            seed,
+        };
+        let found = diagnose_from(&request, &checkpoint, progress)?;
+        let seconds = clock.elapsed().as_secs_f64();
+        let content = Content::of(&request, &found);
+        Ok((Box::new(found), content, seconds, fitted, held_out, own))
+    };
+    let listener = Listener::new(progress);
+    let progress = Progress::within(budget);
+    let (found, content, seconds, fitted, held_out, own) =
+        work::run(py, threads, progress, listener, work)?.or_raise(py)?;
+    let repaired = given.with(py, &found.model_text(&given.file))?;
+    Ok(Diagnosis {
+        model: Py::new(py, repaired)?,
+        file: Arc::clone(&given.file),
+        fitted,
+        held_out,
+        own,
+        seed,
+        seconds,
+        provenance,
+        content,
+        found,
+        runs: PyOnceLock::new(),
+    })
+}
+
+/// The time that a search may take, of seconds.
+fn budget(seconds: f64) -> Result<Budget, Fault> {
+    let time = Duration::try_from_secs_f64(seconds).map_err(|_| {
+        let advice = "give the seconds after which the search shall end, such as 30";
+        Fault::new(format!("budget_s is {seconds}"), advice)
+    })?;
+    Ok(Budget::Time(time))
+}
+
+/// What a diagnosis was called with.
+struct Call<'a> {
+    model: &'a Model,
+    fitted: &'a [Recording],
+    held_out: &'a [Recording],
+    own: Option<&'a OwnEffects>,
+    seed: u64,
+    budget_s: Option<f64>,
+}
+
+impl Call<'_> {
+    /// What a report says of how it was made: the call, as far as files can say it, and
+    /// hashes.
+    fn provenance(&self) -> Result<Provenance, Fault> {
+        let mut files = vec![self.model.source()];
+        if let Some(own) = self.own {
+            files.push(Source::read(EFFECTS, &own.path)?);
+        }
+        for (recordings, role) in [(self.fitted, FITTED), (self.held_out, HELD_OUT)] {
+            files.extend(recordings.iter().flat_map(|it| it.sources(role)));
+        }
+        Ok(Provenance {
+            command: self.text(),
+            version: env!("CARGO_PKG_VERSION"),
+            files,
+        })
+    }
+
+    fn text(&self) -> String {
+        let mut text = if self.model.is_of_file() {
+            let path = quoted(&self.model.file.path);
+            format!("softrig.diagnose(softrig.Model.read({path}), ")
+        } else {
+            "softrig.diagnose(softrig.Model.from_toml(…), ".to_owned()
+        };
+        text += &read(self.fitted);
+        if !self.held_out.is_empty() {
+            text += &format!(", holdout={}", read(self.held_out));
+        }
+        if let Some(own) = self.own {
+            text += &format!(", effects={}", quoted(&own.path));
+        }
+        text += &format!(", seed={}", self.seed);
+        if let Some(seconds) = self.budget_s {
+            text += &format!(", budget_s={seconds}");
+        }
+        text + ")"
+    }
+}
+
+fn quoted(path: &Path) -> String {
+    format!("{:?}", path.display().to_string())
+}
+
+/// How recordings were read, if their paths say it.
+fn read(recordings: &[Recording]) -> String {
+    if !recordings.iter().all(Recording::is_of_plain_file) {
+        return "[…]".to_owned();
+    }
+    let paths = recordings
+        .iter()
+        .map(|recording| quoted(&recording.inner.path));
+    format!("softrig.read([{}])", paths.collect::<Vec<_>>().join(", "))
+}

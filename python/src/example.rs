@@ -1,0 +1,70 @@
+//! `softrig.example`: recordings with an effect hidden in them.
+
+use std::path::{Path, PathBuf};
+
+use host_tools::example::{Example as Made, Hidden, make};
+use host_tools::model_file::ModelFile;
+use pyo3::prelude::*;
+
+use crate::fault::OrRaise;
+use crate::model::Model;
+use crate::recording::Recording;
+
+/// Simulated recordings of an actuator that hides something.
+#[pyclass(frozen, module = "softrig")]
+#[derive(Debug)]
+pub struct Example {
+    /// The model that its owner believes in.
+    #[pyo3(get)]
+    model: Py<Model>,
+    /// The answer: look here last.
+    #[pyo3(get)]
+    truth: Py<Model>,
+    recordings: Vec<Recording>,
+    inner: Made,
+}
+
+#[pymethods]
+impl Example {
+    /// The recordings.
+    #[getter]
+    fn recordings(&self) -> Vec<Recording> {
+        self.recordings.clone()
+    }
+
+    /// Writes model.toml, truth.toml and recordings/ into a folder, as `rig example` does.
+    fn write(&self, py: Python<'_>, folder: PathBuf) -> PyResult<()> {
+        self.inner.write(&folder).or_raise(py)
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<softrig.Example: {} recordings>", self.recordings.len())
+    }
+}
+
+/// Simulates recordings with an effect hidden in them.
+///
+/// The seed decides the actuator, the noise and the hidden effect, unless one is named;
+/// "none" hides nothing but wrong parameters.
+#[pyfunction]
+#[pyo3(signature = (seed = 1, *, effect = None, noise_deg = 0.4))]
+pub fn example(
+    py: Python<'_>,
+    seed: u64,
+    effect: Option<&str>,
+    noise_deg: f64,
+) -> PyResult<Example> {
+    let hidden = Hidden::named(effect).or_raise(py)?;
+    let made = py.detach(|| make(hidden, noise_deg, seed)).or_raise(py)?;
+    let model = |text: &str, name: &str| -> PyResult<Py<Model>> {
+        let file = ModelFile::parse(text, Path::new(name)).or_raise(py)?;
+        Py::new(py, Model::of_memory(file))
+    };
+    let recordings = made.as_read().or_raise(py)?;
+    Ok(Example {
+        model: model(&made.model, "model.toml")?,
+        truth: model(&made.truth, "truth.toml")?,
+        recordings: recordings.into_iter().map(Recording::of_memory).collect(),
+        inner: made,
+    })
+}

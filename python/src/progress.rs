@@ -1,0 +1,52 @@
+//! `softrig.Progress`: what a callback is told.
+
+use host_tools::diagnose::progress::State;
+use pyo3::prelude::*;
+
+/// How far a diagnosis is. As a text it is one line that says all of it.
+#[pyclass(frozen, get_all, module = "softrig")]
+#[derive(Clone, Debug)]
+pub struct Progress {
+    /// What is being done.
+    stage: String,
+    /// Fits of the present step that are finished.
+    done: usize,
+    /// Fits of the present step; 0 where they are not counted in advance.
+    planned: usize,
+    /// Finished fits of all steps.
+    fits: usize,
+    /// Time since the beginning (s).
+    elapsed_s: f64,
+    /// How long the present step still takes (s); None if that cannot be said yet.
+    remaining_s: Option<f64>,
+    /// The best explanation so far; None if there is none.
+    best: Option<String>,
+    /// All of it in one line.
+    line: String,
+}
+
+impl Progress {
+    pub fn of(state: &State) -> Self {
+        Self {
+            stage: state.stage.clone(),
+            done: state.done,
+            planned: state.planned,
+            fits: state.fits,
+            elapsed_s: state.elapsed.as_secs_f64(),
+            remaining_s: state.remaining().map(|left| left.as_secs_f64()),
+            best: state.best.as_ref().map(ToString::to_string),
+            line: state.to_string(),
+        }
+    }
+}
+
+#[pymethods]
+impl Progress {
+    fn __str__(&self) -> &str {
+        &self.line
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<softrig.Progress {:?}>", self.line)
+    }
+}

@@ -1,0 +1,461 @@
+//! `softrig.Recording` and `softrig.read`.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use host_tools::columns::{self, ATMOSPHERE_KPA, Columns, Layout, Names};
+use host_tools::error::InputError as Fault;
+use host_tools::recording::{self, Column, Meta, PASCAL_PER_KPA, check_distinct};
+use host_tools::report::provenance::{FITTED, Source};
+use pyo3::exceptions::PyTypeError;
+use pyo3::prelude::*;
+use pyo3::types::{PyBool, PyDict, PyString};
+use serde_json::Value;
+
+use crate::fault::{OrRaise, raised, warn};
+use crate::frame;
+use crate::model::Model;
+use crate::values::{Array, array, from_json, numbers, to_json};
+
+/// A recorded run or session: time, pressure and bending angle.
+#[pyclass(frozen, module = "softrig")]
+#[derive(Clone, Debug)]
+pub struct Recording {
+    pub inner: Arc<recording::Recording>,
+    /// Where it was read from; none if it is of arrays.
+    files: Option<Arc<Files>>,
+}
+
+/// What a recording was read from.
+#[derive(Debug)]
+struct Files {
+    /// The files, as they were then.
+    sources: Vec<Source>,
+    /// What was said of their columns.
+    layout: Layout,
+}
+
+#[pymethods]
+impl Recording {
+    #[new]
+    #[pyo3(signature = (*, time_s, pressure_kpa, angle_deg, name = "recording", metadata = None, **meaning))]
+    fn new(
+        py: Python<'_>,
+        time_s: &Bound<'_, PyAny>,
+        pressure_kpa: &Bound<'_, PyAny>,
+        angle_deg: &Bound<'_, PyAny>,
+        name: &str,
+        metadata: Option<&Bound<'_, PyAny>>,
+        meaning: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Self> {
+        let columns = columns_of(py, meaning)?;
+        let samples = [
+            numbers(py, "time_s", time_s)?,
+            numbers(py, "pressure_kpa", pressure_kpa)?,
+            numbers(py, "angle_deg", angle_deg)?,
+        ];
+        let (mut inner, warnings) =
+            recording::Recording::of_samples(name, samples.each_ref().map(Vec::as_slice), &columns)
+                .or_raise(py)?;
+        if let Some(metadata) = metadata {
+            inner.meta = meta_of(py, metadata)?;
+        }
+        warn(py, warnings)?;
+        Ok(Self::of_memory(inner))
+    }
+
+    /// Makes a recording of a pandas frame. The names of its columns can be given; the time
+    /// may be its index. Other columns are kept.
+    #[staticmethod]
+    #[pyo3(signature = (frame, *, time_s = "time_s", pressure_kpa = "pressure_kpa", angle_deg = "angle_deg", name = "recording", metadata = None, **meaning))]
+    #[allow(clippy::too_many_arguments)] // Each has a name where it is called.
+    fn from_pandas(
+        py: Python<'_>,
+        frame: &Bound<'_, PyAny>,
+        time_s: &str,
+        pressure_kpa: &str,
+        angle_deg: &str,
+        name: &str,
+        metadata: Option<&Bound<'_, PyAny>>,
+        meaning: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Self> {
+        let column = |name| frame::column(frame, name);
+        let made = Self::new(
+            py,
+            &column(time_s)?,
+            &column(pressure_kpa)?,
+            &column(angle_deg)?,
+            name,
+            metadata,
+            meaning,
+        )?;
+        let mut inner = Arc::unwrap_or_clone(made.inner);
+        let required = [time_s, pressure_kpa, angle_deg];
+        for name in frame.getattr("columns")?.try_iter()? {
+            let name = name?.str()?.to_string();
+            if !required.contains(&name.as_str()) {
+                let fields = fields(&frame::column(frame, &name)?)?;
+                inner.extra.push(Column { name, fields });
+            }
+        }
+        Ok(Self::of_memory(inner))
+    }
+
+    /// Time of each sample (s).
+    #[getter]
+    fn time_s<'py>(&self, py: Python<'py>) -> Array<'py> {
+        array(py, &self.inner.time)
+    }
+
+    /// Gauge pressure (kPa).
+    #[getter]
+    fn pressure_kpa<'py>(&self, py: Python<'py>) -> Array<'py> {
+        array(py, &pressure_kpa(&self.inner))
+    }
+
+    /// Bending angle as the sensor shows it (°).
+    #[getter]
+    fn angle_deg<'py>(&self, py: Python<'py>) -> Array<'py> {
+        array(py, &angle_deg(&self.inner))
+    }
+
+    /// Name: of a file without its folder and extension.
+    #[getter]
+    fn name(&self) -> &str {
+        &self.inner.name
+    }
+
+    /// The file that it was read from; None if it is of arrays.
+    #[getter]
+    fn path(&self) -> Option<&Path> {
+        self.files.is_some().then_some(self.inner.path.as_path())
+    }
+
+    /// What is known about it, with the keys of `NAME.meta.toml`.
+    #[getter]
+    fn metadata<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        from_json(py, &known(&self.inner.meta))
+    }
+
+    /// Duration from the first sample to the last (s).
+    #[getter]
+    fn duration_s(&self) -> f64 {
+        self.inner.duration()
+    }
+
+    /// All columns as a pandas frame.
+    fn to_pandas<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let columns = PyDict::new(py);
+        columns.set_item("time_s", self.time_s(py))?;
+        columns.set_item("pressure_kpa", self.pressure_kpa(py))?;
+        columns.set_item("angle_deg", self.angle_deg(py))?;
+        for column in &self.inner.extra {
+            match as_numbers(&column.fields) {
+                Some(values) => columns.set_item(&column.name, array(py, &values))?,
+                None => columns.set_item(&column.name, &column.fields)?,
+            }
+        }
+        frame::of(py, &columns)
+    }
+
+    fn __len__(&self) -> usize {
+        self.inner.len()
+    }
+
+    fn __repr__(&self) -> String {
+        format!(
+            "<softrig.Recording {:?}: {} samples over {:.2} s>",
+            self.inner.name,
+            self.inner.len(),
+            self.inner.duration()
+        )
+    }
+}
+
+impl Recording {
+    /// A recording that is in no file.
+    pub fn of_memory(inner: recording::Recording) -> Self {
+        Self {
+            inner: Arc::new(inner),
+            files: None,
+        }
+    }
+
+    fn read(path: &Path, layout: &Layout) -> Result<(Self, Vec<String>), Fault> {
+        let (inner, warnings) = recording::Recording::read_as(path, layout)?;
+        let files = Files {
+            sources: Source::recording(FITTED, path)?,
+            layout: layout.clone(),
+        };
+        Ok((
+            Self {
+                inner: Arc::new(inner),
+                files: Some(Arc::new(files)),
+            },
+            warnings,
+        ))
+    }
+
+    /// Whether it was read from a file.
+    pub fn is_of_file(&self) -> bool {
+        self.files.is_some()
+    }
+
+    /// Whether its path alone says how it was read.
+    pub fn is_of_plain_file(&self) -> bool {
+        let files = self.files.as_ref();
+        files.is_some_and(|files| files.layout == Layout::default())
+    }
+
+    /// What a report says that it was made from: files with their hashes, or the hash of the
+    /// three arrays, one after the other as little-endian doubles.
+    pub fn sources(&self, role: &'static str) -> Vec<Source> {
+        let mut sources = match &self.files {
+            Some(files) => files.sources.clone(),
+            None => vec![self.source_of_arrays()],
+        };
+        if let Some(first) = sources.first_mut() {
+            first.role = role;
+        }
+        sources
+    }
+
+    fn source_of_arrays(&self) -> Source {
+        let columns = [
+            &self.inner.time,
+            &pressure_kpa(&self.inner),
+            &angle_deg(&self.inner),
+        ];
+        let values = columns.into_iter().flatten();
+        let bytes: Vec<u8> = values.flat_map(|value| value.to_le_bytes()).collect();
+        Source::of(FITTED, format!("{}, in memory", self.inner.name), &bytes)
+    }
+}
+
+/// Gauge pressure (kPa).
+pub fn pressure_kpa(recording: &recording::Recording) -> Vec<f64> {
+    let kpa = |pa: &f64| pa / PASCAL_PER_KPA;
+    recording.pressure.iter().map(kpa).collect()
+}
+
+/// Bending angle (°).
+pub fn angle_deg(recording: &recording::Recording) -> Vec<f64> {
+    let degrees = |radians: &f64| radians.to_degrees();
+    recording.angle.iter().map(degrees).collect()
+}
+
+/// Reads a recording, or several.
+///
+/// One path gives a recording, several give a list of them. `columns` and `units` say where
+/// the recording stands in a file with other columns: `{"time": "t", "pressure": "p_psi"}` and
+/// `{"time": "ms", "pressure": "psi"}`. What they leave open, `model` says, as its file may in
+/// the section `[recording]`.
+#[pyfunction]
+#[pyo3(signature = (path, *, columns = None, model = None, **meaning))]
+pub fn read<'py>(
+    py: Python<'py>,
+    path: &Bound<'py, PyAny>,
+    columns: Option<&Bound<'py, PyDict>>,
+    model: Option<&Bound<'py, Model>>,
+    meaning: Option<&Bound<'py, PyDict>>,
+) -> PyResult<Bound<'py, PyAny>> {
+    let mut layout = Layout {
+        names: names_of(py, columns)?,
+        columns: columns_of(py, meaning)?,
+    };
+    if let Some(model) = model {
+        layout = layout.or(&model.get().file.recording);
+    }
+    let one = |path: PathBuf| -> PyResult<Recording> {
+        let read = py.detach(|| Recording::read(&path, &layout));
+        py.check_signals()?;
+        let (recording, warnings) = read.or_raise(py)?;
+        warn(py, warnings)?;
+        Ok(recording)
+    };
+    if path.is_instance_of::<PyString>() || path.hasattr("__fspath__")? {
+        return Ok(Bound::new(py, one(path.extract()?)?)?.into_any());
+    }
+    let paths = path
+        .try_iter()?
+        .map(|path| path?.extract())
+        .collect::<PyResult<Vec<PathBuf>>>()?;
+    check_distinct(&paths, &[]).or_raise(py)?;
+    let recordings = paths.into_iter().map(one).collect::<PyResult<Vec<_>>>()?;
+    Ok(recordings.into_pyobject(py)?.into_any())
+}
+
+/// The recordings of an argument: one, or several. Names that arrays share are numbered.
+pub fn recordings(given: &Bound<'_, PyAny>) -> PyResult<Vec<Recording>> {
+    if let Ok(one) = given.cast::<Recording>() {
+        return Ok(vec![one.get().clone()]);
+    }
+    given
+        .try_iter()?
+        .map(|item| {
+            let item = item?;
+            item.cast::<Recording>()
+                .map(|recording| recording.get().clone())
+                .map_err(|_| {
+                    let kind = item.get_type();
+                    PyTypeError::new_err(format!("expected a softrig.Recording, not {kind}"))
+                })
+        })
+        .collect()
+}
+
+/// What a fit reads. Refuses a recording that is given twice, and tells those of arrays
+/// apart by numbers where they have one name.
+pub fn inputs(
+    py: Python<'_>,
+    fitted: &[Recording],
+    held_out: &[Recording],
+) -> PyResult<[Vec<recording::Recording>; 2]> {
+    let files = |of: &[Recording]| -> Vec<PathBuf> {
+        let read = of.iter().filter(|recording| recording.is_of_file());
+        read.map(|recording| recording.inner.path.clone()).collect()
+    };
+    check_distinct(&files(fitted), &files(held_out)).or_raise(py)?;
+    let all: Vec<&Recording> = fitted.iter().chain(held_out).collect();
+    for (place, recording) in all.iter().enumerate() {
+        let is_it = |other: &&Recording| Arc::ptr_eq(&other.inner, &recording.inner);
+        if all[..place].iter().any(is_it) {
+            let fault = Fault::new(
+                format!("recording {:?} is given twice", recording.inner.name),
+                "name each recording once: to be fitted, or as holdout to judge by",
+            );
+            return Err(raised(py, &fault));
+        }
+    }
+    let mut taken: Vec<PathBuf> = Vec::new();
+    let mut told_apart = |of: &[Recording]| -> Vec<recording::Recording> {
+        of.iter()
+            .map(|recording| {
+                let mut inner = recording.inner.as_ref().clone();
+                let name = inner.name.clone();
+                let mut number = 1;
+                while taken.contains(&inner.path) {
+                    number += 1;
+                    inner.name = format!("{name} {number}");
+                    inner.path = PathBuf::from(&inner.name);
+                }
+                taken.push(inner.path.clone());
+                inner
+            })
+            .collect()
+    };
+    Ok([told_apart(fitted), told_apart(held_out)])
+}
+
+/// The columns of a file, by what they hold.
+fn names_of(py: Python<'_>, given: Option<&Bound<'_, PyDict>>) -> PyResult<Names> {
+    let mut names = Names::default();
+    for (key, column) in given.into_iter().flatten() {
+        let (key, column): (String, String) = (key.extract()?, column.extract()?);
+        let advice = "name columns as columns={\"time\": \"t\", \"pressure\": \"p_psi\"}";
+        names
+            .set(&key, &column)
+            .map_err(|problem| Fault::new(format!("columns: {problem}"), advice))
+            .or_raise(py)?;
+    }
+    Ok(names)
+}
+
+/// What the columns hold, by the keyword arguments that are named as the flags of `rig`.
+fn columns_of(py: Python<'_>, given: Option<&Bound<'_, PyDict>>) -> PyResult<Columns> {
+    let mut columns = Columns::default();
+    for (key, value) in given.into_iter().flatten() {
+        let key: String = key.extract()?;
+        if value.is_none() {
+            continue;
+        }
+        match key.as_str() {
+            "units" => {
+                for (quantity, unit) in value.cast::<PyDict>()? {
+                    let (quantity, unit): (String, String) = (quantity.extract()?, unit.extract()?);
+                    let advice = "name units as units={\"time\": \"ms\", \"pressure\": \"psi\"}";
+                    let unit = columns::unit_of(&quantity, &unit)
+                        .map_err(|problem| Fault::new(format!("units: {problem}"), advice))
+                        .or_raise(py)?;
+                    columns.set(unit);
+                }
+            }
+            "absolute_pressure" => columns.air_kpa = air(py, &value)?,
+            "flip_angle" => columns.flip_angle = value.extract()?,
+            "exchange_columns" => columns.exchange = value.extract()?,
+            _ => {
+                return Err(PyTypeError::new_err(format!(
+                    "unexpected keyword argument {key:?}; what columns hold is said with units, absolute_pressure, flip_angle and exchange_columns"
+                )));
+            }
+        }
+    }
+    Ok(columns)
+}
+
+/// The pressure of the air (kPa): True is that at sea level.
+fn air(py: Python<'_>, given: &Bound<'_, PyAny>) -> PyResult<Option<f64>> {
+    if let Ok(is_absolute) = given.cast::<PyBool>() {
+        return Ok(is_absolute.is_true().then_some(ATMOSPHERE_KPA));
+    }
+    let kpa: f64 = given.extract()?;
+    let checked = columns::air(kpa);
+    let fault = |advice| Fault::new(format!("absolute_pressure is {kpa}"), advice);
+    checked.map(Some).map_err(fault).or_raise(py)
+}
+
+/// Metadata from a dictionary. Unlike in a file, a key that is not known is refused: nobody
+/// else can have put it there.
+fn meta_of(py: Python<'_>, given: &Bound<'_, PyAny>) -> PyResult<Meta> {
+    let value = to_json(py, "metadata", given)?;
+    let refuse = |found: String| {
+        let advice = "docs/formats.md lists what may be known about a recording";
+        raised(py, &Fault::new(format!("metadata: {found}"), advice))
+    };
+    let meta: Meta =
+        serde_json::from_value(value.clone()).map_err(|error| refuse(error.to_string()))?;
+    let read = known(&meta);
+    for (key, value) in value.as_object().into_iter().flatten() {
+        let is_empty = value.is_null() || value.as_array().is_some_and(Vec::is_empty);
+        if !is_empty && read.get(key).is_none() {
+            return Err(refuse(format!("there is no key {key:?}")));
+        }
+    }
+    Ok(meta)
+}
+
+/// The metadata that are known, by their keys in files.
+fn known(meta: &Meta) -> Value {
+    let mut value = serde_json::to_value(meta).unwrap_or_default();
+    if let Some(map) = value.as_object_mut() {
+        map.retain(|_, value| {
+            !value.is_null() && value.as_array().is_none_or(|list| !list.is_empty())
+        });
+    }
+    value
+}
+
+/// The fields of a column as a file would hold them: empty where nothing is known.
+fn fields(column: &Bound<'_, PyAny>) -> PyResult<Vec<String>> {
+    let is_known = column.call_method0("notna")?;
+    column
+        .try_iter()?
+        .zip(is_known.try_iter()?)
+        .map(|(value, is_known)| {
+            Ok(if is_known?.is_truthy()? {
+                value?.str()?.to_string()
+            } else {
+                String::new()
+            })
+        })
+        .collect()
+}
+
+/// A column of numbers with gaps; none if it holds anything else.
+fn as_numbers(fields: &[String]) -> Option<Vec<f64>> {
+    let number = |field: &String| match field.as_str() {
+        "" => Some(f64::NAN),
+        text => text.parse().ok(),
+    };
+    fields.iter().map(number).collect()
+}

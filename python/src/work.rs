@@ -1,0 +1,115 @@
+//! Long work that leaves the interpreter free.
+//!
+//! The work runs on threads of its own while the thread that called it waits without holding
+//! the interpreter, so that other threads of Python go on. That thread looks every
+//! twentieth of a second whether somebody pressed Ctrl-C: then KeyboardInterrupt is raised at
+//! once, and the work, which is asked to stop, ends behind it at its next fit.
+//!
+//! The threads are made for each call. A pool that outlives it would be missing in a process
+//! that is forked, as `multiprocessing` does, and the work would wait for it for ever.
+
+use std::num::NonZero;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::time::{Duration, Instant};
+
+use host_tools::diagnose::progress::{Progress, State, stoppable};
+use pyo3::exceptions::PyRuntimeError;
+use pyo3::prelude::*;
+
+use crate::progress;
+
+/// How often signals are looked for.
+const SIGNALS: Duration = Duration::from_millis(50);
+
+/// How often progress is reported at most, if it changes.
+const REPORTS: Duration = Duration::from_millis(100);
+
+/// How often it is reported while nothing changes but the time.
+const HEARTBEAT: Duration = Duration::from_secs(1);
+
+/// Who wants to know how far the work is.
+pub struct Listener<'py> {
+    callback: Option<Bound<'py, PyAny>>,
+    said: Option<(Instant, State)>,
+}
+
+impl<'py> Listener<'py> {
+    pub fn new(callback: Option<Bound<'py, PyAny>>) -> Self {
+        Self {
+            callback,
+            said: None,
+        }
+    }
+
+    /// Calls back if there is something to say.
+    fn tell(&mut self, state: State) -> PyResult<()> {
+        let Some(callback) = &self.callback else {
+            return Ok(());
+        };
+        let news = |before: &State| {
+            (&before.stage, before.done, before.fits, &before.best)
+                != (&state.stage, state.done, state.fits, &state.best)
+        };
+        let is_due = self.said.as_ref().is_none_or(|(when, before)| {
+            let since = when.elapsed();
+            since >= HEARTBEAT || (since >= REPORTS && news(before))
+        });
+        if is_due {
+            callback.call1((progress::Progress::of(&state),))?;
+            self.said = Some((Instant::now(), state));
+        }
+        Ok(())
+    }
+}
+
+/// Does `work`, which reports to `progress`, on as many threads as are asked for, or as there
+/// are processors.
+pub fn run<T: Send + 'static>(
+    py: Python<'_>,
+    threads: Option<NonZero<usize>>,
+    progress: Progress,
+    mut listener: Listener<'_>,
+    work: impl FnOnce(&Progress) -> T + Send + 'static,
+) -> PyResult<T> {
+    let progress = Arc::new(progress);
+    let reports = Arc::clone(&progress);
+    let failed = |error: &dyn std::fmt::Display| {
+        PyRuntimeError::new_err(format!("no threads could be started: {error}"))
+    };
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads.map_or(0, NonZero::get))
+        .build()
+        .map_err(|error| failed(&error))?;
+    let (done, mut result) = channel();
+    std::thread::Builder::new()
+        .name("softrig".into())
+        .spawn(move || {
+            let work = || pool.install(|| stoppable(|| work(&reports)));
+            // Nobody may be waiting any more.
+            let _ = done.send(catch_unwind(AssertUnwindSafe(work)));
+        })
+        .map_err(|error| failed(&error))?;
+    loop {
+        let waiting = &mut result;
+        let outcome = py.detach(move || waiting.recv_timeout(SIGNALS));
+        // Before a result is looked at: it may have come while somebody pressed Ctrl-C.
+        let go_on = py
+            .check_signals()
+            .and_then(|()| listener.tell(progress.state()));
+        if let Err(interrupted) = go_on {
+            progress.stop();
+            return Err(interrupted);
+        }
+        match outcome {
+            Ok(Ok(Ok(value))) => return Ok(value),
+            Err(RecvTimeoutError::Timeout) => {}
+            Ok(Ok(Err(_)) | Err(_)) | Err(RecvTimeoutError::Disconnected) => {
+                return Err(PyRuntimeError::new_err(
+                    "softrig has a defect: the work ended in the middle; what it said stands on stderr",
+                ));
+            }
+        }
+    }
+}
