@@ -17,7 +17,7 @@
 //! ([`Prior`]). What counts is the smaller of both directions.
 
 use model_core::actuator::Model;
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, RowVector3};
 use rayon::prelude::*;
 use wire::decimal::Hundredths;
 use wire::protocol::{Named, Segment, Track, total_ms};
@@ -119,9 +119,12 @@ struct Run {
     /// Derivatives by its parameters, in the coordinates of its fit.
     by_parameters: DMatrix<f64>,
     /// The same by what is estimated beside them, in standard deviations of what is known
-    /// before: the zero of the pressure, the zero of the angle, and the start.
+    /// before: the zero of the pressure, the zero of the angle at the same motion, and the
+    /// angle at first.
     by_nuisance: DMatrix<f64>,
-    /// Standard deviation of the start (rad).
+    /// Standard deviation of the zero of the angle (rad).
+    zero_deviation: f64,
+    /// Standard deviation of the angle that is measured at first (rad).
     start_deviation: f64,
 }
 
@@ -144,28 +147,26 @@ impl Run {
         let shown = |nuisance: &Nuisance| DVector::from_vec(session.simulate(model, nuisance));
         // A single sample says where a run starts, and the noise how well.
         let start_deviation = noise.max(1e-6);
-        let moved: [&dyn Fn(f64) -> Nuisance; 3] = [
-            &|by| Nuisance {
-                pressure_zero: by * prior.deviation.pressure_zero,
-                ..rest
-            },
-            &|by| Nuisance {
-                angle_zero: by * prior.deviation.angle_zero,
-                ..rest
-            },
-            &|by| {
-                let mut moved = rest;
-                moved.start.angle += by * start_deviation;
-                moved
-            },
-        ];
-        let columns =
-            moved.map(|moved| (shown(&moved(STEP)) - shown(&moved(-STEP))) / (2.0 * STEP));
+        let zero_deviation = prior.deviation.angle_zero;
+        let slope = |moved: &dyn Fn(f64) -> Nuisance| {
+            (shown(&moved(STEP)) - shown(&moved(-STEP))) / (2.0 * STEP)
+        };
+        let by_pressure_zero = slope(&|by| Nuisance {
+            pressure_zero: by * prior.deviation.pressure_zero,
+            ..rest
+        });
+        let by_start = slope(&|by| {
+            let mut moved = rest;
+            moved.start.angle += by * start_deviation;
+            moved
+        });
+        let by_angle_zero = DVector::from_element(by_start.len(), zero_deviation);
         Some(Self {
             shown: shown(&rest),
             start: rest.start.angle,
             by_parameters: Fitter::new(believed, &data).derivatives(&rival.fit),
-            by_nuisance: DMatrix::from_columns(&columns),
+            by_nuisance: DMatrix::from_columns(&[by_pressure_zero, by_angle_zero, by_start]),
+            zero_deviation,
             start_deviation,
         })
     }
@@ -178,29 +179,42 @@ fn missed(truth: &Run, rival: &Run, candidate: &Candidate, noise: f64) -> f64 {
     let weight = 100.0 / f64::from(RATE_HZ);
     let variance = noise.powi(2).max(1e-12);
     let (parameters, nuisance) = (&rival.by_parameters, &rival.by_nuisance);
-    // The start is where the truth shows it, within the noise.
-    let started = (truth.start - rival.start) / rival.start_deviation;
-    let difference = &truth.shown - &rival.shown - nuisance.column(2) * started;
+    let difference = &truth.shown - &rival.shown;
     let (free, own) = (parameters.ncols(), nuisance.ncols());
     let mut jacobian = DMatrix::zeros(difference.len(), free + own);
     jacobian.columns_mut(0, free).copy_from(parameters);
     jacobian.columns_mut(free, own).copy_from(nuisance);
-    let scaled = jacobian.tr_mul(&difference) * weight;
+    let mut scaled = jacobian.tr_mul(&difference) * weight;
     let mut normal = jacobian.tr_mul(&jacobian) * weight;
     if let Some(known) = candidate.fit.curvature() {
         let mut of_parameters = normal.view_mut((0, 0), (free, free));
         of_parameters += known;
     }
+    // Known before: both zeros are none, and the angle at first is what the truth shows then;
+    // all in their standard deviations.
+    let measured = (truth.start - rival.start) / rival.start_deviation;
+    let of_zero = rival.zero_deviation / rival.start_deviation;
+    let known_before = [
+        ([1.0, 0.0, 0.0], 0.0),
+        ([0.0, 1.0, 0.0], 0.0),
+        ([0.0, of_zero, 1.0], measured),
+    ];
+    let mut unmoved = weight * difference.norm_squared();
+    for (row, value) in known_before {
+        let row = RowVector3::from(row);
+        let mut of_nuisance = normal.view_mut((free, free), (own, own));
+        of_nuisance += row.transpose() * row * variance;
+        let mut moved = scaled.rows_mut(free, own);
+        moved += row.transpose() * value * variance;
+        unmoved += value * value * variance;
+    }
     for k in 0..normal.nrows() {
-        if k >= free {
-            normal[(k, k)] += variance;
-        }
         normal[(k, k)] += 1e-9 * normal[(k, k)] + f64::MIN_POSITIVE;
     }
     let absorbed = normal
         .cholesky()
         .map_or(0.0, |factor| scaled.dot(&factor.solve(&scaled)));
-    (weight * difference.norm_squared() - absorbed).max(0.0) / variance
+    (unmoved - absorbed).max(0.0) / variance
 }
 
 /// The pressure that a board would make of a protocol, as a recording without
