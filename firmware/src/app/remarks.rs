@@ -9,8 +9,8 @@ use crate::probe::Probe;
 
 impl App {
     /// Writes at most one line that has been waiting: `#: saved` or `#: not saved`,
-    /// the sentence of a fault, help, the self-test. One a period, so that the cable
-    /// keeps up.
+    /// the sentence of a fault, help, the self-test. A long one comes in every fourth
+    /// period, so that the cable keeps up.
     ///
     /// # Errors
     ///
@@ -32,16 +32,18 @@ impl App {
             line.write_str("saved")?;
             return line.finish();
         }
+        // A sentence and the telemetry do not fit into one period on the cable.
+        if !self.sequence.is_multiple_of(4) {
+            return Ok(());
+        }
         if let Some(fault) = self.sentence.take() {
             let mut line = Sealed::new(out);
             line.write_str(REMARK)?;
             texts.fault(fault, &mut line)?;
             return line.finish();
         }
-        // A line and the telemetry do not fit into one period on the cable.
-        let has_room = self.sequence.is_multiple_of(4);
         if let Some(test) = &mut self.self_test {
-            if has_room && !test.advance(&mut self.predictor, out, probe)? {
+            if !test.advance(&mut self.predictor, out, probe)? {
                 self.self_test = None;
                 if !take_model(&mut self.predictor, &self.settings) {
                     self.predictor.clear();
@@ -52,13 +54,11 @@ impl App {
         let Some(index) = self.help else {
             return Ok(());
         };
-        if has_room {
-            let mut line = Sealed::new(out);
-            line.write_str(REMARK)?;
-            let more = texts.help(index, &mut line)?;
-            line.finish()?;
-            self.help = more.then_some(index.saturating_add(1));
-        }
+        let mut line = Sealed::new(out);
+        line.write_str(REMARK)?;
+        let more = texts.help(index, &mut line)?;
+        line.finish()?;
+        self.help = more.then_some(index.saturating_add(1));
         Ok(())
     }
 }

@@ -181,12 +181,50 @@ fn the_papers_protocol_is_played_to_its_end() {
     assert!((rig.plant.plunger - 500.0).abs() < 10.0);
 }
 
+/// The cable carries 11 520 bytes a second, and a line of telemetry for which there is no room
+/// is dropped: a recording would have a hole just where the fault is.
+#[test]
+fn a_fault_and_questions_about_it_leave_room_for_telemetry() {
+    /// Bytes that the cable carries in a control period.
+    const CABLE: usize = 115;
+    /// Bytes that wait for it, at most.
+    const WAITING: usize = 255;
+    for phase in 0..4 {
+        let mut rig = Rig::running(Named::Steps);
+        rig.wait(5.0);
+        rig.plant.flex_counts = Some(0.0);
+        let mut waiting = 0_usize;
+        for period in 0..400 {
+            let remarks = rig.remarks.len();
+            rig.tick();
+            // More often than `rig` ever asks.
+            if period % 4 == phase {
+                waiting += rig.say("status").len();
+            }
+            // `#: ` before, a checksum and the end of the line behind.
+            let of_remarks = rig.remarks[remarks..].iter().map(|text| 3 + text.len() + 7);
+            waiting += of_remarks.sum::<usize>();
+            let mut telemetry = Text::default();
+            rig.log.last().unwrap().write(&mut telemetry).unwrap();
+            waiting += telemetry.0.len();
+            assert!(
+                waiting <= WAITING,
+                "{waiting} bytes wait in period {period}"
+            );
+            waiting = waiting.saturating_sub(CABLE);
+        }
+        assert_eq!(rig.app.state(), State::Fault);
+    }
+}
+
 /// What a fault has to lead to, whatever it is.
 fn assert_stopped(rig: &mut Rig, fault: Fault) {
     assert_eq!(rig.app.state(), State::Fault);
     assert_eq!(rig.log.last().unwrap().fault, fault.code());
-    let outputs = rig.tick();
-    assert_eq!((outputs.pump, outputs.valve), (Pump::Off, Valve::Open));
+    for _ in 0..4 {
+        let outputs = rig.tick();
+        assert_eq!((outputs.pump, outputs.valve), (Pump::Off, Valve::Open));
+    }
     assert_eq!(rig.remarks.last().unwrap(), fault.sentence());
     // It is latched: nothing but `clear` leads out.
     assert_eq!(rig.ask(Command::Arm), Err(Refusal::Faulted));
