@@ -3,7 +3,8 @@
 extern crate std;
 
 use model_core::{
-    actuator::{Dynamics, Model, State},
+    actuator::{Model, State},
+    dynamics::Dynamics,
     input::Held,
     integrate::{Scheme, step},
 };

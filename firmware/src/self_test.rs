@@ -8,8 +8,9 @@
 use core::hint::black_box;
 
 use model_core::{
-    actuator::{Dynamics, InvalidModel, MAX_EFFECTS, Model, Slot},
+    actuator::{InvalidModel, MAX_EFFECTS, Model, Slot},
     catalogue::{Effect, Kind},
+    dynamics::Dynamics,
     effects::table::{InModel, Table, Variable},
     leapfrog::{Accurate, Leapfrog},
     power::{GuardedMicromath, Minimax, Power},

@@ -6,8 +6,9 @@
 //! checked against its own bounds before, by [`Settings::set`].
 
 use model_core::{
-    actuator::{Dynamics, InvalidModel, MAX_EFFECTS, Model, Slot},
+    actuator::{InvalidModel, MAX_EFFECTS, Model, Slot},
     catalogue::{Effect, Kind},
+    dynamics::Dynamics,
     effects::table::{InModel, InvalidTable, MAX_NODES, Table, Variable},
     power::Minimax,
 };

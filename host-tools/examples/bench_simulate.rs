@@ -12,7 +12,8 @@ use std::{
 
 use host_tools::dual::Dual;
 use host_tools::simulate::{Signal, Start, Trajectory, run, substeps};
-use model_core::actuator::{Dynamics, Model, ParameterId};
+use model_core::actuator::{Model, ParameterId};
+use model_core::dynamics::Dynamics;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg32;
 use serde::Serialize;

@@ -13,10 +13,18 @@ use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
 use crate::error::InputError;
-use crate::estimate::fit::Ended;
 
 /// Name of the file in the folder.
 const FILE: &str = "fits.txt";
+
+/// Where a solver ended, in its own coordinates.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Ended {
+    /// The unknowns.
+    pub position: Vec<f64>,
+    /// Whether the solver met its tolerance.
+    pub converged: bool,
+}
 
 /// Fits that were finished before, and where to note further ones.
 #[derive(Debug, Default)]

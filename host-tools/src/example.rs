@@ -8,8 +8,9 @@
 
 use std::path::Path;
 
-use model_core::actuator::{Dynamics, InvalidModel, Model, State};
+use model_core::actuator::{InvalidModel, Model, State};
 use model_core::catalogue::Kind;
+use model_core::dynamics::Dynamics;
 use model_core::input::Held;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};

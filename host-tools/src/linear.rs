@@ -5,7 +5,8 @@
 //! stiffness that agrees with the nonlinear one at a chosen angle; a comparison
 //! on recordings refits it first, so that the rival is at its best.
 
-use model_core::actuator::{Dynamics, Model};
+use model_core::actuator::Model;
+use model_core::dynamics::Dynamics;
 
 /// The linear model that needs the same force as `model` at `angle` (rad).
 ///

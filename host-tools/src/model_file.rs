@@ -6,8 +6,9 @@
 
 use std::path::{Path, PathBuf};
 
-use model_core::actuator::{Dynamics, InvalidModel, MAX_EFFECTS, Model, ParameterId};
+use model_core::actuator::{InvalidModel, MAX_EFFECTS, Model, ParameterId};
 use model_core::catalogue::{Effect, Kind};
+use model_core::dynamics::Dynamics;
 use model_core::effects::Unit;
 use model_core::effects::table::{self, MAX_NODES, MIN_NODES, Variable};
 use model_core::ludwick::{Beam, Ludwick, SecondMoment};

@@ -199,7 +199,7 @@ pub fn play(protocol: &ProtocolFile, inverse: &Model<f64>, rate_hz: u32) -> Play
 #[cfg(test)]
 mod tests {
     use super::*;
-    use model_core::actuator::Dynamics;
+    use model_core::dynamics::Dynamics;
 
     #[test]
     fn what_boards_play_is_played_as_they_do() {

@@ -6,7 +6,8 @@
 //! benchmark with a band-limited input) even the right model misses by 13 mV
 //! with held samples and by a small part of that with interpolated ones.
 
-use model_core::actuator::{Model, Rates, State};
+use model_core::actuator::{Model, State};
+use model_core::dynamics::Rates;
 use model_core::input::Input;
 use model_core::integrate::{Scheme, step, step_about};
 use model_core::power::Power;
@@ -533,7 +534,7 @@ pub fn run_from<R: FromF64, P: Power<R>>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use model_core::actuator::Dynamics;
+    use model_core::dynamics::Dynamics;
 
     fn oscillator() -> Model<f64> {
         Model::new(

@@ -26,6 +26,7 @@ use core::fmt;
 use core::marker::PhantomData;
 
 use crate::catalogue::Effect;
+use crate::dynamics::{Dynamics, Rates};
 use crate::effects::table::{InModel, Table, Variable};
 use crate::effects::{Hidden, Instant, Mechanism, Motion, Rest, Sign};
 use crate::input::Input;
@@ -37,34 +38,6 @@ use crate::real::Real;
 /// Three is as many as recordings of angle and pressure have ever supported;
 /// every slot costs RAM on the board.
 pub const MAX_EFFECTS: usize = 3;
-
-/// Parameters of the base equation, in SI units and radians.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Dynamics<R> {
-    /// Effective inertia M (kg·m), positive.
-    pub inertia: R,
-    /// Viscous damping C (N·s/rad), not negative.
-    pub damping: R,
-    /// Stiffness K (N/radⁿ), not negative.
-    pub stiffness: R,
-    /// Exponent n of Ludwick's law, positive; 1 is Hooke's law.
-    pub exponent: R,
-    /// Input gain g (N/Pa).
-    pub input_gain: R,
-}
-
-impl<R: Real> Dynamics<R> {
-    /// Converts every parameter with `f`.
-    pub fn map<S>(&self, mut f: impl FnMut(R) -> S) -> Dynamics<S> {
-        Dynamics {
-            inertia: f(self.inertia),
-            damping: f(self.damping),
-            stiffness: f(self.stiffness),
-            exponent: f(self.exponent),
-            input_gain: f(self.input_gain),
-        }
-    }
-}
 
 /// Names one parameter of a model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -743,15 +716,6 @@ impl<R: Real, P: Power<R>> Model<R, P> {
     ) -> impl Iterator<Item = ((&'a Slot<R>, &'a Hidden<R>), &'a mut Hidden<R>)> {
         self.occupied().zip(hidden).zip(rates)
     }
-}
-
-/// How fast the equations move: what a step length has to resolve.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Rates<R> {
-    /// Stiffness over inertia, the square of an angular frequency (1/s²).
-    pub stiffness: R,
-    /// Damping over inertia or 1/τ (1/s).
-    pub relaxation: R,
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@
 //! it in the list at the end of this file. A [`Table`] is not in that list, since
 //! it has no fixed list of parameters.
 
-use crate::actuator::{Dynamics, Rates};
+use crate::dynamics::{Dynamics, Rates};
 #[cfg(feature = "formula")]
 use crate::effects::custom;
 use crate::effects::table::{self, Table};

@@ -30,7 +30,7 @@
 //! An oscillation of ω₀ is off by its usual (ω₀h)²/24 in frequency. [`substeps`] says how
 //! many steps a sampling interval needs.
 
-use crate::actuator::Dynamics;
+use crate::dynamics::Dynamics;
 use crate::power::{Power, signed_power};
 use crate::power_table::PowerTable;
 use crate::real::Real;

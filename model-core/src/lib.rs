@@ -15,6 +15,7 @@
 pub mod actuator;
 pub mod carried;
 pub mod catalogue;
+pub mod dynamics;
 pub mod effects;
 pub mod elementary;
 pub mod glide;

@@ -293,8 +293,8 @@ impl Prediction {
 #[allow(clippy::cast_possible_truncation)]
 mod tests {
     use super::*;
-    use crate::actuator::Dynamics;
     use crate::catalogue::{Effect, Kind};
+    use crate::dynamics::Dynamics;
     use crate::input::FromFn;
     use crate::integrate::{Scheme, step};
 

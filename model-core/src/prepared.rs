@@ -26,9 +26,10 @@
 use core::f32::consts::{PI, TAU};
 use core::fmt;
 
-use crate::actuator::{Dynamics, MAX_EFFECTS, Model, Slot};
+use crate::actuator::{MAX_EFFECTS, Model, Slot};
 use crate::carried::{Branch, Lag};
 use crate::catalogue::{Effect, Kind};
+use crate::dynamics::Dynamics;
 use crate::effects::second_mode::SecondMode;
 use crate::effects::table::{Table, Variable};
 use crate::effects::{Hidden, Instant, Mechanism};

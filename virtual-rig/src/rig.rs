@@ -9,7 +9,8 @@
 
 use std::collections::BTreeSet;
 
-use model_core::actuator::{Dynamics, Model};
+use model_core::actuator::Model;
+use model_core::dynamics::Dynamics;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use wire::settings::{Key, Settings};

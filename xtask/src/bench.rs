@@ -12,7 +12,7 @@ use std::{
 use crate::{
     avr, bench_real, setup,
     shell::{Outcome, cargo, has_program, read, root, run, run_quietly, seconds, target_dir, text},
-    test::virtual_rig,
+    simulator::virtual_rig,
 };
 
 /// The rival's versions, so that figures can be had again.

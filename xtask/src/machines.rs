@@ -11,6 +11,7 @@ use std::{
 use crate::{
     avr,
     shell::{self, Outcome, cargo, has_program, read, root, run, seconds, target_dir},
+    simulator,
 };
 
 /// Simulated hours of protocols and misfortunes.
@@ -85,10 +86,7 @@ fn positive(option: &str, value: &str) -> Result<f64, String> {
 /// Builds the image and lets the simulated rig suffer.
 pub fn soak(options: &Soak) -> Outcome {
     let image = avr::build()?;
-    // With the package alone, its dependencies would be built again with other
-    // features than the rest of the workspace asks for.
-    run(cargo().args(["build", "-q", "--locked", "--workspace", "--bin", "soak"]))?;
-    run(Command::new(target_dir().join("debug/soak"))
+    run(Command::new(simulator::soak()?)
         .arg(image)
         .args(["--hours", &options.hours.to_string()])
         .args(["--seed", &options.seed.to_string()]))

@@ -19,6 +19,7 @@ mod python;
 mod rig_loop;
 mod setup;
 mod shell;
+mod simulator;
 mod size;
 mod test;
 

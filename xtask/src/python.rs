@@ -16,6 +16,10 @@ use crate::{
     shell::{Outcome, cargo, root, run, run_quietly, target_dir},
 };
 
+/// The package whose dependencies ask for more features than the rest of the workspace, so
+/// that with it everything would be compiled once more.
+pub const CRATE: &str = "softrig-python";
+
 /// How long a package manager may take.
 const INSTALL_LIMIT: Duration = Duration::from_secs(600);
 

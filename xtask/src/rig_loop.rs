@@ -17,7 +17,7 @@ use crate::{
     avr,
     json::Value,
     shell::{Outcome, cargo, root, run, target_dir},
-    test,
+    simulator,
 };
 
 /// What is recorded, by the name that the board knows.
@@ -45,7 +45,7 @@ impl Programs {
             .args(["--bin", "rig"]))?;
         Ok(Self {
             rig: target_dir().join("release/rig"),
-            simulator: test::virtual_rig()?,
+            simulator: simulator::virtual_rig()?,
             image: avr::build()?,
         })
     }

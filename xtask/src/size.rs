@@ -14,7 +14,7 @@ use std::{
 use crate::{
     avr,
     shell::{Outcome, read, root},
-    test::virtual_rig,
+    simulator::virtual_rig,
 };
 
 /// A figure: its name in the golden file, what it is, the most that it may be,

@@ -8,7 +8,8 @@ use std::{
 use crate::{
     avr, bench, book, python,
     setup::{self, Mode},
-    shell::{Outcome, Steps, cargo, run, target_dir},
+    shell::{Outcome, Steps, cargo, run},
+    simulator,
     size::{self, Golden},
 };
 
@@ -20,10 +21,6 @@ pub enum Scope {
     /// Those that need neither the AVR compiler nor the simulator.
     Host,
 }
-
-/// The package whose dependencies ask for more features than the rest of the workspace, so
-/// that with it everything would be compiled once more.
-const PYTHON: &str = "softrig-python";
 
 const HOST_ONLY: &str = "--host-only was given";
 
@@ -94,7 +91,7 @@ pub fn test(scope: Scope) -> Outcome {
             avr::gates(&image)?;
             size::size(&image, Golden::Check)
         })?;
-        steps.step("simulator", || simulator(&image))?;
+        steps.step("simulator", || in_simulator(&image))?;
     } else {
         for name in ["firmware", "gates", "simulator"] {
             steps.skip(name, HOST_ONLY);
@@ -116,14 +113,14 @@ fn browser() -> Outcome {
 
 /// The simulator's own tests and the image on the simulated rig, then the image
 /// against the desktop, and the loop against the truth.
-fn simulator(image: &Path) -> Outcome {
-    let rig = virtual_rig()?;
+fn in_simulator(image: &Path) -> Outcome {
+    let rig = simulator::virtual_rig()?;
     run(cargo()
         .args(["test", "--locked", "-p", "virtual-rig", "--", "-q"])
         .env("SOFTRIG_FIRMWARE", image))?;
     run(cargo()
         .args(["test", "--locked", "--workspace"])
-        .args(["--exclude", PYTHON])
+        .args(["--exclude", python::CRATE])
         .args(["--test", "firmware_in_simulator"])
         .args(["--test", "loop_on_the_virtual_rig", "--", "--nocapture"])
         .env("SOFTRIG_FIRMWARE", image)
@@ -141,21 +138,4 @@ fn clippy(everything: bool) -> Command {
     }
     command.args(["--", "-D", "warnings"]);
     command
-}
-
-/// Builds the simulator's command and returns its path.
-pub fn virtual_rig() -> Outcome<PathBuf> {
-    // With the package alone, its dependencies would be built again with other
-    // features than the rest of the workspace asks for.
-    run(cargo().args([
-        "build",
-        "-q",
-        "--locked",
-        "--workspace",
-        "--exclude",
-        PYTHON,
-        "--bin",
-        "virtual-rig",
-    ]))?;
-    Ok(target_dir().join("debug/virtual-rig"))
 }

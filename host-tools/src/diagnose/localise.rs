@@ -508,8 +508,8 @@ fn edges(recording: &Recording) -> Vec<usize> {
 mod tests {
     use super::*;
     use crate::simulate::{Signal, Start, run};
-    use model_core::actuator::Dynamics;
     use model_core::catalogue::Kind;
+    use model_core::dynamics::Dynamics;
 
     /// A run with a hidden effect, seen through the base model: the force has
     /// to be found where the effect puts it.

@@ -406,8 +406,8 @@ fn cycles_holds_and_sines() -> Vec<ProtocolFile> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use model_core::actuator::Dynamics;
     use model_core::catalogue::Kind;
+    use model_core::dynamics::Dynamics;
 
     fn believed() -> Model<f64> {
         Model::new(

@@ -241,7 +241,7 @@ impl Smoother<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use model_core::actuator::Dynamics;
+    use model_core::dynamics::Dynamics;
     use rand::SeedableRng;
     use rand_distr::{Distribution, StandardNormal};
 

@@ -10,7 +10,8 @@
 //!
 //! What was said on the command line ([`Columns`]) is not doubted.
 
-use model_core::actuator::{Dynamics, Model, ParameterId};
+use model_core::actuator::{Model, ParameterId};
+use model_core::dynamics::Dynamics;
 
 use crate::columns::{ATMOSPHERE_KPA, AngleUnit, Columns, PressureUnit, TimeUnit};
 use crate::error::InputError;

@@ -68,7 +68,8 @@ mod tests {
     use crate::estimate::Dataset;
     use crate::estimate::fit::Effort;
     use crate::recording::Recording;
-    use model_core::actuator::{Dynamics, Model};
+    use model_core::actuator::Model;
+    use model_core::dynamics::Dynamics;
     use rand::SeedableRng;
     use rand_distr::{Distribution, StandardNormal};
 

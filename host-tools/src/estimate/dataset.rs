@@ -474,8 +474,9 @@ mod tests {
     use super::*;
     use crate::estimate::fit::{Effort, Fitter};
     use crate::statistics::rms;
-    use model_core::actuator::{Dynamics, ParameterId};
+    use model_core::actuator::ParameterId;
     use model_core::catalogue::{Effect, Kind};
+    use model_core::dynamics::Dynamics;
 
     /// Samples of a step and its release, 100 a second.
     const STEP: usize = 600;

@@ -305,7 +305,8 @@ pub fn levels(
 
 #[cfg(test)]
 mod tests {
-    use model_core::actuator::{Dynamics, ParameterId};
+    use model_core::actuator::ParameterId;
+    use model_core::dynamics::Dynamics;
     use nalgebra::{DMatrix, DVector};
     use rand::SeedableRng;
     use rand_distr::{Distribution, StandardNormal};

@@ -21,7 +21,7 @@ use super::filter::Level;
 use super::information::Information;
 use super::nuisance::Nuisance;
 use super::problem::{Compared, Problem};
-use crate::checkpoint::{Checkpoint, fingerprint};
+use crate::checkpoint::{Checkpoint, Ended, fingerprint};
 use crate::statistics::{correlation_time, rms};
 
 /// What a fit found.
@@ -181,14 +181,7 @@ impl Fit {
         Some(((value - half).max(lower), (value + half).min(upper)))
     }
 }
-/// Where a solver ended, in its own coordinates.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Ended {
-    /// The unknowns.
-    pub position: Vec<f64>,
-    /// Whether the solver met its tolerance.
-    pub converged: bool,
-}
+
 /// How hard a fit tries.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Effort {
@@ -537,7 +530,7 @@ mod tests {
     use crate::estimate::Session;
     use crate::estimate::dataset::Mark;
     use crate::recording::{CalibrationMeta, Recording};
-    use model_core::actuator::Dynamics;
+    use model_core::dynamics::Dynamics;
 
     fn swing() -> Recording {
         let time: Vec<f64> = (0..200).map(|k| f64::from(k) * 0.01).collect();

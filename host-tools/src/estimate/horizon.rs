@@ -231,8 +231,8 @@ fn corrected(state: &State<Dual<2>>, correction: Vector2<f64>) -> State<Dual<2>>
 
 #[cfg(test)]
 mod tests {
-    use model_core::actuator::Dynamics;
     use model_core::catalogue::Kind;
+    use model_core::dynamics::Dynamics;
     use rand::SeedableRng;
     use rand_distr::{Distribution, StandardNormal};
 

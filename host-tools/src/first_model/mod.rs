@@ -16,7 +16,8 @@ mod text;
 
 pub use text::short;
 
-use model_core::actuator::{Dynamics, Model, ParameterId};
+use model_core::actuator::{Model, ParameterId};
+use model_core::dynamics::Dynamics;
 use model_core::ludwick::{Beam, Ludwick, SecondMoment};
 use model_core::material::Material;
 use model_core::power::Exact;

@@ -9,7 +9,8 @@
 
 use std::f64::consts::TAU;
 
-use model_core::actuator::{Dynamics, Model};
+use model_core::actuator::Model;
+use model_core::dynamics::Dynamics;
 use nalgebra::{Matrix4, Vector4};
 
 use super::statics::{self, Level, signed_power};

@@ -5,7 +5,7 @@
 //! force C ω is continuous at ω = 0, its slope is not.
 
 use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
-use crate::actuator::Dynamics;
+use crate::dynamics::Dynamics;
 use crate::real::Real;
 
 /// What the catalogue says about it.

@@ -7,7 +7,7 @@
 //! viscous damping T/ω_s, so the actuator creeps instead of sticking.
 
 use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Sign, Unit, parameters};
-use crate::actuator::{Dynamics, Rates};
+use crate::dynamics::{Dynamics, Rates};
 use crate::real::Real;
 
 /// What the catalogue says about it.

@@ -4,7 +4,7 @@
 //! softens (k₃ < 0) departs from the base model: Duffing's oscillator.
 
 use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
-use crate::actuator::{Dynamics, Rates};
+use crate::dynamics::{Dynamics, Rates};
 use crate::real::Real;
 
 /// What the catalogue says about it.

@@ -20,7 +20,7 @@ use core::hash::{Hash, Hasher};
 
 use super::table::Variable;
 use super::{Hidden, Info, Instant, Mechanism, Parameter};
-use crate::actuator::{Dynamics, Rates};
+use crate::dynamics::{Dynamics, Rates};
 use crate::real::Real;
 
 /// The most parameters of a formula. Every slot of a model has room for them.

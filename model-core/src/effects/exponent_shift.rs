@@ -6,7 +6,7 @@
 //! an exponent near zero is a switch, not a spring.
 
 use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
-use crate::actuator::Dynamics;
+use crate::dynamics::Dynamics;
 use crate::real::Real;
 
 /// What the catalogue says about it.
@@ -51,8 +51,9 @@ impl<R: Real> Mechanism<R> for ExponentShift<R> {
 
 #[cfg(test)]
 mod tests {
-    use crate::actuator::{Dynamics, Model};
+    use crate::actuator::Model;
     use crate::catalogue::Kind;
+    use crate::dynamics::Dynamics;
     use crate::effects::testing::run;
     use crate::input::Held;
 

@@ -6,7 +6,7 @@
 //! because the angle is zeroed at rest with the weight already on.
 
 use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
-use crate::actuator::{Dynamics, Rates};
+use crate::dynamics::{Dynamics, Rates};
 use crate::real::Real;
 
 /// What the catalogue says about it.

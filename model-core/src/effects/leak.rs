@@ -16,7 +16,7 @@
 //! angle against a leak.
 
 use super::{Hidden, Info, Mechanism, Parameter, Place, Unit, parameters};
-use crate::actuator::{Dynamics, Rates};
+use crate::dynamics::{Dynamics, Rates};
 use crate::real::Real;
 
 /// What the catalogue says about it.

@@ -5,7 +5,7 @@
 //! actuator.
 
 use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
-use crate::actuator::{Dynamics, Rates};
+use crate::dynamics::{Dynamics, Rates};
 use crate::real::Real;
 
 /// What the catalogue says about it.

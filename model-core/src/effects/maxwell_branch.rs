@@ -5,7 +5,7 @@
 //! creep. z (rad) is the dashpot's extension, τ (s) its time constant.
 
 use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Rest, Unit, parameters};
-use crate::actuator::{Dynamics, Rates};
+use crate::dynamics::{Dynamics, Rates};
 use crate::real::Real;
 
 /// What the catalogue says about it.

@@ -21,7 +21,7 @@
 //! Several effects form a chain on the input path and another on the sensor
 //! path, in the order of the model: each sees what the one before it leaves.
 
-use crate::actuator::{Dynamics, Rates};
+use crate::dynamics::{Dynamics, Rates};
 use crate::real::Real;
 
 pub mod angle_dependent_damping;

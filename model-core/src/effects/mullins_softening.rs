@@ -12,7 +12,7 @@
 //! piece that does not say where it was cut from, that is where this is weak.
 
 use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Rest, Unit, parameters};
-use crate::actuator::Dynamics;
+use crate::dynamics::Dynamics;
 use crate::real::Real;
 
 /// What the catalogue says about it.

@@ -12,7 +12,7 @@
 //! with it has the same phase in several of them; that is where this is weak.
 
 use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, full_turn, parameters};
-use crate::actuator::{Dynamics, Rates};
+use crate::dynamics::{Dynamics, Rates};
 use crate::real::Real;
 
 /// What the catalogue says about it.

@@ -5,7 +5,7 @@
 //! constant τ (s) of that resistance and the chamber's capacity.
 
 use super::{Hidden, Info, Mechanism, Parameter, Place, Rest, Unit, parameters};
-use crate::actuator::{Dynamics, Rates};
+use crate::dynamics::{Dynamics, Rates};
 use crate::real::Real;
 
 /// What the catalogue says about it.

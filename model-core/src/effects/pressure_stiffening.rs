@@ -9,7 +9,7 @@
 //! pressure bends the actuator back, and no pressure holds that angle.
 
 use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
-use crate::actuator::Dynamics;
+use crate::dynamics::Dynamics;
 use crate::real::Real;
 
 /// The pressure (Pa) up to which a step length is to resolve the stiffness.
@@ -64,8 +64,9 @@ impl<R: Real> Mechanism<R> for PressureStiffening<R> {
 
 #[cfg(test)]
 mod tests {
-    use crate::actuator::{Dynamics, Model};
+    use crate::actuator::Model;
     use crate::catalogue::Kind;
+    use crate::dynamics::Dynamics;
     use crate::effects::testing::{run, spring};
     use crate::input::Held;
 

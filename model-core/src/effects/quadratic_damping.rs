@@ -5,7 +5,7 @@
 //! rate (rad/s).
 
 use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
-use crate::actuator::{Dynamics, Rates};
+use crate::dynamics::{Dynamics, Rates};
 use crate::real::Real;
 
 /// What the catalogue says about it.

@@ -8,7 +8,7 @@
 //! right after an edge does not; that is where this is weak.
 
 use super::{Hidden, Info, Mechanism, Parameter, Place, Unit, full_turn, parameters};
-use crate::actuator::{Dynamics, Rates};
+use crate::dynamics::{Dynamics, Rates};
 use crate::real::Real;
 
 /// What the catalogue says about it.

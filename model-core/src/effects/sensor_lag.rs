@@ -11,7 +11,7 @@
 //! this is weak.
 
 use super::{Hidden, Info, Mechanism, Motion, Parameter, Place, Rest, Unit, parameters};
-use crate::actuator::{Dynamics, Rates};
+use crate::dynamics::{Dynamics, Rates};
 use crate::real::Real;
 
 /// What the catalogue says about it.

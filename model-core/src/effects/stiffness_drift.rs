@@ -11,7 +11,7 @@
 //! corner, beyond which it no longer depends on ρ.
 
 use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
-use crate::actuator::Dynamics;
+use crate::dynamics::Dynamics;
 use crate::real::Real;
 
 /// The time (s) up to which a step length is to resolve the stiffness.

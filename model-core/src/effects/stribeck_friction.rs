@@ -9,7 +9,7 @@
 //! slow motions stick and slip.
 
 use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Sign, Unit, parameters};
-use crate::actuator::{Dynamics, Rates};
+use crate::dynamics::{Dynamics, Rates};
 use crate::real::Real;
 
 /// ω_S over ω_s.

@@ -18,7 +18,7 @@
 //! effect and a board has little RAM.
 
 use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit};
-use crate::actuator::{Dynamics, Rates};
+use crate::dynamics::{Dynamics, Rates};
 use crate::real::Real;
 use core::fmt;
 

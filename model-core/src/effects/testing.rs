@@ -1,8 +1,9 @@
 //! What the reference tests of the effects share.
 
 use super::{Instant, Mechanism};
-use crate::actuator::{Dynamics, Model, State};
+use crate::actuator::{Model, State};
 use crate::catalogue::Effect;
+use crate::dynamics::Dynamics;
 use crate::input::Input;
 use crate::integrate::{Scheme, step};
 

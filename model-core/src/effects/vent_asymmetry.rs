@@ -7,7 +7,7 @@
 //! not.
 
 use super::{Hidden, Info, Mechanism, Parameter, Place, Rest, Unit, parameters};
-use crate::actuator::{Dynamics, Rates};
+use crate::dynamics::{Dynamics, Rates};
 use crate::real::Real;
 
 /// What the catalogue says about it.

@@ -1,6 +1,6 @@
 //! n = 1, Hooke's law: the step response has a closed form.
 
-use model_core::actuator::Dynamics;
+use model_core::dynamics::Dynamics;
 use model_core::integrate::Scheme;
 
 use crate::support::{F64, model_of, run};

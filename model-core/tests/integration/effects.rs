@@ -4,8 +4,9 @@
 //! equations of motion are written out from the papers' formulas and solved by
 //! the independent solver. A sign, a factor or a forgotten hidden state shows.
 
-use model_core::actuator::{Dynamics, Model};
+use model_core::actuator::Model;
 use model_core::catalogue::{Effect, Kind};
+use model_core::dynamics::Dynamics;
 use model_core::integrate::Scheme;
 use model_core::power::{Exact, Minimax, Power};
 use model_core::real::Real;

@@ -4,8 +4,9 @@
 //! held. A wrong sign or a wrong power shows here without any solution to
 //! compare with.
 
-use model_core::actuator::{Dynamics, Model, State};
+use model_core::actuator::{Model, State};
 use model_core::catalogue::Kind;
+use model_core::dynamics::Dynamics;
 use model_core::effects::{Instant, Mechanism};
 use model_core::integrate::Scheme;
 use proptest::prelude::*;

@@ -4,8 +4,9 @@
 //! the step, so that a stage at the wrong instant shows as well, and the angle
 //! stays well above zero, where a power that is not whole has all derivatives.
 
-use model_core::actuator::{Dynamics, Model, State};
+use model_core::actuator::{Model, State};
 use model_core::catalogue::{Effect, Kind};
+use model_core::dynamics::Dynamics;
 use model_core::input::Held;
 use model_core::integrate::{Scheme, step};
 

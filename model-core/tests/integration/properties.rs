@@ -1,7 +1,8 @@
 //! What holds for any model, on random ones.
 
-use model_core::actuator::{Dynamics, InvalidModel, MAX_EFFECTS, Model, ParameterId};
+use model_core::actuator::{InvalidModel, MAX_EFFECTS, Model, ParameterId};
 use model_core::catalogue::{Effect, Kind};
+use model_core::dynamics::Dynamics;
 use model_core::effects::table::{Table, Variable};
 use model_core::input::Held;
 use model_core::integrate::step;

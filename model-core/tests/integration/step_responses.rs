@@ -3,7 +3,8 @@
 
 use std::sync::LazyLock;
 
-use model_core::actuator::{Dynamics, Model};
+use model_core::actuator::Model;
+use model_core::dynamics::Dynamics;
 use model_core::integrate::Scheme;
 use model_core::power::{Exact, GuardedMicromath, Minimax, Power};
 use model_core::real::Real;

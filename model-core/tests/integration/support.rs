@@ -1,7 +1,8 @@
 //! What the tests share: parameters, runs, random numbers.
 
-use model_core::actuator::{Dynamics, Model, State};
+use model_core::actuator::{Model, State};
 use model_core::catalogue::{Effect, Kind};
+use model_core::dynamics::Dynamics;
 use model_core::effects::table::{Table, Variable};
 use model_core::input::FromFn;
 use model_core::integrate::{Scheme, step};

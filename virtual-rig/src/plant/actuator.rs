@@ -165,8 +165,8 @@ mod tests {
     use super::*;
     use host_tools::simulate::{Signal, Start, run};
     use model_core::{
-        actuator::Dynamics,
         catalogue::Kind,
+        dynamics::Dynamics,
         effects::{Parameter, Unit},
     };
 

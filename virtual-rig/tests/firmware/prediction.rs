@@ -2,8 +2,9 @@
 //! The model on the board, beside the actuator.
 
 use model_core::{
-    actuator::{Dynamics, Model},
+    actuator::Model,
     catalogue::{Effect, Kind},
+    dynamics::Dynamics,
     effects::table::{Table, Variable},
     power::Minimax,
     predictor::Predictor,

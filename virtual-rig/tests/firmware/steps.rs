@@ -2,7 +2,8 @@
 //! Steps of the angle in closed loop, on actuators that are stiffer or softer than the
 //! board believes.
 
-use model_core::actuator::{Dynamics, Model};
+use model_core::actuator::Model;
+use model_core::dynamics::Dynamics;
 use virtual_rig::Options;
 use wire::{
     command::Command,
