@@ -10,40 +10,19 @@ use wire::{
     settings::{Key, Settings},
 };
 
-use crate::io::{Inputs, Outputs, Pump, Valve};
-
-/// Where a plunger at its start position stands (µl); less for a small pump.
-const START_UL: f32 = 500.0;
-
-/// Share of the largest volume that the start position may take.
-const START_SHARE: f32 = 0.05;
-
-/// Travel, in largest volumes, after which there is no switch to be found.
-const LONGEST_SEARCH: f32 = 1.3;
-
-/// Travel, in largest volumes, in which a pressed switch has to let go, either of them.
-const LONGEST_BACK_OFF: f32 = 0.1;
+use crate::{
+    design::homing::{
+        EDGE_SHARE, FASTEST_SEARCH, LONGEST_BACK_OFF, LONGEST_SEARCH, LONGEST_STANDSTILL,
+        SEARCH_SHARE, START_SHARE, START_UL,
+    },
+    io::{Inputs, Outputs, Pump, Valve},
+};
 
 /// Periods for which a switch has to be open to have been left.
 const CLEAR: u8 = 10;
 
-/// Share of the fastest flow with which the switch is looked for.
-const SEARCH_SHARE: f32 = 0.5;
-
-/// Fastest flow (µl/s) of a search. The plunger sucks air in through the tube meanwhile: twice
-/// that through 1 mm of bore and 1 m of length takes 7 kPa, which would be taken for a
-/// blocked vent.
-const FASTEST_SEARCH: f32 = 5_000.0;
-
-/// Share of the fastest flow with which its edge is taken.
-const EDGE_SHARE: f32 = 0.05;
-
 /// Periods that the pump is given to stop, and the board to set its counter.
 const SETTLING: u8 = 5;
-
-/// Periods without a step although the pump should move, after which the
-/// firmware gives up: 2 s.
-const LONGEST_STANDSTILL: u8 = 200;
 
 /// Distances and speeds, from the settings.
 #[derive(Clone, Copy, Debug, PartialEq)]

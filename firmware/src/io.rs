@@ -3,16 +3,7 @@
 //! The board layer fills [`Inputs`] and obeys [`Outputs`] once a control period;
 //! everything in between is plain functions that a desktop can test.
 
-/// Control periods a second.
-pub const CONTROL_HZ: u16 = 100;
-
-/// Length of a control period (s).
-pub const PERIOD_S: f32 = 0.01;
-
-/// Length of a control period (ms).
-pub const PERIOD_MS: u16 = 1000 / CONTROL_HZ;
-
-pub use wire::answer::OVERSAMPLING;
+use crate::design::OVERSAMPLING;
 
 /// A sensor's reading: the sum of [`OVERSAMPLING`] conversions of ten bits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -7,6 +7,7 @@
 
 pub mod app;
 pub mod control;
+pub mod design;
 pub mod homing;
 pub mod io;
 pub mod monitor;

@@ -18,7 +18,7 @@ use wire::{
 
 use crate::{
     control::{DEG_PER_RAD, angle::Expected},
-    io::PERIOD_S,
+    design::PERIOD_S,
 };
 
 /// The readings of a telemetry line, as they are sent.

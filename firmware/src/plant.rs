@@ -10,7 +10,10 @@ use model_core::{
 };
 use wire::settings::{Key, Settings};
 
-use crate::io::{Inputs, Outputs, Oversampled, PERIOD_MS, PERIOD_S, Pump, Valve};
+use crate::{
+    design::{OVERSAMPLING, PERIOD_MS, PERIOD_S},
+    io::{Inputs, Outputs, Oversampled, Pump, Valve},
+};
 
 const ATMOSPHERE_PA: f64 = 101_325.0;
 
@@ -141,7 +144,7 @@ impl Plant {
     /// Sixteen conversions with noise, summed.
     fn convert(&mut self, counts: f64) -> Oversampled {
         let mut sum = 0;
-        for _ in 0..crate::io::OVERSAMPLING {
+        for _ in 0..OVERSAMPLING {
             let noise = 2.0 * self.noise_counts * self.noise();
             sum += (counts + noise).round().clamp(0.0, 1023.0) as u16;
         }

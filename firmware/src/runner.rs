@@ -11,7 +11,7 @@ use wire::{
     settings::{Key, Settings},
 };
 
-use crate::io::PERIOD_MS;
+use crate::design::PERIOD_MS;
 
 /// A segment in eleven bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

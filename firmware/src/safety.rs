@@ -55,31 +55,18 @@ pub struct Conditions {
     pub retracted_switch: bool,
     /// Homing looks for the retracted switch and comes to the other one.
     pub motor_reversed: bool,
-    /// The valve has been open for longer than [`LONGEST_VENTING`], and the pressure has
-    /// not been near zero for [`STILL_THERE`] since: it stays, or a plunger that goes back sucks the actuator flat.
+    /// The valve has been open for longer than [`LONGEST_VENTING_PERIODS`](crate::design::LONGEST_VENTING_PERIODS), and the pressure has
+    /// not been near zero for [`STILL_PRESSURISED_PERIODS`](crate::design::STILL_PRESSURISED_PERIODS) since: it stays, or a plunger that goes back sucks the actuator flat.
     pub vent_blocked: bool,
     /// The pump is at the end of its stroke and far from the pressure set-point.
     pub out_of_reach: bool,
     /// In closed loop, sensor and prediction show different angles.
     pub disagreement: bool,
-    /// The pressure is farther from zero than [`LARGEST_AT_REST_PA`]. No fault: between
+    /// The pressure is farther from zero than [`LARGEST_AT_REST_PA`](crate::design::LARGEST_AT_REST_PA). No fault: between
     /// the closed valve and the pump it belongs there. Before arming, with the valve
     /// open, it means a wrong zero or a blocked vent.
     pub pressurised: bool,
 }
-
-/// Farthest from zero that the pressure may read (Pa) when the rig is armed: a sensor
-/// that is 10 kPa off lets the pressure rise that far above its limit.
-pub const LARGEST_AT_REST_PA: f32 = 5_000.0;
-
-/// Periods in which an open valve has to let the air out: 3 s, ten times what a tube of a
-/// metre takes.
-pub const LONGEST_VENTING: u16 = 300;
-
-/// Periods for which it then has to be there all the same: half a second. One mixed reading
-/// of a wire that breaks or shorts can be anything up to 600 kPa, is bridged for 50 ms, and
-/// takes 0.12 s more to leave the smoothed pressure.
-pub const STILL_THERE: u16 = 50;
 
 impl Conditions {
     /// Whether the condition behind a fault holds.

@@ -6,13 +6,10 @@
 //! in floating point, once a period; the interrupts only count down the gaps
 //! that come out.
 
-use crate::io::PERIOD_S;
+use crate::design::{CPU_HZ, PERIOD_S};
 
 /// Changes of the rate in a control period.
 pub const SLOTS: usize = 8;
-
-/// Cycles of the pulse timer in a second.
-pub const TIMER_HZ: f32 = 16_000_000.0;
 
 /// How long a pulse is high (cycles of the pulse timer): 25 µs, ten times what
 /// the slowest common driver asks for.
@@ -23,7 +20,7 @@ pub const SHORTEST_GAP: u32 = 400;
 
 /// The fastest rate (microsteps/s).
 #[allow(clippy::cast_precision_loss)] // 800.
-pub const FASTEST: f32 = TIMER_HZ / (HIGH_CYCLES as f32 + SHORTEST_GAP as f32);
+pub const FASTEST: f32 = CPU_HZ as f32 / (HIGH_CYCLES as f32 + SHORTEST_GAP as f32);
 
 /// The slowest rate that is not a standstill (microsteps/s).
 pub const SLOWEST: f32 = 0.5;
@@ -117,7 +114,7 @@ fn gap(rate: f32) -> u32 {
     if rate < SLOWEST {
         return 0;
     }
-    let between_pulses = (TIMER_HZ / rate) as u32;
+    let between_pulses = (CPU_HZ as f32 / rate) as u32;
     between_pulses
         .saturating_sub(u32::from(HIGH_CYCLES))
         .max(SHORTEST_GAP)

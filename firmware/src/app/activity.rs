@@ -16,6 +16,7 @@ use model_core::predictor::Predictor;
 
 use crate::{
     control::{self, Controller, DEG_PER_RAD, KPA_PER_PA, Measured, limit},
+    design::VENTING_PERIODS,
     homing::{self, Homing},
     io::{Outputs, Pump, Valve},
     monitor::Monitor,
@@ -24,10 +25,6 @@ use crate::{
 
 /// How near (microsteps) to its start position a plunger is back.
 const BACK_STEPS: f32 = 3.0;
-
-/// Periods for which it has to be back before the valve closes: the last air
-/// goes out in 0.2 s.
-const VENTING: u8 = 20;
 
 /// What the board is busy with.
 #[derive(Clone, Debug)]
@@ -160,7 +157,7 @@ impl Play {
             return Progress::Failed(fault);
         }
         // Behind a narrow tube the air needs longer than the plunger.
-        let is_back = self.back >= VENTING && !given.pressurised;
+        let is_back = self.back >= VENTING_PERIODS && !given.pressurised;
         if demand == Demand::Done {
             if is_back {
                 return Progress::Done(outputs);

@@ -4,8 +4,9 @@
 use wire::settings::Settings;
 
 use crate::{
+    design::{LARGEST_AT_REST_PA, LONGEST_VENTING_PERIODS, STILL_PRESSURISED_PERIODS},
     io::{Inputs, Outputs, Pump, Valve},
-    safety::{Conditions, LARGEST_AT_REST_PA, LONGEST_VENTING, STILL_THERE, runs_into_end},
+    safety::{Conditions, runs_into_end},
     sensing::Readings,
     settings::Limits,
     stall::Watch,
@@ -16,7 +17,7 @@ use wire::state::State;
 #[derive(Clone, Debug, Default)]
 pub(super) struct Protection {
     stall: Watch,
-    /// Periods for which the valve has been open; beyond [`LONGEST_VENTING`], those for
+    /// Periods for which the valve has been open; beyond [`LONGEST_VENTING_PERIODS`], those for
     /// which there is a pressure nevertheless.
     venting: u16,
     /// Whether the last reading of the pressure was above its limit.
@@ -62,7 +63,7 @@ impl Protection {
         } else if pressurised {
             self.venting.saturating_add(1)
         } else {
-            self.venting.saturating_add(1).min(LONGEST_VENTING)
+            self.venting.saturating_add(1).min(LONGEST_VENTING_PERIODS)
         };
         let pressure = readings.pressure.value;
         // Twice in a row: a wire that breaks within a reading leaves a mean of
@@ -83,7 +84,7 @@ impl Protection {
             internal: false,
             retracted_switch: false,
             motor_reversed: false,
-            vent_blocked: self.venting > LONGEST_VENTING + STILL_THERE,
+            vent_blocked: self.venting > LONGEST_VENTING_PERIODS + STILL_PRESSURISED_PERIODS,
             out_of_reach: false,
             disagreement: false,
             pressurised,

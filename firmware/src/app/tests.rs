@@ -17,7 +17,7 @@ use wire::{
 };
 
 use super::*;
-use crate::{control::limit, io::PERIOD_S, plant::Plant, probe::NoProbe};
+use crate::{control::limit, design::PERIOD_S, plant::Plant, probe::NoProbe};
 
 /// Text in memory.
 #[derive(Default)]

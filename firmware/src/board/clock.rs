@@ -11,11 +11,11 @@ use core::sync::atomic::{AtomicU8, Ordering::Relaxed};
 
 use avr_device::atmega2560::TC3;
 use firmware::{
-    io::{CONTROL_HZ, OVERSAMPLING, PERIOD_MS},
+    design::{CONTROL_HZ, CPU_HZ, OVERSAMPLING, PERIOD_MS},
     stepper::SLOTS,
 };
 
-use super::{CLOCK_HZ, adc, pulses, shared, switches};
+use super::{adc, pulses, shared, switches};
 
 /// Beats in a control period: a conversion of either sensor each.
 pub(super) const BEATS: u8 = 2 * OVERSAMPLING as u8;
@@ -26,8 +26,8 @@ const BEATS_PER_SLOT: u8 = BEATS / SLOTS as u8;
 const _: () = assert!(BEATS_PER_SLOT.is_power_of_two());
 
 /// Processor cycles from beat to beat.
-const CYCLES_PER_BEAT: u32 = CLOCK_HZ / (CONTROL_HZ as u32 * BEATS as u32);
-const _: () = assert!(CYCLES_PER_BEAT * CONTROL_HZ as u32 * BEATS as u32 == CLOCK_HZ);
+const CYCLES_PER_BEAT: u32 = CPU_HZ / (CONTROL_HZ as u32 * BEATS as u32);
+const _: () = assert!(CYCLES_PER_BEAT * CONTROL_HZ as u32 * BEATS as u32 == CPU_HZ);
 const _: () = assert!(CYCLES_PER_BEAT <= 0xffff);
 
 /// The beat of the period that comes next.

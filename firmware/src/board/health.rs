@@ -6,9 +6,9 @@
 use ufmt::uwrite;
 use wire::{decimal::Count, line::Sealed};
 
-use firmware::io::PERIOD_MS;
-
 use super::{serial::Serial, stack};
+
+use firmware::design::PERIOD_MS;
 
 /// Milliseconds between looks: a power of two, since a division takes 500 cycles.
 const LOOKS_MS: u32 = 1_024;

@@ -56,9 +56,6 @@ use self::{
 #[link(name = "c")]
 unsafe extern "C" {}
 
-/// The processor clock in hertz.
-const CLOCK_HZ: u32 = 16_000_000;
-
 /// Everything on the board that the firmware uses.
 pub struct Board {
     /// The cable to the computer.

@@ -11,10 +11,11 @@ use core::{
 
 use avr_device::atmega2560::USART0;
 use embedded_hal_nb::serial::{ErrorType, Read, Write};
-use firmware::ring::{self, Ring};
+use firmware::{
+    design::CPU_HZ,
+    ring::{self, Ring},
+};
 use ufmt::uWrite;
-
-use super::CLOCK_HZ;
 
 /// Serial speed in baud. At 16 MHz it is 2.1 % fast, within what a receiver
 /// forgives; the bootloader uses it too.
@@ -22,7 +23,7 @@ const BAUD: u32 = 115_200;
 
 /// The divisor for [`BAUD`] with eight samples a bit, rounded to the nearest.
 #[allow(clippy::cast_possible_truncation)]
-const BAUD_DIVISOR: u16 = ((CLOCK_HZ + 4 * BAUD) / (8 * BAUD) - 1) as u16;
+const BAUD_DIVISOR: u16 = ((CPU_HZ + 4 * BAUD) / (8 * BAUD) - 1) as u16;
 
 static RECEIVED: Ring = Ring::new();
 static TO_SEND: Ring = Ring::new();

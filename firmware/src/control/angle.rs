@@ -27,7 +27,10 @@
 //! limited, so that a sensor that shows nothing cannot ask for more than the pressure of
 //! twice the angle; and where sensor and prediction stay that far apart, the rig stops.
 
-use crate::{io::PERIOD_S, sensing::filter::LowPass};
+use crate::{
+    design::{PARTED_PERIODS, PARTED_RAD, PERIOD_S},
+    sensing::filter::LowPass,
+};
 
 use super::{
     RAD_PER_DEG,
@@ -63,14 +66,6 @@ const FLOOR_RAD: f32 = 10.0 * RAD_PER_DEG;
 /// or twice as far, as it should. A stiffness that is 30 % off is −0.14 or 0.23 of it for
 /// the shipped exponent.
 const SHARES: (f32, f32) = (-0.5, 1.0);
-
-/// Sensor and prediction part if they are farther apart than this (rad), 15°, one of them
-/// shows less than half of the other, and there is pressure behind it: what is left of an
-/// angle when the air is out is friction and creep.
-const PARTED_RAD: f32 = 15.0 * RAD_PER_DEG;
-
-/// Periods after which they have: longer than the longest dead time.
-const PARTED_PERIODS: u8 = 100;
 
 /// Within this (rad), 0.15°, of an angle that stands still the pressure is kept as it is.
 const REST_RAD: f32 = 0.15 * RAD_PER_DEG;

@@ -16,8 +16,9 @@ use wire::{
     settings::{Key, Settings},
 };
 
-use crate::{io::PERIOD_S, safety::LARGEST_AT_REST_PA};
 use limit::{Range, Setpoint};
+
+use crate::design::{LARGEST_AT_REST_PA, PERIOD_S};
 
 /// Pressure (Pa) of the air around.
 pub const ATMOSPHERE_PA: f32 = 101_325.0;

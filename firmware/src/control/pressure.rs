@@ -23,6 +23,8 @@ use super::{
     limit::{size, within},
 };
 
+use crate::design::{OUT_OF_REACH_PA, OUT_OF_REACH_PERIODS};
+
 /// Gains and limits of the pressure loop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Config {
@@ -55,13 +57,6 @@ const SMOOTHING: f32 = 0.1;
 
 /// Gaps beyond this (Pa) are alike; it keeps a nonsensical reading from lasting.
 const FAR_PA: f32 = 20_000.0;
-
-/// Farther (Pa) than this from the set-point at the end of the stroke, the pump
-/// does not get there: a leak, or more air than the syringe can compress.
-const OUT_OF_REACH_PA: f32 = 5_000.0;
-
-/// Periods at the end of the stroke after which it has not got there.
-const OUT_OF_REACH_PERIODS: u8 = 100;
 
 /// Share of the fastest flow below which the stroke is at its end.
 const AT_END: f32 = 0.01;

@@ -43,7 +43,7 @@ impl LowPass {
 mod tests {
     extern crate std;
     use super::*;
-    use crate::io::PERIOD_S;
+    use crate::design::PERIOD_S;
     use std::vec::Vec;
 
     #[test]

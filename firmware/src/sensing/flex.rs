@@ -7,7 +7,7 @@
 //! farther out a number would be invented, and there is none.
 
 use super::{HIGHEST_SUM, LOWEST_SUM, SensorFault, within_wires};
-use crate::io::{OVERSAMPLING, Oversampled};
+use crate::{design::OVERSAMPLING, io::Oversampled};
 
 /// The fewest points of a table.
 pub const FEWEST_POINTS: u8 = 2;

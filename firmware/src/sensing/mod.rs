@@ -15,7 +15,13 @@ pub mod stuck;
 
 use wire::reply::Refusal;
 
-use crate::io::{Inputs, OVERSAMPLING, Oversampled};
+use crate::{
+    design::{
+        ANGLE_REST_RAD, LARGEST_ANGLE_TARE_RAD, LARGEST_PRESSURE_TARE_PA, OVERSAMPLING,
+        PRESSURE_REST_PA,
+    },
+    io::{Inputs, Oversampled},
+};
 use bridge::Bridge;
 use filter::LowPass;
 use flex::Flex;
@@ -33,21 +39,6 @@ pub const LOWEST_SUM: u16 = (FULL_SCALE * 25).div_ceil(500) as u16;
 /// The largest sum that is not a broken wire: 4.75 V of 5 V.
 #[allow(clippy::cast_possible_truncation)] // 15 564.
 pub const HIGHEST_SUM: u16 = (FULL_SCALE * 475 / 500) as u16;
-
-/// Farthest from the calibration that a tare may move the pressure's zero (Pa).
-pub const LARGEST_PRESSURE_TARE_PA: f32 = 5_000.0;
-
-/// Farthest that a tare may move the angle's zero (rad): 30°. More is another
-/// sensor than the one that was calibrated.
-pub const LARGEST_ANGLE_TARE_RAD: f32 = core::f32::consts::FRAC_PI_6;
-
-/// Spread (Pa) of the smoothed pressure over a second below which it rests.
-pub const PRESSURE_REST_PA: f32 = 1_000.0;
-
-/// Spread (rad) of the smoothed angle over a second below which it rests: 2°,
-/// the extremes of a hundred samples of the noisiest flex sensors (0.6° rms
-/// before the filter).
-pub const ANGLE_REST_RAD: f32 = 0.035;
 
 /// Why a sensor has no reading.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

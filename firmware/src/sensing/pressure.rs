@@ -5,7 +5,7 @@
 //! is what the data sheet says.
 
 use super::{SensorFault, within_wires};
-use crate::io::{OVERSAMPLING, Oversampled};
+use crate::{design::OVERSAMPLING, io::Oversampled};
 
 /// The calibration of the pressure sensor.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -6,7 +6,7 @@
 //! is far quieter than any one of them. Extremes and sums of blocks stand for
 //! the hundred samples, which would not fit.
 
-use crate::io::CONTROL_HZ;
+use crate::design::CONTROL_HZ;
 
 /// Blocks that a second is cut into.
 const BLOCKS: u8 = 2;
