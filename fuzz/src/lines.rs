@@ -1,6 +1,6 @@
 //! Lines of the cable.
 
-use host_tools::link::line::{Text, request_text};
+use host_tools::rig::link::line::{Text, request_text};
 use ufmt::uWrite;
 use wire::{
     assemble::{Assembled, Assembler},

@@ -10,8 +10,8 @@ use std::{
     time::{Duration, Instant},
 };
 
-use host_tools::dual::Dual;
-use host_tools::simulate::{Signal, Start, Trajectory, run, substeps};
+use host_tools::sim::dual::Dual;
+use host_tools::sim::simulate::{Signal, Start, Trajectory, run, substeps};
 use model_core::actuator::{Model, ParameterId};
 use model_core::dynamics::Dynamics;
 use rand::{RngExt, SeedableRng};

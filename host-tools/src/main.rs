@@ -11,10 +11,10 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory, Parser, Subcommand};
 use clap_complete::Shell;
-use host_tools::cmd;
-use host_tools::error::InputError;
-use host_tools::link::LinkError;
-use host_tools::terminal::{printable, printable_line, remark};
+use host_tools::cli;
+use host_tools::io::error::InputError;
+use host_tools::io::terminal::{printable, printable_line, remark};
+use host_tools::rig::link::LinkError;
 
 /// Instead of musl's, which gives memory back to the system at every turn.
 #[cfg(target_env = "musl")]
@@ -42,23 +42,23 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    Diagnose(cmd::diagnose::Args),
-    Init(cmd::init::Args),
-    Fit(cmd::fit::Args),
-    Simulate(cmd::simulate::Args),
-    Compare(cmd::compare::Args),
-    Gap(cmd::gap::Args),
-    Convert(cmd::convert::Args),
-    Materials(cmd::materials::Args),
-    Example(cmd::example::Args),
-    Export(cmd::export::Args),
-    Ports(cmd::ports::Args),
-    Monitor(cmd::monitor::Args),
-    Record(cmd::record::Args),
-    Upload(cmd::upload::Args),
-    Calibrate(cmd::calibrate::Args),
-    Virtual(cmd::virtual_rig::Args),
-    Plan(cmd::plan::Args),
+    Diagnose(cli::diagnose::Args),
+    Init(cli::init::Args),
+    Fit(cli::fit::Args),
+    Simulate(cli::simulate::Args),
+    Compare(cli::compare::Args),
+    Gap(cli::gap::Args),
+    Convert(cli::convert::Args),
+    Materials(cli::materials::Args),
+    Example(cli::example::Args),
+    Export(cli::export::Args),
+    Ports(cli::ports::Args),
+    Monitor(cli::monitor::Args),
+    Record(cli::record::Args),
+    Upload(cli::upload::Args),
+    Calibrate(cli::calibrate::Args),
+    Virtual(cli::virtual_rig::Args),
+    Plan(cli::plan::Args),
     /// Print the JSON Schema of a verdict
     #[command(after_help = "Examples:\n  rig schema > verdict.schema.json")]
     Schema,
@@ -85,32 +85,32 @@ fn main() -> ExitCode {
 
 fn run(command: Command) -> anyhow::Result<()> {
     match command {
-        Command::Diagnose(args) => cmd::diagnose::run(&args),
-        Command::Init(args) => cmd::init::run(&args),
-        Command::Fit(args) => cmd::fit::run(&args),
-        Command::Simulate(args) => cmd::simulate::run(&args),
-        Command::Compare(args) => cmd::compare::run(&args),
-        Command::Gap(args) => cmd::gap::run(&args),
-        Command::Convert(args) => cmd::convert::run(&args),
-        Command::Materials(args) => cmd::materials::run(args),
-        Command::Example(args) => cmd::example::run(&args),
-        Command::Export(args) => cmd::export::run(&args),
-        Command::Ports(args) => cmd::ports::run(&args),
-        Command::Monitor(args) => cmd::monitor::run(&args),
-        Command::Record(args) => cmd::record::run(&args),
-        Command::Upload(args) => cmd::upload::run(&args),
-        Command::Calibrate(args) => cmd::calibrate::run(&args),
-        Command::Virtual(args) => cmd::virtual_rig::run(&args),
-        Command::Plan(args) => cmd::plan::run(&args),
+        Command::Diagnose(args) => cli::diagnose::run(&args),
+        Command::Init(args) => cli::init::run(&args),
+        Command::Fit(args) => cli::fit::run(&args),
+        Command::Simulate(args) => cli::simulate::run(&args),
+        Command::Compare(args) => cli::compare::run(&args),
+        Command::Gap(args) => cli::gap::run(&args),
+        Command::Convert(args) => cli::convert::run(&args),
+        Command::Materials(args) => cli::materials::run(args),
+        Command::Example(args) => cli::example::run(&args),
+        Command::Export(args) => cli::export::run(&args),
+        Command::Ports(args) => cli::ports::run(&args),
+        Command::Monitor(args) => cli::monitor::run(&args),
+        Command::Record(args) => cli::record::run(&args),
+        Command::Upload(args) => cli::upload::run(&args),
+        Command::Calibrate(args) => cli::calibrate::run(&args),
+        Command::Virtual(args) => cli::virtual_rig::run(&args),
+        Command::Plan(args) => cli::plan::run(&args),
         Command::Schema => {
             let schema = host_tools::diagnose::verdict::schema();
-            cmd::print(&format!("{}\n", serde_json::to_string_pretty(&schema)?))?;
+            cli::print(&format!("{}\n", serde_json::to_string_pretty(&schema)?))?;
             Ok(())
         }
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(shell, &mut Cli::command(), "rig", &mut script);
-            cmd::print_own(&String::from_utf8(script)?)?;
+            cli::print_own(&String::from_utf8(script)?)?;
             Ok(())
         }
     }

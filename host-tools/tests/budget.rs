@@ -5,9 +5,9 @@ use std::path::Path;
 use host_tools::diagnose::budget::Ended;
 use host_tools::diagnose::verdict::Answer;
 use host_tools::diagnose::{Budget, Diagnosis, Progress, Request, diagnose};
-use host_tools::example::{Hidden, make};
-use host_tools::model_file::ModelFile;
-use host_tools::recording::Recording;
+use host_tools::io::model_file::ModelFile;
+use host_tools::io::recording::Recording;
+use host_tools::synth::example::{Hidden, make};
 use model_core::catalogue::Kind;
 
 /// A model, and recordings of an actuator that hides `kind`.

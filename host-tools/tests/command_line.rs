@@ -13,8 +13,8 @@ use std::time::Duration;
 
 use assert_cmd::Command;
 use assert_cmd::assert::Assert;
-use host_tools::model_file::ModelFile;
-use host_tools::recording::Recording;
+use host_tools::io::model_file::ModelFile;
+use host_tools::io::recording::Recording;
 use predicates::prelude::*;
 use predicates::str::{contains, is_empty, is_match};
 use serde_json::Value;

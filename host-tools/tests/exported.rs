@@ -11,10 +11,10 @@ use std::{
 };
 
 use host_tools::{
-    example::{Hidden, make},
     export::{Defaults, Language, export},
-    model_file::ModelFile,
-    simulate::{Grain, Origin, Signal, Start, Stepping, run_from},
+    io::model_file::ModelFile,
+    sim::simulate::{Grain, Origin, Signal, Start, Stepping, run_from},
+    synth::example::{Hidden, make},
 };
 use model_core::{catalogue::Kind, integrate::Scheme};
 use tempfile::TempDir;

@@ -7,8 +7,8 @@
 use std::path::{Path, PathBuf};
 
 use assert_cmd::Command;
-use host_tools::columns::{Columns, Layout, Names};
-use host_tools::recording::Recording;
+use host_tools::io::columns::{Columns, Layout, Names};
+use host_tools::io::recording::Recording;
 use predicates::prelude::*;
 use predicates::str::contains;
 use tempfile::TempDir;

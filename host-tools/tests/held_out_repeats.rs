@@ -6,9 +6,9 @@ use std::path::Path;
 use host_tools::diagnose::validation::CrossValidator;
 use host_tools::estimate::assemble::assemble;
 use host_tools::estimate::fit::Fitter;
-use host_tools::example::{Hidden, make};
-use host_tools::model_file::ModelFile;
-use host_tools::recording::Recording;
+use host_tools::io::model_file::ModelFile;
+use host_tools::io::recording::Recording;
+use host_tools::synth::example::{Hidden, make};
 
 /// Whether a judge that holds out `held_out`, or else `fitted` in turn, sees only
 /// repeats.

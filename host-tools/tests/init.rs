@@ -7,8 +7,8 @@
 use std::path::PathBuf;
 
 use assert_cmd::Command;
-use host_tools::example::{Hidden, make};
-use host_tools::model_file::ModelFile;
+use host_tools::io::model_file::ModelFile;
+use host_tools::synth::example::{Hidden, make};
 use model_core::actuator::{Model, ParameterId};
 use model_core::catalogue::Kind;
 use model_core::dynamics::Dynamics;

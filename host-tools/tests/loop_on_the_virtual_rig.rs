@@ -17,8 +17,8 @@ use std::{
 
 use host_tools::{
     diagnose::{Diagnosis, Progress, Request, diagnose, verdict::Answer, verdict::Verdict},
-    model_file::{ModelFile, to_file_units},
-    recording::{PASCAL_PER_KPA, Recording},
+    io::model_file::{ModelFile, to_file_units},
+    io::recording::{PASCAL_PER_KPA, Recording},
 };
 use model_core::{
     actuator::ParameterId,

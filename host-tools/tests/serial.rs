@@ -10,8 +10,8 @@ use std::time::{Duration, Instant};
 
 use assert_cmd::Command;
 use fake_board::{FakeBoard, Script, patient, wait_until};
-use host_tools::link::{Event, Link, LinkError, SerialConnector, Timing};
-use host_tools::recording::Recording;
+use host_tools::io::recording::Recording;
+use host_tools::rig::link::{Event, Link, LinkError, SerialConnector, Timing};
 use tempfile::TempDir;
 use wire::reply::Refusal;
 use wire::settings::{Key, Settings};

@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use host_tools::example::{Example as Made, Hidden, make};
-use host_tools::model_file::ModelFile;
+use host_tools::io::model_file::ModelFile;
+use host_tools::synth::example::{Example as Made, Hidden, make};
 use pyo3::prelude::*;
 
 use crate::fault::OrRaise;

@@ -1,7 +1,7 @@
 //! Columns as a pandas frame. pandas is imported only here, so that the package works
 //! without it.
 
-use host_tools::error::InputError as Fault;
+use host_tools::io::error::InputError as Fault;
 use pyo3::exceptions::PyImportError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;

@@ -3,9 +3,9 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use host_tools::cmd::output::{self, FileKind, Output};
-use host_tools::error::{InputError as Fault, write_atomically};
-use host_tools::model_file::{
+use host_tools::cli::output::{self, FileKind, Output};
+use host_tools::io::error::{InputError as Fault, write_atomically};
+use host_tools::io::model_file::{
     ModelFile, from_file_units, parameter_unit, parameters, tidy, to_file_units,
 };
 use host_tools::report::provenance::{MODEL, Source};

@@ -3,9 +3,9 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use host_tools::columns::{self, ATMOSPHERE_KPA, Columns, Layout, Names};
-use host_tools::error::InputError as Fault;
-use host_tools::recording::{self, Column, Meta, PASCAL_PER_KPA, check_distinct};
+use host_tools::io::columns::{self, ATMOSPHERE_KPA, Columns, Layout, Names};
+use host_tools::io::error::InputError as Fault;
+use host_tools::io::recording::{self, Column, Meta, PASCAL_PER_KPA, check_distinct};
 use host_tools::report::provenance::{FITTED, Source};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;

@@ -1,7 +1,7 @@
 //! Numbers and structures that cross between Rust and Python.
 
 use clap::ValueEnum;
-use host_tools::error::InputError as Fault;
+use host_tools::io::error::InputError as Fault;
 use numpy::{AllowTypeChange, IntoPyArray, PyArray1, PyArrayLike1};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};

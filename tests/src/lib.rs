@@ -7,9 +7,9 @@ pub mod reports;
 use std::path::{Path, PathBuf};
 
 use host_tools::diagnose::{Diagnosis, Progress, Request, diagnose};
-use host_tools::example::Example;
-use host_tools::model_file::ModelFile;
-use host_tools::recording::{Recording, read_all};
+use host_tools::io::model_file::ModelFile;
+use host_tools::io::recording::{Recording, read_all};
+use host_tools::synth::example::Example;
 
 /// A folder of the shared data, which lies beside the project or where
 /// `SOFTRIG_SHARED` says. Where it is absent, one line says so.
@@ -55,9 +55,13 @@ impl Case {
                 })
                 .collect();
             paths.sort();
-            read_all(&paths, &host_tools::columns::Layout::default(), |warning| {
-                eprintln!("{warning}");
-            })
+            read_all(
+                &paths,
+                &host_tools::io::columns::Layout::default(),
+                |warning| {
+                    eprintln!("{warning}");
+                },
+            )
             .unwrap()
         };
         Self {

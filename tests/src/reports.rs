@@ -11,13 +11,13 @@ use host_tools::diagnose::candidates::{Candidate, Untried};
 use host_tools::diagnose::plan::Proposal;
 use host_tools::diagnose::verdict::{Alternative, Answer};
 use host_tools::diagnose::{Diagnosis, Request};
-use host_tools::example::{Example, Hidden, make};
-use host_tools::protocol_file::ProtocolFile;
+use host_tools::io::protocol_file::ProtocolFile;
 use host_tools::report::Outputs;
 use host_tools::report::content::Content;
 use host_tools::report::html::page;
 use host_tools::report::provenance::Provenance;
 use host_tools::report::terminal::summary;
+use host_tools::synth::example::{Example, Hidden, make};
 use model_core::catalogue::Kind;
 use wire::protocol::Named;
 
@@ -99,7 +99,7 @@ fn report(case: &Case, diagnosis: &Diagnosis) -> Report {
         own: None,
         seed: 1,
     };
-    let paths = |recordings: &[host_tools::recording::Recording]| -> Vec<PathBuf> {
+    let paths = |recordings: &[host_tools::io::recording::Recording]| -> Vec<PathBuf> {
         recordings.iter().map(|run| run.path.clone()).collect()
     };
     let (fitted, held_out) = (paths(&case.recordings), paths(&case.holdout));

@@ -3,10 +3,10 @@
 
 use std::path::{Path, PathBuf};
 
-use host_tools::columns::Layout;
 use host_tools::diagnose::{Progress, Request, diagnose};
-use host_tools::model_file::ModelFile;
-use host_tools::recording::{Recording, read_all};
+use host_tools::io::columns::Layout;
+use host_tools::io::model_file::ModelFile;
+use host_tools::io::recording::{Recording, read_all};
 use serde_json::json;
 use softrig_tests::blind::bench::cases::{Made, Plan, make, plan};
 use softrig_tests::blind::bench::score::{Figures, Scored};
@@ -413,7 +413,7 @@ fn pieces_are_the_session_with_nothing_known_of_it() {
     assert!(recordings.len() >= 10);
     for recording in &recordings {
         assert!(recording.time[0].abs() < 1e-12);
-        assert_eq!(recording.meta, host_tools::recording::Meta::default());
+        assert_eq!(recording.meta, host_tools::io::recording::Meta::default());
     }
     let moving = recordings
         .windows(2)
@@ -538,7 +538,8 @@ fn the_bench_shares_no_code_with_the_tool() {
         }
         for line in text.lines().filter(|line| line.contains("host_tools")) {
             assert!(
-                line.contains("host_tools::error") || line.contains("host_tools::recording"),
+                line.contains("host_tools::io::error")
+                    || line.contains("host_tools::io::recording"),
                 "{line}"
             );
         }

@@ -15,7 +15,7 @@ use std::path::Path;
 
 use host_tools::diagnose::Diagnosis;
 use host_tools::diagnose::verdict::Answer;
-use host_tools::example::{Hidden, make};
+use host_tools::synth::example::{Hidden, make};
 use model_core::catalogue::Kind;
 use softrig_tests::{Case, named};
 

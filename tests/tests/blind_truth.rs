@@ -301,7 +301,7 @@ fn the_same_seed_gives_the_same_bytes() {
         let mut text = serde_json::to_string(&made.answer).unwrap();
         for (planned, recording) in &made.runs {
             text += &planned.name();
-            text += &host_tools::recording::to_csv(recording, &[]);
+            text += &host_tools::io::recording::to_csv(recording, &[]);
         }
         (stable_hash(text.as_bytes()), made.answer.misfit_over_noise)
     };
@@ -314,7 +314,7 @@ fn the_same_seed_gives_the_same_bytes() {
     let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("blind_case");
     make(&plan, "paper_007", 11).write(&folder).unwrap();
     let model = std::fs::read_to_string(folder.join("model.toml")).unwrap();
-    host_tools::model_file::ModelFile::parse(&model, &folder).unwrap();
+    host_tools::io::model_file::ModelFile::parse(&model, &folder).unwrap();
     assert!(
         !model.contains("effect") && !model.contains("lag"),
         "{model}"
@@ -429,7 +429,8 @@ fn the_simulator_shares_no_code_with_the_tool() {
         assert!(!text.contains("model_core"));
         for line in text.lines().filter(|line| line.contains("host_tools::")) {
             assert!(
-                line.contains("host_tools::error") || line.contains("host_tools::recording"),
+                line.contains("host_tools::io::error")
+                    || line.contains("host_tools::io::recording"),
                 "{line}"
             );
         }

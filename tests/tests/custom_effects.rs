@@ -5,10 +5,10 @@ use std::path::Path;
 
 use host_tools::diagnose::verdict::Answer;
 use host_tools::diagnose::{Diagnosis, Progress, Request, diagnose};
-use host_tools::example::{Example, Hidden, make, of_actuator};
-use host_tools::model_file::ModelFile;
-use host_tools::own_effects::OwnEffects;
-use host_tools::recording::Recording;
+use host_tools::io::model_file::ModelFile;
+use host_tools::io::own_effects::OwnEffects;
+use host_tools::io::recording::Recording;
+use host_tools::synth::example::{Example, Hidden, make, of_actuator};
 use serde_json::Value;
 
 /// A rig whose hose is taut at some angles and slack at others.

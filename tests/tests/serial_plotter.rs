@@ -6,7 +6,7 @@
 
 use firmware::app::HELP;
 use firmware::self_test::DONE;
-use host_tools::link::line::Text;
+use host_tools::rig::link::line::Text;
 use wire::checksum::Crc16;
 use wire::decimal::Hundredths;
 use wire::fault::Fault;

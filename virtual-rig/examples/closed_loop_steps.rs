@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 use anyhow::Context as _;
 use clap::Parser;
-use host_tools::error::write_atomically;
+use host_tools::io::error::write_atomically;
 use host_tools::plot::{Figure, Panel, Series, Style, to_svg_string};
 
 #[path = "../tests/firmware/bench.rs"]

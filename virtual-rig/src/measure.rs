@@ -8,7 +8,7 @@
 use std::path::Path;
 
 use anyhow::{Context, ensure};
-use host_tools::link::line::request_text;
+use host_tools::rig::link::line::request_text;
 use model_core::prepared::DEAREST;
 use virtual_rig::{Image, Options, VirtualRig};
 use wire::{

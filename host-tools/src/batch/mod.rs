@@ -21,13 +21,13 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use crate::checkpoint::Checkpoint;
-use crate::columns::Layout;
 use crate::diagnose::{Budget, Progress, Request, diagnose_from};
-use crate::error::{InputError, write_atomically};
-use crate::model_file::ModelFile;
-use crate::own_effects::OwnEffects;
-use crate::recording::{check_distinct, read_all};
+use crate::estimate::checkpoint::Checkpoint;
+use crate::io::columns::Layout;
+use crate::io::error::{InputError, write_atomically};
+use crate::io::model_file::ModelFile;
+use crate::io::own_effects::OwnEffects;
+use crate::io::recording::{check_distinct, read_all};
 use crate::report::provenance::Provenance;
 use manifest::Case;
 

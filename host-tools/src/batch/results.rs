@@ -17,7 +17,7 @@ use serde_json::Value;
 
 use super::Folder;
 use super::manifest::Case;
-use crate::error::write_atomically;
+use crate::io::error::write_atomically;
 
 /// What is known of a case.
 #[derive(Clone, Debug)]

@@ -12,11 +12,11 @@ use super::policy::Exact;
 use super::validation::CrossValidator;
 use super::verdict::Answer;
 use super::{Progress, Request};
-use crate::error::InputError;
 use crate::estimate::Dataset;
 use crate::estimate::fit::{Effort, Fit, Fitter};
-use crate::model_file::ModelFile;
-use crate::statistics::{correlation_time, rms};
+use crate::estimate::statistics::{correlation_time, rms};
+use crate::io::error::InputError;
+use crate::io::model_file::ModelFile;
 
 /// The model before any effect is added.
 #[derive(Clone, Debug)]
@@ -145,8 +145,8 @@ pub fn in_step(data: &Dataset, fit: &Fit) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::example::{Hidden, make};
-    use crate::recording::Recording;
+    use crate::io::recording::Recording;
+    use crate::synth::example::{Hidden, make};
     use model_core::catalogue::Kind;
     use std::path::Path;
 

@@ -21,7 +21,7 @@ use rand_pcg::Pcg64Mcg;
 
 use super::candidates::Candidate;
 use crate::estimate::fit::{Fit, Fitter};
-use crate::statistics::independent_stretch;
+use crate::estimate::statistics::independent_stretch;
 
 /// How often noise is dealt out again.
 const DRAWS: usize = 499;
@@ -247,9 +247,9 @@ mod tests {
     use crate::diagnose::policy::Exact;
     use crate::estimate::Dataset;
     use crate::estimate::fit::Effort;
-    use crate::example::{Hidden, make};
-    use crate::model_file::ModelFile;
-    use crate::recording::Recording;
+    use crate::io::model_file::ModelFile;
+    use crate::io::recording::Recording;
+    use crate::synth::example::{Hidden, make};
 
     /// How likely chance lets friction gain what it gains on an example.
     fn chance_of_friction(hidden: Hidden, seed: u64) -> f64 {

@@ -9,11 +9,11 @@ use model_core::catalogue::{Effect, Kind};
 use model_core::effects::{Mechanism, Parameter, Place, Unit};
 
 use super::Progress;
-use crate::checkpoint::Checkpoint;
+use crate::estimate::checkpoint::Checkpoint;
 use crate::estimate::filter::Level;
 use crate::estimate::fit::{Effort, Fit, Fitter};
-use crate::model_file::{ModelFile, parameter_name};
-use crate::smooth::motions;
+use crate::estimate::smooth::motions;
+use crate::io::model_file::{ModelFile, parameter_name};
 
 /// A structure (which effects were added) with its fit.
 #[derive(Clone, Debug)]
@@ -223,7 +223,7 @@ fn spectral_lines(fitter: &Fitter<'_>, refit: &Fit) -> Vec<f64> {
             let from = k.saturating_sub(AROUND);
             let mut around: Vec<f64> = power[from..(k + AROUND).min(count)].to_vec();
             (
-                power[k] / crate::statistics::median(&mut around).max(f64::MIN_POSITIVE),
+                power[k] / crate::estimate::statistics::median(&mut around).max(f64::MIN_POSITIVE),
                 k,
             )
         })

@@ -13,7 +13,7 @@ use model_core::actuator::ParameterId;
 
 use super::candidates::Candidate;
 use crate::estimate::fit::{Effort, Fit, Fitter, FlatDirection};
-use crate::model_file::{ModelFile, parameter_name};
+use crate::io::model_file::{ModelFile, parameter_name};
 
 /// Beyond this relative standard error nothing determines a direction.
 const NOTHING_DETERMINES: f64 = 100.0;
@@ -124,7 +124,7 @@ mod tests {
 
     use super::*;
     use crate::estimate::Dataset;
-    use crate::example::{Hidden, make};
+    use crate::synth::example::{Hidden, make};
 
     #[test]
     fn the_scale_of_the_inertia_is_held_and_said() {

@@ -13,10 +13,10 @@ use std::ops::Range;
 use model_core::actuator::Model;
 
 use super::smoother::{ForceSeries, Smoother};
+use crate::estimate::statistics::{mean, noise_by_differences, rms};
 use crate::estimate::{Dataset, Nuisance};
-use crate::numbers::{percent, short};
-use crate::recording::Recording;
-use crate::statistics::{mean, noise_by_differences, rms};
+use crate::io::recording::Recording;
+use crate::report::numbers::{percent, short};
 
 /// Bins of a feature, each with as many samples.
 const BINS: usize = 16;
@@ -507,7 +507,7 @@ fn edges(recording: &Recording) -> Vec<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::simulate::{Signal, Start, run};
+    use crate::sim::simulate::{Signal, Start, run};
     use model_core::catalogue::Kind;
     use model_core::dynamics::Dynamics;
 

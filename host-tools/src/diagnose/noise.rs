@@ -16,8 +16,8 @@ use super::policy::Exact;
 use crate::estimate::Session;
 use crate::estimate::fit::{Fit, Fitter};
 use crate::estimate::nuisance::rest_at_start;
-use crate::recording::{Meta, Recording};
-use crate::statistics::{correlated_rms, mean, noise_by_differences, quantum, rms};
+use crate::estimate::statistics::{correlated_rms, mean, noise_by_differences, quantum, rms};
+use crate::io::recording::{Meta, Recording};
 
 /// The noise floor and where it comes from.
 #[derive(Clone, Debug, PartialEq)]
@@ -91,7 +91,7 @@ impl NoiseFloor {
     /// more, and the difference of the angles is what it leaves.
     ///
     /// A fit takes the pressure as it was measured, but for its fastest part
-    /// ([`crate::denoise`]), so a right model has this error, and it is correlated:
+    /// ([`crate::estimate::denoise`]), so a right model has this error, and it is correlated:
     /// the actuator filters it.
     pub fn with_input(self, fitter: &Fitter<'_>, fit: &Fit, seed: u64) -> Self {
         let mut random = Pcg64Mcg::seed_from_u64(seed);

@@ -231,12 +231,12 @@ mod tests {
     use super::super::Progress;
     use super::super::candidates::Scales;
     use super::*;
-    use crate::checkpoint::Checkpoint;
     use crate::estimate::Dataset;
+    use crate::estimate::checkpoint::Checkpoint;
     use crate::estimate::fit::Effort;
-    use crate::model_file::ModelFile;
-    use crate::recording::Recording;
-    use crate::simulate::{Signal, Start, run};
+    use crate::io::model_file::ModelFile;
+    use crate::io::recording::Recording;
+    use crate::sim::simulate::{Signal, Start, run};
 
     const SWING: &str = r#"
         schema = 1

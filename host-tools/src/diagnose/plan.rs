@@ -26,9 +26,9 @@ use super::candidates::Candidate;
 use crate::estimate::fit::Fitter;
 use crate::estimate::nuisance::Prior;
 use crate::estimate::{Dataset, Nuisance, Session};
-use crate::protocol::play;
-use crate::protocol_file::ProtocolFile;
-use crate::recording::{PASCAL_PER_KPA, Recording};
+use crate::io::protocol_file::ProtocolFile;
+use crate::io::recording::{PASCAL_PER_KPA, Recording};
+use crate::sim::protocol::play;
 
 /// Samples per second of a simulated run.
 const RATE_HZ: u32 = 50;

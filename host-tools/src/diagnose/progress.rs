@@ -25,7 +25,7 @@ use super::family::{Family, title};
 use super::measure::Measured;
 use super::policy::Policy;
 use super::selection::names;
-use crate::numbers::{degrees, percent};
+use crate::report::numbers::{degrees, percent};
 
 /// Counts what a diagnosis does. Any thread may report.
 #[derive(Debug)]

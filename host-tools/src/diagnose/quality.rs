@@ -10,7 +10,7 @@
 //! | no motion in any recording, or hardly any samples | refused |
 //! | no motion in one of them | said |
 //! | units mixed up, columns exchanged | refused, with what fits ([`super::unit_errors`]) |
-//! | sensor at the end of its range, gaps, jitter, a reset | what can be used is, the rest is said ([`crate::usable`]) |
+//! | sensor at the end of its range, gaps, jitter, a reset | what can be used is, the rest is said ([`crate::estimate::usable`]) |
 //! | another actuator among the recordings | left out, and named |
 //! | no repeats, short runs | said |
 
@@ -19,14 +19,14 @@ use model_core::effects::Unit;
 
 use super::candidates::Candidate;
 use super::noise::NoiseFloor;
-use crate::error::InputError;
 use crate::estimate::Dataset;
 use crate::estimate::fit::{Effort, Fitter};
-use crate::model_file::{ModelFile, parameter_name};
-use crate::recording::Recording;
-use crate::statistics::{median, moves, swing};
+use crate::estimate::statistics::{median, moves, swing};
+use crate::io::error::InputError;
+use crate::io::model_file::{ModelFile, parameter_name};
+use crate::io::recording::Recording;
 
-pub use crate::usable::{Concern, Matter};
+pub use crate::estimate::usable::{Concern, Matter};
 
 /// Looks at the runs that can be used before anything is fitted.
 ///
@@ -246,7 +246,7 @@ pub(super) mod tests {
     use super::*;
     use crate::estimate::Dataset;
     use crate::estimate::assemble::assemble;
-    use crate::example::{Hidden, make};
+    use crate::synth::example::{Hidden, make};
 
     /// A model and its recordings, of which nothing is missing.
     pub fn example(seed: u64) -> (ModelFile, Vec<Recording>) {

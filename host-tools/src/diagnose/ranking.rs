@@ -18,7 +18,7 @@ use super::candidates::{Candidate, Scales};
 use super::noise::{NoiseFloor, adequate};
 use super::policy::Exact;
 use crate::estimate::fit::Fit;
-use crate::statistics::independent_stretch;
+use crate::estimate::statistics::independent_stretch;
 
 /// What structures are compared by.
 #[derive(Clone, Copy, Debug)]

@@ -15,11 +15,11 @@ use super::selection::{Selection, Selector, names};
 use super::singles::{Singles, settles, singles};
 use super::validation::CrossValidator;
 use super::verdict::{Alternative, Answer};
-use crate::checkpoint::Checkpoint;
 use crate::estimate::Dataset;
+use crate::estimate::checkpoint::Checkpoint;
 use crate::estimate::fit::Fitter;
 use crate::estimate::subsample::{excerpt, pieces};
-use crate::model_file::ModelFile;
+use crate::io::model_file::ModelFile;
 
 /// What a search is carried out with.
 #[derive(Clone, Copy)]

@@ -11,9 +11,9 @@
 use model_core::actuator::{Model, State};
 use nalgebra::{Matrix3, RowVector3, Vector3};
 
-use crate::dual::Dual;
-use crate::recording::Recording;
-use crate::simulate::{Grain, Signal, Stepping, advance};
+use crate::io::recording::Recording;
+use crate::sim::dual::Dual;
+use crate::sim::simulate::{Grain, Signal, Stepping, advance};
 
 /// Estimated motion and missing force of one run.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -295,11 +295,11 @@ mod tests {
             .map(|(t, p)| p - hidden(*t) / dynamics.input_gain)
             .collect();
         let signal = Signal::new(time.clone(), pressure);
-        let start = crate::simulate::Start {
+        let start = crate::sim::simulate::Start {
             angle: 0.0,
             rate: 0.0,
         };
-        let angle = crate::simulate::run(&model, &signal, start, 4)
+        let angle = crate::sim::simulate::run(&model, &signal, start, 4)
             .reading
             .into_iter()
             .map(|angle| {
@@ -328,9 +328,9 @@ mod tests {
             .collect();
         let inner = &errors[50..1_450];
         assert!(
-            crate::statistics::rms(inner) < 0.06,
+            crate::estimate::statistics::rms(inner) < 0.06,
             "{}",
-            crate::statistics::rms(inner)
+            crate::estimate::statistics::rms(inner)
         );
         let covered = inner
             .iter()

@@ -16,7 +16,7 @@ use statrs::statistics::{Data, OrderStatistics};
 
 use super::candidates::{Candidate, FitContext};
 use crate::estimate::fit::{Effort, Fitter};
-use crate::smooth::motions;
+use crate::estimate::smooth::motions;
 
 /// Nodes of a table of anything but the rate.
 const NODES: usize = 8;
@@ -137,12 +137,12 @@ fn nodes(fitter: &Fitter<'_>, of: Variable) -> Option<Vec<f32>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::checkpoint::Checkpoint;
     use crate::diagnose::Progress;
     use crate::diagnose::candidates::Scales;
     use crate::estimate::Dataset;
-    use crate::example::{Hidden, make};
-    use crate::model_file::ModelFile;
+    use crate::estimate::checkpoint::Checkpoint;
+    use crate::io::model_file::ModelFile;
+    use crate::synth::example::{Hidden, make};
     use std::path::Path;
 
     /// A cubic spring is a table of the angle, a drag one of the rate: each closes most of

@@ -13,13 +13,13 @@
 use model_core::actuator::{Model, ParameterId};
 use model_core::dynamics::Dynamics;
 
-use crate::columns::{ATMOSPHERE_KPA, AngleUnit, Columns, PressureUnit, TimeUnit};
-use crate::error::InputError;
 use crate::estimate::Dataset;
 use crate::estimate::fit::{Effort, Fitter};
-use crate::model_file::ModelFile;
-use crate::recording::{PASCAL_PER_KPA, Recording};
-use crate::statistics::{mean, median, rms};
+use crate::estimate::statistics::{mean, median, rms};
+use crate::io::columns::{ATMOSPHERE_KPA, AngleUnit, Columns, PressureUnit, TimeUnit};
+use crate::io::error::InputError;
+use crate::io::model_file::ModelFile;
+use crate::io::recording::{PASCAL_PER_KPA, Recording};
 
 /// A nominal model that misses by less, relative to the motion, reads the
 /// columns right. Psi make the pressure 6.9 times smaller, and with the exponent

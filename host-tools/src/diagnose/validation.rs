@@ -24,7 +24,7 @@ use super::policy::Exact;
 use crate::estimate::Segment;
 use crate::estimate::fit::{Effort, Fitter, Validation};
 use crate::estimate::horizon::{Squares, block_errors};
-use crate::model_file::ModelFile;
+use crate::io::model_file::ModelFile;
 
 /// Fewer different runs than this, and leaving one out would ask for
 /// extrapolation: repeats are then left out one by one.

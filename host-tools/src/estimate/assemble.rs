@@ -11,9 +11,9 @@ use std::path::{Path, PathBuf};
 
 use super::dataset::{Dataset, Mark, Session};
 use crate::diagnose::quality::{Concern, Matter};
-use crate::error::InputError;
-use crate::recording::{Column, Recording, stem};
-use crate::usable::{Usable, usable};
+use crate::estimate::usable::{Usable, usable};
+use crate::io::error::InputError;
+use crate::io::recording::{Column, Recording, stem};
 
 /// Segments into which the only session is cut if nothing says where its runs
 /// begin: as many as are needed to leave one out and still see the rest.
@@ -489,7 +489,7 @@ fn ranges(whole: &Recording, mut marks: Vec<(Span, About)>) -> Vec<Mark> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::recording::{Meta, SegmentMeta};
+    use crate::io::recording::{Meta, SegmentMeta};
 
     const INTERVAL_S: f64 = 0.01;
     const PIECE_S: f64 = 3.0;

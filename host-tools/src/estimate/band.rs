@@ -67,7 +67,7 @@ mod tests {
     use super::*;
     use crate::estimate::Dataset;
     use crate::estimate::fit::Effort;
-    use crate::recording::Recording;
+    use crate::io::recording::Recording;
     use model_core::actuator::Model;
     use model_core::dynamics::Dynamics;
     use rand::SeedableRng;

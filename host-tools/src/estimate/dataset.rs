@@ -12,9 +12,9 @@ use model_core::actuator::Model;
 use model_core::power::Power;
 
 use super::nuisance::{Nuisance, Prior};
-use crate::denoise;
-use crate::recording::Recording;
-use crate::simulate::{FromF64, Grain, Origin, Signal, Start, Stepping, run_from};
+use crate::estimate::denoise;
+use crate::io::recording::Recording;
+use crate::sim::simulate::{FromF64, Grain, Origin, Signal, Start, Stepping, run_from};
 
 /// A recording that is simulated whole.
 ///
@@ -243,7 +243,7 @@ impl Dataset {
     pub fn of(recordings: &[Recording]) -> Self {
         let mut this = Self::default();
         for recording in recordings {
-            let silent = crate::statistics::clipped(&recording.angle);
+            let silent = crate::estimate::statistics::clipped(&recording.angle);
             let mark = Mark {
                 range: 0..recording.len(),
                 about: recording.clone(),
@@ -473,7 +473,7 @@ impl Dataset {
 mod tests {
     use super::*;
     use crate::estimate::fit::{Effort, Fitter};
-    use crate::statistics::rms;
+    use crate::estimate::statistics::rms;
     use model_core::actuator::ParameterId;
     use model_core::catalogue::{Effect, Kind};
     use model_core::dynamics::Dynamics;

@@ -28,10 +28,10 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::dataset::{Dataset, Session};
 use super::nuisance::Nuisance;
-use crate::dual::Dual;
-use crate::simulate::{Origin, advance, is_lost, state_at};
-use crate::smooth::motions;
-use crate::statistics::{mean, rms, robust_deviation};
+use crate::estimate::smooth::motions;
+use crate::estimate::statistics::{mean, rms, robust_deviation};
+use crate::sim::dual::Dual;
+use crate::sim::simulate::{Origin, advance, is_lost, state_at};
 
 /// How the recorded motion runs: the scales of a filter's first covariance.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -313,7 +313,7 @@ mod tests {
 
     use super::*;
     use crate::estimate::fit::{Effort, Fitter};
-    use crate::recording::Recording;
+    use crate::io::recording::Recording;
 
     const INTERVAL_S: f64 = 0.02;
 

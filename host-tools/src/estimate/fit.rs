@@ -4,7 +4,7 @@
 //! The model is *simulated* over each recording and compared with the measured
 //! angle; nothing is differentiated in time, so noise is not amplified. The
 //! derivatives of every simulated sample come exactly from dual numbers that
-//! run through the shared core ([`crate::dual`]), and a library solves the
+//! run through the shared core ([`crate::sim::dual`]), and a library solves the
 //! least-squares problem (Levenberg–Marquardt, the MINPACK algorithm).
 //!
 //! Each session brings unknowns of its own, the zeros of its sensors and its
@@ -21,8 +21,8 @@ use super::filter::Level;
 use super::information::Information;
 use super::nuisance::Nuisance;
 use super::problem::{Compared, Problem};
-use crate::checkpoint::{Checkpoint, Ended, fingerprint};
-use crate::statistics::{correlation_time, rms};
+use crate::estimate::checkpoint::{Checkpoint, Ended, fingerprint};
+use crate::estimate::statistics::{correlation_time, rms};
 
 /// What a fit found.
 #[derive(Clone, Debug)]
@@ -529,7 +529,7 @@ mod tests {
     use super::*;
     use crate::estimate::Session;
     use crate::estimate::dataset::Mark;
-    use crate::recording::{CalibrationMeta, Recording};
+    use crate::io::recording::{CalibrationMeta, Recording};
     use model_core::dynamics::Dynamics;
 
     fn swing() -> Recording {

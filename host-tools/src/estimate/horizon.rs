@@ -13,8 +13,8 @@ use nalgebra::{Matrix2, Vector2};
 
 use super::dataset::{Dataset, Session};
 use super::nuisance::Nuisance;
-use crate::dual::Dual;
-use crate::simulate::{advance, is_lost, state_at};
+use crate::sim::dual::Dual;
+use crate::sim::simulate::{advance, is_lost, state_at};
 
 /// Fewer samples than this tell nothing beside an angle and a rate.
 const FEWEST: usize = 8;
@@ -238,8 +238,8 @@ mod tests {
 
     use super::*;
     use crate::estimate::fit::Fitter;
-    use crate::recording::Recording;
-    use crate::simulate::{Signal, Start as From, run};
+    use crate::io::recording::Recording;
+    use crate::sim::simulate::{Signal, Start as From, run};
 
     const NOISE: f64 = 0.004;
 

@@ -11,7 +11,7 @@
 
 use nalgebra::{DMatrix, DMatrixView, DVector, DVectorView};
 
-use crate::statistics::independent_stretch;
+use crate::estimate::statistics::independent_stretch;
 
 /// Curvature and slope of the sum of squares of each recording, in the
 /// coordinates in which the solver moves.

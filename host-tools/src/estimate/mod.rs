@@ -13,8 +13,10 @@
 
 pub mod assemble;
 pub mod band;
+pub mod checkpoint;
 mod coordinate;
 pub mod dataset;
+pub mod denoise;
 pub mod filter;
 pub mod fit;
 pub mod horizon;
@@ -23,7 +25,10 @@ mod normal;
 pub mod nuisance;
 mod problem;
 pub mod refit;
+pub mod smooth;
+pub mod statistics;
 pub mod subsample;
+pub mod usable;
 
 pub use dataset::{Dataset, Segment, Session};
 pub use nuisance::Nuisance;

@@ -35,10 +35,10 @@
 
 use std::ops::Range;
 
-use crate::recording::{PASCAL_PER_KPA, Recording};
-use crate::simulate::Start;
-use crate::smooth::motion;
-use crate::statistics::{mean, moves, noise_by_differences, quantum, scatter, swing};
+use crate::estimate::smooth::motion;
+use crate::estimate::statistics::{mean, moves, noise_by_differences, quantum, scatter, swing};
+use crate::io::recording::{PASCAL_PER_KPA, Recording};
+use crate::sim::simulate::Start;
 
 /// Standard deviation of the pressure's zero where the metadata has no
 /// calibration (Pa): the offset of an 80 psi sensor after a tare.
@@ -406,7 +406,7 @@ mod tests {
         let mut recording = resting(0.0, 0.0);
         let unknown = Prior::of(&recording);
         assert!((unknown.deviation.angle_zero.to_degrees() - 2.0).abs() < 1e-9);
-        recording.meta.calibration = Some(crate::recording::CalibrationMeta {
+        recording.meta.calibration = Some(crate::io::recording::CalibrationMeta {
             pressure_zero_sd_kpa: Some(0.1),
             angle_zero_sd_deg: Some(0.5),
         });

@@ -19,9 +19,9 @@ use super::information::{Information, Recorded, without_nuisance};
 use super::normal::{Normal, SharedRow};
 use super::nuisance::{Nuisance, Prior, Shared, UNKNOWNS, ZEROS, wall};
 use super::{Dataset, Session};
-use crate::dual::Dual;
-use crate::simulate::{Origin, Start, run_from};
-use crate::statistics::{correlation_time, mean};
+use crate::estimate::statistics::{correlation_time, mean};
+use crate::sim::dual::Dual;
+use crate::sim::simulate::{Origin, Start, run_from};
 
 /// Sessions from which on the library's dense decomposition, which takes the cube of
 /// their number, costs more than simulating them.

@@ -5,9 +5,9 @@ use super::dataset::Dataset;
 use super::fit::{Effort, Fit, Fitter};
 use crate::diagnose::quality::Concern;
 use crate::diagnose::unit_errors;
-use crate::error::InputError;
-use crate::model_file::ModelFile;
-use crate::recording::Recording;
+use crate::io::error::InputError;
+use crate::io::model_file::ModelFile;
+use crate::io::recording::Recording;
 
 /// What is said of a fit that did not converge.
 pub const NOT_CONVERGED: &str =

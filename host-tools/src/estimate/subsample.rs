@@ -6,9 +6,9 @@ use model_core::actuator::Model;
 
 use super::dataset::{Dataset, Mark, Session};
 use super::nuisance::Nuisance;
-use crate::recording::Recording;
-use crate::simulate::{Start, substeps};
-use crate::smooth::{half_window, motion};
+use crate::estimate::smooth::{half_window, motion};
+use crate::io::recording::Recording;
+use crate::sim::simulate::{Start, substeps};
 
 /// Cuts the fitted segments into short pieces that each start where the measured
 /// motion is: the data on which fits find their way.

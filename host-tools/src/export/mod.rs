@@ -7,7 +7,7 @@
 //! The physics is not written again. [`trace`] runs `model-core` itself on a scalar that
 //! records what is computed, [`physics`] gathers what is needed of a model, and [`print`](mod@print)
 //! prints it in the syntax of a language. What steps through time is a template for each
-//! language, with the constants of [`crate::simulate`]; tests hold C, Python and MATLAB to
+//! language, with the constants of [`crate::sim::simulate`]; tests hold C, Python and MATLAB to
 //! its results.
 
 mod c;
@@ -24,9 +24,9 @@ use serde::Serialize;
 use self::physics::Physics;
 use self::print::{Printer, Syntax, number};
 use self::trace::{Binary, Expression, Id, TooManyBranches, Unary};
-use crate::model_file::{ModelFile, node_in_file};
-use crate::simulate;
-use crate::terminal::printable_line;
+use crate::io::model_file::{ModelFile, node_in_file};
+use crate::io::terminal::printable_line;
+use crate::sim::simulate;
 
 /// What every exported file says in its header.
 pub const WRITTEN_BY: &str = "Written by `rig export`";

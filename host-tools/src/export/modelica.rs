@@ -13,7 +13,7 @@ use super::physics::{Constant, Memory, PRESSURE};
 use super::print::{Lines, Printer, Syntax, number};
 use super::trace::{Binary, Expression, Id, Relation, Unary};
 use super::{ExportError, Source, environment};
-use crate::terminal::printable_line;
+use crate::io::terminal::printable_line;
 
 /// What the equations of a file are filled into.
 const TEMPLATE: &str = include_str!("modelica.jinja");

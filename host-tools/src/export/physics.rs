@@ -14,8 +14,8 @@ use model_core::real::Real;
 
 use super::print::number;
 use super::trace::{Binary, Expression, Id, Tape, TooManyBranches, Traced, Written};
-use crate::model_file::{parameter_name, parameter_unit};
-use crate::recording::PASCAL_PER_KPA;
+use crate::io::model_file::{parameter_name, parameter_unit};
+use crate::io::recording::PASCAL_PER_KPA;
 
 /// A parameter of the model.
 #[derive(Clone, Debug)]
@@ -518,8 +518,8 @@ fn labels<'t>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::example::rig_models;
-    use crate::model_file::ModelFile;
+    use crate::io::model_file::ModelFile;
+    use crate::synth::example::rig_models;
     use std::path::Path;
     use std::sync::LazyLock;
 

@@ -22,15 +22,15 @@ use model_core::ludwick::{Beam, Ludwick, SecondMoment};
 use model_core::material::Material;
 use model_core::power::Exact;
 
-use crate::error::InputError;
 use crate::estimate::Dataset;
 use crate::estimate::fit::{Effort, Fit, Fitter};
 use crate::estimate::nuisance::FARTHEST;
+use crate::estimate::smooth::motions;
+use crate::estimate::statistics::{moves, squares_about_mean};
 use crate::estimate::subsample::excerpt;
-use crate::model_file::to_file_units;
-use crate::recording::{PASCAL_PER_KPA, Recording};
-use crate::smooth::motions;
-use crate::statistics::{moves, squares_about_mean};
+use crate::io::error::InputError;
+use crate::io::model_file::to_file_units;
+use crate::io::recording::{PASCAL_PER_KPA, Recording};
 use rayon::prelude::*;
 
 /// Samples beyond which an excerpt is fitted: the answer is wanted in seconds.

@@ -15,8 +15,8 @@ use nalgebra::{Matrix4, Vector4};
 
 use super::statics::{self, Level, signed_power};
 use crate::estimate::Dataset;
-use crate::recording::Recording;
-use crate::smooth::motion;
+use crate::estimate::smooth::motion;
+use crate::io::recording::Recording;
 
 /// Motions of a recording that are enough for a regression.
 const MOTIONS: usize = 1_500;
@@ -79,7 +79,7 @@ fn regression(recordings: &[Recording], exponent: f64, half: usize) -> Option<Mo
             let Some(found) = motion(recording, from, to, at) else {
                 continue;
             };
-            let pressure = crate::statistics::mean(&recording.pressure[from..to]);
+            let pressure = crate::estimate::statistics::mean(&recording.pressure[from..to]);
             let row = Vector4::new(
                 -found.rate,
                 -signed_power(found.angle, exponent),
@@ -132,7 +132,7 @@ fn grid(
         .iter()
         .flat_map(|recording| recording.angle.iter().copied())
         .collect();
-    let typical = crate::statistics::rms(&angles);
+    let typical = crate::estimate::statistics::rms(&angles);
     if fastest.is_nan() || fastest <= slowest || typical <= 0.0 {
         return Vec::new();
     }

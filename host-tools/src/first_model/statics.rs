@@ -5,8 +5,8 @@
 //! itself once there are two levels. They know nothing of inertia and damping, and take
 //! creep and friction for stiffness: they are where a fit begins.
 
-use crate::recording::Recording;
-use crate::statistics::{mean, median, moves, noise_by_differences, swing};
+use crate::estimate::statistics::{mean, median, moves, noise_by_differences, swing};
+use crate::io::recording::Recording;
 
 /// A level at which a recording stood still.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -6,8 +6,8 @@ use model_core::actuator::ParameterId;
 use toml_edit::Value;
 
 use super::{BASE, Evidence, FirstModel, Geometry, Origin, beam_stiffness};
-use crate::model_file::{parameter_name, parameter_unit, tidy, to_file_units};
-use crate::terminal::printable_line;
+use crate::io::model_file::{parameter_name, parameter_unit, tidy, to_file_units};
+use crate::io::terminal::printable_line;
 
 /// Key in `[dynamics]` and what the parameter is, in the order of [`BASE`].
 const KEYS: [(&str, &str); 5] = [
@@ -205,7 +205,7 @@ fn actuator(geometry: &Geometry, fitted: bool) -> String {
 mod tests {
     use super::*;
     use crate::first_model::{authors_actuator, from_geometry};
-    use crate::model_file::ModelFile;
+    use crate::io::model_file::ModelFile;
 
     #[test]
     fn the_text_is_a_model_file_whatever_the_names() {

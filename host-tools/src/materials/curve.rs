@@ -20,7 +20,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::error::InputError;
+use crate::io::error::InputError;
 
 /// A stress or strain measure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
@@ -247,7 +247,7 @@ impl TensileCurve {
     ///
     /// [`InputError`], with the line and the column where there is one.
     pub fn read(path: &Path) -> Result<Self, InputError> {
-        let bytes = crate::bounded::read_bytes(path)?;
+        let bytes = crate::io::bounded::read_bytes(path)?;
         Self::parse(path, &bytes)
     }
 

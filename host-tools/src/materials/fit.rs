@@ -16,7 +16,7 @@ use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt, TerminationRe
 use nalgebra::{DMatrix, DVector, Dyn, Owned};
 
 use super::curve::{Measure, TensileCurve};
-use crate::error::InputError;
+use crate::io::error::InputError;
 
 /// How the modulus enters a fit.
 #[derive(Clone, Copy, Debug, PartialEq)]

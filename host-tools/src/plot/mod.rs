@@ -4,7 +4,7 @@
 //! figure, and a reader compares figures across commands. So the meaning of a
 //! colour ([`Role`]), the way long recordings are thinned and the place of the
 //! legend are decided once, here. A picture is text that this
-//! module writes itself ([`canvas`]): it needs no font of the system, and a script can read
+//! module writes itself (`canvas`): it needs no font of the system, and a script can read
 //! values off it.
 //!
 //! The same figure gives the same bytes on every machine.
@@ -36,7 +36,7 @@ mod thin;
 
 use std::path::Path;
 
-use crate::error::{InputError, write_atomically};
+use crate::io::error::{InputError, write_atomically};
 use canvas::Medium;
 use layout::Layout;
 

@@ -4,7 +4,7 @@ use crate::diagnose::verdict::Answer;
 use crate::diagnose::{Diagnosis, Request};
 use crate::estimate::band::NoBand;
 use crate::estimate::fit::{Effort, Fitter};
-use crate::model_file::parameter_name;
+use crate::io::model_file::parameter_name;
 
 use super::pictures::{REFITTED, REPAIRED};
 

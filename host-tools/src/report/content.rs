@@ -18,9 +18,9 @@ use crate::diagnose::verdict::{Answer, Closure, Strength};
 use crate::diagnose::{Diagnosis, Request};
 use crate::estimate::Segment;
 use crate::estimate::fit::Fit;
-use crate::model_file::{parameter_name, parameter_unit, to_file_units};
-use crate::numbers::{degrees, evidence, fit, percent, short, with_ends};
-use crate::statistics::squares_about_mean;
+use crate::estimate::statistics::squares_about_mean;
+use crate::io::model_file::{parameter_name, parameter_unit, to_file_units};
+use crate::report::numbers::{degrees, evidence, fit, percent, short, with_ends};
 
 /// Structures of one size that are listed; what is behind them is counted.
 const TRIED_LISTED: usize = 6;

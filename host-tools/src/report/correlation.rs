@@ -14,7 +14,7 @@
 //! first lie within ±1.96/√N. The second scatters by √(P/N), P = Σ ρ_ε(k) ρ_u(k): slow
 //! inputs and slow residuals look alike by chance.
 
-use crate::statistics::mean;
+use crate::estimate::statistics::mean;
 
 /// Between ± so many standard deviations lie 95 % of normal values.
 const NORMAL95: f64 = 1.96;
@@ -150,7 +150,7 @@ impl Correlations {
 fn step(runs: &[Run<'_>], longest: f64) -> Option<f64> {
     let usual = |run: &Run<'_>| {
         let mut steps: Vec<f64> = run.time.windows(2).map(|pair| pair[1] - pair[0]).collect();
-        crate::statistics::median(&mut steps)
+        crate::estimate::statistics::median(&mut steps)
     };
     let slowest = runs
         .iter()

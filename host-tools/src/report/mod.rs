@@ -13,6 +13,7 @@ pub mod content;
 pub mod correlation;
 pub mod equation;
 pub mod html;
+pub mod numbers;
 pub mod pictures;
 pub mod provenance;
 pub mod residuals;

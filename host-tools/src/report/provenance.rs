@@ -9,8 +9,8 @@ use serde::Serialize;
 use sha2::{Digest, Sha256};
 
 use super::content::quoted;
-use crate::error::InputError;
-use crate::recording::meta_beside;
+use crate::io::error::InputError;
+use crate::io::recording::meta_beside;
 
 /// Role of a recording that was fitted.
 pub const FITTED: &str = "fitted";

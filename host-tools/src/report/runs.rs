@@ -6,8 +6,8 @@
 
 use crate::diagnose::Diagnosis;
 use crate::estimate::Segment;
-use crate::recording::Recording;
-use crate::statistics::rms;
+use crate::estimate::statistics::rms;
+use crate::io::recording::Recording;
 
 /// One run with what each model misses of it, in degrees.
 #[derive(Clone, Debug)]

@@ -8,7 +8,7 @@ use std::fmt;
 
 use crate::diagnose::measure;
 use crate::diagnose::policy::Policy;
-use crate::numbers::percent;
+use crate::report::numbers::percent;
 
 /// A share of the error beyond the noise.
 #[derive(Clone, Copy, Debug, PartialEq)]

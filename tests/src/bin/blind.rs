@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
 use clap::{Parser, ValueEnum};
-use host_tools::error::{InputError, write_atomically};
+use host_tools::io::error::{InputError, write_atomically};
 use softrig_tests::blind::bench;
 use softrig_tests::blind::cases::{Answer, make_all, plan, stable_hash};
 use softrig_tests::blind::experiments::Set;

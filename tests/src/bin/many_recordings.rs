@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 use std::{fs, thread};
 
 use clap::Parser;
-use host_tools::error::write_atomically;
+use host_tools::io::error::write_atomically;
 use host_tools::plot::{Figure, Panel, Series, Style, to_svg_string};
 use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, Normal};

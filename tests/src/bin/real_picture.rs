@@ -8,9 +8,9 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::Parser;
-use host_tools::error::write_atomically;
+use host_tools::io::error::write_atomically;
+use host_tools::io::recording::Recording;
 use host_tools::plot::{Figure, Mark, Panel, Series, Style, to_svg_string};
-use host_tools::recording::Recording;
 
 /// Draws one validation run: measured, refitted, augmented, and the errors below. Of
 /// several runs, the one on which the refit misses most.
@@ -115,7 +115,7 @@ impl Simulated {
     }
 
     fn rms(&self) -> f64 {
-        host_tools::statistics::rms(&self.error())
+        host_tools::estimate::statistics::rms(&self.error())
     }
 
     /// The samples to draw: all, or those few periods in which the model misses most.

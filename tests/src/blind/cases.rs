@@ -11,8 +11,8 @@
 
 use std::path::Path;
 
-use host_tools::error::InputError;
-use host_tools::recording::{Recording, to_csv};
+use host_tools::io::error::InputError;
+use host_tools::io::recording::{Recording, to_csv};
 use rand::seq::{IndexedRandom, SliceRandom};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -752,7 +752,7 @@ impl Made {
     ///
     /// Says what cannot be written.
     pub fn write(&self, folder: &Path) -> Result<(), InputError> {
-        use host_tools::error::write_atomically;
+        use host_tools::io::error::write_atomically;
         let recordings = folder.join("recordings");
         std::fs::create_dir_all(&recordings)
             .map_err(|error| InputError::from_io(&recordings, &error))?;

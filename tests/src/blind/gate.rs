@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use host_tools::error::InputError;
+use host_tools::io::error::InputError;
 use serde::Deserialize;
 
 use super::experiments::Set;

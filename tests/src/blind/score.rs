@@ -20,7 +20,7 @@ use std::path::Path;
 
 use host_tools::estimate::Dataset;
 use host_tools::estimate::fit::Fitter;
-use host_tools::model_file::ModelFile;
+use host_tools::io::model_file::ModelFile;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{ContinuousCDF, Normal};
@@ -284,7 +284,7 @@ fn oracle(answer: &Answer, sealed: &Path) -> Errors {
         let errors = Errors { noisy, clean };
         // Where it cannot be kept, it is computed again.
         if let Ok(text) = serde_json::to_string(&errors) {
-            let _ = host_tools::error::write_atomically(&path, text.as_bytes());
+            let _ = host_tools::io::error::write_atomically(&path, text.as_bytes());
         }
         errors
     })
@@ -448,7 +448,7 @@ pub struct Figures {
 
 fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
     let mut values: Vec<f64> = values.collect();
-    (!values.is_empty()).then(|| host_tools::statistics::median(&mut values))
+    (!values.is_empty()).then(|| host_tools::estimate::statistics::median(&mut values))
 }
 
 impl Figures {

@@ -1,7 +1,7 @@
 //! What reaches the file: a flex sensor and a pressure sensor behind a ten-bit
 //! converter.
 
-use host_tools::recording::Recording;
+use host_tools::io::recording::Recording;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};

@@ -8,11 +8,11 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
-use host_tools::columns::Layout;
 use host_tools::diagnose::{Progress, Request, diagnose};
-use host_tools::error::{InputError, write_atomically};
-use host_tools::model_file::{ModelFile, to_file_units};
-use host_tools::recording::read_all;
+use host_tools::io::columns::Layout;
+use host_tools::io::error::{InputError, write_atomically};
+use host_tools::io::model_file::{ModelFile, to_file_units};
+use host_tools::io::recording::read_all;
 use serde::{Deserialize, Serialize};
 
 use super::cases::stable_hash;
@@ -97,7 +97,7 @@ impl Outcome {
             .map(|(index, &id)| {
                 let shown = |value: f64| to_file_units(&fit.model, id, value);
                 FittedParameter {
-                    name: host_tools::model_file::parameter_name(&fit.model, id),
+                    name: host_tools::io::model_file::parameter_name(&fit.model, id),
                     value: shown(fit.model.value(id).unwrap_or(f64::NAN)),
                     interval95: fit
                         .interval95(index)

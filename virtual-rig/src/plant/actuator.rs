@@ -5,7 +5,7 @@
 //! looks back into a history of it. Steps are divided where the model's own
 //! rates ask for it.
 
-use host_tools::simulate::substeps;
+use host_tools::sim::simulate::substeps;
 use model_core::{
     actuator::{Model, State},
     effects::Mechanism,
@@ -163,7 +163,7 @@ fn past(history: &[f64], newest: usize, back: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use host_tools::simulate::{Signal, Start, run};
+    use host_tools::sim::simulate::{Signal, Start, run};
     use model_core::{
         catalogue::Kind,
         dynamics::Dynamics,

@@ -3,7 +3,7 @@
 
 use std::collections::VecDeque;
 
-use host_tools::link::line::request_text;
+use host_tools::rig::link::line::request_text;
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 use wire::{

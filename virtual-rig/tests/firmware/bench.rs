@@ -3,7 +3,7 @@
 
 use std::{env, path::Path};
 
-use host_tools::link::line::request_text;
+use host_tools::rig::link::line::request_text;
 use model_core::{actuator::Model, catalogue::Effect};
 use virtual_rig::{Image, Options, VirtualRig};
 use wire::{

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //! A cable that lies.
 
-use host_tools::link::line::request_text;
+use host_tools::rig::link::line::request_text;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use virtual_rig::Fault as Broken;

@@ -8,8 +8,8 @@
 
 use std::path::Path;
 
-use host_tools::error::{InputError, write_atomically};
-use host_tools::recording::{Recording, to_csv};
+use host_tools::io::error::{InputError, write_atomically};
+use host_tools::io::recording::{Recording, to_csv};
 use rand::seq::{IndexedRandom, SliceRandom};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;

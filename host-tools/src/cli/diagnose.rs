@@ -1,0 +1,299 @@
+//! `rig diagnose`: which effect does the model lack?
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use clap::Parser;
+
+use super::input::InputArgs;
+use super::output::{self, FileKind, Output};
+use super::watch::Watched;
+use crate::batch::{self, Folder, Outcome, manifest, results};
+use crate::diagnose::{Budget, Request, diagnose_from};
+use crate::estimate::checkpoint::Checkpoint;
+use crate::io::error::write_atomically;
+use crate::io::own_effects::OwnEffects;
+use crate::io::recording::{check_distinct, read_all};
+use crate::report::Outputs;
+use crate::report::content::Content;
+use crate::report::html::page;
+use crate::report::pictures::figure;
+use crate::report::provenance::{Provenance, command_line};
+use crate::report::terminal::summary;
+
+/// Finds where model and recordings disagree, names the missing effect, and
+/// writes the model with the effect added.
+///
+/// A recording session is simulated whole. Without --holdout its runs are left
+/// out in turn to judge by. Give runs that differ: steps of several sizes, slow
+/// and fast ones.
+#[derive(Debug, Parser)]
+#[command(after_help = "\
+Examples:
+  rig diagnose --model m.toml run.csv
+  rig diagnose --model m.toml run.csv --report report.html -o repaired.toml
+  rig diagnose --model m.toml run.csv --json verdict.json
+  rig diagnose --model m.toml monday.csv tuesday.csv      sessions of one rig
+  rig diagnose --model m.toml id_*.csv --holdout vad_*.csv --plot gap.svg
+  rig diagnose --model m.toml --effects mine.toml run.csv  tries formulas of your own
+  rig diagnose --model m.toml run.csv --resume fits       after an interruption
+  rig diagnose --model m.toml run.csv --budget 2min       what is found by then
+  rig diagnose --batch cases.csv -o out                   thousands of recordings
+  rig diagnose --batch cases.csv -o out --share 7/400     as one job of an array
+  rig diagnose --batch cases.csv -o out --budget 1min     at most that long a case
+
+Ctrl-C prints what is known so far, writes nothing, and exits with code 130.
+
+A file of effects has sections [[effect]] with kind = \"custom\", a name, a formula
+for the force, and its parameters; docs/custom-effects.md.
+
+A batch is a CSV with the columns case,model,recordings,holdout; docs/batch.md.
+
+The verdict is one of: effect_found, parameters_only, no_discrepancy,
+cannot_tell, unexplained. `rig schema` prints the schema of the JSON.")]
+pub struct Args {
+    /// Model file
+    #[arg(long, value_name = "MODEL.toml", required_unless_present = "batch")]
+    model: Option<PathBuf>,
+    /// Recordings to fit
+    #[arg(required_unless_present = "batch", value_name = "REC.csv")]
+    recordings: Vec<PathBuf>,
+    /// Effects of your own, by formulas, to try beside those that are known; of a batch in
+    /// every case
+    #[arg(long, value_name = "EFFECTS.toml")]
+    effects: Option<PathBuf>,
+    /// Recordings to judge by, which are not fitted
+    #[arg(long, num_args = 1.., value_name = "REC.csv")]
+    holdout: Vec<PathBuf>,
+    /// Write the verdict as JSON
+    #[arg(long, value_name = "VERDICT.json")]
+    json: Option<PathBuf>,
+    /// Write the whole diagnosis as one HTML page that needs no network
+    #[arg(long, value_name = "REPORT.html")]
+    report: Option<PathBuf>,
+    /// Draw measured, before and after, and what is left
+    #[arg(long, value_name = "GAP.svg")]
+    plot: Option<PathBuf>,
+    /// Write the model to go on with: with the effect added, refitted, or as it is. Of a
+    /// batch the folder of all results
+    #[arg(short, long, value_name = "REPAIRED.toml")]
+    output: Option<PathBuf>,
+    /// Diagnose every case of a manifest, each into a folder of its own below -o. Cases
+    /// whose results are there are not diagnosed again
+    #[arg(
+        long,
+        value_name = "MANIFEST.csv",
+        requires = "output",
+        conflicts_with_all = [
+            "model", "recordings", "holdout", "json", "report", "plot", "resume"
+        ]
+    )]
+    batch: Option<PathBuf>,
+    /// Only every Nth case of the batch, beginning with the Kth from 0: one job of an array
+    #[arg(long, value_name = "K/N", requires = "batch", value_parser = share)]
+    share: Option<Share>,
+    /// Keep finished fits in this folder, and take up those that are there
+    #[arg(long, value_name = "FOLDER")]
+    resume: Option<PathBuf>,
+    /// End the search after this time, such as 30s or 5min, with a verdict on what was tried
+    /// until then. What that is depends on the computer; the verdict takes a little longer. Of
+    /// a batch the time for each case
+    #[arg(long, value_name = "TIME", value_parser = humantime::parse_duration)]
+    budget: Option<Duration>,
+    /// Seed of everything random
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    #[command(flatten)]
+    input: InputArgs,
+}
+
+/// Runs the command.
+///
+/// # Errors
+///
+/// Faults of the input, with place and remedy.
+pub fn run(args: &Args) -> anyhow::Result<()> {
+    match (&args.batch, &args.model, &args.output) {
+        (Some(manifest), _, Some(out)) => run_batch(args, manifest, out),
+        (None, Some(model), _) => run_one(args, model),
+        // The command line was checked for it.
+        _ => anyhow::bail!("name a model, or a batch and where its results go"),
+    }
+}
+
+/// Every Nth case from the Kth on.
+#[derive(Clone, Copy, Debug)]
+struct Share {
+    index: usize,
+    of: usize,
+}
+
+fn share(text: &str) -> Result<Share, String> {
+    let numbers = text
+        .split_once('/')
+        .and_then(|(index, of)| Some((index.parse().ok()?, of.parse().ok()?)));
+    match numbers {
+        Some((index, of)) if index < of => Ok(Share { index, of }),
+        _ => Err("give the number of the job, from 0, and of all jobs, such as 3/50".into()),
+    }
+}
+
+fn run_batch(args: &Args, path: &Path, out: &Path) -> anyhow::Result<()> {
+    let all = manifest::read(path)?;
+    let settings = batch::Settings {
+        layout: args.input.layout(),
+        seed: args.seed,
+        own: match &args.effects {
+            Some(path) => Some(OwnEffects::read_for_any(path)?),
+            None => None,
+        },
+        budget: args.budget.map(Budget::Time),
+    };
+    let Share { index, of } = args.share.unwrap_or(Share { index: 0, of: 1 });
+    let cases: Vec<_> = all.iter().skip(index).step_by(of).collect();
+    let width = cases.iter().map(|case| case.name.len()).max().unwrap_or(0);
+    let (mut failed, mut warned) = (Vec::new(), Vec::new());
+    for (number, case) in (1..).zip(&cases) {
+        let clock = Instant::now();
+        let outcome = batch::diagnose(case, out, &settings)?;
+        let seconds = clock.elapsed().as_secs_f64();
+        let mut known = |how: String| {
+            let row = results::Row::read(out, case)?;
+            let how: Vec<String> = [how].into_iter().chain(row.warned()).collect();
+            if row.warnings.is_some() {
+                warned.push(Folder::of(out, case).warnings());
+            }
+            anyhow::Ok(format!("{} ({})", row.summary(), how.join(", ")))
+        };
+        let said = match outcome {
+            Outcome::Failed(error) => {
+                failed.push(Folder::of(out, case).error());
+                error.lines().next().unwrap_or_default().to_owned()
+            }
+            Outcome::Known => known("known".to_owned())?,
+            Outcome::Diagnosed => known(format!("{seconds:.1} s"))?,
+        };
+        super::print(&format!(
+            "{number}/{} {:<width$}  {said}\n",
+            cases.len(),
+            case.name
+        ))?;
+    }
+    if args.share.is_none() {
+        let rows: Vec<_> = all
+            .iter()
+            .map(|case| results::Row::read(out, case))
+            .collect::<Result<_, _>>()?;
+        let table = out.join("results.parquet");
+        results::write(&table, &rows)?;
+        super::print(&format!("{} cases in {}\n", rows.len(), table.display()))?;
+    }
+    if let Some(first) = warned.first() {
+        super::warn(&format!(
+            "{} of {} cases have recordings that are not complete or odd in another way; what was said of the first stands in {}",
+            warned.len(),
+            cases.len(),
+            first.display()
+        ));
+    }
+    match failed.as_slice() {
+        [] => Ok(()),
+        [first, ..] => anyhow::bail!(
+            "{} of {} cases could not be diagnosed; the first says why in {}",
+            failed.len(),
+            cases.len(),
+            first.display()
+        ),
+    }
+}
+
+fn run_one(args: &Args, model: &PathBuf) -> anyhow::Result<()> {
+    let read = args.recordings.iter().chain(&args.holdout);
+    output::check(
+        &[
+            Output::of("--json", FileKind::Json, args.json.as_ref()),
+            Output::of("--report", FileKind::Page, args.report.as_ref()),
+            Output::of("--plot", FileKind::Picture, args.plot.as_ref()),
+            Output::of("-o", FileKind::Model, args.output.as_ref()),
+        ],
+        read.chain([model]).chain(&args.effects),
+    )?;
+    check_distinct(&args.recordings, &args.holdout)?;
+    let layout = args.input.layout();
+    let (file, recordings) = super::read(model, &args.recordings, &layout)?;
+    let layout = layout.or(&file.recording);
+    let own = match &args.effects {
+        Some(path) => Some(OwnEffects::read(path, &file.model)?),
+        None => None,
+    };
+    let holdout = read_all(&args.holdout, &layout, super::warn)?;
+    // Before the long work: these are the bytes that it starts from.
+    let provenance = match &args.report {
+        Some(_) => Some(Provenance::of(
+            model,
+            args.effects.as_deref(),
+            &args.recordings,
+            &args.holdout,
+            command_line(),
+        )?),
+        None => None,
+    };
+    let request = Request {
+        file: &file,
+        recordings: &recordings,
+        holdout: &holdout,
+        own: own.as_ref(),
+        seed: args.seed,
+    };
+    let checkpoint = match &args.resume {
+        Some(folder) => Checkpoint::open(folder)?,
+        None => Checkpoint::default(),
+    };
+    let clock = Instant::now();
+    let budget = args.budget.map(Budget::Time);
+    let watched = Watched::start(go_on(args.resume.as_deref()), budget)?;
+    let diagnosis = diagnose_from(&request, &checkpoint, &watched.progress);
+    let writing = watched.finish();
+    let diagnosis = diagnosis?;
+    let seconds = clock.elapsed().as_secs_f64();
+
+    let content = Content::of(&request, &diagnosis);
+    let mut outputs = Outputs::default();
+    if let Some(path) = &args.json {
+        let mut text = serde_json::to_string_pretty(&diagnosis.verdict(&request, seconds))?;
+        text.push('\n');
+        write_atomically(path, text.as_bytes())?;
+        outputs.verdict = Some(path);
+    }
+    if let (Some(path), Some(provenance)) = (&args.report, &provenance) {
+        let page = page(&request, &diagnosis, &content, provenance, seconds)?;
+        write_atomically(path, page.as_bytes())?;
+        outputs.page = Some(path);
+    }
+    if let Some(path) = &args.plot {
+        crate::plot::write_svg(path, &figure(&diagnosis))?;
+        outputs.picture = Some(path);
+    }
+    if let Some(path) = &args.output {
+        let text = diagnosis.model_text(&file);
+        write_atomically(path, text.as_bytes())?;
+        outputs.model = Some(path);
+    }
+    // A reader of the summary that waits can be interrupted again.
+    drop(writing);
+    let text = summary(&content, &outputs, args.seed, seconds);
+    Ok(super::print(&text)?)
+}
+
+/// How an interrupted diagnosis is taken up.
+fn go_on(resume: Option<&Path>) -> String {
+    match resume {
+        Some(folder) => format!(
+            "To go on, repeat the command: the fits kept in {} are not made again.",
+            folder.display()
+        ),
+        None => {
+            "It would start anew: with --resume FOLDER, a diagnosis keeps finished fits.".into()
+        }
+    }
+}

@@ -1,0 +1,60 @@
+//! `rig example`: simulated recordings with an effect hidden in them.
+
+use std::path::PathBuf;
+
+use clap::Parser;
+
+use crate::io::model_file::ModelFile;
+use crate::synth::example::{Hidden, make, of_actuator};
+
+/// Writes a model and simulated recordings with an effect hidden in them.
+///
+/// Everything that is written says that it is simulated. The answer is in
+/// truth.toml: look there last.
+#[derive(Debug, Parser)]
+#[command(after_help = "\
+Examples:
+  rig example -o demo --hide 7
+  rig example -o demo --effect coulomb_friction --noise-deg 0.4
+  rig example -o demo --actuator truth.toml               effects of any kind
+  rig diagnose --model demo/model.toml demo/recordings/*.csv --plot gap.svg")]
+pub struct Args {
+    /// Folder to write model.toml, truth.toml and recordings/ to
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Seed that decides the actuator, the noise and the hidden effect
+    #[arg(long, value_name = "SEED", default_value_t = 1)]
+    hide: u64,
+    /// Hide this effect instead of one drawn from the seed; "none" hides
+    /// nothing but wrong parameters
+    #[arg(long, value_name = "KIND")]
+    effect: Option<String>,
+    /// Record the actuator of this model file instead; model.toml is then its
+    /// dynamics, off by as much as data sheets are, without its effects
+    #[arg(long, value_name = "TRUTH.toml", conflicts_with = "effect")]
+    actuator: Option<PathBuf>,
+    /// RMS noise of the angle sensor, in degrees
+    #[arg(long, default_value_t = 0.4)]
+    noise_deg: f64,
+}
+
+/// Runs the command.
+///
+/// # Errors
+///
+/// Faults of the arguments, and folders that cannot be written.
+pub fn run(args: &Args) -> anyhow::Result<()> {
+    let hidden = Hidden::named(args.effect.as_deref())?;
+    let example = match &args.actuator {
+        Some(path) => of_actuator(&ModelFile::read(path)?, args.noise_deg, args.hide)?,
+        None => make(hidden, args.noise_deg, args.hide)?,
+    };
+    example.write(&args.output)?;
+    let shown = args.output.display();
+    super::print(&format!(
+        "{} simulated recordings of an actuator that hides something are in {shown}/recordings.\n\
+         The model that its owner believes in is {shown}/model.toml; the answer is in {shown}/truth.toml.\n",
+        example.recordings.len()
+    ))?;
+    Ok(())
+}

@@ -1,0 +1,87 @@
+//! One file for each subcommand of `rig`: its arguments, and what it does with
+//! the library.
+
+pub mod calibrate;
+pub mod compare;
+pub mod convert;
+pub mod diagnose;
+pub mod example;
+pub mod export;
+pub mod fit;
+pub mod gap;
+pub mod init;
+pub mod input;
+pub mod materials;
+pub mod monitor;
+pub mod output;
+pub mod plan;
+pub mod ports;
+pub mod record;
+pub mod simulate;
+pub mod upload;
+pub mod virtual_rig;
+mod watch;
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use crate::io::columns::Layout;
+use crate::io::error::InputError;
+use crate::io::model_file::ModelFile;
+use crate::io::recording::{Recording, read_all};
+
+pub use crate::io::terminal::{print, print_own};
+
+/// Prints a warning where it does not mix with results.
+pub(crate) fn warn(text: &str) {
+    crate::io::terminal::remark(&format!("warning: {text}"));
+}
+
+/// Reads a model, with its warnings.
+pub(crate) fn read_model(path: &Path) -> Result<ModelFile, InputError> {
+    let file = ModelFile::read(path)?;
+    for warning in &file.warnings {
+        warn(warning);
+    }
+    Ok(file)
+}
+
+/// Reads a model and recordings, with their warnings. What the command line leaves open of
+/// where they stand in their files, the model says.
+pub(crate) fn read(
+    model: &Path,
+    recordings: &[PathBuf],
+    layout: &Layout,
+) -> Result<(ModelFile, Vec<Recording>), InputError> {
+    let file = read_model(model)?;
+    let recordings = read_all(recordings, &layout.or(&file.recording), warn)?;
+    Ok((file, recordings))
+}
+
+/// A spinner for long work on a terminal, silent elsewhere.
+pub(crate) fn spinner() -> indicatif::ProgressBar {
+    let bar = indicatif::ProgressBar::new_spinner();
+    bar.enable_steady_tick(std::time::Duration::from_millis(120));
+    bar
+}
+
+/// Whether someone asked the program to end. From the moment it listens, Ctrl-C
+/// no longer ends the program by itself: a moving rig has to be stopped first.
+#[derive(Clone, Debug)]
+pub(crate) struct Interrupt(Arc<AtomicBool>);
+
+impl Interrupt {
+    /// Takes over Ctrl-C, and the signals of a closing session.
+    pub(crate) fn listen() -> anyhow::Result<Self> {
+        let flag = Arc::new(AtomicBool::new(false));
+        let raised = Arc::clone(&flag);
+        ctrlc::set_handler(move || raised.store(true, Ordering::Relaxed))?;
+        Ok(Self(flag))
+    }
+
+    /// Whether it was asked for.
+    pub(crate) fn requested(&self) -> bool {
+        self.0.load(Ordering::Relaxed)
+    }
+}

@@ -1,0 +1,237 @@
+//! `rig monitor`: the rig, live.
+
+use std::io::IsTerminal;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use clap::Parser;
+use ratatui::DefaultTerminal;
+use ratatui::crossterm::event::{self, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
+use wire::command::Command;
+use wire::protocol::Named;
+
+use super::{Interrupt, record};
+use crate::io::terminal::remark;
+use crate::rig::link::{Clock, Event, Link, SerialConnector, Timing};
+use crate::rig::monitor::{Trace, View, draw};
+use crate::rig::record::{COLUMNS, Recorder, Row, line};
+
+/// Shows a rig live: angle, prediction, pressure, state, faults.
+///
+/// On a terminal it fills the screen; into a pipe it prints one line a sample.
+#[derive(Debug, Parser)]
+#[command(after_help = "\
+Examples:
+  rig monitor --port /dev/ttyACM0
+  rig monitor --port /dev/ttyACM0 --log seen.csv
+  rig monitor --port /dev/ttyACM0 --plain --every 0.5
+  rig monitor --port /dev/ttyACM0 --every 0 --seconds 5 > five.csv
+
+Keys: q quit, s stop, a arm, c clear a fault, r run the paper's protocol (asks
+first), space pause; 1 to 4 show or hide the curves: measured and predicted
+angle (°), set-point, pressure (kPa). Leaving stops a rig that is armed.")]
+pub struct Args {
+    /// Serial port of the board; `rig ports` lists them
+    #[arg(long, value_name = "PORT")]
+    port: String,
+    /// Print lines instead of filling the screen
+    #[arg(long)]
+    plain: bool,
+    /// Print at most one line in this time of the board, in seconds; 0 for all
+    #[arg(long, value_name = "S", default_value_t = 0.1, value_parser = interval)]
+    every: f64,
+    /// End after this much of the board's time, in seconds
+    #[arg(long, value_name = "S", value_parser = interval)]
+    seconds: Option<f64>,
+    /// Keep everything that is seen as a recording
+    #[arg(long, value_name = "OUT.csv")]
+    log: Option<PathBuf>,
+}
+
+fn interval(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if (0.0..=1e6).contains(&value) => Ok(value),
+        _ => Err("give a number from 0 to 1000000 seconds".into()),
+    }
+}
+
+/// Time between pictures.
+const FRAME: Duration = Duration::from_millis(50);
+
+/// Runs the command.
+///
+/// # Errors
+///
+/// When the port cannot be opened or the board does not answer.
+pub fn run(args: &Args) -> anyhow::Result<()> {
+    let interrupt = Interrupt::listen()?;
+    let mut link = Link::open(SerialConnector::new(&args.port), Timing::default())?;
+    link.learn_patience()?;
+    let mut log = args
+        .log
+        .as_deref()
+        .map(|path| record::log(path, &link))
+        .transpose()?;
+    let outcome = if args.plain || !std::io::stdout().is_terminal() {
+        plain(args, &interrupt, &mut link, &mut log)
+    } else {
+        let mut terminal = ratatui::init();
+        let outcome = live(args, &interrupt, &mut link, &mut log, &mut terminal);
+        ratatui::restore();
+        outcome
+    };
+    let logged = log.map_or(Ok(()), |log| record::end_log(log, &link, outcome.is_ok()));
+    outcome?;
+    Ok(logged?)
+}
+
+fn plain(
+    args: &Args,
+    interrupt: &Interrupt,
+    link: &mut Link,
+    log: &mut Option<Recorder>,
+) -> anyhow::Result<()> {
+    let mut clock = Clock::default();
+    let mut due_s = 0.0;
+    super::print(&format!("{COLUMNS}\n"))?;
+    while !interrupt.requested() {
+        let Some(event) = link.next_event(FRAME) else {
+            if !link.is_connected() && link.reconnect().is_ok() {
+                super::warn("the connection is back");
+            }
+            continue;
+        };
+        record::note(log, &event)?;
+        match &event {
+            Event::Sample(received) => {
+                let Some(placed) = clock.place(received) else {
+                    continue;
+                };
+                let time_s = placed.time_ms as f64 / 1000.0;
+                if args.seconds.is_some_and(|end| time_s > end) {
+                    break;
+                }
+                // The board's milliseconds are exact; half of one is none.
+                if time_s + 0.0005 >= due_s {
+                    due_s = (due_s + args.every).max(time_s);
+                    super::print(&line(&Row {
+                        time_ms: placed.time_ms,
+                        sample: received.sample,
+                    }))?;
+                }
+            }
+            Event::Remark(text) => remark(&format!("# {text}")),
+            Event::Lost(reason) => super::warn(&format!(
+                "{}: the connection was lost ({reason}); waiting for it to come back",
+                link.port()
+            )),
+            Event::Useless => {}
+        }
+    }
+    let counters = link.counters();
+    if counters.dropped + counters.damaged > 0 {
+        super::warn(&format!(
+            "{} lines were lost and {} arrived damaged",
+            counters.dropped, counters.damaged
+        ));
+    }
+    Ok(())
+}
+
+fn live(
+    args: &Args,
+    interrupt: &Interrupt,
+    link: &mut Link,
+    log: &mut Option<Recorder>,
+    terminal: &mut DefaultTerminal,
+) -> anyhow::Result<()> {
+    let mut view = View::new(link.port(), &link.board().firmware);
+    let mut first_ms = None;
+    let mut drawn = Instant::now();
+    while !interrupt.requested() {
+        while let Some(event) = link.next_event(FRAME.saturating_sub(drawn.elapsed())) {
+            record::note(log, &event)?;
+            view.take(&event);
+            if drawn.elapsed() >= FRAME {
+                break;
+            }
+        }
+        if !link.is_connected() && link.reconnect().is_ok() {
+            view.say("the connection is back");
+        }
+        view.refresh(link.counters(), Instant::now());
+        terminal.draw(|frame| draw(frame, &view))?;
+        drawn = Instant::now();
+        while event::poll(Duration::ZERO)? {
+            if let event::Event::Key(key) = event::read()?
+                && key.kind == KeyEventKind::Press
+                && !press(key, &mut view, link, log)?
+            {
+                return leave(&view, link);
+            }
+        }
+        if let (Some(end), Some(sample)) = (args.seconds, link.last()) {
+            let now = sample.time_ms;
+            let first = *first_ms.get_or_insert(now);
+            if f64::from(now.wrapping_sub(first)) / 1000.0 > end {
+                break;
+            }
+        }
+    }
+    leave(&view, link)
+}
+
+/// Nobody watches any more: an armed rig is stopped.
+fn leave(view: &View, link: &mut Link) -> anyhow::Result<()> {
+    if view.is_armed() && link.is_connected() {
+        link.request(Command::Stop)?;
+    }
+    Ok(())
+}
+
+/// Obeys a key; false to leave.
+fn press(
+    key: KeyEvent,
+    view: &mut View,
+    link: &mut Link,
+    log: &mut Option<Recorder>,
+) -> anyhow::Result<bool> {
+    let confirmed = view.take_question() && key.code == KeyCode::Char('y');
+    let command = match key.code {
+        KeyCode::Char('c') if key.modifiers.contains(KeyModifiers::CONTROL) => return Ok(false),
+        KeyCode::Char('q') => return Ok(false),
+        KeyCode::Char(' ') => {
+            view.toggle_pause();
+            return Ok(true);
+        }
+        KeyCode::Char(key @ '1'..='9') => {
+            if let Some(trace) = Trace::of_key(key) {
+                view.toggle(trace);
+            }
+            return Ok(true);
+        }
+        KeyCode::Char('r') => {
+            view.ask();
+            return Ok(true);
+        }
+        KeyCode::Char('s') => Command::Stop,
+        KeyCode::Char('a') => Command::Arm,
+        KeyCode::Char('c') => Command::Clear,
+        KeyCode::Char('y') if confirmed => Command::Run(Some(Named::Paper)),
+        _ => return Ok(true),
+    };
+    let mut seen = Vec::new();
+    let outcome = link.request_with(command, &mut |event| seen.push(event));
+    for event in seen {
+        record::note(log, &event)?;
+        view.take(&event);
+    }
+    match outcome {
+        Ok(_) => view.say(&format!(
+            "{}: done",
+            crate::rig::link::line::command_text(command)
+        )),
+        Err(error) => view.say(&error.to_string()),
+    }
+    Ok(true)
+}

@@ -1,0 +1,388 @@
+//! What a command may write over: nothing that it reads, no recording, and no file of
+//! another kind than it writes.
+//!
+//! `rig diagnose --model m.toml -o step*.csv`, the name of the model forgotten, once
+//! replaced a measured recording by a model. The shell hands the first recording to `-o`;
+//! only a look at what is there tells. Every flag that writes a file goes through
+//! [`check`], before anything is computed.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use crate::export::WRITTEN_BY as WRITTEN_BY_EXPORT;
+use crate::io::error::{InputError, check_writable, is_stream, target_of};
+use crate::rig::record::meta_path;
+
+/// What a file holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FileKind {
+    /// A model file.
+    Model,
+    /// A protocol file.
+    Protocol,
+    /// A verdict, or another result as JSON.
+    Json,
+    /// A report.
+    Page,
+    /// A picture.
+    Picture,
+    /// A table of `rig compare`.
+    Table,
+    /// A recording: never replaced without being told to.
+    Recording,
+    /// A model as a program of another language.
+    Code,
+}
+
+impl FileKind {
+    /// With its article.
+    fn what(self) -> &'static str {
+        match self {
+            Self::Model => "a model",
+            Self::Protocol => "a protocol",
+            Self::Json => "JSON",
+            Self::Page => "a report",
+            Self::Picture => "a picture",
+            Self::Table => "a table",
+            Self::Recording => "a recording",
+            Self::Code => "code",
+        }
+    }
+
+    /// A name that one would give such a file.
+    fn example(self) -> &'static str {
+        match self {
+            Self::Model => "repaired.toml",
+            Self::Protocol => "next.toml",
+            Self::Json => "verdict.json",
+            Self::Page => "report.html",
+            Self::Picture => "picture.svg",
+            Self::Table => "table.csv",
+            Self::Recording => "new.csv",
+            Self::Code => "exported.c",
+        }
+    }
+}
+
+/// A file that a command was told to write.
+#[derive(Clone, Copy, Debug)]
+pub struct Output<'a> {
+    flag: &'static str,
+    kind: FileKind,
+    path: Option<&'a Path>,
+    may_replace: bool,
+    rows_only: bool,
+}
+
+impl<'a> Output<'a> {
+    /// Of a flag, if it was given.
+    pub fn of(flag: &'static str, kind: FileKind, path: Option<&'a PathBuf>) -> Self {
+        Self {
+            flag,
+            kind,
+            path: path.map(PathBuf::as_path),
+            may_replace: kind != FileKind::Recording,
+            rows_only: false,
+        }
+    }
+
+    /// Takes it away where nothing is written.
+    pub(crate) fn unless(self, dry_run: bool) -> Self {
+        Self {
+            path: self.path.filter(|_| !dry_run),
+            ..self
+        }
+    }
+
+    /// Says whether it leaves the metadata beside it alone.
+    pub(crate) fn rows_only(self, rows_only: bool) -> Self {
+        Self { rows_only, ..self }
+    }
+
+    /// Lets it replace a recording, if that can be had again or the user says so.
+    pub fn replacing(self, may_replace: bool) -> Self {
+        Self {
+            may_replace: self.may_replace || may_replace,
+            ..self
+        }
+    }
+}
+
+/// What is in a file that exists.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Found {
+    /// Nothing: there is no such file, or it is empty.
+    Nothing,
+    Known(FileKind),
+    Unknown,
+}
+
+/// Refuses outputs that would write over something that is worth keeping, or that cannot
+/// be written, before long work. `read` are the files that the command reads.
+///
+/// # Errors
+///
+/// Names the file, the flag, and what is probably missing after it.
+pub fn check<'a>(
+    outputs: &[Output<'_>],
+    read: impl IntoIterator<Item = &'a PathBuf>,
+) -> Result<(), InputError> {
+    let read: Vec<PathBuf> = read.into_iter().map(|path| same_file(path)).collect();
+    let mut seen: Vec<PathBuf> = Vec::new();
+    for output in outputs {
+        let Some(path) = output.path else { continue };
+        let folder = path.parent().unwrap_or(Path::new(""));
+        if !folder.as_os_str().is_empty() && !folder.is_dir() {
+            return Err(InputError::new(
+                format!("cannot be written: there is no folder {}", folder.display()),
+                "create it first",
+            )
+            .in_file(path));
+        }
+        check_writable(path)?;
+        let file = same_file(path);
+        if seen.contains(&file) {
+            return Err(InputError::new(
+                "is named for two results",
+                "give each result a file of its own",
+            )
+            .in_file(path));
+        }
+        let refused = if read.contains(&file) {
+            Some("is read by this command".to_owned())
+        } else {
+            match found(path) {
+                Found::Nothing if output.kind == FileKind::Recording && !output.rows_only => {
+                    keep_metadata(path, output.may_replace)?;
+                    None
+                }
+                Found::Nothing => None,
+                Found::Known(FileKind::Recording) if output.kind != FileKind::Recording => {
+                    Some("is a recording".to_owned())
+                }
+                Found::Known(FileKind::Recording) if !output.may_replace => {
+                    return Err(InputError::new(
+                        "is a recording that exists",
+                        "choose another name: what was recorded is never replaced",
+                    )
+                    .in_file(path));
+                }
+                Found::Known(kind) if kind == output.kind => None,
+                Found::Known(kind) => Some(format!("is {}", kind.what())),
+                Found::Unknown => Some("is something else".to_owned()),
+            }
+        };
+        if let Some(is) = refused {
+            let Output { flag, kind, .. } = output;
+            return Err(InputError::new(
+                format!("{is}, and {flag} would write {} over it", kind.what()),
+                format!(
+                    "give {flag} a file of its own, such as {flag} {}",
+                    kind.example()
+                ),
+            )
+            .in_file(path));
+        }
+        seen.push(file);
+    }
+    Ok(())
+}
+
+/// Metadata may be all that is left of a recording: they are as good as it.
+fn keep_metadata(path: &Path, may_replace: bool) -> Result<(), InputError> {
+    let about = meta_path(path);
+    if about.exists() && !may_replace {
+        return Err(InputError::new(
+            "is the metadata of a recording",
+            "choose another name: what was recorded is never replaced",
+        )
+        .in_file(&about));
+    }
+    Ok(())
+}
+
+/// What `rig simulate` writes into the metadata of its recordings.
+const WRITTEN_BY: &str = "rig simulate";
+
+/// The metadata of a recording of `rig simulate`, which it may replace when it runs again.
+pub(crate) fn about_simulated(angle_is_simulated: bool) -> String {
+    format!("written_by = \"{WRITTEN_BY}\"\nsimulated = {angle_is_simulated}\n")
+}
+
+/// Whether `rig simulate` wrote a recording: whatever is in it can be had again.
+pub(crate) fn is_simulated(path: &Path) -> bool {
+    let about = std::fs::read_to_string(meta_path(path)).unwrap_or_default();
+    about.parse::<toml::Table>().is_ok_and(|table| {
+        let by = table.get("written_by").and_then(toml::Value::as_str);
+        by == Some(WRITTEN_BY)
+    })
+}
+
+/// The same for every name of a file, also of one that is still to be made.
+pub(super) fn same_file(path: &Path) -> PathBuf {
+    let target = target_of(path).unwrap_or_else(|_| path.to_owned());
+    let path = target.as_path();
+    path.canonicalize().unwrap_or_else(|_| {
+        // A new file in a folder that may have several names.
+        let folder = match path.parent() {
+            Some(parent) if !parent.as_os_str().is_empty() => parent,
+            _ => Path::new("."),
+        };
+        match (folder.canonicalize(), path.file_name()) {
+            (Ok(folder), Some(name)) => folder.join(name),
+            _ => path.to_owned(),
+        }
+    })
+}
+
+/// Looks at what is there. What cannot be read is not known.
+fn found(path: &Path) -> Found {
+    /// Enough for a header or the sections of a model.
+    const ENOUGH: u64 = 1 << 20;
+    if is_stream(path) {
+        return Found::Nothing;
+    }
+    let Ok(file) = File::open(path) else {
+        return if path.exists() {
+            Found::Unknown
+        } else {
+            Found::Nothing
+        };
+    };
+    let mut bytes = Vec::new();
+    if file.take(ENOUGH).read_to_end(&mut bytes).is_err() {
+        return Found::Unknown;
+    }
+    if bytes.iter().all(u8::is_ascii_whitespace) {
+        return Found::Nothing;
+    }
+    // A compressed table is a recording, as are the binary formats: nothing else that is read
+    // here is either.
+    if [&[0x1f, 0x8b][..], b"PAR1", mcap::MAGIC, b"MATLAB"]
+        .iter()
+        .any(|start| bytes.starts_with(start))
+    {
+        return Found::Known(FileKind::Recording);
+    }
+    let text = String::from_utf8_lossy(&bytes);
+    of_text(text.trim_start_matches('\u{feff}').trim_start()).map_or(Found::Unknown, Found::Known)
+}
+
+/// The lines within which an export says what wrote it.
+const EXPORT_SAYS_SO_BY: usize = 12;
+
+fn of_text(text: &str) -> Option<FileKind> {
+    let start: String = text.chars().take(200).collect::<String>().to_lowercase();
+    if start.starts_with("<!doctype html") || start.starts_with("<html") {
+        return Some(FileKind::Page);
+    }
+    if start.starts_with("<svg") || (start.starts_with("<?xml") && text.contains("<svg")) {
+        return Some(FileKind::Picture);
+    }
+    // Every export says so in its first lines, whatever the language; other code is
+    // somebody's work.
+    let head = text.lines().take(EXPORT_SAYS_SO_BY);
+    if head
+        .into_iter()
+        .any(|line| line.contains(WRITTEN_BY_EXPORT))
+    {
+        return Some(FileKind::Code);
+    }
+    if start.starts_with('{') {
+        return Some(FileKind::Json);
+    }
+    if let Ok(table) = text.parse::<toml::Table>() {
+        return of_toml(&table);
+    }
+    let header = text
+        .lines()
+        .find(|line| !line.trim_start().starts_with('#'))?;
+    let columns: Vec<String> = header
+        .split([',', ';', '\t'])
+        .map(|name| name.trim().trim_matches('"').to_lowercase())
+        .collect();
+    let names = |name: &str| columns.iter().any(|column| column.contains(name));
+    if columns.len() > 1 && names("rms_deg") && names("setpoint_deg") {
+        return Some(FileKind::Table);
+    }
+    // A time beside others is a measurement, by whatever names.
+    let measured = ["pressure", "angle", "deg", "kpa", "psi", "volt"];
+    if columns.len() > 1
+        && (measured.into_iter().any(names) || columns[0] == "t" || columns[0].contains("time"))
+    {
+        return Some(FileKind::Recording);
+    }
+    None
+}
+
+fn of_toml(table: &toml::Table) -> Option<FileKind> {
+    if table.contains_key("dynamics") {
+        return Some(FileKind::Model);
+    }
+    // Metadata list segments too, without a kind.
+    let is_played = |segment: &toml::Value| segment.get("kind").is_some();
+    let mut segments = table.get("segment")?.as_array()?.iter();
+    segments.any(is_played).then_some(FileKind::Protocol)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_are_known_by_what_is_in_them() {
+        for (text, expected) in [
+            (
+                "time_s,pressure_kpa,angle_deg\n0,1,2\n",
+                Some(FileKind::Recording),
+            ),
+            ("t;p;theta\n0;1;2\n", Some(FileKind::Recording)),
+            (
+                "# of Monday\n\"Time (ms)\"\tPressure (psi)\n",
+                Some(FileKind::Recording),
+            ),
+            (
+                "run,setpoint_deg,repeats,model,rms_deg,rms_percent\n",
+                Some(FileKind::Table),
+            ),
+            ("<svg xmlns=\"a\">", Some(FileKind::Picture)),
+            ("<?xml version=\"1.0\"?>\n<svg>", Some(FileKind::Picture)),
+            ("<!DOCTYPE html>", Some(FileKind::Page)),
+            ("{ \"schema\": 1 }", Some(FileKind::Json)),
+            (
+                "schema = 1\n[dynamics]\nexponent = 1\n",
+                Some(FileKind::Model),
+            ),
+            (
+                "schema = 1\n[[segment]]\nkind = \"step\"\n",
+                Some(FileKind::Protocol),
+            ),
+            ("rate_hz = 100\n[[segment]]\nfrom_s = 1\n", None),
+            (
+                "name = \"slow, to 30 deg\"\n[dynamics]\n",
+                Some(FileKind::Model),
+            ),
+            ("schema = 1\n[settings]\n", None),
+            ("Dear diary, today", None),
+            (
+                "/*\n * Model \"a\"\n *\n * Written by `rig export` of softrig 0.1.0.\n */",
+                Some(FileKind::Code),
+            ),
+            ("int main(void) { return 0; }\n", None),
+        ] {
+            assert_eq!(of_text(text), expected, "{text}");
+        }
+    }
+
+    #[test]
+    fn a_file_has_one_name_by_whatever_path() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = folder.path().join("run.csv");
+        std::fs::write(&run, "time_s,pressure_kpa,angle_deg\n").unwrap();
+        let roundabout = folder.path().join(".").join("run.csv");
+        let outputs = [Output::of("-o", FileKind::Recording, Some(&roundabout)).replacing(true)];
+        let error = check(&outputs, [&run]).unwrap_err().to_string();
+        assert!(error.contains("is read by this command"), "{error}");
+    }
+}

@@ -1,0 +1,280 @@
+//! `rig plan`: which run would separate two explanations?
+
+use std::path::PathBuf;
+
+use clap::Parser;
+use model_core::actuator::Model;
+use model_core::catalogue::Kind;
+
+use super::input::InputArgs;
+use super::output::{self, FileKind, Output};
+use crate::diagnose::Progress;
+use crate::diagnose::candidates::{Candidate, FitContext, Scales, added, typical};
+use crate::diagnose::noise::NoiseFloor;
+use crate::diagnose::plan::{Limits, proposals};
+use crate::diagnose::selection::names;
+use crate::estimate::assemble::assemble;
+use crate::estimate::checkpoint::Checkpoint;
+use crate::estimate::fit::{Effort, Fitter};
+use crate::estimate::subsample::excerpt;
+use crate::estimate::{Dataset, Nuisance};
+use crate::io::error::{InputError, write_atomically};
+use crate::io::model_file::ModelFile;
+use crate::io::own_effects::OwnEffects;
+use crate::io::recording::Recording;
+use crate::report::numbers::evidence;
+use crate::sim::protocol::Protocol;
+
+/// Finds the run that separates two effects, within the limits of the rig, and
+/// writes it as a protocol file that `rig record` plays.
+///
+/// Both effects are fitted to the recordings first. Without recordings, steps
+/// to 60° and 90° of an actuator with the first effect are made up for it.
+#[derive(Debug, Parser)]
+#[command(after_help = "\
+Examples:
+  rig plan --model m.toml --between coulomb_friction,bouc_wen_hysteresis run.csv -o next.toml
+  rig plan --model m.toml --between gravity,exponent_shift --limits deg=60,kpa=80,s=60")]
+pub struct Args {
+    /// Model file
+    #[arg(long, value_name = "MODEL.toml")]
+    model: PathBuf,
+    /// Effects of your own, by formulas, that --between may name
+    #[arg(long, value_name = "EFFECTS.toml")]
+    effects: Option<PathBuf>,
+    /// The two effects; join effects that act together with +
+    #[arg(long, value_name = "A,B")]
+    between: String,
+    /// Recordings that there are
+    #[arg(value_name = "REC.csv")]
+    recordings: Vec<PathBuf>,
+    /// Highest set-point (deg), highest pressure (kpa), longest run (s)
+    #[arg(long, value_name = "deg=90,kpa=170,s=180")]
+    limits: Option<String>,
+    /// Noise of the angle (° RMS) to reckon with; from the recordings if there
+    /// are any, otherwise 0.4
+    #[arg(long, value_name = "DEG")]
+    noise_deg: Option<f64>,
+    /// Write the best run as a protocol file
+    #[arg(short, long, value_name = "PROTOCOL.toml")]
+    output: Option<PathBuf>,
+    #[command(flatten)]
+    input: InputArgs,
+}
+
+/// Runs that are listed.
+const LISTED: usize = 5;
+
+/// Runs the command.
+///
+/// # Errors
+///
+/// Faults of the input, with place and remedy.
+pub fn run(args: &Args) -> anyhow::Result<()> {
+    let read = args.recordings.iter().chain([&args.model]);
+    let read = read.chain(&args.effects);
+    output::check(
+        &[Output::of("-o", FileKind::Protocol, args.output.as_ref())],
+        read,
+    )?;
+    let (file, recordings) = super::read(&args.model, &args.recordings, &args.input.layout())?;
+    let own = match &args.effects {
+        Some(path) => Some(OwnEffects::read(path, &file.model)?),
+        None => None,
+    };
+    let pair = between(&args.between, own.as_ref())?;
+    let limits = limits(args.limits.as_deref())?;
+    let noise = match args.noise_deg {
+        Some(noise) if noise > 0.0 && noise.is_finite() => noise.to_radians(),
+        Some(noise) => {
+            return Err(InputError::new(
+                format!("the noise is {noise}°"),
+                "give an RMS above zero",
+            )
+            .into());
+        }
+        None if recordings.is_empty() => 0.4f64.to_radians(),
+        None => NoiseFloor::of(&recordings).rms,
+    };
+    let recordings = if recordings.is_empty() {
+        made_up(&file, &pair[0])?
+    } else {
+        recordings
+    };
+    let rivals = fitted(&file, &recordings, &pair)?;
+    let list = proposals(&file.model, &rivals, noise, &limits);
+    let Some(best) = list.first() else {
+        return Err(InputError::new(
+            "no run that the board knows keeps to these limits",
+            "allow a higher set-point, more pressure or a longer run",
+        )
+        .into());
+    };
+    let mut text = format!(
+        "To tell {} from {}, with {:.2}° of noise:\n\n{:<20} {:>8} {:>12}  {}\n",
+        names(&pair[0]).join(" + "),
+        names(&pair[1]).join(" + "),
+        noise.to_degrees(),
+        "protocol",
+        "s",
+        "expected Δχ²",
+        "what it is"
+    );
+    for proposal in list.iter().take(LISTED) {
+        text += &format!(
+            "{:<20} {:>8.0} {:>12}  {}\n",
+            proposal.protocol.name,
+            f64::from(proposal.protocol.total_ms()) / 1000.0,
+            evidence(proposal.evidence),
+            proposal.protocol.title
+        );
+    }
+    text += "\nEach effect may move its parameters as far as the recordings allow. A Δχ² of 20 is\nvery strong; where none comes near it, these effects cannot be told apart on this rig.\n";
+    if let Some(path) = &args.output {
+        write_atomically(path, best.protocol.to_text().as_bytes())?;
+        text += &format!("Protocol: {}\n", path.display());
+    }
+    Ok(super::print(&text)?)
+}
+
+/// The two explanations in `--between`.
+fn between(text: &str, own: Option<&OwnEffects>) -> Result<[Vec<Kind>; 2], InputError> {
+    let advice = || {
+        let own = own.into_iter().flat_map(|own| &own.kinds);
+        let kinds = Kind::NAMES.iter().chain(own);
+        let known: Vec<&str> = kinds.map(|kind| kind.name()).collect();
+        format!(
+            "name two effects with a comma between them, of: {}",
+            known.join(", ")
+        )
+    };
+    let sides: Vec<Vec<Kind>> = text
+        .split(',')
+        .map(|side| {
+            side.split('+')
+                .map(|name| {
+                    OwnEffects::find(own, name.trim()).ok_or_else(|| {
+                        InputError::new(format!("there is no effect \"{}\"", name.trim()), advice())
+                    })
+                })
+                .collect()
+        })
+        .collect::<Result<_, _>>()?;
+    match <[Vec<Kind>; 2]>::try_from(sides) {
+        Ok(pair) if pair[0] != pair[1] => Ok(pair),
+        _ => Err(InputError::new(
+            format!("--between {text} does not name two different explanations"),
+            advice(),
+        )),
+    }
+}
+
+/// The limits in `--limits`.
+fn limits(text: Option<&str>) -> Result<Limits, InputError> {
+    let mut limits = Limits::default();
+    for part in text.into_iter().flat_map(|text| text.split(',')) {
+        let fault = || {
+            InputError::new(
+                format!("--limits has the part \"{part}\""),
+                "write it as deg=90,kpa=170,s=180; parts may be left out",
+            )
+        };
+        let (name, value) = part.split_once('=').ok_or_else(fault)?;
+        let value: f64 = value.trim().parse().map_err(|_| fault())?;
+        if !(value > 0.0 && value.is_finite()) {
+            return Err(fault());
+        }
+        match name.trim() {
+            "deg" => limits.highest_deg = value,
+            "kpa" => limits.highest_kpa = value,
+            "s" => limits.longest_s = value,
+            _ => return Err(fault()),
+        }
+    }
+    Ok(limits)
+}
+
+/// Steps of an actuator that has these effects in a typical size.
+fn made_up(file: &ModelFile, kinds: &[Kind]) -> Result<Vec<Recording>, InputError> {
+    let runs: Vec<Recording> = [60.0, 90.0]
+        .into_iter()
+        .map(|degrees: f64| {
+            let step = Protocol::Step {
+                angle: degrees.to_radians(),
+                hold: 5.0,
+                release: 3.0,
+            };
+            let (time, setpoint, pressure) = step.pressure(&file.model);
+            Recording {
+                name: format!("step{degrees}"),
+                time,
+                pressure,
+                angle: setpoint,
+                ..Recording::default()
+            }
+        })
+        .collect();
+    let driven = Dataset::of(&runs);
+    let fitter = Fitter::new(&file.model, &driven);
+    let scales = Scales::of(&fitter, &fitter.compare(&file.model));
+    let effects: Vec<_> = file
+        .model
+        .effects()
+        .chain(kinds.iter().filter_map(|&kind| typical(kind, &scales)))
+        .collect();
+    let truth: Model<f64> = Model::new(*file.model.dynamics(), &effects).map_err(|error| {
+        InputError::new(
+            format!("the model with {} {error}", names(kinds).join(" + ")),
+            "give recordings, or another model",
+        )
+        .in_file(&file.path)
+    })?;
+    let angles: Vec<Vec<f64>> = driven
+        .sessions()
+        .iter()
+        .map(|session| session.simulate(&truth, &Nuisance::AT_ZERO))
+        .collect();
+    Ok(runs
+        .into_iter()
+        .zip(angles)
+        .map(|(run, angle)| Recording { angle, ..run })
+        .collect())
+}
+
+/// Both explanations, fitted.
+fn fitted(
+    file: &ModelFile,
+    recordings: &[Recording],
+    pair: &[Vec<Kind>; 2],
+) -> Result<Vec<Candidate>, InputError> {
+    let data = assemble(recordings, &[])?.data;
+    let fitter = Fitter::new(&file.model, &data);
+    let refit = Candidate::of(
+        Vec::new(),
+        fitter.fit(&file.model, &file.free, Effort::Full),
+    );
+    let excerpt = excerpt(&data.guessing(&refit.fit.nuisances), &refit.fit.model);
+    let scales = Scales::of(&fitter, &refit.fit);
+    let context = FitContext {
+        file,
+        fitter: &fitter,
+        pieces: None,
+        excerpt: &Fitter::new(&file.model, &excerpt),
+        scales: &scales,
+        checkpoint: &Checkpoint::default(),
+        progress: &Progress::default(),
+    };
+    pair.iter()
+        .map(|kinds| {
+            kinds
+                .iter()
+                .try_fold(refit.clone(), |base, &kind| added(&context, &base, kind))
+                .ok_or_else(|| {
+                    InputError::new(
+                        format!("{} cannot be simulated", names(kinds).join(" + ")),
+                        "check the model, or choose other effects",
+                    )
+                })
+        })
+        .collect()
+}

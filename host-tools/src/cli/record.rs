@@ -1,0 +1,683 @@
+//! `rig record`: plays a protocol and writes down what the rig does.
+
+use std::cell::Cell;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant, SystemTime};
+
+use anyhow::Context;
+use clap::{ArgGroup, Parser};
+use indicatif::{ProgressBar, ProgressStyle};
+use wire::command::Command;
+use wire::protocol::Named;
+use wire::settings::{Key, Settings};
+use wire::state::State;
+
+use super::Interrupt;
+use super::output::{self, FileKind, Output};
+use crate::io::error::InputError;
+use crate::io::protocol_file::{ProtocolFile, describe};
+use crate::io::terminal::printable_line;
+use crate::rig::link::line::{Text, command_text};
+use crate::rig::link::{Event, Link, LinkError, SerialConnector, Timing, is_pseudo_terminal};
+use crate::rig::record::{
+    About, Part, Recorder, Step, check_limits, meta_path, parts, run_path, steps,
+};
+
+/// Records a rig while it plays a protocol, or while it is left alone.
+///
+/// Every line that arrives is in the file at once: a pulled cable, Ctrl-C or a
+/// crash lose nothing that was received. Ctrl-C stops the pump first. When the
+/// cable comes back the recording goes on, with the gap marked.
+#[derive(Debug, Parser)]
+#[command(group(ArgGroup::new("what").args(["protocol", "seconds"])))]
+#[command(after_help = "\
+Examples:
+  rig record --list
+  rig record --port /dev/ttyACM0 --protocol steps -o run.csv
+  rig record --port /dev/ttyACM0 --protocol mine.toml -o mine.csv --dry-run
+  rig record --port /dev/ttyACM0 --seconds 10 -o rest.csv
+  rig diagnose --model m.toml run.csv
+
+A session is one file. The runs in it, such as each step with its release, are
+listed in run.meta.toml beside it; `rig diagnose` and `rig gap` find them there.
+Times are in seconds, pressures in kPa, angles in degrees.")]
+#[allow(clippy::struct_excessive_bools)] // Flags, each with a name of its own.
+pub struct Args {
+    /// Serial port of the board; `rig ports` lists them
+    #[arg(long, value_name = "PORT", required_unless_present_any = ["list", "dry_run"])]
+    port: Option<String>,
+    /// Name of a protocol that every board knows, or a protocol file
+    #[arg(long, value_name = "NAME|FILE.toml")]
+    protocol: Option<String>,
+    /// Record this long without moving anything, in seconds
+    #[arg(long, value_name = "N", value_parser = seconds)]
+    seconds: Option<f64>,
+    /// File to write
+    #[arg(short, long, value_name = "OUT.csv", required_unless_present_any = ["list", "dry_run"])]
+    output: Option<PathBuf>,
+    /// Replace files that exist
+    #[arg(long)]
+    force: bool,
+    /// Also write each step to a file of its own (run_60_1.csv: the first to 60°)
+    #[arg(long, requires = "protocol")]
+    split: bool,
+    /// Write one file only; always so without --split
+    #[arg(long, hide = true, conflicts_with = "split")]
+    whole: bool,
+    /// Clear a latched fault first, if its cause is gone
+    #[arg(long)]
+    clear: bool,
+    /// Wait this long for a pulled cable to come back, in seconds
+    #[arg(long, value_name = "N", default_value_t = 30.0, value_parser = seconds)]
+    patience: f64,
+    /// Print what would be sent and how long it takes, and open no port
+    #[arg(long, requires = "protocol")]
+    dry_run: bool,
+    /// List the protocols that every board knows
+    #[arg(long)]
+    list: bool,
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if (0.1..=1e6).contains(&value) => Ok(value),
+        _ => Err("give a number from 0.1 to 1000000 seconds".into()),
+    }
+}
+
+/// Rest after arming and before a protocol (ms of the board's time).
+const REST_MS: i64 = 1_000;
+/// What is recorded after the end of a protocol or after a fault (ms).
+const AFTER_MS: i64 = 500;
+/// A board that does not obey by then (wall clock) will not.
+const OBEY: Duration = Duration::from_secs(5);
+
+/// Runs the command.
+///
+/// # Errors
+///
+/// Faults of the arguments and of the protocol before anything moves; what
+/// happened to the link or the board after.
+pub fn run(args: &Args) -> anyhow::Result<()> {
+    if args.list {
+        return Ok(super::print(&list())?);
+    }
+    let protocol = args
+        .protocol
+        .as_deref()
+        .map(ProtocolFile::find)
+        .transpose()?;
+    if let (true, Some(protocol)) = (args.dry_run, &protocol) {
+        return Ok(super::print(&dry_run(protocol))?);
+    }
+    let (Some(port), Some(output)) = (&args.port, &args.output) else {
+        return Err(InputError::new("no port is named", "give --port and -o").into());
+    };
+    let files = match &protocol {
+        Some(protocol) if args.split => steps(protocol).ok_or_else(|| {
+            InputError::new(
+                format!("the protocol {} is not one of steps", protocol.name),
+                "leave --split away: it needs a release of a second or more after every step",
+            )
+        })?,
+        _ => Vec::new(),
+    };
+    // One part that is no step is the whole protocol: nothing to list.
+    let parts = protocol
+        .as_ref()
+        .map(parts)
+        .filter(|parts| parts.len() > 1 || parts.iter().any(|part| part.step.is_some()))
+        .unwrap_or_default();
+    let played = protocol.as_ref().and_then(|it| it.path.as_ref());
+    check_output(output, played, &files, args.force)?;
+    let interrupt = Interrupt::listen()?;
+    let stage = Stage::new();
+    stage.wait("waiting for the board, which restarts");
+    let mut link = Link::open(SerialConnector::new(port), Timing::default())?;
+    stage.wait("reading the board's settings");
+    link.learn_patience()?;
+    if args.clear {
+        link.request(Command::Clear)?;
+    }
+    let status = link.status()?;
+    if let (Some(fault), Some(_)) = (status.fault, &protocol) {
+        return Err(link.faulted(fault.code()))
+            .context("nothing was moved; when the cause is gone, record with --clear");
+    }
+    let mut angle_range_deg = None;
+    if let Some(protocol) = &protocol {
+        let settings = link.read_settings(|_, _| ())?;
+        angle_range_deg = angle_range(&settings);
+        for advice in check_limits(protocol, &settings)? {
+            super::warn(&advice);
+        }
+    }
+    let about = About {
+        angle_range_deg,
+        ..about(&link, port, protocol.as_ref())
+    };
+    let recorder = Recorder::create(output, about, !parts.is_empty())?;
+    let mut session = Session {
+        link,
+        recorder,
+        interrupt,
+        patience: Duration::from_secs_f64(args.patience),
+        stage,
+    };
+    let outcome = match &protocol {
+        Some(protocol) => session.play(protocol),
+        None => session.listen(args.seconds),
+    };
+    let armed = outcome.is_err() || !matches!(outcome, Ok(End::Complete));
+    session.leave(armed && protocol.is_some());
+    session.stage.finish();
+    session.end(outcome, &parts, args.split, output)
+}
+
+/// How a recording ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum End {
+    /// As it should.
+    Complete,
+    /// Someone pressed Ctrl-C.
+    Interrupted,
+}
+
+struct Session {
+    link: Link,
+    recorder: Recorder,
+    interrupt: Interrupt,
+    patience: Duration,
+    stage: Stage,
+}
+
+/// What the rig is doing, in the last line of a terminal; nothing where there is none.
+struct Stage {
+    bar: ProgressBar,
+    played: Cell<bool>,
+}
+
+impl Stage {
+    fn new() -> Self {
+        Self {
+            bar: super::spinner(),
+            played: Cell::new(false),
+        }
+    }
+
+    /// Something that takes as long as it takes.
+    fn wait(&self, what: &'static str) {
+        self.played.set(false);
+        self.bar.set_style(style("{spinner} {msg}  {elapsed}"));
+        self.bar.reset_elapsed();
+        self.bar.set_message(what);
+    }
+
+    /// Something of which `passed_ms` of `total_ms` are over, by the board's clock.
+    fn play(&self, what: &str, passed_ms: i64, total_ms: i64) {
+        let milliseconds = |ms: i64| u64::try_from(ms).unwrap_or(0);
+        if !self.played.replace(true) {
+            self.bar
+                .set_style(style("{wide_bar} {percent:>3} %  {msg}"));
+            self.bar.set_length(milliseconds(total_ms));
+        }
+        let left = u32::try_from(total_ms - passed_ms).unwrap_or(0);
+        self.bar.set_message(if left == 0 {
+            format!("{what}, waiting for its end")
+        } else {
+            format!("{what}, {} left", minutes(left))
+        });
+        self.bar.set_position(milliseconds(passed_ms));
+    }
+
+    fn suspend(&self, say: impl FnOnce()) {
+        self.bar.suspend(say);
+    }
+
+    fn finish(&self) {
+        self.bar.finish_and_clear();
+    }
+}
+
+/// A template of ours, whose faults a test would find.
+fn style(template: &str) -> ProgressStyle {
+    ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
+}
+
+impl Session {
+    /// Takes what comes within a short while; mends the connection if it broke.
+    fn pump(&mut self) -> anyhow::Result<()> {
+        let wait = Duration::from_millis(50);
+        if let Some(event) = self.link.next_event(wait) {
+            self.recorder.take(&event);
+        }
+        self.recorder.check()?;
+        if !self.link.is_connected() {
+            self.reconnect()?;
+        }
+        Ok(())
+    }
+
+    fn request(&mut self, command: Command) -> Result<String, LinkError> {
+        let recorder = &mut self.recorder;
+        self.link
+            .request_with(command, &mut |event| recorder.take(&event))
+    }
+
+    fn reconnect(&mut self) -> anyhow::Result<()> {
+        let port = self.link.port().to_owned();
+        self.stage.suspend(|| {
+            super::warn(&format!(
+                "{port}: the connection was lost after {:.1} s of the recording; waiting for it to come back",
+                self.recorder.elapsed_ms() as f64 / 1000.0
+            ));
+        });
+        let until = Instant::now() + self.patience;
+        while Instant::now() < until && !self.interrupt.requested() {
+            match self.link.reconnect() {
+                Ok(()) => {
+                    self.stage.suspend(|| {
+                        super::warn(&format!("{port}: the connection is back"));
+                    });
+                    return Ok(());
+                }
+                Err(error @ LinkError::OtherVersion { .. }) => return Err(error.into()),
+                Err(_) => std::thread::sleep(Duration::from_millis(200)),
+            }
+        }
+        if self.interrupt.requested() {
+            return Ok(());
+        }
+        Err(self.link.late(
+            &format!(
+                "the connection did not come back within {:.0} s",
+                self.patience.as_secs_f64()
+            ),
+            "check the cable; what was recorded so far is kept",
+        ))?
+    }
+
+    fn state(&self) -> Option<State> {
+        self.recorder.last().map(|row| row.sample.state)
+    }
+
+    /// Lets the board's time move on; false if someone pressed Ctrl-C.
+    fn rest(&mut self, ms: i64) -> anyhow::Result<bool> {
+        // The first sample may still be on its way.
+        while self.recorder.last().is_none() && !self.interrupt.requested() {
+            self.pump()?;
+        }
+        let end = self.recorder.elapsed_ms() + ms;
+        while self.recorder.elapsed_ms() < end {
+            if self.interrupt.requested() {
+                return Ok(false);
+            }
+            self.pump()?;
+        }
+        Ok(true)
+    }
+
+    /// Records for some time, or until Ctrl-C.
+    fn listen(&mut self, seconds: Option<f64>) -> anyhow::Result<End> {
+        // At most a million seconds.
+        #[allow(clippy::cast_possible_truncation)]
+        let total = seconds.map(|seconds| (seconds * 1000.0).round() as i64);
+        self.stage.wait("recording, Ctrl-C ends it");
+        while total.is_none_or(|total| self.recorder.elapsed_ms() < total) {
+            if self.interrupt.requested() {
+                return Ok(if total.is_none() {
+                    End::Complete
+                } else {
+                    End::Interrupted
+                });
+            }
+            self.pump()?;
+            if let Some(total) = total {
+                self.stage
+                    .play("recording", self.recorder.elapsed_ms(), total);
+            }
+        }
+        Ok(End::Complete)
+    }
+
+    /// Arms the rig, plays the protocol, and waits for its end.
+    fn play(&mut self, protocol: &ProtocolFile) -> anyhow::Result<End> {
+        self.stage.wait("recording the actuator at rest");
+        if !self.rest(AFTER_MS)? {
+            return Ok(End::Interrupted);
+        }
+        if self.state() != Some(State::Ready) {
+            self.stage.wait("homing the plunger, at most a minute");
+            let (recorder, interrupt) = (&mut self.recorder, &self.interrupt);
+            let ready = self.link.arm(&mut |event| {
+                recorder.take(&event);
+                !interrupt.requested()
+            })?;
+            if !ready {
+                return Ok(End::Interrupted);
+            }
+        }
+        self.stage.wait("sending the protocol");
+        self.load(protocol)?;
+        self.stage.wait("letting the actuator settle");
+        if !self.rest(REST_MS)? {
+            return Ok(End::Interrupted);
+        }
+        match self.request(Command::Run(protocol.named)) {
+            Ok(_) => {}
+            // It runs since the first time it was asked; only the reply was lost.
+            Err(LinkError::Refused { retried: true, .. })
+                if self.state() == Some(State::Running) => {}
+            Err(error) => return Err(error.into()),
+        }
+        self.stage.wait("waiting for the first step");
+        self.follow(protocol)
+    }
+
+    /// Sends a protocol that the board does not know.
+    fn load(&mut self, protocol: &ProtocolFile) -> Result<(), LinkError> {
+        if protocol.named.is_some() {
+            return Ok(());
+        }
+        for command in load_commands(protocol) {
+            self.request(command)?;
+        }
+        Ok(())
+    }
+
+    /// Waits for the end of a protocol that was started.
+    fn follow(&mut self, protocol: &ProtocolFile) -> anyhow::Result<End> {
+        let asked = Instant::now();
+        let asked_ms = self.recorder.elapsed_ms();
+        let mut started_ms = None;
+        let name = printable_line(&protocol.name).into_owned();
+        loop {
+            if self.interrupt.requested() {
+                return Ok(End::Interrupted);
+            }
+            self.pump()?;
+            let now_ms = self.recorder.elapsed_ms();
+            match self.state() {
+                Some(State::Running) => {
+                    let started = *started_ms.get_or_insert(now_ms);
+                    let total = i64::from(protocol.total_ms());
+                    self.stage.play(&name, now_ms - started, total);
+                }
+                Some(State::Fault) => {
+                    let code = self.recorder.last().map_or(0, |row| row.sample.fault);
+                    self.rest(AFTER_MS)?;
+                    return Err(self.link.faulted(code)).context("the protocol was cut off");
+                }
+                Some(_) if started_ms.is_some() => break,
+                // Telemetry that was on its way may still say ready.
+                _ if asked.elapsed() > OBEY && now_ms > asked_ms + AFTER_MS => {
+                    Err(self.link.late(
+                        "the board accepted the protocol and does not play it",
+                        "press its reset button and try again",
+                    ))?;
+                }
+                _ => {}
+            }
+        }
+        let played_ms = self.recorder.elapsed_ms() - started_ms.unwrap_or(0);
+        self.stage.wait("waiting for rest");
+        self.rest(AFTER_MS)?;
+        let total_ms = i64::from(protocol.total_ms());
+        if self.state() == Some(State::Ready) && played_ms + REST_MS >= total_ms {
+            return Ok(End::Complete);
+        }
+        Err(self.link.late(
+            &format!(
+                "the protocol ended after {:.1} s of {:.1} s",
+                played_ms as f64 / 1000.0,
+                total_ms as f64 / 1000.0
+            ),
+            "a pulled cable or a press on reset ends it: look for the gap in the recording, and record again",
+        ))?
+    }
+
+    /// Leaves the rig at rest, whatever happened.
+    fn leave(&mut self, at_once: bool) {
+        if !self.link.is_connected() {
+            // The board stops by itself when it hears nothing.
+            return;
+        }
+        let last = if at_once {
+            Command::Stop
+        } else {
+            Command::Disarm
+        };
+        if matches!(self.state(), Some(State::Idle | State::Fault) | None) && !at_once {
+            return;
+        }
+        if let Err(error) = self.request(last) {
+            super::warn(&format!(
+                "{error}; the pump could not be told to stop, and stops by itself within seconds"
+            ));
+            return;
+        }
+        // So that the recording shows that it stopped.
+        let until = Instant::now() + Duration::from_millis(500);
+        while Instant::now() < until && self.link.is_connected() {
+            if let Some(event) = self.link.next_event(Duration::from_millis(20)) {
+                self.recorder.take(&event);
+            }
+            if matches!(self.state(), Some(State::Idle | State::Fault)) {
+                break;
+            }
+        }
+    }
+
+    /// Completes what stands beside the recording, and says what there is.
+    fn end(
+        self,
+        outcome: anyhow::Result<End>,
+        parts: &[Part],
+        cut: bool,
+        output: &Path,
+    ) -> anyhow::Result<()> {
+        let Self {
+            link, mut recorder, ..
+        } = self;
+        recorder.counts.count(&link.counters());
+        recorder.about.complete = matches!(outcome, Ok(End::Complete));
+        let counts = recorder.counts;
+        let gaps = recorder.about.gap.len() as u64;
+        let has_moved = !recorder.about.segments.is_empty();
+        let finished = recorder.finish(parts, cut);
+        let kept = format!(
+            "{} samples are kept in {}",
+            counts.samples,
+            output.display()
+        );
+        // What ended the recording comes first: that it could not be finished follows from it.
+        let outcome = outcome.map_err(|error| error.context(kept.clone()))?;
+        let runs = finished.context(kept.clone())?;
+        if outcome == End::Interrupted {
+            anyhow::bail!("interrupted; the pump was told to stop, {kept}");
+        }
+        let mut text = format!("{}: {} samples", output.display(), counts.samples);
+        for (count, what) in [
+            (counts.dropped_lines, "lines were lost on the way"),
+            (gaps, "gaps"),
+            (
+                counts.rows_without_reading,
+                "rows without a reading are in the .faulty.csv beside it",
+            ),
+        ] {
+            if count > 0 {
+                text += &format!(", {count} {what}");
+            }
+        }
+        text.push('\n');
+        if let (Some(first), Some(last)) = (runs.first(), runs.last()) {
+            text += &format!(
+                "{} runs: {} … {}\n",
+                runs.len(),
+                first.display(),
+                last.display()
+            );
+        }
+        if has_moved {
+            text += &format!(
+                "next: rig diagnose --model MODEL.toml {}\n",
+                output.display()
+            );
+        }
+        Ok(super::print(&text)?)
+    }
+}
+
+/// What loads a protocol into a board.
+fn load_commands(protocol: &ProtocolFile) -> Vec<Command> {
+    // A protocol was checked to have at most 32 segments.
+    let count = u8::try_from(protocol.segments.len()).unwrap_or(u8::MAX);
+    let segments = (0..count)
+        .zip(&protocol.segments)
+        .map(|(index, &segment)| Command::Segment { index, segment });
+    std::iter::once(Command::Load(count))
+        .chain(segments)
+        .collect()
+}
+
+fn about(link: &Link, port: &str, protocol: Option<&ProtocolFile>) -> About {
+    let board = link.board();
+    let segments = protocol.map_or(&[][..], |protocol| &protocol.segments);
+    About {
+        simulated: is_pseudo_terminal(port).then_some(true),
+        protocol: protocol.map(|protocol| protocol.name.clone()),
+        started: humantime::format_rfc3339_seconds(SystemTime::now()).to_string(),
+        port: port.to_owned(),
+        firmware: board.firmware.clone(),
+        wire: board.wire,
+        settings: board.settings.to_string(),
+        rig: env!("CARGO_PKG_VERSION").into(),
+        segments: segments
+            .iter()
+            .map(|segment| {
+                let mut text = Text::default();
+                let Ok(()) = segment.write(&mut text);
+                text.0
+            })
+            .collect(),
+        ..About::default()
+    }
+}
+
+/// The angles (°) at the ends of the flex sensor's table: beyond them its readings are
+/// a guess.
+fn angle_range(settings: &Settings) -> Option<[f64; 2]> {
+    // At most eight.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    let last = (settings.number(Key::FlexPoints) as u8).checked_sub(1)?;
+    let [first, last] = [0, last].map(|point| f64::from(settings.number(Key::FlexAngle(point))));
+    Some([first.min(last), first.max(last)])
+}
+
+/// Refuses to replace what was recorded.
+fn check_output(
+    output: &Path,
+    protocol: Option<&PathBuf>,
+    steps: &[Step],
+    force: bool,
+) -> Result<(), InputError> {
+    if output
+        .extension()
+        .is_none_or(|extension| extension != "csv")
+    {
+        return Err(InputError::new(
+            "does not end in .csv",
+            "give the recording a name like run.csv",
+        )
+        .in_file(output));
+    }
+    let file = output.to_owned();
+    // Whether it may be replaced is asked below, of everything that is written.
+    output::check(
+        &[Output::of("-o", FileKind::Recording, Some(&file)).replacing(true)],
+        protocol,
+    )?;
+    let runs = steps.iter().map(|step| run_path(output, step));
+    let exists = [output.to_owned(), meta_path(output)]
+        .into_iter()
+        .chain(runs)
+        .find(|path| path.exists());
+    match exists {
+        Some(path) if !force => Err(InputError::new(
+            "exists",
+            "choose another name, or replace it with --force",
+        )
+        .in_file(&path)),
+        _ => Ok(()),
+    }
+}
+
+fn list() -> String {
+    let mut text = String::new();
+    for &named in Named::ALL {
+        let protocol = ProtocolFile::named(named);
+        text += &format!(
+            "{:<10} {:>6}  {}\n",
+            protocol.name,
+            minutes(protocol.total_ms()),
+            protocol.title
+        );
+    }
+    text
+}
+
+fn minutes(ms: u32) -> String {
+    let seconds = ms.div_ceil(1000);
+    format!("{}:{:02}", seconds / 60, seconds % 60)
+}
+
+fn dry_run(protocol: &ProtocolFile) -> String {
+    let mut text = format!(
+        "{}: {} segments, {} min\n",
+        protocol.name,
+        protocol.segments.len(),
+        minutes(protocol.total_ms())
+    );
+    for (number, segment) in (1..).zip(&protocol.segments) {
+        text += &format!("{number:>4}. {}\n", describe(segment));
+    }
+    text += "\nWould be sent (each with a number and a checksum):\n";
+    let mut commands = vec![Command::Arm];
+    if protocol.named.is_none() {
+        commands.extend(load_commands(protocol));
+    }
+    commands.push(Command::Run(protocol.named));
+    commands.push(Command::Disarm);
+    for command in commands {
+        text += &format!("  {}\n", command_text(command));
+    }
+    text
+}
+
+/// Keeps a recording of what another command sees: `rig monitor --log`.
+pub(crate) fn log(path: &Path, link: &Link) -> Result<Recorder, InputError> {
+    check_output(path, None, &[], false)?;
+    Recorder::create(path, about(link, link.port(), None), false)
+}
+
+/// Ends what [`log`] began.
+pub(crate) fn end_log(
+    mut recorder: Recorder,
+    link: &Link,
+    complete: bool,
+) -> Result<(), InputError> {
+    recorder.counts.count(&link.counters());
+    recorder.about.complete = complete;
+    recorder.finish(&[], false).map(drop)
+}
+
+/// Passes an event on to a log, if there is one.
+pub(crate) fn note(log: &mut Option<Recorder>, event: &Event) -> Result<(), InputError> {
+    match log {
+        Some(recorder) => {
+            recorder.take(event);
+            recorder.check()
+        }
+        None => Ok(()),
+    }
+}

@@ -1,0 +1,220 @@
+//! `rig simulate`: a model over a recording or a protocol.
+
+use std::path::PathBuf;
+
+use clap::{ArgGroup, Parser};
+
+use super::input::InputArgs;
+use super::output::{self, FileKind, Output};
+use crate::io::error::write_with_meta;
+use crate::io::recording::{PASCAL_PER_KPA, Recording, to_csv};
+use crate::plot::{Figure, Panel, Series, Style, write_svg};
+use crate::rig::record::meta_path;
+use crate::sim::simulation::{ANGLES_DEG, Arithmetic, Drive, HOLDS_S, in_range};
+
+/// Simulates a model over the pressure of a recording, or over a protocol.
+#[derive(Debug, Parser)]
+#[command(group(ArgGroup::new("input").required(true).args(["recording", "protocol"])))]
+#[command(after_help = "\
+Examples:
+  rig simulate --model m.toml --protocol step --angle-deg 60 -o step60.csv
+  rig simulate --model m.toml --protocol steps -o steps.csv
+  rig simulate --model m.toml --recording run.csv --plot run.svg
+  rig simulate --model m.toml --recording run.csv --linear --arithmetic board")]
+pub struct Args {
+    /// Model file
+    #[arg(long, value_name = "MODEL.toml")]
+    model: PathBuf,
+    /// Take the pressure from this recording
+    #[arg(long, value_name = "REC.csv")]
+    recording: Option<PathBuf>,
+    /// Generate the pressure that should reach the set-points of a protocol:
+    /// step, staircase or triangle, shaped by --angle-deg and --hold-s; a name
+    /// of `rig record --list`; or a protocol file. board:NAME is always the
+    /// board's
+    #[arg(long, value_name = "NAME|FILE.toml")]
+    protocol: Option<String>,
+    /// Largest set-point of the protocol, in degrees
+    #[arg(long, default_value_t = 60.0, value_parser = angle)]
+    angle_deg: f64,
+    /// Time at each set-point, or of each ramp, in seconds
+    #[arg(long, default_value_t = 5.0, value_parser = seconds)]
+    hold_s: f64,
+    /// Simulate the paper's linear rival of the model instead
+    #[arg(long)]
+    linear: bool,
+    /// Arithmetic to simulate in
+    #[arg(long, value_enum, default_value_t = Arithmetic::F64)]
+    arithmetic: Arithmetic,
+    /// Write the run as a recording
+    #[arg(short, long, value_name = "OUT.csv")]
+    output: Option<PathBuf>,
+    /// Draw the run
+    #[arg(long, value_name = "OUT.svg")]
+    plot: Option<PathBuf>,
+    #[command(flatten)]
+    input: InputArgs,
+}
+
+fn angle(text: &str) -> Result<f64, String> {
+    in_range(number(text), &ANGLES_DEG, "degrees")
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    in_range(number(text), &HOLDS_S, "seconds")
+}
+
+/// Not a number, which is in no range, where the text is none.
+fn number(text: &str) -> f64 {
+    text.parse().unwrap_or(f64::NAN)
+}
+
+/// Runs the command.
+///
+/// # Errors
+///
+/// Faults of the input, with place and remedy.
+pub fn run(args: &Args) -> anyhow::Result<()> {
+    let played = args.protocol.as_ref().map(PathBuf::from);
+    output::check(
+        &[
+            Output::of("-o", FileKind::Recording, args.output.as_ref())
+                .replacing(args.output.as_deref().is_some_and(output::is_simulated)),
+            Output::of("--plot", FileKind::Picture, args.plot.as_ref()),
+        ],
+        args.recording.iter().chain(&played).chain([&args.model]),
+    )?;
+    let file = super::read_model(&args.model)?;
+    args.arithmetic.check(&file)?;
+    let drive = match (&args.recording, args.protocol.as_deref()) {
+        (Some(path), _) => {
+            let (recording, warnings) =
+                Recording::read_as(path, &args.input.layout().or(&file.recording))?;
+            for warning in &warnings {
+                super::warn(warning);
+            }
+            Drive::measured(recording)
+        }
+        (None, name) => {
+            Drive::protocol(&file, name.unwrap_or("step"), args.angle_deg, args.hold_s)?
+        }
+    };
+    let model = if args.linear {
+        drive.linear_rival(&file.model)
+    } else {
+        file.model
+    };
+    let simulated_deg = drive.simulate(&model, args.arithmetic);
+    let Drive {
+        recording,
+        is_measured,
+        setpoint_deg,
+    } = drive;
+    let degrees = || recording.angle.iter().map(|a| a.to_degrees()).collect();
+    let measured_deg = is_measured.then(degrees);
+
+    let name = if args.linear {
+        format!("{}, linear rival", file.name)
+    } else {
+        file.name.clone()
+    };
+    let mut text = format!(
+        "{name}: {} samples over {:.2} s, angle from {:.2}° to {:.2}°\n",
+        recording.len(),
+        recording.duration(),
+        // Adding zero turns −0 into 0.
+        (100.0 * simulated_deg.iter().copied().fold(f64::INFINITY, f64::min)).round() / 100.0 + 0.0,
+        simulated_deg
+            .iter()
+            .copied()
+            .fold(f64::NEG_INFINITY, f64::max),
+    );
+    if let Some(measured) = &measured_deg {
+        let error: Vec<f64> = simulated_deg
+            .iter()
+            .zip(measured)
+            .map(|(a, b)| a - b)
+            .collect();
+        text += &format!(
+            "RMS error against the recording: {:.3}°\n",
+            crate::estimate::statistics::rms(&error)
+        );
+    }
+    let shown = Shown {
+        name,
+        recording: &recording,
+        measured_deg,
+        setpoint_deg,
+        simulated_deg,
+    };
+    if let Some(path) = &args.output {
+        let about = output::about_simulated(args.recording.is_none());
+        write_with_meta(
+            (path, shown.csv().as_bytes()),
+            (&meta_path(path), about.as_bytes()),
+        )?;
+        text += &format!("written: {}\n", path.display());
+    }
+    if let Some(path) = &args.plot {
+        write_svg(path, &shown.figure())?;
+        text += &format!("drawn: {}\n", path.display());
+    }
+    Ok(super::print(&text)?)
+}
+
+/// A simulated run with what there is to compare it with.
+struct Shown<'a> {
+    name: String,
+    recording: &'a Recording,
+    measured_deg: Option<Vec<f64>>,
+    setpoint_deg: Option<Vec<f64>>,
+    simulated_deg: Vec<f64>,
+}
+
+impl Shown<'_> {
+    /// As a recording: beside a measured angle the simulated one is a
+    /// prediction, without one it is the angle.
+    fn csv(&self) -> String {
+        let mut columns: Vec<(&str, &[f64])> = Vec::new();
+        let mut recording = self.recording.clone();
+        if self.measured_deg.is_some() {
+            columns.push(("predicted_deg", &self.simulated_deg));
+        } else {
+            recording.angle = self.simulated_deg.iter().map(|a| a.to_radians()).collect();
+        }
+        if let Some(setpoint) = &self.setpoint_deg {
+            columns.push(("setpoint_deg", setpoint));
+        }
+        to_csv(&recording, &columns)
+    }
+
+    fn figure(&self) -> Figure {
+        let time = &self.recording.time;
+        let mut panel = Panel::new("", "angle (°)").with_weight(2.0);
+        for (label, curve, style) in [
+            ("measured", &self.measured_deg, Style::MEASURED),
+            ("set-point", &self.setpoint_deg, Style::REFERENCE),
+        ] {
+            if let Some(curve) = curve {
+                panel = panel.with_series(Series::new(label, time, curve, style));
+            }
+        }
+        let simulated = Series::new("simulated", time, &self.simulated_deg, Style::AFTER);
+        let kpa: Vec<f64> = self
+            .recording
+            .pressure
+            .iter()
+            .map(|pressure| pressure / PASCAL_PER_KPA)
+            .collect();
+        Figure::new(self.name.clone())
+            .with_panel(panel.with_series(simulated))
+            .with_panel(
+                Panel::new("time (s)", "pressure (kPa)").with_series(Series::new(
+                    "pressure",
+                    time,
+                    &kpa,
+                    Style::MEASURED,
+                )),
+            )
+    }
+}

@@ -1,0 +1,314 @@
+//! `rig upload`: a model, calibration and limits into a board, checked to the
+//! bit.
+
+use std::path::PathBuf;
+
+use anyhow::Context;
+use clap::{ArgGroup, Parser};
+use indicatif::{ProgressBar, ProgressStyle};
+use model_core::actuator::Model;
+use model_core::predictor;
+use model_core::prepared::{self, BUDGET_CYCLES, Unsteppable};
+use wire::settings::{Key, Settings};
+use wire::state::State;
+
+use crate::io::error::InputError;
+use crate::io::model_file::ModelFile;
+use crate::io::settings_file::{self, Assignment, shown};
+use crate::rig::link::line::key_text;
+use crate::rig::link::{Link, SerialConnector, Timing};
+
+/// Writes a model or settings to a board, and reads everything back.
+///
+/// The board uses its old settings until it has accepted all new ones together
+/// and keeps them without power afterwards.
+#[derive(Debug, Parser)]
+#[command(group(ArgGroup::new("what").required(true).multiple(true).args(["model", "settings", "zeros", "read"])))]
+#[command(after_help = "\
+Examples:
+  rig upload --port /dev/ttyACM0 --model repaired.toml --dry-run
+  rig upload --port /dev/ttyACM0 --model repaired.toml
+  rig upload --port /dev/ttyACM0 --model repaired.toml --zeros verdict.json
+  rig upload --port /dev/ttyACM0 --settings limits.toml
+  rig upload --port /dev/ttyACM0 --read > board.toml
+
+A settings file has lines like `max.kpa = 150.0`; --read prints all there are,
+with their units.")]
+pub struct Args {
+    /// Serial port of the board; `rig ports` lists them
+    #[arg(long, value_name = "PORT")]
+    port: String,
+    /// Model file whose dynamics and effects the board shall use
+    #[arg(long, value_name = "MODEL.toml")]
+    model: Option<PathBuf>,
+    /// File of settings: calibration, limits, gains
+    #[arg(long, value_name = "SETTINGS.toml")]
+    settings: Option<PathBuf>,
+    /// Verdict of `rig diagnose --json` whose zeros of the sensors shall be
+    /// taken away: p.zero (counts) and the angles of the flex sensor's table (°)
+    /// are moved by them. Of several sessions the last counts
+    #[arg(long, value_name = "VERDICT.json")]
+    zeros: Option<PathBuf>,
+    /// Print the board's settings as a settings file instead
+    #[arg(long, conflicts_with_all = ["model", "settings", "zeros"])]
+    read: bool,
+    /// Show what would change, and change nothing
+    #[arg(long)]
+    dry_run: bool,
+}
+
+/// Runs the command.
+///
+/// # Errors
+///
+/// Faults of the files before the port is opened; then what the board refuses.
+pub fn run(args: &Args) -> anyhow::Result<()> {
+    let mut wanted: Vec<Assignment> = Vec::new();
+    let model = args.model.as_deref().map(super::read_model).transpose()?;
+    if let Some(model) = &model {
+        wanted.extend(settings_file::from_model(model)?);
+    }
+    if let Some(path) = &args.settings {
+        for (key, bits) in settings_file::read(path)? {
+            if wanted.iter().any(|(known, _)| *known == key) {
+                return Err(InputError::new(
+                    format!("{} is given twice", key_text(key)),
+                    "give it in the model or in the settings",
+                )
+                .in_file(path)
+                .into());
+            }
+            wanted.push((key, bits));
+        }
+    }
+    let zeros = args
+        .zeros
+        .as_deref()
+        .map(settings_file::Zeros::read)
+        .transpose()?;
+    let mut link = Link::open(SerialConnector::new(&args.port), Timing::default())?;
+    let settings = read_settings(&mut link)?;
+    if let (Some(zeros), Some(path)) = (zeros, &args.zeros) {
+        wanted.extend(
+            zeros
+                .taken_from(&settings, &wanted)
+                .map_err(|error| error.in_file(path))?,
+        );
+    }
+    if args.read {
+        let board = link.board();
+        let about = format!("settings {} of firmware {}", board.settings, board.firmware);
+        return Ok(super::print(&settings_file::to_text(&settings, &about))?);
+    }
+    let changes: Vec<Assignment> = wanted
+        .into_iter()
+        .filter(|&(key, bits)| settings.bits(key) != Some(bits))
+        .collect();
+    if changes.is_empty() {
+        return Ok(super::print("The board has these settings already.\n")?);
+    }
+    super::print(&table(&settings, &changes))?;
+    if let Some(model) = &model {
+        let farthest = changes
+            .iter()
+            .find(|(key, _)| *key == Key::MaxAngle)
+            .map_or(settings.number(Key::MaxAngle), |&(_, bits)| {
+                f32::from_bits(bits)
+            });
+        super::print(&stepped(model, farthest)?)?;
+    }
+    if args.dry_run {
+        return Ok(());
+    }
+    apply(&mut link, &changes)?;
+    Ok(super::print(&format!(
+        "{} settings written, stored and read back\n",
+        changes.len()
+    ))?)
+}
+
+/// How the board will step a model for angles up to `farthest_deg`.
+fn stepped(file: &ModelFile, farthest_deg: f32) -> Result<String, InputError> {
+    // Rounded as the settings are.
+    #[allow(clippy::cast_possible_truncation)]
+    let model = file.model.map(|value| value as f32);
+    let plan = predictor::check(&model, farthest_deg.to_radians()).map_err(|error| {
+        let load = match error {
+            Unsteppable::TooFast => load_percent(&model, farthest_deg.to_radians()),
+            _ => None,
+        };
+        let load = load.map_or_else(String::new, |percent| {
+            format!(
+                ": it would take about {percent:.0} % of the board's processor, which has {:.1} % for it",
+                percent_of(BUDGET_CYCLES)
+            )
+        });
+        InputError::new(
+            format!("the model {error}{load}; the board would refuse it"),
+            "use it on the computer (`rig simulate`), or fit one with another effect",
+        )
+        .in_file(&file.path)
+    })?;
+    Ok(format!(
+        "the board predicts with {} of this model in 10 ms, at most {:.1} % of its processor\n",
+        match plan.substeps {
+            1 => "1 step".to_owned(),
+            steps => format!("{steps} steps"),
+        },
+        percent_of(plan.cycles),
+    ))
+}
+
+/// A part of the board's processor.
+fn percent_of(cycles: u32) -> f64 {
+    f64::from(cycles) * 100.0 / f64::from(CYCLES_PER_PERIOD)
+}
+
+/// The load of a model that moves too fast: how many shorter periods can each be stepped in
+/// the time that there is for one. None for a model that no period is short enough for.
+fn load_percent(model: &Model<f32>, farthest_rad: f32) -> Option<f64> {
+    (2_u8..=200)
+        .find(|&parts| {
+            prepared::plan(model, farthest_rad, predictor::STEP_S / f32::from(parts)).is_ok()
+        })
+        .map(|parts| f64::from(parts) * percent_of(BUDGET_CYCLES))
+}
+
+/// Cycles of an ATmega2560 between two lines of telemetry.
+const CYCLES_PER_PERIOD: u32 = 160_000;
+
+/// Changes settings, with a progress bar.
+pub(crate) fn apply(link: &mut Link, changes: &[Assignment]) -> anyhow::Result<()> {
+    let state = link.status()?.state;
+    if !matches!(state, State::Idle | State::Fault) {
+        return Err(link.late(
+            &format!("the board is {}", state.name()),
+            "settings are changed only while nothing moves: stop it first (`rig monitor`, key s)",
+        ))
+        .context("nothing was changed: the board still uses its old settings");
+    }
+    let bar = bar("writing");
+    let outcome = link.change_settings(changes, |done, total| {
+        bar.set_length(total);
+        bar.set_position(done);
+    });
+    bar.finish_and_clear();
+    Ok(outcome?)
+}
+
+/// Reads all settings, with a progress bar.
+pub(crate) fn read_settings(link: &mut Link) -> anyhow::Result<Settings> {
+    let bar = bar("reading");
+    let settings = link.read_settings(|done, total| {
+        bar.set_length(total);
+        bar.set_position(done);
+    })?;
+    bar.finish_and_clear();
+    Ok(settings)
+}
+
+fn bar(message: &'static str) -> ProgressBar {
+    let bar = ProgressBar::new(1);
+    if let Ok(style) = ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len}") {
+        bar.set_style(style);
+    }
+    bar.with_message(message)
+}
+
+/// What changes, from what, to what.
+fn table(settings: &Settings, changes: &[Assignment]) -> String {
+    let mut after = settings.clone();
+    for &(key, bits) in changes {
+        // What is out of bounds is told before.
+        let _ = after.set(key, bits);
+    }
+    let rows: Vec<[String; 4]> = changes
+        .iter()
+        .map(|&(key, bits)| {
+            [
+                key_text(key),
+                shown(key, settings.bits(key).unwrap_or(0)),
+                shown(key, bits),
+                // An effect that goes has left its unit behind.
+                [&after, settings]
+                    .map(|settings| settings_file::unit(settings, key))
+                    .into_iter()
+                    .find(|unit| !unit.is_empty())
+                    .unwrap_or_default()
+                    .to_owned(),
+            ]
+        })
+        .collect();
+    let width = |column: usize| {
+        rows.iter()
+            .map(|row| row[column].chars().count())
+            .max()
+            .unwrap_or(0)
+    };
+    let (names, old, new) = (width(0), width(1), width(2));
+    rows.iter()
+        .fold(String::new(), |text, [name, from, to, unit]| {
+            let line = format!("{name:<names$}  {from:>old$} → {to:<new$}  {unit}");
+            text + line.trim_end() + "\n"
+        })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_table_shows_both_values_and_the_unit() {
+        let changes = [
+            (Key::Damping, 0.9_f32.to_bits()),
+            (
+                Key::EffectKind { slot: 0 },
+                u32::from(wire::settings::effect_id("gravity")),
+            ),
+        ];
+        let mut settings = Settings::DEFAULT;
+        settings.set(Key::Damping, 1.8_f32.to_bits()).unwrap();
+        assert_eq!(
+            table(&settings, &changes),
+            "damping   1.8 → 0.9      N s/rad\ne0.kind  none → gravity\n"
+        );
+    }
+
+    #[test]
+    fn parameters_of_effects_have_the_units_of_their_effects() {
+        let kind = Key::EffectKind { slot: 1 };
+        let parameter = Key::EffectParameter { slot: 1, index: 0 };
+        let friction = u32::from(wire::settings::effect_id("coulomb_friction"));
+        let changes = [(kind, friction), (parameter, 0.02_f32.to_bits())];
+        let text = table(&Settings::DEFAULT, &changes);
+        assert!(
+            text.lines()
+                .any(|line| line.ends_with("0.02              N")),
+            "{text}"
+        );
+        // It goes again.
+        let mut settings = Settings::DEFAULT;
+        for (key, bits) in changes {
+            settings.set(key, bits).unwrap();
+        }
+        let text = table(&settings, &[(kind, 0), (parameter, 0)]);
+        assert!(text.lines().any(|line| line.ends_with(" N")), "{text}");
+        assert!(!text.contains("SI"), "{text}");
+    }
+
+    #[test]
+    fn a_model_that_is_too_fast_is_told_its_load() {
+        let text = "schema = 1\nname = \"fast\"\n[dynamics]\ninertia_kg_m = 0.001\n\
+                    damping_n_s_per_rad = 0.01\nstiffness_n_per_rad_n = 2000.0\nexponent = 1.7\n\
+                    input_gain_n_per_kpa = 0.1\n";
+        let file = ModelFile::parse(text, std::path::Path::new("fast.toml")).unwrap();
+        let message = stepped(&file, 120.0).unwrap_err().to_string();
+        let percent: f64 = message
+            .split_once("about ")
+            .and_then(|(_, rest)| rest.split_once(" %"))
+            .and_then(|(number, _)| number.parse().ok())
+            .unwrap_or_else(|| panic!("{message}"));
+        assert!((25.0..2_500.0).contains(&percent), "{message}");
+        assert!(message.contains("12.5 % for it"), "{message}");
+    }
+}

@@ -1,0 +1,360 @@
+//! `rig virtual`: starts the simulated rig.
+//!
+//! The simulator is another program with another licence, run as one: what it
+//! prints is passed on, and it is told to end when we are.
+
+use std::io::{BufRead, BufReader, IsTerminal, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdin, Command, Stdio};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use anyhow::Context;
+use clap::{Parser, ValueEnum};
+
+use super::Interrupt;
+use crate::io::error::InputError;
+
+/// Runs the real firmware image in a simulator, behind a serial port.
+///
+/// Everything that speaks to a board can speak to it. It runs until Ctrl-C.
+#[derive(Debug, Parser)]
+#[command(after_help = "\
+Examples:
+  rig virtual --link /tmp/softrig
+  rig virtual --hide 7 --model-out model.toml --truth-out truth.toml
+  rig virtual --hide 7 --effect gravity --truth-out truth.toml
+  rig virtual --actuator truth.toml --speed max --duration 120
+
+Then, in another terminal:
+  rig monitor --port /tmp/softrig
+
+While it runs, lines can be typed into its terminal: `bend 30` bends the actuator
+by hand to 30 degrees, as `rig calibrate` asks for, and `bend off` lets it go;
+`fault leak on`, `press emergency-stop`, `status` and more: docs/virtual-rig.md.
+
+The simulator is a program of its own, virtual-rig, and the image is what
+`cargo xtask firmware` builds; `cargo xtask setup` installs what both need.")]
+pub struct Args {
+    /// Model file of the actuator that is simulated
+    #[arg(long, value_name = "TRUTH.toml", conflicts_with = "hide")]
+    actuator: Option<PathBuf>,
+    /// Draw an actuator that hides an effect from this seed
+    #[arg(long, value_name = "SEED")]
+    hide: Option<u64>,
+    /// Hide this effect instead of one drawn from the seed
+    #[arg(long, value_name = "KIND", requires = "hide")]
+    effect: Option<String>,
+    /// Seed of the bench's small errors: zeros of the sensors, an actuator that
+    /// is not quite at rest; the seed of --hide unless given, and without both
+    /// the bench is ideal
+    #[arg(long, value_name = "N")]
+    bench_seed: Option<u64>,
+    /// Write the model that the owner believes in
+    #[arg(long, value_name = "MODEL.toml", requires = "hide")]
+    model_out: Option<PathBuf>,
+    /// Write the answer
+    #[arg(long, value_name = "TRUTH.toml", requires = "hide")]
+    truth_out: Option<PathBuf>,
+    /// Name to give the serial port
+    #[arg(long, value_name = "PATH")]
+    link: Option<PathBuf>,
+    /// As fast as a real rig, or as fast as this computer can
+    #[arg(long, value_enum, default_value_t = Speed::Realtime)]
+    speed: Speed,
+    /// Seed of the sensors' noise
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Keep the board's EEPROM in this file
+    #[arg(long, value_name = "FILE")]
+    eeprom: Option<PathBuf>,
+    /// Make something fail, from a second to a second of the rig's time
+    #[arg(long, value_name = "KIND@S[..S]")]
+    fault: Vec<String>,
+    /// End after this much of the rig's time, in seconds
+    #[arg(long, value_name = "S")]
+    duration: Option<f64>,
+    /// Image of the firmware
+    #[arg(long, value_name = "FIRMWARE.elf", env = "SOFTRIG_FIRMWARE")]
+    image: Option<PathBuf>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Speed {
+    /// One second takes one second
+    Realtime,
+    /// As fast as possible
+    Max,
+}
+
+/// The simulator's file name.
+const PROGRAM: &str = if cfg!(windows) {
+    "virtual-rig.exe"
+} else {
+    "virtual-rig"
+};
+
+/// Runs the command.
+///
+/// # Errors
+///
+/// What is not built yet, and how to build it; then what the simulator says.
+pub fn run(args: &Args) -> anyhow::Result<()> {
+    if let Some(path) = &args.actuator {
+        // Its faults are told better here, with line and column.
+        super::read_model(path)?;
+    }
+    let program = find_program()?;
+    let image = find_image(args.image.as_deref())?;
+    let interrupt = Interrupt::listen()?;
+    let mut child = command(args, &program, &image)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .with_context(|| format!("{} cannot be started", program.display()))?;
+    let lines = lines_of(&mut child);
+    let _typed = child.stdin.take().map(pass_on);
+    let status = follow(args, &interrupt, &mut child, &lines)?;
+    if interrupt.requested() || status.success() {
+        return Ok(());
+    }
+    Err(anyhow::anyhow!(
+        "the simulator ended with {status}; what it said is above"
+    ))
+}
+
+fn command(args: &Args, program: &Path, image: &Path) -> Command {
+    let mut command = Command::new(program);
+    command.args(["serve", "--control", "--image"]).arg(image);
+    let mut path = |flag: &str, value: &Option<PathBuf>| {
+        if let Some(value) = value {
+            command.arg(flag).arg(value);
+        }
+    };
+    path("--actuator", &args.actuator);
+    path("--model-out", &args.model_out);
+    path("--truth-out", &args.truth_out);
+    path("--link", &args.link);
+    path("--eeprom", &args.eeprom);
+    if let Some(seed) = args.hide {
+        command.arg("--hide").arg(seed.to_string());
+    }
+    if let Some(kind) = &args.effect {
+        command.arg("--effect").arg(kind);
+    }
+    if let Some(seed) = args.bench_seed {
+        command.arg("--bench-seed").arg(seed.to_string());
+    }
+    if let Some(seed) = args.seed {
+        command.arg("--seed").arg(seed.to_string());
+    }
+    if let Some(seconds) = args.duration {
+        command.arg("--duration").arg(seconds.to_string());
+    }
+    for fault in &args.fault {
+        command.arg("--fault").arg(fault);
+    }
+    command.arg("--speed").arg(match args.speed {
+        Speed::Realtime => "realtime",
+        Speed::Max => "max",
+    });
+    command
+}
+
+/// Passes what is typed here on to the simulator. In the background of a shell nothing is
+/// read: the system would stop a program that tries to.
+fn pass_on(simulator: ChildStdin) -> Arc<Mutex<ChildStdin>> {
+    // It ends with its last owner, and the simulator hears no more commands then.
+    let simulator = Arc::new(Mutex::new(simulator));
+    if is_in_front() {
+        let simulator = Arc::clone(&simulator);
+        std::thread::spawn(move || {
+            for line in std::io::stdin().lock().lines() {
+                let Ok(line) = line else { return };
+                if line.trim().is_empty() {
+                    continue;
+                }
+                let mut simulator = simulator.lock().unwrap_or_else(PoisonError::into_inner);
+                if writeln!(simulator, "{line}").is_err() {
+                    return;
+                }
+            }
+        });
+    }
+    simulator
+}
+
+/// Whether what is typed is for this program; a pipe always is.
+#[cfg(unix)]
+fn is_in_front() -> bool {
+    !std::io::stdin().is_terminal()
+        || rustix::termios::tcgetpgrp(std::io::stdin())
+            .is_ok_and(|front| front == rustix::process::getpgrp())
+}
+
+#[cfg(not(unix))]
+fn is_in_front() -> bool {
+    true
+}
+
+fn lines_of(child: &mut Child) -> Receiver<String> {
+    let (sender, lines) = channel();
+    if let Some(stdout) = child.stdout.take() {
+        std::thread::spawn(move || {
+            for line in BufReader::new(stdout).lines() {
+                let Ok(line) = line else { return };
+                if sender.send(line).is_err() {
+                    return;
+                }
+            }
+        });
+    }
+    lines
+}
+
+/// Passes on what the simulator says, until it ends.
+fn follow(
+    args: &Args,
+    interrupt: &Interrupt,
+    child: &mut Child,
+    lines: &Receiver<String>,
+) -> anyhow::Result<std::process::ExitStatus> {
+    let mut asked: Option<Instant> = None;
+    loop {
+        match lines.recv_timeout(Duration::from_millis(50)) {
+            Ok(line) => match line.strip_prefix("port ") {
+                Some(port) => super::print(&next_steps(args, port))?,
+                None => super::print(&format!("{line}\n"))?,
+            },
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => std::thread::sleep(Duration::from_millis(20)),
+        }
+        if let Some(status) = child.try_wait()? {
+            return Ok(status);
+        }
+        if interrupt.requested() {
+            // It has a moment to remove its link before it is ended.
+            let asked = *asked.get_or_insert_with(|| {
+                ask_to_end(child);
+                Instant::now()
+            });
+            if asked.elapsed() > Duration::from_secs(2) {
+                child.kill()?;
+                remove_link(args);
+                return Ok(child.wait()?);
+            }
+        }
+    }
+}
+
+/// Passes on what we were told: a terminal's Ctrl-C reaches the simulator by
+/// itself, a signal that was sent to us does not.
+#[cfg(unix)]
+fn ask_to_end(child: &Child) {
+    // It may have ended by itself meanwhile.
+    let _ = rustix::process::kill_process(
+        rustix::process::Pid::from_child(child),
+        rustix::process::Signal::TERM,
+    );
+}
+
+#[cfg(not(unix))]
+fn ask_to_end(_child: &Child) {}
+
+/// The simulator removes its link when it ends; one that was killed cannot.
+fn remove_link(args: &Args) {
+    if let Some(link) = &args.link
+        && link.is_symlink()
+        && !link.exists()
+    {
+        let _ = std::fs::remove_file(link);
+    }
+}
+
+fn next_steps(args: &Args, port: &str) -> String {
+    let model = args.model_out.as_ref().map_or_else(
+        || "MODEL.toml".to_owned(),
+        |path| path.display().to_string(),
+    );
+    format!(
+        "The simulated rig is at {port}. In another terminal:\n\
+         \x20 rig monitor --port {port}\n\
+         \x20 rig upload --port {port} --model {model}\n\
+         \x20 rig record --port {port} --protocol steps -o run.csv\n\
+         \x20 rig diagnose --model {model} run.csv\n\
+         For `rig calibrate`, type `bend 30` here to bend the actuator to 30 degrees, and `bend off` to let go.\n\
+         Ctrl-C ends it.\n"
+    )
+}
+
+/// Beside this program, in the folders that cargo builds into, or where the
+/// environment says.
+fn find_program() -> Result<PathBuf, InputError> {
+    if let Some(path) = std::env::var_os("SOFTRIG_VIRTUAL_RIG") {
+        let path = PathBuf::from(path);
+        return if path.is_file() {
+            Ok(path)
+        } else {
+            Err(InputError::new(
+                "is not there, and SOFTRIG_VIRTUAL_RIG names it",
+                "correct the variable, or unset it",
+            )
+            .in_file(&path))
+        };
+    }
+    let folders = near_folders();
+    let candidates = folders.iter().flat_map(|folder| {
+        [
+            folder.join(PROGRAM),
+            folder.join("release").join(PROGRAM),
+            folder.join("debug").join(PROGRAM),
+        ]
+    });
+    first_file(candidates).ok_or_else(|| {
+        InputError::new(
+            format!("the simulator {PROGRAM} is not built"),
+            "run `cargo xtask setup` once, then `cargo build --release -p virtual-rig`, or name it in SOFTRIG_VIRTUAL_RIG",
+        )
+    })
+}
+
+fn find_image(given: Option<&Path>) -> Result<PathBuf, InputError> {
+    if let Some(path) = given {
+        return if path.is_file() {
+            Ok(path.to_owned())
+        } else {
+            Err(InputError::new(
+                "is not there",
+                "build it with `cargo xtask firmware`, which prints its path",
+            )
+            .in_file(path))
+        };
+    }
+    let folders = near_folders();
+    let candidates = folders
+        .iter()
+        .map(|folder| folder.join("avr-none").join("release").join("firmware.elf"));
+    first_file(candidates).ok_or_else(|| {
+        InputError::new(
+            "the firmware is not built",
+            "run `cargo xtask setup` once, then `cargo xtask firmware`, or name an image with --image",
+        )
+    })
+}
+
+/// The folder of this program, those above it that cargo builds into, and the
+/// usual one of the folder we are in.
+fn near_folders() -> Vec<PathBuf> {
+    let mut folders = Vec::new();
+    if let Ok(program) = std::env::current_exe() {
+        // target/release/rig, or target/debug/deps/… of a test.
+        folders.extend(program.ancestors().skip(1).take(3).map(Path::to_owned));
+    }
+    folders.push(PathBuf::from("target"));
+    folders
+}
+
+fn first_file(mut candidates: impl Iterator<Item = PathBuf>) -> Option<PathBuf> {
+    candidates.find(|path| path.is_file())
+}

@@ -1,0 +1,370 @@
+//! The range of every number in a model file.
+//!
+//! A slip of a unit or of the keyboard is a number that no rig has, and what is computed from
+//! it overflows, or takes for ever, far from where it was written. So each number has a range,
+//! wide enough for a pendulum, a hydraulic arm or a circuit with the same equation, and narrow
+//! enough for sums and powers of a simulation. The table in `docs/formats.md` is this one.
+
+use std::fmt;
+
+use model_core::effects::{Parameter, Unit};
+
+/// What a number may be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Range {
+    /// The key in a model file, or what the numbers of this unit in effects are.
+    pub of: &'static str,
+    /// The unit in the file.
+    pub unit: &'static str,
+    /// The smallest.
+    pub least: f64,
+    /// The largest.
+    pub most: f64,
+    /// What lies at the ends, or why nothing lies beyond.
+    pub because: &'static str,
+}
+
+/// The keys of `[actuator]` and `[dynamics]`.
+const KEYS: [Range; 8] = [
+    row("length_m", "m", 1e-5, 1e3, "a hair to a bridge"),
+    row("width_m", "m", 1e-5, 1e3, "the same"),
+    row("height_m", "m", 1e-5, 1e3, "the same"),
+    row(
+        "inertia_kg_m",
+        "kg·m",
+        1e-9,
+        1e9,
+        "only ratios to it move anything: where it does not fit, scale all forces with it",
+    ),
+    row(
+        "damping_n_s_per_rad",
+        "N·s/rad",
+        0.0,
+        1e12,
+        "a trillion times what a finger of silicone has",
+    ),
+    row("stiffness_n_per_rad_n", "N/radⁿ", 0.0, 1e12, "the same"),
+    row(
+        "exponent",
+        "",
+        0.01,
+        20.0,
+        "a power of an angle that is still a number; metals, silicones and cords have 0.1 to 10",
+    ),
+    row(
+        "input_gain_n_per_kpa",
+        "N/kPa",
+        -1e9,
+        1e9,
+        "a piston of a square kilometre; below zero, pressure straightens",
+    ),
+];
+
+/// Numbers of effects by their unit. Where [the catalogue](model_core::catalogue) is narrower,
+/// it counts.
+const UNITS: [(Unit, Range); 13] = [
+    by_unit(Unit::One, "factors", 1e6, "a millionfold"),
+    by_unit(
+        Unit::Newton,
+        "forces",
+        1e12,
+        "far beyond any machine, far below what overflows",
+    ),
+    by_unit(Unit::NewtonPerRad, "stiffnesses", 1e12, "the same"),
+    by_unit(Unit::NewtonPerRad3, "cubic stiffnesses", 1e12, "the same"),
+    by_unit(Unit::NewtonSecond2PerRad2, "drags", 1e12, "the same"),
+    by_unit(Unit::Radian, "angles", 1e6, "a motor after 160 000 turns"),
+    by_unit(
+        Unit::RadianPerSecond,
+        "rates",
+        1e6,
+        "160 000 turns a second",
+    ),
+    by_unit(Unit::Second, "times", 1e9, "thirty years"),
+    by_unit(Unit::PerSecond, "rates of change", 1e6, "a microsecond"),
+    by_unit(Unit::Hertz, "frequencies", 1e6, "the same"),
+    by_unit(
+        Unit::PerRadian,
+        "changes with the angle",
+        1e6,
+        "a millionfold a radian",
+    ),
+    by_unit(
+        Unit::PerKiloPascal,
+        "changes with the pressure",
+        1e6,
+        "a millionfold a kilopascal",
+    ),
+    by_unit(
+        Unit::KiloPascal,
+        "pressures",
+        1e6,
+        "ten times what a hydraulic pump gives",
+    ),
+];
+
+const fn row(
+    of: &'static str,
+    unit: &'static str,
+    least: f64,
+    most: f64,
+    because: &'static str,
+) -> Range {
+    Range {
+        of,
+        unit,
+        least,
+        most,
+        because,
+    }
+}
+
+/// Of both signs.
+const fn by_unit(unit: Unit, of: &'static str, most: f64, because: &'static str) -> (Unit, Range) {
+    (unit, row(of, unit.symbol(), -most, most, because))
+}
+
+impl Range {
+    /// Of a key in `[actuator]` or `[dynamics]`; none of another.
+    pub fn of_key(key: &str) -> Option<Self> {
+        KEYS.into_iter().find(|range| range.of == key)
+    }
+
+    /// Of the numbers of effects in this unit.
+    pub fn of_unit(unit: Unit) -> Self {
+        UNITS
+            .into_iter()
+            .find(|(of, _)| *of == unit)
+            // A test holds that every parameter of the catalogue has one.
+            .map_or(row("", "", -1e6, 1e6, ""), |(_, range)| range)
+    }
+
+    /// Of a parameter of an effect: its own bounds, as far as it has any.
+    pub fn of_parameter(parameter: &Parameter) -> Self {
+        let wide = Self::of_unit(parameter.unit);
+        let bound = |si: f32| parameter.unit.from_si(f64::from(si));
+        Self {
+            least: bound(parameter.lower).max(wide.least),
+            most: bound(parameter.upper).min(wide.most),
+            ..wide
+        }
+    }
+
+    /// Whether a number may stand there.
+    pub fn contains(&self, number: f64) -> bool {
+        (self.least..=self.most).contains(&number)
+    }
+
+    /// What to do about a number that may not.
+    pub fn advice(&self) -> String {
+        format!("give a value {self}")
+    }
+}
+
+impl fmt::Display for Range {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "from {} to {}", short(self.least), short(self.most))?;
+        if self.unit.is_empty() {
+            Ok(())
+        } else {
+            write!(f, " {}", self.unit)
+        }
+    }
+}
+
+/// Without rows of zeros.
+fn short(number: f64) -> String {
+    let size = number.abs();
+    if size >= 1e5 || (size > 0.0 && size < 1e-3) {
+        format!("{number:e}")
+    } else {
+        number.to_string()
+    }
+}
+
+/// The table as `docs/formats.md` shows it.
+pub fn page() -> String {
+    let mut text = String::from("| | unit | smallest | largest | |\n|---|---|---:|---:|---|\n");
+    let keys = KEYS.map(|range| (format!("`{}`", range.of), range));
+    let units = UNITS.map(|(_, range)| (format!("{} of effects", range.of), range));
+    for (of, range) in keys.into_iter().chain(units) {
+        let unit = if range.unit.is_empty() {
+            "–"
+        } else {
+            range.unit
+        };
+        text += &format!(
+            "| {of} | {unit} | {} | {} | {} |\n",
+            short(range.least).replace('-', "−"),
+            short(range.most).replace('-', "−"),
+            range.because
+        );
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use model_core::catalogue::Kind;
+
+    use super::*;
+    use crate::io::model_file::ModelFile;
+    use crate::io::recording::{PASCAL_PER_KPA, Recording};
+    use crate::sim::simulate::{Signal, Start, run, substeps};
+
+    #[test]
+    fn the_page_has_the_ranges_of_the_code() {
+        let page_path = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/formats.md");
+        let written = std::fs::read_to_string(page_path).unwrap();
+        assert!(
+            written.contains(&page()),
+            "docs/formats.md is out of date; its table of ranges should be\n{}",
+            page()
+        );
+    }
+
+    /// A model with one number in it, and the place of that number.
+    fn model(dynamics: &[(&str, f64)], effect: &str) -> String {
+        let mut text = "schema = 1\n[dynamics]\n".to_owned();
+        for (key, usual) in [
+            ("inertia_kg_m", 0.36),
+            ("damping_n_s_per_rad", 0.9),
+            ("stiffness_n_per_rad_n", 4.2),
+            ("exponent", 1.7),
+            ("input_gain_n_per_kpa", 0.12),
+        ] {
+            let given = dynamics.iter().find(|(of, _)| *of == key);
+            text += &format!("{key} = {:e}\n", given.map_or(usual, |(_, number)| *number));
+        }
+        text + effect
+    }
+
+    /// Every number of a model at an end of its range, and beyond.
+    fn ends() -> Vec<(String, &'static str, Range, f64)> {
+        let mut list = Vec::new();
+        for range in KEYS.iter().skip(3) {
+            for end in [range.least, range.most] {
+                list.push((model(&[(range.of, end)], ""), range.of, *range, end));
+            }
+        }
+        for kind in Kind::ALL.iter().filter(|kind| **kind != Kind::Table) {
+            for row in kind.parameters() {
+                let range = Range::of_parameter(row);
+                for end in [range.least, range.most] {
+                    let mut effect = format!("[[effect]]\nkind = \"{}\"\n", kind.name());
+                    for other in kind.parameters() {
+                        let range = Range::of_parameter(other);
+                        let number = if other.key == row.key {
+                            end
+                        } else {
+                            1.0_f64.clamp(range.least, range.most)
+                        };
+                        effect += &format!("{} = {number:e}\n", other.key);
+                    }
+                    list.push((model(&[], &effect), row.key, range, end));
+                }
+            }
+        }
+        list
+    }
+
+    /// A second of a step.
+    fn step() -> Recording {
+        Recording {
+            time: (0..100).map(|k| f64::from(k) * 0.01).collect(),
+            pressure: vec![30.0 * PASCAL_PER_KPA; 100],
+            angle: vec![0.5; 100],
+            ..Recording::default()
+        }
+    }
+
+    #[test]
+    fn models_at_the_ends_of_the_ranges_are_read_and_simulated_to_numbers_or_are_lost() {
+        let recording = step();
+        let signal = Signal::pressure(&recording);
+        for (text, _, range, end) in ends() {
+            let file = ModelFile::parse(&text, Path::new("m.toml"));
+            let model = file
+                .unwrap_or_else(|error| panic!("{range:?} {end}: {error}\n{text}"))
+                .model;
+            let start = Start {
+                angle: 0.5,
+                rate: 0.0,
+            };
+            let steps = substeps(&model, 0.01, 1.0);
+            let found = run(&model, &signal, start, steps);
+            assert!(
+                found.reading.iter().all(|angle| angle.is_finite()),
+                "{range:?} {end}: {:?}",
+                found.reading
+            );
+        }
+    }
+
+    #[test]
+    fn beyond_the_ends_nothing_is_read() {
+        for (text, key, range, end) in ends() {
+            let beyond = if end < range.most {
+                end - 0.5 * end.abs().max(1e-6)
+            } else {
+                end * 1.5 + 1e-6
+            };
+            for wrong in [beyond, 1e308, -1e308] {
+                let text = text.replace(
+                    &format!("\n{key} = {end:e}\n"),
+                    &format!("\n{key} = {wrong:e}\n"),
+                );
+                let said = ModelFile::parse(&text, Path::new("m.toml"))
+                    .unwrap_err()
+                    .to_string();
+                assert!(
+                    said.contains("m.toml, line ") && said.contains(", column "),
+                    "{said}"
+                );
+                assert!(said.contains(&range.advice()), "{said}\n{text}");
+            }
+        }
+    }
+
+    #[test]
+    fn dimensions_and_what_follows_from_them_have_ranges() {
+        let read = |length: &str, height: &str| {
+            let text = format!(
+                "schema = 1\n[actuator]\nmaterial = \"Dragon Skin 20\"\nlength_m = {length}\nwidth_m = 0.03\nheight_m = {height}\n[dynamics]\ninertia_kg_m = 1\ndamping_n_s_per_rad = 1\ninput_gain_n_per_kpa = 1\n"
+            );
+            ModelFile::parse(&text, Path::new("m.toml")).map_err(|error| error.to_string())
+        };
+        assert!(read("0.094", "0.024").is_ok());
+        for wrong in ["0", "-1", "nan", "inf", "1e308"] {
+            let said = read(wrong, "0.024").unwrap_err();
+            assert!(
+                said.starts_with("m.toml, line 4, column 12: length_m = "),
+                "{said}"
+            );
+            assert!(said.contains("from 1e-5 to 1000 m"), "{said}");
+        }
+        // Each has a size that something has, and both together nothing.
+        let said = read("1e-5", "1000").unwrap_err();
+        assert!(
+            said.contains("line 7, column 1: stiffness_n_per_rad_n = "),
+            "{said}"
+        );
+    }
+
+    #[test]
+    fn every_parameter_of_the_catalogue_has_a_range() {
+        for kind in Kind::ALL {
+            for row in kind.parameters() {
+                let range = Range::of_parameter(row);
+                assert_eq!(range.unit, row.unit.symbol());
+                assert!(
+                    !range.of.is_empty() && range.least < range.most,
+                    "{kind:?} {range:?}"
+                );
+                assert!(range.most.abs() <= 1e12 && range.least.abs() <= 1e12);
+            }
+        }
+    }
+}

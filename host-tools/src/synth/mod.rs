@@ -1,0 +1,3 @@
+//! Recordings that were never measured, with a known answer.
+
+pub mod example;
