@@ -403,7 +403,7 @@ mod tests {
     /// Compares with the screen that is checked in; `SOFTRIG_BLESS=1` replaces it.
     fn assert_screen(name: &str, text: &str) {
         let path = Path::new(env!("CARGO_MANIFEST_DIR"))
-            .join("src/monitor/screens")
+            .join("src/rig/monitor/screens")
             .join(name);
         if std::env::var_os("SOFTRIG_BLESS").is_some() {
             std::fs::create_dir_all(path.parent().unwrap()).unwrap();
