@@ -95,7 +95,7 @@ def test_a_fit_is_that_of_the_command(
     assert fit.model.to_toml() == out.read_text()
     last = re.search(r"^all +([\d.]+) +([\d.]+)$", done.stdout, re.MULTILINE)
     assert last is not None
-    assert [f"{fit.nominal_rmse_deg:.3f}", f"{fit.rmse_deg:.3f}"] == list(last.groups())
+    assert [f"{fit.nominal_rmse_deg:.3g}", f"{fit.rmse_deg:.3g}"] == list(last.groups())
 
 
 def test_an_example_is_that_of_the_command(rig: Rig, tmp_path: Path) -> None:

@@ -26,10 +26,10 @@ use crate::estimate::statistics::independent_stretch;
 /// How often noise is dealt out again.
 const DRAWS: usize = 499;
 
-/// A block is at most this part of a recording, …
+/// The longest block: a recording over this.
 const LONGEST: usize = 4;
 
-/// … and at least so many samples.
+/// The shortest block (samples).
 const SHORTEST: usize = 50;
 
 /// Fewer blocks cannot show a chance of one in a hundred.

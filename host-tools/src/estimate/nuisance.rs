@@ -346,9 +346,9 @@ pub fn rest_at_start(recording: &Recording) -> usize {
     const FEWEST: usize = 5;
     /// A rest longer than this (s) adds nothing.
     const LONGEST: f64 = 1.0;
-    /// So many samples show more than noise, …
+    /// Samples that show more than noise, if they scatter by more than [`SHAKEN`] times it.
     const ENOUGH: usize = 30;
-    /// … if they scatter by more than this factor of it.
+    /// Scatter over noise of a recording that does not rest.
     const SHAKEN: f64 = 1.3;
     let noise = noise_by_differences(&recording.angle).max(1e-9);
     let pressure_noise = noise_by_differences(&recording.pressure);

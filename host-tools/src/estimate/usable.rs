@@ -56,10 +56,10 @@ const BRIDGED_S: f64 = 0.25;
 const BRIDGED_INTERVALS: f64 = 3.0;
 
 /// A time between samples beyond this many usual ones counts as missing
-/// samples if the clock is even, …
+/// samples, if the clock is even.
 const MISSING: f64 = 1.5;
 
-/// … and beyond this many times its scatter if it jitters.
+/// Of a clock that jitters, the same in standard deviations of its interval.
 const MISSING_SCATTERS: f64 = 4.0;
 
 /// Scatter of the intervals, relative to the usual one, that is worth saying.

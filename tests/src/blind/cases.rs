@@ -24,11 +24,11 @@ use super::refit::{BASE, Fitted, everything, misfit, refit};
 use super::sensors::Sensors;
 use super::truth::{Base, Effect, Formula, Line, RATE_HZ, SAMPLES_HZ, Truth, VALUES, kinds};
 
-/// Integration steps of a sample for the recordings …
+/// Integration steps of a sample, for the recordings.
 const STEPS: u32 = RATE_HZ / SAMPLES_HZ;
-/// … while a size is searched …
+/// Integration steps of a sample, while a size is searched.
 const STEPS_SEARCH: u32 = 8;
-/// … and of the base model, which has nothing fast.
+/// Integration steps of a sample of the base model, which has nothing fast.
 const STEPS_BASE: u32 = 2;
 
 /// The misfit of the refitted base model with noise, over the noise.

@@ -33,9 +33,9 @@ const VISIBLE_PAIR: std::ops::RangeInclusive<f64> = 1.5..=12.0;
 const PARTNER: f64 = 1.3;
 /// Actuators that are drawn before one is taken as it is.
 const ATTEMPTS: u32 = 12;
-/// The coloured force over the force of reference …
+/// The coloured force of every bench, over the force of reference.
 const COLOURED: std::ops::Range<f64> = 0.01..0.02;
-/// … and where it is what is hidden.
+/// The same, where it is what is hidden.
 const RANDOM_FORCE: std::ops::Range<f64> = 0.1..0.2;
 /// Correlation time of both (s).
 const CORRELATION: std::ops::Range<f64> = 0.3..5.0;

@@ -12,9 +12,9 @@ use super::super::truth::Line;
 
 /// Share of the angle's range that is left where the sensor is cut off.
 pub const LEFT_OF_RANGE: f64 = 0.99;
-/// Standard deviation of the pressure's zero (Pa) …
+/// Standard deviation of the pressure's zero (Pa).
 const PRESSURE_ZERO: f64 = 300.0;
-/// … and the most that it is off.
+/// The most that the pressure's zero is off (Pa).
 const MOST_PRESSURE_ZERO: f64 = 700.0;
 /// The most that the angle's zero is off (°).
 const MOST_ANGLE_ZERO: f64 = 1.5;
@@ -51,9 +51,9 @@ pub struct Instruments {
 pub struct Shown<'a> {
     /// Pressure in the line.
     pub line: &'a Line,
-    /// Angle (rad) …
+    /// Angle (rad).
     pub reading: &'a [f64],
-    /// … this many times a second.
+    /// Samples of it a second.
     pub rate_hz: f64,
 }
 

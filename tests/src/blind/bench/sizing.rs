@@ -16,9 +16,9 @@ const COMPARED_HZ: u32 = 50;
 /// Integration steps per second of a base model, which has nothing fast.
 const BASE_HZ: u32 = 200;
 
-/// A pressure zero (Pa) beyond this is no error of a calibration …
+/// A pressure zero (Pa) beyond this is no error of a calibration.
 const PRESSURE_ZERO: f64 = 1500.0;
-/// … and an angle zero beyond this (rad) neither.
+/// An angle zero (rad) beyond this is no error of a calibration.
 const ANGLE_ZERO: f64 = 6.0 * std::f64::consts::PI / 180.0;
 /// Large moves of a start: rad, and rad/s.
 const START: [f64; 2] = [0.1, 0.3];
