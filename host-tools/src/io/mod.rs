@@ -16,3 +16,4 @@ pub mod ranges;
 pub mod recording;
 pub mod settings_file;
 pub mod terminal;
+mod toml_reader;

@@ -13,13 +13,14 @@ use model_core::effects::Unit;
 use model_core::effects::table::{self, MAX_NODES, MIN_NODES, Variable};
 use model_core::ludwick::{Beam, Ludwick, SecondMoment};
 use model_core::power::Exact;
-use toml_edit::{Array, ArrayOfTables, Document, DocumentMut, Item, Table, Value};
+use toml_edit::{Array, ArrayOfTables, DocumentMut, Item, Table, Value};
 
 use crate::io::columns::{self, Layout};
 use crate::io::error::{InputError, line_of};
 use crate::io::own_effects::{self, Role};
 use crate::io::ranges::Range;
 use crate::io::recording::PASCAL_PER_KPA;
+use crate::io::toml_reader::Reader;
 use crate::materials::{like, named};
 
 /// The schema number that this version reads and writes.
@@ -91,7 +92,10 @@ impl ModelFile {
     ///
     /// As [`ModelFile::read`].
     pub fn parse(text: &str, path: &Path) -> Result<Self, InputError> {
-        Reader { text, path }.read()
+        ModelReader {
+            toml: Reader { text, path },
+        }
+        .read()
     }
 
     /// The name of a parameter as `[fit] free` and reports spell it.
@@ -306,50 +310,48 @@ pub(crate) fn replace_number(item: &mut Item, number: f64) {
     *item = Item::Value(value);
 }
 
-/// Reads sections of a TOML file and names the place of what is wrong with them.
-pub(crate) struct Reader<'a> {
-    /// The text of the file.
-    pub(crate) text: &'a str,
-    /// Its path, for messages.
-    pub(crate) path: &'a Path,
+/// Refuses a second effect with the name of the first: `[fit]` and verdicts tell effects
+/// apart by it.
+pub(crate) fn twice(
+    toml: &Reader<'_>,
+    effect: &Effect<f64>,
+    first: &Table,
+    second: &Table,
+) -> InputError {
+    let name = effect.kind().name();
+    let (key, advice) = match effect {
+        Effect::Custom(_) => ("name", "give each a name of its own"),
+        Effect::Table(_) => (
+            "kind",
+            "keep one: a model, like a board, has room for the numbers of one table",
+        ),
+        _ => (
+            "kind",
+            "keep one: [fit] and verdicts name parameters by the kind of their effect",
+        ),
+    };
+    let span = |table: &Table| table.get(key).and_then(Item::span).or(table.span());
+    let begins = span(first).map_or(0, |span| span.start);
+    toml.fail_at(
+        span(second),
+        format!(
+            "there is a second effect {name}; the first is in line {}",
+            line_of(toml.text, begins)
+        ),
+        advice,
+    )
 }
 
-impl Reader<'_> {
-    pub(crate) fn fail(&self, found: impl Into<String>, advice: impl Into<String>) -> InputError {
-        InputError::new(found, advice).in_file(self.path)
-    }
+/// Reads a model.
+struct ModelReader<'a> {
+    toml: Reader<'a>,
+}
 
-    pub(crate) fn fail_at(
-        &self,
-        span: Option<std::ops::Range<usize>>,
-        found: impl Into<String>,
-        advice: impl Into<String>,
-    ) -> InputError {
-        let error = self.fail(found, advice);
-        match span {
-            Some(span) => error.at_offset(self.text, span.start),
-            None => error,
-        }
-    }
-
-    /// The parsed file; what to do if it is empty.
-    pub(crate) fn document(&self, start: &str) -> Result<Document<String>, InputError> {
-        if self.text.trim().is_empty() {
-            return Err(self.fail("is empty", start));
-        }
-        Document::parse(self.text.to_owned()).map_err(|error| {
-            self.fail_at(
-                error.span(),
-                error.message().trim().replace('\n', ", "),
-                "correct the TOML there",
-            )
-        })
-    }
-
+impl ModelReader<'_> {
     fn read(&self) -> Result<ModelFile, InputError> {
-        let document = self.document("let `rig init` write a first model")?;
+        let document = self.toml.document("let `rig init` write a first model")?;
         let root = document.as_table();
-        self.known_keys(
+        self.toml.known_keys(
             root,
             "the model",
             &[
@@ -362,20 +364,20 @@ impl Reader<'_> {
                 "recording",
             ],
         )?;
-        self.schema(root)?;
+        self.toml.schema(root, SCHEMA)?;
         let name = root
             .get("name")
             .and_then(Item::as_str)
-            .map_or_else(|| self.path.display().to_string(), str::to_owned);
+            .map_or_else(|| self.toml.path.display().to_string(), str::to_owned);
         let actuator = self.actuator(root)?;
-        let dynamics_table = self.table(root, "dynamics")?.ok_or_else(|| {
-            self.fail(
+        let dynamics_table = self.toml.table(root, "dynamics")?.ok_or_else(|| {
+            self.toml.fail(
                 "has no [dynamics] section",
                 "add one with inertia_kg_m, damping_n_s_per_rad, stiffness_n_per_rad_n, exponent and input_gain_n_per_kpa",
             )
         })?;
         let dynamics = self.dynamics(root, dynamics_table, actuator.as_ref())?;
-        let effect_tables = self.effect_tables(root)?;
+        let effect_tables = self.toml.sections(root, "effect")?;
         let effects = effect_tables
             .iter()
             .map(|table| self.effect(table))
@@ -383,7 +385,12 @@ impl Reader<'_> {
         for (index, effect) in effects.iter().enumerate() {
             let is_this = |other: &Effect<f64>| other.kind().name() == effect.kind().name();
             if let Some(first) = effects[..index].iter().position(is_this) {
-                return Err(self.twice(effect, effect_tables[first], effect_tables[index]));
+                return Err(twice(
+                    &self.toml,
+                    effect,
+                    effect_tables[first],
+                    effect_tables[index],
+                ));
             }
         }
         let model = Model::new(dynamics, &effects)
@@ -393,98 +400,21 @@ impl Reader<'_> {
         let warnings = self.unknown_material(root, actuator.as_ref());
         Ok(ModelFile {
             name,
-            path: self.path.to_owned(),
+            path: self.toml.path.to_owned(),
             model,
             free,
             actuator,
             recording: self.recording(root)?,
             warnings: warnings.into_iter().collect(),
-            text: self.text.to_owned(),
-        })
-    }
-
-    pub(crate) fn schema(&self, root: &Table) -> Result<(), InputError> {
-        let item = root.get("schema").ok_or_else(|| {
-            self.fail(
-                "has no schema number",
-                format!("start it with `schema = {SCHEMA}`"),
-            )
-        })?;
-        if item.as_integer() == Some(SCHEMA) {
-            return Ok(());
-        }
-        Err(self.fail_at(
-            item.span(),
-            format!("schema is {}", item.to_string().trim()),
-            format!("this version of rig reads schema {SCHEMA}: use the version that wrote the file, or correct the number"),
-        ))
-    }
-
-    fn table<'t>(&self, root: &'t Table, key: &str) -> Result<Option<&'t Table>, InputError> {
-        match root.get(key) {
-            None => Ok(None),
-            Some(Item::Table(table)) => Ok(Some(table)),
-            Some(other) => Err(self.fail_at(
-                other.span(),
-                format!("{key} is not a section"),
-                format!("write it as [{key}] with a key on each line below"),
-            )),
-        }
-    }
-
-    pub(crate) fn known_keys(
-        &self,
-        table: &Table,
-        place: &str,
-        known: &[&str],
-    ) -> Result<(), InputError> {
-        for (key, item) in table {
-            if !known.contains(&key) {
-                let span = table
-                    .key(key)
-                    .and_then(toml_edit::Key::span)
-                    .or(item.span());
-                return Err(self.fail_at(
-                    span,
-                    format!("{place} has no key {key}"),
-                    format!("remove it, or use one of: {}", known.join(", ")),
-                ));
-            }
-        }
-        Ok(())
-    }
-
-    fn number(&self, table: &Table, key: &str) -> Result<Option<f64>, InputError> {
-        let Some(item) = table.get(key) else {
-            return Ok(None);
-        };
-        let number = item
-            .as_float()
-            .or_else(|| item.as_integer().map(|whole| whole as f64));
-        number.map(Some).ok_or_else(|| {
-            self.fail_at(
-                item.span(),
-                format!("{key} is not a number"),
-                "write a number without quotes and without a unit",
-            )
-        })
-    }
-
-    fn required(&self, table: &Table, section: &str, key: &str) -> Result<f64, InputError> {
-        self.number(table, key)?.ok_or_else(|| {
-            self.fail_at(
-                table.span(),
-                format!("[{section}] has no {key}"),
-                format!("add `{key} = …` to that section"),
-            )
+            text: self.toml.text.to_owned(),
         })
     }
 
     fn actuator(&self, root: &Table) -> Result<Option<ActuatorSection>, InputError> {
-        let Some(table) = self.table(root, "actuator")? else {
+        let Some(table) = self.toml.table(root, "actuator")? else {
             return Ok(None);
         };
-        self.known_keys(
+        self.toml.known_keys(
             table,
             "[actuator]",
             &["material", "length_m", "width_m", "height_m"],
@@ -492,7 +422,7 @@ impl Reader<'_> {
         let material = match table.get("material") {
             None => "",
             Some(item) => item.as_str().ok_or_else(|| {
-                self.fail_at(
+                self.toml.fail_at(
                     item.span(),
                     format!("material = {} is no name", item.to_string().trim()),
                     "write the name of the material in quotes",
@@ -500,7 +430,7 @@ impl Reader<'_> {
             })?,
         };
         let dimension = |key: &str| {
-            let value = self.required(table, "actuator", key)?;
+            let value = self.toml.required(table, "actuator", key)?;
             self.check_range(table, key, value, Range::of_key(key))?;
             Ok(value)
         };
@@ -528,17 +458,17 @@ impl Reader<'_> {
             "{}, or leave the line out and say it in a comment",
             material_to_write(name)
         );
-        let said = self.fail_at(material_span(root), found, advice);
+        let said = self.toml.fail_at(material_span(root), found, advice);
         Some(said.to_string())
     }
 
     /// Where recordings stand in their files.
     fn recording(&self, root: &Table) -> Result<Layout, InputError> {
         let mut layout = Layout::default();
-        let Some(table) = self.table(root, "recording")? else {
+        let Some(table) = self.toml.table(root, "recording")? else {
             return Ok(layout);
         };
-        self.known_keys(
+        self.toml.known_keys(
             table,
             "[recording]",
             &["columns", "units", "absolute_pressure_kpa", "flip_angle"],
@@ -550,16 +480,17 @@ impl Reader<'_> {
             layout.columns.set(columns::unit_of(key, unit)?);
             Ok(())
         })?;
-        if let Some(kpa) = self.number(table, "absolute_pressure_kpa")? {
+        if let Some(kpa) = self.toml.number(table, "absolute_pressure_kpa")? {
             let kpa = columns::air(kpa).map_err(|advice| {
                 let span = table.get("absolute_pressure_kpa").and_then(Item::span);
-                self.fail_at(span, format!("absolute_pressure_kpa is {kpa}"), advice)
+                self.toml
+                    .fail_at(span, format!("absolute_pressure_kpa is {kpa}"), advice)
             })?;
             layout.columns.air_kpa = Some(kpa);
         }
         if let Some(item) = table.get("flip_angle") {
             layout.columns.flip_angle = item.as_bool().ok_or_else(|| {
-                self.fail_at(
+                self.toml.fail_at(
                     item.span(),
                     "flip_angle is neither true nor false",
                     "write `flip_angle = true` if the angle counts the other way round",
@@ -582,13 +513,14 @@ impl Reader<'_> {
         };
         let advice = format!("write it as {key} = {{ {example} }}");
         let entries = item.as_table_like().ok_or_else(|| {
-            self.fail_at(item.span(), format!("{key} is no table"), advice.clone())
+            self.toml
+                .fail_at(item.span(), format!("{key} is no table"), advice.clone())
         })?;
         for (name, item) in entries.iter() {
             item.as_str()
                 .ok_or_else(|| format!("{name} is not in quotes"))
                 .and_then(|text| take(name, text))
-                .map_err(|found| self.fail_at(item.span(), found, advice.clone()))?;
+                .map_err(|found| self.toml.fail_at(item.span(), found, advice.clone()))?;
         }
         Ok(())
     }
@@ -600,10 +532,10 @@ impl Reader<'_> {
         actuator: Option<&ActuatorSection>,
     ) -> Result<Dynamics<f64>, InputError> {
         let keys: Vec<&str> = BASE.iter().map(|(_, _, key)| *key).collect();
-        self.known_keys(table, "[dynamics]", &keys)?;
-        let required = |key: &str| self.required(table, "dynamics", key);
+        self.toml.known_keys(table, "[dynamics]", &keys)?;
+        let required = |key: &str| self.toml.required(table, "dynamics", key);
         let derived = |key: &str, derive: fn(&ActuatorSection) -> Option<f64>| {
-            if let Some(value) = self.number(table, key)? {
+            if let Some(value) = self.toml.number(table, key)? {
                 return Ok(value);
             }
             match actuator {
@@ -617,7 +549,8 @@ impl Reader<'_> {
                             "{}, or give `{key} = …` in [dynamics]",
                             material_to_write(&actuator.material)
                         );
-                        self.fail_at(material_span(root).or(table.span()), found, advice)
+                        self.toml
+                            .fail_at(material_span(root).or(table.span()), found, advice)
                     })
                 }
                 _ => required(key),
@@ -651,7 +584,7 @@ impl Reader<'_> {
                 .and_then(Kind::from_name);
             // A table's numbers are in lists, which are checked as they are read.
             for row in kind.map_or(&[][..], Kind::parameters) {
-                if let Some(value) = self.number(table, row.key)? {
+                if let Some(value) = self.toml.number(table, row.key)? {
                     let range = Some(Range::of_parameter(row));
                     self.check_range(table, row.key, value, range)?;
                 }
@@ -669,7 +602,7 @@ impl Reader<'_> {
         range: Option<Range>,
     ) -> Result<(), InputError> {
         match range {
-            Some(range) if !range.contains(value) => Err(self.fail_at(
+            Some(range) if !range.contains(value) => Err(self.toml.fail_at(
                 table.get(key).and_then(Item::span).or(table.span()),
                 format!("{key} = {value:?} is outside its range"),
                 range.advice(),
@@ -678,60 +611,21 @@ impl Reader<'_> {
         }
     }
 
-    pub(crate) fn effect_tables<'t>(&self, root: &'t Table) -> Result<Vec<&'t Table>, InputError> {
-        match root.get("effect") {
-            None => Ok(Vec::new()),
-            Some(Item::ArrayOfTables(tables)) => Ok(tables.iter().collect()),
-            Some(other) => Err(self.fail_at(
-                other.span(),
-                "effect is not a list of sections",
-                "write each effect as a section [[effect]] with a kind",
-            )),
-        }
-    }
-
-    /// Refuses a second effect with the name of the first: `[fit]` and verdicts tell effects
-    /// apart by it.
-    pub(crate) fn twice(&self, effect: &Effect<f64>, first: &Table, second: &Table) -> InputError {
-        let name = effect.kind().name();
-        let (key, advice) = match effect {
-            Effect::Custom(_) => ("name", "give each a name of its own"),
-            Effect::Table(_) => (
-                "kind",
-                "keep one: a model, like a board, has room for the numbers of one table",
-            ),
-            _ => (
-                "kind",
-                "keep one: [fit] and verdicts name parameters by the kind of their effect",
-            ),
-        };
-        let span = |table: &Table| table.get(key).and_then(Item::span).or(table.span());
-        let begins = span(first).map_or(0, |span| span.start);
-        self.fail_at(
-            span(second),
-            format!(
-                "there is a second effect {name}; the first is in line {}",
-                line_of(self.text, begins)
-            ),
-            advice,
-        )
-    }
-
     fn effect(&self, table: &Table) -> Result<Effect<f64>, InputError> {
         let known = Kind::ALL.iter().map(|kind| kind.name());
         let known: Vec<&str> = known.chain([own_effects::KIND]).collect();
         let item = table.get("kind").ok_or_else(|| {
-            self.fail_at(
+            self.toml.fail_at(
                 table.span(),
                 "[[effect]] has no kind",
                 format!("add kind = \"…\", one of: {}", known.join(", ")),
             )
         })?;
         if item.as_str() == Some(own_effects::KIND) {
-            return own_effects::read_section(self, table, Role::InModel);
+            return own_effects::read_section(&self.toml, table, Role::InModel);
         }
         let kind = item.as_str().and_then(Kind::from_name).ok_or_else(|| {
-            self.fail_at(
+            self.toml.fail_at(
                 item.span(),
                 format!("{} is not a known kind of effect", item.to_string().trim()),
                 format!("use one of: {}", known.join(", ")),
@@ -742,29 +636,35 @@ impl Reader<'_> {
         }
         let mut keys = vec!["kind"];
         keys.extend(kind.parameters().iter().map(|row| row.key));
-        self.known_keys(table, &format!("the effect {}", kind.name()), &keys)?;
+        self.toml
+            .known_keys(table, &format!("the effect {}", kind.name()), &keys)?;
         let values = kind
             .parameters()
             .iter()
-            .map(|row| match (self.number(table, row.key)?, row.left_out()) {
-                (Some(value), _) => Ok(row.unit.to_si(value)),
-                (None, Some(value)) => Ok(f64::from(value)),
-                (None, None) => self.required(table, "[effect]", row.key),
-            })
+            .map(
+                |row| match (self.toml.number(table, row.key)?, row.left_out()) {
+                    (Some(value), _) => Ok(row.unit.to_si(value)),
+                    (None, Some(value)) => Ok(f64::from(value)),
+                    (None, None) => self.toml.required(table, "[effect]", row.key),
+                },
+            )
             .collect::<Result<Vec<f64>, InputError>>()?;
-        kind.build(&values)
-            .ok_or_else(|| self.fail("has an incomplete effect", "add its parameters"))
+        kind.build(&values).ok_or_else(|| {
+            self.toml
+                .fail("has an incomplete effect", "add its parameters")
+        })
     }
 
     fn numbers_of_table(&self, section: &Table) -> Result<table::Table<f64>, InputError> {
         let name = "the effect table";
-        self.known_keys(section, name, &["kind", "of", "nodes", "forces_n"])?;
+        self.toml
+            .known_keys(section, name, &["kind", "of", "nodes", "forces_n"])?;
         let variables = Variable::ALL
             .map(|of| format!("\"{}\"", of.name()))
             .join(", ");
         let advice = format!("write of = one of: {variables}");
         let item = section.get("of").ok_or_else(|| {
-            self.fail_at(
+            self.toml.fail_at(
                 section.span(),
                 format!("{name} does not say of what it is"),
                 advice.clone(),
@@ -775,7 +675,7 @@ impl Reader<'_> {
             .find(|of| item.as_str() == Some(of.name()))
             .ok_or_else(|| {
                 let shown = item.to_string();
-                self.fail_at(
+                self.toml.fail_at(
                     item.span(),
                     format!("of = {} is nothing that a table can be of", shown.trim()),
                     advice,
@@ -784,14 +684,14 @@ impl Reader<'_> {
         let nodes = self.list(section, "nodes", of.unit())?;
         let forces = self.list(section, "forces_n", Unit::Newton)?;
         if !(MIN_NODES..=MAX_NODES).contains(&nodes.len()) {
-            return Err(self.fail_at(
+            return Err(self.toml.fail_at(
                 section.get("nodes").and_then(Item::span),
                 format!("the table has {} nodes", nodes.len()),
                 format!("give {MIN_NODES} to {MAX_NODES}"),
             ));
         }
         if nodes.len() != forces.len() {
-            return Err(self.fail_at(
+            return Err(self.toml.fail_at(
                 section.get("forces_n").and_then(Item::span),
                 format!(
                     "the table has {} nodes and {} forces",
@@ -805,7 +705,7 @@ impl Reader<'_> {
         let mut before = None;
         for (node, span) in &nodes {
             if before.is_some_and(|before| node_si(of, *node) <= node_si(of, before)) {
-                return Err(self.fail_at(
+                return Err(self.toml.fail_at(
                     span.clone(),
                     format!("the node {node} {unit} is not above the one before it"),
                     "write the nodes in rising order, apart by what seven digits can tell",
@@ -819,7 +719,7 @@ impl Reader<'_> {
             .map(|((node, _), (force, _))| (node_si(of, *node), *force))
             .unzip();
         table::Table::new(of, &nodes, &forces).map_err(|error| {
-            self.fail_at(
+            self.toml.fail_at(
                 section.get("nodes").and_then(Item::span),
                 format!("the table {error}"),
                 "give nodes in rising order, and a finite force for each",
@@ -837,14 +737,14 @@ impl Reader<'_> {
     ) -> Result<Vec<(f64, Option<std::ops::Range<usize>>)>, InputError> {
         let range = Range::of_unit(unit);
         let item = section.get(key).ok_or_else(|| {
-            self.fail_at(
+            self.toml.fail_at(
                 section.span(),
                 format!("the table has no {key}"),
                 format!("add `{key} = […]`, a list of numbers"),
             )
         })?;
         let list = item.as_array().ok_or_else(|| {
-            self.fail_at(
+            self.toml.fail_at(
                 item.span(),
                 format!("{key} is not a list"),
                 format!("write it as {key} = [-1.0, 0.0, 1.0]"),
@@ -853,12 +753,12 @@ impl Reader<'_> {
         list.iter()
             .map(|value| match value_number(value) {
                 Some(number) if range.contains(number) => Ok((number, value.span())),
-                Some(number) if number.is_finite() => Err(self.fail_at(
+                Some(number) if number.is_finite() => Err(self.toml.fail_at(
                     value.span(),
                     format!("{number:?} in {key} is outside its range"),
                     range.advice(),
                 )),
-                _ => Err(self.fail_at(
+                _ => Err(self.toml.fail_at(
                     value.span(),
                     format!(
                         "{} in {key} is not a finite number",
@@ -876,7 +776,7 @@ impl Reader<'_> {
         | InvalidModel::Negative(id)
         | InvalidModel::OutOfBounds(id)) = error
         else {
-            return self.fail_at(
+            return self.toml.fail_at(
                 effects.get(MAX_EFFECTS).and_then(|table| table.span()),
                 format!("has {} effects", effects.len()),
                 format!("keep at most {MAX_EFFECTS}"),
@@ -903,7 +803,7 @@ impl Reader<'_> {
         };
         let item = table.get(key);
         let shown = item.map_or_else(String::new, |item| item.to_string().trim().to_owned());
-        self.fail_at(
+        self.toml.fail_at(
             item.and_then(Item::span),
             format!("{key} = {shown} {error}"),
             range.map_or_else(String::new, |range| range.advice()),
@@ -911,15 +811,15 @@ impl Reader<'_> {
     }
 
     fn free(&self, root: &Table, model: &Model<f64>) -> Result<Vec<ParameterId>, InputError> {
-        let Some(table) = self.table(root, "fit")? else {
+        let Some(table) = self.toml.table(root, "fit")? else {
             return Ok(FREE_BY_DEFAULT.to_vec());
         };
-        self.known_keys(table, "[fit]", &["free"])?;
+        self.toml.known_keys(table, "[fit]", &["free"])?;
         let Some(item) = table.get("free") else {
             return Ok(FREE_BY_DEFAULT.to_vec());
         };
         let list = item.as_array().ok_or_else(|| {
-            self.fail_at(
+            self.toml.fail_at(
                 item.span(),
                 "free is not a list",
                 "write it as free = [\"damping\", \"stiffness\"]",
@@ -949,7 +849,7 @@ impl Reader<'_> {
                 .find(|(known, _)| known == name)
                 .ok_or_else(|| {
                     let names: Vec<&str> = known.iter().map(|(name, _)| name.as_str()).collect();
-                    self.fail_at(
+                    self.toml.fail_at(
                         value.span(),
                         format!(
                             "free names {}, which the model does not have",

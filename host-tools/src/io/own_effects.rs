@@ -32,8 +32,9 @@ use toml_edit::{InlineTable, Item, Table, TableLike, Value};
 
 use crate::diagnose::family::Family;
 use crate::io::error::InputError;
-use crate::io::model_file::{ModelFile, Reader, replace_number, tidy};
+use crate::io::model_file::{ModelFile, SCHEMA, replace_number, tidy, twice};
 use crate::io::recording::PASCAL_PER_KPA;
+use crate::io::toml_reader::Reader;
 use crate::sim::formula;
 
 /// The kind of an effect with a formula, in files.
@@ -140,8 +141,8 @@ fn parse(text: &str, path: &Path) -> Result<Vec<Kind>, InputError> {
     let document = reader.document("start it with `schema = 1` and a section [[effect]]")?;
     let root = document.as_table();
     reader.known_keys(root, "a file of effects", &["schema", "effect"])?;
-    reader.schema(root)?;
-    let sections = reader.effect_tables(root)?;
+    reader.schema(root, SCHEMA)?;
+    let sections = reader.sections(root, "effect")?;
     if sections.is_empty() {
         return Err(reader.fail(
             "has no effect",
@@ -168,7 +169,7 @@ fn parse(text: &str, path: &Path) -> Result<Vec<Kind>, InputError> {
         let effect = read_section(&reader, section, Role::Candidate)?;
         let is_this = |other: &Kind| other.name() == effect.kind().name();
         if let Some(first) = kinds.iter().position(is_this) {
-            return Err(reader.twice(&effect, sections[first], section));
+            return Err(twice(&reader, &effect, sections[first], section));
         }
         kinds.push(effect.kind());
     }

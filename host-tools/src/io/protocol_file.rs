@@ -7,14 +7,15 @@
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-use toml_edit::{Document, Item, Table};
+use toml_edit::{Item, Table};
 use wire::decimal::Hundredths;
 use wire::protocol::{
     InvalidProgram, MAX_DURATION_MS, MAX_REPEATS, MAX_SEGMENTS, Named, Program, Segment, Track,
     check, total_ms,
 };
 
-use crate::io::error::InputError;
+use crate::io::error::{InputError, line_of};
+use crate::io::toml_reader::Reader;
 
 /// The schema number that this version reads and writes.
 const SCHEMA: i64 = 1;
@@ -112,7 +113,10 @@ impl ProtocolFile {
     ///
     /// As [`ProtocolFile::read`].
     pub fn parse(text: &str, path: &Path) -> Result<Self, InputError> {
-        Reader { text, path }.read()
+        ProtocolReader {
+            toml: Reader { text, path },
+        }
+        .read()
     }
 
     /// The text of a file that reads back as this protocol.
@@ -299,73 +303,29 @@ fn unit(track: Track) -> &'static str {
     }
 }
 
-struct Reader<'a> {
-    text: &'a str,
-    path: &'a Path,
+/// Reads a protocol.
+struct ProtocolReader<'a> {
+    toml: Reader<'a>,
 }
 
-impl Reader<'_> {
-    fn fail(
-        &self,
-        span: Option<std::ops::Range<usize>>,
-        found: impl Into<String>,
-        advice: impl Into<String>,
-    ) -> InputError {
-        let error = InputError::new(found, advice).in_file(self.path);
-        match span {
-            Some(span) => error.at_offset(self.text, span.start),
-            None => error,
-        }
-    }
-
+impl ProtocolReader<'_> {
     fn read(&self) -> Result<ProtocolFile, InputError> {
-        let document = Document::parse(self.text.to_owned()).map_err(|error| {
-            self.fail(
-                error.span(),
-                error.message().trim().replace('\n', ", "),
-                "correct the TOML there",
-            )
-        })?;
+        let document = self.toml.parse()?;
         let root = document.as_table();
-        self.known_keys(
+        self.toml.known_keys(
             root,
             "the protocol",
             &["schema", "name", "title", "segment"],
         )?;
-        match root.get("schema") {
-            Some(item) if item.as_integer() == Some(SCHEMA) => {}
-            Some(item) => {
-                return Err(self.fail(
-                    item.span(),
-                    format!("schema is {}", item.to_string().trim()),
-                    format!("this version of rig reads schema {SCHEMA}: correct the number, or use the version that wrote the file"),
-                ));
-            }
-            None => {
-                return Err(self.fail(
-                    None,
-                    "has no schema number",
-                    format!("start it with `schema = {SCHEMA}`"),
-                ));
-            }
-        }
+        self.toml.schema(root, SCHEMA)?;
         let stem = self
+            .toml
             .path
             .file_stem()
             .map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
-        let name = self.string(root, "name")?.unwrap_or(stem);
-        let title = self.string(root, "title")?.unwrap_or_default();
-        let tables: Vec<&Table> = match root.get("segment") {
-            Some(Item::ArrayOfTables(tables)) => tables.iter().collect(),
-            Some(other) => {
-                return Err(self.fail(
-                    other.span(),
-                    "segment is not a list of sections",
-                    "write each segment as a section [[segment]] with a kind",
-                ));
-            }
-            None => Vec::new(),
-        };
+        let name = self.toml.string(root, "name")?.unwrap_or(stem);
+        let title = self.toml.string(root, "title")?.unwrap_or_default();
+        let tables = self.toml.sections(root, "segment")?;
         let segments = tables
             .iter()
             .map(|table| self.segment(table))
@@ -374,8 +334,7 @@ impl Reader<'_> {
             .iter()
             .map(|table| {
                 let start = table.span().map_or(0, |span| span.start);
-                let before = self.text.get(..start).unwrap_or("");
-                before.matches('\n').count() as u64 + 1
+                line_of(self.toml.text, start)
             })
             .collect();
         check(&segments[..]).map_err(|error| {
@@ -402,60 +361,28 @@ impl Reader<'_> {
                 ),
                 other => other.to_string(),
             };
-            self.fail(span, found, advice)
+            self.toml.fail_at(span, found, advice)
         })?;
         Ok(ProtocolFile {
             name,
             title,
             named: None,
             segments,
-            path: Some(self.path.to_owned()),
+            path: Some(self.toml.path.to_owned()),
             lines,
         })
     }
 
-    fn known_keys(&self, table: &Table, place: &str, known: &[&str]) -> Result<(), InputError> {
-        for (key, item) in table {
-            if !known.contains(&key) {
-                let span = table
-                    .key(key)
-                    .and_then(toml_edit::Key::span)
-                    .or(item.span());
-                return Err(self.fail(
-                    span,
-                    format!("{place} has no key {key}"),
-                    format!("remove it, or use one of: {}", known.join(", ")),
-                ));
-            }
-        }
-        Ok(())
-    }
-
-    fn string(&self, table: &Table, key: &str) -> Result<Option<String>, InputError> {
-        let Some(item) = table.get(key) else {
-            return Ok(None);
-        };
-        item.as_str()
-            .map(|text| Some(text.to_owned()))
-            .ok_or_else(|| {
-                self.fail(
-                    item.span(),
-                    format!("{key} is not a text"),
-                    "write it in double quotes",
-                )
-            })
-    }
-
     fn segment(&self, table: &Table) -> Result<Segment, InputError> {
-        let kind = self.string(table, "kind")?.ok_or_else(|| {
-            self.fail(
+        let kind = self.toml.string(table, "kind")?.ok_or_else(|| {
+            self.toml.fail_at(
                 table.span(),
                 "[[segment]] has no kind",
                 format!("add kind = \"…\", one of: {}", KINDS.join(", ")),
             )
         })?;
         if !KINDS.contains(&kind.as_str()) {
-            return Err(self.fail(
+            return Err(self.toml.fail_at(
                 table.get("kind").and_then(Item::span),
                 format!("\"{kind}\" is not a kind of segment"),
                 format!("use one of: {}", KINDS.join(", ")),
@@ -484,7 +411,7 @@ impl Reader<'_> {
             _ => vec!["kind".into(), "duration_s".into()],
         };
         let keys: Vec<&str> = keys.iter().map(String::as_str).collect();
-        self.known_keys(table, &format!("a {kind}"), &keys)?;
+        self.toml.known_keys(table, &format!("a {kind}"), &keys)?;
         let level = |name: &str| {
             let unit = track.map_or("", unit);
             self.level(table, &format!("{name}_{unit}"))
@@ -524,7 +451,7 @@ impl Reader<'_> {
     fn track(&self, table: &Table) -> Result<Track, InputError> {
         let names: Vec<&str> = TRACKS.iter().map(|(_, name)| *name).collect();
         let item = table.get("track").ok_or_else(|| {
-            self.fail(
+            self.toml.fail_at(
                 table.span(),
                 "the segment does not say what is tracked",
                 format!("add track = \"…\", one of: {}", names.join(", ")),
@@ -535,7 +462,7 @@ impl Reader<'_> {
             .find(|(_, name)| item.as_str() == Some(name))
             .map(|(track, _)| *track)
             .ok_or_else(|| {
-                self.fail(
+                self.toml.fail_at(
                     item.span(),
                     format!("{} cannot be tracked", item.to_string().trim()),
                     format!("use one of: {}", names.join(", ")),
@@ -545,7 +472,7 @@ impl Reader<'_> {
 
     fn number(&self, table: &Table, key: &str) -> Result<f64, InputError> {
         let item = table.get(key).ok_or_else(|| {
-            self.fail(
+            self.toml.fail_at(
                 table.span(),
                 format!("the segment has no {key}"),
                 format!("add `{key} = …` to it"),
@@ -554,7 +481,7 @@ impl Reader<'_> {
         item.as_float()
             .or_else(|| item.as_integer().map(|whole| whole as f64))
             .ok_or_else(|| {
-                self.fail(
+                self.toml.fail_at(
                     item.span(),
                     format!("{key} is not a number"),
                     "write a number without quotes and without a unit",
@@ -568,7 +495,7 @@ impl Reader<'_> {
             #[allow(clippy::cast_possible_truncation)] // Within 100 000.
             return Ok(Hundredths((value * 100.0).round() as i32));
         }
-        Err(self.fail(
+        Err(self.toml.fail_at(
             table.get(key).and_then(Item::span),
             format!("{key} is {value}"),
             "give a level from -1000 to 1000; the board's own limits are narrower",
@@ -582,7 +509,7 @@ impl Reader<'_> {
             #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // Checked.
             return Ok(ms as u32);
         }
-        Err(self.fail(
+        Err(self.toml.fail_at(
             table.get(key).and_then(Item::span),
             format!("{key} is {value}"),
             "give a time from 0.001 to 3600 seconds",
@@ -595,7 +522,7 @@ impl Reader<'_> {
             #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // Checked.
             return Ok(value as u8);
         }
-        Err(self.fail(
+        Err(self.toml.fail_at(
             table.get(key).and_then(Item::span),
             format!("{key} is {value}"),
             format!("give a whole number from {low} to {high}"),

@@ -11,12 +11,13 @@ use model_core::actuator::Model;
 use model_core::catalogue::{Effect, Kind};
 use model_core::effects::Unit;
 use model_core::effects::table::Variable;
-use toml_edit::{Document, Item, Value};
+use toml_edit::{Item, Value};
 use wire::settings::{EFFECT_PARAMETERS, EFFECTS, Key, Settings, effect_id};
 
 use crate::io::error::InputError;
 use crate::io::model_file::ModelFile;
 use crate::io::own_effects::refuse_on_board;
+use crate::io::toml_reader::Reader;
 use crate::rig::link::line::key_text;
 
 /// The largest share of a number that rounding may change: ten times what it changes of
@@ -242,26 +243,11 @@ pub fn read(path: &Path) -> Result<Vec<Assignment>, InputError> {
 ///
 /// As [`read`].
 pub fn parse(text: &str, path: &Path) -> Result<Vec<Assignment>, InputError> {
-    let document = Document::parse(text.to_owned()).map_err(|error| {
-        let fault = InputError::new(
-            error.message().trim().replace('\n', ", "),
-            "correct the TOML there",
-        )
-        .in_file(path);
-        match error.span() {
-            Some(span) => fault.at_offset(text, span.start),
-            None => fault,
-        }
-    })?;
+    let toml = Reader { text, path };
+    let document = toml.parse()?;
     let mut assignments = Vec::new();
     collect("", document.as_item(), &mut |name, item| {
-        let fault = |found: String, advice: String| {
-            let error = InputError::new(found, advice).in_file(path);
-            match item.span() {
-                Some(span) => error.at_offset(text, span.start),
-                None => error,
-            }
-        };
+        let fault = |found: String, advice: String| toml.fail_at(item.span(), found, advice);
         let key = Key::parse(name.as_bytes()).ok_or_else(|| {
             fault(
                 format!("there is no setting {name}"),
@@ -272,11 +258,10 @@ pub fn parse(text: &str, path: &Path) -> Result<Vec<Assignment>, InputError> {
         Ok(())
     })?;
     if assignments.is_empty() {
-        return Err(InputError::new(
+        return Err(toml.fail(
             "has no settings",
             "write lines like max.kpa = 150.0; `rig upload --read` prints all",
-        )
-        .in_file(path));
+        ));
     }
     Ok(assignments)
 }
