@@ -5,7 +5,7 @@
 //! plays it; both use this [`Playback`], so that a run that was planned is the
 //! run that is made.
 
-use micromath::F32Ext;
+use model_core::elementary;
 use ufmt::{uWrite, uwrite};
 
 use crate::{
@@ -476,7 +476,7 @@ fn multisine(cycles: f32) -> f32 {
     const SCALE: f32 = 0.39;
     let mut sum = 0.0;
     for (harmonic, phase) in HARMONICS.into_iter().zip(PHASES) {
-        sum += F32Ext::sin(TAU * (harmonic * cycles + phase));
+        sum += elementary::sin(TAU * (harmonic * cycles + phase));
     }
     SCALE * sum
 }
