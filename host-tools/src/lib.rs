@@ -4,12 +4,12 @@
 // Whatever is said goes through `terminal`, which makes harmless what others wrote.
 #![cfg_attr(not(test), warn(clippy::print_stdout, clippy::print_stderr))]
 
-pub mod batch;
+mod batch;
 pub mod cli;
 pub mod diagnose;
 pub mod estimate;
 pub mod export;
-pub mod first_model;
+mod first_model;
 pub mod io;
 pub mod materials;
 pub mod plot;

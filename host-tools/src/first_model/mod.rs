@@ -14,8 +14,6 @@ mod starts;
 pub mod statics;
 mod text;
 
-pub use text::short;
-
 use model_core::actuator::{Model, ParameterId};
 use model_core::dynamics::Dynamics;
 use model_core::ludwick::{Beam, Ludwick, SecondMoment};

@@ -8,17 +8,17 @@
 //! the parameters leave open of a curve in [`confidence`]. Shares of the error are set in
 //! [`shares`], equations in [`equation`].
 
-pub mod confidence;
+pub(crate) mod confidence;
 pub mod content;
-pub mod correlation;
-pub mod equation;
+pub(crate) mod correlation;
+pub(crate) mod equation;
 pub mod html;
-pub mod numbers;
+pub(crate) mod numbers;
 pub mod pictures;
 pub mod provenance;
-pub mod residuals;
+pub(crate) mod residuals;
 pub mod runs;
-pub mod shares;
+pub(crate) mod shares;
 pub mod terminal;
 
 use std::path::Path;
