@@ -20,7 +20,7 @@ use model_core::actuator::Model;
 use nalgebra::{DMatrix, DVector, RowVector3};
 use rayon::prelude::*;
 use wire::decimal::Hundredths;
-use wire::protocol::{Named, Segment, Track, total_ms};
+use wire::protocol::{Named, Segment, ControlMode, total_ms};
 
 use super::candidates::Candidate;
 use crate::estimate::fit::Fitter;
@@ -247,8 +247,8 @@ pub fn protocols(limits: &Limits) -> Vec<ProtocolFile> {
             .iter()
             .filter(|segment| {
                 segment
-                    .track()
-                    .is_some_and(|track| track != Track::Pressure)
+                    .mode()
+                    .is_some_and(|mode| mode != ControlMode::Pressure)
             })
             .map(|segment| f64::from(segment.highest().0) / 100.0)
             .fold(0.0, f64::max);
@@ -258,7 +258,7 @@ pub fn protocols(limits: &Limits) -> Vec<ProtocolFile> {
     list
 }
 
-const TRACK: Track = Track::AngleOpenLoop;
+const MODE: ControlMode = ControlMode::AngleOpenLoop;
 
 const fn level(degrees: i32) -> Hundredths {
     Hundredths(100 * degrees)
@@ -266,7 +266,7 @@ const fn level(degrees: i32) -> Hundredths {
 
 const fn step(degrees: i32, duration_ms: u32) -> Segment {
     Segment::Step {
-        track: TRACK,
+        mode: MODE,
         level: level(degrees),
         duration_ms,
     }
@@ -274,7 +274,7 @@ const fn step(degrees: i32, duration_ms: u32) -> Segment {
 
 const fn ramp(degrees: i32, duration_ms: u32) -> Segment {
     Segment::Ramp {
-        track: TRACK,
+        mode: MODE,
         level: level(degrees),
         duration_ms,
     }
@@ -390,7 +390,7 @@ fn cycles_holds_and_sines() -> Vec<ProtocolFile> {
             vec![
                 step(45, 4_000),
                 Segment::Multisine {
-                    track: TRACK,
+                    mode: MODE,
                     centre: level(45),
                     amplitude: level(25),
                     period_ms,
