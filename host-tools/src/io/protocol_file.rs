@@ -10,8 +10,8 @@ use std::path::{Path, PathBuf};
 use toml_edit::{Item, Table};
 use wire::decimal::Hundredths;
 use wire::protocol::{
-    InvalidProgram, MAX_DURATION_MS, MAX_REPEATS, MAX_SEGMENTS, Named, Program, Segment, ControlMode,
-    check, total_ms,
+    ControlMode, InvalidProgram, MAX_DURATION_MS, MAX_REPEATS, MAX_SEGMENTS, Named, Program,
+    Segment, check, total_ms,
 };
 
 use crate::io::error::{InputError, line_of};
@@ -552,7 +552,7 @@ mod tests {
 
     #[test]
     fn the_played_list_agrees_with_the_boards_playback() {
-        use wire::protocol::{Reference, Playback};
+        use wire::protocol::{Playback, Reference};
         for &named in Named::ALL {
             let protocol = ProtocolFile::named(named);
             let played = protocol.played();

@@ -10,7 +10,7 @@
 //! or from a file, is played by the boards' own player: [`play`].
 
 use model_core::actuator::Model;
-use wire::protocol::{Reference, Playback, ControlMode};
+use wire::protocol::{ControlMode, Playback, Reference};
 
 use crate::io::protocol_file::ProtocolFile;
 use crate::io::recording::PASCAL_PER_KPA;

@@ -25,7 +25,7 @@ use wire::command::{Command, MAX_LINE, Request};
 use wire::decimal::Hundredths;
 use wire::fault::Fault;
 use wire::line::Sealed;
-use wire::protocol::{Reference, Playback, Program, Segment, ControlMode};
+use wire::protocol::{ControlMode, Playback, Program, Reference, Segment};
 use wire::reply::{self, Refusal};
 use wire::settings::{Key, Settings};
 use wire::state::State;

@@ -4,7 +4,7 @@
 //! the setting, before the plunger is homed.
 
 use wire::decimal::Hundredths;
-use wire::protocol::{Segment, ControlMode};
+use wire::protocol::{ControlMode, Segment};
 use wire::settings::{Key, Settings};
 
 use crate::io::error::InputError;

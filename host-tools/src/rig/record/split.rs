@@ -6,7 +6,7 @@
 
 use std::path::{Path, PathBuf};
 
-use wire::protocol::{Segment, ControlMode};
+use wire::protocol::{ControlMode, Segment};
 use wire::state::State;
 use wire::telemetry::{PERIOD_MS, Setpoint};
 
