@@ -7,7 +7,7 @@
 
 use wire::{
     decimal::Hundredths,
-    protocol::{Reference, MAX_SEGMENTS, Named, Playback, Program, Segment, ControlMode, check},
+    protocol::{ControlMode, MAX_SEGMENTS, Named, Playback, Program, Reference, Segment, check},
     settings::{Key, Settings},
 };
 

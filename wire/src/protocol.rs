@@ -162,26 +162,12 @@ impl Segment {
                 mode,
                 level,
                 duration_ms,
-            } => uwrite!(
-                out,
-                "{} {} {} {}",
-                STEP,
-                mode.keyword(),
-                level,
-                duration_ms
-            ),
+            } => uwrite!(out, "{} {} {} {}", STEP, mode.keyword(), level, duration_ms),
             Self::Ramp {
                 mode,
                 level,
                 duration_ms,
-            } => uwrite!(
-                out,
-                "{} {} {} {}",
-                RAMP,
-                mode.keyword(),
-                level,
-                duration_ms
-            ),
+            } => uwrite!(out, "{} {} {} {}", RAMP, mode.keyword(), level, duration_ms),
             Self::Multisine {
                 mode,
                 centre,

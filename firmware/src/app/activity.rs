@@ -7,7 +7,7 @@
 use wire::{
     decimal::Hundredths,
     fault::Fault,
-    protocol::{Reference, ControlMode},
+    protocol::{ControlMode, Reference},
     settings::{Key, Settings},
     telemetry::Setpoint,
 };

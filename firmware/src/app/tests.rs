@@ -12,7 +12,7 @@ use wire::{
     answer::Exact,
     command::{Command, Request},
     line,
-    protocol::{Named, ControlMode},
+    protocol::{ControlMode, Named},
     reply::{Refusal, Reply},
 };
 

@@ -285,7 +285,8 @@ fn a_loop_without_a_prediction_ends() {
     for _ in 0..200 {
         let reference = (ControlMode::AngleClosedLoop, 30.0);
         let model = run.predictor.model();
-        run.controller.track(&run.config, model, reference, &measured);
+        run.controller
+            .track(&run.config, model, reference, &measured);
     }
     assert_eq!(run.controller.fault(), Some(Fault::Disagreement));
 }

@@ -27,7 +27,11 @@ impl FaultDebounce {
     /// fault at once, and the value is zero.
     pub fn update(&mut self, sample: Result<f32, SensorFault>) -> (f32, Option<SensorFault>) {
         let contradicts = sample.is_ok() == self.fault.is_some();
-        self.contradictions = if contradicts { self.contradictions + 1 } else { 0 };
+        self.contradictions = if contradicts {
+            self.contradictions + 1
+        } else {
+            0
+        };
         let decided = self.contradictions >= SAMPLES || self.good.is_none();
         match sample {
             Ok(value) => {

@@ -6,7 +6,7 @@ use rand_pcg::Pcg64Mcg;
 use wire::{
     decimal::Hundredths,
     fault::Fault as Latched,
-    protocol::{Named, Segment, ControlMode},
+    protocol::{ControlMode, Named, Segment},
 };
 
 use crate::{board::ResetCause, fault::Fault};

@@ -10,7 +10,7 @@ use wire::{
     command::{Command, Request},
     decimal::Hundredths,
     fault::Fault,
-    protocol::{Segment, ControlMode},
+    protocol::{ControlMode, Segment},
     reply::{Refusal, Reply},
     settings::Key,
     state::State,

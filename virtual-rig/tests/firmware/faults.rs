@@ -5,7 +5,7 @@ use virtual_rig::{Fault as Broken, ResetCause};
 use wire::{
     command::Command,
     fault::Fault,
-    protocol::{Named, ControlMode},
+    protocol::{ControlMode, Named},
     reply::Refusal,
     settings::Key,
     state::State,

@@ -4,7 +4,7 @@
 use wire::{
     command::Command,
     decimal::Hundredths,
-    protocol::{Named, Segment, ControlMode},
+    protocol::{ControlMode, Named, Segment},
     reply::Refusal,
     settings::Key,
     state::State,
