@@ -1,6 +1,8 @@
 //! Everything behind the `rig` command: recordings and models in, fits,
 //! pictures and verdicts out.
 #![forbid(unsafe_code)]
+// A room's first page names its modules, also those that no other crate sees.
+#![allow(rustdoc::private_intra_doc_links)]
 // Whatever is said goes through `terminal`, which makes harmless what others wrote.
 #![cfg_attr(not(test), warn(clippy::print_stdout, clippy::print_stderr))]
 

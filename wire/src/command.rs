@@ -266,7 +266,7 @@ mod tests {
     use super::*;
     use crate::decimal::Hundredths;
     use crate::line::tests::{Text, sealed};
-    use crate::protocol::Track;
+    use crate::protocol::ControlMode;
     use proptest::prelude::*;
     use std::{string::String, vec, vec::Vec};
 
@@ -293,7 +293,7 @@ mod tests {
             Command::Segment {
                 index: 31,
                 segment: Segment::Multisine {
-                    track: Track::AngleClosedLoop,
+                    mode: ControlMode::AngleClosedLoop,
                     centre: Hundredths(12_345),
                     amplitude: Hundredths(2_345),
                     period_ms: 600_000,

@@ -7,7 +7,7 @@
 use wire::{
     decimal::Hundredths,
     fault::Fault,
-    protocol::{Demand, Track},
+    protocol::{ControlMode, Reference},
     settings::{Key, Settings},
     telemetry::Setpoint,
 };
@@ -30,7 +30,7 @@ const BACK_STEPS: f32 = 3.0;
 #[derive(Clone, Debug)]
 pub(super) enum Activity {
     /// Nothing: idle, ready, or in a fault.
-    Rest,
+    None,
     /// Looking for the end of the stroke.
     Homing(Homing),
     /// A protocol.
@@ -101,24 +101,24 @@ impl Play {
         let delay_s = given.predictor.delay_s();
         let config = control::Config::of(given.settings).with_delay(delay_s);
         let per_step = given.settings.number(Key::VolumePerStep);
-        let demand = self.runner.demand(given.memory);
+        let reference = self.runner.reference(given.memory);
         let closed = |flow: f32| Outputs {
             pump: Pump::Rate(flow / per_step),
             valve: Valve::Closed,
             ..Outputs::default()
         };
-        let outputs = match demand {
-            Demand::Track { track, level } => {
+        let outputs = match reference {
+            Reference::Track { mode, level } => {
                 self.back = 0;
                 let mut measured = *given.measured;
-                if track == Track::AngleClosedLoop {
+                if mode == ControlMode::AngleClosedLoop {
                     measured.expected = given.monitor.expected(given.predictor);
                 }
                 let model = given.predictor.model();
                 let flow = self
                     .controller
-                    .track(&config, model, (track, level), &measured);
-                self.setpoint = if track == Track::Pressure {
+                    .track(&config, model, (mode, level), &measured);
+                self.setpoint = if mode == ControlMode::Pressure {
                     let pressure = self.controller.pressure_setpoint();
                     Setpoint::Pressure(Hundredths::round(pressure * KPA_PER_PA))
                 } else {
@@ -127,11 +127,11 @@ impl Play {
                 };
                 closed(flow)
             }
-            Demand::Hold => {
+            Reference::Hold => {
                 self.setpoint = Setpoint::None;
                 closed(0.0)
             }
-            Demand::Release | Demand::Done => {
+            Reference::Release | Reference::Done => {
                 self.controller = Controller::new();
                 self.setpoint = Setpoint::None;
                 let start = homing::Config::of(given.settings).start_volume();
@@ -158,7 +158,7 @@ impl Play {
         }
         // Behind a narrow tube the air needs longer than the plunger.
         let is_back = self.back >= VENTING_PERIODS && !given.pressurised;
-        if demand == Demand::Done {
+        if reference == Reference::Done {
             if is_back {
                 return Progress::Done(outputs);
             }

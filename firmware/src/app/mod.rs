@@ -140,7 +140,7 @@ impl App {
             calibration: None,
             predictor: Predictor::empty(),
             reset,
-            activity: Activity::Rest,
+            activity: Activity::None,
             memory: Memory::new(),
             monitor: Monitor::default(),
             protection: Protection::default(),
@@ -278,14 +278,14 @@ impl App {
             _ => self.conditions.internal = true,
         }
         self.latch();
-        self.activity = Activity::Rest;
+        self.activity = Activity::None;
     }
 
     /// Leaves everything for a fault whose condition holds.
     fn latch(&mut self) {
         if self.supervisor.update(&self.conditions).is_some() {
             self.sentence = self.supervisor.fault();
-            self.activity = Activity::Rest;
+            self.activity = Activity::None;
         }
     }
 
@@ -340,7 +340,7 @@ impl App {
 
     /// What was going on has come to its end.
     fn finish(&mut self, event: Event) {
-        self.activity = Activity::Rest;
+        self.activity = Activity::None;
         if self.supervisor.handle(event, &self.conditions).is_err() {
             self.fail(Fault::Internal);
         }
@@ -350,7 +350,7 @@ impl App {
     fn running(&self) -> Option<&Runner> {
         match &self.activity {
             Activity::Playing(play) => Some(play.runner()),
-            Activity::Rest | Activity::Homing(_) => None,
+            Activity::None | Activity::Homing(_) => None,
         }
     }
 
@@ -376,7 +376,7 @@ impl App {
             predicted_deg: self.monitor.predicted(),
             setpoint: match &self.activity {
                 Activity::Playing(play) => play.setpoint(),
-                Activity::Rest | Activity::Homing(_) => Setpoint::None,
+                Activity::None | Activity::Homing(_) => Setpoint::None,
             },
             volume_ul,
             state: self.state(),

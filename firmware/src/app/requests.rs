@@ -108,11 +108,11 @@ impl App {
             }
             Command::Disarm => {
                 self.supervisor.handle(Event::Disarm, &self.conditions)?;
-                self.activity = Activity::Rest;
+                self.activity = Activity::None;
             }
             Command::Stop => {
                 self.supervisor.handle(Event::Stop, &self.conditions)?;
-                self.activity = Activity::Rest;
+                self.activity = Activity::None;
             }
             Command::Clear => {
                 self.supervisor.handle(Event::Clear, &self.conditions)?;

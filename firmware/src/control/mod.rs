@@ -12,7 +12,7 @@ pub mod pressure;
 use model_core::{actuator::Model, power::Power};
 use wire::{
     fault::Fault,
-    protocol::Track,
+    protocol::ControlMode,
     settings::{Key, Settings},
 };
 
@@ -107,7 +107,7 @@ pub struct Measured {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Controller {
     /// What was tracked in the period before.
-    track: Option<Track>,
+    mode: Option<ControlMode>,
     angle_setpoint: Setpoint,
     pressure_setpoint: Setpoint,
     angle_loop: angle::Loop,
@@ -151,26 +151,26 @@ impl Controller {
         &mut self,
         config: &Config,
         model: &Model<f32, P>,
-        (track, level): (Track, f32),
+        (mode, level): (ControlMode, f32),
         measured: &Measured,
     ) -> f32 {
-        let before = self.track.replace(track);
+        let before = self.mode.replace(mode);
         let pushes = self.pressure_setpoint.value() > LARGEST_AT_REST_PA;
-        let target = if track == Track::Pressure {
+        let target = if mode == ControlMode::Pressure {
             level * PA_PER_KPA
         } else {
-            if matches!(before, None | Some(Track::Pressure)) {
+            if matches!(before, None | Some(ControlMode::Pressure)) {
                 self.angle_setpoint
                     .restart(&config.angle_range, measured.angle);
             }
-            if before != Some(track) {
+            if before != Some(mode) {
                 self.angle_loop = angle::Loop::default();
             }
             let angle =
                 self.angle_setpoint
                     .step(&config.angle_range, level * RAD_PER_DEG, PERIOD_S);
             match &measured.expected {
-                Some(expected) if track == Track::AngleClosedLoop => {
+                Some(expected) if mode == ControlMode::AngleClosedLoop => {
                     let wish = self.angle_loop.step(
                         &config.angle,
                         angle,
@@ -190,7 +190,7 @@ impl Controller {
                     }
                 }
                 none => {
-                    if none.is_none() && track == Track::AngleClosedLoop {
+                    if none.is_none() && mode == ControlMode::AngleClosedLoop {
                         self.angle_loop.without_model();
                     }
                     self.holding_pressure(model, angle)

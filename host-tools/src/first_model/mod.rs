@@ -25,7 +25,7 @@ use crate::estimate::fit::{Effort, Fit, Fitter};
 use crate::estimate::nuisance::FARTHEST;
 use crate::estimate::smooth::motions;
 use crate::estimate::statistics::{moves, squares_about_mean};
-use crate::estimate::subsample::excerpt;
+use crate::estimate::subsample::subsample;
 use crate::io::error::InputError;
 use crate::io::model_file::to_file_units;
 use crate::io::recording::{PASCAL_PER_KPA, Recording};
@@ -143,7 +143,7 @@ pub struct Evidence {
     /// Samples that were fitted.
     pub samples: usize,
     /// Whether these are an excerpt.
-    pub excerpt: bool,
+    pub subsample: bool,
     /// Whether the pressure acts at all.
     pub driven: bool,
 }
@@ -350,7 +350,7 @@ pub fn from_recordings(
             about_mean,
             levels: statics::distinct(&levels),
             samples: fit.samples(),
-            excerpt: all.samples() > data.samples(),
+            subsample: all.samples() > data.samples(),
             driven,
         }),
         free: fit.free,
@@ -390,7 +390,7 @@ fn least_seen(model: &Model<f64>, id: ParameterId, data: &Dataset) -> Option<f64
     let dynamics = model.dynamics();
     let per = match id {
         ParameterId::Damping => rate,
-        ParameterId::Stiffness => data.reach().powf(dynamics.exponent),
+        ParameterId::Stiffness => data.largest_angle().powf(dynamics.exponent),
         _ => return None,
     };
     let least = NO_FORCE * dynamics.inertia * acceleration / per;
@@ -462,7 +462,7 @@ impl Identifier<'_> {
                 } else {
                     start.with_value(ParameterId::InputGain, 1.0 / PASCAL_PER_KPA)
                 };
-                let part = excerpt(self.data, &start);
+                let part = subsample(self.data, &start);
                 let sse = Fitter::new(&start, &part).predicted_sse(&start, &free);
                 let error = sse / part.samples().max(1) as f64;
                 (error.is_finite() && self.settles(&start)).then_some((error, start))
@@ -473,7 +473,7 @@ impl Identifier<'_> {
         ranked
             .into_par_iter()
             .filter_map(|(_, start)| {
-                let part = excerpt(self.data, &start);
+                let part = subsample(self.data, &start);
                 let fit = Fitter::new(&start, &part).fit(&start, &free, RACED);
                 let error = fit.sse() / fit.samples().max(1) as f64;
                 error.is_finite().then(|| Raced {

@@ -164,7 +164,7 @@ fn fitted_to(evidence: &Evidence, recordings: &[impl AsRef<Path>]) -> String {
         [one] => word(one.as_ref()),
         all => format!("{} recordings", all.len()),
     };
-    let part = if evidence.excerpt {
+    let part = if evidence.subsample {
         "an excerpt of "
     } else {
         ""

@@ -191,7 +191,7 @@ mod tests {
     use super::*;
     use crate::io::model_file::ModelFile;
     use crate::io::recording::{PASCAL_PER_KPA, Recording};
-    use crate::sim::simulate::{Signal, Start, run, substeps};
+    use crate::sim::simulate::{InitialState, Signal, run, substeps};
 
     /// The table as `docs/formats.md` shows it.
     fn page() -> String {
@@ -289,7 +289,7 @@ mod tests {
             let model = file
                 .unwrap_or_else(|error| panic!("{range:?} {end}: {error}\n{text}"))
                 .model;
-            let start = Start {
+            let start = InitialState {
                 angle: 0.5,
                 rate: 0.0,
             };

@@ -19,7 +19,7 @@ use crate::io::protocol_file::ProtocolFile;
 use crate::io::recording::Recording;
 use crate::sim::linear::linear_rival;
 use crate::sim::protocol::{Play, Protocol, play};
-use crate::sim::simulate::Start;
+use crate::sim::simulate::InitialState;
 
 /// Largest set-points of a protocol (°).
 pub const ANGLES_DEG: RangeInclusive<f64> = 0.1..=360.0;
@@ -188,7 +188,7 @@ impl Drive {
             fitter.compare(model).nuisances[0]
         } else {
             Nuisance {
-                start: Start {
+                start: InitialState {
                     angle: model.reading(&model.at_rest(0.0, 0.0)),
                     rate: 0.0,
                 },

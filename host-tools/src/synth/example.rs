@@ -20,7 +20,7 @@ use crate::io::error::{InputError, write_atomically, write_with_meta};
 use crate::io::model_file::{ModelFile, tidy};
 use crate::io::recording::{Meta, PASCAL_PER_KPA, Recording, to_csv};
 use crate::sim::protocol::Protocol;
-use crate::sim::simulate::{Signal, Start, run, substeps};
+use crate::sim::simulate::{InitialState, Signal, run, substeps};
 
 /// Angle of one count of a ten-bit converter behind a flex sensor (°).
 const ANGLE_COUNT_DEG: f64 = 90.0 / 341.0;
@@ -253,7 +253,7 @@ fn obeys(truth: &Model<f64>) -> bool {
     let time: Vec<f64> = (0..=600).map(|k| f64::from(k) * 0.01).collect();
     // From rest without pressure, up within a second.
     let ramp = time.iter().map(|t| pressure * t.min(1.0)).collect();
-    let start = Start {
+    let start = InitialState {
         angle: truth.reading(&truth.at_rest(0.0, 0.0)),
         rate: 0.0,
     };
@@ -449,7 +449,7 @@ fn record(
 ) -> Recording {
     let (time, _, pressure) = protocol.pressure(inverse);
     let signal = Signal::new(time.clone(), pressure.clone());
-    let start = Start {
+    let start = InitialState {
         angle: truth.reading(&truth.at_rest(0.0, 0.0)),
         rate: 0.0,
     };

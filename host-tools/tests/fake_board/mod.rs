@@ -25,7 +25,7 @@ use wire::command::{Command, MAX_LINE, Request};
 use wire::decimal::Hundredths;
 use wire::fault::Fault;
 use wire::line::Sealed;
-use wire::protocol::{Demand, Playback, Program, Segment, Track};
+use wire::protocol::{ControlMode, Playback, Program, Reference, Segment};
 use wire::reply::{self, Refusal};
 use wire::settings::{Key, Settings};
 use wire::state::State;
@@ -512,19 +512,19 @@ impl Board {
         let mut setpoint = Setpoint::None;
         let mut target = 0.0;
         if self.state == State::Running {
-            match self.playback.demand(&self.program[..]) {
-                Demand::Done => self.state = State::Ready,
-                Demand::Track { track, level } => {
+            match self.playback.reference(&self.program[..]) {
+                Reference::Done => self.state = State::Ready,
+                Reference::Track { mode, level } => {
                     let level_ = Hundredths::round(level);
                     target = level;
-                    setpoint = if track == Track::Pressure {
+                    setpoint = if mode == ControlMode::Pressure {
                         Setpoint::Pressure(level_)
                     } else {
                         Setpoint::Angle(level_)
                     };
                 }
-                Demand::Hold => target = self.angle,
-                Demand::Release => {}
+                Reference::Hold => target = self.angle,
+                Reference::Release => {}
             }
             self.playback.advance(&self.program[..], 10);
         }
