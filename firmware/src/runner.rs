@@ -302,46 +302,13 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
     use std::vec::Vec;
-
-    fn segments() -> impl Strategy<Value = Segment> {
-        let track = prop::sample::select(
-            &[
-                Track::Pressure,
-                Track::AngleOpenLoop,
-                Track::AngleClosedLoop,
-            ][..],
-        );
-        let level = (0..65_536).prop_map(Hundredths);
-        let ms = 1..=wire::protocol::MAX_DURATION_MS;
-        (track, level.clone(), level, ms.clone(), ms, 0..6, 1..=100u8).prop_map(
-            |(track, level, amplitude, period_ms, duration_ms, kind, times)| match kind {
-                0 => Segment::Step {
-                    track,
-                    level,
-                    duration_ms,
-                },
-                1 => Segment::Ramp {
-                    track,
-                    level,
-                    duration_ms,
-                },
-                2 => Segment::Multisine {
-                    track,
-                    centre: level,
-                    amplitude,
-                    period_ms,
-                    duration_ms,
-                },
-                3 => Segment::Hold { duration_ms },
-                4 => Segment::Release { duration_ms },
-                _ => Segment::Repeat { from: 3, times },
-            },
-        )
-    }
+    use wire::{protocol::MAX_DURATION_MS, testing::segments};
 
     proptest! {
         #[test]
-        fn segments_are_kept_as_they_came(all in prop::collection::vec(segments(), 1..=32)) {
+        fn segments_are_kept_as_they_came(
+            all in prop::collection::vec(segments(0..65_536, 1..=MAX_DURATION_MS, 0..32), 1..=32),
+        ) {
             let mut memory = Memory::new();
             memory.clear(all.len() as u8);
             for (index, segment) in (0..).zip(&all) {

@@ -265,7 +265,7 @@ mod tests {
     extern crate std;
     use super::*;
     use crate::decimal::Hundredths;
-    use crate::line::tests::{Text, sealed};
+    use crate::testing::{Text, sealed};
     use crate::protocol::Track;
     use proptest::prelude::*;
     use std::{string::String, vec, vec::Vec};
