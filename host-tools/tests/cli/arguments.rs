@@ -3,7 +3,7 @@
 use predicates::prelude::*;
 use predicates::str::{contains, is_empty};
 
-use super::common::{Bench, MODEL, stdout};
+use super::common::{Bench, stdout};
 
 #[test]
 fn faults_of_arguments_exit_with_2() {

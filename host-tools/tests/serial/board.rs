@@ -4,7 +4,7 @@
 //! What the board does is decided by [`firmware::app::App`], as on the Mega; the rig is the one of
 //! the firmware's own tests. Its clock can run faster than ours, as a simulator's does. A
 //! [`Script`] says what a board of ours never does: lines get lost or damaged on the way, it is of
-//! another version, refuses, forgets, babbles or says nothing at all.
+//! another version, forgets, babbles or says nothing at all.
 
 use std::fs::File;
 use std::io::{Read, Write};
@@ -30,7 +30,7 @@ use ufmt::uWrite;
 use wire::assemble::{Assembled, Assembler};
 use wire::command::{Command, MAX_LINE, Request};
 use wire::line::{self, Sealed};
-use wire::reply::{self, REMARK, Refusal};
+use wire::reply::{self, REMARK};
 use wire::settings::{Key, Settings};
 use wire::state::State;
 
@@ -61,8 +61,6 @@ pub struct Script {
     pub remark: Option<&'static str>,
     /// Version of the protocol that it claims.
     pub version: u8,
-    /// First word of what it refuses, and why.
-    pub refuse: Vec<(&'static str, Refusal)>,
     /// Requests that it does not hear.
     pub deaf: u32,
     /// Damages every so-manieth telemetry line.
@@ -96,7 +94,6 @@ impl Default for Script {
             babble: None,
             remark: None,
             version: reply::VERSION,
-            refuse: Vec::new(),
             deaf: 0,
             corrupt_every: 0,
             skip_every: 0,
@@ -189,11 +186,15 @@ pub fn wait_until(what: &str, mut happened: impl FnMut() -> bool) {
     }
 }
 
-/// Settings with which a busy computer is not taken for a lost one, and a damping of its own
-/// that a test can tell from another.
+/// Settings for a small syringe, with which a busy computer is not taken for a lost one, and
+/// a damping that a test can tell from another.
 pub fn patient() -> Settings {
     let mut settings = Settings::DEFAULT;
-    for (key, value) in [(Key::HostTimeout, 30.0_f32), (Key::Damping, 1.8)] {
+    for (key, value) in [
+        (Key::HostTimeout, 30.0_f32),
+        (Key::Damping, 1.8),
+        (Key::PressureGain, 1_000.0),
+    ] {
         settings.set(key, value.to_bits()).unwrap();
     }
     settings
@@ -383,16 +384,10 @@ impl Electronics {
                 script.deaf -= 1;
                 return String::new();
             }
-            let text = command_text(request.command);
-            let word = text.split(' ').next().unwrap_or("");
-            let refused = script.refuse.iter().find(|(refused, _)| *refused == word);
-            if let Some(&(_, refusal)) = refused {
-                let Ok(()) = reply::no(&mut out, request.id, refusal);
-            }
             if request.command == Command::Beat {
                 script.beats += 1;
             } else {
-                script.heard.push(text);
+                script.heard.push(command_text(request.command));
             }
             if matches!(request.command, Command::Set { key, .. } if script.forgets == Some(key)) {
                 let Ok(line) = reply::ok(&mut out, request.id);
