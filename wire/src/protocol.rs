@@ -594,49 +594,12 @@ impl Named {
 mod tests {
     extern crate std;
     use super::*;
-    use crate::line::tests::Text;
+    use crate::testing::{self, Text};
     use proptest::prelude::*;
     use std::vec::Vec;
 
     fn segments() -> impl Strategy<Value = Segment> {
-        let mode = prop::sample::select(
-            &[
-                ControlMode::Pressure,
-                ControlMode::AngleOpenLoop,
-                ControlMode::AngleClosedLoop,
-            ][..],
-        );
-        let level = (-1_000_000..1_000_000).prop_map(Hundredths);
-        let ms = 1..=MAX_DURATION_MS;
-        prop_oneof![
-            (mode.clone(), level.clone(), ms.clone()).prop_map(|(mode, level, duration_ms)| {
-                Segment::Step {
-                    mode,
-                    level,
-                    duration_ms,
-                }
-            }),
-            (mode.clone(), level.clone(), ms.clone()).prop_map(|(mode, level, duration_ms)| {
-                Segment::Ramp {
-                    mode,
-                    level,
-                    duration_ms,
-                }
-            }),
-            (mode, level.clone(), level, ms.clone(), ms.clone()).prop_map(
-                |(mode, centre, amplitude, period_ms, duration_ms)| Segment::Multisine {
-                    mode,
-                    centre,
-                    amplitude,
-                    period_ms,
-                    duration_ms
-                }
-            ),
-            ms.clone()
-                .prop_map(|duration_ms| Segment::Hold { duration_ms }),
-            ms.prop_map(|duration_ms| Segment::Release { duration_ms }),
-            (0..32u8, 1..=MAX_REPEATS).prop_map(|(from, times)| Segment::Repeat { from, times }),
-        ]
+        testing::segments(-1_000_000..1_000_000, 1..=MAX_DURATION_MS, 0..32)
     }
 
     proptest! {

@@ -14,6 +14,8 @@ mod starts;
 pub mod statics;
 mod text;
 
+pub use text::next_steps;
+
 use model_core::actuator::{Model, ParameterId};
 use model_core::dynamics::Dynamics;
 use model_core::ludwick::{Beam, Ludwick, SecondMoment};
