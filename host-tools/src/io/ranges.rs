@@ -26,7 +26,7 @@ pub struct Range {
 
 /// The keys of `[actuator]` and `[dynamics]`.
 const KEYS: [Range; 8] = [
-    row("length_m", "m", 1e-5, 1e3, "a hair to a bridge"),
+    row("length_m", "m", 1e-5, 1e3, "from the width of a hair to the length of a bridge"),
     row("width_m", "m", 1e-5, 1e3, "the same"),
     row("height_m", "m", 1e-5, 1e3, "the same"),
     row(
@@ -34,14 +34,14 @@ const KEYS: [Range; 8] = [
         "kg·m",
         1e-9,
         1e9,
-        "only ratios to it move anything: where it does not fit, scale all forces with it",
+        "only ratios to it matter: to come into the range, scale all forces with it",
     ),
     row(
         "damping_n_s_per_rad",
         "N·s/rad",
         0.0,
         1e12,
-        "a trillion times what a finger of silicone has",
+        "10¹² times that of a silicone finger",
     ),
     row("stiffness_n_per_rad_n", "N/radⁿ", 0.0, 1e12, "the same"),
     row(
@@ -49,31 +49,31 @@ const KEYS: [Range; 8] = [
         "",
         0.01,
         20.0,
-        "a power of an angle that is still a number; metals, silicones and cords have 0.1 to 10",
+        "θⁿ stays finite; metals, silicones and cords have 0.1 to 10",
     ),
     row(
         "input_gain_n_per_kpa",
         "N/kPa",
         -1e9,
         1e9,
-        "a piston of a square kilometre; below zero, pressure straightens",
+        "that of a piston of a square kilometre; if negative, pressure straightens the actuator",
     ),
 ];
 
 /// Numbers of effects by their unit. Where [the catalogue](model_core::catalogue) is narrower,
 /// it counts.
 const UNITS: [(Unit, Range); 13] = [
-    by_unit(Unit::One, "factors", 1e6, "a millionfold"),
+    by_unit(Unit::One, "factors", 1e6, "a factor of a million"),
     by_unit(
         Unit::Newton,
         "forces",
         1e12,
-        "far beyond any machine, far below what overflows",
+        "far beyond any machine, far below an overflow",
     ),
     by_unit(Unit::NewtonPerRad, "stiffnesses", 1e12, "the same"),
     by_unit(Unit::NewtonPerRad3, "cubic stiffnesses", 1e12, "the same"),
     by_unit(Unit::NewtonSecond2PerRad2, "drags", 1e12, "the same"),
-    by_unit(Unit::Radian, "angles", 1e6, "a motor after 160 000 turns"),
+    by_unit(Unit::Radian, "angles", 1e6, "160 000 turns of a motor"),
     by_unit(
         Unit::RadianPerSecond,
         "rates",
@@ -81,25 +81,25 @@ const UNITS: [(Unit, Range); 13] = [
         "160 000 turns a second",
     ),
     by_unit(Unit::Second, "times", 1e9, "thirty years"),
-    by_unit(Unit::PerSecond, "rates of change", 1e6, "a microsecond"),
+    by_unit(Unit::PerSecond, "rates of change", 1e6, "once per microsecond"),
     by_unit(Unit::Hertz, "frequencies", 1e6, "the same"),
     by_unit(
         Unit::PerRadian,
         "changes with the angle",
         1e6,
-        "a millionfold a radian",
+        "a factor of a million per radian",
     ),
     by_unit(
         Unit::PerKiloPascal,
         "changes with the pressure",
         1e6,
-        "a millionfold a kilopascal",
+        "a factor of a million per kilopascal",
     ),
     by_unit(
         Unit::KiloPascal,
         "pressures",
         1e6,
-        "ten times what a hydraulic pump gives",
+        "ten times that of a hydraulic pump",
     ),
 ];
 
