@@ -42,7 +42,7 @@ fn steps(dynamics: Dynamics<f64>, levels: &[f64]) -> String {
     const FINE: u32 = 20;
     /// Samples of a level.
     const SAMPLES: usize = 200;
-    let mut text = String::from("time_s,pressure_kpa,angle_deg\n");
+    let mut text = HEADER.to_owned();
     let (mut angle, mut rate) = (0.0_f64, 0.0_f64);
     for (k, level) in levels.iter().enumerate() {
         for sample in 0..SAMPLES {
@@ -245,7 +245,7 @@ fn a_motor_in_other_units_is_identified() {
         input_gain: -0.02,
     };
     let volts = [0.0, 3.0, 6.0, -4.0, 0.0];
-    bench.put("motor.csv", &steps(motor, &volts));
+    bench.put("motor.csv", steps(motor, &volts));
     bench
         .line("init --recording motor.csv --name")
         .arg("motor \"A\"")
@@ -269,7 +269,7 @@ fn a_motor_in_other_units_is_identified() {
         format!("{:.0},{rest}\n", time.parse::<f64>().unwrap() * 1e3)
     });
     let rows: String = rows.collect();
-    bench.put("ms.csv", &format!("time_s,pressure_kpa,angle_deg\n{rows}"));
+    bench.put("ms.csv", HEADER.to_owned() + &rows);
     let line = "init --recording ms.csv --time-in ms -o ms.toml";
     bench.line(line).assert().success();
     let again = ModelFile::read(&bench.path("ms.toml")).unwrap();
@@ -286,10 +286,7 @@ fn a_free_swing_has_no_input_gain() {
         let angle = 12.0 * (-0.1 * time).exp() * (5.0 * time).cos();
         format!("{time:.2},0,{angle:.4}\n")
     });
-    bench.put(
-        "swing.csv",
-        &(HEADER.to_owned() + &rows.collect::<String>()),
-    );
+    bench.put("swing.csv", HEADER.to_owned() + &rows.collect::<String>());
     bench
         .line("init --recording swing.csv")
         .assert()
@@ -311,10 +308,7 @@ fn noise_is_not_explained() {
         state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
         format!("{:.2},{},{}\n", f64::from(k) * 0.01, k / 100, state >> 26)
     });
-    bench.put(
-        "noise.csv",
-        &(HEADER.to_owned() + &rows.collect::<String>()),
-    );
+    bench.put("noise.csv", HEADER.to_owned() + &rows.collect::<String>());
     bench
         .line("init --recording noise.csv")
         .assert()

@@ -42,6 +42,8 @@ const AIR_UL: f64 = 15_000.0;
 /// Where the plunger stands (µl) before it is homed.
 const PLUNGER_UL: f64 = 300.0;
 
+const PERIOD: Duration = Duration::from_millis(PERIOD_MS as u64);
+
 /// Most control periods without looking at the cable: on a busy computer the board's clock
 /// runs slower, and its patience is not used up before it has read what came.
 const MOST_AT_ONCE: u32 = 10;
@@ -268,15 +270,13 @@ impl Cable {
     fn run(script: &Mutex<Script>, stop: &AtomicBool, mut board: Electronics, port: &Path) {
         let mut cable: Option<Self> = None;
         let mut clock = Instant::now();
-        let mut owed_us = 0;
         while !stop.load(Ordering::Relaxed) {
             let mut bytes = [0; 512];
-            let bytes = match &mut cable {
-                Some(cable) => cable.read(&mut bytes),
-                None => {
-                    std::thread::sleep(Duration::from_millis(1));
-                    &[]
-                }
+            let bytes = if let Some(cable) = &mut cable {
+                cable.read(&mut bytes)
+            } else {
+                std::thread::sleep(Duration::from_millis(1));
+                &[]
             };
             let mut script = script.lock().unwrap();
             let elapsed = clock.elapsed();
@@ -293,8 +293,7 @@ impl Cable {
             }
             let Some(cable) = &mut cable else {
                 if !script.resets {
-                    owed_us += elapsed.as_micros() * u128::from(script.speed);
-                    board.play(&mut owed_us, &mut script);
+                    board.play(elapsed, &mut script);
                 }
                 continue;
             };
@@ -315,8 +314,7 @@ impl Cable {
                     Assembled::Overlong => board.app.overlong(),
                 }
             }
-            owed_us += elapsed.as_micros() * u128::from(script.speed);
-            said += &board.play(&mut owed_us, &mut script);
+            said += &board.play(elapsed, &mut script);
             script.state = board.app.state();
             drop(script);
             cable.write(&said);
@@ -344,6 +342,8 @@ struct Electronics {
     memory: Memory,
     /// The banner is still to be said.
     is_new: bool,
+    /// Time of its own that has yet to pass.
+    owed: Duration,
     /// Telemetry lines so far.
     lines: u32,
 }
@@ -357,6 +357,7 @@ impl Electronics {
             app: App::new(&memory, ResetCause::Ordinary),
             memory,
             is_new: true,
+            owed: Duration::ZERO,
             lines: 0,
         }
     }
@@ -400,13 +401,12 @@ impl Electronics {
         claimed(&out.0, script)
     }
 
-    /// Lets the control periods pass that are owed; at most [`MOST_AT_ONCE`].
-    fn play(&mut self, owed_us: &mut u128, script: &mut Script) -> String {
-        let period_us = 1_000 * u128::from(PERIOD_MS);
-        *owed_us = (*owed_us).min(period_us * u128::from(MOST_AT_ONCE));
+    /// Lets some of our time pass.
+    fn play(&mut self, elapsed: Duration, script: &mut Script) -> String {
+        self.owed = (self.owed + elapsed * script.speed).min(PERIOD * MOST_AT_ONCE);
         let mut said = String::new();
-        while *owed_us >= period_us {
-            *owed_us -= period_us;
+        while self.owed >= PERIOD {
+            self.owed -= PERIOD;
             said += &self.tick(script);
         }
         said

@@ -231,7 +231,7 @@ fn what_exists_is_not_replaced() {
 #[test]
 fn protocols_over_the_limits_move_nothing() {
     let bench = Bench::new(Script::default());
-    bench.put("far.toml", &TWO_STEPS.replace("60.0", "110.01"));
+    bench.put("far.toml", TWO_STEPS.replace("60.0", "110.01"));
     bench
         .rig("record --port PORT --protocol far.toml -o far.csv")
         .failed(
@@ -250,7 +250,7 @@ fn malformed_protocols_are_refused_with_their_place() {
     let bench = Bench::new(Script::default());
     bench.put(
         "bad.toml",
-        &TWO_STEPS.replace("level_deg = 60.0", "level_deg = sixty"),
+        TWO_STEPS.replace("level_deg = 60.0", "level_deg = sixty"),
     );
     bench
         .rig("record --port PORT --protocol bad.toml -o bad.csv")

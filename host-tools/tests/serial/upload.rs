@@ -35,7 +35,7 @@ fn a_model_is_uploaded_and_read_back() {
     // What was read can be written.
     bench.put(
         "all.toml",
-        &read.out.replace("max.kpa    = 180.0", "max.kpa    = 170.0"),
+        read.out.replace("max.kpa    = 180.0", "max.kpa    = 170.0"),
     );
     let said = bench.rig("upload --port PORT --settings all.toml").ok();
     said.says("180 → 170");
