@@ -9,7 +9,7 @@ pub mod export;
 pub mod fit;
 pub mod gap;
 pub mod init;
-pub mod input;
+pub(crate) mod input;
 pub mod materials;
 pub mod monitor;
 pub mod output;

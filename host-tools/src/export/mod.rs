@@ -13,10 +13,10 @@
 mod c;
 mod matlab;
 mod modelica;
-pub mod physics;
-pub mod print;
+mod physics;
+mod print;
 mod python;
-pub mod trace;
+mod trace;
 
 use model_core::catalogue::Effect;
 use serde::Serialize;

@@ -57,7 +57,8 @@ impl Scale {
 
 impl Constant {
     /// The number in SI units.
-    pub fn value(&self) -> f64 {
+    #[cfg(test)]
+    fn value(&self) -> f64 {
         self.scale.apply(self.in_file)
     }
 

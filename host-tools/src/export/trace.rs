@@ -168,11 +168,6 @@ impl Tape {
         self.expressions.borrow().len()
     }
 
-    /// Whether nothing was computed yet.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
-
     /// All places that some expressions are made of, parts first.
     pub fn reached(&self, from: &[Id]) -> Vec<Id> {
         let mut reached = vec![false; self.len()];

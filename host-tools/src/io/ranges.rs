@@ -26,7 +26,13 @@ pub struct Range {
 
 /// The keys of `[actuator]` and `[dynamics]`.
 const KEYS: [Range; 8] = [
-    row("length_m", "m", 1e-5, 1e3, "from the width of a hair to the length of a bridge"),
+    row(
+        "length_m",
+        "m",
+        1e-5,
+        1e3,
+        "from the width of a hair to the length of a bridge",
+    ),
     row("width_m", "m", 1e-5, 1e3, "the same"),
     row("height_m", "m", 1e-5, 1e3, "the same"),
     row(
@@ -81,7 +87,12 @@ const UNITS: [(Unit, Range); 13] = [
         "160 000 turns a second",
     ),
     by_unit(Unit::Second, "times", 1e9, "thirty years"),
-    by_unit(Unit::PerSecond, "rates of change", 1e6, "once per microsecond"),
+    by_unit(
+        Unit::PerSecond,
+        "rates of change",
+        1e6,
+        "once per microsecond",
+    ),
     by_unit(Unit::Hertz, "frequencies", 1e6, "the same"),
     by_unit(
         Unit::PerRadian,

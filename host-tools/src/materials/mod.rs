@@ -9,8 +9,8 @@
 
 pub mod curve;
 pub mod fit;
-pub mod pictures;
-pub mod predictor;
+pub(crate) mod pictures;
+pub(crate) mod predictor;
 
 use model_core::material::{Material, TABLE_I};
 

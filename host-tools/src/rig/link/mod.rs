@@ -16,10 +16,12 @@ pub mod line;
 mod port;
 mod worker;
 
-pub use board::{Board, NotChanged, float, setting_bits};
-pub use client::{Counters, Event, Link, Received, Timing};
-pub use clock::{Break, Clock, Placed};
+pub(crate) use board::{Board, NotChanged, float, setting_bits};
+pub(crate) use client::{Counters, Event, Link, Received, Timing};
+pub(crate) use clock::{Break, Clock, Placed};
 pub use error::LinkError;
-pub use heart::Silence;
-pub(crate) use port::PERMISSION_ADVICE;
-pub use port::{BAUD, Channel, Connector, PortFound, SerialConnector, is_pseudo_terminal, ports};
+pub(crate) use heart::Silence;
+pub(crate) use port::{
+    BAUD, Channel, Connector, PERMISSION_ADVICE, PortFound, SerialConnector, is_pseudo_terminal,
+    ports,
+};
