@@ -1,15 +1,15 @@
 //! The range of every number in a model file.
 //!
-//! A slip of a unit or of the keyboard is a number that no rig has, and what is computed from
-//! it overflows, or takes for ever, far from where it was written. So each number has a range,
-//! wide enough for a pendulum, a hydraulic arm or a circuit with the same equation, and narrow
-//! enough for sums and powers of a simulation. The table in `docs/formats.md` is this one.
+//! A wrong unit or a typing error gives a number that no rig has. A computation with it
+//! overflows, or never ends, far from the cause. So each number has a range: wide enough for a
+//! pendulum, a hydraulic arm or a circuit with the same equation, and narrow enough for the sums
+//! and powers of a simulation. `docs/formats.md` has the same table.
 
 use std::fmt;
 
 use model_core::effects::{Parameter, Unit};
 
-/// What a number may be.
+/// The range of a number.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Range {
     /// The key in a model file, or what the numbers of this unit in effects are.
@@ -20,13 +20,19 @@ pub struct Range {
     pub least: f64,
     /// The largest.
     pub most: f64,
-    /// What lies at the ends, or why nothing lies beyond.
+    /// The reason for the limits.
     pub because: &'static str,
 }
 
 /// The keys of `[actuator]` and `[dynamics]`.
 const KEYS: [Range; 8] = [
-    row("length_m", "m", 1e-5, 1e3, "from the width of a hair to the length of a bridge"),
+    row(
+        "length_m",
+        "m",
+        1e-5,
+        1e3,
+        "from the width of a hair to the length of a bridge",
+    ),
     row("width_m", "m", 1e-5, 1e3, "the same"),
     row("height_m", "m", 1e-5, 1e3, "the same"),
     row(
@@ -81,7 +87,12 @@ const UNITS: [(Unit, Range); 13] = [
         "160 000 turns a second",
     ),
     by_unit(Unit::Second, "times", 1e9, "thirty years"),
-    by_unit(Unit::PerSecond, "rates of change", 1e6, "once per microsecond"),
+    by_unit(
+        Unit::PerSecond,
+        "rates of change",
+        1e6,
+        "once per microsecond",
+    ),
     by_unit(Unit::Hertz, "frequencies", 1e6, "the same"),
     by_unit(
         Unit::PerRadian,
