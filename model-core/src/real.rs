@@ -1,8 +1,8 @@
 //! The scalar that all physics is written in.
 //!
 //! One source serves three arithmetics: `f32` on the ATmega2560, `f64` on a
-//! desktop, and numbers that carry exact derivatives for the fits. [`Real`] is
-//! what the physics needs of a number, and no more.
+//! desktop, and numbers that carry exact derivatives for the fits. [`Real`] has
+//! exactly the operations that the physics needs.
 
 use core::fmt::Debug;
 use core::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
