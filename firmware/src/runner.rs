@@ -1,9 +1,8 @@
 //! Protocols on the board: downloaded or known by name, checked, then played.
 //!
-//! [`wire::protocol`] says what a protocol means over time; here it is kept in
-//! little RAM, held against the limits, and coupled to the plunger: after a
-//! release the next segment waits until the plunger is back at its start, or
-//! repeats would not be repeats.
+//! [`wire::protocol`] defines a protocol over time. Here it is stored in little RAM,
+//! checked against the limits, and coupled to the plunger: after a release the next
+//! segment waits until the plunger is back at its start, so that repeats are alike.
 
 use wire::{
     decimal::Hundredths,
@@ -16,8 +15,8 @@ use crate::design::PERIOD_MS;
 /// A segment in eleven bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Packed {
-    /// What it is: [`Kind`] above, the control mode in the lowest two bits. Zero while
-    /// the place is empty.
+    /// The kind of segment, with the control mode in the lowest two bits. Zero while the
+    /// place is empty.
     kind: u8,
     level: [u8; 2],
     amplitude: [u8; 2],
@@ -169,14 +168,14 @@ impl Memory {
         }
     }
 
-    /// Forgets what was there and expects `count` segments.
+    /// Clears the memory and expects `count` segments.
     pub fn clear(&mut self, count: u8) {
         *self = Self::new();
         self.count = count.min(MAX_SEGMENTS);
     }
 
-    /// Keeps a segment; whether its place was announced and its levels can be
-    /// kept. Coming twice is as good as once.
+    /// Stores a segment; returns whether its place was announced and its levels can be
+    /// stored. Storing it twice is the same as once.
     pub fn put(&mut self, index: u8, segment: &Segment) -> bool {
         if index >= self.count {
             return false;

@@ -1,10 +1,10 @@
 //! The scalar that all physics is written in, and the power that goes with it.
 //!
 //! One source serves three arithmetics: `f32` on the ATmega2560, `f64` on a
-//! desktop, and numbers that carry exact derivatives for the fits. [`Real`] is
-//! what the physics needs of a number, and no more; [`Power`] is what Ludwick's
-//! law needs of it. The board's and the desktop's numbers are made scalars in
-//! `scalars`; the power functions are in [`crate::power`].
+//! desktop, and numbers that carry exact derivatives for the fits. [`Real`] has
+//! exactly the operations that the physics needs, and [`Power`] the one that
+//! Ludwick's law needs besides. `scalars` implements `Real` for `f32` and `f64`;
+//! the power functions are in [`crate::power`].
 
 use core::fmt::Debug;
 use core::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};

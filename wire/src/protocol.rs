@@ -1,9 +1,8 @@
-//! The language of test protocols, and what a protocol means over time.
+//! Test protocols and their playback.
 //!
-//! A protocol is a short list of segments: go there and wait, ramp, oscillate,
-//! stop the pump, let the air out, repeat. The computer writes it, the board
-//! plays it; both use this [`Playback`], so that a run that was planned is the
-//! run that is made.
+//! A protocol is a short list of segments: step, ramp, multisine, hold, release, repeat.
+//! The computer writes it and the board plays it. Both use this [`Playback`], so that the
+//! played run is the planned one.
 
 use model_core::elementary;
 use ufmt::{uWrite, uwrite};
@@ -344,9 +343,9 @@ pub enum Reference {
 pub struct Playback {
     index: u8,
     elapsed_ms: u32,
-    /// How often the repeat at hand has been taken.
+    /// Number of finished repetitions of the current repeat.
     repeats: u8,
-    /// Level from which a ramp starts, and what it was a level of.
+    /// Level from which a ramp starts, with its control mode.
     before: Option<(ControlMode, f32)>,
 }
 
@@ -372,7 +371,7 @@ impl Playback {
         self.index
     }
 
-    /// How often the segments at hand have been played before.
+    /// Number of earlier repetitions of the current segments.
     pub const fn repeat(&self) -> u8 {
         self.repeats
     }

@@ -1,5 +1,5 @@
-//! The whole loop on many drawn actuators: what a diagnosis is worth to the board
-//! that asked for it.
+//! The whole loop on many random actuators: how much a diagnosis improves the board's
+//! prediction.
 
 use std::{
     fmt::Write as _,

@@ -1,7 +1,7 @@
 //! The Python package: built as a wheel, and tested as its users get it.
 //!
-//! Whatever Python needs is installed below the target folder, in the versions that
-//! `python/requirements` pins.
+//! Python's dependencies are installed below the target folder, in the versions pinned in
+//! `python/requirements`.
 
 use std::{
     ffi::OsString,

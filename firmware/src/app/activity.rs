@@ -1,8 +1,8 @@
-//! What the board is busy with, and what it needs to remember for that alone.
+//! The present activity of the board, with its memory.
 //!
 //! The state of [`crate::safety`] says what the rig may do; an [`Activity`] is what it
-//! does. Leaving one drops all that belonged to it, so that nothing of a run is left when
-//! the next begins.
+//! does. Leaving an activity drops its memory, so that nothing of a run is left when the
+//! next begins.
 
 use wire::{
     decimal::Hundredths,
@@ -23,15 +23,15 @@ use crate::{
     runner::{Memory, Runner},
 };
 
-/// How near (microsteps) to its start position a plunger is back.
+/// Tolerance (microsteps) of the start position.
 const BACK_STEPS: f32 = 3.0;
 
-/// What the board is busy with.
+/// The present activity of the board.
 #[derive(Clone, Debug)]
 pub(super) enum Activity {
-    /// Nothing: idle, ready, or in a fault.
+    /// None: idle, ready, or in a fault.
     None,
-    /// Looking for the end of the stroke.
+    /// Homing.
     Homing(Homing),
     /// A protocol.
     Playing(Play),
@@ -47,18 +47,18 @@ pub(super) struct Play {
     back: u8,
 }
 
-/// What a run is played with.
-pub(super) struct Given<'a> {
+/// The inputs of a run in one period.
+pub(super) struct PlayInputs<'a> {
     pub(super) settings: &'a Settings,
     pub(super) memory: &'a Memory,
     pub(super) predictor: &'a Predictor,
     pub(super) monitor: &'a Monitor,
     pub(super) measured: &'a Measured,
-    /// Whether there is still a pressure when there should be none.
+    /// Whether there is pressure with the valve open.
     pub(super) pressurised: bool,
 }
 
-/// What a period of a run came to.
+/// The result of one period of a run.
 pub(super) enum Progress {
     /// Going on.
     Playing(Outputs),
@@ -79,17 +79,17 @@ impl Play {
         }
     }
 
-    /// Where in the protocol it is.
+    /// The position in the protocol.
     pub(super) fn runner(&self) -> &Runner {
         &self.runner
     }
 
-    /// What is asked for now.
+    /// The set-point now.
     pub(super) fn setpoint(&self) -> Setpoint {
         self.setpoint
     }
 
-    /// What follows the set-points.
+    /// The controller.
     #[cfg(test)]
     pub(super) fn controller(&self) -> &Controller {
         &self.controller
@@ -97,7 +97,7 @@ impl Play {
 
     /// Lets one control period pass.
     #[inline(never)]
-    pub(super) fn step(&mut self, given: &Given) -> Progress {
+    pub(super) fn step(&mut self, given: &PlayInputs) -> Progress {
         let delay_s = given.predictor.delay_s();
         let config = control::Config::of(given.settings).with_delay(delay_s);
         let per_step = given.settings.number(Key::VolumePerStep);

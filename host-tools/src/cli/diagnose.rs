@@ -24,8 +24,8 @@ use crate::report::terminal::summary;
 /// Finds where model and recordings disagree, names the missing effect, and
 /// writes the model with the effect added.
 ///
-/// A recording session is simulated whole. Without --holdout its runs are left
-/// out in turn to judge by. Give runs that differ: steps of several sizes, slow
+/// A recording session is simulated whole. Without --holdout, runs are left out
+/// in turn for validation. Give runs that differ: steps of several sizes, slow
 /// and fast ones.
 #[derive(Debug, Parser)]
 #[command(after_help = "\

@@ -1,14 +1,14 @@
-//! A first model, from nothing: what `rig init` writes.
+//! A first model: `rig init`.
 //!
-//! Whoever meets softrig has an actuator, perhaps the name of its silicone and a ruler, and
-//! with luck one recording. [`from_recordings`] identifies the plain equation of motion from
-//! recordings; [`from_geometry`] takes it from the table of materials and the beam formula,
-//! and guesses the rest. Either way each number says where it comes from ([`Origin`]),
-//! because a guess that looks like a measurement is worse than none.
+//! A new user has an actuator, perhaps the name of its silicone and its dimensions, and with
+//! luck one recording. [`from_recordings`] identifies the equation of motion without effects
+//! from recordings. [`from_geometry`] takes it from the table of materials and the beam
+//! formula, and guesses the rest. Each number states its source ([`Origin`]), because a guess
+//! that looks like a measurement is worse than none.
 //!
-//! The result is where `rig diagnose` begins, not what it finds: M θ̈ + C θ̇ + K θⁿ = g p and
-//! nothing else. It serves any rig of second order with one input, whatever the columns hold:
-//! a pendulum under a torque, a motor under a voltage.
+//! The result is the starting point of `rig diagnose`: M θ̈ + C θ̇ + K θⁿ = g p and nothing
+//! else. It works for any second-order rig with one input, whatever the columns hold: a
+//! pendulum under a torque, a motor under a voltage.
 
 mod starts;
 pub mod statics;
@@ -33,7 +33,7 @@ use crate::io::model_file::to_file_units;
 use crate::io::recording::{PASCAL_PER_KPA, Recording};
 use rayon::prelude::*;
 
-/// Samples beyond which an excerpt is fitted: the answer is wanted in seconds.
+/// Samples beyond which a subsample is fitted, to answer within seconds.
 const MOST_SAMPLES: usize = 60_000;
 
 /// Exponents that are tried beside those of statics and material: Hooke's law, and what
@@ -144,7 +144,7 @@ pub struct Evidence {
     pub levels: usize,
     /// Samples that were fitted.
     pub samples: usize,
-    /// Whether these are an excerpt.
+    /// Whether these are a subsample.
     pub subsample: bool,
     /// Whether the pressure acts at all.
     pub driven: bool,

@@ -1,5 +1,5 @@
-//! Files and the terminal: what comes in is checked and made SI, what goes out is whole and
-//! harmless.
+//! Files and the terminal: input is checked and converted to SI, output is written atomically
+//! and without control characters.
 //!
 //! Recordings ([`recording`], in many [`formats`] and [`columns`]), models, protocols, settings
 //! and effects of the user's own are read within limits ([`bounded`]) and refused with file, line,

@@ -1,8 +1,8 @@
-//! Test protocols for the board: files that people and `rig plan` write.
+//! Files of test protocols for the board, written by users and `rig plan`.
 //!
-//! A file lists segments in the words of [`wire::protocol::Segment`], with units
-//! in the names of the keys. Faults are reported with their line and column,
-//! before anything is sent to a board that could move.
+//! A file lists segments as in [`wire::protocol::Segment`], with units in the names
+//! of the keys. Errors are reported with line and column before anything is sent to a
+//! board.
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -37,7 +37,7 @@ pub struct ProtocolFile {
     lines: Vec<u64>,
 }
 
-/// A segment as it is played: repeats are written out.
+/// A segment as played, with repeats expanded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Played {
     /// Its place in the protocol, from 0.
@@ -137,7 +137,7 @@ impl ProtocolFile {
         total_ms(&self.segments[..])
     }
 
-    /// What is played when, repeats written out.
+    /// The played segments with their times, repeats expanded.
     pub fn played(&self) -> Vec<Played> {
         let mut played: Vec<Played> = Vec::new();
         let mut start_ms = 0u32;

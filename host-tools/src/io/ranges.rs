@@ -1,15 +1,15 @@
 //! The range of every number in a model file.
 //!
-//! A slip of a unit or of the keyboard is a number that no rig has, and what is computed from
-//! it overflows, or takes for ever, far from where it was written. So each number has a range,
-//! wide enough for a pendulum, a hydraulic arm or a circuit with the same equation, and narrow
-//! enough for sums and powers of a simulation. The table in `docs/formats.md` is this one.
+//! A wrong unit or a typing error gives a number that no rig has. A computation with it
+//! overflows, or never ends, far from the cause. So each number has a range: wide enough for a
+//! pendulum, a hydraulic arm or a circuit with the same equation, and narrow enough for the sums
+//! and powers of a simulation. `docs/formats.md` has the same table.
 
 use std::fmt;
 
 use model_core::effects::{Parameter, Unit};
 
-/// What a number may be.
+/// The range of a number.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Range {
     /// The key in a model file, or what the numbers of this unit in effects are.
@@ -20,7 +20,7 @@ pub struct Range {
     pub least: f64,
     /// The largest.
     pub most: f64,
-    /// What lies at the ends, or why nothing lies beyond.
+    /// The reason for the limits.
     pub because: &'static str,
 }
 

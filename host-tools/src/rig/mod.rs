@@ -1,4 +1,4 @@
-//! The rig at the other end of the cable: the link, what is recorded, what is watched.
+//! The connection to a rig: link, recording and monitor.
 
 pub mod link;
 pub(crate) mod monitor;

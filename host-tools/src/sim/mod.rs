@@ -1,4 +1,4 @@
-//! Models in motion: simulated over a pressure or a protocol, on plain and on dual numbers.
+//! Simulation over a pressure or a protocol, with plain and with dual numbers.
 
 pub mod dual;
 pub(crate) mod formula;

@@ -1,13 +1,12 @@
-//! Test protocols: set-points over time and the pressure that should reach
-//! them.
+//! Test protocols: set-points over time, and the pressure for them.
 //!
 //! The paper drives the actuator open loop: the model's inverse turns a
 //! set-point into the pressure that holds it, and the syringe pump takes a
 //! moment to build it up. `rig simulate --protocol` and `rig example` use the
 //! same protocols.
 //!
-//! The shapes here have angles and times of their own. What boards play, by name
-//! or from a file, is played by the boards' own player: [`play`].
+//! The shapes here have their own angles and times. Protocols of the board, by name or
+//! from a file, are played by the board's own playback: [`play`].
 
 use model_core::actuator::Model;
 use wire::protocol::{ControlMode, Playback, Reference};
@@ -135,7 +134,7 @@ impl Protocol {
     }
 }
 
-/// What a board makes of a protocol.
+/// A protocol as played by a board.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Play {
     /// Time (s), from the start of the rest before the first command.

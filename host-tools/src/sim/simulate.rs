@@ -3,8 +3,8 @@
 //! Between its samples the pressure is interpolated, never held: a recorder
 //! samples a continuous signal, and holding each sample until the next delays
 //! the input by half an interval. On the Silverbox oscillator (a public
-//! benchmark with a band-limited input) even the right model misses by 13 mV
-//! with held samples and by a small part of that with interpolated ones.
+//! benchmark with a band-limited input) even the right model has an error of 13 mV
+//! with held samples, and a small part of that with interpolated ones.
 
 use model_core::actuator::{Model, State};
 use model_core::dynamics::Rates;

@@ -1,8 +1,8 @@
-//! A model over a recording or over a protocol.
+//! Simulates a model over a recording or a protocol.
 //!
-//! Over a recording, zeros and start are those with which the model comes nearest to what was
-//! measured, as in every fit. Over a protocol, or a pressure alone, there is nothing to come
-//! near to: the sensors have no zeros, and the actuator starts at rest.
+//! Over a recording, zeros and initial state are estimated, as in every fit. Over a protocol, or
+//! a pressure alone, there is no measured angle: the sensors have no zero errors, and the
+//! actuator starts at rest.
 
 use std::ops::RangeInclusive;
 

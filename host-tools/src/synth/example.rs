@@ -1,10 +1,9 @@
 //! Simulated recordings with an effect hidden in them.
 //!
-//! A stranger without a rig needs something to diagnose, and the demo needs
-//! data whose answer is known. An example is a nominal model whose parameters
-//! are off by as much as data sheets are, and recordings of a "truth" that has
-//! one effect more, through sensors with noise and a ten-bit converter. Every
-//! file says that it is simulated; the answer is in `truth.toml`.
+//! A user without a rig needs something to diagnose, and the demo needs data with a known
+//! answer. An example is a nominal model, with parameter errors as large as those of data
+//! sheets, and recordings of a "truth" with one further effect, through noisy sensors and a
+//! ten-bit converter. Every file says that it is simulated; the answer is in `truth.toml`.
 
 use std::path::Path;
 
@@ -130,7 +129,7 @@ fn invalid(error: InvalidModel) -> InputError {
     InputError::new(format!("the drawn model {error}"), "choose another seed")
 }
 
-/// Recordings of an actuator, and the model that its owner believes in.
+/// Recordings of an actuator, and its nominal model.
 fn of_truth(
     truth: &Model<f64>,
     text: String,
@@ -174,7 +173,7 @@ fn of_truth(
 /// The models of an actuator for the virtual rig.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RigModels {
-    /// Text of the nominal model file: what its owner believes in.
+    /// Text of the nominal model file.
     pub model: String,
     /// Text of the answer: the actuator with its hidden effect.
     pub truth: String,

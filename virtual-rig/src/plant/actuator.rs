@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //! The actuator: `model_core` in f64, with every effect of the truth.
 //!
-//! The pressure between two steps is taken as a straight line, and a dead time
-//! looks back into a history of it. Steps are divided where the model's own
-//! rates ask for it.
+//! The pressure is linear between two steps, and a dead time uses its history. Steps are
+//! divided if the model's own rates require it.
 
 use host_tools::sim::simulate::substeps;
 use model_core::{

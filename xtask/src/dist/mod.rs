@@ -1,13 +1,13 @@
 //! A release: `rig` that needs nothing installed, with the board's image, as one archive.
 //!
-//! The program is linked statically against musl, so that one file runs on every Linux of
-//! its processor, old or new. Rust's own linker does that, with the musl that comes with Rust's
-//! library; the one library of it that is C, zstd, is compiled against the headers of musl.
-//! The archive is unpacked again and run in a folder with nothing else in it: that is the
-//! proof. Beside it lies the wheel of the Python package, for systems like this one.
+//! The program is linked statically against musl, so that one file runs on every Linux of its
+//! processor, old or new. Rust's own linker does that, with the musl of Rust's standard library;
+//! the only C library, zstd, is compiled against the headers of musl. As a test, the archive is
+//! unpacked and run in an otherwise empty folder. The wheel of the Python package is placed beside
+//! it, for systems like this one.
 //!
-//! The virtual rig is not in the archive. It links simavr, whose licence is the GPL, and
-//! its libraries are not static; whoever wants it builds it from source.
+//! The virtual rig is not in the archive, because it links simavr, which is GPL, and dynamic
+//! libraries. It has to be built from source.
 
 mod licences;
 mod trial;

@@ -1,4 +1,4 @@
-//! What is asked of a board, in words of the rig.
+//! The operations of a board.
 
 use std::time::{Duration, Instant};
 

@@ -1,10 +1,9 @@
 //! The serial link to a board, real or simulated.
 //!
-//! Three layers, each with one worry. A [`Connector`] opens the port, as often
-//! as the cable is pulled. A thread reads bytes and turns them into [lines](mod@line) with
-//! the time of their arrival, and another keeps an armed board alive. [`Link`] asks and
-//! answers: requests with numbers, time limits and retries, and counts of what
-//! was lost. Everything above sees samples, remarks and replies, never bytes.
+//! It has three layers. A [`Connector`] opens the port, again after a pulled cable. One
+//! thread turns bytes into [lines](mod@line) with their time of arrival, another keeps an
+//! armed board alive. [`Link`] handles requests, with numbers, time limits and retries, and
+//! counts lost lines. Code above sees samples, remarks and replies, never bytes.
 
 mod board;
 mod client;

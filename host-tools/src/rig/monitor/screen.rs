@@ -1,8 +1,8 @@
 //! The screen of `rig monitor`.
 //!
-//! Colours are the terminal's own sixteen, and only those that can be read on
-//! dark and on light ground: the foreground, red, green and magenta. Nothing is
-//! said by colour alone.
+//! Colours are from the terminal's own sixteen, and only those that are legible on dark and
+//! light backgrounds: the foreground, red, green and magenta. No information is in the
+//! colour alone.
 
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
@@ -237,7 +237,7 @@ fn draw_chart(frame: &mut Frame<'_>, view: &View, quantity: Quantity, area: Rect
     frame.render_widget(chart, area);
 }
 
-/// A curve in pieces without a hole.
+/// The segments of a curve, without gaps.
 type CurveSegments = Vec<Vec<(f64, f64)>>;
 
 /// The curve of what is picked.

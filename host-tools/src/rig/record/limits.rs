@@ -1,7 +1,7 @@
-//! Whether a protocol is within a board's limits.
+//! Checks a protocol against the limits of a board.
 //!
-//! The board checks too. Asked here, the answer names the segment, its line and
-//! the setting, before the plunger is homed.
+//! The board checks too. Here the error names the segment, its line and the setting,
+//! before the plunger is homed.
 
 use wire::decimal::Hundredths;
 use wire::protocol::{ControlMode, Segment};

@@ -1,8 +1,8 @@
 //! The runs within a recording: as segments in its metadata, or as files.
 //!
-//! A run is a rest, a step and its release, or whatever else a protocol does
-//! between two times at rest. Runs begin where the telemetry's own set-point says
-//! so, so that lost lines and the delays of the link do not shift them.
+//! A run is a rest, a step and its release, or any other part of a protocol between two
+//! rests. The set-point in the telemetry gives the start of a run, so that lost lines and
+//! delays of the link do not shift it.
 
 use std::path::{Path, PathBuf};
 
