@@ -65,11 +65,6 @@ pub fn float(bits: u32) -> f32 {
     f32::from_bits(bits)
 }
 
-/// The bits of a number.
-pub fn setting_bits(number: f32) -> u32 {
-    number.to_bits()
-}
-
 impl Link {
     /// Asks for the state.
     ///

@@ -15,12 +15,9 @@ pub mod line;
 mod port;
 mod worker;
 
-pub(crate) use board::{Board, NotChanged, float, setting_bits};
-pub(crate) use client::{Counters, Event, Link, Received, Timing};
-pub(crate) use clock::{Break, Clock, Placed};
+pub(crate) use client::{Counters, Received};
+pub use client::{Event, Link, Timing};
+pub(crate) use clock::{Break, Clock};
 pub use error::LinkError;
-pub(crate) use heart::Silence;
-pub(crate) use port::{
-    BAUD, Channel, Connector, PERMISSION_ADVICE, PortFound, SerialConnector, is_pseudo_terminal,
-    ports,
-};
+pub use port::SerialConnector;
+pub(crate) use port::{PERMISSION_ADVICE, PortFound, is_pseudo_terminal, ports};
