@@ -11,9 +11,15 @@ pub mod design;
 pub mod homing;
 pub mod io;
 pub mod monitor;
-#[cfg(test)]
-#[allow(missing_docs, clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-mod plant;
+#[cfg(any(test, feature = "plant"))]
+#[doc(hidden)]
+#[allow(
+    missing_docs,
+    clippy::missing_panics_doc,
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss
+)]
+pub mod plant;
 pub mod probe;
 #[cfg_attr(test, allow(missing_docs, clippy::cast_possible_truncation))]
 pub mod ring;

@@ -301,46 +301,13 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
     use std::vec::Vec;
-
-    fn segments() -> impl Strategy<Value = Segment> {
-        let mode = prop::sample::select(
-            &[
-                ControlMode::Pressure,
-                ControlMode::AngleOpenLoop,
-                ControlMode::AngleClosedLoop,
-            ][..],
-        );
-        let level = (0..65_536).prop_map(Hundredths);
-        let ms = 1..=wire::protocol::MAX_DURATION_MS;
-        (mode, level.clone(), level, ms.clone(), ms, 0..6, 1..=100u8).prop_map(
-            |(mode, level, amplitude, period_ms, duration_ms, kind, times)| match kind {
-                0 => Segment::Step {
-                    mode,
-                    level,
-                    duration_ms,
-                },
-                1 => Segment::Ramp {
-                    mode,
-                    level,
-                    duration_ms,
-                },
-                2 => Segment::Multisine {
-                    mode,
-                    centre: level,
-                    amplitude,
-                    period_ms,
-                    duration_ms,
-                },
-                3 => Segment::Hold { duration_ms },
-                4 => Segment::Release { duration_ms },
-                _ => Segment::Repeat { from: 3, times },
-            },
-        )
-    }
+    use wire::{protocol::MAX_DURATION_MS, testing::segments};
 
     proptest! {
         #[test]
-        fn segments_are_kept_as_they_came(all in prop::collection::vec(segments(), 1..=32)) {
+        fn segments_are_kept_as_they_came(
+            all in prop::collection::vec(segments(0..65_536, 1..=MAX_DURATION_MS, 0..32), 1..=32),
+        ) {
             let mut memory = Memory::new();
             memory.clear(all.len() as u8);
             for (index, segment) in (0..).zip(&all) {

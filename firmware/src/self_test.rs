@@ -285,18 +285,8 @@ mod tests {
         input::Held,
         integrate::{Scheme, step},
     };
-    use std::{string::String, vec::Vec};
-
-    struct Text(String);
-
-    impl uWrite for Text {
-        type Error = core::convert::Infallible;
-
-        fn write_str(&mut self, text: &str) -> Result<(), Self::Error> {
-            self.0.push_str(text);
-            Ok(())
-        }
-    }
+    use std::vec::Vec;
+    use wire::testing::Text;
 
     #[derive(Default)]
     struct Recorder(Vec<Option<u8>>);
@@ -319,7 +309,7 @@ mod tests {
 
     #[test]
     fn every_line_is_sealed_and_the_last_one_says_so() {
-        let mut out = Text(String::new());
+        let mut out = Text::default();
         run(&mut out, &mut NoProbe);
         let texts: Vec<_> = out
             .0
@@ -357,7 +347,7 @@ mod tests {
     #[test]
     fn stretches_do_not_overlap() {
         let mut recorder = Recorder::default();
-        run(&mut Text(String::new()), &mut recorder);
+        run(&mut Text::default(), &mut recorder);
         assert!(recorder.0.len() >= 10);
         for pair in recorder.0.chunks(2) {
             assert!(matches!(pair, [Some(_), None]), "{:?}", recorder.0);

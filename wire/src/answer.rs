@@ -309,7 +309,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::line::tests::Text;
+    use crate::testing::Text;
 
     fn text(answer: &impl uDisplay) -> String {
         let mut out = Text::default();

@@ -265,8 +265,8 @@ mod tests {
     extern crate std;
     use super::*;
     use crate::decimal::Hundredths;
-    use crate::line::tests::{Text, sealed};
     use crate::protocol::ControlMode;
+    use crate::testing::{Text, sealed};
     use proptest::prelude::*;
     use std::{string::String, vec, vec::Vec};
 

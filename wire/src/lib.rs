@@ -23,3 +23,6 @@ pub mod state;
 pub mod step_report;
 pub mod stretch;
 pub mod telemetry;
+#[cfg(any(test, feature = "testing"))]
+#[doc(hidden)]
+pub mod testing;

@@ -177,38 +177,12 @@ pub(crate) fn trimmed(mut line: &[u8]) -> &[u8] {
 }
 
 #[cfg(test)]
-pub(crate) mod tests {
+mod tests {
     extern crate std;
-    use super::{LineError, Sealed, open};
+    use super::{LineError, open};
+    use crate::testing::sealed;
     use proptest::prelude::*;
     use std::{string::String, vec::Vec};
-    use ufmt::uWrite;
-
-    /// Text in memory.
-    #[derive(Default)]
-    pub(crate) struct Text(pub String);
-
-    impl uWrite for Text {
-        type Error = core::convert::Infallible;
-
-        fn write_str(&mut self, text: &str) -> Result<(), Self::Error> {
-            self.0.push_str(text);
-            Ok(())
-        }
-
-        // The one of the trait takes the address of memory that was never set.
-        fn write_char(&mut self, character: char) -> Result<(), Self::Error> {
-            self.write_str(character.encode_utf8(&mut [0; 4]))
-        }
-    }
-
-    pub(crate) fn sealed(text: &str) -> String {
-        let mut out = Text::default();
-        let mut line = Sealed::new(&mut out);
-        line.write_str(text).unwrap();
-        line.finish().unwrap();
-        out.0
-    }
 
     proptest! {
         #[test]

@@ -4,7 +4,7 @@
 //! The computer writes it and the board plays it. Both use this [`Playback`], so that the
 //! played run is the planned one.
 
-use micromath::F32Ext;
+use model_core::elementary;
 use ufmt::{uWrite, uwrite};
 
 use crate::{
@@ -461,7 +461,7 @@ fn multisine(cycles: f32) -> f32 {
     const SCALE: f32 = 0.39;
     let mut sum = 0.0;
     for (harmonic, phase) in HARMONICS.into_iter().zip(PHASES) {
-        sum += F32Ext::sin(TAU * (harmonic * cycles + phase));
+        sum += elementary::sin(TAU * (harmonic * cycles + phase));
     }
     SCALE * sum
 }
@@ -593,49 +593,12 @@ impl Named {
 mod tests {
     extern crate std;
     use super::*;
-    use crate::line::tests::Text;
+    use crate::testing::{self, Text};
     use proptest::prelude::*;
     use std::vec::Vec;
 
     fn segments() -> impl Strategy<Value = Segment> {
-        let mode = prop::sample::select(
-            &[
-                ControlMode::Pressure,
-                ControlMode::AngleOpenLoop,
-                ControlMode::AngleClosedLoop,
-            ][..],
-        );
-        let level = (-1_000_000..1_000_000).prop_map(Hundredths);
-        let ms = 1..=MAX_DURATION_MS;
-        prop_oneof![
-            (mode.clone(), level.clone(), ms.clone()).prop_map(|(mode, level, duration_ms)| {
-                Segment::Step {
-                    mode,
-                    level,
-                    duration_ms,
-                }
-            }),
-            (mode.clone(), level.clone(), ms.clone()).prop_map(|(mode, level, duration_ms)| {
-                Segment::Ramp {
-                    mode,
-                    level,
-                    duration_ms,
-                }
-            }),
-            (mode, level.clone(), level, ms.clone(), ms.clone()).prop_map(
-                |(mode, centre, amplitude, period_ms, duration_ms)| Segment::Multisine {
-                    mode,
-                    centre,
-                    amplitude,
-                    period_ms,
-                    duration_ms
-                }
-            ),
-            ms.clone()
-                .prop_map(|duration_ms| Segment::Hold { duration_ms }),
-            ms.prop_map(|duration_ms| Segment::Release { duration_ms }),
-            (0..32u8, 1..=MAX_REPEATS).prop_map(|(from, times)| Segment::Repeat { from, times }),
-        ]
+        testing::segments(-1_000_000..1_000_000, 1..=MAX_DURATION_MS, 0..32)
     }
 
     proptest! {

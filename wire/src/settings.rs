@@ -392,7 +392,7 @@ pub const fn effect_id(name: &str) -> u16 {
 mod tests {
     extern crate std;
     use super::*;
-    use crate::line::tests::Text;
+    use crate::testing::Text;
     use std::vec::Vec;
 
     #[test]

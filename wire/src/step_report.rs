@@ -118,9 +118,9 @@ impl core::error::Error for StepReportError {
 mod tests {
     extern crate std;
     use super::{StepReport, StepReportError};
-    use crate::line::{
-        LineError,
-        tests::{Text, sealed},
+    use crate::{
+        line::LineError,
+        testing::{Text, sealed},
     };
     use proptest::prelude::*;
 

@@ -213,7 +213,7 @@ impl core::error::Error for TelemetryError {
 mod tests {
     extern crate std;
     use super::*;
-    use crate::line::tests::Text;
+    use crate::testing::Text;
     use proptest::prelude::*;
     use std::string::String;
 
@@ -285,7 +285,7 @@ mod tests {
 
     #[test]
     fn a_sealed_line_of_another_kind_is_told_apart() {
-        let sealed = crate::line::tests::sealed;
+        let sealed = crate::testing::sealed;
         assert_eq!(
             Telemetry::parse(sealed("# hello").as_bytes()),
             Err(TelemetryError::OtherLine)

@@ -12,7 +12,7 @@ use std::{
 };
 
 use crate::{
-    bench,
+    bench, dist,
     shell::{Outcome, cargo, root, run, run_quietly, target_dir},
 };
 
@@ -101,7 +101,7 @@ fn build(profile: Profile, out: &Path) -> Outcome<PathBuf> {
         .arg(out);
     match profile {
         Profile::Dev => command.args(["--profile", "dev"]),
-        Profile::Release => command.args(["--release", "--strip"]),
+        Profile::Release => command.args(["--profile", dist::PROFILE, "--strip"]),
     };
     run(&mut command)?;
     match wheels(out).as_slice() {

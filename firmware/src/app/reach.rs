@@ -27,9 +27,10 @@ use wire::{
     command::{Command, MAX_LINE, Request},
     protocol::Segment,
     reply::Reply,
+    testing::Text,
 };
 
-use super::{tests::Text, *};
+use super::*;
 use crate::{io::Oversampled, probe::NoProbe};
 
 /// The longest sequence.

@@ -14,28 +14,11 @@ use wire::{
     line,
     protocol::{ControlMode, Named},
     reply::{Refusal, Reply},
+    testing::{Text, sealed, segments},
 };
 
 use super::*;
 use crate::{control::limit, design::PERIOD_S, plant::Plant, probe::NoProbe};
-
-/// Text in memory.
-#[derive(Default)]
-pub struct Text(pub String);
-
-impl uWrite for Text {
-    type Error = core::convert::Infallible;
-    fn write_str(&mut self, text: &str) -> Result<(), Self::Error> {
-        self.0.push_str(text);
-        Ok(())
-    }
-
-    // The one of the trait takes the address of memory that was never set.
-    fn write_char(&mut self, character: char) -> Result<(), Self::Error> {
-        self.0.push(character);
-        Ok(())
-    }
-}
 
 struct Memory {
     bytes: Vec<u8>,
@@ -365,7 +348,7 @@ fn who_it_is_and_how_it_is_are_machine_readable() {
         rig.ask(Command::Status).unwrap(),
         format!("i 0 0 0 0 {crc}")
     );
-    assert!(rig.say(&line_of("9 fly")).contains("A: 9 no 1"));
+    assert!(rig.say(&sealed("9 fly")).contains("A: 9 no 1"));
     assert!(rig.say("arm").contains("A: 0 no 2"));
     assert_eq!(rig.say("7 arm *0000"), "");
     rig.app.overlong();
@@ -382,14 +365,6 @@ fn who_it_is_and_how_it_is_are_machine_readable() {
     rig.wait(0.5);
     assert_eq!(rig.remarks[before..], HELP);
     rig.ask(Command::SelfTest).unwrap();
-}
-
-fn line_of(text: &str) -> String {
-    let mut out = Text::default();
-    let mut line = Sealed::new(&mut out);
-    line.write_str(text).unwrap();
-    line.finish().unwrap();
-    out.0
 }
 
 #[test]
@@ -613,45 +588,7 @@ fn what_the_sensors_show_at_rest_becomes_zero() {
 }
 
 fn commands() -> impl Strategy<Value = Command> {
-    use wire::protocol::Segment;
-    let mode = prop::sample::select(
-        &[
-            ControlMode::Pressure,
-            ControlMode::AngleOpenLoop,
-            ControlMode::AngleClosedLoop,
-        ][..],
-    );
-    let level = (0..20_000).prop_map(Hundredths);
-    let ms = 1..5_000_u32;
-    let segment = prop_oneof![
-        (mode.clone(), level.clone(), ms.clone()).prop_map(|(mode, level, duration_ms)| {
-            Segment::Step {
-                mode,
-                level,
-                duration_ms,
-            }
-        }),
-        (mode.clone(), level.clone(), ms.clone()).prop_map(|(mode, level, duration_ms)| {
-            Segment::Ramp {
-                mode,
-                level,
-                duration_ms,
-            }
-        }),
-        (mode, level.clone(), level, ms.clone(), ms.clone()).prop_map(
-            |(mode, centre, amplitude, period_ms, duration_ms)| Segment::Multisine {
-                mode,
-                centre,
-                amplitude,
-                period_ms,
-                duration_ms,
-            }
-        ),
-        ms.clone()
-            .prop_map(|duration_ms| Segment::Hold { duration_ms }),
-        ms.prop_map(|duration_ms| Segment::Release { duration_ms }),
-        Just(Segment::Repeat { from: 0, times: 2 }),
-    ];
+    let segment = segments(0..20_000, 1..=5_000, 0..2);
     let named = prop::sample::select(Named::ALL);
     let keys: Vec<Key> = Key::all().collect();
     prop_oneof![

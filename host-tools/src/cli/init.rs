@@ -13,7 +13,7 @@ use super::input::InputArgs;
 use super::output::{self, FileKind, Output};
 use crate::estimate::assemble::assemble;
 use crate::first_model::{
-    BASE, FirstModel, Geometry, authors_actuator, from_geometry, from_recordings,
+    BASE, FirstModel, Geometry, authors_actuator, from_geometry, from_recordings, next_steps,
 };
 use crate::io::error::{InputError, is_stream, write_atomically};
 use crate::io::model_file::{ModelFile, parameter_name, parameter_unit, to_file_units};
@@ -167,7 +167,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         return Ok(super::print(&text)?);
     }
     write_atomically(&known.output, text.as_bytes())?;
-    let next = first.next_steps(&known.recordings, &known.output);
+    let next = next_steps(&known.recordings, &known.output);
     Ok(super::print(&format!(
         "{summary}\nwritten: {}\n\n{}\n",
         known.output.display(),

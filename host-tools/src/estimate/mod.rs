@@ -18,23 +18,23 @@
 //! - [`mod@refit`] fits a model file.
 
 pub mod assemble;
-pub mod band;
+pub(crate) mod band;
 pub mod checkpoint;
-pub mod dataset;
-pub mod denoise;
-pub mod filter;
+pub(crate) mod dataset;
+pub(crate) mod denoise;
+pub(crate) mod filter;
 pub mod fit;
-pub mod horizon;
-pub mod information;
+pub(crate) mod horizon;
+pub(crate) mod information;
 mod normal;
-pub mod nuisance;
+pub(crate) mod nuisance;
 mod problem;
 pub mod refit;
-pub mod smooth;
+pub(crate) mod smooth;
 pub mod statistics;
-pub mod subsample;
+pub(crate) mod subsample;
 mod transform;
-pub mod usable;
+pub(crate) mod usable;
 
 pub use dataset::{Dataset, Segment, Session};
 pub use nuisance::Nuisance;

@@ -14,7 +14,7 @@ mod starts;
 pub mod statics;
 mod text;
 
-pub use text::short;
+pub use text::next_steps;
 
 use model_core::actuator::{Model, ParameterId};
 use model_core::dynamics::Dynamics;

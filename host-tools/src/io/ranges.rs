@@ -193,27 +193,6 @@ fn short(number: f64) -> String {
     }
 }
 
-/// The table as `docs/formats.md` shows it.
-pub fn page() -> String {
-    let mut text = String::from("| | unit | smallest | largest | |\n|---|---|---:|---:|---|\n");
-    let keys = KEYS.map(|range| (format!("`{}`", range.of), range));
-    let units = UNITS.map(|(_, range)| (format!("{} of effects", range.of), range));
-    for (of, range) in keys.into_iter().chain(units) {
-        let unit = if range.unit.is_empty() {
-            "–"
-        } else {
-            range.unit
-        };
-        text += &format!(
-            "| {of} | {unit} | {} | {} | {} |\n",
-            short(range.least).replace('-', "−"),
-            short(range.most).replace('-', "−"),
-            range.because
-        );
-    }
-    text
-}
-
 #[cfg(test)]
 mod tests {
     use std::path::Path;
@@ -224,6 +203,27 @@ mod tests {
     use crate::io::model_file::ModelFile;
     use crate::io::recording::{PASCAL_PER_KPA, Recording};
     use crate::sim::simulate::{InitialState, Signal, run, substeps};
+
+    /// The table as `docs/formats.md` shows it.
+    fn page() -> String {
+        let mut text = String::from("| | unit | smallest | largest | |\n|---|---|---:|---:|---|\n");
+        let keys = KEYS.map(|range| (format!("`{}`", range.of), range));
+        let units = UNITS.map(|(_, range)| (format!("{} of effects", range.of), range));
+        for (of, range) in keys.into_iter().chain(units) {
+            let unit = if range.unit.is_empty() {
+                "–"
+            } else {
+                range.unit
+            };
+            text += &format!(
+                "| {of} | {unit} | {} | {} | {} |\n",
+                short(range.least).replace('-', "−"),
+                short(range.most).replace('-', "−"),
+                range.because
+            );
+        }
+        text
+    }
 
     #[test]
     fn the_page_has_the_ranges_of_the_code() {

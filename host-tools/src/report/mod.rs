@@ -6,17 +6,17 @@
 //! [`correlation`], [`confidence`] gives the band of a curve, [`shares`] the explained share
 //! of the error, and [`equation`] sets equations.
 
-pub mod confidence;
+pub(crate) mod confidence;
 pub mod content;
-pub mod correlation;
-pub mod equation;
+pub(crate) mod correlation;
+pub(crate) mod equation;
 pub mod html;
-pub mod numbers;
+pub(crate) mod numbers;
 pub mod pictures;
 pub mod provenance;
-pub mod residuals;
+pub(crate) mod residuals;
 pub mod runs;
-pub mod shares;
+pub(crate) mod shares;
 pub mod terminal;
 
 use std::path::Path;

@@ -1,5 +1,5 @@
 //! The connection to a rig: link, recording and monitor.
 
 pub mod link;
-pub mod monitor;
-pub mod record;
+pub(crate) mod monitor;
+pub(crate) mod record;

@@ -36,11 +36,6 @@ pub const VARIABLES: [(&str, Variable); 4] = [
     ("t", Variable::Time),
 ];
 
-/// The unit of a variable in a formula.
-pub fn unit(variable: Variable) -> &'static str {
-    variable.unit().symbol()
-}
-
 const CONSTANTS: [(&str, f64); 1] = [("pi", std::f64::consts::PI)];
 
 const FUNCTIONS: [(&str, Unary); 9] = [

@@ -200,19 +200,23 @@ mod tests {
     use super::*;
     use model_core::dynamics::Dynamics;
 
+    const STIFFNESS: f64 = 6.0;
+    const INPUT_GAIN: f64 = 1.5e-4;
+
+    fn model() -> Model<f64> {
+        let dynamics = Dynamics {
+            inertia: 0.3,
+            damping: 2.0,
+            stiffness: STIFFNESS,
+            exponent: 2.0,
+            input_gain: INPUT_GAIN,
+        };
+        Model::new(dynamics, &[]).unwrap()
+    }
+
     #[test]
     fn what_boards_play_is_played_as_they_do() {
-        let model = Model::new(
-            Dynamics {
-                inertia: 0.3,
-                damping: 2.0,
-                stiffness: 6.0,
-                exponent: 2.0,
-                input_gain: 1.5e-4,
-            },
-            &[],
-        )
-        .unwrap();
+        let model = model();
         for &named in wire::protocol::Named::ALL {
             let protocol = ProtocolFile::named(named);
             let Play {
@@ -271,17 +275,7 @@ mod tests {
 
     #[test]
     fn pressure_settles_where_the_inverse_says() {
-        let model = Model::new(
-            Dynamics {
-                inertia: 0.3,
-                damping: 2.0,
-                stiffness: 6.0,
-                exponent: 2.0,
-                input_gain: 1.5e-4,
-            },
-            &[],
-        )
-        .unwrap();
+        let model = model();
         let step = Protocol::Step {
             angle: 1.0,
             hold: 3.0,
@@ -292,7 +286,7 @@ mod tests {
             .iter()
             .position(|t| (*t - REST_S - 2.9).abs() < 1e-9)
             .unwrap();
-        assert!((pressure[held] - 6.0 / 1.5e-4).abs() < 1.0);
+        assert!((pressure[held] - STIFFNESS / INPUT_GAIN).abs() < 1.0);
         assert!(pressure[0] == 0.0);
     }
 }

@@ -162,7 +162,7 @@ fn past(history: &[f64], newest: usize, back: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use host_tools::sim::simulate::{Signal, Start, run};
+    use host_tools::sim::simulate::{InitialState, Signal, run};
     use model_core::{
         catalogue::Kind,
         dynamics::Dynamics,
@@ -247,7 +247,7 @@ mod tests {
             // A drifting sensor shows a rate at rest.
             let rest = model.at_rest(0.0, 0.0);
             let later = State { time: DT, ..rest };
-            let start = Start {
+            let start = InitialState {
                 angle: model.reading(&rest),
                 rate: (model.reading(&later) - model.reading(&rest)) / DT,
             };

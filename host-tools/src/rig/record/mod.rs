@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 
 use wire::telemetry::Telemetry;
 
-pub use limits::{Advice, check_limits};
+pub use limits::check_limits;
 pub use meta::{About, Counts, Gap};
 pub use sheet::{COLUMNS, Sheet, line};
 pub use split::{Part, Step, parts, run_path, steps};

@@ -4,99 +4,36 @@
 //! it came from, and that says of each number where it is from; and it has to leave alone
 //! what is there.
 
-use std::path::PathBuf;
-
-use assert_cmd::Command;
 use host_tools::io::model_file::ModelFile;
 use host_tools::synth::example::{Hidden, make};
 use model_core::actuator::{Model, ParameterId};
 use model_core::catalogue::Kind;
 use model_core::dynamics::Dynamics;
 use predicates::prelude::*;
-use predicates::str::{contains, is_empty};
-use tempfile::TempDir;
+use predicates::str::contains;
 
-const HEADER: &str = "time_s,pressure_kpa,angle_deg\n";
+use super::common::{Bench, HEADER};
+use super::simulate::printed_error;
 
-/// A folder to run commands in.
-struct Bench(TempDir);
+/// A folder with the recordings of an example, and the model that it is of.
+fn with_example(hidden: Hidden, seed: u64) -> (Bench, Model<f64>) {
+    let bench = Bench::empty();
+    let example = make(hidden, 0.4, seed).unwrap();
+    example.write(bench.folder()).unwrap();
+    let truth = ModelFile::read(&bench.path("truth.toml")).unwrap().model;
+    // What `rig init` would find in its place.
+    std::fs::remove_file(bench.path("model.toml")).unwrap();
+    (bench, truth)
+}
 
-impl Bench {
-    fn new() -> Self {
-        Self(tempfile::tempdir().unwrap())
-    }
+fn model(bench: &Bench) -> ModelFile {
+    ModelFile::read(&bench.path("model.toml")).unwrap()
+}
 
-    /// With the recordings of an example in it, and the models that its owner believes in
-    /// and that it is.
-    fn with_example(hidden: Hidden, seed: u64) -> (Self, Model<f64>) {
-        let bench = Self::new();
-        let example = make(hidden, 0.4, seed).unwrap();
-        example.write(bench.0.path()).unwrap();
-        let truth = ModelFile::read(&bench.path("truth.toml")).unwrap().model;
-        // What `rig init` would find in its place.
-        std::fs::remove_file(bench.path("model.toml")).unwrap();
-        (bench, truth)
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.0.path().join(name)
-    }
-
-    fn put(&self, name: &str, text: &str) {
-        std::fs::write(self.path(name), text).unwrap();
-    }
-
-    fn text(&self, name: &str) -> String {
-        std::fs::read_to_string(self.path(name)).unwrap()
-    }
-
-    fn files(&self) -> Vec<PathBuf> {
-        let entries = std::fs::read_dir(self.0.path()).unwrap();
-        let mut paths: Vec<PathBuf> = entries.map(|entry| entry.unwrap().path()).collect();
-        paths.sort();
-        paths
-    }
-
-    fn rig(&self, arguments: &[&str]) -> Command {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_rig"));
-        command
-            .current_dir(self.0.path())
-            .env("RUST_BACKTRACE", "1")
-            .args(arguments);
-        command
-    }
-
-    /// Runs a command that has to end with 2, say all parts, and write nothing.
-    fn refuses(&self, arguments: &[&str], parts: &[&str]) {
-        let before = self.files();
-        let mut said = self.rig(arguments).assert().code(2).stdout(is_empty());
-        for part in parts {
-            said = said.stderr(contains(*part));
-        }
-        said.stderr(contains("panicked").not());
-        assert_eq!(before, self.files(), "{arguments:?}");
-    }
-
-    fn model(&self) -> ModelFile {
-        ModelFile::read(&self.path("model.toml")).unwrap()
-    }
-
-    /// What `rig simulate` says of the model's RMS error over a recording (°).
-    fn error_deg(&self, recording: &str) -> f64 {
-        let arguments = [
-            "simulate",
-            "--model",
-            "model.toml",
-            "--recording",
-            recording,
-        ];
-        let said = self.rig(&arguments).assert().success();
-        let text = String::from_utf8(said.get_output().stdout.clone()).unwrap();
-        let (_, after) = text
-            .split_once("RMS error against the recording: ")
-            .unwrap();
-        after.split('°').next().unwrap().parse().unwrap()
-    }
+/// What `rig simulate` says of the model's RMS error over a recording (°).
+fn error_deg(bench: &Bench, recording: &str) -> f64 {
+    let line = format!("simulate --model model.toml --recording {recording}");
+    printed_error(&bench.line(&line).assert().success())
 }
 
 /// A recording of a model of unit inertia under steps to several levels, in the file's units.
@@ -105,7 +42,7 @@ fn steps(dynamics: Dynamics<f64>, levels: &[f64]) -> String {
     const FINE: u32 = 20;
     /// Samples of a level.
     const SAMPLES: usize = 200;
-    let mut text = String::from("time_s,pressure_kpa,angle_deg\n");
+    let mut text = HEADER.to_owned();
     let (mut angle, mut rate) = (0.0_f64, 0.0_f64);
     for (k, level) in levels.iter().enumerate() {
         for sample in 0..SAMPLES {
@@ -125,9 +62,9 @@ fn steps(dynamics: Dynamics<f64>, levels: &[f64]) -> String {
 
 #[test]
 fn without_a_terminal_it_says_what_to_give() {
-    let bench = Bench::new();
-    bench.refuses(
-        &["init"],
+    let bench = Bench::empty();
+    bench.fails(
+        "init",
         &[
             "no terminal to ask on",
             "rig init --recording step.csv",
@@ -138,13 +75,12 @@ fn without_a_terminal_it_says_what_to_give() {
 
 #[test]
 fn a_beam_gives_stiffness_and_exponent_and_the_rest_is_a_guess() {
-    let bench = Bench::new();
+    let bench = Bench::empty();
     let beam = "init --material ecoflex-0030 --length-mm 94 --width-mm 30 --height-mm 24";
-    let beam: Vec<&str> = beam.split(' ').collect();
-    bench.rig(&beam).assert().success().stdout(
+    bench.line(beam).assert().success().stdout(
         contains("written: model.toml").and(contains("rig upload --port PORT --model model.toml")),
     );
-    let file = bench.model();
+    let file = model(&bench);
     let actuator = file.actuator.as_ref().unwrap();
     assert_eq!(actuator.material, "Ecoflex 00-30");
     // Without stiffness and exponent the reader would take the same from the material.
@@ -168,21 +104,21 @@ fn a_beam_gives_stiffness_and_exponent_and_the_rest_is_a_guess() {
     let mut edited = text.clone();
     edited.push_str("# mine\n");
     bench.put("model.toml", &edited);
-    bench.refuses(&beam, &["model.toml", "is there already", "--dry-run"]);
-    let dry = bench.rig(&beam).arg("--dry-run").assert().success();
+    bench.fails(beam, &["model.toml", "is there already", "--dry-run"]);
+    let dry = bench.line(beam).arg("--dry-run").assert().success();
     assert_eq!(String::from_utf8_lossy(&dry.get_output().stdout), text);
     assert_eq!(bench.text("model.toml"), edited);
 }
 
 #[test]
 fn without_anything_it_is_the_authors_actuator() {
-    let bench = Bench::new();
+    let bench = Bench::empty();
     bench
-        .rig(&["init", "--material", "none"])
+        .line("init --material none")
         .assert()
         .success()
         .stdout(contains("Nothing of this was measured on your rig"));
-    let file = bench.model();
+    let file = model(&bench);
     assert_eq!(file.actuator.unwrap().material, "Dragon Skin 20");
     assert!((file.model.dynamics().stiffness - 0.094).abs() < 5e-4);
     assert!(bench.text("model.toml").contains("for want of yours"));
@@ -190,7 +126,7 @@ fn without_anything_it_is_the_authors_actuator() {
 
 #[test]
 fn slips_of_the_command_line_are_refused_with_a_remedy() {
-    let bench = Bench::new();
+    let bench = Bench::empty();
     bench.put(
         "step.csv",
         "time_s,pressure_kpa,angle_deg\n0,1,2\n0.1,1,nan\n",
@@ -231,8 +167,7 @@ fn slips_of_the_command_line_are_refused_with_a_remedy() {
         ),
         ("--material none -o no/such/m.toml", &["there is no folder"]),
     ] {
-        let arguments: Vec<&str> = ["init"].into_iter().chain(line.split(' ')).collect();
-        bench.refuses(&arguments, parts);
+        bench.fails(&format!("init {line}"), parts);
     }
 }
 
@@ -240,13 +175,12 @@ fn slips_of_the_command_line_are_refused_with_a_remedy() {
 /// the scale that nothing determines.
 #[test]
 fn what_hides_nothing_is_identified() {
-    let (bench, truth) = Bench::with_example(Hidden::Nothing, 5);
+    let (bench, truth) = with_example(Hidden::Nothing, 5);
     let files = ["step30_1", "step60_1", "step90_1", "staircase"]
         .map(|name| format!("recordings/{name}.csv"));
-    let mut arguments = vec!["init", "--recording"];
-    arguments.extend(files.iter().map(String::as_str));
-    bench.rig(&arguments).assert().success();
-    let file = bench.model();
+    let line = format!("init --recording {}", files.join(" "));
+    bench.line(&line).assert().success();
+    let file = model(&bench);
     let (found, truth) = (file.model.dynamics(), truth.dynamics());
     assert!(
         (found.exponent / truth.exponent - 1.0).abs() < 0.05,
@@ -266,7 +200,7 @@ fn what_hides_nothing_is_identified() {
         assert!((found / truth - 1.0).abs() < 0.1, "{found} {truth}");
     }
     // Nothing is left but noise of 0.4°, also where it was not fitted.
-    assert!(bench.error_deg("recordings/triangle.csv") < 0.6);
+    assert!(error_deg(&bench, "recordings/triangle.csv") < 0.6);
     let text = bench.text("model.toml");
     for part in [
         "# stiffness K; fitted; 95 % interval",
@@ -287,10 +221,13 @@ fn one_step_is_enough_to_follow_it() {
         (Kind::CoulombFriction, 3),
         (Kind::Gravity, 4),
     ] {
-        let (bench, _) = Bench::with_example(Hidden::Effect(kind), seed);
+        let (bench, _) = with_example(Hidden::Effect(kind), seed);
         let step = "recordings/step60_1.csv";
-        bench.rig(&["init", "--recording", step]).assert().success();
-        let error = bench.error_deg(step);
+        bench
+            .line(&format!("init --recording {step}"))
+            .assert()
+            .success();
+        let error = error_deg(&bench, step);
         // A step to 60° scatters by 20° to 30° about its mean.
         assert!(error < 4.0, "{kind:?}: {error}°");
     }
@@ -299,7 +236,7 @@ fn one_step_is_enough_to_follow_it() {
 /// Volts to revolutions: far from an actuator in every unit, and of the other sign.
 #[test]
 fn a_motor_in_other_units_is_identified() {
-    let bench = Bench::new();
+    let bench = Bench::empty();
     let motor = Dynamics {
         inertia: 1.0,
         damping: 18.0,
@@ -308,12 +245,13 @@ fn a_motor_in_other_units_is_identified() {
         input_gain: -0.02,
     };
     let volts = [0.0, 3.0, 6.0, -4.0, 0.0];
-    bench.put("motor.csv", &steps(motor, &volts));
+    bench.put("motor.csv", steps(motor, &volts));
     bench
-        .rig(&["init", "--recording", "motor.csv", "--name", "motor \"A\""])
+        .line("init --recording motor.csv --name")
+        .arg("motor \"A\"")
         .assert()
         .success();
-    let file = bench.model();
+    let file = model(&bench);
     assert_eq!(file.name, "motor \"A\"");
     let found = file.model.dynamics();
     assert!((found.exponent - 1.0).abs() < 1e-12, "{found:?}");
@@ -331,10 +269,9 @@ fn a_motor_in_other_units_is_identified() {
         format!("{:.0},{rest}\n", time.parse::<f64>().unwrap() * 1e3)
     });
     let rows: String = rows.collect();
-    bench.put("ms.csv", &format!("time_s,pressure_kpa,angle_deg\n{rows}"));
-    let arguments = "init --recording ms.csv --time-in ms -o ms.toml";
-    let arguments: Vec<&str> = arguments.split(' ').collect();
-    bench.rig(&arguments).assert().success();
+    bench.put("ms.csv", HEADER.to_owned() + &rows);
+    let line = "init --recording ms.csv --time-in ms -o ms.toml";
+    bench.line(line).assert().success();
     let again = ModelFile::read(&bench.path("ms.toml")).unwrap();
     let ratio = again.model.dynamics().stiffness / found.stiffness;
     assert!((ratio - 1.0).abs() < 1e-3, "{ratio}");
@@ -343,43 +280,37 @@ fn a_motor_in_other_units_is_identified() {
 /// A free swing has no input whose gain could be known.
 #[test]
 fn a_free_swing_has_no_input_gain() {
-    let bench = Bench::new();
+    let bench = Bench::empty();
     let rows = (0..1_000).map(|k| {
         let time = f64::from(k) * 0.01;
         let angle = 12.0 * (-0.1 * time).exp() * (5.0 * time).cos();
         format!("{time:.2},0,{angle:.4}\n")
     });
-    bench.put(
-        "swing.csv",
-        &(HEADER.to_owned() + &rows.collect::<String>()),
-    );
+    bench.put("swing.csv", HEADER.to_owned() + &rows.collect::<String>());
     bench
-        .rig(&["init", "--recording", "swing.csv"])
+        .line("init --recording swing.csv")
         .assert()
         .success()
         .stderr(contains("the input is zero all the time"));
-    let file = bench.model();
+    let file = model(&bench);
     assert!(!file.free.contains(&ParameterId::InputGain));
     let stiffness = file.model.dynamics().stiffness;
     assert!((stiffness / 25.0 - 1.0).abs() < 0.02, "{stiffness}");
-    assert!(bench.error_deg("swing.csv") < 0.3);
+    assert!(error_deg(&bench, "swing.csv") < 0.3);
 }
 
 /// What is no rig of second order is said to be none.
 #[test]
 fn noise_is_not_explained() {
-    let bench = Bench::new();
+    let bench = Bench::empty();
     let mut state = 1_u32;
     let rows = (0..600).map(|k| {
         state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
         format!("{:.2},{},{}\n", f64::from(k) * 0.01, k / 100, state >> 26)
     });
-    bench.put(
-        "noise.csv",
-        &(HEADER.to_owned() + &rows.collect::<String>()),
-    );
+    bench.put("noise.csv", HEADER.to_owned() + &rows.collect::<String>());
     bench
-        .rig(&["init", "--recording", "noise.csv"])
+        .line("init --recording noise.csv")
         .assert()
         .success()
         .stderr(contains("explains little of the motion").and(contains("panicked").not()));
@@ -413,7 +344,7 @@ fn converse(bench: &Bench, dialogue: &[(&str, &str)]) -> Option<i32> {
     tcsetattr(&keyboard, OptionalActions::Now, &modes).unwrap();
     let slave = || Stdio::from(open());
     let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_rig"))
-        .current_dir(bench.0.path())
+        .current_dir(bench.folder())
         .arg("init")
         .env("TERM", "xterm")
         .stdin(slave())
@@ -440,7 +371,7 @@ fn converse(bench: &Bench, dialogue: &[(&str, &str)]) -> Option<i32> {
 #[cfg(unix)]
 #[test]
 fn on_a_terminal_it_asks() {
-    let (bench, _) = Bench::with_example(Hidden::Nothing, 5);
+    let (bench, _) = with_example(Hidden::Nothing, 5);
     let code = converse(
         &bench,
         &[
@@ -453,19 +384,19 @@ fn on_a_terminal_it_asks() {
         ],
     );
     assert_eq!(code, Some(0));
-    assert!(bench.error_deg("recordings/staircase.csv") < 0.6);
+    assert!(error_deg(&bench, "recordings/staircase.csv") < 0.6);
 }
 
 #[cfg(unix)]
 #[test]
 fn who_gives_up_leaves_no_trace() {
-    let bench = Bench::new();
+    let bench = Bench::empty();
     for (keys, code) in [("\u{1b}", 0), ("\u{3}", 130)] {
         let dialogue = [
             ("> another material, or none", keys),
             ("nothing was written", ""),
         ];
         assert_eq!(converse(&bench, &dialogue), Some(code), "{keys:?}");
-        assert!(bench.files().is_empty());
+        assert!(bench.contents().is_empty());
     }
 }

@@ -4,14 +4,14 @@
 //! The files in `data/` were written by the programs whose names they have: scipy, pyarrow
 //! and the recorder of ROS 2.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use assert_cmd::Command;
 use host_tools::io::columns::{Columns, Layout, Names};
 use host_tools::io::recording::Recording;
 use predicates::prelude::*;
 use predicates::str::contains;
-use tempfile::TempDir;
+
+use super::common::{Bench, MODEL};
 
 fn layout(columns: &str, units: &str) -> Layout {
     Layout {
@@ -98,67 +98,6 @@ fn a_bag_of_ros_2_is_read_at_the_times_of_the_angle() {
     );
 }
 
-// ---- the command line ----
-
-const MODEL: &str = r"schema = 1
-
-[dynamics]
-inertia_kg_m = 0.36
-damping_n_s_per_rad = 0.913
-stiffness_n_per_rad_n = 4.2
-exponent = 1.727
-input_gain_n_per_kpa = 0.12
-";
-
-struct Bench(TempDir);
-
-impl Bench {
-    fn new() -> Self {
-        let bench = Self(tempfile::tempdir().unwrap());
-        bench.put("m.toml", MODEL);
-        bench
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.0.path().join(name)
-    }
-
-    fn put(&self, name: &str, content: impl AsRef<[u8]>) {
-        std::fs::write(self.path(name), content).unwrap();
-    }
-
-    fn text(&self, name: &str) -> String {
-        std::fs::read_to_string(self.path(name)).unwrap()
-    }
-
-    /// `rig` with a command line without quotes.
-    fn line(&self, line: &str) -> Command {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_rig"));
-        command
-            .current_dir(self.0.path())
-            .env("RUST_BACKTRACE", "1")
-            .args(line.split_whitespace());
-        command
-    }
-
-    fn prints(&self, line: &str) -> String {
-        let assert = self.line(line).assert().success();
-        String::from_utf8_lossy(&assert.get_output().stdout).into_owned()
-    }
-
-    fn refuses(&self, line: &str, parts: &[&str]) -> String {
-        let assert = self.line(line).assert().code(2);
-        let said = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
-        for part in parts {
-            assert!(
-                said.contains(part),
-                "`rig {line}` does not say {part:?}: {said}"
-            );
-        }
-        said
-    }
-}
-
 /// A step in the units of a laboratory: ms, psi and rad.
 fn foreign(header: &str) -> String {
     let rows = (0..200).map(|k| {
@@ -174,7 +113,7 @@ fn the_suggested_flags_read_the_file() {
     let bench = Bench::new();
     bench.put("lab.csv", foreign("t_ms,p_psi,theta_rad"));
     let compare = "compare --model m.toml lab.csv";
-    let said = bench.refuses(compare, &["lab.csv, line 1, column time_s"]);
+    let said = bench.fails(compare, &["lab.csv, line 1, column time_s"]);
     let flags = said
         .split_once("add ")
         .and_then(|(_, rest)| rest.split_once(", or say so"))
@@ -195,7 +134,7 @@ units = { time = \"ms\", pressure = \"psi\", angle = \"rad\" }
     // A flag wins.
     bench.put("new.csv", foreign("t_ms,p_psi,theta"));
     let other = "compare --model m.toml new.csv";
-    bench.refuses(other, &["new.csv, line 1, column theta_rad"]);
+    bench.fails(other, &["new.csv, line 1, column theta_rad"]);
     assert_eq!(
         bench.prints(&format!("{other} --columns angle=theta")),
         by_flags.replace("lab", "new")
@@ -209,29 +148,29 @@ fn faults_of_the_section_recording_are_refused_with_their_place() {
     for (section, parts) in [
         (
             "columns = \"t\"",
-            ["line 10, column 11", "columns is no table"],
+            ["line 18, column 11", "columns is no table"],
         ),
         (
             "columns = { t = \"t\" }",
-            ["line 10, column 17", "none of time"],
+            ["line 18, column 17", "none of time"],
         ),
         (
             "units = { pressure = \"V\" }",
-            ["line 10, column 22", "kpa, psi"],
+            ["line 18, column 22", "kpa, psi"],
         ),
         (
             "units = { pressure = 3 }",
-            ["line 10, column 22", "not in quotes"],
+            ["line 18, column 22", "not in quotes"],
         ),
-        ("absolute_pressure_kpa = 200", ["line 10", "from 0 to 110"]),
+        ("absolute_pressure_kpa = 200", ["line 18", "from 0 to 110"]),
         (
             "flip_angle = 1",
-            ["line 10, column 14", "neither true nor false"],
+            ["line 18, column 14", "neither true nor false"],
         ),
-        ("unit = {}", ["line 10, column 1", "has no key unit"]),
+        ("unit = {}", ["line 18, column 1", "has no key unit"]),
     ] {
         bench.put("m.toml", format!("{MODEL}[recording]\n{section}\n"));
-        bench.refuses("compare --model m.toml lab.csv", &parts);
+        bench.fails("compare --model m.toml lab.csv", &parts);
     }
 }
 
@@ -266,7 +205,7 @@ fn a_recording_is_converted_there_and_back_with_its_metadata() {
         assert_eq!(bench.text("back/run.csv"), RECORDED, "{format}");
         assert_eq!(bench.text("back/run.meta.toml"), META, "{format}");
         // What was recorded is never replaced.
-        bench.refuses(&folder, &["is a recording that exists"]);
+        bench.fails(&folder, &["is a recording that exists"]);
         for file in ["back/run.csv", "back/run.meta.toml"] {
             std::fs::remove_file(bench.path(file)).unwrap();
         }
@@ -276,7 +215,7 @@ fn a_recording_is_converted_there_and_back_with_its_metadata() {
     bench.prints("convert run.csv -o run.mcap");
     assert_eq!(bench.text("run.meta.toml"), META);
     bench.put("kept.meta.toml", "protocol = \"other\"\n");
-    bench.refuses(
+    bench.fails(
         "convert run.csv -o kept.csv",
         &["kept.meta.toml", "never replaced"],
     );
@@ -291,7 +230,7 @@ fn a_recording_is_converted_there_and_back_with_its_metadata() {
         ("convert run.csv -o m.toml", "end it in .csv"),
         ("convert m.toml -o m.csv", "m.toml"),
     ] {
-        bench.refuses(line, &[part]);
+        bench.fails(line, &[part]);
     }
 }
 
@@ -313,7 +252,7 @@ fn a_damaged_recording_of_any_format_is_refused_without_a_panic() {
             let said = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
             assert!(!said.contains("panicked"), "{said}");
             if damaged == cut {
-                bench.refuses("compare --model m.toml bad", &["bad", "copy it again"]);
+                bench.fails("compare --model m.toml bad", &["bad", "copy it again"]);
             }
         }
     }

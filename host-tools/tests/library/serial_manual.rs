@@ -5,7 +5,7 @@ use wire::command::Request;
 use wire::fault::Fault;
 use wire::reply::Refusal;
 
-const MANUAL: &str = include_str!("../../docs/serial.md");
+const MANUAL: &str = include_str!("../../../docs/serial.md");
 
 fn examples(mark: &str) -> Vec<&'static str> {
     MANUAL

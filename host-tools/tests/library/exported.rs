@@ -22,6 +22,9 @@ use tempfile::TempDir;
 /// Set where a missing program is a failure.
 const REQUIRED: &str = "SOFTRIG_EXPORT_TOOLS";
 
+/// Python without what the user's surroundings add to it.
+const ISOLATED: &str = "-I";
+
 /// How far an exported run may be from the library's, absolute in degrees and relative.
 const NEAR: f64 = 1e-9;
 
@@ -369,7 +372,7 @@ fn python_repeats_the_library() {
         let csv = output(
             Command::new(&python)
                 .current_dir(folder)
-                .args(["exported.py", "run.csv"])
+                .args([ISOLATED, "exported.py", "run.csv"])
                 .args(flags(&recorded.defaults)),
         );
         angles(&csv)
@@ -390,7 +393,7 @@ fn matlab_code_repeats_the_library_in_octave() {
             .collect();
         let text = output(Command::new(&octave).current_dir(folder).args([
             "--quiet",
-            "--no-init-file",
+            "--norc",
             "--eval",
             &format!(
                 "run = dlmread('run.csv', ',', 1, 0); \
@@ -498,14 +501,14 @@ fn names_do_not_leave_their_comments() {
                 let Some(python) = program("python3", true) else {
                     continue;
                 };
-                let arguments = ["exported.py", "run.csv"];
+                let arguments = [ISOLATED, "exported.py", "run.csv"];
                 output(Command::new(python).current_dir(&folder).args(arguments));
             }
             Language::Matlab => {
                 let Some(octave) = program("octave-cli", false) else {
                     continue;
                 };
-                let arguments = ["--quiet", "--eval", "exported(0:2, [1, 2, 3])"];
+                let arguments = ["--quiet", "--norc", "--eval", "exported(0:2, [1, 2, 3])"];
                 output(Command::new(octave).current_dir(&folder).args(arguments));
             }
             Language::Modelica => {}
@@ -537,7 +540,7 @@ fn programs_refuse_what_is_no_recording() {
         let code = export(&file, Language::Python, "exported", Defaults::default()).unwrap();
         fs::write(folder.path().join("exported.py"), code).unwrap();
         let mut command = Command::new(python);
-        command.arg(folder.path().join("exported.py"));
+        command.arg(ISOLATED).arg(folder.path().join("exported.py"));
         programs.push(command);
     }
     let path = folder.path().join("bad.csv");

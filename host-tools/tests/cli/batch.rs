@@ -1,0 +1,103 @@
+//! `rig diagnose --batch`: many cases, shared between jobs.
+
+use predicates::prelude::*;
+use predicates::str::contains;
+use serde_json::Value;
+
+use super::common::{Bench, stdout};
+
+/// Two cases in two jobs of an array, one of them at fault, and a third call that collects:
+/// what is there is not diagnosed again, what failed is tried again.
+#[test]
+fn a_batch_is_shared_resumed_and_collected() {
+    let bench = Bench::with_example("coulomb_friction", "0.1");
+    let recordings: Vec<String> = std::fs::read_dir(bench.path("demo/recordings"))
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .filter(|path| path.extension().is_some_and(|it| it == "csv"))
+        .map(|path| format!("recordings/{}", path.file_name().unwrap().display()))
+        .collect();
+    let good = recordings.join(";");
+    bench.put(
+        "demo/cases.csv",
+        format!("case,model,recordings\nfirst,model.toml,{good}\nsecond,model.toml,lost.csv\n"),
+    );
+    let batch = "diagnose --batch demo/cases.csv -o out";
+    bench
+        .line(&format!("{batch} --share 0/2"))
+        .assert()
+        .success()
+        .stdout(contains("1/1 first  effect_found: coulomb_friction"));
+    assert!(!bench.path("out/results.parquet").exists());
+    let before = bench.contents();
+    bench
+        .line(&format!("{batch} --share 1/2"))
+        .assert()
+        .failure()
+        .stderr(contains("1 of 1 cases could not be diagnosed"));
+    assert!(bench.text("out/second/error.txt").contains("lost.csv"));
+
+    std::fs::copy(
+        bench.path("demo").join(&recordings[0]),
+        bench.path("demo/lost.csv"),
+    )
+    .unwrap();
+    bench
+        .line(batch)
+        .assert()
+        .success()
+        .stdout(contains("first   effect_found: coulomb_friction (known)"))
+        .stdout(contains("2 cases in"));
+    let after = bench.contents();
+    for file in ["verdict.json", "repaired.toml", "inputs.sha256"] {
+        let of = |name: &str| bench.path("out").join(name).join(file);
+        assert_eq!(before[&of("first")], after[&of("first")]);
+        assert!(after.contains_key(&of("second")), "{file}");
+    }
+    assert!(!bench.path("out/second/error.txt").exists());
+    assert!(bench.path("out/results.parquet").exists());
+
+    // Another model is another case.
+    bench.put("demo/model.toml", bench.text("demo/model.toml") + "\n");
+    bench
+        .line(&format!("{batch} --share 0/2"))
+        .assert()
+        .success()
+        .stdout(contains("known").not());
+}
+
+/// Each case has the whole budget, and tries the user's own effects.
+#[test]
+fn a_batch_takes_effects_and_a_budget_for_each_case() {
+    let bench = Bench::with_example("coulomb_friction", "0.1");
+    let runs = "recordings/step60_1.csv;recordings/triangle.csv";
+    bench.put(
+        "demo/cases.csv",
+        format!("case,model,recordings\nfirst,model.toml,{runs}\nsecond,model.toml,{runs}\n"),
+    );
+    bench.put(
+        "mine.toml",
+        "schema = 1\n[[effect]]\nkind = \"custom\"\nname = \"wave\"\nforce = \"a*sin(3*th)\"\n\
+         parameters = { a = { value = 0.01, min = 0.0, unit = \"N\" } }\n",
+    );
+    let batch = "diagnose --batch demo/cases.csv -o out --effects mine.toml --budget";
+    bench.line(&format!("{batch} 0s")).assert().success();
+    for case in ["first", "second"] {
+        let verdict: Value =
+            serde_json::from_str(&bench.text(&format!("out/{case}/verdict.json"))).unwrap();
+        assert_eq!(verdict["ended"], "budget", "{case}");
+        let left = verdict["not_tried"].as_array().unwrap();
+        assert!(left.contains(&"wave".into()), "{case}: {left:?}");
+    }
+    let again = |budget: &str| {
+        let assert = bench.line(&format!("{batch} {budget}")).assert().success();
+        stdout(&assert).matches("(known").count()
+    };
+    assert_eq!(again("0s"), 2);
+    // Effects and budget are part of what results are of.
+    bench.put("mine.toml", bench.text("mine.toml") + "\n");
+    assert_eq!(again("0s"), 0);
+    assert_eq!(again("1ms"), 0);
+    bench.put("mine.toml", "schema = 1\n");
+    bench.refuses(&format!("{batch} 0s"), &["mine.toml", "has no effect"]);
+}

@@ -1,0 +1,77 @@
+//! `rig export`.
+
+use predicates::str::{contains, is_match};
+
+use super::common::{Bench, MODEL};
+
+#[test]
+fn a_model_is_exported_and_may_replace_what_was_exported() {
+    let bench = Bench::new();
+    for (language, extension, says) in [
+        ("c", "c", "softrig_run"),
+        ("python", "py", "def simulate"),
+        ("matlab", "m", "function angle_deg = finger("),
+        ("modelica", "mo", "package finger"),
+    ] {
+        let line = format!("export --model m.toml --to {language} -o finger.{extension}");
+        for _ in 0..2 {
+            bench
+                .line(&line)
+                .assert()
+                .success()
+                .stdout(contains("written: finger"));
+        }
+        let code = bench.text(&format!("finger.{extension}"));
+        assert!(
+            code.contains(says) && code.contains("coulomb_friction"),
+            "{language}"
+        );
+        assert!(code.contains("bench actuator"), "{language}");
+        bench
+            .line(&format!("export --model m.toml --to {language}"))
+            .assert()
+            .success()
+            .stdout(contains("0.913"));
+    }
+}
+
+#[test]
+fn an_export_starts_as_a_recording_does() {
+    let bench = Bench::with_example("none", "0.2");
+    bench
+        .line("export --model demo/truth.toml --to python --recording demo/recordings/triangle.csv")
+        .assert()
+        .success()
+        .stdout(is_match(r"(?m)^START_DEG = -?[0-9.e-]+$").unwrap())
+        .stdout(is_match(r"(?m)^LARGEST_ANGLE_DEG = (8|9)[0-9.]+$").unwrap());
+}
+
+#[test]
+fn an_export_replaces_nothing_else() {
+    let bench = Bench::new();
+    bench.put("mine.c", "int main(void) { return 0; }\n");
+    bench.refuses(
+        "export --model m.toml --to c -o mine.c",
+        &["mine.c: is something else", "-o exported.c"],
+    );
+    bench.refuses(
+        "export --model m.toml --to c -o good.csv",
+        &["good.csv: is a recording"],
+    );
+    bench.refuses(
+        "export --model m.toml --to c -o m.toml",
+        &["m.toml: is read by this command"],
+    );
+    bench.refuses(
+        "export --model m.toml --to matlab -o 2-fingers.m",
+        &[
+            "2-fingers.m: is no name of a MATLAB function",
+            "-o model_2_fingers.m",
+        ],
+    );
+    bench.put("warp.toml", MODEL.replace("coulomb_friction", "warp_drive"));
+    bench.refuses(
+        "export --model warp.toml --to c -o warp.c",
+        &["warp.toml, line 15", "not a known kind of effect"],
+    );
+}

@@ -1,0 +1,172 @@
+//! Model files at fault.
+
+use super::common::{Bench, MODEL};
+
+/// Commands that read a model, with everything that they could write.
+const MODEL_READERS: [&str; 4] = [
+    "simulate --model bad.toml --protocol step -o out.csv --plot out.svg",
+    "fit --model bad.toml good.csv -o out.toml",
+    "compare --model m.toml --model bad.toml good.csv -o out.csv",
+    "diagnose --model bad.toml good.csv other.csv --json out.json --plot out.svg -o out.toml",
+];
+
+#[test]
+fn faults_of_a_model_are_refused_with_their_place() {
+    let bench = Bench::new();
+    let cases: [(&str, &str, &[&str]); 12] = [
+        (
+            "schema = 1",
+            "schema = 7",
+            &["line 1, column 10", "schema is 7", "reads schema 1"],
+        ),
+        (
+            "schema = 1\n",
+            "",
+            &["has no schema number", "`schema = 1`"],
+        ),
+        ("= 0.913", "= ", &["line 6", "correct the TOML"]),
+        (
+            "coulomb_friction",
+            "colomb_friction",
+            &[
+                "line 15, column 8",
+                "colomb_friction",
+                "not a known kind",
+                "coulomb_friction",
+            ],
+        ),
+        (
+            "= 4.2",
+            "= -4.2",
+            &[
+                "line 7, column 25",
+                "stiffness_n_per_rad_n = -4.2 must not be negative",
+                "give a value from 0 to 1e12 N/radⁿ",
+            ],
+        ),
+        (
+            "= 1.727",
+            "= 0",
+            &[
+                "line 8, column 12",
+                "exponent = 0 must be above zero",
+                "give a value from 0.01 to 20",
+            ],
+        ),
+        (
+            "= 1.727",
+            "= -2",
+            &[
+                "line 8, column 12",
+                "exponent = -2 must be above zero",
+                "give a value from 0.01 to 20",
+            ],
+        ),
+        (
+            "= 0.36",
+            "= nan",
+            &["line 5, column 16", "inertia_kg_m = nan", "finite"],
+        ),
+        (
+            "\"stiffness\"",
+            "\"stifness\"",
+            &[
+                "line 12, column 20",
+                "\"stifness\"",
+                "does not have",
+                "use any of: inertia, damping, stiffness",
+            ],
+        ),
+        (
+            "\"stiffness\"",
+            "\"gravity.force_n\"",
+            &[
+                "line 12, column 20",
+                "\"gravity.force_n\"",
+                "coulomb_friction.force_n",
+            ],
+        ),
+        (
+            "force_n = 0.02",
+            "force_n = -0.02",
+            &["line 16, column 11", "outside", "give a value from"],
+        ),
+        (
+            "[dynamics]",
+            "[dynamic]",
+            &["line 4", "no key dynamic", "dynamics"],
+        ),
+    ];
+    for (from, to, parts) in cases {
+        assert!(MODEL.contains(from), "{from:?} is not in the model");
+        bench.put("bad.toml", MODEL.replacen(from, to, 1));
+        for command in MODEL_READERS {
+            bench.refuses(command, &[&["bad.toml"], parts].concat());
+        }
+    }
+}
+
+#[test]
+fn models_that_are_not_there_are_refused() {
+    let bench = Bench::new();
+    bench.put("bad.toml", "");
+    for command in MODEL_READERS {
+        bench.refuses(command, &["bad.toml", "is empty", "rig init"]);
+    }
+    std::fs::remove_file(bench.path("bad.toml")).unwrap();
+    for command in MODEL_READERS {
+        bench.refuses(command, &["bad.toml", "No such file", "check the path"]);
+    }
+}
+
+#[test]
+fn numbers_that_no_rig_has_are_refused_with_their_range() {
+    let bench = Bench::new();
+    for (from, to, parts) in [
+        (
+            "= 4.2",
+            "= 1e308",
+            [
+                "line 7, column 25",
+                "stiffness_n_per_rad_n = 1e308",
+                "from 0 to 1e12 N/radⁿ",
+            ],
+        ),
+        (
+            "= 1.727",
+            "= 1e308",
+            ["line 8, column 12", "exponent = 1e308", "from 0.01 to 20"],
+        ),
+        (
+            "= 0.36",
+            "= 1e-300",
+            [
+                "line 5, column 16",
+                "inertia_kg_m = 1e-300",
+                "from 1e-9 to 1e9 kg·m",
+            ],
+        ),
+        (
+            "= 0.12",
+            "= -1e308",
+            [
+                "line 9, column 24",
+                "input_gain_n_per_kpa = -1e308",
+                "from -1e9 to 1e9 N/kPa",
+            ],
+        ),
+        (
+            "force_n = 0.02",
+            "force_n = 1e308",
+            ["line 16, column 11", "force_n = 1e308", "from 0 to 1e12 N"],
+        ),
+    ] {
+        bench.put("wild.toml", MODEL.replace(from, to));
+        for line in [
+            "simulate --model wild.toml --recording good.csv -o out.csv",
+            "diagnose --model wild.toml good.csv -o out.toml",
+        ] {
+            bench.refuses(line, &[&["wild.toml"][..], &parts].concat());
+        }
+    }
+}
