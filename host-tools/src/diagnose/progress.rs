@@ -24,7 +24,7 @@ use super::family::{Family, title};
 use super::measure::Measured;
 use super::policy::Policy;
 use super::selection::names;
-use crate::report::numbers::{degrees, percent};
+use crate::numbers::{degrees, percent};
 
 /// Counts the work of a diagnosis. Any thread may report.
 #[derive(Debug)]

@@ -22,10 +22,11 @@ use model_core::catalogue::Effect;
 use serde::Serialize;
 
 use self::physics::Physics;
-use self::print::{Printer, Syntax, number};
+use self::print::{Printer, Syntax};
 use self::trace::{Binary, Expression, Id, TooManyBranches, Unary};
 use crate::io::model_file::{ModelFile, node_in_file};
 use crate::io::terminal::printable_line;
+use crate::numbers::exact;
 use crate::sim::simulate;
 
 /// What every exported file says in its header.
@@ -311,7 +312,7 @@ impl Source<'_> {
             }),
             delay: physics.delay.map(|delay| self.expression(syntax, delay)),
             shown_at_rest: self.expression(syntax, physics.shown_at_rest),
-            start_deg: defaults.start_deg.map(number),
+            start_deg: defaults.start_deg.map(exact),
             about_defaults: if defaults.start_deg.is_some() {
                 "Start and zeros with which the model comes nearest to a recording."
             } else {
@@ -329,14 +330,14 @@ impl Source<'_> {
             },
             n: Numbers {
                 most_substeps: simulate::MOST_SUBSTEPS,
-                angle_a_step: number(simulate::Grain::Fine.angle_a_step()),
-                slow: number(simulate::SLOW),
-                longest_gap: number(simulate::LONGEST_GAP),
-                diverged: number(simulate::DIVERGED),
-                start_deg_per_s: number(defaults.start_deg_per_s),
-                pressure_zero_kpa: number(defaults.pressure_zero_kpa),
-                angle_zero_deg: number(defaults.angle_zero_deg),
-                largest_angle_deg: number(defaults.largest_angle_deg),
+                angle_a_step: exact(simulate::Grain::Fine.angle_a_step()),
+                slow: exact(simulate::SLOW),
+                longest_gap: exact(simulate::LONGEST_GAP),
+                diverged: exact(simulate::DIVERGED),
+                start_deg_per_s: exact(defaults.start_deg_per_s),
+                pressure_zero_kpa: exact(defaults.pressure_zero_kpa),
+                angle_zero_deg: exact(defaults.angle_zero_deg),
+                largest_angle_deg: exact(defaults.largest_angle_deg),
             },
         };
         let mut environment = environment()?;
@@ -371,7 +372,7 @@ impl Source<'_> {
                 let nodes = table
                     .nodes()
                     .iter()
-                    .map(|&node| number(node_in_file(of, node)));
+                    .map(|&node| exact(node_in_file(of, node)));
                 let nodes: Vec<String> = nodes.collect();
                 lines.push(format!(
                     "    of the {}, nodes at {} {}",

@@ -12,10 +12,10 @@ use model_core::effects::{Hidden, Instant, Mechanism, Unit};
 use model_core::input::{FromFn, Held};
 use model_core::real::Real;
 
-use super::print::number;
 use super::trace::{Binary, Expression, Id, Tape, TooManyBranches, Traced, Written};
 use crate::io::model_file::{parameter_name, parameter_unit};
 use crate::io::recording::PASCAL_PER_KPA;
+use crate::numbers::exact;
 
 /// A parameter of the model.
 #[derive(Clone, Debug)]
@@ -64,7 +64,7 @@ impl Constant {
 
     /// The same as an expression with the number of the model file in it.
     pub fn text(&self) -> String {
-        let in_file = number(self.in_file);
+        let in_file = exact(self.in_file);
         match self.scale {
             Scale::Same => in_file,
             Scale::Times1000 => format!("{in_file} * 1000.0"),

@@ -22,6 +22,7 @@ use crate::io::ranges::Range;
 use crate::io::recording::PASCAL_PER_KPA;
 use crate::io::toml_reader::Reader;
 use crate::materials::{like, named};
+use crate::numbers::tidy;
 
 /// The schema number that this version reads and writes.
 pub(crate) const SCHEMA: i64 = 1;
@@ -292,12 +293,6 @@ fn to_file(id: ParameterId, value: f64) -> f64 {
     } else {
         value
     }
-}
-
-/// Seven significant digits: more than any fit supports, as many as the board
-/// can hold.
-pub fn tidy(value: f64) -> f64 {
-    format!("{value:.6e}").parse().unwrap_or(value)
 }
 
 /// Replaces a number and keeps the comment beside it.

@@ -31,9 +31,10 @@ use toml_edit::{InlineTable, Item, Table, TableLike, Value};
 
 use crate::diagnose::family::Family;
 use crate::io::error::InputError;
-use crate::io::model_file::{ModelFile, SCHEMA, replace_number, tidy, twice};
+use crate::io::model_file::{ModelFile, SCHEMA, replace_number, twice};
 use crate::io::recording::PASCAL_PER_KPA;
 use crate::io::toml_reader::Reader;
+use crate::numbers::tidy;
 use crate::sim::formula;
 
 /// The kind of an effect with a formula, in files.

@@ -471,22 +471,13 @@ impl ProtocolReader<'_> {
     }
 
     fn number(&self, table: &Table, key: &str) -> Result<f64, InputError> {
-        let item = table.get(key).ok_or_else(|| {
+        self.toml.number(table, key)?.ok_or_else(|| {
             self.toml.fail_at(
                 table.span(),
                 format!("the segment has no {key}"),
                 format!("add `{key} = …` to it"),
             )
-        })?;
-        item.as_float()
-            .or_else(|| item.as_integer().map(|whole| whole as f64))
-            .ok_or_else(|| {
-                self.toml.fail_at(
-                    item.span(),
-                    format!("{key} is not a number"),
-                    "write a number without quotes and without a unit",
-                )
-            })
+        })
     }
 
     fn level(&self, table: &Table, key: &str) -> Result<Hundredths, InputError> {

@@ -9,6 +9,8 @@ use std::fmt;
 
 use model_core::effects::{Parameter, Unit};
 
+use crate::numbers::bound;
+
 /// The range of a number.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Range {
@@ -174,22 +176,12 @@ impl Range {
 
 impl fmt::Display for Range {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "from {} to {}", short(self.least), short(self.most))?;
+        write!(f, "from {} to {}", bound(self.least), bound(self.most))?;
         if self.unit.is_empty() {
             Ok(())
         } else {
             write!(f, " {}", self.unit)
         }
-    }
-}
-
-/// Without rows of zeros.
-fn short(number: f64) -> String {
-    let size = number.abs();
-    if size >= 1e5 || (size > 0.0 && size < 1e-3) {
-        format!("{number:e}")
-    } else {
-        number.to_string()
     }
 }
 
@@ -217,8 +209,8 @@ mod tests {
             };
             text += &format!(
                 "| {of} | {unit} | {} | {} | {} |\n",
-                short(range.least).replace('-', "−"),
-                short(range.most).replace('-', "−"),
+                bound(range.least).replace('-', "−"),
+                bound(range.most).replace('-', "−"),
                 range.because
             );
         }

@@ -20,7 +20,7 @@ use crate::estimate::Segment;
 use crate::estimate::fit::Fit;
 use crate::estimate::statistics::squares_about_mean;
 use crate::io::model_file::{parameter_name, parameter_unit, to_file_units};
-use crate::report::numbers::{degrees, evidence, fit, percent, short, with_ends};
+use crate::numbers::{degrees, evidence, fit, percent, short, with_ends};
 
 /// Number of structures of one size that are listed; further ones are only counted.
 const TRIED_LISTED: usize = 6;

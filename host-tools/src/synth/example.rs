@@ -16,8 +16,9 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 
 use crate::io::error::{InputError, write_atomically, write_with_meta};
-use crate::io::model_file::{ModelFile, tidy};
+use crate::io::model_file::ModelFile;
 use crate::io::recording::{Meta, PASCAL_PER_KPA, Recording, to_csv};
+use crate::numbers::tidy;
 use crate::sim::protocol::Protocol;
 use crate::sim::simulate::{InitialState, Signal, run, substeps};
 
