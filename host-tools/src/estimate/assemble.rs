@@ -227,7 +227,7 @@ fn used_once(whole: &Recording, pieces: usize) -> Concern {
     }
 }
 
-/// What a segment is called, and whether it is fitted.
+/// The name of a segment, and whether it is fitted.
 #[derive(Clone, Debug)]
 struct About {
     name: String,

@@ -17,7 +17,7 @@ const TEXT_BYTES: u64 = 64 * MIB;
 /// Bytes in a mebibyte.
 const MIB: u64 = 1 << 20;
 
-/// What a recording may hold.
+/// The largest recording that is read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
     /// Bytes of text, after unpacking.
@@ -108,7 +108,7 @@ impl<R: Read> Bounded<R> {
         self.last == Some(b'\n')
     }
 
-    /// What was too much, if that ended the reading.
+    /// The error, if a limit ended the reading.
     pub fn fault(&self) -> Option<InputError> {
         let mebibytes = |bytes: u64| bytes as f64 / MIB as f64;
         Some(match self.beyond? {

@@ -166,7 +166,7 @@ impl Range {
         (self.least..=self.most).contains(&number)
     }
 
-    /// What to do about a number that may not.
+    /// The advice for a number out of range.
     pub fn advice(&self) -> String {
         format!("give a value {self}")
     }

@@ -471,7 +471,7 @@ fn rounded(time: f64) -> f64 {
     (time * 1e6).round() / 1e6
 }
 
-/// What the names of recordings end in; a packed one has `.gz` behind it.
+/// The extensions of recordings; a packed one has `.gz` appended.
 const ENDINGS: [&str; 6] = [".csv", ".tsv", ".txt", ".parquet", ".mat", ".mcap"];
 
 /// The name of a recording: that of its file without folder and ending.
@@ -524,7 +524,7 @@ fn whole<'de, D: serde::Deserializer<'de>, T: TryFrom<u64>>(
     }
 }
 
-/// What a reader of TOML says of types, in words for those who wrote the file.
+/// A TOML parser's message about types, in words for the author of the file.
 fn in_words(message: &str) -> String {
     let mut text = message.trim().replace('\n', ", ");
     for (rust, words) in [

@@ -192,7 +192,7 @@ struct Around<'a, R> {
     start: usize,
     /// Time from the sample to the start of the step (s).
     begin: R,
-    /// What the sensor shows without pressure (Pa).
+    /// The zero of the pressure sensor (Pa).
     zero: R,
 }
 
@@ -205,18 +205,18 @@ impl<R: Real + FromF64> Input<R> for Around<'_, R> {
 /// Where a run starts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct InitialState<R> {
-    /// What the sensor shows (rad).
+    /// The sensor's reading (rad).
     pub angle: R,
     /// Rate of what the sensor shows (rad/s).
     pub rate: R,
 }
 
-/// What a simulation has to be told beside model and pressure.
+/// Initial state and zero of a simulation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Origin<R> {
     /// Where it starts.
     pub start: InitialState<R>,
-    /// What the pressure sensor shows without pressure (Pa).
+    /// The zero of the pressure sensor (Pa).
     pub pressure_zero: R,
     /// Time on the rig's clock at the first sample (s): drifts run by it.
     pub clock: R,
@@ -225,7 +225,7 @@ pub struct Origin<R> {
 /// A simulated run, one entry a sample of the recording.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trajectory<R> {
-    /// What the sensor shows (rad).
+    /// The sensor's reading (rad).
     pub reading: Vec<R>,
     /// Whether the run left all bounds; the rest is then held.
     pub diverged: bool,
@@ -652,7 +652,7 @@ mod tests {
         }
     }
 
-    /// What every fit relies on: dual numbers give the slope of the simulation
+    /// Every fit relies on this: dual numbers give the slope of the simulation
     /// by each parameter of each effect, also across the corners of those that
     /// have some.
     #[test]

@@ -34,7 +34,7 @@ const REPEATS: u32 = 3;
 /// idle and homes before it.
 const RIG_SESSION_S: f64 = 100.0;
 
-/// What an example hides.
+/// The hidden effect of an example.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Hidden {
     /// One effect, drawn from the seed.
@@ -46,7 +46,7 @@ pub enum Hidden {
 }
 
 impl Hidden {
-    /// What a name asks for: an effect, `none`, or one drawn if nothing is named.
+    /// Reads a name: an effect, `none`, or one drawn if there is no name.
     ///
     /// # Errors
     ///
@@ -587,7 +587,7 @@ mod tests {
         assert_eq!(kinds.len(), Kind::NAMES.len(), "{kinds:?}");
     }
 
-    /// What a seed's truth hides when it is to be of a kind.
+    /// The model and hidden effect of a seed, for a kind.
     fn hidden(seed: u64, kind: Kind) -> (Model<f64>, model_core::catalogue::Effect<f64>) {
         let models = rig_models(seed, Some(kind)).unwrap();
         let truth = ModelFile::parse(&models.truth, Path::new("truth.toml")).unwrap();
@@ -615,7 +615,7 @@ mod tests {
         assert!(same > 10, "{same} of 20");
     }
 
-    /// What a drift does in the session that it is drawn for is noticeable and
+    /// The change by a drift in its session is noticeable and
     /// leaves an actuator: seed 201 once lost all of its stiffness half-way.
     #[test]
     fn drifts_come_as_far_as_stated_and_stay_in_reach() {

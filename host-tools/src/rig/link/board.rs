@@ -56,7 +56,7 @@ impl From<Identity<'_>> for Board {
 pub struct NotChanged {
     /// Whether the board uses the new settings already.
     pub accepted: bool,
-    /// What happened.
+    /// The error of the link.
     pub source: LinkError,
 }
 

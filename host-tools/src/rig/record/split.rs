@@ -49,7 +49,7 @@ impl Step {
     }
 }
 
-/// What a protocol plays from one time at rest to the next.
+/// A part of a protocol from one time at rest to the next.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Part {
     /// The step, where it is one step with its release.
@@ -226,7 +226,7 @@ fn onsets(rows: &[Row]) -> Vec<usize> {
         .collect()
 }
 
-/// What an onset of the set-point is in the protocol.
+/// The place of an onset of the set-point in the protocol.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Place {
     /// The beginning of the part with this index.
