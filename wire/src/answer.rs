@@ -137,11 +137,11 @@ pub struct Place {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Status {
-    /// What it is doing.
+    /// The board's state.
     pub state: State,
     /// The latched fault.
     pub fault: Option<Fault>,
-    /// What it did not obey.
+    /// Counters of lines that it did not obey.
     pub counters: Counters,
     /// The settings in use.
     pub settings: SettingsId,

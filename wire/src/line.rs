@@ -63,7 +63,7 @@ impl<'w, W: uWrite + ?Sized> Sealed<'w, W> {
     ///
     /// # Errors
     ///
-    /// Those of the output.
+    /// Errors of the output.
     pub fn finish(self) -> Result<(), W::Error> {
         self.out.write_str(" *")?;
         for byte in self.crc.value().to_be_bytes() {
