@@ -241,7 +241,7 @@ impl VirtualRig {
     ///
     /// # Errors
     ///
-    /// As [`VirtualRig::run_for`].
+    /// Like [`VirtualRig::run_for`].
     pub fn run_cycles(&mut self, cycles: u64) -> Result<(), BoardError> {
         let end = self.cycle().saturating_add(cycles);
         while self.cycle() < end {
@@ -261,7 +261,7 @@ impl VirtualRig {
     ///
     /// # Errors
     ///
-    /// As [`VirtualRig::run_for`].
+    /// Like [`VirtualRig::run_for`].
     pub fn run_until_line(
         &mut self,
         seconds: f64,

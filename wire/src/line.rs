@@ -137,11 +137,11 @@ pub fn open(line: &str) -> Result<&str, LineError> {
     line.get(..text.len()).ok_or(LineError::NoChecksum)
 }
 
-/// As [`open`], for bytes that may be anything.
+/// Like [`open`], for bytes that may be anything.
 ///
 /// # Errors
 ///
-/// As [`open`].
+/// Like [`open`].
 pub fn open_bytes(line: &[u8]) -> Result<&[u8], LineError> {
     let (text, [b' ', b'*', digits @ ..]) = trimmed(line)
         .split_last_chunk::<6>()

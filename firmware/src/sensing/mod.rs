@@ -98,9 +98,9 @@ pub struct Readings {
 /// The calibration of the sensors' counts; see [`crate::settings::calibration`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Calibration {
-    /// Of the pressure sensor.
+    /// The pressure sensor's calibration.
     pub pressure: Pressure,
-    /// Of the flex sensor.
+    /// The flex sensor's calibration.
     pub flex: Flex,
 }
 
@@ -190,16 +190,16 @@ impl Sensors {
             && self.angle.standstill.level(ANGLE_REST_RAD).is_some()
     }
 
-    /// Calls what both sensors show now zero, until a reset. The caller sees to
-    /// it that the valve is open.
+    /// Makes the present readings of both sensors zero, until a reset. The caller ensures
+    /// that the valve is open.
     ///
     /// # Errors
     ///
-    /// Nothing is changed then.
+    /// The tare is unchanged then.
     ///
     /// - [`Refusal::NoReading`]: a sensor is at fault.
     /// - [`Refusal::NotAtRest`]: a reading moved within the last second.
-    /// - [`Refusal::OutOfBounds`]: what they show is farther from the
+    /// - [`Refusal::OutOfBounds`]: the readings are farther from the
     ///   calibrated zero than [`LARGEST_PRESSURE_TARE_PA`] or
     ///   [`LARGEST_ANGLE_TARE_RAD`].
     pub fn tare(&mut self) -> Result<(), Refusal> {

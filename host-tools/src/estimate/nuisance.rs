@@ -255,7 +255,7 @@ pub struct Shared {
 }
 
 impl Shared {
-    /// Of `sessions` sessions whose zeros depart from the common one by `apart`, in
+    /// Zeros of `sessions` sessions that deviate from the common one by `apart`, in
     /// standard deviations.
     pub fn new(sessions: usize, apart: f64) -> Self {
         let sessions = sessions as f64;

@@ -102,7 +102,7 @@ pub enum Matter {
     SaturatedPressure,
     /// Samples are missing, and the pressure is interpolated.
     DroppedSamples,
-    /// So many samples are missing that the recording is cut there.
+    /// Missing samples, so many that the recording is cut there.
     LongGap,
     /// Samples are not evenly spaced.
     Jitter,
@@ -591,7 +591,7 @@ mod tests {
         }
     }
 
-    /// Without the samples that do not pass.
+    /// The recording without the samples that do not pass.
     fn keep(recording: &Recording, passes: impl Fn(usize) -> bool) -> Recording {
         let pick = |values: &[f64]| -> Vec<f64> {
             let kept = values.iter().enumerate().filter(|(k, _)| passes(*k));

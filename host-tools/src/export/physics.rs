@@ -121,7 +121,7 @@ pub struct Physics {
     pub fastest: [Id; 2],
     /// Damping over inertia (1/s).
     pub decay: Id,
-    /// Of the frictions, if there are any.
+    /// Requirements of the frictions, if there are any.
     pub friction: Option<Friction>,
     /// By how much the pressure comes late (s), if it does.
     pub delay: Option<Id>,
@@ -219,7 +219,7 @@ impl Physics {
 /// The expressions of a model, of a state and a pressure.
 struct Traces {
     acceleration: Id,
-    /// Of the hidden states, a place each.
+    /// The rates of the hidden states.
     rates: Vec<Id>,
     /// The hidden states before and after a step is noted.
     before: Vec<Id>,

@@ -105,7 +105,7 @@ pub struct Printer<'a, S> {
 }
 
 impl<'a, S: Syntax> Printer<'a, S> {
-    /// Of the expressions of a model.
+    /// For the expressions of a model.
     pub fn new(physics: &'a Physics, syntax: &'a S) -> Self {
         Self {
             tape: &physics.tape,

@@ -46,7 +46,7 @@ const PLAUSIBLE: std::ops::RangeInclusive<f64> = 0.4..=5.0;
 /// Starts of each exponent that are raced.
 const PROMISING: usize = 3;
 
-/// Of these, how many are fitted to the end.
+/// The number of these that are fitted to the end.
 const FINALISTS: usize = 3;
 
 /// Steps of a fit that choose among them.

@@ -32,9 +32,9 @@ pub fn air(kpa: f64) -> Result<f64, String> {
 pub enum Quantity {
     /// When a sample was taken.
     Time,
-    /// Of the actuator, against the air.
+    /// The gauge pressure in the actuator.
     Pressure,
-    /// Of bending.
+    /// The bending angle.
     Angle,
 }
 
@@ -163,11 +163,11 @@ impl AngleUnit {
 /// A unit of any of the three.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unit {
-    /// Of the time.
+    /// Unit of the time.
     Time(TimeUnit),
-    /// Of the pressure.
+    /// Unit of the pressure.
     Pressure(PressureUnit),
-    /// Of the angle.
+    /// Unit of the angle.
     Angle(AngleUnit),
 }
 

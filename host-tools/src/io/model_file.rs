@@ -90,7 +90,7 @@ impl ModelFile {
     ///
     /// # Errors
     ///
-    /// As [`ModelFile::read`].
+    /// Like [`ModelFile::read`].
     pub fn parse(text: &str, path: &Path) -> Result<Self, InputError> {
         ModelReader {
             toml: Reader { text, path },

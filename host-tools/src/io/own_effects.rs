@@ -91,7 +91,7 @@ impl OwnEffects {
     ///
     /// # Errors
     ///
-    /// As [`OwnEffects::read`].
+    /// Like [`OwnEffects::read`].
     pub fn parse(text: &str, path: &Path) -> Result<Self, InputError> {
         Ok(Self {
             path: path.to_owned(),

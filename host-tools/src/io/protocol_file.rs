@@ -111,7 +111,7 @@ impl ProtocolFile {
     ///
     /// # Errors
     ///
-    /// As [`ProtocolFile::read`].
+    /// Like [`ProtocolFile::read`].
     pub fn parse(text: &str, path: &Path) -> Result<Self, InputError> {
         ProtocolReader {
             toml: Reader { text, path },

@@ -120,9 +120,9 @@ pub struct SegmentMeta {
 /// How well the zeros of the sensors are known, as standard deviations.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize, Serialize)]
 pub struct CalibrationMeta {
-    /// Of the pressure sensor's zero (kPa).
+    /// Standard deviation of the pressure sensor's zero (kPa).
     pub pressure_zero_sd_kpa: Option<f64>,
-    /// Of the angle sensor's zero (°).
+    /// Standard deviation of the angle sensor's zero (°).
     pub angle_zero_sd_deg: Option<f64>,
 }
 
@@ -177,11 +177,11 @@ impl Recording {
         Self::read_as(path, &Layout::default())
     }
 
-    /// As [`Recording::read`], of a file that has the recording in other columns or units.
+    /// Like [`Recording::read`], for a file with the recording in other columns or units.
     ///
     /// # Errors
     ///
-    /// As [`Recording::read`].
+    /// Like [`Recording::read`].
     pub fn read_as(path: &Path, layout: &Layout) -> Result<(Self, Vec<String>), InputError> {
         Self::assemble(formats::read(path, layout)?, path)
     }
@@ -221,16 +221,16 @@ impl Recording {
     ///
     /// # Errors
     ///
-    /// As [`Recording::read`].
+    /// Like [`Recording::read`].
     pub fn parse(text: &str, path: &Path) -> Result<(Self, Vec<String>), InputError> {
         Self::parse_as(text, path, &Layout::default())
     }
 
-    /// As [`Recording::parse`], of a text that has the recording in other columns or units.
+    /// Like [`Recording::parse`], for a text with the recording in other columns or units.
     ///
     /// # Errors
     ///
-    /// As [`Recording::read`].
+    /// Like [`Recording::read`].
     pub fn parse_as(
         text: &str,
         path: &Path,
@@ -239,12 +239,12 @@ impl Recording {
         Self::parse_from(text.as_bytes(), path, layout, Limits::RECORDING)
     }
 
-    /// As [`Recording::parse_as`], of a text that is read as far as `limits` allow and never
+    /// Like [`Recording::parse_as`], for a text that is read as far as `limits` allow and never
     /// held whole.
     ///
     /// # Errors
     ///
-    /// As [`Recording::read`], and if there is more than `limits` allow.
+    /// Like [`Recording::read`], and if there is more than `limits` allow.
     pub fn parse_from(
         text: impl Read,
         path: &Path,
@@ -261,7 +261,7 @@ impl Recording {
     ///
     /// # Errors
     ///
-    /// As [`Recording::read`].
+    /// Like [`Recording::read`].
     pub fn parse_bytes(
         bytes: &[u8],
         path: &Path,

@@ -241,7 +241,7 @@ pub fn read(path: &Path) -> Result<Vec<Assignment>, InputError> {
 ///
 /// # Errors
 ///
-/// As [`read`].
+/// Like [`read`].
 pub fn parse(text: &str, path: &Path) -> Result<Vec<Assignment>, InputError> {
     let toml = Reader { text, path };
     let document = toml.parse()?;

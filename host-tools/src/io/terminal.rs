@@ -65,7 +65,7 @@ pub fn print(text: &str) -> std::io::Result<()> {
 ///
 /// # Errors
 ///
-/// As [`print()`].
+/// Like [`print()`].
 pub fn print_own(text: &str) -> std::io::Result<()> {
     let mut out = std::io::stdout().lock();
     out.write_all(text.as_bytes())?;

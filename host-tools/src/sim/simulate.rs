@@ -278,7 +278,7 @@ impl Grain {
 }
 
 impl Stepping {
-    /// So many Runge–Kutta steps in every interval.
+    /// A fixed number of Runge–Kutta steps in every interval.
     pub const fn runge_kutta(substeps: usize) -> Self {
         Self {
             scheme: Scheme::Rk4,
@@ -357,7 +357,7 @@ fn resolving([stiffness, relaxation]: [f64; 2], interval: f64, grain: Grain) -> 
     count(oscillation.max(relaxation * interval / 2.0))
 }
 
-/// So many steps, at least one and at most [`MOST_SUBSTEPS`].
+/// This many steps, at least one and at most [`MOST_SUBSTEPS`].
 fn count(needed: f64) -> usize {
     if needed.is_finite() {
         // Both ends of the clamp fit in a usize.
@@ -499,7 +499,7 @@ pub fn run<R: FromF64, P: Power<R>>(
     run_from(model, signal, origin, stepping)
 }
 
-/// As [`run`], with a zero of the pressure sensor and a clock.
+/// Like [`run`], with a zero of the pressure sensor and a clock.
 pub fn run_from<R: FromF64, P: Power<R>>(
     model: &Model<R, P>,
     signal: &Signal,

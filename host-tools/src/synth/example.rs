@@ -41,7 +41,7 @@ pub enum Hidden {
     Drawn,
     /// This effect.
     Effect(Kind),
-    /// Nothing but wrong parameters.
+    /// No hidden effect, only wrong parameters.
     Nothing,
 }
 
@@ -118,7 +118,7 @@ pub fn make(hidden: Hidden, noise_deg: f64, seed: u64) -> Result<Example, InputE
 ///
 /// # Errors
 ///
-/// As [`make`].
+/// Like [`make`].
 pub fn of_actuator(truth: &ModelFile, noise_deg: f64, seed: u64) -> Result<Example, InputError> {
     let mut random = Pcg64Mcg::seed_from_u64(seed);
     let text = truth.text_with(&truth.model, "");
@@ -283,7 +283,7 @@ impl Example {
     ///
     /// # Errors
     ///
-    /// None that an example is known to cause.
+    /// No example is known to cause one.
     pub fn as_read(&self) -> Result<Vec<Recording>, InputError> {
         let read = |(file, recording, meta): &(String, Recording, String)| {
             let path = Path::new(file);

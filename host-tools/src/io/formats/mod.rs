@@ -204,11 +204,11 @@ pub fn read(path: &Path, layout: &Layout) -> Result<Samples, InputError> {
     read_from(&start, whole, path, layout, limits)
 }
 
-/// As [`read`], of bytes in memory; `path` is only named in messages.
+/// Like [`read`], for bytes in memory; `path` is only named in messages.
 ///
 /// # Errors
 ///
-/// As [`read`].
+/// Like [`read`].
 pub fn read_bytes(bytes: &[u8], path: &Path, layout: &Layout) -> Result<Samples, InputError> {
     let limits = Limits::RECORDING;
     if is_parquet(bytes) {

@@ -139,7 +139,7 @@ impl Link {
     ///
     /// # Errors
     ///
-    /// As [`Link::open`]; try again later.
+    /// Like [`Link::open`]; try again later.
     pub fn reconnect(&mut self) -> Result<(), LinkError> {
         self.connect()
     }
@@ -149,7 +149,7 @@ impl Link {
         self.connector.name()
     }
 
-    /// Who the board is.
+    /// The board's identity.
     pub fn board(&self) -> &Board {
         &self.board
     }
@@ -204,7 +204,7 @@ impl Link {
     ///
     /// # Errors
     ///
-    /// As [`Link::request`].
+    /// Like [`Link::request`].
     pub fn request_with(
         &mut self,
         command: Command,

@@ -219,7 +219,7 @@ pub struct PortFound {
     pub name: String,
     /// The device's own name.
     pub product: Option<String>,
-    /// Who made it.
+    /// Its manufacturer.
     pub manufacturer: Option<String>,
     /// USB vendor, four hexadecimal digits.
     pub vendor_id: Option<String>,

@@ -153,7 +153,7 @@ pub(super) struct Run<'r> {
 }
 
 impl Run<'_> {
-    /// As it stands in the metadata of the recording.
+    /// The form in the metadata of the recording.
     pub(super) fn segment(&self) -> Option<SegmentMeta> {
         let seconds = |ms: i64| ms as f64 / 1000.0;
         Some(SegmentMeta {
@@ -233,7 +233,7 @@ enum Place {
     Begins(usize),
     /// Within a part, after a hold.
     Within,
-    /// Nothing that the protocol asks for.
+    /// The onset is not in the protocol.
     Nowhere,
 }
 
