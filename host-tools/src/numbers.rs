@@ -75,7 +75,7 @@ pub fn with_ends(value: f64, [low, high]: [f64; 2]) -> (String, [String; 2]) {
     (at(value, count), [at(low, count), at(high, count)])
 }
 
-/// So many significant digits.
+/// This number of significant digits.
 fn digits(value: f64, count: i32) -> String {
     if !value.is_finite() {
         return "–".into();

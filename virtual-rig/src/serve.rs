@@ -546,7 +546,7 @@ mod tests {
         );
     }
 
-    /// Who only has the file finds what the rig has: the actuator, and in the
+    /// The file alone describes the rig: the actuator, and in the
     /// comments the bench.
     #[test]
     fn the_answer_tells_the_bench_and_is_still_a_model_file() {

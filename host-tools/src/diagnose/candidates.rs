@@ -409,7 +409,7 @@ impl Predicted {
 }
 
 /// The predicted SSE of one further effect, by a score test at each of its initial guesses.
-/// None if the model is full, or cannot be simulated with the effect.
+/// `None` if the model is full, or cannot be simulated with the effect.
 pub fn predicted(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Option<Predicted> {
     /// Number of initial guesses to keep.
     const BEST: usize = 2;

@@ -97,7 +97,7 @@ impl<'a> Levels<'a> {
         self.horizons.get(place).copied().flatten()
     }
 
-    /// None if there is no time for a structure with these effects added.
+    /// `None` if there is no time for a structure with these effects added.
     pub(super) fn has_time_for(&self, added: &[Kind]) -> Option<()> {
         let part = Part::of(added);
         self.context.progress.has_time_for(part).then_some(())

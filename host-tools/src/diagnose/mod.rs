@@ -174,11 +174,11 @@ pub fn diagnose(request: &Request<'_>, progress: &Progress) -> Result<Diagnosis,
     diagnose_from(request, &Checkpoint::default(), progress)
 }
 
-/// As [`diagnose`], with the kept fits of an interrupted run.
+/// Like [`diagnose`], with the kept fits of an interrupted run.
 ///
 /// # Errors
 ///
-/// As [`diagnose`].
+/// Like [`diagnose`].
 pub fn diagnose_from(
     request: &Request<'_>,
     checkpoint: &Checkpoint,

@@ -451,7 +451,7 @@ mod tests {
         Candidate::of(vec![kind], fitter.compare(&model))
     }
 
-    /// What zeros follow in every fit is no evidence, whatever the run.
+    /// The zeros of every fit follow an offset, so it is no evidence in any run.
     #[test]
     fn an_offset_of_a_sensor_is_no_evidence() {
         let rivals = |offset_rad: f64| {

@@ -47,7 +47,7 @@ pub struct Stopped;
 ///
 /// # Panics
 ///
-/// As the work does.
+/// If the work panics.
 pub fn stoppable<T>(work: impl FnOnce() -> T) -> Result<T, Stopped> {
     // Unfinished data of the work are dropped with it.
     catch_unwind(AssertUnwindSafe(work)).map_err(|cause| match cause.downcast::<Stopped>() {

@@ -238,7 +238,7 @@ impl<'a> Fitter<'a> {
         self.fit_kept(start, free, effort, &Checkpoint::default())
     }
 
-    /// As [`Fitter::fit`], or the fit that `checkpoint` has kept.
+    /// Like [`Fitter::fit`], or the fit that `checkpoint` has kept.
     pub fn fit_kept(
         &self,
         start: &Model<f64>,
@@ -324,7 +324,7 @@ impl<'a> Fitter<'a> {
         }
     }
 
-    /// As [`Fitter::validate`], but keeps the guesses of zeros and initial states where a
+    /// Like [`Fitter::validate`], but keeps the guesses of zeros and initial states where a
     /// session is fitted in part: a few segments hardly change them.
     pub fn validate_near(&self, model: &Model<f64>) -> Validation {
         let held_out = |index: &usize| !self.data.ranges(*index, false).is_empty();
@@ -381,7 +381,7 @@ impl<'a> Fitter<'a> {
         self.fit(model, &[], Effort::Full)
     }
 
-    /// As [`Fitter::compare`], by a few steps from nearly right zeros and initial states.
+    /// Like [`Fitter::compare`], by a few steps from nearly right zeros and initial states.
     /// For errors only: the result has no standard errors.
     pub fn compare_near(&self, model: &Model<f64>, nuisances: &[Nuisance]) -> Fit {
         const NEAR: Effort = Effort::Steps(3);
@@ -463,7 +463,7 @@ impl<'a> Fitter<'a> {
         self.best_of_kept(starts, free, effort, &Checkpoint::default())
     }
 
-    /// As [`Fitter::best_of`], with the fits that `checkpoint` has kept.
+    /// Like [`Fitter::best_of`], with the fits that `checkpoint` has kept.
     pub fn best_of_kept(
         &self,
         starts: &[Model<f64>],

@@ -61,7 +61,7 @@ impl Effort {
 /// Which samples of a session are compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Compared {
-    /// Those that are fitted; sessions without any take no part.
+    /// Fitted samples; sessions without any take no part.
     Fitted,
     /// Only sessions that hold something out: their fitted samples, or all if
     /// there are none.

@@ -82,7 +82,7 @@ const LEAST_PRESSURE_SCATTER: f64 = 50.0;
 /// Least standard deviation (rad) that counts, a twentieth of a degree.
 const LEAST_ANGLE_SCATTER: f64 = 8.7e-4;
 
-/// What a concern is about.
+/// The subject of a concern.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Matter {
@@ -102,7 +102,7 @@ pub enum Matter {
     SaturatedPressure,
     /// Samples are missing, and the pressure is interpolated.
     DroppedSamples,
-    /// So many samples are missing that the recording is cut there.
+    /// Missing samples, so many that the recording is cut there.
     LongGap,
     /// Samples are not evenly spaced.
     Jitter,
@@ -119,13 +119,13 @@ pub enum Matter {
 /// A problem of the recordings, and how it is handled.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Concern {
-    /// What it is about.
+    /// Its subject.
     pub matter: Matter,
     /// The recording; none if it is about all of them.
     pub recording: Option<String>,
-    /// What was found and how it is handled.
+    /// The finding, and how it is handled.
     pub text: String,
-    /// What to do about it.
+    /// Advice for the user.
     pub advice: String,
 }
 
@@ -165,7 +165,7 @@ pub struct Usable {
     /// pressure just before): simulated, not fitted. Ranges in order, separate from each
     /// other, each within a block.
     pub unfitted: Vec<Range<usize>>,
-    /// What was found and how it is handled.
+    /// The findings, and how they are handled.
     pub concerns: Vec<Concern>,
 }
 
@@ -591,7 +591,7 @@ mod tests {
         }
     }
 
-    /// Without the samples that do not pass.
+    /// The recording without the samples that do not pass.
     fn keep(recording: &Recording, passes: impl Fn(usize) -> bool) -> Recording {
         let pick = |values: &[f64]| -> Vec<f64> {
             let kept = values.iter().enumerate().filter(|(k, _)| passes(*k));

@@ -4,7 +4,7 @@ use super::print::{Lines, Syntax, common_name, indented};
 use super::trace::Unary;
 use super::{ExportError, Source, aligned};
 
-/// What the functions of a file are filled into.
+/// The template of a file.
 const TEMPLATE: &str = include_str!("c.jinja");
 
 struct C<'a>(&'a Source<'a>);
@@ -13,7 +13,7 @@ struct C<'a>(&'a Source<'a>);
 ///
 /// # Errors
 ///
-/// Those of the template.
+/// Errors of the template.
 pub(super) fn export(source: &Source) -> Result<String, ExportError> {
     let syntax = C(source);
     let comment = source

@@ -4,7 +4,7 @@ use super::print::{Lines, Syntax, common_name, indented};
 use super::trace::Unary;
 use super::{ExportError, Source, aligned};
 
-/// What the functions of a file are filled into.
+/// The template of a file.
 const TEMPLATE: &str = include_str!("matlab.jinja");
 
 struct Matlab<'a>(&'a Source<'a>);
@@ -13,7 +13,7 @@ struct Matlab<'a>(&'a Source<'a>);
 ///
 /// # Errors
 ///
-/// Those of the template.
+/// Errors of the template.
 pub(super) fn export(source: &Source) -> Result<String, ExportError> {
     let name = &source.name;
     let how = [

@@ -29,7 +29,7 @@ use crate::io::terminal::printable_line;
 use crate::numbers::exact;
 use crate::sim::simulate;
 
-/// What every exported file says in its header.
+/// The first words in the header of every exported file.
 pub const WRITTEN_BY: &str = "Written by `rig export`";
 
 /// What a model can be written in.
@@ -49,7 +49,7 @@ impl Language {
     /// Every language.
     pub const ALL: [Self; 4] = [Self::C, Self::Python, Self::Modelica, Self::Matlab];
 
-    /// What a file's name ends in.
+    /// The extension of a file.
     pub const fn extension(self) -> &'static str {
         match self {
             Self::C => "c",
@@ -63,13 +63,13 @@ impl Language {
 /// Where runs of an exported model start if nothing else is said, and how finely they step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Defaults {
-    /// What the sensor shows at first (°); none for that of an actuator at rest at 0.
+    /// The sensor's first reading (°); none for an actuator at rest at 0.
     pub start_deg: Option<f64>,
     /// Its rate (°/s).
     pub start_deg_per_s: f64,
-    /// What the pressure sensor shows without pressure (kPa).
+    /// The zero of the pressure sensor (kPa).
     pub pressure_zero_kpa: f64,
-    /// What the angle sensor shows at 0° (°).
+    /// The zero of the angle sensor (°).
     pub angle_zero_deg: f64,
     /// Steps are fine enough for angles up to this one (°).
     pub largest_angle_deg: f64,
@@ -137,7 +137,7 @@ pub fn identifier(name: &str) -> String {
     found
 }
 
-/// What a file is written of.
+/// The source of an exported file.
 struct Source<'a> {
     file: &'a ModelFile,
     physics: Physics,
@@ -160,7 +160,7 @@ struct Numbers {
     largest_angle_deg: String,
 }
 
-/// What a template of a language with steps is filled with.
+/// The values for the template of a language with steps.
 #[derive(Serialize)]
 struct Filling<'a> {
     name: &'a str,
@@ -176,7 +176,7 @@ struct Filling<'a> {
     note: Option<String>,
     fastest: String,
     decay: String,
-    /// What gives `width`, `saturated` and `signs` of the frictions a value.
+    /// Code that sets `width`, `saturated` and `signs` of the frictions.
     friction: Option<String>,
     delay: Option<String>,
     shown_at_rest: String,

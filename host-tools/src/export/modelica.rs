@@ -16,7 +16,7 @@ use super::{ExportError, Source, environment};
 use crate::io::terminal::printable_line;
 use crate::numbers::exact;
 
-/// What the equations of a file are filled into.
+/// The template of a file.
 const TEMPLATE: &str = include_str!("modelica.jinja");
 
 /// How to use the file.
@@ -27,7 +27,7 @@ const USE: &[&str] = &[
     "the samples of a recording, where rig takes a cubic through them.",
 ];
 
-/// What the template is filled with.
+/// The values for the template.
 #[derive(Serialize)]
 struct Filling<'a> {
     name: &'a str,
@@ -50,7 +50,7 @@ struct Filling<'a> {
 
 struct Modelica<'a> {
     source: &'a Source<'a>,
-    /// What was defined beside the targets.
+    /// Definitions of shared subexpressions.
     defined: RefCell<Vec<String>>,
     /// Memories are meant as they were before an event.
     before: bool,
@@ -66,7 +66,7 @@ fn is_noted(memory: &Memory) -> bool {
 ///
 /// # Errors
 ///
-/// Those of the template.
+/// Errors of the template.
 pub(super) fn export(source: &Source) -> Result<String, ExportError> {
     let physics = &source.physics;
     let syntax = |before| Modelica {

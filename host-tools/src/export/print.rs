@@ -37,7 +37,7 @@ pub trait Syntax {
     fn rate_place(&self, _state: usize) -> String {
         String::new()
     }
-    /// What is not a number.
+    /// The language's NaN.
     fn nan(&self) -> &'static str;
     /// A function of one number, other than a minus sign.
     fn unary(&self, function: Unary, x: &str) -> String {
@@ -120,7 +120,7 @@ pub struct Printer<'a, S> {
     /// Names of the parts that were computed before.
     names: HashMap<Id, String>,
     labels: &'a [(Id, String)],
-    /// What names of parts without one begin with.
+    /// The prefix of generated names.
     prefix: &'static str,
     /// Names that a part must not be of if it is to be computed before.
     in_place: &'static [&'static str],
@@ -129,7 +129,7 @@ pub struct Printer<'a, S> {
 }
 
 impl<'a, S: Syntax> Printer<'a, S> {
-    /// Of the expressions of a model.
+    /// For the expressions of a model.
     pub fn new(physics: &'a Physics, syntax: &'a S) -> Self {
         Self {
             tape: &physics.tape,

@@ -4,7 +4,7 @@ use super::print::{Lines, Syntax, common_name, indented};
 use super::trace::Unary;
 use super::{ExportError, Source, aligned};
 
-/// What the functions of a file are filled into.
+/// The template of a file.
 const TEMPLATE: &str = include_str!("python.jinja");
 
 /// How to use the file.
@@ -21,7 +21,7 @@ struct Python<'a>(&'a Source<'a>);
 ///
 /// # Errors
 ///
-/// Those of the template.
+/// Errors of the template.
 pub(super) fn export(source: &Source) -> Result<String, ExportError> {
     let header: String = source
         .header(USE)

@@ -46,7 +46,7 @@ const PLAUSIBLE: std::ops::RangeInclusive<f64> = 0.4..=5.0;
 /// Starts of each exponent that are raced.
 const PROMISING: usize = 3;
 
-/// Of these, how many are fitted to the end.
+/// The number of these that are fitted to the end.
 const FINALISTS: usize = 3;
 
 /// Steps of a fit that choose among them.
@@ -122,7 +122,7 @@ pub enum Origin {
     Guess(&'static str),
 }
 
-/// What is known of the actuator itself.
+/// Geometry and material of the actuator.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Geometry {
     /// A row of the table of materials.
@@ -164,9 +164,9 @@ pub struct FirstModel {
     pub model: Model<f64>,
     /// Where each base parameter comes from, in the order of [`BASE`].
     pub origins: [Origin; 5],
-    /// What a refit may move.
+    /// The parameters that a refit estimates.
     pub free: Vec<ParameterId>,
-    /// What is known of the actuator.
+    /// Geometry and material of the actuator, where known.
     pub geometry: Option<Geometry>,
     /// How well it follows the recordings, if there are any.
     pub evidence: Option<Evidence>,

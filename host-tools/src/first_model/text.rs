@@ -113,7 +113,7 @@ impl FirstModel {
     }
 }
 
-/// What to do with the model, a line each.
+/// The next steps with the model, a line each.
 pub fn next_steps(recordings: &[impl AsRef<Path>], path: &Path) -> Vec<String> {
     let model = word(path);
     let files: Vec<String> = recordings.iter().map(|it| word(it.as_ref())).collect();

@@ -91,7 +91,7 @@ impl ModelFile {
     ///
     /// # Errors
     ///
-    /// As [`ModelFile::read`].
+    /// Like [`ModelFile::read`].
     pub fn parse(text: &str, path: &Path) -> Result<Self, InputError> {
         ModelReader {
             toml: Reader { text, path },
@@ -882,7 +882,7 @@ fn material_span(root: &Table) -> Option<std::ops::Range<usize>> {
     root.get("actuator")?.get("material")?.span()
 }
 
-/// What to write in place of a material that is not in the table.
+/// Advice for a material that is not in the table.
 fn material_to_write(name: &str) -> String {
     let near = like(name);
     if near.is_empty() {

@@ -132,18 +132,18 @@ const fn row(
     }
 }
 
-/// Of both signs.
+/// A symmetric range of both signs.
 const fn by_unit(unit: Unit, of: &'static str, most: f64, because: &'static str) -> (Unit, Range) {
     (unit, row(of, unit.symbol(), -most, most, because))
 }
 
 impl Range {
-    /// Of a key in `[actuator]` or `[dynamics]`; none of another.
+    /// The range of a key in `[actuator]` or `[dynamics]`; none for other keys.
     pub fn of_key(key: &str) -> Option<Self> {
         KEYS.into_iter().find(|range| range.of == key)
     }
 
-    /// Of the numbers of effects in this unit.
+    /// The range of effects' parameters in this unit.
     pub fn of_unit(unit: Unit) -> Self {
         UNITS
             .into_iter()
@@ -152,7 +152,7 @@ impl Range {
             .map_or(row("", "", -1e6, 1e6, ""), |(_, range)| range)
     }
 
-    /// Of a parameter of an effect: its own bounds, as far as it has any.
+    /// The range of a parameter of an effect: its own bounds, where it has any.
     pub fn of_parameter(parameter: &Parameter) -> Self {
         let wide = Self::of_unit(parameter.unit);
         let bound = |si: f32| parameter.unit.from_si(f64::from(si));
@@ -168,7 +168,7 @@ impl Range {
         (self.least..=self.most).contains(&number)
     }
 
-    /// What to do about a number that may not.
+    /// The advice for a number out of range.
     pub fn advice(&self) -> String {
         format!("give a value {self}")
     }

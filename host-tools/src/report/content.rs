@@ -50,7 +50,7 @@ pub struct Content {
     pub ended: Option<String>,
     /// The numbers that matter most.
     pub keys: Vec<Key>,
-    /// What is noteworthy about the recordings.
+    /// Notices about the recordings.
     pub notices: Vec<Notice>,
     /// Errors on fitted runs, and on runs that were not fitted.
     pub errors: Vec<ErrorRow>,
@@ -64,7 +64,7 @@ pub struct Content {
     pub effects: Vec<Effect>,
     /// The parameters that the model had before.
     pub base: Vec<ParameterRow>,
-    /// What the sensors show at zero, as a sentence.
+    /// The sensors' zeros, as a sentence.
     pub zeros: String,
     /// Sentences about parameters that the recordings do not determine.
     pub undetermined: Vec<String>,
@@ -89,7 +89,7 @@ pub struct Content {
 /// A number with its label.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Key {
-    /// What it is.
+    /// Its name.
     pub label: String,
     /// The number with its unit.
     pub value: String,
@@ -102,9 +102,9 @@ pub struct Key {
 pub struct Notice {
     /// The recording; none if it is about all of them.
     pub about: Option<String>,
-    /// What was found.
+    /// The finding.
     pub text: String,
-    /// What to do about it.
+    /// The advice.
     pub advice: String,
 }
 
@@ -121,7 +121,7 @@ pub struct ErrorRow {
     pub refit: String,
     /// With the named effects.
     pub repaired: String,
-    /// What noise alone leaves.
+    /// The noise floor.
     pub floor: String,
     /// Fit (normalised RMS) of the three models.
     pub fits: [String; 3],
@@ -267,11 +267,11 @@ pub struct Untried {
 pub struct NextRun {
     /// Name of the protocol.
     pub protocol: String,
-    /// What it is.
+    /// Its title.
     pub title: String,
     /// How long it lasts (s).
     pub seconds: String,
-    /// What it separates, as in files.
+    /// The two effects that it separates, by the names of files.
     pub separates: [String; 2],
     /// Its expected evidence.
     pub evidence: String,
@@ -316,7 +316,7 @@ impl Content {
         !matches!(self.answer, Answer::NoDiscrepancy | Answer::ParametersOnly)
     }
 
-    /// What the rivals are.
+    /// The title of the section of rivals.
     pub fn rivals_title(&self) -> &'static str {
         if self.answer == Answer::Unexplained {
             CLOSEST
@@ -1111,7 +1111,7 @@ fn errors_of(tried: &FittedStructure, diagnosis: &Diagnosis) -> (f64, Option<f64
     }
 }
 
-/// What became of a structure.
+/// How the diagnosis judged a structure.
 fn standing(tried: &FittedStructure, diagnosis: &Diagnosis) -> Standing {
     let alternatives = &diagnosis.alternatives;
     let listed = alternatives

@@ -119,7 +119,7 @@ struct Page<'a> {
     legend: Vec<Legend>,
     run_switches: Vec<Switch>,
     runs: Vec<Picture>,
-    /// What the band behind a curve is, or why there is none.
+    /// Explains the band behind a curve, or why there is none.
     confidence: Option<String>,
     /// Why the errors on fitted runs are not all of one kind.
     horizon: Option<&'static str>,

@@ -31,7 +31,7 @@ const SAME: f64 = 1e-3;
 const TEXT_COLUMNS: usize = 3;
 
 impl Row {
-    /// What the table shows, cell by cell.
+    /// The cells of the table's row.
     fn cells(&self) -> [String; HEADINGS.len()] {
         let number = |value: Option<f64>| value.map_or("–".into(), significant);
         let control = if self.rig.is_control {
@@ -139,7 +139,7 @@ fn anchor(title: &str) -> String {
     kept.collect::<String>().to_lowercase().replace(' ', "-")
 }
 
-/// What the rows come to.
+/// The summary of the rows.
 pub fn summary(rows: &[Row]) -> String {
     let count = |control: bool, holds: fn(&Diagnosed) -> bool| {
         let rows = || rows.iter().filter(move |row| row.rig.is_control == control);
