@@ -557,7 +557,7 @@ def diagnose(
 ) -> Diagnosis:
     """Diagnoses a model against recordings: which effect does it lack?
 
-    Without ``holdout`` the runs are left out in turn to judge by. ``progress`` is called a
+    Without ``holdout`` the runs are left out in turn for validation. ``progress`` is called a
     few times a second; ``print`` will do. ``resume`` is a folder in which finished fits are
     kept, and from which they are taken up. ``effects`` is a file of effects with formulas of
     your own, which are tried beside those that are known. After ``budget_s`` seconds the
@@ -569,7 +569,7 @@ class Example:
 
     @property
     def model(self) -> Model:
-        """The model that its owner believes in."""
+        """The nominal model."""
 
     @property
     def truth(self) -> Model:

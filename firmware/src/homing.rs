@@ -1,9 +1,9 @@
-//! Finding out where the plunger is.
+//! Homing: finds the position of the plunger.
 //!
-//! A step counter forgets at every reset. With the valve open, the plunger goes
-//! back until the end switch answers, forward slowly until it lets go, and that
-//! edge is volume zero. It then goes on to a start position somewhat inside, so
-//! that the way back after a release does not run into the switch.
+//! The step counter is lost at every reset. With the valve open, the plunger moves back
+//! until the end switch closes, then slowly forward until it releases; that edge is
+//! volume zero. Then it moves to a start position somewhat inside, so that the return
+//! after a release does not hit the switch.
 
 use wire::{
     fault::Fault,
@@ -18,7 +18,7 @@ use crate::{
     io::{Inputs, Outputs, Pump, Valve},
 };
 
-/// Periods for which a switch has to be open to have been left.
+/// Periods for which a released switch has to stay so.
 const CLEAR: u8 = 10;
 
 /// Periods that the pump is given to stop, and the board to set its counter.
@@ -66,7 +66,7 @@ enum Phase {
     Approach,
 }
 
-/// How far homing has come.
+/// The progress of homing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Homing {
     phase: Phase,
@@ -79,7 +79,7 @@ pub struct Homing {
     clear: u8,
 }
 
-/// What a period of homing came to.
+/// The result of one period of homing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Progress {
     /// Going on.

@@ -1,6 +1,6 @@
-//! What the control logic sees of the rig, and what it may do to it.
+//! The interface between control logic and hardware.
 //!
-//! The board layer fills [`Inputs`] and obeys [`Outputs`] once a control period;
+//! The board layer fills [`Inputs`] and applies [`Outputs`] once per control period;
 //! everything in between is plain functions that a desktop can test.
 
 use crate::design::OVERSAMPLING;
@@ -49,7 +49,7 @@ pub struct Inputs {
     pub overruns: u8,
 }
 
-/// What the pump's driver is told.
+/// The command to the pump's driver.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Pump {
     /// Driver off: the motor is free.
@@ -72,7 +72,7 @@ pub enum Valve {
     Closed,
 }
 
-/// What the rig has to do for the next control period.
+/// The outputs for the next control period.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Outputs {
     /// The pump.

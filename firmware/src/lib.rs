@@ -1,7 +1,7 @@
-//! What the board does, as plain functions that a desktop can test.
+//! The firmware's logic, as plain functions that a desktop can test.
 //!
-//! The binary beside this library owns the registers; everything that decides
-//! anything is here, without hardware, without allocation and without panics.
+//! The binary beside this library owns the registers. All decisions are made here, without
+//! hardware, without allocation and without panics.
 #![no_std]
 #![forbid(unsafe_code)]
 

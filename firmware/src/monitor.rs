@@ -1,14 +1,13 @@
-//! The model beside the rig, and the flag that says when they part.
+//! The open-loop prediction beside the rig, and the mismatch flag.
 //!
-//! The recurrence itself is [`model_core::predictor`], where a computer that
-//! reads the log finds it too. Here is when it starts anew, and when a gap
-//! between prediction and measurement is a mismatch.
+//! The recurrence itself is [`model_core::predictor`], which a computer can repeat from
+//! the log. This module decides when it restarts, and when an error of the prediction is
+//! a mismatch.
 //!
-//! It starts from one line of telemetry, noise and all: 0.1° and 0.08 kPa rms
-//! after sixteen conversions, a fiftieth of the shipped band, and the model
-//! relaxes from it. A mean of the last second would be quieter, but then a log
-//! that begins at a run, or that lost a line before it, could no longer be
-//! repeated to the bit.
+//! It starts from a single line of telemetry with its noise: 0.1° and 0.08 kPa rms after
+//! sixteen conversions, a fiftieth of the shipped band, and the model relaxes from it. A
+//! mean of the last second would be quieter, but then a log that begins at a run, or that
+//! lost a line before it, could not be reproduced bit by bit.
 
 use model_core::predictor::{Prediction, Predictor};
 use wire::{
@@ -35,7 +34,7 @@ pub struct Seen {
 pub struct Monitor {
     prediction: Option<Prediction>,
     predicted: Option<Hundredths>,
-    /// How long the gap has been outside the band (s).
+    /// Time for which the error has been outside the band (s).
     outside: f32,
     mismatch: bool,
 }
@@ -48,7 +47,7 @@ impl Monitor {
         self.outside = 0.0;
     }
 
-    /// Takes the flag down.
+    /// Clears the flag.
     pub fn clear(&mut self) {
         self.outside = 0.0;
         self.mismatch = false;
@@ -59,8 +58,8 @@ impl Monitor {
         self.mismatch
     }
 
-    /// What the angle sensor should show (°); none before the first readings,
-    /// and when the model diverged.
+    /// The predicted reading of the angle sensor (°); none before the first readings,
+    /// and after the model diverged.
     pub fn predicted(&self) -> Option<Hundredths> {
         self.predicted
     }
@@ -70,8 +69,8 @@ impl Monitor {
         self.prediction.as_ref()
     }
 
-    /// What the model says of the present, for the angle loop; none before the first
-    /// readings, and when the model diverged.
+    /// The predicted state, for the angle loop; none before the first readings, and after
+    /// the model diverged.
     pub fn expected(&self, predictor: &Predictor) -> Option<Expected> {
         let prediction = self.prediction.as_ref()?;
         let expected = Expected {
@@ -83,9 +82,9 @@ impl Monitor {
             .then_some(expected)
     }
 
-    /// Goes on to the next telemetry line: starts from it if there is no
-    /// prediction and both readings are there, steps otherwise. The gap is only
-    /// judged while `judge`: at rest an actuator may be bent by hand.
+    /// Advances to the next telemetry line: starts from it if there is no prediction and
+    /// both readings are valid, otherwise makes a step. The error only counts while
+    /// `judge`: at rest an actuator may be bent by hand.
     pub fn step(&mut self, predictor: &Predictor, settings: &Settings, seen: &Seen, judge: bool) {
         match (&mut self.prediction, seen) {
             (Some(prediction), _) => {

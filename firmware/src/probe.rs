@@ -1,8 +1,8 @@
-//! Telling the simulator where a measured stretch starts and ends.
+//! Marks measured sections of the program for the simulator.
 
-/// Marks stretches of the program; the numbers are those of [`wire::stretch`].
+/// Marks sections of the program; the numbers are those of [`wire::stretch`].
 pub trait Probe {
-    /// Marks the start of a stretch.
+    /// Marks the start of a section.
     fn open(&mut self, stretch: u8);
     /// Marks its end.
     fn close(&mut self);

@@ -1,17 +1,17 @@
 //! A queue of bytes between the main program and an interrupt.
 //!
-//! One side writes and the other reads; each changes only its own index, and hands over
-//! what it has done with the index: the bytes are stored before the writer's index is
-//! released, and read before the reader's is. On the board, with one core and byte-wide
-//! loads and stores, that is an order for the compiler and costs nothing.
+//! One side writes and the other reads. Each changes only its own index: bytes are stored
+//! before the writer's index is released, and read before the reader's index is. On the board,
+//! with one core and byte-wide loads and stores, that only orders instructions and costs
+//! nothing.
 //!
 //! With 256 bytes the byte-wide indices wrap by themselves, so a push is a dozen
 //! instructions in an interrupt that runs 11 000 times a second. heapless' queue counts in
 //! words of the address width, whose loads an interrupt can tear here, so that it needs
 //! critical sections from portable-atomic around every one of them.
 //!
-//! The bytes are atomic too. So there is nothing unsafe in it: two writers at once would
-//! lose and mix up bytes, and nothing else.
+//! The bytes are atomic too, so no unsafe code is needed: two writers at once would only lose
+//! and mix up bytes.
 
 use core::sync::atomic::{
     AtomicU8,
@@ -90,7 +90,7 @@ impl Ring {
     }
 }
 
-/// What is to be added whole or not at all; see [`Ring::draft`].
+/// Bytes that are added all or none; see [`Ring::draft`].
 #[derive(Debug)]
 pub struct Draft<'ring> {
     ring: &'ring Ring,

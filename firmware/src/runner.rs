@@ -1,13 +1,12 @@
 //! Protocols on the board: downloaded or known by name, checked, then played.
 //!
-//! [`wire::protocol`] says what a protocol means over time; here it is kept in
-//! little RAM, held against the limits, and coupled to the plunger: after a
-//! release the next segment waits until the plunger is back at its start, or
-//! repeats would not be repeats.
+//! [`wire::protocol`] defines a protocol over time. Here it is stored in little RAM,
+//! checked against the limits, and coupled to the plunger: after a release the next
+//! segment waits until the plunger is back at its start, so that repeats are alike.
 
 use wire::{
     decimal::Hundredths,
-    protocol::{Demand, MAX_SEGMENTS, Named, Playback, Program, Segment, Track, check},
+    protocol::{ControlMode, MAX_SEGMENTS, Named, Playback, Program, Reference, Segment, check},
     settings::{Key, Settings},
 };
 
@@ -16,8 +15,8 @@ use crate::design::PERIOD_MS;
 /// A segment in eleven bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Packed {
-    /// What it is: [`Kind`] above, the track in the lowest two bits. Zero while
-    /// the place is empty.
+    /// The kind of segment, with the control mode in the lowest two bits. Zero while the
+    /// place is empty.
     kind: u8,
     level: [u8; 2],
     amplitude: [u8; 2],
@@ -31,7 +30,7 @@ const SINES: u8 = 3 << 2;
 const HOLD: u8 = 4 << 2;
 const RELEASE: u8 = 5 << 2;
 const REPEAT: u8 = 6 << 2;
-const TRACK: u8 = 0b11;
+const MODE: u8 = 0b11;
 
 /// The low 24 bits: durations are at most an hour.
 fn short(ms: u32) -> [u8; 3] {
@@ -53,30 +52,30 @@ fn unlevel(bytes: [u8; 2]) -> Hundredths {
     Hundredths(i32::from(u16::from_le_bytes(bytes)))
 }
 
-const fn track_bits(track: Track) -> u8 {
-    match track {
-        Track::Pressure => 0,
-        Track::AngleOpenLoop => 1,
-        Track::AngleClosedLoop => 2,
+const fn mode_bits(mode: ControlMode) -> u8 {
+    match mode {
+        ControlMode::Pressure => 0,
+        ControlMode::AngleOpenLoop => 1,
+        ControlMode::AngleClosedLoop => 2,
     }
 }
 
 impl Packed {
     /// Packs a segment; none if a level cannot be one.
     fn pack(segment: &Segment) -> Option<Self> {
-        let track = segment.track().map_or(0, track_bits);
+        let mode = segment.mode().map_or(0, mode_bits);
         let empty = Self {
             duration_ms: short(segment.duration_ms()),
             ..Self::default()
         };
         Some(match *segment {
             Segment::Step { level: to, .. } => Self {
-                kind: STEP | track,
+                kind: STEP | mode,
                 level: level(to)?,
                 ..empty
             },
             Segment::Ramp { level: to, .. } => Self {
-                kind: RAMP | track,
+                kind: RAMP | mode,
                 level: level(to)?,
                 ..empty
             },
@@ -86,7 +85,7 @@ impl Packed {
                 period_ms,
                 ..
             } => Self {
-                kind: SINES | track,
+                kind: SINES | mode,
                 level: level(centre)?,
                 amplitude: level(amplitude)?,
                 period_ms: short(period_ms),
@@ -110,25 +109,25 @@ impl Packed {
 
     fn unpack(&self) -> Option<Segment> {
         let duration_ms = long(self.duration_ms);
-        let track = match self.kind & TRACK {
-            0 => Track::Pressure,
-            1 => Track::AngleOpenLoop,
-            _ => Track::AngleClosedLoop,
+        let mode = match self.kind & MODE {
+            0 => ControlMode::Pressure,
+            1 => ControlMode::AngleOpenLoop,
+            _ => ControlMode::AngleClosedLoop,
         };
         let level = unlevel(self.level);
-        Some(match self.kind & !TRACK {
+        Some(match self.kind & !MODE {
             STEP => Segment::Step {
-                track,
+                mode,
                 level,
                 duration_ms,
             },
             RAMP => Segment::Ramp {
-                track,
+                mode,
                 level,
                 duration_ms,
             },
             SINES => Segment::Multisine {
-                track,
+                mode,
                 centre: level,
                 amplitude: unlevel(self.amplitude),
                 // Never zero: a period divides.
@@ -169,14 +168,14 @@ impl Memory {
         }
     }
 
-    /// Forgets what was there and expects `count` segments.
+    /// Clears the memory and expects `count` segments.
     pub fn clear(&mut self, count: u8) {
         *self = Self::new();
         self.count = count.min(MAX_SEGMENTS);
     }
 
-    /// Keeps a segment; whether its place was announced and its levels can be
-    /// kept. Coming twice is as good as once.
+    /// Stores a segment; returns whether its place was announced and its levels can be
+    /// stored. Storing it twice is the same as once.
     pub fn put(&mut self, index: u8, segment: &Segment) -> bool {
         if index >= self.count {
             return false;
@@ -222,8 +221,8 @@ fn is_within(program: &(impl Program + ?Sized), settings: &Settings) -> bool {
     (0..MAX_SEGMENTS)
         .map_while(|index| program.segment(index))
         .all(|segment| {
-            let highest = match segment.track() {
-                Some(Track::Pressure) => kilopascal,
+            let highest = match segment.mode() {
+                Some(ControlMode::Pressure) => kilopascal,
                 _ => degrees,
             };
             let lowest = match segment {
@@ -259,7 +258,7 @@ impl Runner {
         })
     }
 
-    /// The segment at hand.
+    /// The current segment.
     pub fn index(&self) -> u8 {
         self.playback.index()
     }
@@ -269,11 +268,11 @@ impl Runner {
         self.playback.repeat()
     }
 
-    /// What is asked for now.
-    pub fn demand(&self, memory: &Memory) -> Demand {
+    /// The reference now.
+    pub fn reference(&self, memory: &Memory) -> Reference {
         match self.named {
-            Some(named) => self.playback.demand(&named),
-            None => self.playback.demand(memory),
+            Some(named) => self.playback.reference(&named),
+            None => self.playback.reference(memory),
         }
     }
 
@@ -287,7 +286,7 @@ impl Runner {
         }
         if next.index() != self.playback.index()
             && !plunger_is_back
-            && self.demand(memory) == Demand::Release
+            && self.reference(memory) == Reference::Release
         {
             return;
         }
@@ -322,7 +321,7 @@ mod tests {
     }
 
     const STEP: Segment = Segment::Step {
-        track: Track::AngleOpenLoop,
+        mode: ControlMode::AngleOpenLoop,
         level: Hundredths(6_000),
         duration_ms: 1_000,
     };
@@ -345,23 +344,23 @@ mod tests {
         hole.clear(3);
         assert!(hole.put(0, &STEP) && hole.put(2, &STEP) && !hole.put(3, &STEP));
         assert!(!start(&hole));
-        let step = |track, level| Segment::Step {
-            track,
+        let step = |mode, level| Segment::Step {
+            mode,
             level: Hundredths(level),
             duration_ms: 10,
         };
-        for (track, level, fits) in [
-            (Track::AngleOpenLoop, 11_000, true),
-            (Track::AngleOpenLoop, 11_001, false),
-            (Track::AngleClosedLoop, 11_001, false),
-            (Track::Pressure, 16_000, true),
-            (Track::Pressure, 16_001, false),
-            (Track::Pressure, -1, false),
+        for (mode, level, fits) in [
+            (ControlMode::AngleOpenLoop, 11_000, true),
+            (ControlMode::AngleOpenLoop, 11_001, false),
+            (ControlMode::AngleClosedLoop, 11_001, false),
+            (ControlMode::Pressure, 16_000, true),
+            (ControlMode::Pressure, 16_001, false),
+            (ControlMode::Pressure, -1, false),
         ] {
-            assert_eq!(start(&memory(&[step(track, level)])), fits, "{level}");
+            assert_eq!(start(&memory(&[step(mode, level)])), fits, "{level}");
         }
         let sines = |centre, amplitude| Segment::Multisine {
-            track: Track::AngleOpenLoop,
+            mode: ControlMode::AngleOpenLoop,
             centre: Hundredths(centre),
             amplitude: Hundredths(amplitude),
             period_ms: 1_000,
@@ -383,15 +382,15 @@ mod tests {
         let mut runner = Runner::start(None, &memory, &Settings::DEFAULT).unwrap();
         for _ in 0..100 {
             runner.advance(&memory, false);
-            assert_eq!(runner.demand(&memory), Demand::Release);
+            assert_eq!(runner.reference(&memory), Reference::Release);
         }
         runner.advance(&memory, true);
-        assert!(matches!(runner.demand(&memory), Demand::Track { .. }));
+        assert!(matches!(runner.reference(&memory), Reference::Track { .. }));
         // A release that ends in time is not cut short.
         let mut runner = Runner::start(None, &memory, &Settings::DEFAULT).unwrap();
         for _ in 0..4 {
             runner.advance(&memory, true);
-            assert_eq!(runner.demand(&memory), Demand::Release);
+            assert_eq!(runner.reference(&memory), Reference::Release);
         }
     }
 }

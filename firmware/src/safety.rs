@@ -55,16 +55,20 @@ pub struct Conditions {
     pub retracted_switch: bool,
     /// Homing looks for the retracted switch and comes to the other one.
     pub motor_reversed: bool,
-    /// The valve has been open for longer than [`LONGEST_VENTING_PERIODS`](crate::design::LONGEST_VENTING_PERIODS), and the pressure has
-    /// not been near zero for [`STILL_PRESSURISED_PERIODS`](crate::design::STILL_PRESSURISED_PERIODS) since: it stays, or a plunger that goes back sucks the actuator flat.
+    /// The valve has been open for longer than
+    /// [`LONGEST_VENTING_PERIODS`](crate::design::LONGEST_VENTING_PERIODS), and the pressure
+    /// has not been near zero for
+    /// [`STILL_PRESSURISED_PERIODS`](crate::design::STILL_PRESSURISED_PERIODS) since: it
+    /// stays, or a plunger that goes back sucks the actuator flat.
     pub vent_blocked: bool,
     /// The pump is at the end of its stroke and far from the pressure set-point.
     pub out_of_reach: bool,
     /// In closed loop, sensor and prediction show different angles.
     pub disagreement: bool,
-    /// The pressure is farther from zero than [`LARGEST_AT_REST_PA`](crate::design::LARGEST_AT_REST_PA). No fault: between
-    /// the closed valve and the pump it belongs there. Before arming, with the valve
-    /// open, it means a wrong zero or a blocked vent.
+    /// The pressure is farther from zero than
+    /// [`LARGEST_AT_REST_PA`](crate::design::LARGEST_AT_REST_PA). No fault: between the
+    /// closed valve and the pump it belongs there. Before arming, with the valve open, it
+    /// means a wrong zero or a blocked vent.
     pub pressurised: bool,
 }
 

@@ -1,9 +1,8 @@
-//! Model steps at start-up, shown to the bit.
+//! The self-test: model steps, printed to the last bit.
 //!
-//! The claim that the board and the desktop compute the same is checked where it
-//! matters: on the image that is flashed. The board steps fixed models from a
-//! fixed state, one with each power function and one with each effect of the
-//! catalogue, and prints the bits; the desktop does the same and compares.
+//! Board and desktop must compute the same. This is checked on the flashed image: the board
+//! steps fixed models from a fixed state, one with each power function and one with each
+//! effect of the catalogue, and prints the bits; the desktop does the same and compares.
 
 use core::hint::black_box;
 
@@ -102,7 +101,7 @@ fn effect(kind: Kind) -> Option<Slot<f32>> {
     kind.build_slot(values)
 }
 
-/// The model with the dearest three effects.
+/// The model with the three most expensive effects.
 ///
 /// # Errors
 ///

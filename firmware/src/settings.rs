@@ -1,9 +1,8 @@
-//! What the settings mean: the model, the calibration, the limits.
+//! The meaning of the settings: the model, the calibration, the limits.
 //!
-//! On the wire and in EEPROM settings are a list of words. Here they become the
-//! validated types that the rest of the firmware works with, and here is the one
-//! place that says whether a list makes sense as a whole. Each word has been
-//! checked against its own bounds before, by [`Settings::set`].
+//! On the wire and in EEPROM settings are a list of words. Here they become the validated
+//! types of the firmware, and here a list is checked as a whole. Each word was checked
+//! against its own bounds before, by [`Settings::set`].
 
 use model_core::{
     actuator::{InvalidModel, MAX_EFFECTS, Model, Slot},

@@ -1,16 +1,15 @@
-//! Noticing that the pump turns and nothing follows.
+//! Detects a stall: the pump steps, and the pressure does not follow.
 //!
-//! The motor has no encoder: a coupling that slips, a tube that came off, a
-//! supply that is missing all look like steps that were made. But air that is
-//! pushed into a closed volume must show a pressure. For a displaced volume Δv
-//! the isothermal gas law promises at least
+//! The motor has no encoder: a slipping coupling, a detached tube or a missing supply all
+//! look like completed steps. But air that is pushed into a closed volume must give a
+//! pressure. For a displaced volume Δv the isothermal gas law gives at least
 //!
 //! ```text
 //! Δp ≥ p₀ Δv / V     p₀ = 101 kPa, V: all the air that there may be
 //! ```
 //!
-//! An actuator that swells, a leak, and a small motor position error take from
-//! it, so only a quarter is insisted on, with twice the syringe for V.
+//! An actuator that swells, a leak, and a small position error reduce it, so only a
+//! quarter is required, with twice the syringe for V.
 
 use wire::settings::{Key, Settings};
 
@@ -19,7 +18,7 @@ use crate::control::ATMOSPHERE_PA;
 /// All the air that there may be, in largest volumes of the pump.
 const AIR: f32 = 2.0;
 
-/// Share of the promised rise that is insisted on.
+/// Required share of that rise.
 const SHARE: f32 = 0.25;
 
 /// Compressed volume, in largest volumes, over which the rise is looked for:

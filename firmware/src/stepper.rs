@@ -1,10 +1,9 @@
-//! From a rate of the pump to gaps between step pulses.
+//! From a rate of the pump to intervals between step pulses.
 //!
-//! A stepper motor that is asked to jump to a rate stands still and hums. The
-//! rate therefore ramps, in [`SLOTS`] small changes a control period, and a
-//! change of direction passes through a standstill. All of it is computed here,
-//! in floating point, once a period; the interrupts only count down the gaps
-//! that come out.
+//! A stepper motor that is to jump to a rate stalls and hums. So the rate ramps, in
+//! [`SLOTS`] small changes per control period, and a change of direction passes through a
+//! standstill. All of it is computed here, in floating point, once per period; the
+//! interrupts only count down the intervals.
 
 use crate::design::{CPU_HZ, PERIOD_S};
 

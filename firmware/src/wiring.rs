@@ -1,8 +1,7 @@
-//! Which pin of the board goes where.
+//! The pins of the board.
 //!
-//! Said once, as constants: the board layer takes its pins from here, and a test
-//! holds the wiring table of `docs/hardware/wiring.md` against them, so that
-//! nobody solders by a table that the firmware does not follow.
+//! The board layer takes its pins from these constants, and a test compares them with the
+//! wiring table of `docs/hardware/wiring.md`, so that nobody solders by a wrong table.
 
 /// A digital pin of the ATmega2560 and what is printed beside it on the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

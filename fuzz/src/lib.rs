@@ -1,11 +1,10 @@
-//! What every reader promises for any bytes at all.
+//! Properties of every reader for arbitrary bytes.
 //!
-//! Each function takes what a fuzzer made up and panics where a promise is broken. The
-//! promises are more than "it does not crash": what was read and written reads back
+//! Each function takes the input of a fuzzer and panics if a property is violated. The
+//! properties are more than "it does not crash": data that is read and written reads back
 //! the same, a message points into the file, a store holds the last settings or those
-//! before. `tests/targets.rs` calls them with the corpora beside it and with random
-//! edits of these for a few seconds; `cargo xtask fuzz` goes on for hours, guided by
-//! coverage.
+//! before. `tests/targets.rs` calls them with the corpora and with random edits of these
+//! for a few seconds; `cargo xtask fuzz` runs for hours, guided by coverage.
 #![forbid(unsafe_code)]
 
 mod files;

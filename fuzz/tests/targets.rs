@@ -1,8 +1,8 @@
 //! Every target, with its corpus and with random edits of it.
 //!
-//! Nothing here sees what an input leads to. Random bytes are hardly ever a file, so it
-//! is the corpus that is edited: by numbers that are the same in every run, so that a test
-//! fails for who broke it. `cargo xtask fuzz` goes on where this ends.
+//! There is no coverage here. Random bytes are hardly ever a file, so the corpus is edited,
+//! with the same random numbers in every run, so that failures can be reproduced.
+//! `cargo xtask fuzz` continues with coverage.
 
 use std::{env, fs, path::Path};
 

@@ -11,7 +11,7 @@ use std::{
 };
 
 use host_tools::sim::dual::Dual;
-use host_tools::sim::simulate::{Signal, Start, Trajectory, run, substeps};
+use host_tools::sim::simulate::{InitialState, Signal, Trajectory, run, substeps};
 use model_core::actuator::{Model, ParameterId};
 use model_core::dynamics::Dynamics;
 use rand::{RngExt, SeedableRng};
@@ -87,7 +87,7 @@ fn measure(
 ) -> Problem {
     let signal = Signal::new(time.to_vec(), pressure.clone());
     let steps = substeps(model, 1.0 / RATE_HZ, 1.5);
-    let start = Start {
+    let start = InitialState {
         angle: 0.0,
         rate: 0.0,
     };
@@ -108,7 +108,7 @@ fn measure(
             dual = dual.with_value(id, Dual::variable(value, column, 1.0));
         }
     }
-    let rest = Start {
+    let rest = InitialState {
         angle: Dual::variable(0.0, DERIVATIVES - 2, 1.0),
         rate: Dual::variable(0.0, DERIVATIVES - 1, 1.0),
     };

@@ -1,9 +1,8 @@
-//! Linear memories, carried exactly over a step.
+//! Linear memories, integrated exactly over a step.
 //!
-//! A tube, a slow sensor and a Maxwell branch remember by one exponential each. Over a
-//! step of fixed length its factors are constants, prepared once: two multiplications
-//! carry a memory however short its time constant is, where an explicit scheme would have
-//! to take shorter steps.
+//! A tube, a slow sensor and a Maxwell branch each have one exponential memory. For a fixed
+//! step length its factors are constants, prepared once: two multiplications integrate a
+//! memory with any time constant, where an explicit scheme would need shorter steps.
 //!
 //! ```text
 //! E = e^(−h/τ)     r = (1 − E)·τ/h

@@ -1,4 +1,4 @@
-//! The registry of effects: one line each.
+//! The catalogue of effects: one line per effect.
 //!
 //! Files, fits and reports reach effects through [`Kind`]; the integrator runs
 //! them through [`Effect`]. To add one, write its file in `effects/` and name

@@ -1,7 +1,7 @@
-//! The parameters of the base equation, and how fast it moves.
+//! The parameters of the base equation, and its rates.
 //!
-//! Effects change the first and add to the second, and the model is made of both: so they stand
-//! apart from either.
+//! They are separate from effects and from the model: effects change the parameters and add to
+//! the rates, and a model consists of both.
 
 use crate::real::Real;
 

@@ -1,9 +1,9 @@
-//! What dry friction and other laws of the rate take from a drift.
+//! Losses of dry friction and other laws of the rate during a drift.
 //!
-//! Between two kicks an actuator glides: `M·ω̇ = −C·ω − f(ω)`, where f is everything that
-//! depends on the rate alone: dry friction, drag, a damping with two sides. Like the damping
-//! itself ([`crate::leapfrog`]), the flow over one step depends on nothing but where it
-//! begins. So it is computed once, at nodes, and a step looks two numbers up:
+//! Between two kicks an actuator drifts: `M·ω̇ = −C·ω − f(ω)`, where f is everything that
+//! depends on the rate alone: dry friction, drag, a two-sided damping. As with the damping
+//! itself ([`crate::leapfrog`]), the flow over one step depends only on the initial rate. So
+//! it is tabulated once, at nodes, and a step looks up two numbers:
 //!
 //! ```text
 //! x = A·ω                           way of the drift by damping alone (rad)
@@ -11,10 +11,10 @@
 //! x ← B·x − b(x) + kick             b: what f takes from the next one
 //! ```
 //!
-//! A friction that stops the actuator within a step takes all that is left and no more,
-//! and where it sticks, the actuator creeps about as slowly as its smoothed sign says, where an
-//! explicit scheme would shake. About: it is kicked before it is stopped, so that a step must not
-//! take much of the rate ([`crate::prepared::plan`]).
+//! A friction that stops the actuator within a step takes exactly the remaining rate. Where it
+//! sticks, the actuator creeps about as slowly as the smoothed sign allows, and an explicit
+//! scheme would oscillate. The creep is approximate, because the kick comes before the stop, so
+//! a step must not take much of the rate ([`crate::prepared::plan`]).
 //!
 //! Nodes lie as an `f32` does, eight octaves with eight chords each (four where the two
 //! directions differ), a chord through zero below them and the last chord beyond them. Two

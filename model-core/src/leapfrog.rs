@@ -27,8 +27,8 @@
 //! Linear memories (a tube, a Maxwell branch) are carried beside it ([`crate::carried`]),
 //! their forces added to the kick by [`crate::prepared`]; the order stays two.
 //!
-//! An oscillation of ω₀ is off by its usual (ω₀h)²/24 in frequency. [`substeps`] says how
-//! many steps a sampling interval needs.
+//! The relative frequency error of an oscillation of ω₀ is the usual (ω₀h)²/24. [`substeps`]
+//! gives the number of steps of a sampling interval.
 
 use crate::dynamics::Dynamics;
 use crate::power::{Power, signed_power};

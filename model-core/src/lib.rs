@@ -29,3 +29,4 @@ pub mod power_table;
 pub mod predictor;
 pub mod prepared;
 pub mod real;
+mod scalars;

@@ -46,16 +46,8 @@
 use micromath::F32Ext;
 
 use crate::elementary;
+pub use crate::real::Power;
 use crate::real::Real;
-
-/// A power function on non-negative bases.
-pub trait Power<R>: Copy + core::fmt::Debug + Default {
-    /// Computes `base^exponent` for `base ≥ 0` and `exponent > 0`.
-    ///
-    /// Both are pure numbers; angles are in radians. Other arguments are
-    /// outside the model, and an implementation may answer them with NaN.
-    fn pow(base: R, exponent: R) -> R;
-}
 
 /// Computes sign(θ)·|θ|ⁿ, the odd continuation of θⁿ to negative angles.
 ///

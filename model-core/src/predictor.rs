@@ -1,8 +1,8 @@
-//! The recurrence by which a board predicts the angle while it measures.
+//! The open-loop predictor of the board: the recurrence that predicts the angle.
 //!
-//! The board steps the model beside the rig and compares. A computer that reads
-//! the log must be able to repeat that to the bit, so the recurrence is here,
-//! once, for both. It sees nothing but what telemetry says:
+//! The board steps the model beside the rig and compares. A computer must be able to
+//! repeat that bit by bit from the log, so both use this recurrence. Its only inputs are
+//! the values of the telemetry:
 //!
 //! ```text
 //! pₖ  pressure of line k, whole hundredths of a kPa;  Pa = 10 · hundredths
@@ -12,13 +12,13 @@
 //! mₖ  = reading of xₖ through the sensor's effects
 //! ```
 //!
-//! A line whose pressure is missing counts as the pressure before it. All of it
-//! is `f32` and basic operations, which every IEEE machine rounds alike. How a
-//! period is stepped is [`crate::prepared`]'s business; here are the lines, the
-//! memory of pressures for a dead time, and the start.
+//! A line without a pressure counts with the pressure before it. All operations are basic
+//! operations in `f32`, which every IEEE machine rounds alike. [`crate::prepared`] steps a
+//! period; this module handles the lines, the memory of pressures for a dead time, and
+//! the start.
 //!
-//! It predicts and does not observe: nothing that the angle sensor says after the
-//! start corrects it, so that a gap is the model's.
+//! After the start the angle sensor never corrects the prediction, so that its error is
+//! the error of the model.
 
 use crate::actuator::Model;
 use crate::effects::Mechanism;

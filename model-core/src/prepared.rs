@@ -1,8 +1,8 @@
-//! A model prepared for steps of one length: what a board runs beside the rig.
+//! A model prepared for steps of one length, as the board runs it.
 //!
-//! [`crate::leapfrog`] steps the base equation. Here the effects of the catalogue join it,
-//! each by what it needs: nothing that a step length fixes is computed in a step, and no
-//! state is copied. The order of a step:
+//! [`crate::leapfrog`] steps the base equation. Here the effects of the catalogue are added,
+//! with all constants of the step length precomputed, and without copying a state. The order
+//! of a step:
 //!
 //! 1. drift: damping and [every law of the rate](crate::glide) take their losses;
 //! 2. the input path carries the pressure to the chamber;
@@ -10,11 +10,11 @@
 //!    way that was drifted;
 //! 4. kick: `γ·(g·p − factor·K·sign(θ)|θ|ⁿ − Q)` at the new angle.
 //!
-//! What depends on angle, pressure or time alone is asked of the effect itself
-//! ([`crate::effects`]), so its equation stands in one place. Linear memories are carried
-//! exactly ([`crate::carried`]); a hysteresis loop, a softening and a damping that changes with
-//! the angle by short series of their exponentials, and what is stable for any step where one
-//! is too long for them.
+//! A force that depends on angle, pressure or time alone comes from the effect itself
+//! ([`crate::effects`]), so its equation is in one place. Linear memories are integrated exactly
+//! ([`crate::carried`]). A hysteresis loop, a softening and a damping that depends on the angle use
+//! short series of their exponentials, and for steps too long for these an unconditionally stable
+//! formula.
 //!
 //! | | cycles of an ATmega2560 |
 //! |---|---|

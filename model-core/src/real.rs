@@ -1,13 +1,13 @@
-//! The scalar that all physics is written in.
+//! The scalar that all physics is written in, and the power that goes with it.
 //!
 //! One source serves three arithmetics: `f32` on the ATmega2560, `f64` on a
-//! desktop, and numbers that carry exact derivatives for the fits. [`Real`] is
-//! what the physics needs of a number, and no more.
+//! desktop, and numbers that carry exact derivatives for the fits. [`Real`] has
+//! exactly the operations that the physics needs, and [`Power`] the one that
+//! Ludwick's law needs besides. `scalars` implements `Real` for `f32` and `f64`;
+//! the power functions are in [`crate::power`].
 
 use core::fmt::Debug;
 use core::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
-
-use crate::power::Power;
 
 /// A scalar in which the model can be evaluated.
 ///
@@ -94,80 +94,16 @@ pub trait Real:
         if self < Self::zero() {
             Self::zero() / Self::zero()
         } else {
-            <Self::DefaultPower as crate::power::Power<Self>>::pow(self, exponent)
+            <Self::DefaultPower as Power<Self>>::pow(self, exponent)
         }
     }
 }
 
-impl Real for f32 {
-    type DefaultPower = crate::power::Minimax;
-
-    fn from_i16(n: i16) -> Self {
-        Self::from(n)
-    }
-    fn from_f32(x: f32) -> Self {
-        x
-    }
-    // Never the platform's functions: the board and the desktop must agree bit
-    // for bit.
-    fn exp(self) -> Self {
-        crate::elementary::exp(self)
-    }
-    fn tanh(self) -> Self {
-        crate::elementary::tanh(self)
-    }
-    fn sin(self) -> Self {
-        crate::elementary::sin(self)
-    }
-    fn cos(self) -> Self {
-        crate::elementary::cos(self)
-    }
-    fn is_finite(self) -> bool {
-        f32::is_finite(self)
-    }
-    #[cfg(feature = "formula")]
-    #[allow(clippy::cast_possible_truncation)] // Rounding is the point.
-    fn from_double(x: f64) -> Self {
-        x as f32
-    }
-    // The platform's, for no board runs a formula.
-    #[cfg(feature = "formula")]
-    fn ln(self) -> Self {
-        f32::ln(self)
-    }
-}
-
-#[cfg(feature = "std")]
-impl Real for f64 {
-    type DefaultPower = crate::power::Exact;
-
-    fn from_i16(n: i16) -> Self {
-        Self::from(n)
-    }
-    fn from_f32(x: f32) -> Self {
-        Self::from(x)
-    }
-    fn exp(self) -> Self {
-        f64::exp(self)
-    }
-    fn tanh(self) -> Self {
-        f64::tanh(self)
-    }
-    fn sin(self) -> Self {
-        f64::sin(self)
-    }
-    fn cos(self) -> Self {
-        f64::cos(self)
-    }
-    fn is_finite(self) -> bool {
-        f64::is_finite(self)
-    }
-    #[cfg(feature = "formula")]
-    fn from_double(x: f64) -> Self {
-        x
-    }
-    #[cfg(feature = "formula")]
-    fn ln(self) -> Self {
-        f64::ln(self)
-    }
+/// A power function on non-negative bases.
+pub trait Power<R>: Copy + core::fmt::Debug + Default {
+    /// Computes `base^exponent` for `base ≥ 0` and `exponent > 0`.
+    ///
+    /// Both are pure numbers; angles are in radians. Other arguments are
+    /// outside the model, and an implementation may answer them with NaN.
+    fn pow(base: R, exponent: R) -> R;
 }

@@ -365,7 +365,7 @@ impl Run {
 
 /// Diagnoses a model against recordings: which effect does it lack?
 ///
-/// Without `holdout` the runs are left out in turn to judge by. `progress` is called a few
+/// Without `holdout` the runs are left out in turn for validation. `progress` is called a few
 /// times a second with a Progress; `print` will do. `resume` is a folder in which finished
 /// fits are kept, and from which they are taken up. `effects` is a file of effects with
 /// formulas of your own, which are tried beside those that are known. After `budget_s` seconds

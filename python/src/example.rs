@@ -14,7 +14,7 @@ use crate::recording::Recording;
 #[pyclass(frozen, module = "softrig")]
 #[derive(Debug)]
 pub struct Example {
-    /// The model that its owner believes in.
+    /// The nominal model.
     #[pyo3(get)]
     model: Py<Model>,
     /// The answer: look here last.

@@ -1,7 +1,7 @@
-//! Faults of the input as exceptions, and what is unusual about it as warnings.
+//! Input errors as exceptions, and unusual inputs as warnings.
 //!
-//! The text is the one that `rig` prints: place, what was found, what to do about it. Its
-//! parts are attributes of the exception.
+//! The text is that of `rig`: the place, the problem and the advice. Its parts are attributes
+//! of the exception.
 
 use std::ffi::CString;
 

@@ -1,13 +1,12 @@
-//! The Python package `softrig`: what the `rig` command does, on NumPy arrays and pandas
-//! frames.
+//! The Python package `softrig`: the `rig` command on NumPy arrays and pandas frames.
 //!
-//! Nothing is computed here. Each module turns the objects of Python into those of
-//! `host_tools`, calls it, and turns the results back: [`recording`], [`model`],
-//! [`simulation`], [`fit`], [`diagnosis`], [`example`]. What they share is how faults of the
-//! input become exceptions ([`fault`]), how numbers cross ([`values`], [`frame`]) and how
-//! long work leaves the interpreter free ([`work`]).
+//! Nothing is computed here. Each module converts Python objects to those of `host_tools`,
+//! calls it, and converts the results back: [`recording`], [`model`], [`simulation`],
+//! [`fit`], [`diagnosis`], [`example`]. They share the conversion of errors to exceptions
+//! ([`fault`]), of numbers ([`values`], [`frame`]), and long work without the interpreter's
+//! lock ([`work`]).
 //!
-//! What is defined here and what `softrig.pyi` says of it is held together by a test.
+//! A test compares the definitions here with `softrig.pyi`.
 #![forbid(unsafe_code)]
 #![cfg_attr(not(test), warn(clippy::print_stdout, clippy::print_stderr))]
 // What Python calls takes what Python gives, by value.

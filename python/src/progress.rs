@@ -1,4 +1,4 @@
-//! `softrig.Progress`: what a callback is told.
+//! `softrig.Progress`: the argument of a progress callback.
 
 use host_tools::diagnose::progress::State;
 use pyo3::prelude::*;

@@ -322,7 +322,7 @@ pub fn inputs(
         if all[..place].iter().any(is_it) {
             let fault = Fault::new(
                 format!("recording {:?} is given twice", recording.inner.name),
-                "name each recording once: to be fitted, or as holdout to judge by",
+                "name each recording once: to be fitted, or as holdout for validation",
             );
             return Err(raised(py, &fault));
         }

@@ -1,12 +1,12 @@
-//! Long work that leaves the interpreter free.
+//! Long work without the interpreter's lock.
 //!
-//! The work runs on threads of its own while the thread that called it waits without holding
-//! the interpreter, so that other threads of Python go on. That thread looks every
-//! twentieth of a second whether somebody pressed Ctrl-C: then KeyboardInterrupt is raised at
-//! once, and the work, which is asked to stop, ends behind it at its next fit.
+//! The work runs on threads of its own while the calling thread waits without the lock, so
+//! that other Python threads continue. The calling thread checks for Ctrl-C every twentieth of
+//! a second: then KeyboardInterrupt is raised at once, and the work is asked to stop and ends
+//! at its next fit.
 //!
-//! The threads are made for each call. A pool that outlives it would be missing in a process
-//! that is forked, as `multiprocessing` does, and the work would wait for it for ever.
+//! The threads are created for each call. A longer-lived pool would be missing in a forked
+//! process, as `multiprocessing` makes, and the work would wait for it for ever.
 
 use std::num::NonZero;
 use std::panic::{AssertUnwindSafe, catch_unwind};

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-//! What is wrong with a bench on which nothing is broken.
+//! Small errors of a bench without any fault.
 //!
-//! No rig has sensors whose zeros are right, and none waits until silicone is
-//! straight again. A diagnosis that only ever saw ideal benches takes such errors
-//! for an effect of the actuator, so a drawn actuator gets a drawn bench:
+//! Real sensors have zero errors, and nobody waits until silicone is straight again. A
+//! diagnosis that was tested on ideal benches only could take such errors for an effect
+//! of the actuator, so a drawn actuator gets a drawn bench:
 //!
 //! | error | drawn | why that much |
 //! |---|---|---|
@@ -11,8 +11,8 @@
 //! | zero of the angle | normal, 0.7°, at most 2° | a strip that is glued on by hand |
 //! | rest | let go 0.5–3 s before power-on, at 0.3–2° | the last of a creep back to straight |
 //!
-//! All of them are constant while the rig has power, except that the actuator
-//! goes on to creep back, by its own dynamics.
+//! They are constant while the rig has power, except that the actuator continues to
+//! creep back by its own dynamics.
 
 use std::fmt;
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-//! What can break on a rig, by name.
+//! Faults of the rig that can be injected, by name.
 
 use std::{fmt, str::FromStr};
 

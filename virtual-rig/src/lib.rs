@@ -1,16 +1,14 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-//! The board in a simulator, instruction by instruction, with a simulated
-//! actuator on its pins.
+//! The board in an instruction-level simulator, with a simulated actuator on its pins.
 //!
-//! The firmware's claims (the same bits as the desktop, so many cycles, so much
-//! stack, safe after a broken wire) are only worth something if the image that
-//! is flashed was run. Here it runs, unchanged. [`Board`] is the bare Arduino
-//! Mega 2560; [`VirtualRig`] is the board with syringe pump, valve, actuator,
-//! sensors and switches in closed loop, and the place to start. What is
-//! simulated, with equations and numbers, is in `docs/virtual-rig.md`.
+//! Claims about the firmware (the same bits as the desktop, cycles, stack, safety after a
+//! broken wire) must be tested on the flashed image. Here that image runs unchanged.
+//! [`Board`] is the bare Arduino Mega 2560; [`VirtualRig`] is the board with syringe pump,
+//! valve, actuator, sensors and switches in closed loop, and the place to start.
+//! `docs/virtual-rig.md` describes the simulation, with equations and numbers.
 //!
-//! The crate links simavr, which is GPL, so it is a process of its own: nothing
-//! that is shipped links it.
+//! The crate links simavr, which is GPL, so it runs as a process of its own, and no
+//! released program links it.
 #![deny(unsafe_code)]
 
 pub mod bench;

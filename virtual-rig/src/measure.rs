@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-//! What an image takes of the processor, in closed loop.
+//! Processor load and stack of an image, in closed loop.
 //!
-//! The figures are for budgets and a golden file, so they are of fixed work: ten
-//! seconds at rest, where nothing but the default rates is at work; then the
-//! commands with the deepest calls, and a run, where pulses and control add up.
+//! The figures are for budgets and a golden file, so the work is fixed: ten seconds at
+//! rest with the default rates only, then the commands with the deepest calls, and a run
+//! with pulses and control.
 
 use std::path::Path;
 

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //! Interference on the serial line: bursts in which bytes are damaged.
 //!
-//! A motor cable beside the USB cable does not flip a bit here and there, it
-//! ruins a few bytes in a row and then leaves the line alone.
+//! A motor cable beside the USB cable does not flip single bits: it damages a few bytes
+//! in a row.
 
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;

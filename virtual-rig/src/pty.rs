@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-//! A pseudo-terminal that stands in for the board's USB port.
+//! A pseudo-terminal in place of the board's USB port.
 //!
-//! The other end looks like any serial port. Nobody holds it open here, so the
-//! kernel reports a hang-up exactly as long as no client has it open: that is
-//! how opening and closing are noticed, where a real board sees DTR. A client
-//! that follows another within a millisecond is noticed by watching the file.
+//! The other end looks like any serial port. This program does not hold it open, so the
+//! kernel reports a hang-up exactly while no client has it open. That shows opening and
+//! closing, where a real board sees DTR. A client that follows another within a
+//! millisecond is detected by watching the file.
 
 use std::{
     io,

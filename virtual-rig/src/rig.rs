@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-//! The board and the plant in closed loop: what tests and `serve` use.
+//! The board and the plant in closed loop, for tests and `serve`.
 //!
 //! The processor runs instruction by instruction; every half millisecond of
 //! simulated time the plant takes one step and puts new voltages and switch
@@ -44,7 +44,7 @@ const START_MM: std::ops::Range<f64> = 2.0..8.0;
 pub struct Options {
     /// Everything that is not the board.
     pub plant: PlantConfig,
-    /// Seed of everything random: where the plunger stands at first, noise of
+    /// Random seed: where the plunger stands at first, noise of
     /// the sensors and the line, torn bytes of EEPROM.
     pub seed: u64,
     /// The EEPROM at the start, 4096 bytes; erased if there is nothing.

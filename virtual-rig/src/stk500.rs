@@ -6,11 +6,11 @@
 //! body:             command, then parameters or a status (00 good, c0 failed)
 //! ```
 //!
-//! What `avrdude -c wiring` uses is here, as the `stk500boot` of Arduino's Mega
-//! answers it: addresses count words of flash but bytes of EEPROM, a chip erase
-//! fails (pages are erased as they are written; hence avrdude's `-D`), a frame
-//! with a wrong checksum is not answered. The boot section is refused, which on
-//! a board the lock bits do. Source: Atmel AVR068, and the behaviour of a board.
+//! It implements the part that `avrdude -c wiring` uses, with the answers of the Mega's
+//! `stk500boot`: addresses count words of flash but bytes of EEPROM, a chip erase fails
+//! (pages are erased as they are written; hence avrdude's `-D`), and a frame with a wrong
+//! checksum gets no answer. Writing to the boot section is refused, as by the lock bits of a
+//! board. Source: Atmel AVR068, and the behaviour of a board.
 //!
 //! A pure state machine: bytes in, bytes out, the memory behind a trait.
 

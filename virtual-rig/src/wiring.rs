@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-//! Which pin of the Arduino Mega 2560 goes where.
+//! The pins of the Arduino Mega 2560.
 //!
 //! | function | Arduino pin | ATmega2560 | meaning |
 //! |---|---|---|---|

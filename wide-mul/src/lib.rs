@@ -1,12 +1,12 @@
 //! The product of two 16-bit numbers in 32 bits.
 //!
-//! Every table of the model looks up by such a product. An AVR multiplies bytes in two
-//! cycles, four of them make a product of eighteen; but LLVM calls a function of 75 for
-//! `u32::from(a) * u32::from(b)`. The one instruction sequence that avoids it needs `unsafe`,
-//! which is why it has a crate of its own: the physics forbids it.
+//! Every table look-up of the model uses such a product. An AVR multiplies bytes in two
+//! cycles, and four of these make a product in eighteen cycles; but for
+//! `u32::from(a) * u32::from(b)` LLVM calls a function of 75. The instruction sequence that
+//! avoids it needs `unsafe`, which the physics forbids, so it has a crate of its own.
 //!
-//! Anywhere else it is the plain product. The simulated board is compared with the desktop
-//! bit for bit, and so is this.
+//! On other processors it is the plain product. The simulated board is compared with the
+//! desktop bit for bit, and so is this.
 #![no_std]
 #![cfg_attr(target_arch = "avr", feature(asm_experimental_arch))]
 #![cfg_attr(not(target_arch = "avr"), forbid(unsafe_code))]

@@ -1,7 +1,7 @@
-//! What the board answers to a question: the text behind the `ok` of a [`reply`](crate::reply).
+//! Answers to queries: the text after the `ok` of a [`reply`](crate::reply).
 //!
-//! The board writes these types, the computer and the tests read them. An order is answered
-//! with nothing but `ok` or `no`, so there is nothing to define for it here.
+//! The board writes these types, the computer and the tests read them. The reply to a command
+//! is only `ok` or `no`, so it needs no type here.
 
 use core::fmt;
 
@@ -20,7 +20,7 @@ use crate::{
 /// Conversions of the ADC that a reading of a sensor is the sum of.
 pub const OVERSAMPLING: u16 = 16;
 
-/// Checksum of the settings in use: which ones a recording was made with.
+/// Checksum of the settings in use, which identifies them in recordings.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct SettingsId(pub u16);
 
@@ -110,7 +110,7 @@ impl uDisplay for Identity<'_> {
     }
 }
 
-/// Lines that were not obeyed, since reset; they stop counting at the top.
+/// Counters of rejected lines since reset; they saturate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
     /// No such command.
@@ -121,7 +121,7 @@ pub struct Counters {
     pub overlong: u16,
 }
 
-/// Where in a run the board is.
+/// The position in a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Place {
     /// Number of the segment, from 0.
@@ -237,8 +237,8 @@ impl uDisplay for Raw {
 
 /// The answer to `exact`: the prediction to the last bit.
 ///
-/// It belongs to the telemetry of that number, and started so many steps before. Who repeats
-/// the steps from the telemetry gets the same bits.
+/// It belongs to the telemetry line of this number, and started this number of steps before.
+/// Repeating the steps from the telemetry gives the same bits.
 ///
 /// ```text
 /// 812 311 3f490fdb 3dcccccd 461c4000

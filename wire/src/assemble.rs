@@ -1,4 +1,4 @@
-//! Making lines of bytes as they arrive, in a fixed buffer.
+//! Assembles lines from received bytes, in a fixed buffer.
 
 /// Collects bytes into lines of at most `N` bytes.
 ///
@@ -11,7 +11,7 @@ pub struct Assembler<const N: usize> {
     overlong: bool,
 }
 
-/// What a byte brought about.
+/// The result of a byte.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Assembled<'b> {
     /// The line goes on.

@@ -1,13 +1,13 @@
-//! What the computer asks of the board.
+//! Requests of the computer to the board.
 //!
 //! ```text
 //! 17 set damping 3fe66666 *9c41
 //! ```
 //!
-//! A number that the reply repeats, a word, its arguments, the checksum. A
-//! person at a serial monitor cannot compute a checksum, so lines without one
-//! are read too, but they may only ask or stop: `status`, `stop`, `help`. What
-//! moves the pump or changes a setting must be sealed.
+//! A line has a number that the reply repeats, a word, its arguments, and the checksum. A
+//! person at a serial monitor cannot compute a checksum, so lines without one are read too,
+//! but they can only query or stop: `status`, `stop`, `help`. A command that moves the pump
+//! or changes a setting must be sealed by a checksum.
 
 use ufmt::{uWrite, uwrite};
 
@@ -105,7 +105,7 @@ pub struct Request {
     pub command: Command,
 }
 
-/// Why a line that arrived is not obeyed.
+/// Why a received line is rejected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Rejection {
@@ -121,7 +121,7 @@ pub enum Rejection {
 }
 
 impl Command {
-    /// Whether it is obeyed without a checksum: it only asks, or stops.
+    /// Whether it is accepted without a checksum, because it only queries or stops.
     pub const fn is_harmless(&self) -> bool {
         matches!(
             self,
@@ -265,7 +265,7 @@ mod tests {
     extern crate std;
     use super::*;
     use crate::decimal::Hundredths;
-    use crate::protocol::Track;
+    use crate::protocol::ControlMode;
     use crate::testing::{Text, sealed};
     use proptest::prelude::*;
     use std::{string::String, vec, vec::Vec};
@@ -293,7 +293,7 @@ mod tests {
             Command::Segment {
                 index: 31,
                 segment: Segment::Multisine {
-                    track: Track::AngleClosedLoop,
+                    mode: ControlMode::AngleClosedLoop,
                     centre: Hundredths(12_345),
                     amplitude: Hundredths(2_345),
                     period_ms: 600_000,

@@ -1,4 +1,4 @@
-//! Why the board stopped by itself.
+//! Faults: why the board stopped by itself.
 //!
 //! A fault has a code (in every telemetry line), a name, and a sentence for the
 //! operator that says what to do. The texts are `const`, so that the board can

@@ -1,7 +1,7 @@
-//! Words of the line protocol, compared as one number.
+//! Keywords of the line protocol, packed into one number.
 //!
-//! A table of words would live in the board's scarce RAM, as every constant
-//! does on this processor. Packed into 64 bits, a word is part of the code.
+//! On this processor every constant is in the scarce RAM, and so would be a table of
+//! words. Packed into 64 bits, a word is part of the code.
 
 use ufmt::{Formatter, uDisplay, uWrite};
 

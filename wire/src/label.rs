@@ -1,7 +1,7 @@
-//! Words in a line that are part of the code.
+//! Labels of telemetry, packed into the code.
 //!
-//! A constant string would lie in the board's scarce RAM, and be fetched from there letter
-//! by letter. So labels are packed four letters to a number while compiling.
+//! A constant string would be in the board's scarce RAM, and be fetched from there letter by
+//! letter. So four letters of a label are packed into one number at compile time.
 
 use ufmt::uWrite;
 

@@ -1,4 +1,4 @@
-//! What travels over the serial cable, defined once for both ends.
+//! The serial protocol, defined once for both ends.
 //!
 //! The board writes with these types and the computer reads with them, so a
 //! format cannot change on one side only. No allocation, no floating-point

@@ -1,4 +1,4 @@
-//! A line of text that a person can read and a program can trust.
+//! Lines of text with a checksum.
 //!
 //! `text *hhhh` and a line end: `hhhh` is the checksum of everything before the
 //! space, in hexadecimal.

@@ -1,11 +1,10 @@
-//! The language of test protocols, and what a protocol means over time.
+//! Test protocols and their playback.
 //!
-//! A protocol is a short list of segments: go there and wait, ramp, oscillate,
-//! stop the pump, let the air out, repeat. The computer writes it, the board
-//! plays it; both use this [`Playback`], so that a run that was planned is the
-//! run that is made.
+//! A protocol is a short list of segments: step, ramp, multisine, hold, release, repeat.
+//! The computer writes it and the board plays it. Both use this [`Playback`], so that the
+//! played run is the planned one.
 
-use micromath::F32Ext;
+use model_core::elementary;
 use ufmt::{uWrite, uwrite};
 
 use crate::{
@@ -23,9 +22,9 @@ pub const MAX_DURATION_MS: u32 = 3_600_000;
 /// The most repeats.
 pub const MAX_REPEATS: u8 = 100;
 
-/// What a level is a level of, and which loop tracks it.
+/// Which quantity a level sets, and which loop tracks it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Track {
+pub enum ControlMode {
     /// A gauge pressure (kPa), held by the pressure sensor.
     Pressure,
     /// A bending angle (°), open loop: the model's inverse gives the pressure,
@@ -35,7 +34,7 @@ pub enum Track {
     AngleClosedLoop,
 }
 
-impl Track {
+impl ControlMode {
     /// The word in a line.
     pub const fn keyword(self) -> Keyword {
         const PRESSURE: Keyword = Keyword::of("kpa");
@@ -52,7 +51,7 @@ impl Track {
         let word = Keyword::parse(word)?;
         [Self::Pressure, Self::AngleOpenLoop, Self::AngleClosedLoop]
             .into_iter()
-            .find(|track| track.keyword() == word)
+            .find(|mode| mode.keyword() == word)
     }
 }
 
@@ -61,8 +60,8 @@ impl Track {
 pub enum Segment {
     /// Go to a level at once and stay.
     Step {
-        /// What is tracked.
-        track: Track,
+        /// The control mode.
+        mode: ControlMode,
         /// The level (kPa or °).
         level: Hundredths,
         /// How long (ms).
@@ -70,8 +69,8 @@ pub enum Segment {
     },
     /// Move to a level at a constant rate.
     Ramp {
-        /// What is tracked.
-        track: Track,
+        /// The control mode.
+        mode: ControlMode,
         /// The level at the end (kPa or °).
         level: Hundredths,
         /// How long (ms).
@@ -80,8 +79,8 @@ pub enum Segment {
     /// Five sines at 1, 2, 3, 5 and 7 times a base frequency, with phases that
     /// keep the crest low.
     Multisine {
-        /// What is tracked.
-        track: Track,
+        /// The control mode.
+        mode: ControlMode,
         /// The mean (kPa or °).
         centre: Hundredths,
         /// The largest departure from the mean (kPa or °).
@@ -130,11 +129,11 @@ impl Segment {
         }
     }
 
-    /// What it tracks; none while nothing is tracked.
-    pub const fn track(&self) -> Option<Track> {
+    /// Its control mode; none while nothing is tracked.
+    pub const fn mode(&self) -> Option<ControlMode> {
         match *self {
-            Self::Step { track, .. } | Self::Ramp { track, .. } | Self::Multisine { track, .. } => {
-                Some(track)
+            Self::Step { mode, .. } | Self::Ramp { mode, .. } | Self::Multisine { mode, .. } => {
+                Some(mode)
             }
             _ => None,
         }
@@ -159,31 +158,17 @@ impl Segment {
     pub fn write<W: uWrite + ?Sized>(&self, out: &mut W) -> Result<(), W::Error> {
         match *self {
             Self::Step {
-                track,
+                mode,
                 level,
                 duration_ms,
-            } => uwrite!(
-                out,
-                "{} {} {} {}",
-                STEP,
-                track.keyword(),
-                level,
-                duration_ms
-            ),
+            } => uwrite!(out, "{} {} {} {}", STEP, mode.keyword(), level, duration_ms),
             Self::Ramp {
-                track,
+                mode,
                 level,
                 duration_ms,
-            } => uwrite!(
-                out,
-                "{} {} {} {}",
-                RAMP,
-                track.keyword(),
-                level,
-                duration_ms
-            ),
+            } => uwrite!(out, "{} {} {} {}", RAMP, mode.keyword(), level, duration_ms),
             Self::Multisine {
-                track,
+                mode,
                 centre,
                 amplitude,
                 period_ms,
@@ -192,7 +177,7 @@ impl Segment {
                 out,
                 "{} {} {} {} {} {}",
                 SINES,
-                track.keyword(),
+                mode.keyword(),
                 centre,
                 amplitude,
                 period_ms,
@@ -209,17 +194,17 @@ impl Segment {
         let mut fields = Fields::new(text);
         let segment = match Keyword::parse(fields.next()?)? {
             STEP => Self::Step {
-                track: Track::parse(fields.next()?)?,
+                mode: ControlMode::parse(fields.next()?)?,
                 level: Hundredths::parse(fields.next()?)?,
                 duration_ms: duration(fields.next()?)?,
             },
             RAMP => Self::Ramp {
-                track: Track::parse(fields.next()?)?,
+                mode: ControlMode::parse(fields.next()?)?,
                 level: Hundredths::parse(fields.next()?)?,
                 duration_ms: duration(fields.next()?)?,
             },
             SINES => Self::Multisine {
-                track: Track::parse(fields.next()?)?,
+                mode: ControlMode::parse(fields.next()?)?,
                 centre: Hundredths::parse(fields.next()?)?,
                 amplitude: Hundredths::parse(fields.next()?)?,
                 period_ms: duration(fields.next()?)?,
@@ -335,33 +320,33 @@ pub fn total_ms(program: &(impl Program + ?Sized)) -> u32 {
     total
 }
 
-/// What a protocol asks for at an instant.
+/// The reference at an instant: what the controller is asked for.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Demand {
-    /// A level, to be tracked.
+pub enum Reference {
+    /// Track a level.
     Track {
-        /// What is tracked.
-        track: Track,
+        /// The control mode.
+        mode: ControlMode,
         /// The level (kPa or °).
         level: f32,
     },
-    /// The pump stopped, the valve closed.
+    /// Stop the pump, valve closed.
     Hold,
-    /// The valve open, the plunger on its way back.
+    /// Open the valve and take the plunger back.
     Release,
-    /// The end.
+    /// The protocol is over.
     Done,
 }
 
-/// Where in a protocol one is.
+/// The position in a protocol.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Playback {
     index: u8,
     elapsed_ms: u32,
-    /// How often the repeat at hand has been taken.
+    /// Number of finished repetitions of the current repeat.
     repeats: u8,
-    /// Level from which a ramp starts, and what it was a level of.
-    before: Option<(Track, f32)>,
+    /// Level from which a ramp starts, with its control mode.
+    before: Option<(ControlMode, f32)>,
 }
 
 impl Default for Playback {
@@ -381,37 +366,37 @@ impl Playback {
         }
     }
 
-    /// The segment at hand.
+    /// The current segment.
     pub const fn index(&self) -> u8 {
         self.index
     }
 
-    /// How often the segments at hand have been played before.
+    /// Number of earlier repetitions of the current segments.
     pub const fn repeat(&self) -> u8 {
         self.repeats
     }
 
-    /// What is asked for now.
-    pub fn demand(&self, program: &(impl Program + ?Sized)) -> Demand {
+    /// The reference now.
+    pub fn reference(&self, program: &(impl Program + ?Sized)) -> Reference {
         let Some(segment) = program.segment(self.index) else {
-            return Demand::Done;
+            return Reference::Done;
         };
-        let (track, level) = match segment {
-            Segment::Step { track, level, .. } => (track, level.to_f32()),
+        let (mode, level) = match segment {
+            Segment::Step { mode, level, .. } => (mode, level.to_f32()),
             Segment::Ramp {
-                track,
+                mode,
                 level,
                 duration_ms,
             } => {
                 let from = match self.before {
-                    Some((of, before)) if of == track => before,
+                    Some((of, before)) if of == mode => before,
                     _ => 0.0,
                 };
                 let share = self.elapsed_ms as f32 / duration_ms as f32;
-                (track, from + (level.to_f32() - from) * share.min(1.0))
+                (mode, from + (level.to_f32() - from) * share.min(1.0))
             }
             Segment::Multisine {
-                track,
+                mode,
                 centre,
                 amplitude,
                 period_ms,
@@ -421,15 +406,15 @@ impl Playback {
                 let within = self.elapsed_ms.checked_rem(period_ms).unwrap_or(0);
                 let cycles = within as f32 / period_ms as f32;
                 (
-                    track,
+                    mode,
                     centre.to_f32() + amplitude.to_f32() * multisine(cycles),
                 )
             }
             // A repeat is never rested on: `advance` follows it at once.
-            Segment::Hold { .. } | Segment::Repeat { .. } => return Demand::Hold,
-            Segment::Release { .. } => return Demand::Release,
+            Segment::Hold { .. } | Segment::Repeat { .. } => return Reference::Hold,
+            Segment::Release { .. } => return Reference::Release,
         };
-        Demand::Track { track, level }
+        Reference::Track { mode, level }
     }
 
     /// Lets `ms` milliseconds pass.
@@ -454,10 +439,10 @@ impl Playback {
             }
             self.elapsed_ms -= duration;
             self.before = match segment {
-                Segment::Step { track, level, .. } | Segment::Ramp { track, level, .. } => {
-                    Some((track, level.to_f32()))
+                Segment::Step { mode, level, .. } | Segment::Ramp { mode, level, .. } => {
+                    Some((mode, level.to_f32()))
                 }
-                Segment::Multisine { track, centre, .. } => Some((track, centre.to_f32())),
+                Segment::Multisine { mode, centre, .. } => Some((mode, centre.to_f32())),
                 Segment::Hold { .. } => self.before,
                 _ => None,
             };
@@ -476,7 +461,7 @@ fn multisine(cycles: f32) -> f32 {
     const SCALE: f32 = 0.39;
     let mut sum = 0.0;
     for (harmonic, phase) in HARMONICS.into_iter().zip(PHASES) {
-        sum += F32Ext::sin(TAU * (harmonic * cycles + phase));
+        sum += elementary::sin(TAU * (harmonic * cycles + phase));
     }
     SCALE * sum
 }
@@ -525,7 +510,7 @@ macro_rules! named {
 
 const fn step(degrees: i32, duration_ms: u32) -> Segment {
     Segment::Step {
-        track: Track::AngleOpenLoop,
+        mode: ControlMode::AngleOpenLoop,
         level: Hundredths(degrees * 100),
         duration_ms,
     }
@@ -533,7 +518,7 @@ const fn step(degrees: i32, duration_ms: u32) -> Segment {
 
 const fn ramp(degrees: i32, duration_ms: u32) -> Segment {
     Segment::Ramp {
-        track: Track::AngleOpenLoop,
+        mode: ControlMode::AngleOpenLoop,
         level: Hundredths(degrees * 100),
         duration_ms,
     }
@@ -579,7 +564,7 @@ named! {
     Sines, "sines", "a multisine about 45 degrees", [
         0 => step(45, 4_000),
         1 => Segment::Multisine {
-            track: Track::AngleOpenLoop,
+            mode: ControlMode::AngleOpenLoop,
             centre: Hundredths(4_500),
             amplitude: Hundredths(2_500),
             period_ms: 10_000,
@@ -643,7 +628,7 @@ mod tests {
             let mut playback = Playback::new();
             let mut played = 0;
             playback.advance(&program[..], 0);
-            while playback.demand(&program[..]) != Demand::Done {
+            while playback.reference(&program[..]) != Reference::Done {
                 playback.advance(&program[..], period);
                 played += period;
                 prop_assert!(played < total + period);
@@ -666,17 +651,17 @@ mod tests {
     fn the_papers_protocol_has_seven_steps_to_each_angle() {
         let mut playback = Playback::new();
         let mut levels = Vec::new();
-        let mut last = Demand::Release;
+        let mut last = Reference::Release;
         loop {
-            let demand = playback.demand(&Named::Paper);
-            if demand == Demand::Done {
+            let reference = playback.reference(&Named::Paper);
+            if reference == Reference::Done {
                 break;
             }
-            if demand != last {
-                if let Demand::Track { level, .. } = demand {
+            if reference != last {
+                if let Reference::Track { level, .. } = reference {
                     levels.push(level);
                 }
-                last = demand;
+                last = reference;
             }
             playback.advance(&Named::Paper, 10);
         }
@@ -689,19 +674,19 @@ mod tests {
     fn a_ramp_starts_where_the_last_level_was() {
         let program = [
             Segment::Step {
-                track: Track::Pressure,
+                mode: ControlMode::Pressure,
                 level: Hundredths(1_000),
                 duration_ms: 100,
             },
             Segment::Ramp {
-                track: Track::Pressure,
+                mode: ControlMode::Pressure,
                 level: Hundredths(3_000),
                 duration_ms: 200,
             },
         ];
         let mut playback = Playback::new();
         playback.advance(&program[..], 200);
-        let Demand::Track { level, .. } = playback.demand(&program[..]) else {
+        let Reference::Track { level, .. } = playback.reference(&program[..]) else {
             panic!("it tracks")
         };
         assert!((level - 20.0).abs() < 1e-5);

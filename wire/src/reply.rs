@@ -1,14 +1,14 @@
-//! What the board answers.
+//! Replies of the board.
 //!
 //! ```text
 //! A: 17 ok *8492
 //! A: 18 no 3 *1b06
 //! ```
 //!
-//! `A:`, the number of the request, `ok` with what was asked for, or `no` with the
-//! code of a [`Refusal`]. Lines that begin with `#:` are remarks for people:
-//! the banner after a reset, help, the sentence of a fault. The colons are for the serial
-//! plotter of the Arduino IDE, which would draw the numbers of a line without one.
+//! A reply is `A:`, the number of the request, and `ok` with the answer or `no` with the
+//! code of a [`Refusal`]. Lines that begin with `#:` are remarks for people: the banner
+//! after a reset, help, the sentence of a fault. The colons are for the serial plotter of
+//! the Arduino IDE, which would draw the numbers of a line without one.
 
 use core::fmt;
 
@@ -19,8 +19,8 @@ use crate::{
     line::{LineError, Sealed, open},
 };
 
-/// The version of everything in this crate; board and computer must agree, also on
-/// what the words of the settings mean.
+/// The version of everything in this crate, including the meaning of the settings; board
+/// and computer must agree on it.
 pub const VERSION: u8 = 3;
 
 /// How a remark for people begins.

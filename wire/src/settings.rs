@@ -1,9 +1,8 @@
-//! Everything that can be set on a board, by name.
+//! The settings of a board, by name.
 //!
-//! The model with its effects, the calibration and the limits are one flat list
-//! of 32-bit words. That keeps the record in EEPROM, the lines that change it and
-//! the comparison after an upload simple and exact to the bit; what the words
-//! mean is said once, in [`Key`].
+//! The model with its effects, the calibration and the limits are one flat list of 32-bit
+//! words. That keeps the record in EEPROM, the lines that change it and the comparison
+//! after an upload simple and exact; [`Key`] defines the words.
 
 use crate::keyword::Keyword;
 

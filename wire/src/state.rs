@@ -1,4 +1,4 @@
-//! What the board is doing, as one letter.
+//! The state of the board, as one letter.
 
 /// The states of the firmware.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

@@ -1,8 +1,8 @@
-//! The stretches of firmware whose cycles are counted.
+//! The sections of firmware whose cycles are counted.
 //!
-//! The board writes the number to GPIOR0, a register without a function, before
-//! the stretch and zero after it. On real hardware that costs two cycles; the
-//! simulator counts what lies in between.
+//! The board writes the number of a section to GPIOR0, a register without a function, at its
+//! start, and zero at its end. On real hardware that costs two cycles; the simulator counts
+//! the cycles between.
 
 /// One step of the base equation, minimax power function.
 pub const STEP_MINIMAX: u8 = 1;

@@ -4,13 +4,12 @@
 //! T 512 5120 pressure:38.42 angle:59.81 predicted:60.02 setpoint:60.00 volume:14.210 x0 *596e
 //! ```
 //!
-//! `T`, the sequence number, the device time in milliseconds; then what a serial
-//! plotter draws, by its labels: `pressure` (kPa), the bending `angle` (°), the angle
-//! that the model on the board has `predicted` (°), the `setpoint` (°) or, in a
-//! pressure protocol, `setpoint_kpa` (kPa), and the pump's `volume` (ml, so that it
-//! shares a scale with the others). Last, the letter of the state and the code of the
-//! latched fault, with a `!` while the predictor's flag "model mismatch" is up. A
-//! sensor without a reading says `nan`.
+//! `T`, the sequence number, the device time in milliseconds; then labelled values for a
+//! serial plotter: `pressure` (kPa), the bending `angle` (°), the angle `predicted` by the
+//! model on the board (°), the `setpoint` (°) or, in a pressure protocol, `setpoint_kpa`
+//! (kPa), and the pump's `volume` (ml, so that it shares a scale with the others). Last,
+//! the letter of the state and the code of the latched fault, with a `!` while the
+//! mismatch flag is set. A sensor without a reading sends `nan`.
 
 use core::fmt;
 

@@ -11,7 +11,7 @@ use ufmt::uWrite;
 use crate::{
     decimal::Hundredths,
     line::Sealed,
-    protocol::{MAX_REPEATS, Segment, Track},
+    protocol::{ControlMode, MAX_REPEATS, Segment},
 };
 
 /// Text in memory.
@@ -49,33 +49,33 @@ pub fn segments(
     duration_ms: RangeInclusive<u32>,
     from: Range<u8>,
 ) -> impl Strategy<Value = Segment> + Clone {
-    let track = prop::sample::select(
+    let mode = prop::sample::select(
         &[
-            Track::Pressure,
-            Track::AngleOpenLoop,
-            Track::AngleClosedLoop,
+            ControlMode::Pressure,
+            ControlMode::AngleOpenLoop,
+            ControlMode::AngleClosedLoop,
         ][..],
     );
     let level = hundredths.prop_map(Hundredths);
-    let target = (track, level.clone(), duration_ms.clone());
+    let target = (mode, level.clone(), duration_ms.clone());
     prop_oneof![
         target
             .clone()
-            .prop_map(|(track, level, duration_ms)| Segment::Step {
-                track,
+            .prop_map(|(mode, level, duration_ms)| Segment::Step {
+                mode,
                 level,
                 duration_ms,
             }),
         target
             .clone()
-            .prop_map(|(track, level, duration_ms)| Segment::Ramp {
-                track,
+            .prop_map(|(mode, level, duration_ms)| Segment::Ramp {
+                mode,
                 level,
                 duration_ms,
             }),
         (target, level, duration_ms.clone()).prop_map(
-            |((track, centre, duration_ms), amplitude, period_ms)| Segment::Multisine {
-                track,
+            |((mode, centre, duration_ms), amplitude, period_ms)| Segment::Multisine {
+                mode,
                 centre,
                 amplitude,
                 period_ms,

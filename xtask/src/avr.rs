@@ -1,4 +1,4 @@
-//! The board's image: its compiler, its build, and what must be true of it.
+//! The board's image: its compiler, its build, and its checks.
 
 use std::{
     env, fs,

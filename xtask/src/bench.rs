@@ -1,5 +1,5 @@
-//! Measured side by side: our solver with SciPy's, our firmware with plain C;
-//! and how long a diagnosis takes.
+//! Benchmarks: our solver and SciPy's, our firmware and plain C, and the time of a
+//! diagnosis.
 
 use std::{
     ffi::OsString,

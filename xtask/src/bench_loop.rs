@@ -1,5 +1,5 @@
-//! The whole loop on many drawn actuators: what a diagnosis is worth to the board
-//! that asked for it.
+//! The whole loop on many random actuators: how much a diagnosis improves the board's
+//! prediction.
 
 use std::{
     fmt::Write as _,
@@ -464,12 +464,12 @@ fn page(asked: &str, rows: &[Row]) -> String {
     let mut text = format!(
         "# The whole loop on drawn actuators\n\n\
          Written by `cargo xtask bench loop --seeds {asked} --docs`.\n\n\
-         Each seed draws an actuator that hides something (`virtual-rig serve --hide SEED`). The\n\
-         firmware runs in the simulator with the model that the owner believes in, the protocol\n\
-         `{PROTOCOL}` is recorded through the serial port, `rig diagnose` looks for what is\n\
-         missing, the repaired model is uploaded, and the protocol is recorded again. The gap is\n\
-         the angle that the board predicts less the angle that it measures, RMS over all runs;\n\
-         what a case leaves behind is in `target/loop/SEED`.\n\n{}\n\n\
+         Each seed draws an actuator with a hidden effect (`virtual-rig serve --hide SEED`). The\n\
+         firmware runs in the simulator with the nominal model. The protocol `{PROTOCOL}` is recorded\n\
+         through the serial port, `rig diagnose` looks for what is missing, the repaired model is\n\
+         uploaded, and the protocol is recorded again. The gap is the angle that the board predicts\n\
+         less the angle that it measures, RMS over all runs. The files of each case are in\n\
+         `target/loop/SEED`.\n\n{}\n\n\
          | seed | hidden | verdict | answer | the truth is | gap before (°) | after (°) | times smaller | diagnosis (s) |\n\
          |---:|---|---|---|---|---:|---:|---:|---:|\n",
         Summary::of(rows).text()

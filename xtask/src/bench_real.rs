@@ -1,5 +1,5 @@
-//! Recordings of real rigs: what the diagnosis says, and whether a model without any
-//! physics would have predicted the validation recordings as well.
+//! Recordings of real rigs: the diagnosis, compared with black-box models on the validation
+//! recordings.
 //!
 //! The recordings are not part of the project; see [`shared`].
 

@@ -16,7 +16,7 @@ use crate::{
         self, Board, Drawn, Folder, Programs, Verdict, diagnose, in_words, record, upload_model,
         upload_repaired,
     },
-    setup::{self, Mode},
+    setup::{self, Mode, Purpose},
     shell::{Outcome, Steps, read, run, run_quietly},
 };
 
@@ -62,7 +62,7 @@ pub fn parse(words: &[&str]) -> Result<Drawn, String> {
 pub fn demo(drawn: &Drawn) -> Outcome {
     let mut programs = None;
     let mut steps = Steps::new(8);
-    steps.step("set-up", || setup::setup(Mode::Install))?;
+    steps.step("set-up", || setup::setup(Purpose::Demo, Mode::Install))?;
     steps.step(
         "build the rig command, the simulator and the firmware",
         || {

@@ -1,8 +1,7 @@
-//! Putting the image on a board, with the checks that save an afternoon.
+//! Flashes the image to a board, with checks before.
 //!
-//! avrdude's own messages name a protocol time-out where a cable, a permission
-//! or a second program is the cause. So what can be known beforehand is looked
-//! at first.
+//! avrdude reports a protocol time-out if a cable, a permission or a second program is the
+//! cause. So these are checked first.
 
 use std::{
     fs::{self, OpenOptions},

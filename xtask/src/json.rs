@@ -1,5 +1,4 @@
-//! Reading JSON: `rig diagnose --json` speaks it, and this crate has no
-//! dependencies.
+//! Reads the JSON of `rig diagnose --json`, since this crate has no dependencies.
 
 /// Lists and objects inside each other beyond this depth are refused: the reader
 /// calls itself for each.

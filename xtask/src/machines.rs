@@ -1,5 +1,5 @@
-//! What machines keep true: hours of misfortunes on the simulated rig, fuzzing, and
-//! the interpreter that finds undefined behaviour.
+//! Long automatic tests: the soak test on the simulated rig, fuzzing, and Miri, which finds
+//! undefined behaviour.
 
 use std::{
     fs,
@@ -19,7 +19,7 @@ use crate::{
 pub struct Soak {
     /// Simulated hours.
     pub hours: f64,
-    /// Seed of everything that is drawn.
+    /// Random seed.
     pub seed: u64,
 }
 

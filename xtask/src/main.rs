@@ -26,7 +26,6 @@ mod test;
 use std::{env, process::ExitCode};
 
 use machines::{Fuzz, Soak};
-use setup::Mode;
 use shell::Outcome;
 use size::Golden;
 use test::Scope;
@@ -37,7 +36,10 @@ Tasks of the softrig workspace
 Usage: cargo xtask <TASK> [OPTIONS]
 
 Tasks:
-  setup [--dry-run]      install what the board and the simulator need
+  setup [--for PURPOSE] [--dry-run]
+                         install what is missing for the demo, for the tests
+                         (the default) or for `cargo run` in firmware/, which
+                         takes ravedude: demo, tests, cargo-run
   demo [--seed N] [--effect KIND]
                          simulate, diagnose, repair; says where the picture is
   test [--host-only]     everything that must hold before a change goes in
@@ -106,8 +108,10 @@ fn main() -> ExitCode {
             print!("{HELP}");
             return ExitCode::SUCCESS;
         }
-        ["setup"] => setup::setup(Mode::Install),
-        ["setup", "--dry-run"] => setup::setup(Mode::DryRun),
+        ["setup", words @ ..] => match setup::parse(words) {
+            Ok((purpose, mode)) => setup::setup(purpose, mode),
+            Err(problem) => return usage(&problem),
+        },
         ["demo", words @ ..] => match demo::parse(words) {
             Ok(drawn) => demo::demo(&drawn),
             Err(problem) => return usage(&problem),
@@ -158,7 +162,7 @@ fn main() -> ExitCode {
         },
         [task, ..]
             if [
-                "setup", "test", "ci", "book", "wheel", "firmware", "size", "bench", "miri",
+                "test", "ci", "book", "wheel", "firmware", "size", "bench", "miri",
             ]
             .contains(task) =>
         {

@@ -1,7 +1,7 @@
 //! The Python package: built as a wheel, and tested as its users get it.
 //!
-//! Whatever Python needs is installed below the target folder, in the versions that
-//! `python/requirements` pins.
+//! Python's dependencies are installed below the target folder, in the versions pinned in
+//! `python/requirements`.
 
 use std::{
     ffi::OsString,
@@ -12,7 +12,7 @@ use std::{
 };
 
 use crate::{
-    bench,
+    bench, dist,
     shell::{Outcome, cargo, root, run, run_quietly, target_dir},
 };
 
@@ -101,7 +101,7 @@ fn build(profile: Profile, out: &Path) -> Outcome<PathBuf> {
         .arg(out);
     match profile {
         Profile::Dev => command.args(["--profile", "dev"]),
-        Profile::Release => command.args(["--release", "--strip"]),
+        Profile::Release => command.args(["--profile", dist::PROFILE, "--strip"]),
     };
     run(&mut command)?;
     match wheels(out).as_slice() {

@@ -17,7 +17,6 @@ use crate::{
     avr,
     json::Value,
     shell::{Outcome, cargo, root, run, target_dir},
-    simulator,
 };
 
 /// What is recorded, by the name that the board knows.
@@ -40,12 +39,15 @@ pub struct Programs {
 impl Programs {
     /// Builds them.
     pub fn build() -> Outcome<Self> {
+        // One build with one profile: what both have in common is compiled once, and
+        // `cargo rig` finds it made.
         run(cargo()
-            .args(["build", "-q", "--release", "--locked", "-p", "host-tools"])
-            .args(["--bin", "rig"]))?;
+            .args(["build", "--release", "--locked"])
+            .args(["-p", "host-tools", "--bin", "rig"])
+            .args(["-p", "virtual-rig", "--bin", "virtual-rig"]))?;
         Ok(Self {
             rig: target_dir().join("release/rig"),
-            simulator: simulator::virtual_rig()?,
+            simulator: target_dir().join("release/virtual-rig"),
             image: avr::build()?,
         })
     }

@@ -1,11 +1,10 @@
 //! Finding what is missing and installing it.
 //!
-//! Beyond stable Rust it takes a compiler with the library source that avr-none is
-//! built from, avr-gcc as its linker, simavr, avrdude, ravedude, through which
-//! `cargo run` reaches a board, Chromium, which looks at reports, a C compiler and Python,
-//! which run exported models, Python's virtual environments, in which its package is tested,
-//! and mdBook, which makes the book. Each is looked for first, so that a second run does
-//! nothing.
+//! Beyond stable Rust the firmware and the virtual rig take a C compiler, a compiler with
+//! the library source that avr-none is built from, avr-gcc as its linker, simavr and avrdude.
+//! The tests add Python, which runs exported models and the package, Chromium, which looks at
+//! reports, and mdBook, which makes the book. Only `cargo run` in firmware/ takes ravedude.
+//! Each is looked for first, so that a second run does nothing.
 
 use std::{
     env, fs,
@@ -33,9 +32,55 @@ pub enum Mode {
     DryRun,
 }
 
+/// What things are installed for. Each purpose includes those before it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Purpose {
+    /// The firmware on the virtual rig, which is all that the demo takes.
+    Demo,
+    /// All tests.
+    Tests,
+    /// `cargo run` in firmware/ on a board, besides `cargo xtask flash`.
+    CargoRun,
+}
+
+impl Purpose {
+    fn parse(word: &str) -> Option<Self> {
+        match word {
+            "demo" => Some(Self::Demo),
+            "tests" => Some(Self::Tests),
+            "cargo-run" => Some(Self::CargoRun),
+            _ => None,
+        }
+    }
+}
+
+/// Reads the options of the set-up.
+///
+/// # Errors
+///
+/// Says what makes no sense.
+pub fn parse(words: &[&str]) -> Result<(Purpose, Mode), String> {
+    let (mut purpose, mut mode) = (Purpose::Tests, Mode::Install);
+    let mut words = words.iter();
+    while let Some(&word) = words.next() {
+        match word {
+            "--dry-run" => mode = Mode::DryRun,
+            "--for" => {
+                purpose = words
+                    .next()
+                    .and_then(|word| Purpose::parse(word))
+                    .ok_or("setup: --for takes demo, tests or cargo-run")?;
+            }
+            _ => return Err(format!("setup: there is no option {word}")),
+        }
+    }
+    Ok((purpose, mode))
+}
+
 /// Something that a task needs.
 struct Need {
     what: &'static str,
+    purpose: Purpose,
     present: fn() -> bool,
     /// Debian packages that bring it.
     debian: &'static [&'static str],
@@ -44,26 +89,31 @@ struct Need {
 const NEEDS: &[Need] = &[
     Need {
         what: "a C compiler",
+        purpose: Purpose::Demo,
         present: || has_program("cc"),
         debian: &["gcc", "libc6-dev"],
     },
     Need {
         what: "Python 3 with virtual environments, for exported models and the package",
+        purpose: Purpose::Tests,
         present: has_python,
         debian: PYTHON,
     },
     Need {
         what: "pkg-config",
+        purpose: Purpose::Demo,
         present: || has_program("pkg-config"),
         debian: &["pkg-config"],
     },
     Need {
         what: "avr-gcc with binutils",
+        purpose: Purpose::Demo,
         present: || has_program("avr-gcc") && has_program("avr-nm") && has_program("avr-size"),
         debian: &["gcc-avr", "binutils-avr"],
     },
     Need {
         what: "avr-libc",
+        purpose: Purpose::Demo,
         // Without the library avr-gcc answers with the bare name.
         present: || {
             read(Command::new("avr-gcc").args(["-mmcu=atmega2560", "-print-file-name=libm.a"]))
@@ -73,21 +123,25 @@ const NEEDS: &[Need] = &[
     },
     Need {
         what: "simavr with headers",
+        purpose: Purpose::Demo,
         present: || read(Command::new("pkg-config").args(["--exists", "simavr >= 1.6"])).is_ok(),
         debian: &["libsimavr-dev", "libelf-dev"],
     },
     Need {
         what: "avrdude",
+        purpose: Purpose::Demo,
         present: || has_program("avrdude"),
         debian: &["avrdude"],
     },
     Need {
         what: "Chromium, to look at reports",
+        purpose: Purpose::Tests,
         present: || chromium().is_some(),
         debian: &["chromium"],
     },
     Need {
         what: "libudev with headers, for ravedude",
+        purpose: Purpose::CargoRun,
         present: || {
             has_program("ravedude")
                 || read(Command::new("pkg-config").args(["--exists", "libudev"])).is_ok()
@@ -165,12 +219,14 @@ const DEBIAN_RUST: [[&str; 3]; 2] = [
     ["rustc", "cargo", "rust-src"],
 ];
 
-/// Installs what is missing, or says what would be.
-pub fn setup(mode: Mode) -> Outcome {
+/// Installs what is missing for a purpose, or says what would be.
+pub fn setup(purpose: Purpose, mode: Mode) -> Outcome {
     let started = Instant::now();
-    let missing: Vec<&Need> = NEEDS.iter().filter(|need| !(need.present)()).collect();
+    let missing: Vec<&Need> = missing(purpose).collect();
     let linked = avr::is_linked();
-    if missing.is_empty() && linked && has_program("ravedude") && mdbook().is_some() {
+    let book = purpose >= Purpose::Tests && mdbook().is_none();
+    let runner = purpose >= Purpose::CargoRun && !has_program("ravedude");
+    if missing.is_empty() && linked && !book && !runner {
         println!("setup: nothing to do ({})", seconds(started.elapsed()));
         return Ok(());
     }
@@ -218,17 +274,17 @@ pub fn setup(mode: Mode) -> Outcome {
             ),
         }
     }
-    if !has_program("ravedude") {
-        ravedude(mode)?;
-    }
-    if mdbook().is_none() {
+    if book {
         build_mdbook(mode)?;
+    }
+    if runner {
+        ravedude(mode)?;
     }
     if mode == Mode::DryRun {
         println!("setup: dry run, nothing was changed");
         return Ok(());
     }
-    if let Some(need) = NEEDS.iter().find(|need| !(need.present)()) {
+    if let Some(need) = self::missing(purpose).next() {
         return Err(format!(
             "{} is still missing after its packages ({}) were installed",
             need.what,
@@ -241,6 +297,13 @@ pub fn setup(mode: Mode) -> Outcome {
     }
     println!("setup: done in {}", seconds(started.elapsed()));
     Ok(())
+}
+
+/// What a purpose takes and this machine has not.
+fn missing(purpose: Purpose) -> impl Iterator<Item = &'static Need> {
+    NEEDS
+        .iter()
+        .filter(move |need| need.purpose <= purpose && !(need.present)())
 }
 
 /// Builds ravedude, the runner behind `cargo run` in firmware/.
@@ -503,4 +566,21 @@ fn as_root() -> Option<Command> {
     };
     command.arg("DEBIAN_FRONTEND=noninteractive");
     Some(command)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn options_choose_what_for_and_whether() {
+        assert_eq!(parse(&[]), Ok((Purpose::Tests, Mode::Install)));
+        assert_eq!(
+            parse(&["--for", "demo", "--dry-run"]),
+            Ok((Purpose::Demo, Mode::DryRun))
+        );
+        for words in [&["--for"][..], &["--for", "fun"], &["--dry"]] {
+            assert!(parse(words).is_err(), "{words:?}");
+        }
+    }
 }

@@ -1,4 +1,4 @@
-//! Running other programs and saying how long they took.
+//! Runs other programs and reports their times.
 
 use std::{
     env,

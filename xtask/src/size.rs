@@ -1,9 +1,9 @@
-//! What the image takes of the board, against budgets and against last time.
+//! Size and load of the image, compared with budgets and with the golden file.
 //!
-//! Flash and static memory come from the image, stack and processor time from
-//! running it on the simulated rig, which repeats to the cycle. A budget that is
-//! exceeded always fails. A figure that moved is not wrong, but nobody should
-//! find out a year later: it fails too, until the golden file says the new one.
+//! Flash and static memory come from the image, stack and processor time from a run on the
+//! simulated rig, which is exact to the cycle. Exceeding a budget always fails. A changed
+//! figure may be correct, but must not go unnoticed: it fails too, until the golden file is
+//! updated.
 
 use std::{
     fs,

@@ -7,7 +7,7 @@ use std::{
 
 use crate::{
     avr, bench, book, python,
-    setup::{self, Mode},
+    setup::{self, Mode, Purpose},
     shell::{Outcome, Steps, cargo, run},
     simulator,
     size::{self, Golden},
@@ -30,7 +30,7 @@ pub fn test(scope: Scope) -> Outcome {
     let everything = scope == Scope::Everything;
 
     if everything {
-        steps.step("set-up", || setup::setup(Mode::Install))?;
+        steps.step("set-up", || setup::setup(Purpose::Tests, Mode::Install))?;
     } else {
         steps.skip("set-up", HOST_ONLY);
     }

@@ -1,13 +1,13 @@
-//! What the board is busy with, and what it needs to remember for that alone.
+//! The present activity of the board, with its memory.
 //!
 //! The state of [`crate::safety`] says what the rig may do; an [`Activity`] is what it
-//! does. Leaving one drops all that belonged to it, so that nothing of a run is left when
-//! the next begins.
+//! does. Leaving an activity drops its memory, so that nothing of a run is left when the
+//! next begins.
 
 use wire::{
     decimal::Hundredths,
     fault::Fault,
-    protocol::{Demand, Track},
+    protocol::{ControlMode, Reference},
     settings::{Key, Settings},
     telemetry::Setpoint,
 };
@@ -23,15 +23,15 @@ use crate::{
     runner::{Memory, Runner},
 };
 
-/// How near (microsteps) to its start position a plunger is back.
+/// Tolerance (microsteps) of the start position.
 const BACK_STEPS: f32 = 3.0;
 
-/// What the board is busy with.
+/// The present activity of the board.
 #[derive(Clone, Debug)]
 pub(super) enum Activity {
-    /// Nothing: idle, ready, or in a fault.
-    Rest,
-    /// Looking for the end of the stroke.
+    /// None: idle, ready, or in a fault.
+    None,
+    /// Homing.
     Homing(Homing),
     /// A protocol.
     Playing(Play),
@@ -47,18 +47,18 @@ pub(super) struct Play {
     back: u8,
 }
 
-/// What a run is played with.
-pub(super) struct Given<'a> {
+/// The inputs of a run in one period.
+pub(super) struct PlayInputs<'a> {
     pub(super) settings: &'a Settings,
     pub(super) memory: &'a Memory,
     pub(super) predictor: &'a Predictor,
     pub(super) monitor: &'a Monitor,
     pub(super) measured: &'a Measured,
-    /// Whether there is still a pressure when there should be none.
+    /// Whether there is pressure with the valve open.
     pub(super) pressurised: bool,
 }
 
-/// What a period of a run came to.
+/// The result of one period of a run.
 pub(super) enum Progress {
     /// Going on.
     Playing(Outputs),
@@ -79,17 +79,17 @@ impl Play {
         }
     }
 
-    /// Where in the protocol it is.
+    /// The position in the protocol.
     pub(super) fn runner(&self) -> &Runner {
         &self.runner
     }
 
-    /// What is asked for now.
+    /// The set-point now.
     pub(super) fn setpoint(&self) -> Setpoint {
         self.setpoint
     }
 
-    /// What follows the set-points.
+    /// The controller.
     #[cfg(test)]
     pub(super) fn controller(&self) -> &Controller {
         &self.controller
@@ -97,28 +97,28 @@ impl Play {
 
     /// Lets one control period pass.
     #[inline(never)]
-    pub(super) fn step(&mut self, given: &Given) -> Progress {
+    pub(super) fn step(&mut self, given: &PlayInputs) -> Progress {
         let delay_s = given.predictor.delay_s();
         let config = control::Config::of(given.settings).with_delay(delay_s);
         let per_step = given.settings.number(Key::VolumePerStep);
-        let demand = self.runner.demand(given.memory);
+        let reference = self.runner.reference(given.memory);
         let closed = |flow: f32| Outputs {
             pump: Pump::Rate(flow / per_step),
             valve: Valve::Closed,
             ..Outputs::default()
         };
-        let outputs = match demand {
-            Demand::Track { track, level } => {
+        let outputs = match reference {
+            Reference::Track { mode, level } => {
                 self.back = 0;
                 let mut measured = *given.measured;
-                if track == Track::AngleClosedLoop {
+                if mode == ControlMode::AngleClosedLoop {
                     measured.expected = given.monitor.expected(given.predictor);
                 }
                 let model = given.predictor.model();
                 let flow = self
                     .controller
-                    .track(&config, model, (track, level), &measured);
-                self.setpoint = if track == Track::Pressure {
+                    .track(&config, model, (mode, level), &measured);
+                self.setpoint = if mode == ControlMode::Pressure {
                     let pressure = self.controller.pressure_setpoint();
                     Setpoint::Pressure(Hundredths::round(pressure * KPA_PER_PA))
                 } else {
@@ -127,11 +127,11 @@ impl Play {
                 };
                 closed(flow)
             }
-            Demand::Hold => {
+            Reference::Hold => {
                 self.setpoint = Setpoint::None;
                 closed(0.0)
             }
-            Demand::Release | Demand::Done => {
+            Reference::Release | Reference::Done => {
                 self.controller = Controller::new();
                 self.setpoint = Setpoint::None;
                 let start = homing::Config::of(given.settings).start_volume();
@@ -158,7 +158,7 @@ impl Play {
         }
         // Behind a narrow tube the air needs longer than the plunger.
         let is_back = self.back >= VENTING_PERIODS && !given.pressurised;
-        if demand == Demand::Done {
+        if reference == Reference::Done {
             if is_back {
                 return Progress::Done(outputs);
             }

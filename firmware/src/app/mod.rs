@@ -1,11 +1,11 @@
-//! The application: what the board makes of readings and of lines.
+//! The application: readings and lines in, outputs and replies out.
 //!
-//! It owns everything that is decided and nothing that is wired. The board layer
-//! calls, once a control period:
+//! It makes all decisions and touches no hardware. The board layer calls, once per control
+//! period:
 //!
 //! 1. [`App::receive`] for every line that was completed since, or
 //!    [`App::overlong`] for one that was too long;
-//! 2. [`App::tick`] with the inputs and the EEPROM, and obeys the outputs;
+//! 2. [`App::tick`] with the inputs and the EEPROM, and applies the outputs;
 //! 3. [`App::telemetry`], and writes the line;
 //! 4. [`App::report`], which writes at most one further line.
 //!
@@ -44,7 +44,7 @@ use crate::{
     store::{Eeprom, Loaded, load},
 };
 
-use activity::{Activity, Given, Play};
+use activity::{Activity, Play, PlayInputs};
 use protection::Protection;
 use saving::Saving;
 
@@ -53,7 +53,7 @@ pub use texts::{HELP, PlainTexts, Texts};
 /// Calls that prepare the table of the power, 20 ms of work.
 const AT_ONCE: u8 = 14;
 
-/// Everything that the board remembers.
+/// The memory of the board.
 #[derive(Clone, Debug)]
 pub struct App {
     settings: Settings,
@@ -86,7 +86,7 @@ pub struct App {
     sentence: Option<Fault>,
 }
 
-/// Takes the model of settings for the prediction; whether it can be stepped.
+/// Takes the model of the settings for the prediction; returns whether it can be stepped.
 #[inline(never)]
 fn take_model(predictor: &mut Predictor, settings: &Settings) -> bool {
     let farthest = settings.number(Key::MaxAngle) * RAD_PER_DEG;
@@ -98,18 +98,16 @@ fn take_model(predictor: &mut Predictor, settings: &Settings) -> bool {
 }
 
 impl App {
-    /// Starts after a reset, idle, with the settings that are stored; with those
-    /// that a board is shipped with if none are or if they are damaged, which is
-    /// a fault.
+    /// Starts after a reset, idle, with the stored settings. If none are stored, or if they
+    /// are damaged, which is a fault, the defaults are used.
     pub fn new(eeprom: &impl Eeprom, reset: ResetCause) -> Self {
         let mut app = Self::empty(reset);
         app.load(eeprom);
         app
     }
 
-    /// Reads the settings and computes what follows from them. Apart from
-    /// [`App::empty`], so that on the board there is one application and not a
-    /// second one on the stack meanwhile.
+    /// Reads the settings, and prepares calibration and model. It is separate from
+    /// [`App::empty`], so that the board does not hold a second application on the stack.
     #[inline(never)]
     pub fn load(&mut self, eeprom: &impl Eeprom) {
         let found = load(eeprom, &mut self.settings);
@@ -140,7 +138,7 @@ impl App {
             calibration: None,
             predictor: Predictor::empty(),
             reset,
-            activity: Activity::Rest,
+            activity: Activity::None,
             memory: Memory::new(),
             monitor: Monitor::default(),
             protection: Protection::default(),
@@ -278,14 +276,14 @@ impl App {
             _ => self.conditions.internal = true,
         }
         self.latch();
-        self.activity = Activity::Rest;
+        self.activity = Activity::None;
     }
 
-    /// Leaves everything for a fault whose condition holds.
+    /// Enters a fault if its condition holds.
     fn latch(&mut self) {
         if self.supervisor.update(&self.conditions).is_some() {
             self.sentence = self.supervisor.fault();
-            self.activity = Activity::Rest;
+            self.activity = Activity::None;
         }
     }
 
@@ -317,7 +315,7 @@ impl App {
             self.fail(Fault::Internal);
             return Outputs::default();
         };
-        let progress = play.step(&Given {
+        let progress = play.step(&PlayInputs {
             settings: &self.settings,
             memory: &self.memory,
             predictor: &self.predictor,
@@ -338,9 +336,9 @@ impl App {
         }
     }
 
-    /// What was going on has come to its end.
+    /// Ends the present activity.
     fn finish(&mut self, event: Event) {
-        self.activity = Activity::Rest;
+        self.activity = Activity::None;
         if self.supervisor.handle(event, &self.conditions).is_err() {
             self.fail(Fault::Internal);
         }
@@ -350,7 +348,7 @@ impl App {
     fn running(&self) -> Option<&Runner> {
         match &self.activity {
             Activity::Playing(play) => Some(play.runner()),
-            Activity::Rest | Activity::Homing(_) => None,
+            Activity::None | Activity::Homing(_) => None,
         }
     }
 
@@ -376,7 +374,7 @@ impl App {
             predicted_deg: self.monitor.predicted(),
             setpoint: match &self.activity {
                 Activity::Playing(play) => play.setpoint(),
-                Activity::Rest | Activity::Homing(_) => Setpoint::None,
+                Activity::None | Activity::Homing(_) => Setpoint::None,
             },
             volume_ul,
             state: self.state(),

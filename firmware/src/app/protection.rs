@@ -1,5 +1,5 @@
-//! What may be wrong in this period: readings against limits, and what has to be watched
-//! over several periods before it counts.
+//! Finds fault conditions: readings beyond limits, and conditions that count only after
+//! several periods.
 
 use wire::settings::Settings;
 
@@ -13,7 +13,7 @@ use crate::{
 };
 use wire::state::State;
 
-/// What is watched.
+/// The memory of the conditions.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Protection {
     stall: Watch,
@@ -24,7 +24,7 @@ pub(super) struct Protection {
     pressure_was_high: bool,
 }
 
-/// What is looked at.
+/// The inputs of the conditions.
 pub(super) struct Seen<'a> {
     pub(super) settings: &'a Settings,
     pub(super) inputs: &'a Inputs,
@@ -39,7 +39,7 @@ pub(super) struct Seen<'a> {
 }
 
 impl Protection {
-    /// Sets every condition that readings decide; the others are for who finds them.
+    /// Sets every condition that follows from readings; other conditions are set elsewhere.
     #[inline(never)]
     pub(super) fn look(&mut self, seen: &Seen, conditions: &mut Conditions) {
         let Seen {

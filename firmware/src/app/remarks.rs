@@ -1,5 +1,5 @@
-//! Lines that the board writes unasked, for people: what became of settings that were
-//! saved, what a fault means, the help, and the self-test.
+//! Remarks for people, which the board writes without a request: the result of saving
+//! settings, the sentence of a fault, the help, and the self-test.
 
 use ufmt::uWrite;
 use wire::{line::Sealed, reply::REMARK};
@@ -9,7 +9,7 @@ use crate::probe::Probe;
 
 impl App {
     /// Writes at most one line that has been waiting: `#: saved` or `#: not saved`,
-    /// the sentence of a fault, help, the self-test. A long one comes in every fourth
+    /// the sentence of a fault, help, the self-test. Long lines come every fourth
     /// period, so that the cable keeps up.
     ///
     /// # Errors

@@ -1,9 +1,9 @@
-//! What the board makes of a line from the computer: questions are answered, orders are
-//! obeyed or refused.
+//! Handles lines from the computer: queries are answered, commands are executed or
+//! refused.
 //!
-//! A request that comes twice, because its reply was lost, does nothing the second time:
-//! what moves or saves is refused with [`Refusal::NotNow`], what sets or asks has the same
-//! result.
+//! A request that comes twice, because its reply was lost, has no further effect: a second
+//! command that moves or saves is refused with [`Refusal::NotNow`], and one that sets or
+//! queries has the same result.
 
 use ufmt::{uDisplay, uWrite, uwrite};
 use wire::{
@@ -94,7 +94,7 @@ impl App {
         }
     }
 
-    /// Obeys an order, whose reply says no more than ok or no.
+    /// Executes a command whose reply is only ok or no.
     #[inline(never)]
     fn obey(&mut self, command: Command) -> Result<(), Refusal> {
         match command {
@@ -108,11 +108,11 @@ impl App {
             }
             Command::Disarm => {
                 self.supervisor.handle(Event::Disarm, &self.conditions)?;
-                self.activity = Activity::Rest;
+                self.activity = Activity::None;
             }
             Command::Stop => {
                 self.supervisor.handle(Event::Stop, &self.conditions)?;
-                self.activity = Activity::Rest;
+                self.activity = Activity::None;
             }
             Command::Clear => {
                 self.supervisor.handle(Event::Clear, &self.conditions)?;
@@ -176,7 +176,7 @@ impl App {
         Ok(())
     }
 
-    /// Whether something at rest is not to be disturbed.
+    /// Whether the board is busy at rest and must not be disturbed.
     pub(super) fn is_busy(&self) -> bool {
         self.saving.is_busy() || self.self_test.is_some()
     }

@@ -1,10 +1,10 @@
-//! Settings on their way to EEPROM, a byte a period.
+//! Saves settings to EEPROM, one byte per period.
 
 use wire::settings::Settings;
 
 use crate::store::{Eeprom, Poll, Writer};
 
-/// How far they are.
+/// The progress of saving.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Saving {
     /// Nothing is being saved.
@@ -13,7 +13,7 @@ pub(super) enum Saving {
     Accepted,
     /// Being written.
     Writing(Writer),
-    /// What became of it is still to be told.
+    /// Done; the result is still to be reported.
     Over {
         /// Whether the EEPROM has them.
         kept: bool,

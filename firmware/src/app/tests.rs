@@ -12,7 +12,7 @@ use wire::{
     answer::Exact,
     command::{Command, Request},
     line,
-    protocol::{Named, Track},
+    protocol::{ControlMode, Named},
     reply::{Refusal, Reply},
     testing::{Text, sealed, segments},
 };
@@ -395,22 +395,22 @@ fn a_request_that_comes_twice_does_nothing_twice() {
 fn a_protocol_of_ones_own_is_checked_and_played() {
     let mut rig = Rig::armed();
     assert_eq!(rig.ask(Command::Run(None)), Err(Refusal::BadProtocol));
-    let step = |level, track| wire::protocol::Segment::Step {
-        track,
+    let step = |level, mode| wire::protocol::Segment::Step {
+        mode,
         level: Hundredths(level),
         duration_ms: 3_000,
     };
     let put = |rig: &mut Rig, index, segment| rig.ask(Command::Segment { index, segment });
     rig.ask(Command::Load(2)).unwrap();
-    put(&mut rig, 0, step(3_000, Track::AngleClosedLoop)).unwrap();
+    put(&mut rig, 0, step(3_000, ControlMode::AngleClosedLoop)).unwrap();
     assert_eq!(rig.ask(Command::Run(None)), Err(Refusal::BadProtocol));
     assert_eq!(
-        put(&mut rig, 2, step(3_000, Track::AngleClosedLoop)),
+        put(&mut rig, 2, step(3_000, ControlMode::AngleClosedLoop)),
         Err(Refusal::BadProtocol)
     );
-    put(&mut rig, 1, step(16_001, Track::Pressure)).unwrap();
+    put(&mut rig, 1, step(16_001, ControlMode::Pressure)).unwrap();
     assert_eq!(rig.ask(Command::Run(None)), Err(Refusal::BadProtocol));
-    put(&mut rig, 1, step(2_000, Track::Pressure)).unwrap();
+    put(&mut rig, 1, step(2_000, ControlMode::Pressure)).unwrap();
     rig.ask(Command::Run(None)).unwrap();
     rig.wait(2.9);
     let angle = rig.log.last().unwrap().angle_deg.unwrap().to_f32();

@@ -1,4 +1,4 @@
-//! Texts for people: what a fault means, and what can be typed.
+//! Texts for people: the sentences of faults, and the help.
 
 use ufmt::uWrite;
 use wire::fault::Fault;

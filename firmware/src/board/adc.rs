@@ -8,14 +8,14 @@
 
 use core::sync::atomic::{AtomicU8, Ordering::Relaxed};
 
-use avr_device::atmega2560::ADC as Converter;
+use avr_device::atmega2560::{ADC as Converter, adc::RegisterBlock};
 use firmware::{
     io::Oversampled,
     wiring::{FLEX_CHANNEL, PRESSURE_CHANNEL},
 };
 
 use super::{
-    clock::{self, BEATS},
+    periods::{self, BEATS},
     shared::{self, Shared},
 };
 
@@ -52,20 +52,20 @@ impl Adc {
     /// sheet warns that the first one after a change of reference may be wrong.
     pub fn new(converter: Converter) -> Self {
         // The digital inputs of both pins would only cost power.
-        converter.didr0().write(|w| {
+        converter.didr0.write(|w| {
             // SAFETY: every bit of the register switches an input off.
             unsafe { w.bits(1 << PRESSURE_CHANNEL | 1 << FLEX_CHANNEL) }
         });
         select(&converter, PRESSURE);
-        converter.adcsra().write(|w| {
+        converter.adcsra.write(|w| {
             w.aden().set_bit();
             w.adsc().set_bit();
             w.adps().prescaler_128()
         });
-        while converter.adcsra().read().adsc().bit_is_set() {}
+        while converter.adcsra.read().adsc().bit_is_set() {}
         // That conversion's flag is cleared by writing a one, so that nothing is
         // pending when interrupts go on.
-        converter.adcsra().write(|w| {
+        converter.adcsra.write(|w| {
             w.aden().set_bit();
             w.adif().set_bit();
             w.adie().set_bit();
@@ -85,8 +85,8 @@ impl Adc {
 }
 
 #[inline(always)]
-fn select(converter: &Converter, channel: u8) {
-    converter.admux().write(|w| {
+fn select(converter: &RegisterBlock, channel: u8) {
+    converter.admux.write(|w| {
         // SAFETY: one of the two constants above.
         unsafe { w.bits(channel) }
     });
@@ -97,9 +97,9 @@ fn select(converter: &Converter, channel: u8) {
 pub(super) fn start(beat: u8) {
     // SAFETY: the clock's interrupt only sets the start bit; the flag of a
     // conversion that is done was cleared by its interrupt.
-    let converter = unsafe { Converter::steal() };
+    let converter = unsafe { &*Converter::ptr() };
     CONVERTING.store(beat, Relaxed);
-    converter.adcsra().modify(|_, w| w.adsc().set_bit());
+    converter.adcsra.modify(|_, w| w.adsc().set_bit());
 }
 
 #[avr_device::interrupt(atmega2560)]
@@ -107,21 +107,21 @@ fn ADC() {
     // SAFETY: this is an interrupt handler.
     let section = unsafe { shared::in_interrupt() };
     // SAFETY: between conversions nobody else touches the converter.
-    let converter = unsafe { Converter::steal() };
-    let sample = converter.adc().read().bits();
+    let converter = unsafe { &*Converter::ptr() };
+    let sample = converter.adc.read().bits();
     let beat = CONVERTING.load(Relaxed);
     if beat % 2 == 0 {
-        select(&converter, FLEX);
+        select(converter, FLEX);
         PRESSURE_SUM.set(section, PRESSURE_SUM.get(section).wrapping_add(sample));
         return;
     }
-    select(&converter, PRESSURE);
+    select(converter, PRESSURE);
     let flex = FLEX_SUM.get(section).wrapping_add(sample);
     FLEX_SUM.set(section, flex);
     if beat == BEATS - 1 {
         READINGS.set(section, [PRESSURE_SUM.get(section), flex]);
         PRESSURE_SUM.set(section, 0);
         FLEX_SUM.set(section, 0);
-        clock::begin_period();
+        periods::begin();
     }
 }

@@ -11,14 +11,15 @@ use core::sync::atomic::{AtomicU8, Ordering::Relaxed};
 
 use avr_device::atmega2560::TC3;
 use firmware::{
-    design::{CONTROL_HZ, CPU_HZ, OVERSAMPLING, PERIOD_MS},
+    design::{CONTROL_HZ, CPU_HZ, PERIOD_MS},
     stepper::SLOTS,
 };
 
-use super::{adc, pulses, shared, switches};
-
-/// Beats in a control period: a conversion of either sensor each.
-pub(super) const BEATS: u8 = 2 * OVERSAMPLING as u8;
+use super::{
+    adc,
+    periods::{self, BEATS},
+    pulses, shared, switches,
+};
 
 /// Beats in a slot of the pulse plan.
 #[allow(clippy::cast_possible_truncation)]
@@ -32,9 +33,6 @@ const _: () = assert!(CYCLES_PER_BEAT <= 0xffff);
 
 /// The beat of the period that comes next.
 static BEAT: AtomicU8 = AtomicU8::new(0);
-
-/// Control periods since reset; wraps.
-static PERIODS: AtomicU8 = AtomicU8::new(0);
 
 /// The clock.
 pub struct Clock {
@@ -56,8 +54,8 @@ impl Clock {
     /// Creates the clock, which stands still until [`Self::start`].
     pub fn new(timer: TC3) -> Self {
         #[allow(clippy::cast_possible_truncation)] // Checked above.
-        timer.ocr3a().write(|w| w.set((CYCLES_PER_BEAT - 1) as u16));
-        timer.timsk3().write(|w| w.ocie3a().set_bit());
+        timer.ocr3a.write(|w| w.bits((CYCLES_PER_BEAT - 1) as u16));
+        timer.timsk3.write(|w| w.ocie3a().set_bit());
         Self {
             timer,
             periods_seen: 0,
@@ -74,23 +72,23 @@ impl Clock {
     /// that conversion would then be counted for the other sensor, and the first
     /// period's reading of the pressure would lack one of its sixteen.
     pub fn start(&mut self) {
-        self.timer.tcnt3().write(|w| w.set(0));
+        self.timer.tcnt3.write(|w| w.bits(0));
         // Flags are cleared by writing a one.
-        self.timer.tifr3().write(|w| w.ocf3a().set_bit());
+        self.timer.tifr3.write(|w| w.ocf3a().set_bit());
         // Clear on compare match, no prescaler.
         self.timer
-            .tccr3b()
-            .write(|w| w.wgm3().set(0b01).cs3().direct());
+            .tccr3b
+            .write(|w| w.wgm3().bits(0b01).cs3().direct());
     }
 
     /// Whether [`Self::period`] has something to say.
     pub fn is_due(&self) -> bool {
-        PERIODS.load(Relaxed) != self.periods_seen
+        periods::begun() != self.periods_seen
     }
 
     /// The control period that began since the last call; none if there is none.
     pub fn period(&mut self) -> Option<Period> {
-        let passed = PERIODS.load(Relaxed).wrapping_sub(self.periods_seen);
+        let passed = periods::begun().wrapping_sub(self.periods_seen);
         if passed == 0 {
             return None;
         }
@@ -103,12 +101,6 @@ impl Clock {
             missed: passed - 1,
         })
     }
-}
-
-/// All conversions of a period are there.
-#[inline(always)]
-pub(super) fn begin_period() {
-    PERIODS.store(PERIODS.load(Relaxed).wrapping_add(1), Relaxed);
 }
 
 #[avr_device::interrupt(atmega2560)]

@@ -29,7 +29,7 @@ impl Eeprom {
     }
 
     fn wait(&self) {
-        while self.0.eecr().read().eepe().bit_is_set() {}
+        while self.0.eecr.read().eepe().bit_is_set() {}
     }
 }
 
@@ -65,9 +65,9 @@ impl store::Eeprom for Eeprom {
 
     fn read(&self, address: u16) -> u8 {
         self.wait();
-        self.0.eear().write(|w| w.set(address));
-        self.0.eecr().write(|w| w.eere().set_bit());
-        self.0.eedr().read().bits()
+        self.0.eear.write(|w| w.bits(address));
+        self.0.eecr.write(|w| w.eere().set_bit());
+        self.0.eedr.read().bits()
     }
 
     fn write(&mut self, address: u16, byte: u8) {
@@ -82,11 +82,11 @@ impl store::Eeprom for Eeprom {
         } else {
             BOTH
         };
-        self.0.eedr().write(|w| w.set(byte));
+        self.0.eedr.write(|w| w.bits(byte));
         // SAFETY: the mode is one of the three above, and nothing is being
         // written. The second instruction must follow within four cycles.
         avr_device::interrupt::free(|_| unsafe {
-            self.0.eecr().write(|w| w.bits(mode));
+            self.0.eecr.write(|w| w.bits(mode));
             asm!(
                 "sbi 0x1f, 2",
                 "sbi 0x1f, 1",

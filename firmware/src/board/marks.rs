@@ -13,14 +13,14 @@ impl Marks {
     /// Takes the processor's registers.
     pub fn new(processor: CPU) -> Self {
         // Idle mode: timers, converter and serial port go on.
-        processor.smcr().write(|w| w.se().set_bit());
+        processor.smcr.write(|w| w.se().set_bit());
         Self(processor)
     }
 
     #[inline(always)]
     fn write(&self, value: u8) {
         // SAFETY: the register is general-purpose storage; any value is valid.
-        self.0.gpior0().write(|w| unsafe { w.bits(value) });
+        self.0.gpior0.write(|w| unsafe { w.bits(value) });
     }
 
     /// Sleeps until `has_work` finds a reason not to; it is asked after every interrupt,

@@ -26,6 +26,7 @@ pub mod eeprom;
 pub mod health;
 pub mod light;
 pub mod marks;
+mod periods;
 mod pins;
 mod place;
 pub mod pulses;

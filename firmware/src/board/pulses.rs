@@ -24,7 +24,7 @@ use core::{
     },
 };
 
-use avr_device::atmega2560::TC1;
+use avr_device::atmega2560::{TC1, tc1::RegisterBlock as Timer};
 use firmware::{
     io,
     stepper::{HIGH_CYCLES, Plan, Planner, SHORTEST_GAP, SLOTS},
@@ -134,7 +134,7 @@ impl Pulses {
         // As the stride is at first.
         direction.high();
         // Counts freely, no prescaler, pin disconnected.
-        timer.tccr1b().write(|w| w.cs1().direct());
+        timer.tccr1b.write(|w| w.cs1().direct());
         Self {
             timer,
             planner: Planner::new(),
@@ -218,14 +218,14 @@ impl Pulses {
 /// Names the time of the next edge: `ahead` cycles after the one at `edge`, or as
 /// soon as possible when that has passed.
 #[inline(always)]
-fn set_edge(timer: &TC1, edge: u16, ahead: u16) {
-    let now = timer.tcnt1().read().bits();
+fn set_edge(timer: &Timer, edge: u16, ahead: u16) {
+    let now = timer.tcnt1.read().bits();
     let at = if now.wrapping_sub(edge).wrapping_add(LEAD) < ahead {
         edge.wrapping_add(ahead)
     } else {
         now.wrapping_add(LEAD)
     };
-    timer.ocr1a().write(|w| w.set(reachable(at)));
+    timer.ocr1a.write(|w| w.bits(reachable(at)));
 }
 
 /// A time that simavr does not miss. It looks for matches when the counter turns,
@@ -238,7 +238,7 @@ const fn reachable(at: u16) -> u16 {
 
 /// Waits for the end of a long gap, of which `waited` is over at `now`: sets the
 /// next edge if it is near, else hops.
-fn wait(section: CriticalSection<'_>, timer: &TC1, now: u16, waited: u32) {
+fn wait(section: CriticalSection<'_>, timer: &Timer, now: u16, waited: u32) {
     let left = GAP.get(section).saturating_sub(waited);
     let is_near = left <= u32::from(u16::MAX);
     #[allow(clippy::cast_possible_truncation)] // Compared above.
@@ -247,37 +247,37 @@ fn wait(section: CriticalSection<'_>, timer: &TC1, now: u16, waited: u32) {
     } else {
         WAITED.set(section, waited + u32::from(HOP));
         // Unit A stays parked: it would match in a turn, and unit B hops before.
-        timer.ocr1a().write(|w| w.set(now));
+        timer.ocr1a.write(|w| w.bits(now));
         timer
-            .ocr1b()
-            .write(|w| w.set(reachable(now.wrapping_add(HOP))));
-        timer.tifr1().write(|w| w.ocf1b().set_bit());
+            .ocr1b
+            .write(|w| w.bits(reachable(now.wrapping_add(HOP))));
+        timer.tifr1.write(|w| w.ocf1b().set_bit());
     }
-    timer.timsk1().write(|w| {
+    timer.timsk1.write(|w| {
         w.ocie1a().set_bit();
         w.ocie1b().bit(!is_near)
     });
 }
 
 /// Starts the pulses, the first one a gap from now.
-fn start(section: CriticalSection<'_>, timer: &TC1) {
+fn start(section: CriticalSection<'_>, timer: &Timer) {
     IS_RUNNING.set(section, true);
-    wait(section, timer, timer.tcnt1().read().bits(), 0);
+    wait(section, timer, timer.tcnt1.read().bits(), 0);
     // The compare register is set, so no old match can come any more; one that
     // has come is forgotten, and only then may a match move the pin.
-    timer.tifr1().write(|w| w.ocf1a().set_bit());
-    timer.tccr1a().write(|w| w.com1a().match_toggle());
+    timer.tifr1.write(|w| w.ocf1a().set_bit());
+    timer.tccr1a.write(|w| w.com1a().match_toggle());
 }
 
 /// Stops the pulses unless one has begun; the end of that one will.
-fn stop(section: CriticalSection<'_>, timer: &TC1) {
+fn stop(section: CriticalSection<'_>, timer: &Timer) {
     if !IS_RUNNING.get(section) || IS_HIGH.get(section) {
         return;
     }
     // Out of the counter's way, then look whether the edge was faster.
-    let now = timer.tcnt1().read().bits();
-    timer.ocr1a().write(|w| w.set(now.wrapping_sub(LEAD)));
-    if timer.tifr1().read().ocf1a().bit_is_set() {
+    let now = timer.tcnt1.read().bits();
+    timer.ocr1a.write(|w| w.bits(now.wrapping_sub(LEAD)));
+    if timer.tifr1.read().ocf1a().bit_is_set() {
         // It was: its interrupt is pending and lets the pulse end.
         return;
     }
@@ -285,9 +285,9 @@ fn stop(section: CriticalSection<'_>, timer: &TC1) {
 }
 
 /// Takes the pin from the timer. It falls back to its port bit, which is low.
-fn disconnect(section: CriticalSection<'_>, timer: &TC1) {
-    timer.timsk1().reset();
-    timer.tccr1a().reset();
+fn disconnect(section: CriticalSection<'_>, timer: &Timer) {
+    timer.timsk1.reset();
+    timer.tccr1a.reset();
     IS_RUNNING.set(section, false);
 }
 
@@ -295,10 +295,10 @@ fn disconnect(section: CriticalSection<'_>, timer: &TC1) {
 #[inline(always)]
 pub(super) fn slot(section: CriticalSection<'_>, is_first: bool) {
     // SAFETY: the main program touches the timer in critical sections only.
-    let timer = unsafe { TC1::steal() };
+    let timer = unsafe { &*TC1::ptr() };
     if is_first {
         if IS_NEXT_READY.load(Acquire) {
-            begin_plan(section, &timer);
+            begin_plan(section, timer);
         } else {
             LATE.store(LATE.load(Relaxed).saturating_add(1), Relaxed);
         }
@@ -313,7 +313,7 @@ pub(super) fn slot(section: CriticalSection<'_>, is_first: bool) {
         STOPPED_BY.store(STOPPED_BY.load(Relaxed) | stopping, Relaxed);
         IS_HALTED.store(true, Relaxed);
         set_gap(section, 0);
-        stop(section, &timer);
+        stop(section, timer);
         return;
     }
     let slot = SLOT.load(Relaxed);
@@ -324,9 +324,9 @@ pub(super) fn slot(section: CriticalSection<'_>, is_first: bool) {
     }
     set_gap(section, gap);
     if gap == 0 {
-        stop(section, &timer);
+        stop(section, timer);
     } else if !IS_RUNNING.get(section) {
-        start(section, &timer);
+        start(section, timer);
     }
 }
 
@@ -350,7 +350,7 @@ fn set_gap(section: CriticalSection<'_>, gap: u32) {
 }
 
 /// The plan to come is the one in use now.
-fn begin_plan(section: CriticalSection<'_>, timer: &TC1) {
+fn begin_plan(section: CriticalSection<'_>, timer: &Timer) {
     IS_NEXT_READY.store(false, Release);
     IS_HALTED.store(false, Relaxed);
     LATE.store(0, Relaxed);
@@ -479,31 +479,31 @@ extern "avr-interrupt" fn edge() {
     // SAFETY: this is an interrupt handler.
     let section = unsafe { shared::in_interrupt() };
     // SAFETY: the main program touches the timer in critical sections only.
-    let timer = unsafe { TC1::steal() };
-    let edge = timer.ocr1a().read().bits();
+    let timer = unsafe { &*TC1::ptr() };
+    let edge = timer.ocr1a.read().bits();
     if IS_HIGH.get(section) {
         IS_HIGH.set(section, false);
         let gap = SHORT_GAP.get(section);
         if gap != 0 {
-            set_edge(&timer, edge, gap);
+            set_edge(timer, edge, gap);
         } else {
             // A long gap or a stop. Unit A is parked where it is, a turn ahead.
             // Served later than that, unit B would match a turn too late, and unit A
             // would make an edge that nobody asked for before it.
-            let late = timer.tcnt1().read().bits().wrapping_sub(edge);
+            let late = timer.tcnt1.read().bits().wrapping_sub(edge);
             let after = late.saturating_add(LEAD).max(HANDOVER);
             WAITED.set(section, u32::from(after));
             timer
-                .ocr1b()
-                .write(|w| w.set(reachable(edge.wrapping_add(after))));
-            timer.tifr1().write(|w| w.ocf1b().set_bit());
-            timer.timsk1().write(|w| {
+                .ocr1b
+                .write(|w| w.bits(reachable(edge.wrapping_add(after))));
+            timer.tifr1.write(|w| w.ocf1b().set_bit());
+            timer.timsk1.write(|w| {
                 w.ocie1a().set_bit();
                 w.ocie1b().set_bit()
             });
         }
     } else {
-        set_edge(&timer, edge, HIGH_CYCLES);
+        set_edge(timer, edge, HIGH_CYCLES);
         IS_HIGH.set(section, true);
         let made = MADE.get(section).wrapping_add(STRIDE.get(section));
         MADE.set(section, made);
@@ -516,11 +516,11 @@ fn TIMER1_COMPB() {
     // SAFETY: this is an interrupt handler.
     let section = unsafe { shared::in_interrupt() };
     // SAFETY: the main program touches the timer in critical sections only.
-    let timer = unsafe { TC1::steal() };
+    let timer = unsafe { &*TC1::ptr() };
     if GAP.get(section) == 0 {
-        stop(section, &timer);
+        stop(section, timer);
     } else {
-        let now = timer.ocr1b().read().bits();
-        wait(section, &timer, now, WAITED.get(section));
+        let now = timer.ocr1b.read().bits();
+        wait(section, timer, now, WAITED.get(section));
     }
 }

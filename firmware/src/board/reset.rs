@@ -75,7 +75,7 @@ pub fn cause(processor: &CPU) -> ResetCause {
         (&raw mut LAST_WORDS).write_volatile(0);
         word == STOPPED_ITSELF
     };
-    let flags = processor.gpior2().read().bits();
+    let flags = processor.gpior2.read().bits();
     // At power-on the supply rises through the brown-out level.
     if flags & POWER_ON != 0 {
         ResetCause::Ordinary

@@ -39,10 +39,10 @@ pub struct Serial {
 impl Serial {
     /// Creates the port; it works once interrupts are on.
     pub fn new(usart: USART0) -> Self {
-        usart.ucsr0a().write(|w| w.u2x0().set_bit());
-        usart.ubrr0().write(|w| w.set(BAUD_DIVISOR));
-        usart.ucsr0c().write(|w| w.ucsz0().chr8());
-        usart.ucsr0b().write(|w| {
+        usart.ucsr0a.write(|w| w.u2x0().set_bit());
+        usart.ubrr0.write(|w| w.bits(BAUD_DIVISOR));
+        usart.ucsr0c.write(|w| w.ucsz0().chr8());
+        usart.ucsr0b.write(|w| {
             w.rxcie0().set_bit();
             w.rxen0().set_bit();
             w.txen0().set_bit()
@@ -86,7 +86,7 @@ impl Serial {
     fn start(&mut self) {
         // One byte, and no interrupt changes the other bits; but the one that
         // finds the ring empty clears this one.
-        super::shared::free(|_| self.usart.ucsr0b().modify(|_, w| w.udrie0().set_bit()));
+        super::shared::free(|_| self.usart.ucsr0b.modify(|_, w| w.udrie0().set_bit()));
     }
 }
 
@@ -157,8 +157,8 @@ impl uWrite for Serial {
 #[avr_device::interrupt(atmega2560)]
 fn USART0_RX() {
     // SAFETY: only this interrupt reads the data register.
-    let usart = unsafe { USART0::steal() };
-    let byte = usart.udr0().read().bits();
+    let usart = unsafe { &*USART0::ptr() };
+    let byte = usart.udr0.read().bits();
     if RECEIVED.push(byte).is_none() {
         LOST.store(LOST.load(Relaxed).saturating_add(1), Relaxed);
     }
@@ -168,9 +168,9 @@ fn USART0_RX() {
 fn USART0_UDRE() {
     // SAFETY: only this interrupt writes the data register, and the main program
     // changes the control register with interrupts off.
-    let usart = unsafe { USART0::steal() };
+    let usart = unsafe { &*USART0::ptr() };
     match TO_SEND.pop() {
-        Some(byte) => usart.udr0().write(|w| w.set(byte)),
-        None => usart.ucsr0b().modify(|_, w| w.udrie0().clear_bit()),
+        Some(byte) => usart.udr0.write(|w| w.bits(byte)),
+        None => usart.ucsr0b.modify(|_, w| w.udrie0().clear_bit()),
     };
 }

@@ -24,8 +24,8 @@ impl Watchdog {
             // stores of constants. WDCE and WDE, then interrupt and reset mode
             // at a quarter of a second each.
             unsafe {
-                watchdog.wdtcsr().write(|w| w.bits(0b0001_1000));
-                watchdog.wdtcsr().write(|w| w.bits(0b0100_1100));
+                watchdog.wdtcsr.write(|w| w.bits(0b0001_1000));
+                watchdog.wdtcsr.write(|w| w.bits(0b0100_1100));
             }
         });
         Self(())

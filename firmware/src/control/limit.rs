@@ -1,4 +1,4 @@
-//! Limits that no command gets past.
+//! Limits of all commands.
 
 /// Brings `value` between `lowest` and `highest`; `lowest` for not-a-number.
 ///

@@ -1,9 +1,8 @@
-//! From what is asked for to how the pump moves.
+//! The controller: from set-points to the flow of the pump.
 //!
-//! Pressure inside, angle around it: a pressure set-point goes straight to the
-//! pressure loop; an angle goes through the model's inverse, and in closed loop
-//! through the angle loop first. Whatever the path, the last thing before the
-//! pressure loop is the limited pressure set-point.
+//! It is a cascade with the pressure loop inside. A pressure set-point goes directly to
+//! the pressure loop. An angle goes through the model's inverse, in closed loop after the
+//! angle loop. Every path ends with the limited pressure set-point.
 
 pub mod angle;
 pub mod limit;
@@ -12,7 +11,7 @@ pub mod pressure;
 use model_core::{actuator::Model, power::Power};
 use wire::{
     fault::Fault,
-    protocol::Track,
+    protocol::ControlMode,
     settings::{Key, Settings},
 };
 
@@ -31,8 +30,8 @@ pub const RAD_PER_DEG: f32 = core::f32::consts::PI / 180.0;
 /// Degrees in a radian.
 pub const DEG_PER_RAD: f32 = 180.0 / core::f32::consts::PI;
 
-/// Bandwidth of the angle loop times dead time (rad), up to which it moves the prediction: a
-/// phase of 57° at its corner.
+/// Largest product of bandwidth and dead time (rad) with which the angle loop controls the
+/// prediction: a phase of 57° at its corner.
 const CALM: f32 = 1.0;
 
 /// Everything that the loops need from the settings, in Pa, rad and µl.
@@ -49,9 +48,9 @@ pub struct Config {
 }
 
 impl Config {
-    /// The same for a model with a dead time (s). What the prediction says of the present is
-    /// as late as that. If the loop would not be slow beside it, it does not move the
-    /// prediction: it asks for the pressure that holds the corrected angle, and waits.
+    /// The same configuration for a model with a dead time (s), by which the prediction is
+    /// late. If the loop is not slow compared with it, it does not control the prediction: it
+    /// sets the pressure that holds the corrected angle, and waits.
     pub fn with_delay(mut self, delay_s: f32) -> Self {
         if self.angle.bandwidth * delay_s > CALM {
             self.angle.bandwidth = 0.0;
@@ -99,15 +98,15 @@ pub struct Measured {
     pub angle: f32,
     /// Displaced volume (µl).
     pub volume: f32,
-    /// What the model says of the angle; none while there is no prediction.
+    /// The predicted angle; none without a prediction.
     pub expected: Option<angle::Expected>,
 }
 
 /// The memory of all loops.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Controller {
-    /// What was tracked in the period before.
-    track: Option<Track>,
+    /// The control mode of the period before.
+    mode: Option<ControlMode>,
     angle_setpoint: Setpoint,
     pressure_setpoint: Setpoint,
     angle_loop: angle::Loop,
@@ -134,11 +133,11 @@ impl Controller {
         self.pressure_setpoint.value()
     }
 
-    /// What the loops found that no flow can mend.
+    /// A fault that the loops found.
     pub fn fault(&self) -> Option<Fault> {
         if self.pressure_loop.is_out_of_reach() {
             Some(Fault::Reach)
-        } else if self.angle_loop.has_parted() {
+        } else if self.angle_loop.disagrees() {
             Some(Fault::Disagreement)
         } else {
             None
@@ -151,37 +150,37 @@ impl Controller {
         &mut self,
         config: &Config,
         model: &Model<f32, P>,
-        (track, level): (Track, f32),
+        (mode, level): (ControlMode, f32),
         measured: &Measured,
     ) -> f32 {
-        let before = self.track.replace(track);
+        let before = self.mode.replace(mode);
         let pushes = self.pressure_setpoint.value() > LARGEST_AT_REST_PA;
-        let target = if track == Track::Pressure {
+        let target = if mode == ControlMode::Pressure {
             level * PA_PER_KPA
         } else {
-            if matches!(before, None | Some(Track::Pressure)) {
+            if matches!(before, None | Some(ControlMode::Pressure)) {
                 self.angle_setpoint
                     .restart(&config.angle_range, measured.angle);
             }
-            if before != Some(track) {
+            if before != Some(mode) {
                 self.angle_loop = angle::Loop::default();
             }
             let angle =
                 self.angle_setpoint
                     .step(&config.angle_range, level * RAD_PER_DEG, PERIOD_S);
             match &measured.expected {
-                Some(expected) if track == Track::AngleClosedLoop => {
-                    let wish = self.angle_loop.step(
+                Some(expected) if mode == ControlMode::AngleClosedLoop => {
+                    let output = self.angle_loop.step(
                         &config.angle,
                         angle,
                         measured.angle,
                         expected,
                         pushes,
                     );
-                    match wish {
-                        angle::Wish::Keep => self.pressure_setpoint.value(),
-                        angle::Wish::Hold(angle) => self.holding_pressure(model, angle),
-                        angle::Wish::Accelerate(rate) => {
+                    match output {
+                        angle::Output::Keep => self.pressure_setpoint.value(),
+                        angle::Output::Hold(angle) => self.holding_pressure(model, angle),
+                        angle::Output::Accelerate(rate) => {
                             let dynamics = model.dynamics();
                             let moving = dynamics.inertia * rate + dynamics.damping * expected.rate;
                             self.holding_pressure(model, expected.angle)
@@ -190,7 +189,7 @@ impl Controller {
                     }
                 }
                 none => {
-                    if none.is_none() && track == Track::AngleClosedLoop {
+                    if none.is_none() && mode == ControlMode::AngleClosedLoop {
                         self.angle_loop.without_model();
                     }
                     self.holding_pressure(model, angle)

@@ -1,8 +1,7 @@
-//! The pressure loop: a syringe pump moves until the pressure is right.
+//! The pressure loop, with a syringe pump.
 //!
-//! The pump is an integrator: a flow changes the volume, and the gas law turns
-//! volume into pressure. With V the air at atmospheric pressure, p₀, enclosed by
-//! a valve:
+//! The pump is an integrator: a flow changes the volume, and the gas law gives the
+//! pressure. With V the volume of the enclosed air at atmospheric pressure p₀:
 //!
 //! ```text
 //! p = p₀ (V/(V − v) − 1)        dp/dv = (p₀ + p)²/(p₀ V): 2 kPa/ml at rest for
@@ -10,13 +9,13 @@
 //! flow = kp (p₀/(p₀ + p))² e + I,  dI/dt = ki e   while nothing saturates
 //! ```
 //!
-//! The factor takes the gas law out of the loop: it closes a gap as quickly at
-//! 100 kPa as at rest, where the same flow moves the pressure a quarter as fast.
+//! The factor compensates the gas law: the loop is as fast at 100 kPa as at rest, where
+//! the same flow changes the pressure a quarter as fast.
 //!
-//! In front of an integrator a proportional gain alone has no lasting error; the
-//! integral is there for ramps, leaks and creep. It only runs near the set-point
-//! and while the pump obeys, so it cannot wind up, and it is dropped where the
-//! pump rests. Volumes are in µl: one microstep is a fraction of one.
+//! With an integrating plant, proportional control alone has no steady-state error for
+//! steps; the integral is for ramps, leaks and creep. It only runs near the set-point and
+//! without saturation, so it cannot wind up, and it is reset when the pump rests. Volumes
+//! are in µl: one microstep is a fraction of one.
 
 use super::{
     ATMOSPHERE_PA,
@@ -40,38 +39,37 @@ pub struct Config {
     pub max_volume: f32,
 }
 
-/// Within this gap (Pa) the pump rests at a set-point that stands still. A motor
-/// that chatters heats and shakes the rig for nothing; but near 10° a degree is
-/// only 130 Pa.
+/// Error (Pa) within which the pump rests at a constant set-point. A chattering motor
+/// only heats and shakes the rig; but near 10° a degree is only 130 Pa.
 pub const DEADBAND_PA: f32 = 60.0;
 
-/// It starts again beyond this gap (Pa), which the noise of a smoothed reading,
-/// a small part of the sensor's 673 Pa a count, does not reach.
+/// Error (Pa) beyond which it starts again. The noise of a smoothed reading, a small part
+/// of the sensor's 673 Pa per count, does not reach it.
 pub const RESTART_PA: f32 = 250.0;
 
-/// The integral runs within this gap (Pa): farther off the pump is on its way.
+/// Error (Pa) within which the integral runs: beyond it the pump is on its way.
 const INTEGRAL_ZONE_PA: f32 = 6_000.0;
 
-/// Share of a new gap in the smoothed one: 0.1 s.
+/// Weight of a new error in the smoothed one: 0.1 s.
 const SMOOTHING: f32 = 0.1;
 
-/// Gaps beyond this (Pa) are alike; it keeps a nonsensical reading from lasting.
+/// Limit (Pa) of the smoothed error, so that an invalid reading has no lasting effect.
 const FAR_PA: f32 = 20_000.0;
 
 /// Share of the fastest flow below which the stroke is at its end.
 const AT_END: f32 = 0.01;
 
-/// Periods for which a set-point has to stand still before the pump may rest.
+/// Periods of a constant set-point after which the pump may rest.
 const STILL_PERIODS: u8 = 10;
 
 /// The pressure loop's memory.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Loop {
-    /// Flow (µl/s) that the integral asks for.
+    /// Flow (µl/s) of the integral.
     integral: f32,
     setpoint: f32,
     still: u8,
-    /// Gap (Pa), smoothed: whether to rest must not hang on one noisy reading.
+    /// Error (Pa), smoothed, so that a single noisy reading does not decide about rest.
     smooth: f32,
     resting: bool,
     /// Periods at the end of the stroke, far from the set-point.
@@ -145,7 +143,7 @@ impl Loop {
             let next = self.integral + config.integral * error * dt;
             self.integral = within(next, -config.max_flow, config.max_flow);
         } else if error * self.integral < 0.0 {
-            // Overshot with a stored push the other way: it is of no use.
+            // After an overshoot an integral of the opposite sign is of no use.
             self.integral = 0.0;
         }
         flow
@@ -153,8 +151,8 @@ impl Loop {
 }
 
 impl Config {
-    /// The flow (µl/s) nearest to `wanted` that the pump has, and from which it
-    /// can stop before the ends of its stroke.
+    /// The attainable flow (µl/s) nearest to `wanted` from which the pump can stop before
+    /// the ends of its stroke.
     ///
     /// With a flow of at most k times the way left, the deceleration is k times
     /// the flow; k = acceleration/flow at full speed keeps it within the limit.

@@ -70,7 +70,7 @@ impl Run {
         run
     }
 
-    fn track(&mut self, demand: (Track, f32), seconds: f64) {
+    fn track(&mut self, reference: (ControlMode, f32), seconds: f64) {
         for _ in 0..(seconds * 100.0) as usize {
             let inputs = self.plant.inputs();
             let settings = &self.plant.settings;
@@ -97,7 +97,7 @@ impl Run {
             };
             let flow =
                 self.controller
-                    .track(&self.config, self.predictor.model(), demand, &measured);
+                    .track(&self.config, self.predictor.model(), reference, &measured);
             self.flows.push(flow);
             let centi = |value: f32| Hundredths::round(value).0;
             let (kpa, deg) = (centi(pressure * KPA_PER_PA), centi(angle * DEG_PER_RAD));
@@ -153,7 +153,7 @@ fn an_angle_step_rises_in_time_and_does_not_overshoot() {
     for volume in [40e3, 50e3, 60e3] {
         for degrees in [10.0, 30.0, 60.0, 90.0] {
             let mut run = Run::new(volume);
-            run.track((Track::AngleOpenLoop, degrees), 12.0);
+            run.track((ControlMode::AngleOpenLoop, degrees), 12.0);
             let pressure = f64::from(
                 run.predictor
                     .model()
@@ -179,7 +179,7 @@ fn an_angle_step_rises_in_time_and_does_not_overshoot() {
 #[test]
 fn the_pump_rests_at_the_set_point() {
     let mut run = Run::new(50e3);
-    run.track((Track::Pressure, 40.0), 10.0);
+    run.track((ControlMode::Pressure, 40.0), 10.0);
     let moving = run.flows[700..].iter().filter(|&&flow| flow != 0.0).count();
     assert!(moving < 10, "{moving} of 300 periods");
 }
@@ -188,7 +188,7 @@ fn the_pump_rests_at_the_set_point() {
 fn a_ramp_is_followed() {
     let mut run = Run::new(50e3);
     for k in 0..600 {
-        run.track((Track::Pressure, k as f32 * 0.06), 0.01);
+        run.track((ControlMode::Pressure, k as f32 * 0.06), 0.01);
         let gap = f64::from(k) * 0.06 - run.plant.pressure / 1_000.0;
         // A lag at first, which the integral then takes away.
         let allowed = if k < 300 { 3.0 } else { 1.0 };
@@ -204,7 +204,7 @@ fn closed_loop_steps_settle_without_overshoot() {
         for degrees in [10.0, 30.0, 60.0, 90.0] {
             for factor in [0.7, 1.0, 1.3] {
                 let mut run = Run::stiffer(volume, factor);
-                run.track((Track::AngleClosedLoop, degrees), 12.0);
+                run.track((ControlMode::AngleClosedLoop, degrees), 12.0);
                 let degrees = f64::from(degrees);
                 let (overshoot, settled) = run.step_response(degrees);
                 let pump = run.pump_time(volume, degrees);
@@ -237,7 +237,7 @@ fn a_lag_costs_overshoot_only_if_the_model_does_not_know_it() {
             plant.model = Model::new(dynamics(&plant.settings), &[tube()]).unwrap();
             plant.state = plant.model.at_rest(0.0, 0.0);
             let mut run = Run::with(plant, known);
-            run.track((Track::AngleClosedLoop, degrees), 15.0);
+            run.track((ControlMode::AngleClosedLoop, degrees), 15.0);
             let (overshoot, settled) = run.step_response(degrees.into());
             std::println!(
                 "{degrees} {}: {overshoot:.1} %, {settled:.2} s",
@@ -264,7 +264,7 @@ fn a_dead_time_that_the_model_knows_makes_the_loop_slower_and_not_unstable() {
                     &[Kind::DeadTime.build(&[delay]).unwrap()],
                 );
                 run.late = late;
-                run.track((Track::AngleClosedLoop, degrees), 25.0);
+                run.track((ControlMode::AngleClosedLoop, degrees), 25.0);
                 let (overshoot, settled) = run.step_response(degrees.into());
                 std::println!("{delay} s, {degrees} x{factor}: {overshoot:.1} %, {settled:.2} s");
                 assert!(
@@ -283,9 +283,10 @@ fn a_loop_without_a_prediction_ends() {
     let mut run = Run::new(50e3);
     let measured = Measured::default();
     for _ in 0..200 {
-        let demand = (Track::AngleClosedLoop, 30.0);
+        let reference = (ControlMode::AngleClosedLoop, 30.0);
         let model = run.predictor.model();
-        run.controller.track(&run.config, model, demand, &measured);
+        run.controller
+            .track(&run.config, model, reference, &measured);
     }
     assert_eq!(run.controller.fault(), Some(Fault::Disagreement));
 }
@@ -298,7 +299,7 @@ fn a_sensor_that_shows_nothing_ends_the_loop() {
         run.plant.flex_counts = Some(f64::from(rest));
         run.plant.noise_counts = 5.0;
         let fault = (0..600).find(|_| {
-            run.track((Track::AngleClosedLoop, degrees), 0.01);
+            run.track((ControlMode::AngleClosedLoop, degrees), 0.01);
             run.controller.fault().is_some()
         });
         assert_eq!(run.controller.fault(), Some(Fault::Disagreement));
@@ -314,9 +315,9 @@ fn a_sensor_that_shows_nothing_ends_the_loop() {
 #[test]
 fn a_pressure_beyond_the_stroke_is_told_and_a_transient_is_not() {
     let mut run = Run::new(1e6);
-    run.track((Track::Pressure, 150.0), 10.0);
+    run.track((ControlMode::Pressure, 150.0), 10.0);
     assert_eq!(run.controller.fault(), None, "on its way");
-    run.track((Track::Pressure, 150.0), 5.0);
+    run.track((ControlMode::Pressure, 150.0), 5.0);
     assert_eq!(run.controller.fault(), Some(Fault::Reach));
 }
 
@@ -325,10 +326,10 @@ fn nothing_winds_up_at_a_limit() {
     // 90° is out of reach. However long it was asked for, 20° comes as soon.
     let settled = |asked: f64| {
         let mut run = Run::stiffer(50e3, 2.5);
-        run.track((Track::AngleClosedLoop, 90.0), asked);
+        run.track((ControlMode::AngleClosedLoop, 90.0), asked);
         assert!(run.controller.pressure_setpoint() <= run.config.pressure_range.highest);
         let start = run.log.len();
-        run.track((Track::AngleClosedLoop, 20.0), 20.0);
+        run.track((ControlMode::AngleClosedLoop, 20.0), 20.0);
         run.log[start..]
             .iter()
             .rposition(|log| (log.1 - 20.0).abs() > 2.0)
@@ -343,27 +344,27 @@ fn nothing_winds_up_at_a_limit() {
 fn the_stroke_ends_before_the_syringe_does() {
     // So much air that the pressure is never reached.
     let mut run = Run::new(1e6);
-    run.track((Track::Pressure, 150.0), 30.0);
+    run.track((ControlMode::Pressure, 150.0), 30.0);
     assert!(run.plant.plunger < 50_010.0, "{}", run.plant.plunger);
-    run.track((Track::Pressure, 0.0), 30.0);
+    run.track((ControlMode::Pressure, 0.0), 30.0);
     assert!(run.plant.plunger > -10.0, "{}", run.plant.plunger);
 }
 
 proptest! {
     #[test]
     fn no_demand_and_no_reading_passes_a_limit(
-        demands in prop::collection::vec((0..3usize, any::<f32>(), any::<f32>(), any::<f32>(), -1e5..1e5f32), 1..60),
+        references in prop::collection::vec((0..3usize, any::<f32>(), any::<f32>(), any::<f32>(), -1e5..1e5f32), 1..60),
         has_model: bool,
     ) {
         let settings = Settings::DEFAULT;
         let (config, model) = (Config::of(&settings), base(&settings));
         let mut controller = Controller::new();
-        let tracks = [Track::Pressure, Track::AngleOpenLoop, Track::AngleClosedLoop];
-        for (track, level, pressure, angle, volume) in demands {
+        let modes = [ControlMode::Pressure, ControlMode::AngleOpenLoop, ControlMode::AngleClosedLoop];
+        for (mode, level, pressure, angle, volume) in references {
             let before = controller.pressure_setpoint();
             let expected = has_model.then_some(angle::Expected { reading: angle, angle, rate: volume });
             let measured = Measured { pressure, angle: pressure, volume, expected };
-            let flow = controller.track(&config, &model, (tracks[track], level), &measured);
+            let flow = controller.track(&config, &model, (modes[mode], level), &measured);
             prop_assert!(limit::size(flow) <= config.pressure.max_flow, "{flow}");
             let setpoint = controller.pressure_setpoint();
             prop_assert!((0.0..=160_000.0).contains(&setpoint), "{setpoint}");

@@ -9,8 +9,8 @@
 //! ```
 //!
 //! At 100 Hz: a delay of 20 ms (each stage one sample) for everything slow, −3 dB
-//! at 7.3 Hz, and 43 % of the standard deviation of white noise. What is recorded
-//! and what the prediction is compared with is *not* filtered.
+//! at 7.3 Hz, and 43 % of the standard deviation of white noise. The readings that are
+//! recorded and compared with the prediction are *not* filtered.
 
 /// Delay (s) at low frequencies.
 pub const DELAY_S: f32 = 0.02;

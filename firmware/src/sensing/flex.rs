@@ -1,10 +1,9 @@
 //! From counts to the bending angle.
 //!
-//! The resistance of a flex sensor is neither linear in the angle nor the same
-//! for two sensors, so each has a table of a few points. Between them the angle
-//! is linear. Beyond the ends the outer segments go on for a fifth of the table's
-//! range, since an actuator overshoots the largest angle that was calibrated;
-//! farther out a number would be invented, and there is none.
+//! The resistance of a flex sensor is not linear in the angle and differs between
+//! sensors, so each sensor has a table of a few points with linear interpolation. Beyond
+//! its ends the table is extrapolated by a fifth of its range, since an actuator
+//! overshoots the largest calibrated angle; farther out there is no reading.
 
 use super::{HIGHEST_SUM, LOWEST_SUM, SensorFault, within_wires};
 use crate::{design::OVERSAMPLING, io::Oversampled};

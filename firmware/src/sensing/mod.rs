@@ -1,16 +1,15 @@
-//! From what the converter counts to what the rig does: pressure and angle.
+//! From counts of the converter to pressure and angle.
 //!
-//! Each reading passes the same stations: is the voltage possible, what does the
-//! calibration make of it, is a bad sample bridged or a fault, what was its tare;
-//! and beside the plain value there is a smoothed one for the loops. The plain
-//! value is what is recorded and what the prediction is compared with, because a filter
-//! would show up in a diagnosis as a lag of the actuator.
+//! Each reading goes through the same steps: a check of the voltage, the
+//! calibration, the fault debounce, the tare. The loops get a smoothed value. The
+//! plain one is recorded and compared with the prediction, because a filter would
+//! show up in a diagnosis as a lag of the actuator.
 
-pub mod bridge;
+pub mod debounce;
 pub mod filter;
 pub mod flex;
 pub mod pressure;
-pub mod rest;
+pub mod standstill;
 pub mod stuck;
 
 use wire::reply::Refusal;
@@ -22,11 +21,11 @@ use crate::{
     },
     io::{Inputs, Oversampled},
 };
-use bridge::Bridge;
+use debounce::FaultDebounce;
 use filter::LowPass;
 use flex::Flex;
 use pressure::Pressure;
-use rest::Rest;
+use standstill::Standstill;
 use stuck::Stuck;
 
 /// Full scale of the sum of conversions: 5 V.
@@ -66,8 +65,8 @@ fn within_wires(reading: Oversampled) -> Result<u16, SensorFault> {
 /// What a sensor says, in its SI unit.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Reading {
-    /// The reading as it is; while a bad sample is bridged or a fault counts,
-    /// the last good one, and zero before there was any.
+    /// The reading as it is; during a bad sample or a fault the last good
+    /// one, and zero before there was any.
     pub value: f32,
     /// The reading through the filter, [`filter::DELAY_S`] late.
     pub filtered: f32,
@@ -108,9 +107,9 @@ pub struct Calibration {
 /// What one sensor remembers; its values are those before the tare.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Channel {
-    bridge: Bridge,
+    debounce: FaultDebounce,
     low_pass: LowPass,
-    rest: Rest,
+    standstill: Standstill,
     read: bool,
     tare: f32,
 }
@@ -118,20 +117,20 @@ struct Channel {
 impl Channel {
     fn update(&mut self, sample: Result<f32, SensorFault>) -> Reading {
         let fresh = sample.is_ok();
-        let (value, fault) = self.bridge.update(sample);
+        let (value, fault) = self.debounce.update(sample);
         if fault.is_some() {
             self.read = false;
         }
         if !self.read {
-            // The first value, or the first after a fault: it does not matter
-            // where the filter was before, and rest starts anew.
+            // The first value, or the first after a fault: the filter and the
+            // standstill detector start anew.
             self.low_pass = LowPass::settled(value);
-            self.rest = Rest::default();
+            self.standstill = Standstill::default();
         }
         let filtered = self.low_pass.update(value);
         if fault.is_none() {
             self.read = true;
-            self.rest.update(filtered);
+            self.standstill.update(filtered);
         }
         Reading {
             value: value - self.tare,
@@ -146,7 +145,7 @@ impl Channel {
         if !self.read {
             return Err(Refusal::NoReading);
         }
-        let level = self.rest.level(spread).ok_or(Refusal::NotAtRest)?;
+        let level = self.standstill.level(spread).ok_or(Refusal::NotAtRest)?;
         if level.abs() > largest {
             return Err(Refusal::OutOfBounds);
         }
@@ -187,8 +186,8 @@ impl Sensors {
 
     /// Whether both sensors have rested for a second.
     pub fn at_rest(&self) -> bool {
-        self.pressure.rest.level(PRESSURE_REST_PA).is_some()
-            && self.angle.rest.level(ANGLE_REST_RAD).is_some()
+        self.pressure.standstill.level(PRESSURE_REST_PA).is_some()
+            && self.angle.standstill.level(ANGLE_REST_RAD).is_some()
     }
 
     /// Calls what both sensors show now zero, until a reset. The caller sees to

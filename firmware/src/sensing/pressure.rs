@@ -1,8 +1,8 @@
 //! From counts to gauge pressure.
 //!
-//! A ratiometric sensor is a straight line between 0.5 V and 4.5 V of 5 V:
-//! `p = (counts − zero)·span`. Its zero drifts and is moved by a tare; its span
-//! is what the data sheet says.
+//! A ratiometric sensor is linear between 0.5 V and 4.5 V of 5 V:
+//! `p = (counts − zero)·span`. Its zero drifts and is corrected by a tare; its span is
+//! from the data sheet.
 
 use super::{SensorFault, within_wires};
 use crate::{design::OVERSAMPLING, io::Oversampled};

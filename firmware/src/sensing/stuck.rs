@@ -1,17 +1,16 @@
-//! A reading that does not move although it should.
+//! Detects a stuck sensor.
 //!
-//! A frozen converter or a sensor torn off its actuator gives a voltage that
-//! looks fine. What gives it away is that it repeats *exactly* while the rig
-//! moves: the sum of sixteen conversions of a live sensor carries its noise and
-//! that of the converter, and one in the sum is 0.02° of a flex sensor.
+//! A frozen converter or a sensor torn off its actuator gives a plausible voltage, but
+//! repeats it *exactly* while the rig moves. The sum of sixteen conversions of a working
+//! sensor contains its noise and that of the converter, and one count of the sum is 0.02°
+//! of a flex sensor.
 //!
-//! At rest a quiet sensor may well repeat for seconds, so exact repetition alone
-//! is no fault. It counts only while the pressure is [`MOTION_PA`] or more away
-//! from what it was when the reading last changed. That alone would still be
-//! wrong right after an edge: tubes and actuators answer 0.1–0.6 s late. So it
-//! has to stay so for [`SAMPLES`]: a second. An actuator that does nothing at all
-//! below a threshold of pressure is told from a stuck sensor by its noise only;
-//! [`MOTION_PA`] is above the thresholds of soft actuators, a few kPa.
+//! At rest a quiet sensor may repeat for seconds, so exact repetition alone is no fault.
+//! It counts only while the pressure differs by [`MOTION_PA`] or more from its value when
+//! the reading last changed. Tubes and actuators respond 0.1–0.6 s late, so this has to
+//! last for [`SAMPLES`]: a second. Below a pressure threshold of the actuator only noise
+//! distinguishes a working sensor from a stuck one; [`MOTION_PA`] is above the thresholds
+//! of soft actuators, a few kPa.
 
 /// Change of the pressure (Pa) under which an actuator must have moved.
 pub const MOTION_PA: f32 = 20_000.0;

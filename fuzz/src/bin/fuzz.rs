@@ -1,8 +1,8 @@
-//! A target under libFuzzer; `cargo xtask fuzz` builds it with the instrumentation
-//! that this takes, and says in the environment which one.
+//! Runs a target under libFuzzer; `cargo xtask fuzz` builds it with the required
+//! instrumentation, and names the target in the environment.
 //!
-//! Without it, a program that runs targets on the files that it is given: the way to
-//! look at an input that was found.
+//! Without instrumentation it runs targets on given files, to examine an input that was
+//! found.
 #![cfg_attr(fuzzing, no_main)]
 
 use softrig_fuzz::{TARGETS, Target};

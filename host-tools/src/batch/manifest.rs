@@ -1,4 +1,4 @@
-//! The list of cases: a CSV with a row a case.
+//! The list of cases: a CSV with one row per case.
 //!
 //! ```csv
 //! case,model,recordings,holdout
@@ -7,8 +7,8 @@
 //! ```
 //!
 //! Several files are separated by `;`. Paths are relative to the manifest. The column
-//! `holdout` may be left out. `columns` and `units` say of a case what `--columns` and
-//! `--units` say on the command line. Further columns are not read.
+//! `holdout` is optional. The optional columns `columns` and `units` hold for one case, like
+//! `--columns` and `--units` on the command line. Further columns are ignored.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -27,7 +27,7 @@ pub struct Case {
     pub model: PathBuf,
     /// Recordings to fit.
     pub recordings: Vec<PathBuf>,
-    /// Recordings to judge by.
+    /// Validation recordings.
     pub holdout: Vec<PathBuf>,
     /// Where they stand in their files, as far as the manifest says.
     pub layout: Layout,

@@ -1,17 +1,17 @@
-//! Many independent diagnoses: what a laboratory with thousands of recordings runs.
+//! Batches: many independent diagnoses, for thousands of recordings.
 //!
-//! A manifest lists cases, each a model and its recordings. Each case has a folder of its
-//! own below the output, which is all that tasks share: they may run one after the other,
-//! as an array of jobs on a cluster, or in any order, and be stopped at any time. A case
-//! whose results are there, of the very same inputs, is not diagnosed again.
+//! A manifest lists cases, each a model and its recordings. Each case writes to a folder of
+//! its own and shares nothing else, so cases may run one after the other, as an array of
+//! jobs on a cluster, or in any order, and may be stopped at any time. A case with results of
+//! the same inputs is skipped.
 //!
 //! ```text
 //! OUT/CASE/verdict.json     as of --json
 //! OUT/CASE/repaired.toml    as of -o
-//! OUT/CASE/warnings.txt     what a single diagnosis would have warned of, if anything
-//! OUT/CASE/inputs.sha256    what they are of, as `sha256sum` writes it; written last
-//! OUT/CASE/error.txt        instead of them, where a case could not be diagnosed
-//! OUT/results.parquet       a row a case
+//! OUT/CASE/warnings.txt     warnings of the diagnosis, if any
+//! OUT/CASE/inputs.sha256    hashes of the inputs, as `sha256sum` writes them; written last
+//! OUT/CASE/error.txt        instead of them, if a case could not be diagnosed
+//! OUT/results.parquet       one row per case
 //! ```
 
 pub mod manifest;
@@ -100,7 +100,7 @@ impl Folder {
 pub struct Settings {
     /// Where the recordings stand in their files, as far as the command line says.
     pub layout: Layout,
-    /// Seed of everything random.
+    /// Random seed.
     pub seed: u64,
     /// Effects of the user's own, tried in every case.
     pub own: Option<OwnEffects>,

@@ -1,7 +1,7 @@
-//! The results of a batch as one Parquet table, a row a case.
+//! The results of a batch as one Parquet table, one row per case.
 //!
-//! It is read from the folders of the cases, whoever wrote them. Parquet keeps types and
-//! units in names, and pandas, polars, DuckDB, R and MATLAB read it.
+//! They are collected from the folders of the cases. Parquet keeps types, and pandas, polars,
+//! DuckDB, R and MATLAB read it.
 
 use std::path::Path;
 use std::sync::Arc;

@@ -19,10 +19,10 @@ use crate::rig::link::{Event, Link, LinkError, SerialConnector, Timing, is_pseud
 
 /// Calibrates the sensors of a rig, guided step by step.
 ///
-/// At rest, the pressure sensor's zero is taken. Then bend the actuator to each
-/// angle of a protractor and press Enter; the flex sensor's counts are averaged
-/// over a second, and refused while they move. Nothing is changed before the
-/// last point is taken.
+/// First the pressure sensor's zero is taken, at rest. Then bend the actuator to
+/// each angle on a protractor and press Enter: the flex sensor's counts are
+/// averaged over a second, and refused while they move. Nothing is changed until
+/// the last point is taken.
 #[derive(Debug, Parser)]
 #[command(after_help = "\
 Examples:
@@ -51,8 +51,8 @@ pub struct Args {
     /// Take the flex sensor's table from a file instead of measuring it
     #[arg(long, value_name = "FILE.csv", conflicts_with = "points")]
     assume: Option<PathBuf>,
-    /// Where the table does not reach the angle at which the board stops the
-    /// rig, lower that limit, and that of set-points to the last point
+    /// If the table ends below the angle at which the board stops the rig, lower
+    /// that limit to its end, and the limit of set-points to the last point
     #[arg(long)]
     lower_limits: bool,
     /// Show the table, and change nothing
@@ -60,18 +60,18 @@ pub struct Args {
     dry_run: bool,
 }
 
-/// The board reads angles beyond its table for this share of the counts' range.
+/// The board extrapolates its table by this share of the range of counts.
 const BEYOND: f32 = 0.2;
 
-/// Readings that are averaged: a second's.
+/// Number of averaged readings: one second.
 const READINGS: usize = 20;
 /// Time between readings.
 const EVERY: Duration = Duration::from_millis(50);
-/// Counts over which the readings of a second may spread. A hand that holds
-/// still moves by less; one that does not would spoil the table.
+/// Largest spread of the readings of one second (counts). A steady hand moves by
+/// less; a moving one would spoil the table.
 const STEADY_COUNTS: f32 = 4.0;
-/// Neighbouring points must be this many counts apart, or the table between
-/// them would be noise.
+/// Least distance of neighbouring points (counts): below it the table would follow
+/// noise.
 const APART_COUNTS: f32 = 2.0;
 
 /// A point of the flex sensor's table.
@@ -92,8 +92,8 @@ struct Raw {
 ///
 /// # Errors
 ///
-/// Faults of the arguments before the port is opened; then readings that cannot
-/// be used, and what the board refuses.
+/// Invalid arguments before the port is opened; then unusable readings, and settings that
+/// the board refuses.
 pub fn run(args: &Args) -> anyhow::Result<()> {
     let assumed = args.assume.as_deref().map(read_table).transpose()?;
     check_angles(&args.points)?;
@@ -163,8 +163,8 @@ fn bend(args: &Args, link: &mut Link, operator: &mut Operator) -> anyhow::Result
     Ok(points)
 }
 
-/// A sensor that shows the same at two angles is not one of this actuator's: better said
-/// now than after six more.
+/// A sensor that reads the same at two angles is not on this actuator: refused at once, and
+/// not only after the last point.
 fn check_moved(before: Point, now: Point) -> Result<(), InputError> {
     if (now.counts - before.counts).abs() >= APART_COUNTS {
         return Ok(());
@@ -178,7 +178,7 @@ fn check_moved(before: Point, now: Point) -> Result<(), InputError> {
     ))
 }
 
-/// The person who bends, and the lines that they type.
+/// The operator, and the lines that they type.
 struct Operator {
     lines: Receiver<String>,
     interrupt: Interrupt,
@@ -188,7 +188,7 @@ struct Operator {
 impl Operator {
     fn new(interrupt: Interrupt) -> Self {
         let (sender, lines) = channel();
-        // Waiting for a key must not keep the counts from being shown.
+        // The counts must be shown while a key is awaited.
         std::thread::spawn(move || {
             for line in std::io::stdin().lock().lines() {
                 let Ok(line) = line else { return };
@@ -365,8 +365,7 @@ fn read_table(path: &Path) -> Result<Vec<Point>, InputError> {
     Ok(points)
 }
 
-/// The counts must rise or fall all the way: otherwise a reading would mean two
-/// angles.
+/// The counts must rise or fall throughout: otherwise one reading would mean two angles.
 fn check_table(points: &[Point]) -> Result<(), InputError> {
     let falling = points
         .first()
@@ -394,8 +393,8 @@ fn ends(values: impl Iterator<Item = f32>) -> (f32, f32) {
     )
 }
 
-/// The largest angle that the board reads with a table: the last segment goes
-/// on for a share of the counts' range.
+/// The largest angle that the board can read with a table: the last segment is
+/// extrapolated by a share of the range of counts.
 fn reach(points: &[Point]) -> f32 {
     let [.., before, last] = points else {
         return f32::NAN;
@@ -405,7 +404,7 @@ fn reach(points: &[Point]) -> f32 {
     last.angle_deg + slope * BEYOND * (most - least)
 }
 
-/// The board refuses a limit that its sensor could never show.
+/// The board refuses a limit that its sensor cannot read.
 fn limits(
     points: &[Point],
     settings: &Settings,
@@ -418,7 +417,7 @@ fn limits(
     if !lower {
         return Err(InputError::new(
             format!(
-                "the table reaches {reach:.0}°, and the board stops the rig only at {limit}° (max.deg), which it could never see; nothing was changed"
+                "the table reaches {reach:.0}°, below the {limit}° (max.deg) at which the board stops the rig, so the board could never read that angle; nothing was changed"
             ),
             "take a further point, or give --lower-limits",
         ));
@@ -438,8 +437,8 @@ fn assignments(zero: f32, points: &[Point]) -> Vec<Assignment> {
         (Key::PressureZero, zero.to_bits()),
         (Key::FlexPoints, (points.len() as f32).to_bits()),
     ];
-    // Slots beyond the points are not looked at, and go on with the last
-    // point: no order of comparison can find them out of place.
+    // Slots beyond the points are not used. They repeat the last point, so that the
+    // table stays in order.
     for slot in 0..FLEX_POINTS {
         let point = points.get(usize::from(slot)).or(points.last());
         if let Some(point) = point {
@@ -450,8 +449,8 @@ fn assignments(zero: f32, points: &[Point]) -> Vec<Assignment> {
     list
 }
 
-/// The table, with each point's departure from the straight line through the
-/// ends: a point taken at a wrong angle stands out.
+/// The table, with each point's deviation from the straight line through the ends: it
+/// shows a point taken at a wrong angle.
 fn table(zero: f32, points: &[Point]) -> String {
     let mut text = format!("pressure sensor: {zero:.1} counts at rest\n\n");
     text += "angle (°)   counts   off the line (°)\n";
@@ -472,7 +471,7 @@ fn table(zero: f32, points: &[Point]) -> String {
     text
 }
 
-/// What the board shows now, by its new table.
+/// The board's reading by its new table.
 fn check(link: &mut Link) -> Result<String, LinkError> {
     let mut last = None;
     for _ in 0..200 {

@@ -1,9 +1,8 @@
 //! `rig compare`: the paper's table.
 //!
-//! For each set-point the recorded repeats are averaged and every model is
-//! judged by its RMS error against that mean, in degrees and in percent of the
-//! set-point: the layout of the paper's Table III. The picture is that of its
-//! Figs. 8 and 9.
+//! For each set-point the recorded repeats are averaged, and the RMS error of every model
+//! against that mean is given in degrees and in percent of the set-point, in the layout of
+//! the paper's Table III. The picture has the layout of its Figs. 8 and 9.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -45,7 +44,7 @@ pub struct Args {
     #[arg(required = true, value_name = "REC.csv")]
     recordings: Vec<PathBuf>,
     /// Add the paper's linear rival of the first model, refitted to these
-    /// recordings so that it is at its best
+    /// recordings
     #[arg(long)]
     linear: bool,
     /// Write the table as CSV
@@ -59,11 +58,11 @@ pub struct Args {
     input: InputArgs,
 }
 
-/// What models are drawn in.
+/// Colours of the models.
 const OF_MODELS: [Role; 4] = [Role::Nominal, Role::After, Role::Emphasis, Role::Other(1)];
 
-/// Where the recordings stand: as the command line says, else as the models do, which have
-/// to agree.
+/// The layout of the recordings: from the command line, otherwise from the models, which
+/// have to agree.
 fn layout(files: &[ModelFile], args: &Args) -> Result<Layout, InputError> {
     let mut said: Option<&ModelFile> = None;
     for file in files.iter().filter(|it| it.recording != Layout::default()) {
@@ -71,7 +70,7 @@ fn layout(files: &[ModelFile], args: &Args) -> Result<Layout, InputError> {
             Some(first) if first.recording != file.recording => {
                 return Err(InputError::new(
                     format!(
-                        "[recording] says otherwise than that of {}",
+                        "[recording] contradicts that of {}",
                         first.path.display()
                     ),
                     "make them the same, or leave one of them out: the models are compared on the same recordings",
@@ -126,7 +125,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     if args.linear
         && let Some(first) = files.first()
     {
-        let rival = linear_rival(&first.model, data.reach());
+        let rival = linear_rival(&first.model, data.largest_angle());
         let fitter = Fitter::new(&rival, data);
         let free: Vec<_> = first
             .free
@@ -165,7 +164,7 @@ fn name_of(file: &ModelFile, all: &[ModelFile]) -> String {
 /// A model beside the recordings.
 struct Column {
     name: String,
-    /// Simulated minus measured angle (rad), a series a run.
+    /// Simulated minus measured angle (rad), one series per run.
     residuals: Vec<Vec<f64>>,
     cells: Vec<Cell>,
     /// Whether it is the linear rival.
@@ -173,8 +172,8 @@ struct Column {
 }
 
 impl Column {
-    /// The model is simulated over the sessions; what it misses of the mean of
-    /// repeats is the mean of what it misses of each.
+    /// Simulates the model over the sessions; its error against the mean of repeats is
+    /// the mean of its errors on each.
     fn of(name: String, model: &Model<f64>, data: &Dataset, groups: &[Group]) -> Self {
         let residuals = Fitter::new(model, data).compare(model).residuals;
         let cells = groups
@@ -200,12 +199,12 @@ impl Column {
 struct Group {
     label: String,
     setpoint_deg: f64,
-    /// Their places among all runs.
+    /// Their indices among all runs.
     runs: Vec<usize>,
 }
 
 impl Group {
-    /// The series of its runs, of those of all runs.
+    /// The series of its runs, from those of all runs.
     fn of<'a>(&self, all: &'a [Vec<f64>]) -> Vec<&'a [f64]> {
         self.runs.iter().map(|&run| all[run].as_slice()).collect()
     }
@@ -243,7 +242,7 @@ fn deviation(members: &[&[f64]]) -> Option<Vec<f64>> {
     Some(across(members, of_sample))
 }
 
-/// A number for each sample that all repeats have.
+/// Applies `number` to each sample that all repeats have.
 fn across(members: &[&[f64]], number: impl Fn(&[f64]) -> f64) -> Vec<f64> {
     let count = members.iter().map(|member| member.len()).min().unwrap_or(0);
     (0..count)

@@ -14,10 +14,10 @@ use crate::io::recording::{Recording, meta_beside, stem};
 
 /// Writes recordings in another format: CSV, Parquet or MCAP.
 ///
-/// Whatever `rig` reads is converted: tables in any dialect, MATLAB files, Parquet, MCAP.
-/// The result has the columns time_s, pressure_kpa and angle_deg, in s, kPa (gauge) and
-/// degrees, and all others as they were. Metadata go along: beside a CSV, inside Parquet and
-/// MCAP. Converted there and back, a recording has the digits that it had.
+/// Converts every format that `rig` reads: tables in any dialect, MATLAB files, Parquet,
+/// MCAP. The result has the columns time_s, pressure_kpa and angle_deg, in s, kPa (gauge) and
+/// degrees, and all other columns unchanged. Metadata is written too: beside a CSV, inside
+/// Parquet and MCAP. A conversion and back changes no digit.
 #[derive(Debug, Parser)]
 #[command(after_help = "\
 Examples:
@@ -30,14 +30,14 @@ pub struct Args {
     /// Recordings
     #[arg(required = true, value_name = "IN")]
     recordings: Vec<PathBuf>,
-    /// Where to write it: .csv, .csv.gz, .parquet or .mcap. With --to or several recordings
-    /// a folder, in which each keeps its name
+    /// File to write: .csv, .csv.gz, .parquet or .mcap. With --to or several recordings, a
+    /// folder in which each keeps its name
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
     /// Format of the files in a folder
     #[arg(long, value_enum, value_name = "FORMAT")]
     to: Option<Format>,
-    /// Take [recording] of this model file: which columns hold what
+    /// Model file whose section [recording] says which columns hold what
     #[arg(long, value_name = "MODEL.toml")]
     model: Option<PathBuf>,
     #[command(flatten)]
@@ -67,13 +67,13 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Where each recording is written, and how.
+/// The path and format of each output.
 fn outputs(args: &Args) -> Result<Vec<(PathBuf, Format)>, InputError> {
     let is_folder = args.output.is_dir() || args.to.is_some() || args.recordings.len() > 1;
     if !is_folder {
         let format = Format::of(&args.output).ok_or_else(|| {
             InputError::new(
-                "is the name of no format that is written",
+                "does not name a format that can be written",
                 "end it in .csv, .csv.gz, .parquet or .mcap",
             )
             .in_file(&args.output)
@@ -104,8 +104,8 @@ fn outputs(args: &Args) -> Result<Vec<(PathBuf, Format)>, InputError> {
     Ok(outputs)
 }
 
-/// Whether metadata are written beside the rows. Where those of the original stand there
-/// already, they are of both.
+/// Whether metadata is written beside the rows. If the file beside them is already the
+/// original's, it serves both.
 fn writes_metadata(from: &Path, to: &Path, format: Format) -> bool {
     let beside = |path: &Path| output::same_file(&meta_beside(path));
     !format.holds_metadata() && beside(from) != beside(to)

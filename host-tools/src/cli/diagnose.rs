@@ -24,8 +24,8 @@ use crate::report::terminal::summary;
 /// Finds where model and recordings disagree, names the missing effect, and
 /// writes the model with the effect added.
 ///
-/// A recording session is simulated whole. Without --holdout its runs are left
-/// out in turn to judge by. Give runs that differ: steps of several sizes, slow
+/// A recording session is simulated whole. Without --holdout, runs are left out
+/// in turn for validation. Give runs that differ: steps of several sizes, slow
 /// and fast ones.
 #[derive(Debug, Parser)]
 #[command(after_help = "\
@@ -58,11 +58,11 @@ pub struct Args {
     /// Recordings to fit
     #[arg(required_unless_present = "batch", value_name = "REC.csv")]
     recordings: Vec<PathBuf>,
-    /// Effects of your own, by formulas, to try beside those that are known; of a batch in
-    /// every case
+    /// File of your own effects, given by formulas, to try beside those of the catalogue; in
+    /// every case of a batch
     #[arg(long, value_name = "EFFECTS.toml")]
     effects: Option<PathBuf>,
-    /// Recordings to judge by, which are not fitted
+    /// Validation recordings; without them, runs are left out in turn
     #[arg(long, num_args = 1.., value_name = "REC.csv")]
     holdout: Vec<PathBuf>,
     /// Write the verdict as JSON
@@ -71,15 +71,15 @@ pub struct Args {
     /// Write the whole diagnosis as one HTML page that needs no network
     #[arg(long, value_name = "REPORT.html")]
     report: Option<PathBuf>,
-    /// Draw measured, before and after, and what is left
+    /// Draw the measured runs, the models before and after, and the residuals
     #[arg(long, value_name = "GAP.svg")]
     plot: Option<PathBuf>,
-    /// Write the model to go on with: with the effect added, refitted, or as it is. Of a
-    /// batch the folder of all results
+    /// Write the resulting model: with the effect added, refitted, or unchanged. For a batch,
+    /// the folder of all results
     #[arg(short, long, value_name = "REPAIRED.toml")]
     output: Option<PathBuf>,
-    /// Diagnose every case of a manifest, each into a folder of its own below -o. Cases
-    /// whose results are there are not diagnosed again
+    /// Diagnose every case of a manifest, each into its own folder below -o. Cases with
+    /// existing results are skipped
     #[arg(
         long,
         value_name = "MANIFEST.csv",
@@ -89,18 +89,18 @@ pub struct Args {
         ]
     )]
     batch: Option<PathBuf>,
-    /// Only every Nth case of the batch, beginning with the Kth from 0: one job of an array
+    /// Only every Nth case of the batch, starting with the Kth (from 0): one job of an array
     #[arg(long, value_name = "K/N", requires = "batch", value_parser = share)]
     share: Option<Share>,
-    /// Keep finished fits in this folder, and take up those that are there
+    /// Keep finished fits in this folder, and reuse those that are there
     #[arg(long, value_name = "FOLDER")]
     resume: Option<PathBuf>,
     /// End the search after this time, such as 30s or 5min, with a verdict on what was tried
-    /// until then. What that is depends on the computer; the verdict takes a little longer. Of
-    /// a batch the time for each case
+    /// by then, which depends on the computer. Writing the verdict takes a little longer. For
+    /// a batch, the time of each case
     #[arg(long, value_name = "TIME", value_parser = humantime::parse_duration)]
     budget: Option<Duration>,
-    /// Seed of everything random
+    /// Random seed
     #[arg(long, default_value_t = 1)]
     seed: u64,
     #[command(flatten)]

@@ -9,8 +9,8 @@ use crate::synth::example::{Hidden, make, of_actuator};
 
 /// Writes a model and simulated recordings with an effect hidden in them.
 ///
-/// Everything that is written says that it is simulated. The answer is in
-/// truth.toml: look there last.
+/// Every file says that it is simulated. The answer is in truth.toml: look there
+/// last.
 #[derive(Debug, Parser)]
 #[command(after_help = "\
 Examples:
@@ -53,7 +53,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let shown = args.output.display();
     super::print(&format!(
         "{} simulated recordings of an actuator that hides something are in {shown}/recordings.\n\
-         The model that its owner believes in is {shown}/model.toml; the answer is in {shown}/truth.toml.\n",
+         The nominal model, without the hidden effect, is {shown}/model.toml; the answer is in {shown}/truth.toml.\n",
         example.recordings.len()
     ))?;
     Ok(())

@@ -15,8 +15,8 @@ use crate::io::recording::{PASCAL_PER_KPA, Recording};
 
 /// Writes a model as C, Python, Modelica or MATLAB that repeats `rig simulate`.
 ///
-/// The file needs nothing else. It takes times in seconds and gauge pressures in kPa, and
-/// gives angles in degrees. docs/export.md shows each language at work.
+/// The file needs nothing else. Its inputs are times in seconds and gauge pressures in kPa,
+/// its outputs are angles in degrees. docs/export.md shows how to use each language.
 #[derive(Debug, Parser)]
 #[command(after_help = "\
 Examples:
@@ -33,12 +33,12 @@ pub struct Args {
     /// Language
     #[arg(long, value_enum, value_name = "LANGUAGE")]
     to: Language,
-    /// Let runs start as in this recording: with the start and the zeros of the sensors
-    /// that `rig simulate --recording` finds, and steps for its largest angle
+    /// Take the initial state and the sensor zeros from this recording, as `rig simulate
+    /// --recording` estimates them, and the integration step from its largest angle
     #[arg(long, value_name = "REC.csv")]
     recording: Option<PathBuf>,
-    /// Write to this file, which names the function or package; otherwise the file is
-    /// printed
+    /// Write to this file, whose name becomes that of the function or package; otherwise the
+    /// file is printed
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
     #[command(flatten)]
@@ -92,7 +92,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// What `rig simulate --recording` finds before it simulates.
+/// The initial state and zeros that `rig simulate --recording` estimates.
 fn starting_as(
     path: &std::path::Path,
     args: &Args,
@@ -111,6 +111,6 @@ fn starting_as(
         start_deg_per_s: found.start.rate.to_degrees(),
         pressure_zero_kpa: found.pressure_zero / PASCAL_PER_KPA,
         angle_zero_deg: found.angle_zero.to_degrees(),
-        largest_angle_deg: data.sessions()[0].reach().to_degrees(),
+        largest_angle_deg: data.sessions()[0].largest_angle().to_degrees(),
     })
 }

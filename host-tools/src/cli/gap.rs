@@ -1,8 +1,8 @@
-//! `rig gap`: how well the board itself predicts.
+//! `rig gap`: the error of the board's own prediction.
 //!
-//! The firmware steps the uploaded model beside the actuator and logs its angle
-//! next to the measured one. This command needs no model and fits nothing: it
-//! subtracts two columns of a recording, and so shows what an upload was worth.
+//! The firmware simulates the uploaded model beside the actuator and logs the predicted
+//! angle next to the measured one. This command needs no model and fits nothing: it
+//! subtracts two columns of a recording, before and after an upload.
 
 use std::ops::Range;
 use std::path::PathBuf;
@@ -21,23 +21,23 @@ use crate::plot::{Figure, Panel, Series, Style, write_svg};
 /// Shows the gap between the angle that the board predicts and the angle that
 /// it measures, before and after an upload.
 ///
-/// The prediction is the column predicted_deg that `rig record` writes: the
-/// model on the board, stepped on the board, fed with the measured pressure. Of a
-/// session, only the runs count that its metadata lists.
+/// The prediction is the column predicted_deg that `rig record` writes: the board
+/// simulates its model from the measured pressure. Of a session, only the runs
+/// that its metadata lists count.
 #[derive(Debug, Parser)]
 #[command(after_help = "\
 Examples:
   rig gap run.csv
   rig gap before/run.csv --after after/run.csv --plot gap.svg")]
 pub struct Args {
-    /// Recordings, made with the model at hand or before the upload
+    /// Recordings made with the present model, or before the upload
     #[arg(required = true, value_name = "REC.csv")]
     recordings: Vec<PathBuf>,
     /// Recordings made after the upload
     #[arg(long, num_args = 1.., value_name = "REC.csv")]
     after: Vec<PathBuf>,
-    /// Draw the worst run, before and after, with what the model leaves. Runs before and after
-    /// go together by name, else by set-point and repeat, else by their order
+    /// Draw the worst run, before and after, with its errors. Runs before and after are
+    /// matched by name, else by set-point and repeat, else by their order
     #[arg(long, value_name = "FILE.svg")]
     plot: Option<PathBuf>,
     #[command(flatten)]
@@ -138,7 +138,7 @@ impl Gap {
         }
     }
 
-    /// Predicted less measured, where the board predicted.
+    /// Predicted minus measured, where the board predicted.
     fn errors(&self) -> Vec<f64> {
         self.predicted
             .iter()
@@ -164,7 +164,7 @@ impl Gap {
     }
 }
 
-/// What tells a segment from others of its session: its step, or its times.
+/// The label of a segment within its session: its step, or its times.
 fn label(segment: &SegmentMeta) -> String {
     step((segment.setpoint_deg, segment.setpoint_kpa), segment.repeat)
         .unwrap_or_else(|| format!("{:.1}–{:.1} s", segment.from_s, segment.to_s))
@@ -198,8 +198,8 @@ fn gaps(paths: &[PathBuf], layout: &Layout) -> Result<Vec<Gap>, InputError> {
     Ok(gaps)
 }
 
-/// A session that stands beside files cut from it is used once: by the runs that it
-/// lists, or by the files where it lists none. Says what is left out.
+/// The recordings to use of a session given beside files cut from it: the session if it
+/// lists its runs, otherwise the files. Also returns a note about what is left out.
 fn used_of<'a>(group: &Group<'a>) -> (Vec<&'a Recording>, Option<String>) {
     let pieces: Vec<&Recording> = group.pieces.iter().map(|(piece, _)| *piece).collect();
     let Some((whole, _)) = group.whole else {
@@ -268,16 +268,16 @@ fn sentence(before: &[Gap], after: &[Gap]) -> String {
     }
 }
 
-/// The worst of some runs, by its place among all.
+/// The worst of some runs, by its index among all.
 fn worst(gaps: &[Gap], of: impl IntoIterator<Item = usize>) -> Option<usize> {
     of.into_iter()
         .max_by(|&a, &b| gaps[a].rms().total_cmp(&gaps[b].rms()))
 }
 
-/// How runs before and after go together, by their places.
+/// Pairs of runs before and after, by their indices.
 type Pairing<'a> = &'a dyn Fn() -> Vec<(usize, usize)>;
 
-/// Runs before with the same key as one after; of several the first that is left.
+/// Pairs runs before and after with the same key; of several, the first that is free.
 fn pairs(before: &[Gap], after: &[Gap], key: impl Fn(&Gap) -> Option<&str>) -> Vec<(usize, usize)> {
     let mut left: Vec<usize> = (0..after.len()).collect();
     let mut pairs = Vec::new();
@@ -290,8 +290,8 @@ fn pairs(before: &[Gap], after: &[Gap], key: impl Fn(&Gap) -> Option<&str>) -> V
     pairs
 }
 
-/// The run to draw before and after, and how they were chosen: two runs that were not made
-/// alike say nothing about the upload.
+/// The runs to draw before and after, and how they were chosen: two different runs would
+/// show nothing about the upload.
 fn drawn<'a>(before: &'a [Gap], after: &'a [Gap]) -> (Option<&'a Gap>, Option<&'a Gap>, String) {
     let all_before = || worst(before, 0..before.len()).map(|index| &before[index]);
     if after.is_empty() {
@@ -301,7 +301,7 @@ fn drawn<'a>(before: &'a [Gap], after: &'a [Gap]) -> (Option<&'a Gap>, Option<&'
     let by_step = || pairs(before, after, |gap| gap.step.as_deref());
     let by_order = || {
         let stepless = |gaps: &[Gap]| gaps.iter().all(|gap| gap.step.is_none());
-        // Steps that are none of the other side's are other runs.
+        // Steps without a counterpart are different runs.
         let alike = before.len() == after.len() && (stepless(before) || stepless(after));
         let count = if alike { before.len() } else { 0 };
         (0..count).map(|index| (index, index)).collect()
@@ -401,8 +401,8 @@ fn figure(before: &[Gap], after: &[Gap]) -> Figure {
     figure
 }
 
-/// The angles of runs that are drawn side by side (°), with some room: on scales of
-/// their own a small gap looks as large as a big one.
+/// The common range (°) of runs drawn side by side: on separate scales a small gap would
+/// look as large as a big one.
 fn range_of(gaps: &[&Gap]) -> Range<f64> {
     let finite = gaps
         .iter()

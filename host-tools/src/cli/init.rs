@@ -13,7 +13,7 @@ use super::input::InputArgs;
 use super::output::{self, FileKind, Output};
 use crate::estimate::assemble::assemble;
 use crate::first_model::{
-    BASE, FirstModel, Geometry, authors_actuator, from_geometry, from_recordings,
+    BASE, FirstModel, Geometry, authors_actuator, from_geometry, from_recordings, next_steps,
 };
 use crate::io::error::{InputError, is_stream, write_atomically};
 use crate::io::model_file::{ModelFile, parameter_name, parameter_unit, to_file_units};
@@ -25,14 +25,15 @@ use crate::report::numbers::short;
 
 /// Writes a first model from a recording, or from material and dimensions.
 ///
-/// With a recording, a step with its release or better several levels, stiffness, exponent,
-/// damping and input gain are identified from it in seconds. Without one, stiffness and
+/// From a recording (a step with its release, or better several levels) it identifies
+/// stiffness, exponent, damping and input gain in seconds. Without a recording, stiffness and
 /// exponent come from the material and the dimensions of a beam, and the rest is guessed.
-/// Each number in the file says where it comes from. Without any flag, on a terminal, it
-/// asks.
+/// Comments in the file say where each number comes from. Without flags, on a terminal, it
+/// asks questions.
 ///
-/// It serves any rig of second order with one input. A pendulum or a motor may have a torque,
-/// a voltage or a current in the column `pressure_kpa`: the input gain is then per unit of that.
+/// It works for any rig of second order with one input. A pendulum or a motor may have a
+/// torque, a voltage or a current in the column `pressure_kpa`; the input gain is then per
+/// unit of that.
 #[derive(Debug, Parser)]
 #[command(after_help = "\
 Examples:
@@ -45,7 +46,7 @@ pub struct Args {
     /// Recordings to identify the parameters from
     #[arg(long, value_name = "REC.csv", num_args = 1..)]
     recording: Vec<PathBuf>,
-    /// Material, a name of `rig materials list`, or none
+    /// Material: a name from `rig materials list`, or none
     #[arg(long, value_name = "NAME")]
     material: Option<String>,
     /// Length of the bending part, in millimetres
@@ -69,7 +70,7 @@ pub struct Args {
     /// Name of the model in reports [default: the name of the file]
     #[arg(long, value_name = "TEXT")]
     name: Option<String>,
-    /// Write the model here; a file that is there is left alone
+    /// Write the model to this file, which must not exist
     #[arg(short, long, value_name = "MODEL.toml", default_value = "model.toml")]
     output: PathBuf,
     /// Print the file and write nothing
@@ -140,7 +141,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         }
     } else {
         return Err(InputError::new(
-            "rig init knows nothing of the rig, and there is no terminal to ask on",
+            "rig init has no information about the rig, and no terminal to ask on",
             "give a recording, as in `rig init --recording step.csv`, or material and dimensions, as in `rig init --material \"Dragon Skin 20\" --length-mm 94 --width-mm 30 --height-mm 24`",
         )
         .into());
@@ -166,7 +167,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         return Ok(super::print(&text)?);
     }
     write_atomically(&known.output, text.as_bytes())?;
-    let next = first.next_steps(&known.recordings, &known.output);
+    let next = next_steps(&known.recordings, &known.output);
     Ok(super::print(&format!(
         "{summary}\nwritten: {}\n\n{}\n",
         known.output.display(),
@@ -217,7 +218,7 @@ impl Args {
         let Some(material) = material else {
             if dimensions.is_some() {
                 return Err(InputError::new(
-                    "dimensions say nothing without a material",
+                    "dimensions need a material",
                     "add --material with a name of `rig materials list`, or leave the dimensions out",
                 ));
             }
@@ -316,10 +317,10 @@ fn from_nothing(geometry: Option<Geometry>) -> Result<FirstModel, InputError> {
     from_geometry(geometry)
 }
 
-/// Nothing but the time between samples can show that it is in milliseconds: every other
-/// unit goes into a parameter.
+/// Warns about times in milliseconds, which only the interval between samples can show: any
+/// other wrong unit is absorbed by a parameter.
 fn ask_about_time(recordings: &[Recording]) {
-    /// Nobody samples a moving rig more slowly (s).
+    /// Longest plausible interval between samples (s).
     const SLOW_S: f64 = 1.0;
     if let Some(slow) = recordings.iter().find(|it| it.interval() >= SLOW_S) {
         super::warn(&format!(
@@ -330,7 +331,7 @@ fn ask_about_time(recordings: &[Recording]) {
     }
 }
 
-/// The numbers with where they come from, and what to be careful about.
+/// The parameters with their sources, and warnings.
 fn summary(first: &FirstModel) -> String {
     let mut text = format!("{:<32} {:>11}   from\n", "parameter", "value");
     for id in BASE {
@@ -366,12 +367,12 @@ fn summary(first: &FirstModel) -> String {
         super::warn("the input is zero all the time: the input gain stays 1, and is not fitted");
     }
     if !first.free.contains(&ParameterId::Exponent) && evidence.driven && evidence.levels < 3 {
-        text += "The recordings do not tell the exponent: record steps to two or more levels for that.\n";
+        text += "The recordings do not determine the exponent: record steps to two or more levels for that.\n";
     }
     text
 }
 
-/// Asks for what the flags would have said; none if the person gives up.
+/// Asks for what the flags would have said; none if the user gives up.
 fn ask(output: &Path) -> anyhow::Result<Option<Known>> {
     // The list of choices hides the cursor.
     ctrlc::set_handler(|| {

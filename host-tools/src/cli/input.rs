@@ -1,22 +1,21 @@
-//! The flags of every command that reads recordings of other tools: which columns
-//! hold what, and in which units.
+//! Flags of all commands that read recordings: which columns hold what, and in which units.
 
 use clap::Args;
 
 use crate::io::columns::{self, AngleUnit, Columns, Layout, Names, PressureUnit, TimeUnit};
 
-/// Where all recordings of a command stand in their files, if not in the columns `time_s`,
+/// The layout of all recordings of a command, if their columns are not `time_s`,
 /// `pressure_kpa` and `angle_deg`.
 #[derive(Clone, Debug, Default, Args)]
 #[command(next_help_heading = "If the columns mean something else")]
 pub struct InputArgs {
-    /// The columns that hold the recording: time=t,pressure=p_psi,angle=theta. In an MCAP
-    /// file topics: pressure=/rig/pressure.data. [recording] in the model file says the
-    /// same for good
+    /// The columns of the recording: time=t,pressure=p_psi,angle=theta. For MCAP files,
+    /// topics: pressure=/rig/pressure.data. The section [recording] of the model file sets
+    /// the same permanently
     #[arg(long, value_name = "WHICH=COLUMN,…", value_parser = Names::parse)]
     columns: Vec<Names>,
-    /// Their units: time=ms,pressure=psi,angle=rad. Known are s, ms, us, ns, min; kpa, psi,
-    /// bar, mbar, mpa, pa, mmhg; deg, rad
+    /// Units of these columns: time=ms,pressure=psi,angle=rad. Time: s, ms, us, ns, min;
+    /// pressure: kpa, psi, bar, mbar, mpa, pa, mmhg; angle: deg, rad
     #[arg(long, value_name = "WHICH=UNIT,…", value_parser = Columns::of_units)]
     units: Vec<Columns>,
     /// Unit of the time, as --units time=UNIT
@@ -37,8 +36,8 @@ pub struct InputArgs {
         conflicts_with = "units"
     )]
     pressure_in: Option<PressureUnit>,
-    /// The pressure is absolute: take off that of the air, 101.325 kPa if no
-    /// other is given
+    /// The pressure is absolute: subtract that of the air, 101.325 kPa unless
+    /// given
     #[arg(
         long,
         value_name = "KPA",
@@ -57,16 +56,16 @@ pub struct InputArgs {
         conflicts_with = "units"
     )]
     angle_in: Option<AngleUnit>,
-    /// The angle counts the other way round: change its sign
+    /// Change the sign of the angle
     #[arg(long)]
     flip_angle: bool,
-    /// Pressure and angle stand in each other's column
+    /// Exchange the columns of pressure and angle
     #[arg(long)]
     exchange_columns: bool,
 }
 
 impl InputArgs {
-    /// Where the recordings stand, as far as the command line says.
+    /// The layout of the recordings given on the command line.
     pub fn layout(&self) -> Layout {
         let said = Columns {
             time: self.time_in,
@@ -77,7 +76,7 @@ impl InputArgs {
             exchange: self.exchange_columns,
         };
         Layout {
-            // Of two that contradict each other the later counts, as everywhere.
+            // Of contradicting flags the later counts, as everywhere.
             names: self
                 .columns
                 .iter()

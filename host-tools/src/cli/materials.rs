@@ -46,8 +46,7 @@ Examples:
   rig materials list --json table.json
   rig materials list --plot predictor.svg")]
 struct ListArgs {
-    /// Draw the exponents against the figures of the data sheets, with what the predictor
-    /// makes of them
+    /// Draw the exponents against the data-sheet figures, with the predictor
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
     /// Print JSON, to a file if one is named
@@ -57,13 +56,13 @@ struct ListArgs {
 
 /// Fits Ludwick's law σ = E εⁿ, and Hooke's for comparison, to tensile curves.
 ///
-/// The exponent depends on choices that are easily left unsaid; all of them are
-/// printed with the result. By default the engineering stress is fitted against
-/// the engineering strain, over the whole curve, with the modulus free and the
-/// misfit measured in stress. That pair is consistent and it is the one that the
-/// beam formulas integrate (over the undeformed section, ε = κy). The other
-/// consistent pair is true against true. `--paper` mixes the two, because only
-/// that mixture gives the exponents of the paper's Table I.
+/// The exponent depends on several choices, which are printed with the result. By
+/// default engineering stress is fitted against engineering strain, over the whole
+/// curve, with the modulus free and the misfit measured in stress. That pair is
+/// consistent, and the beam formulas integrate it (over the undeformed section,
+/// ε = κy). The other consistent pair is true stress against true strain. `--paper`
+/// mixes the two, because only that mixture gives the exponents of the paper's
+/// Table I.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -81,8 +80,8 @@ struct FitCurveArgs {
     /// Strain measure [default: that of the stress, else engineering]
     #[arg(long, value_enum)]
     strain: Option<Measure>,
-    /// Smallest and largest strain that count, in the chosen measure [default:
-    /// the whole curve]
+    /// Smallest and largest fitted strain, in the chosen measure [default: the
+    /// whole curve]
     #[arg(long, value_name = "LO,HI", value_parser = parse_range, allow_hyphen_values = true)]
     range: Option<(f64, f64)>,
     /// Hold the modulus at this value, or `free` to fit it [default: free]
@@ -190,8 +189,7 @@ fn check_outputs(command: &Command) -> Result<(), InputError> {
     )
 }
 
-/// Sends a result to where it was asked for; returns whether the text is still
-/// wanted.
+/// Writes a result as JSON if asked to; returns whether the text is still wanted.
 fn deliver_json(to: Option<&Path>, value: &Value, out: &mut dyn Write) -> anyhow::Result<bool> {
     let Some(path) = to else {
         return Ok(true);
@@ -449,8 +447,8 @@ fn choice_of(args: &FitCurveArgs, curve: &TensileCurve) -> Result<Choice, InputE
         };
         return Ok(Choice::paper(modulus));
     }
-    // A measure that is not asked for follows the one that is, so that a mixed
-    // pair is never chosen by silence.
+    // A measure that is not given follows the other one, so that a mixed pair is never
+    // chosen by default.
     let default = Choice::default();
     Ok(Choice {
         stress: args.stress.or(args.strain).unwrap_or(default.stress),
@@ -487,7 +485,7 @@ fn choice_but(fit: &CurveFit, modulus: &str) -> String {
     )
 }
 
-/// What a reader must know before using the numbers.
+/// Warnings about the numbers.
 fn notes(curve: &TensileCurve, fit: &CurveFit) -> Vec<String> {
     let mut notes = curve.notes.clone();
     if !fit.choice.is_consistent() {
@@ -751,7 +749,7 @@ fn curve_panel(curve: &TensileCurve, fit: &CurveFit) -> Panel {
         .collect();
     let drawn = |law: &LawFit| -> Vec<f64> { grid.iter().map(|e| law.stress_mpa(*e)).collect() };
     let ludwick = drawn(&fit.ludwick);
-    // What was not fitted gives context, but must not shrink what was.
+    // Points that were not fitted give context, but must not shrink the fitted range.
     let right = match choice.range {
         Some(_) => curve
             .largest_strain(choice.strain)

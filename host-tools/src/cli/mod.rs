@@ -1,5 +1,4 @@
-//! One file for each subcommand of `rig`: its arguments, and what it does with
-//! the library.
+//! The subcommands of `rig`, one file each: arguments, and calls of the library.
 
 pub mod calibrate;
 pub mod compare;
@@ -10,7 +9,7 @@ pub mod export;
 pub mod fit;
 pub mod gap;
 pub mod init;
-pub mod input;
+pub(crate) mod input;
 pub mod materials;
 pub mod monitor;
 pub mod output;
@@ -33,7 +32,7 @@ use crate::io::recording::{Recording, read_all};
 
 pub use crate::io::terminal::{print, print_own};
 
-/// Prints a warning where it does not mix with results.
+/// Prints a warning to stderr.
 pub(crate) fn warn(text: &str) {
     crate::io::terminal::remark(&format!("warning: {text}"));
 }
@@ -47,8 +46,8 @@ pub(crate) fn read_model(path: &Path) -> Result<ModelFile, InputError> {
     Ok(file)
 }
 
-/// Reads a model and recordings, with their warnings. What the command line leaves open of
-/// where they stand in their files, the model says.
+/// Reads a model and recordings, with their warnings. The model gives the layout of the
+/// recordings as far as the command line does not.
 pub(crate) fn read(
     model: &Path,
     recordings: &[PathBuf],
@@ -66,8 +65,8 @@ pub(crate) fn spinner() -> indicatif::ProgressBar {
     bar
 }
 
-/// Whether someone asked the program to end. From the moment it listens, Ctrl-C
-/// no longer ends the program by itself: a moving rig has to be stopped first.
+/// Whether the user asked the program to end. From the moment it listens, Ctrl-C no
+/// longer ends the program by itself: a moving rig has to be stopped first.
 #[derive(Clone, Debug)]
 pub(crate) struct Interrupt(Arc<AtomicBool>);
 
@@ -80,7 +79,7 @@ impl Interrupt {
         Ok(Self(flag))
     }
 
-    /// Whether it was asked for.
+    /// Whether an interruption was requested.
     pub(crate) fn requested(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }

@@ -18,7 +18,7 @@ use crate::rig::record::{COLUMNS, Recorder, Row, line};
 
 /// Shows a rig live: angle, prediction, pressure, state, faults.
 ///
-/// On a terminal it fills the screen; into a pipe it prints one line a sample.
+/// On a terminal it fills the screen; into a pipe it prints one line per sample.
 #[derive(Debug, Parser)]
 #[command(after_help = "\
 Examples:
@@ -37,13 +37,13 @@ pub struct Args {
     /// Print lines instead of filling the screen
     #[arg(long)]
     plain: bool,
-    /// Print at most one line in this time of the board, in seconds; 0 for all
+    /// Least time between printed lines, in seconds of the board's clock; 0 for all
     #[arg(long, value_name = "S", default_value_t = 0.1, value_parser = interval)]
     every: f64,
-    /// End after this much of the board's time, in seconds
+    /// End after this time, in seconds of the board's clock
     #[arg(long, value_name = "S", value_parser = interval)]
     seconds: Option<f64>,
-    /// Keep everything that is seen as a recording
+    /// Write everything that is received to this recording
     #[arg(long, value_name = "OUT.csv")]
     log: Option<PathBuf>,
 }
@@ -181,7 +181,7 @@ fn live(
     leave(&view, link)
 }
 
-/// Nobody watches any more: an armed rig is stopped.
+/// Leaves the monitor and stops an armed rig, since nobody watches it any more.
 fn leave(view: &View, link: &mut Link) -> anyhow::Result<()> {
     if view.is_armed() && link.is_connected() {
         link.request(Command::Stop)?;
@@ -189,7 +189,7 @@ fn leave(view: &View, link: &mut Link) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Obeys a key; false to leave.
+/// Handles a key; false to leave.
 fn press(
     key: KeyEvent,
     view: &mut View,

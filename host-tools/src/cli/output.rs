@@ -1,10 +1,10 @@
-//! What a command may write over: nothing that it reads, no recording, and no file of
-//! another kind than it writes.
+//! Protects existing files: a command overwrites no file that it reads, no recording, and
+//! no file of another kind than it writes.
 //!
-//! `rig diagnose --model m.toml -o step*.csv`, the name of the model forgotten, once
-//! replaced a measured recording by a model. The shell hands the first recording to `-o`;
-//! only a look at what is there tells. Every flag that writes a file goes through
-//! [`check`], before anything is computed.
+//! In `rig diagnose --model m.toml -o step*.csv` the name after `-o` is missing, so the
+//! shell hands the first recording to `-o`. Only its content shows that it must not be
+//! replaced. Every flag that writes a file goes through [`check`], before anything is
+//! computed.
 
 use std::fs::File;
 use std::io::Read;
@@ -14,7 +14,7 @@ use crate::export::WRITTEN_BY as WRITTEN_BY_EXPORT;
 use crate::io::error::{InputError, check_writable, is_stream, target_of};
 use crate::rig::record::meta_path;
 
-/// What a file holds.
+/// The kind of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FileKind {
     /// A model file.
@@ -36,7 +36,7 @@ pub enum FileKind {
 }
 
 impl FileKind {
-    /// With its article.
+    /// Its name, with the article.
     fn what(self) -> &'static str {
         match self {
             Self::Model => "a model",
@@ -50,7 +50,7 @@ impl FileKind {
         }
     }
 
-    /// A name that one would give such a file.
+    /// An example of a file name.
     fn example(self) -> &'static str {
         match self {
             Self::Model => "repaired.toml",
@@ -65,7 +65,7 @@ impl FileKind {
     }
 }
 
-/// A file that a command was told to write.
+/// A file that a command is to write.
 #[derive(Clone, Copy, Debug)]
 pub struct Output<'a> {
     flag: &'static str,
@@ -76,7 +76,7 @@ pub struct Output<'a> {
 }
 
 impl<'a> Output<'a> {
-    /// Of a flag, if it was given.
+    /// The output of a flag, if it was given.
     pub fn of(flag: &'static str, kind: FileKind, path: Option<&'a PathBuf>) -> Self {
         Self {
             flag,
@@ -87,7 +87,7 @@ impl<'a> Output<'a> {
         }
     }
 
-    /// Takes it away where nothing is written.
+    /// Drops the output in a dry run.
     pub(crate) fn unless(self, dry_run: bool) -> Self {
         Self {
             path: self.path.filter(|_| !dry_run),
@@ -95,12 +95,13 @@ impl<'a> Output<'a> {
         }
     }
 
-    /// Says whether it leaves the metadata beside it alone.
+    /// Sets whether the metadata beside it is left unchanged.
     pub(crate) fn rows_only(self, rows_only: bool) -> Self {
         Self { rows_only, ..self }
     }
 
-    /// Lets it replace a recording, if that can be had again or the user says so.
+    /// Sets whether it may replace a recording, which can be made again or which the user
+    /// agrees to lose.
     pub fn replacing(self, may_replace: bool) -> Self {
         Self {
             may_replace: self.may_replace || may_replace,
@@ -109,7 +110,7 @@ impl<'a> Output<'a> {
     }
 }
 
-/// What is in a file that exists.
+/// The content of an existing file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Found {
     /// Nothing: there is no such file, or it is empty.
@@ -118,12 +119,12 @@ enum Found {
     Unknown,
 }
 
-/// Refuses outputs that would write over something that is worth keeping, or that cannot
-/// be written, before long work. `read` are the files that the command reads.
+/// Refuses, before long work, outputs that would overwrite something worth keeping or that
+/// cannot be written. `read` are the files that the command reads.
 ///
 /// # Errors
 ///
-/// Names the file, the flag, and what is probably missing after it.
+/// Names the file, the flag, and the argument that is probably missing after it.
 pub fn check<'a>(
     outputs: &[Output<'_>],
     read: impl IntoIterator<Item = &'a PathBuf>,
@@ -189,7 +190,7 @@ pub fn check<'a>(
     Ok(())
 }
 
-/// Metadata may be all that is left of a recording: they are as good as it.
+/// Protects metadata like a recording: it may be all that is left of one.
 fn keep_metadata(path: &Path, may_replace: bool) -> Result<(), InputError> {
     let about = meta_path(path);
     if about.exists() && !may_replace {
@@ -202,7 +203,7 @@ fn keep_metadata(path: &Path, may_replace: bool) -> Result<(), InputError> {
     Ok(())
 }
 
-/// What `rig simulate` writes into the metadata of its recordings.
+/// The author that `rig simulate` writes into metadata.
 const WRITTEN_BY: &str = "rig simulate";
 
 /// The metadata of a recording of `rig simulate`, which it may replace when it runs again.
@@ -210,7 +211,7 @@ pub(crate) fn about_simulated(angle_is_simulated: bool) -> String {
     format!("written_by = \"{WRITTEN_BY}\"\nsimulated = {angle_is_simulated}\n")
 }
 
-/// Whether `rig simulate` wrote a recording: whatever is in it can be had again.
+/// Whether `rig simulate` wrote a recording, which can be made again.
 pub(crate) fn is_simulated(path: &Path) -> bool {
     let about = std::fs::read_to_string(meta_path(path)).unwrap_or_default();
     about.parse::<toml::Table>().is_ok_and(|table| {
@@ -236,7 +237,7 @@ pub(super) fn same_file(path: &Path) -> PathBuf {
     })
 }
 
-/// Looks at what is there. What cannot be read is not known.
+/// Finds what a file holds; a file that cannot be read is unknown.
 fn found(path: &Path) -> Found {
     /// Enough for a header or the sections of a model.
     const ENOUGH: u64 = 1 << 20;

@@ -1,4 +1,4 @@
-//! `rig plan`: which run would separate two explanations?
+//! `rig plan`: the run that best separates two explanations.
 
 use std::path::PathBuf;
 
@@ -16,7 +16,7 @@ use crate::diagnose::selection::names;
 use crate::estimate::assemble::assemble;
 use crate::estimate::checkpoint::Checkpoint;
 use crate::estimate::fit::{Effort, Fitter};
-use crate::estimate::subsample::excerpt;
+use crate::estimate::subsample::subsample;
 use crate::estimate::{Dataset, Nuisance};
 use crate::io::error::{InputError, write_atomically};
 use crate::io::model_file::ModelFile;
@@ -29,7 +29,7 @@ use crate::sim::protocol::Protocol;
 /// writes it as a protocol file that `rig record` plays.
 ///
 /// Both effects are fitted to the recordings first. Without recordings, steps
-/// to 60° and 90° of an actuator with the first effect are made up for it.
+/// to 60° and 90° of an actuator with the first effect are simulated instead.
 #[derive(Debug, Parser)]
 #[command(after_help = "\
 Examples:
@@ -39,20 +39,19 @@ pub struct Args {
     /// Model file
     #[arg(long, value_name = "MODEL.toml")]
     model: PathBuf,
-    /// Effects of your own, by formulas, that --between may name
+    /// File of your own effects, given by formulas, that --between may name
     #[arg(long, value_name = "EFFECTS.toml")]
     effects: Option<PathBuf>,
     /// The two effects; join effects that act together with +
     #[arg(long, value_name = "A,B")]
     between: String,
-    /// Recordings that there are
+    /// Existing recordings
     #[arg(value_name = "REC.csv")]
     recordings: Vec<PathBuf>,
     /// Highest set-point (deg), highest pressure (kpa), longest run (s)
     #[arg(long, value_name = "deg=90,kpa=170,s=180")]
     limits: Option<String>,
-    /// Noise of the angle (° RMS) to reckon with; from the recordings if there
-    /// are any, otherwise 0.4
+    /// Noise of the angle (° RMS) [default: from the recordings, or 0.4]
     #[arg(long, value_name = "DEG")]
     noise_deg: Option<f64>,
     /// Write the best run as a protocol file
@@ -105,7 +104,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let list = proposals(&file.model, &rivals, noise, &limits);
     let Some(best) = list.first() else {
         return Err(InputError::new(
-            "no run that the board knows keeps to these limits",
+            "no protocol of the board keeps to these limits",
             "allow a higher set-point, more pressure or a longer run",
         )
         .into());
@@ -129,7 +128,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
             proposal.protocol.title
         );
     }
-    text += "\nEach effect may move its parameters as far as the recordings allow. A Δχ² of 20 is\nvery strong; where none comes near it, these effects cannot be told apart on this rig.\n";
+    text += "\nThe parameters of each effect may change as far as the recordings allow. A Δχ² of 20 is\nvery strong; if no run comes near it, these effects cannot be told apart on this rig.\n";
     if let Some(path) = &args.output {
         write_atomically(path, best.protocol.to_text().as_bytes())?;
         text += &format!("Protocol: {}\n", path.display());
@@ -194,7 +193,7 @@ fn limits(text: Option<&str>) -> Result<Limits, InputError> {
     Ok(limits)
 }
 
-/// Steps of an actuator that has these effects in a typical size.
+/// Simulated steps of an actuator with these effects at a typical size.
 fn made_up(file: &ModelFile, kinds: &[Kind]) -> Result<Vec<Recording>, InputError> {
     let runs: Vec<Recording> = [60.0, 90.0]
         .into_iter()
@@ -253,13 +252,13 @@ fn fitted(
         Vec::new(),
         fitter.fit(&file.model, &file.free, Effort::Full),
     );
-    let excerpt = excerpt(&data.guessing(&refit.fit.nuisances), &refit.fit.model);
+    let subsample = subsample(&data.guessing(&refit.fit.nuisances), &refit.fit.model);
     let scales = Scales::of(&fitter, &refit.fit);
     let context = FitContext {
         file,
         fitter: &fitter,
-        pieces: None,
-        excerpt: &Fitter::new(&file.model, &excerpt),
+        short_segments: None,
+        subsample: &Fitter::new(&file.model, &subsample),
         scales: &scales,
         checkpoint: &Checkpoint::default(),
         progress: &Progress::default(),

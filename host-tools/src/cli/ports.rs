@@ -1,4 +1,4 @@
-//! `rig ports`: which serial ports there are, and which is the board.
+//! `rig ports`: lists the serial ports, and finds the board.
 
 use clap::Parser;
 

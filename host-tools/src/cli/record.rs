@@ -1,4 +1,4 @@
-//! `rig record`: plays a protocol and writes down what the rig does.
+//! `rig record`: plays a protocol and records the rig.
 
 use std::cell::Cell;
 use std::path::{Path, PathBuf};
@@ -25,9 +25,9 @@ use crate::rig::record::{
 
 /// Records a rig while it plays a protocol, or while it is left alone.
 ///
-/// Every line that arrives is in the file at once: a pulled cable, Ctrl-C or a
-/// crash lose nothing that was received. Ctrl-C stops the pump first. When the
-/// cable comes back the recording goes on, with the gap marked.
+/// Every received line is written at once: a pulled cable, Ctrl-C or a crash loses
+/// nothing that was received. Ctrl-C stops the pump first. When the cable is plugged
+/// in again the recording goes on, with the gap marked.
 #[derive(Debug, Parser)]
 #[command(group(ArgGroup::new("what").args(["protocol", "seconds"])))]
 #[command(after_help = "\
@@ -49,7 +49,7 @@ pub struct Args {
     /// Name of a protocol that every board knows, or a protocol file
     #[arg(long, value_name = "NAME|FILE.toml")]
     protocol: Option<String>,
-    /// Record this long without moving anything, in seconds
+    /// Record for this time without moving anything, in seconds
     #[arg(long, value_name = "N", value_parser = seconds)]
     seconds: Option<f64>,
     /// File to write
@@ -67,10 +67,10 @@ pub struct Args {
     /// Clear a latched fault first, if its cause is gone
     #[arg(long)]
     clear: bool,
-    /// Wait this long for a pulled cable to come back, in seconds
+    /// Wait for this time for a pulled cable to be plugged in again, in seconds
     #[arg(long, value_name = "N", default_value_t = 30.0, value_parser = seconds)]
     patience: f64,
-    /// Print what would be sent and how long it takes, and open no port
+    /// Print what would be sent and its duration, and open no port
     #[arg(long, requires = "protocol")]
     dry_run: bool,
     /// List the protocols that every board knows
@@ -87,17 +87,17 @@ fn seconds(text: &str) -> Result<f64, String> {
 
 /// Rest after arming and before a protocol (ms of the board's time).
 const REST_MS: i64 = 1_000;
-/// What is recorded after the end of a protocol or after a fault (ms).
+/// Time recorded after the end of a protocol or after a fault (ms).
 const AFTER_MS: i64 = 500;
-/// A board that does not obey by then (wall clock) will not.
+/// Longest wait (wall clock) for the board to obey.
 const OBEY: Duration = Duration::from_secs(5);
 
 /// Runs the command.
 ///
 /// # Errors
 ///
-/// Faults of the arguments and of the protocol before anything moves; what
-/// happened to the link or the board after.
+/// Invalid arguments and protocols before anything moves; then faults of the link or the
+/// board.
 pub fn run(args: &Args) -> anyhow::Result<()> {
     if args.list {
         return Ok(super::print(&list())?);
@@ -191,7 +191,7 @@ struct Session {
     stage: Stage,
 }
 
-/// What the rig is doing, in the last line of a terminal; nothing where there is none.
+/// The present stage, shown in the last line of a terminal if there is one.
 struct Stage {
     bar: ProgressBar,
     played: Cell<bool>,
@@ -205,7 +205,7 @@ impl Stage {
         }
     }
 
-    /// Something that takes as long as it takes.
+    /// A stage of unknown length.
     fn wait(&self, what: &'static str) {
         self.played.set(false);
         self.bar.set_style(style("{spinner} {msg}  {elapsed}"));
@@ -213,7 +213,7 @@ impl Stage {
         self.bar.set_message(what);
     }
 
-    /// Something of which `passed_ms` of `total_ms` are over, by the board's clock.
+    /// A stage of which `passed_ms` of `total_ms` have passed, by the board's clock.
     fn play(&self, what: &str, passed_ms: i64, total_ms: i64) {
         let milliseconds = |ms: i64| u64::try_from(ms).unwrap_or(0);
         if !self.played.replace(true) {
@@ -239,13 +239,13 @@ impl Stage {
     }
 }
 
-/// A template of ours, whose faults a test would find.
+/// A fixed template; tests would find an invalid one.
 fn style(template: &str) -> ProgressStyle {
     ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
 }
 
 impl Session {
-    /// Takes what comes within a short while; mends the connection if it broke.
+    /// Handles the events of a short time; reconnects if the connection was lost.
     fn pump(&mut self) -> anyhow::Result<()> {
         let wait = Duration::from_millis(50);
         if let Some(event) = self.link.next_event(wait) {
@@ -301,7 +301,7 @@ impl Session {
         self.recorder.last().map(|row| row.sample.state)
     }
 
-    /// Lets the board's time move on; false if someone pressed Ctrl-C.
+    /// Waits by the board's clock; false after Ctrl-C.
     fn rest(&mut self, ms: i64) -> anyhow::Result<bool> {
         // The first sample may still be on its way.
         while self.recorder.last().is_none() && !self.interrupt.requested() {
@@ -365,7 +365,7 @@ impl Session {
         }
         match self.request(Command::Run(protocol.named)) {
             Ok(_) => {}
-            // It runs since the first time it was asked; only the reply was lost.
+            // It has been running since the first request; only the reply was lost.
             Err(LinkError::Refused { retried: true, .. })
                 if self.state() == Some(State::Running) => {}
             Err(error) => return Err(error.into()),
@@ -409,7 +409,7 @@ impl Session {
                     return Err(self.link.faulted(code)).context("the protocol was cut off");
                 }
                 Some(_) if started_ms.is_some() => break,
-                // Telemetry that was on its way may still say ready.
+                // Telemetry sent before may still say ready.
                 _ if asked.elapsed() > OBEY && now_ms > asked_ms + AFTER_MS => {
                     Err(self.link.late(
                         "the board accepted the protocol and does not play it",
@@ -432,14 +432,14 @@ impl Session {
                 played_ms as f64 / 1000.0,
                 total_ms as f64 / 1000.0
             ),
-            "a pulled cable or a press on reset ends it: look for the gap in the recording, and record again",
+            "a pulled cable or the reset button ends it: look for the gap in the recording, and record again",
         ))?
     }
 
-    /// Leaves the rig at rest, whatever happened.
+    /// Leaves the rig at rest in any case.
     fn leave(&mut self, at_once: bool) {
         if !self.link.is_connected() {
-            // The board stops by itself when it hears nothing.
+            // The board stops by itself when it receives nothing.
             return;
         }
         let last = if at_once {
@@ -468,7 +468,7 @@ impl Session {
         }
     }
 
-    /// Completes what stands beside the recording, and says what there is.
+    /// Completes the metadata, and reports the files.
     fn end(
         self,
         outcome: anyhow::Result<End>,
@@ -490,7 +490,7 @@ impl Session {
             counts.samples,
             output.display()
         );
-        // What ended the recording comes first: that it could not be finished follows from it.
+        // The cause comes first; that the recording could not be completed follows from it.
         let outcome = outcome.map_err(|error| error.context(kept.clone()))?;
         let runs = finished.context(kept.clone())?;
         if outcome == End::Interrupted {
@@ -528,7 +528,7 @@ impl Session {
     }
 }
 
-/// What loads a protocol into a board.
+/// The commands that load a protocol into a board.
 fn load_commands(protocol: &ProtocolFile) -> Vec<Command> {
     // A protocol was checked to have at most 32 segments.
     let count = u8::try_from(protocol.segments.len()).unwrap_or(u8::MAX);
@@ -564,8 +564,8 @@ fn about(link: &Link, port: &str, protocol: Option<&ProtocolFile>) -> About {
     }
 }
 
-/// The angles (°) at the ends of the flex sensor's table: beyond them its readings are
-/// a guess.
+/// The angles (°) at the ends of the flex sensor's table, beyond which readings are
+/// extrapolated.
 fn angle_range(settings: &Settings) -> Option<[f64; 2]> {
     // At most eight.
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
@@ -574,7 +574,7 @@ fn angle_range(settings: &Settings) -> Option<[f64; 2]> {
     Some([first.min(last), first.max(last)])
 }
 
-/// Refuses to replace what was recorded.
+/// Refuses to replace a recording.
 fn check_output(
     output: &Path,
     protocol: Option<&PathBuf>,
@@ -654,7 +654,7 @@ fn dry_run(protocol: &ProtocolFile) -> String {
     text
 }
 
-/// Keeps a recording of what another command sees: `rig monitor --log`.
+/// Begins a recording for another command: `rig monitor --log`.
 pub(crate) fn log(path: &Path, link: &Link) -> Result<Recorder, InputError> {
     check_output(path, None, &[], false)?;
     Recorder::create(path, about(link, link.port(), None), false)
@@ -671,7 +671,7 @@ pub(crate) fn end_log(
     recorder.finish(&[], false).map(drop)
 }
 
-/// Passes an event on to a log, if there is one.
+/// Writes an event to a log, if there is one.
 pub(crate) fn note(log: &mut Option<Recorder>, event: &Event) -> Result<(), InputError> {
     match log {
         Some(recorder) => {

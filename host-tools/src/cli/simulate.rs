@@ -28,10 +28,9 @@ pub struct Args {
     /// Take the pressure from this recording
     #[arg(long, value_name = "REC.csv")]
     recording: Option<PathBuf>,
-    /// Generate the pressure that should reach the set-points of a protocol:
-    /// step, staircase or triangle, shaped by --angle-deg and --hold-s; a name
-    /// of `rig record --list`; or a protocol file. board:NAME is always the
-    /// board's
+    /// Generate the pressure for the set-points of a protocol: step, staircase or
+    /// triangle, shaped by --angle-deg and --hold-s; a name from `rig record
+    /// --list`; or a protocol file. board:NAME is always the board's
     #[arg(long, value_name = "NAME|FILE.toml")]
     protocol: Option<String>,
     /// Largest set-point of the protocol, in degrees
@@ -162,7 +161,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     Ok(super::print(&text)?)
 }
 
-/// A simulated run with what there is to compare it with.
+/// A simulated run, with the recording to compare it with if there is one.
 struct Shown<'a> {
     name: String,
     recording: &'a Recording,
@@ -172,8 +171,8 @@ struct Shown<'a> {
 }
 
 impl Shown<'_> {
-    /// As a recording: beside a measured angle the simulated one is a
-    /// prediction, without one it is the angle.
+    /// As a recording: the simulated angle is the prediction beside a measured angle, and
+    /// otherwise the angle.
     fn csv(&self) -> String {
         let mut columns: Vec<(&str, &[f64])> = Vec::new();
         let mut recording = self.recording.clone();

@@ -1,5 +1,4 @@
-//! `rig upload`: a model, calibration and limits into a board, checked to the
-//! bit.
+//! `rig upload`: writes a model, calibration and limits to a board, and checks every bit.
 
 use std::path::PathBuf;
 
@@ -20,8 +19,8 @@ use crate::rig::link::{Link, SerialConnector, Timing};
 
 /// Writes a model or settings to a board, and reads everything back.
 ///
-/// The board uses its old settings until it has accepted all new ones together
-/// and keeps them without power afterwards.
+/// The board uses its old settings until it has accepted all new ones, and stores
+/// them permanently.
 #[derive(Debug, Parser)]
 #[command(group(ArgGroup::new("what").required(true).multiple(true).args(["model", "settings", "zeros", "read"])))]
 #[command(after_help = "\
@@ -38,15 +37,15 @@ pub struct Args {
     /// Serial port of the board; `rig ports` lists them
     #[arg(long, value_name = "PORT")]
     port: String,
-    /// Model file whose dynamics and effects the board shall use
+    /// Model file whose dynamics and effects the board is to use
     #[arg(long, value_name = "MODEL.toml")]
     model: Option<PathBuf>,
     /// File of settings: calibration, limits, gains
     #[arg(long, value_name = "SETTINGS.toml")]
     settings: Option<PathBuf>,
-    /// Verdict of `rig diagnose --json` whose zeros of the sensors shall be
-    /// taken away: p.zero (counts) and the angles of the flex sensor's table (°)
-    /// are moved by them. Of several sessions the last counts
+    /// Verdict of `rig diagnose --json` whose sensor zeros correct the calibration:
+    /// p.zero (counts) and the angles of the flex sensor's table (°). Of several
+    /// sessions the last counts
     #[arg(long, value_name = "VERDICT.json")]
     zeros: Option<PathBuf>,
     /// Print the board's settings as a settings file instead
@@ -61,7 +60,7 @@ pub struct Args {
 ///
 /// # Errors
 ///
-/// Faults of the files before the port is opened; then what the board refuses.
+/// Invalid files before the port is opened; then settings that the board refuses.
 pub fn run(args: &Args) -> anyhow::Result<()> {
     let mut wanted: Vec<Assignment> = Vec::new();
     let model = args.model.as_deref().map(super::read_model).transpose()?;
@@ -127,7 +126,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     ))?)
 }
 
-/// How the board will step a model for angles up to `farthest_deg`.
+/// The board's load by a model, for angles up to `farthest_deg`.
 fn stepped(file: &ModelFile, farthest_deg: f32) -> Result<String, InputError> {
     // Rounded as the settings are.
     #[allow(clippy::cast_possible_truncation)]
@@ -164,8 +163,8 @@ fn percent_of(cycles: u32) -> f64 {
     f64::from(cycles) * 100.0 / f64::from(CYCLES_PER_PERIOD)
 }
 
-/// The load of a model that moves too fast: how many shorter periods can each be stepped in
-/// the time that there is for one. None for a model that no period is short enough for.
+/// The load of a model that is too fast for one step per period, from the number of shorter
+/// steps that it needs. None if no step is short enough.
 fn load_percent(model: &Model<f32>, farthest_rad: f32) -> Option<f64> {
     (2_u8..=200)
         .find(|&parts| {
@@ -215,7 +214,7 @@ fn bar(message: &'static str) -> ProgressBar {
     bar.with_message(message)
 }
 
-/// What changes, from what, to what.
+/// The table of changes: names, old and new values.
 fn table(settings: &Settings, changes: &[Assignment]) -> String {
     let mut after = settings.clone();
     for &(key, bits) in changes {
@@ -229,7 +228,7 @@ fn table(settings: &Settings, changes: &[Assignment]) -> String {
                 key_text(key),
                 shown(key, settings.bits(key).unwrap_or(0)),
                 shown(key, bits),
-                // An effect that goes has left its unit behind.
+                // A removed effect still gives the unit.
                 [&after, settings]
                     .map(|settings| settings_file::unit(settings, key))
                     .into_iter()

@@ -1,7 +1,7 @@
 //! `rig virtual`: starts the simulated rig.
 //!
-//! The simulator is another program with another licence, run as one: what it
-//! prints is passed on, and it is told to end when we are.
+//! The simulator has another licence, so it runs as a separate program: its output is
+//! passed on, and it is told to end when this program is.
 
 use std::io::{BufRead, BufReader, IsTerminal, Write};
 use std::path::{Path, PathBuf};
@@ -18,7 +18,7 @@ use crate::io::error::InputError;
 
 /// Runs the real firmware image in a simulator, behind a serial port.
 ///
-/// Everything that speaks to a board can speak to it. It runs until Ctrl-C.
+/// It speaks the protocol of a real board, and runs until Ctrl-C.
 #[derive(Debug, Parser)]
 #[command(after_help = "\
 Examples:
@@ -37,7 +37,7 @@ by hand to 30 degrees, as `rig calibrate` asks for, and `bend off` lets it go;
 The simulator is a program of its own, virtual-rig, and the image is what
 `cargo xtask firmware` builds; `cargo xtask setup` installs what both need.")]
 pub struct Args {
-    /// Model file of the actuator that is simulated
+    /// Model file of the simulated actuator
     #[arg(long, value_name = "TRUTH.toml", conflicts_with = "hide")]
     actuator: Option<PathBuf>,
     /// Draw an actuator that hides an effect from this seed
@@ -46,12 +46,11 @@ pub struct Args {
     /// Hide this effect instead of one drawn from the seed
     #[arg(long, value_name = "KIND", requires = "hide")]
     effect: Option<String>,
-    /// Seed of the bench's small errors: zeros of the sensors, an actuator that
-    /// is not quite at rest; the seed of --hide unless given, and without both
-    /// the bench is ideal
+    /// Seed of the bench's small errors: sensor zeros, and an actuator not quite at
+    /// rest [default: the seed of --hide; without both the bench is ideal]
     #[arg(long, value_name = "N")]
     bench_seed: Option<u64>,
-    /// Write the model that the owner believes in
+    /// Write the nominal model, without the hidden effect
     #[arg(long, value_name = "MODEL.toml", requires = "hide")]
     model_out: Option<PathBuf>,
     /// Write the answer
@@ -60,7 +59,7 @@ pub struct Args {
     /// Name to give the serial port
     #[arg(long, value_name = "PATH")]
     link: Option<PathBuf>,
-    /// As fast as a real rig, or as fast as this computer can
+    /// Speed: of a real rig, or as fast as this computer can
     #[arg(long, value_enum, default_value_t = Speed::Realtime)]
     speed: Speed,
     /// Seed of the sensors' noise
@@ -69,10 +68,10 @@ pub struct Args {
     /// Keep the board's EEPROM in this file
     #[arg(long, value_name = "FILE")]
     eeprom: Option<PathBuf>,
-    /// Make something fail, from a second to a second of the rig's time
+    /// Inject a fault over an interval, in seconds of the rig's time
     #[arg(long, value_name = "KIND@S[..S]")]
     fault: Vec<String>,
-    /// End after this much of the rig's time, in seconds
+    /// End after this time, in seconds of the rig's time
     #[arg(long, value_name = "S")]
     duration: Option<f64>,
     /// Image of the firmware
@@ -99,10 +98,10 @@ const PROGRAM: &str = if cfg!(windows) {
 ///
 /// # Errors
 ///
-/// What is not built yet, and how to build it; then what the simulator says.
+/// Missing programs, with how to build them; then errors of the simulator.
 pub fn run(args: &Args) -> anyhow::Result<()> {
     if let Some(path) = &args.actuator {
-        // Its faults are told better here, with line and column.
+        // Errors in it are reported here, with line and column.
         super::read_model(path)?;
     }
     let program = find_program()?;
@@ -162,10 +161,10 @@ fn command(args: &Args, program: &Path, image: &Path) -> Command {
     command
 }
 
-/// Passes what is typed here on to the simulator. In the background of a shell nothing is
-/// read: the system would stop a program that tries to.
+/// Passes typed lines on to the simulator. In the background of a shell nothing is read: the
+/// system would stop a program that tries to.
 fn pass_on(simulator: ChildStdin) -> Arc<Mutex<ChildStdin>> {
-    // It ends with its last owner, and the simulator hears no more commands then.
+    // The pipe closes with its last owner; the simulator then receives no more commands.
     let simulator = Arc::new(Mutex::new(simulator));
     if is_in_front() {
         let simulator = Arc::clone(&simulator);
@@ -213,7 +212,7 @@ fn lines_of(child: &mut Child) -> Receiver<String> {
     lines
 }
 
-/// Passes on what the simulator says, until it ends.
+/// Passes on the simulator's output until it ends.
 fn follow(
     args: &Args,
     interrupt: &Interrupt,
@@ -248,8 +247,8 @@ fn follow(
     }
 }
 
-/// Passes on what we were told: a terminal's Ctrl-C reaches the simulator by
-/// itself, a signal that was sent to us does not.
+/// Passes a signal on: a terminal's Ctrl-C reaches the simulator by itself, a signal sent
+/// to this program does not.
 #[cfg(unix)]
 fn ask_to_end(child: &Child) {
     // It may have ended by itself meanwhile.

@@ -1,4 +1,4 @@
-//! Long work on the terminal: how far it is, and what an interruption leaves.
+//! Progress of long work on the terminal, and its interruption.
 
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -20,9 +20,9 @@ const DRAWN: Duration = Duration::from_millis(120);
 /// How often a line is written where there is no terminal.
 const LOGGED: Duration = Duration::from_secs(10);
 
-/// Work that is shown on stderr, and that Ctrl-C ends with what is known so far.
+/// Work that is shown on stderr. After Ctrl-C it ends and reports the best so far.
 pub(crate) struct Watched {
-    /// What the work reports to.
+    /// The progress of the work.
     pub progress: Arc<Progress>,
     /// None once the work is done. Locked while results are written, so that an
     /// interruption waits for whole files.
@@ -30,8 +30,8 @@ pub(crate) struct Watched {
 }
 
 impl Watched {
-    /// Starts to show, and takes over Ctrl-C; `go_on` says how to take up the work. The budget
-    /// counts from here.
+    /// Starts the display, and takes over Ctrl-C; `go_on` says how to resume the work. The
+    /// budget counts from here.
     pub(crate) fn start(go_on: String, budget: Option<Budget>) -> anyhow::Result<Self> {
         let progress = Arc::new(Progress::within(budget));
         let display = Arc::new(Mutex::new(Some(Display::of(Arc::clone(&progress)))));
@@ -46,7 +46,7 @@ impl Watched {
         Ok(Self { progress, display })
     }
 
-    /// Shows no more. As long as what is returned lives, an interruption waits.
+    /// Ends the display. An interruption waits as long as the returned guard lives.
     pub(crate) fn finish(&self) -> impl Drop {
         let mut display = lock(&self.display);
         if let Some(display) = display.take() {
@@ -60,7 +60,7 @@ fn lock(display: &Mutex<Option<Display>>) -> MutexGuard<'_, Option<Display>> {
     display.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// What an interrupted diagnosis leaves.
+/// The message of an interrupted diagnosis.
 fn unfinished(state: &State, go_on: &str) -> String {
     format!(
         "unfinished: not a diagnosis\n{}\n{}\n{}\nNo results were written. {go_on}\n",
@@ -116,7 +116,7 @@ fn spinner() -> Option<ProgressBar> {
     (!spinner.is_hidden() && !is_dumb).then_some(spinner)
 }
 
-/// What a terminal shows: what is done, how far it is, what is best so far.
+/// The lines of a terminal: stage, progress, best so far.
 fn lines(state: &State) -> String {
     format!(
         "{}\n  {}\n  {}",

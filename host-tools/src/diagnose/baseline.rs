@@ -1,7 +1,7 @@
 //! The model before any effect is added: the nominal one, and its structure refitted.
 //!
-//! Every candidate is held against the refit, for a wrong parameter is not a missing
-//! effect. If it leaves only noise, nothing is missing.
+//! Every candidate is compared with the refit, since a wrong parameter is not a missing
+//! effect. If the refit leaves only noise, nothing is missing.
 
 use model_core::actuator::Model;
 
@@ -21,17 +21,17 @@ use crate::io::model_file::ModelFile;
 /// The model before any effect is added.
 #[derive(Clone, Debug)]
 pub struct Baseline {
-    /// The data, with guesses of zeros and starts from the refit.
+    /// The data, with guesses of zeros and initial states from the refit.
     pub data: Dataset,
-    /// The model file with what may still move.
+    /// The model file, with the parameters that are still free.
     pub file: ModelFile,
-    /// The nominal model against the recordings.
+    /// The comparison of the nominal model with the recordings.
     pub nominal: Fit,
     /// The nominal structure, refitted.
     pub refit: Candidate,
     /// Which of its parameters the recordings determine.
     pub identified: Identifiability,
-    /// The noise floor, with what the pressure's noise leaves.
+    /// The noise floor, with the error from noise of the pressure.
     pub floor: NoiseFloor,
 }
 
@@ -70,7 +70,7 @@ impl Baseline {
         })
     }
 
-    /// The same with zeros that are weighed against what the `best` model leaves (see
+    /// The same baseline with zeros weighed against the error of the `best` model (see
     /// [`crate::estimate::nuisance`]); none where that is hardly more than noise.
     pub fn weighing_zeros(&self, best: &Model<f64>) -> Option<Self> {
         let residuals = Fitter::new(&self.file.model, &self.data)
@@ -100,12 +100,12 @@ impl Baseline {
         })
     }
 
-    /// The answer where nothing but noise is left without any effect.
+    /// The answer if only noise is left without any effect.
     pub fn quiet(&self, validator: &CrossValidator<'_>) -> Option<Answer> {
         if adequate(&self.nominal, &self.floor) {
             return Some(Answer::NoDiscrepancy);
         }
-        // Parameters that do not help where they were not fitted were not off.
+        // Parameters that do not help on held-out segments were not off.
         let helps = || {
             validator.error_of(&self.refit)
                 < Exact::STANDARD.first_leaves * validator.nominal_error()
@@ -120,7 +120,7 @@ impl Baseline {
     }
 }
 
-/// The data with zeros and starts as a fit found them, unless it is so far off
+/// The data with the zeros and initial states of a fit, unless the fit is so poor
 /// that they mean nothing.
 fn with_guesses(data: &Dataset, fit: &Fit) -> Dataset {
     if in_step(data, fit) {
@@ -130,7 +130,7 @@ fn with_guesses(data: &Dataset, fit: &Fit) -> Dataset {
     }
 }
 
-/// Whether simulation and recordings keep in step: what is left is small
+/// Whether simulation and recordings stay in phase: the residual is small
 /// against the motion.
 pub fn in_step(data: &Dataset, fit: &Fit) -> bool {
     const SMALL: f64 = 0.15;

@@ -1,18 +1,16 @@
-//! Could chance have asked for another effect?
+//! Bootstrap test: could noise alone have asked for another effect?
 //!
-//! A score that counts parameters takes for granted that a parameter which is not
-//! needed is as likely to come out above as below its neutral value. Friction is
-//! never negative, a time constant is nothing without its stiffness, and the best
-//! of 27 effects was taken: the usual distributions do not hold. So the
-//! distribution is made: the noise that the larger structure leaves is dealt out
-//! again, each stretch of it with a random sign, on top of the smaller structure,
-//! and every rival is fitted to it, to first order. How often does the best of
-//! them gain as much as was gained?
+//! Scores that count parameters assume that an unneeded parameter is as likely to come
+//! out above as below its neutral value. But friction is never negative, a time constant
+//! means nothing without its stiffness, and the best of 27 effects was taken. So the
+//! usual distributions do not hold, and the distribution is simulated: blocks of the
+//! larger structure's residual get random signs, are added to the smaller structure, and
+//! every rival is fitted to that, to first order. The result is how often the best of
+//! them gains as much as was observed.
 //!
-//! Stretches are longer than the correlation of the residual, so what is slow in
-//! the noise stays slow (the wild bootstrap by blocks; Shao, J. Am. Stat. Assoc.
-//! 105, 2010). A parameter with a neutral value at the end of its range gains
-//! only on the side on which it can be.
+//! This is the block wild bootstrap (Shao, J. Am. Stat. Assoc. 105, 2010). Blocks are
+//! longer than the correlation time of the residual, so slow noise stays slow. A
+//! parameter whose neutral value is the end of its range gains on one side only.
 
 use model_core::actuator::ParameterId;
 use nalgebra::{DMatrix, DVector, DVectorView};
@@ -21,23 +19,22 @@ use rand_pcg::Pcg64Mcg;
 
 use super::candidates::Candidate;
 use crate::estimate::fit::{Fit, Fitter};
-use crate::estimate::statistics::independent_stretch;
+use crate::estimate::statistics::independent_block;
 
-/// How often noise is dealt out again.
+/// Number of draws.
 const DRAWS: usize = 499;
 
-/// The longest block: a recording over this.
+/// The longest block is a recording divided by this.
 const LONGEST: usize = 4;
 
 /// The shortest block (samples).
 const SHORTEST: usize = 50;
 
-/// Fewer blocks cannot show a chance of one in a hundred.
+/// Fewest blocks that can show a probability of one in a hundred.
 const FEWEST: usize = 8;
 
-/// The probability that noise alone lets the best of `rivals` gain on `smaller` as
-/// much as the first of them does. At least 1/500; 1 where the recordings are too
-/// short to say.
+/// The probability that noise alone lets the best of `rivals` gain as much over `smaller`
+/// as the first of them does. At least 1/500; 1 if the recordings are too short.
 pub fn chance(fitter: &Fitter<'_>, smaller: &Candidate, rivals: &[&Candidate], seed: u64) -> f64 {
     let Some(best) = rivals.first() else {
         return 1.0;
@@ -65,16 +62,16 @@ pub fn chance(fitter: &Fitter<'_>, smaller: &Candidate, rivals: &[&Candidate], s
     (1 + as_much) as f64 / (1 + DRAWS) as f64
 }
 
-/// A residual cut into stretches that keep their sign together.
+/// A residual cut into blocks of one sign each.
 struct Blocks {
-    /// Ends of the stretches, in samples of all recordings.
+    /// Ends of the blocks, in samples of all recordings.
     ends: Vec<usize>,
     residual: Vec<f64>,
 }
 
 impl Blocks {
     fn of(fit: &Fit) -> Self {
-        let independent = independent_stretch(fit.correlation_time());
+        let independent = independent_block(fit.correlation_time());
         let mut ends = Vec::new();
         let mut first = 0;
         for run in &fit.residuals {
@@ -96,7 +93,7 @@ impl Blocks {
         self.ends.len()
     }
 
-    /// What each stretch adds to the product of `column` with the residual.
+    /// The contribution of each block to the product of `column` with the residual.
     fn products(&self, column: &[f64]) -> Vec<f64> {
         let mut first = 0;
         self.ends
@@ -114,10 +111,10 @@ impl Blocks {
     }
 }
 
-/// The part of `columns` that is perpendicular to `known` and to each other, as
-/// orthonormal columns; those of which next to nothing is left are dropped.
+/// The part of `columns` that is orthogonal to `known` and to each other, as
+/// orthonormal columns; columns that nearly vanish are dropped.
 fn perpendicular(columns: &[DVector<f64>], known: &[DVector<f64>]) -> Vec<DVector<f64>> {
-    /// A smaller part that is new is rounding.
+    /// Smallest relative remainder that is not rounding.
     const NEW: f64 = 1e-6;
     let mut basis: Vec<DVector<f64>> = Vec::new();
     let mut given = 0;
@@ -140,12 +137,11 @@ fn perpendicular(columns: &[DVector<f64>], known: &[DVector<f64>]) -> Vec<DVecto
 }
 
 /// The directions in which a structure can move away from a smaller one: those
-/// of the parameters of its new effects, as far as the others cannot follow.
+/// of the parameters of its new effects, with all others projected out.
 struct Direction {
-    /// For each column, what each stretch of noise adds to its product.
+    /// For each column, the contribution of each block to its product with the noise.
     products: Vec<Vec<f64>>,
-    /// Whether there is one column, of a parameter that is on one side of its
-    /// neutral value only.
+    /// Whether there is one column, of a one-sided parameter.
     one_sided: bool,
 }
 
@@ -183,14 +179,13 @@ impl Direction {
         }
     }
 
-    /// The drop of the sum of squares (rad²) that noise with these signs gives.
+    /// The drop of the sum of squares (rad²) for noise with these signs.
     fn gain(&self, signs: &[f64]) -> f64 {
         self.products
             .iter()
             .map(|products| {
                 let along: f64 = products.iter().zip(signs).map(|(a, b)| a * b).sum();
-                // Residuals are simulated minus measured, and the sign of the noise
-                // is as likely as its opposite: either side will do.
+                // The noise is symmetric, so either side will do.
                 let along = if self.one_sided {
                     along.max(0.0)
                 } else {

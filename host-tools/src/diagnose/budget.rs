@@ -1,9 +1,9 @@
-//! A search that may not take as long as it needs.
+//! A budget for the search.
 //!
-//! Once the time is up no further fit is begun, and those under way are finished: the answer
-//! follows from whole fits. What was left undone is noted part by part, and the answer claims
-//! no more than the other parts allow: an effect is named only where every other one was tried
-//! as well, and `unexplained` is said only where nothing is left to try.
+//! Once the budget is spent no further fit starts, and running fits finish: the answer follows
+//! from complete fits. Parts of the search that were not done are noted, and the answer claims
+//! no more than the others allow. An effect is named only if every other one was tried as
+//! well, and the answer is `unexplained` only if nothing is left to try.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -13,31 +13,31 @@ use model_core::catalogue::Kind;
 use super::progress::spelled;
 use super::verdict::Answer;
 
-/// How much a search may do.
+/// The budget of a search.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Budget {
-    /// So much time. What is finished by then depends on the computer.
+    /// A time. What is finished by then depends on the computer.
     Time(Duration),
-    /// So many fits.
+    /// A number of fits.
     Fits(usize),
 }
 
-/// A part of a diagnosis that can be left undone.
+/// A part of a diagnosis that a budget can leave out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Part {
-    /// An effect alone: its fits, or its measurement on segments that were not fitted.
+    /// An effect alone: its fits, or its validation on held-out segments.
     Alone(Kind),
-    /// Effects at several horizons, any of them.
+    /// Effects at several horizons.
     Horizons,
     /// Combinations of effects, some or all.
     Combinations,
-    /// A table of what the effects leave.
+    /// A table of the remaining force.
     Table,
     /// Effects with zeros as they were calibrated.
     Calibrated,
-    /// All of it without a recording that does not belong.
-    WithoutOdd,
-    /// A run that would separate what remains.
+    /// Everything again without the outlying recording.
+    WithoutOutlier,
+    /// The next experiment.
     Experiment,
 }
 
@@ -51,7 +51,7 @@ impl Part {
         }
     }
 
-    /// As in the verdict.
+    /// The name in the verdict.
     const fn name(self) -> &'static str {
         match self {
             Self::Alone(kind) => kind.name(),
@@ -59,12 +59,12 @@ impl Part {
             Self::Combinations => "combinations",
             Self::Table => "table of what is left",
             Self::Calibrated => "zeros as calibrated",
-            Self::WithoutOdd => "without the odd recording",
+            Self::WithoutOutlier => "without the odd recording",
             Self::Experiment => "next experiment",
         }
     }
 
-    /// In a sentence.
+    /// The clause of a sentence.
     const fn clause(self) -> &'static str {
         match self {
             Self::Alone(_) => "not every effect was tried",
@@ -72,7 +72,7 @@ impl Part {
             Self::Combinations => "not every combination of effects was tried",
             Self::Table => "no table of what is left was tried",
             Self::Calibrated => "effects were not tried with zeros as calibrated",
-            Self::WithoutOdd => {
+            Self::WithoutOutlier => {
                 "nothing was tried again without the recording that behaves like another actuator"
             }
             Self::Experiment => "no run that would separate what remains was looked for",
@@ -80,17 +80,17 @@ impl Part {
     }
 }
 
-/// A search that its budget has ended.
+/// The end of a search by its budget.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Ended {
     /// The budget.
     pub budget: Budget,
-    /// What was left undone; never empty.
+    /// The parts that were not done; never empty.
     pub undone: BTreeSet<Part>,
 }
 
 impl Ended {
-    /// The effects that were not tried alone, or not to the end.
+    /// The effects that were not fully tried alone.
     pub fn kinds(&self) -> Vec<Kind> {
         let alone = |part: &Part| match part {
             Part::Alone(kind) => Some(*kind),
@@ -101,7 +101,7 @@ impl Ended {
 
     /// Whether something that was not tried could be the answer.
     pub fn is_open(&self) -> bool {
-        leaves(&self.undone) != Tried::Everything
+        leaves(&self.undone) != Coverage::Everything
     }
 
     /// Whether a part was left undone.
@@ -109,7 +109,7 @@ impl Ended {
         self.undone.contains(&part)
     }
 
-    /// What was left undone, as in the verdict.
+    /// The parts that were not done, as named in the verdict.
     pub fn not_tried(&self) -> Vec<String> {
         self.undone
             .iter()
@@ -117,7 +117,7 @@ impl Ended {
             .collect()
     }
 
-    /// What ended and what was not tried, in two sentences.
+    /// Two sentences: the budget and what was not tried.
     pub fn sentence(&self) -> String {
         let budget = match self.budget {
             Budget::Time(time) => format!("time of {}", spelled(time)),
@@ -145,9 +145,9 @@ impl Ended {
     }
 }
 
-/// What a search has tried for certain.
+/// How far a search got.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Tried {
+enum Coverage {
     /// Not every effect alone.
     Some,
     /// Every effect alone.
@@ -156,34 +156,34 @@ enum Tried {
     Everything,
 }
 
-fn leaves(undone: &BTreeSet<Part>) -> Tried {
+fn leaves(undone: &BTreeSet<Part>) -> Coverage {
     let is_single = |part: &Part| matches!(part, Part::Alone(_));
     if undone.iter().any(is_single) {
-        Tried::Some
+        Coverage::Some
     } else if [Part::Horizons, Part::Combinations, Part::Calibrated]
         .iter()
         .any(|part| undone.contains(part))
     {
-        Tried::Singles
+        Coverage::Singles
     } else {
-        Tried::Everything
+        Coverage::Everything
     }
 }
 
-/// The largest structures of which every one was tried.
+/// The largest size of which every structure was tried.
 pub fn tried_sizes(undone: &BTreeSet<Part>) -> usize {
     match leaves(undone) {
-        Tried::Some => 0,
-        Tried::Singles => 1,
-        Tried::Everything => usize::MAX,
+        Coverage::Some => 0,
+        Coverage::Singles => 1,
+        Coverage::Everything => usize::MAX,
     }
 }
 
-/// As much of an answer that names so many effects as what was tried allows.
+/// Limits an answer with `named` effects to what the finished parts support.
 pub fn as_far_as_tried(answer: Answer, named: usize, undone: &BTreeSet<Part>) -> Answer {
     let stands = match answer {
         Answer::EffectFound => named <= tried_sizes(undone),
-        Answer::ParametersOnly | Answer::Unexplained => leaves(undone) == Tried::Everything,
+        Answer::ParametersOnly | Answer::Unexplained => leaves(undone) == Coverage::Everything,
         Answer::NoDiscrepancy | Answer::CannotTell => true,
     };
     if stands { answer } else { Answer::CannotTell }

@@ -1,8 +1,8 @@
-//! Models with effects added, fitted.
+//! Candidates: the nominal structure with effects added, and fitted.
 //!
-//! A candidate is the nominal structure with one effect more. It is fitted by
-//! simulation from several starts: an effect and the base parameters trade off
-//! against each other, and a single start often ends in the wrong valley.
+//! A candidate is fitted from several initial guesses. An effect and the base parameters
+//! trade off against each other, so that a single guess often ends in the wrong local
+//! minimum.
 
 use model_core::actuator::{MAX_EFFECTS, Model, ParameterId};
 use model_core::catalogue::{Effect, Kind};
@@ -15,7 +15,7 @@ use crate::estimate::fit::{Effort, Fit, Fitter};
 use crate::estimate::smooth::motions;
 use crate::io::model_file::{ModelFile, parameter_name};
 
-/// A structure (which effects were added) with its fit.
+/// A structure (the effects added) with its fit.
 #[derive(Clone, Debug)]
 pub struct Candidate {
     /// Effects added to the nominal model, in the order of the model.
@@ -36,7 +36,7 @@ impl Candidate {
         }
     }
 
-    /// Names of the parameters that ended at the edge of the range that was searched.
+    /// Names of the parameters that ended at a bound of their search range.
     pub fn at_bound(&self) -> Vec<String> {
         let fit = &self.fit;
         fit.free
@@ -48,8 +48,8 @@ impl Candidate {
     }
 
     /// Whether an added effect ended as its special case: a parameter that the special
-    /// case has not is not told from the edge of its range, as Stribeck friction whose
-    /// peak at low rates may be none, which is Coulomb friction.
+    /// case lacks cannot be distinguished from a bound of its range. Example: Stribeck
+    /// friction without a peak at low rates is Coulomb friction.
     pub fn is_degenerate(&self) -> bool {
         let fit = &self.fit;
         let first = fit.model.effects().count() - self.added.len();
@@ -67,8 +67,8 @@ impl Candidate {
         })
     }
 
-    /// The added effects in the order of the catalogue: structures that differ
-    /// in order alone are the same.
+    /// The added effects in the order of the catalogue: structures that differ only in
+    /// order are the same.
     pub fn set(&self) -> Vec<Kind> {
         let mut set = self.added.clone();
         set.sort_unstable();
@@ -76,7 +76,7 @@ impl Candidate {
     }
 }
 
-/// The sizes that forces, angles and rates have in the recordings. Starts and
+/// Scales of forces, angles and rates in the recordings. Initial guesses and
 /// plausibility are relative to them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scales {
@@ -84,7 +84,7 @@ pub struct Scales {
     angle: f64,
     /// Spring force at the largest angle (N).
     force: f64,
-    /// Fastest rate measured (rad/s), but for the fastest hundredth.
+    /// 99th percentile of the measured rate (rad/s).
     rate: f64,
     /// Largest pressure (Pa).
     pressure: f64,
@@ -92,16 +92,16 @@ pub struct Scales {
     interval: f64,
     /// Duration of the longest session (s).
     duration: f64,
-    /// Frequencies (Hz) that stand out in what a fit leaves.
+    /// Spectral lines of the residual (Hz).
     lines: Vec<f64>,
 }
 
 impl Scales {
-    /// Takes the sizes from the nominal model and the recordings, and the
-    /// frequencies from what its refit leaves.
+    /// Takes the scales from the nominal model and the recordings, and the spectral lines
+    /// from the residual of the refit.
     pub fn of(fitter: &Fitter<'_>, refit: &Fit) -> Self {
         let d = fitter.nominal.dynamics();
-        let angle = fitter.data.reach().max(1e-3);
+        let angle = fitter.data.largest_angle().max(1e-3);
         let pressure = fitter
             .data
             .fitted()
@@ -131,20 +131,20 @@ impl Scales {
         }
     }
 
-    /// The size beyond which a parameter in SI units is implausible; none for
-    /// numbers that have no scale here. A time constant far beyond the longest
-    /// run is not seen as one: a creep that never ends is a spring.
+    /// The size beyond which a parameter (SI units) is implausible; none for parameters
+    /// without a scale here. A time constant far beyond the longest run is implausible: a
+    /// creep that never ends is a spring.
     pub fn plausible(&self, row: &Parameter) -> Option<f64> {
         match row.unit {
             Unit::Second => Some(self.duration),
-            // What a user gives a formula has the range that the user gives it.
+            // Parameters of a user's formula have the range that the user gives.
             Unit::One | Unit::Radian | Unit::Hertz | Unit::Given(_) => None,
             Unit::PerRadian => Some(3.0 / self.angle),
             _ => Some(self.size(row)),
         }
     }
 
-    /// The natural size of a parameter in SI units: what its starts multiply.
+    /// The natural scale of a parameter in SI units, which its initial guesses multiply.
     pub fn size(&self, row: &Parameter) -> f64 {
         match row.unit {
             Unit::Newton => self.force,
@@ -176,17 +176,17 @@ fn fastest_rate(fitter: &Fitter<'_>) -> f64 {
         .unwrap_or_default()
 }
 
-/// The frequencies (Hz) at which residuals stand out most from their
-/// surroundings. An oscillation of which a run shows twenty periods is only
-/// found from within a twentieth of its frequency, so fits have to start there.
+/// The spectral lines (Hz) of the residuals, relative to their surroundings. A fit finds
+/// an oscillation of twenty periods only from within a twentieth of its frequency, so it
+/// has to start there.
 fn spectral_lines(fitter: &Fitter<'_>, refit: &Fit) -> Vec<f64> {
-    /// Distance of the frequencies that are looked at (Hz).
+    /// Step of the frequencies (Hz).
     const STEP: f64 = 0.05;
-    /// Lines closer than this are one (Hz).
+    /// Least distance of two lines (Hz).
     const APART: f64 = 0.4;
     /// Frequencies on each side that make up the surroundings.
     const AROUND: usize = 24;
-    /// As many lines as fits can try.
+    /// Number of lines.
     const COUNT: usize = 4;
     let intervals: Vec<f64> = fitter
         .data
@@ -238,15 +238,15 @@ fn spectral_lines(fitter: &Fitter<'_>, refit: &Fit) -> Vec<f64> {
     }
     lines
         .into_iter()
-        .map(|line| sharpened(fitter, refit, line, STEP))
+        .map(|line| refined(fitter, refit, line, STEP))
         .collect()
 }
 
-/// A line within `width` (Hz) of a rough one, as sharp as whole sessions show it:
-/// an oscillation that goes on through all segments keeps its phase, and a fit
-/// finds it only from within a part of one period in the whole session.
-fn sharpened(fitter: &Fitter<'_>, refit: &Fit, rough: f64, width: f64) -> f64 {
-    /// Frequencies that are looked at for each that a session resolves.
+/// Refines a line within `width` (Hz) to the resolution of whole sessions: an oscillation
+/// keeps its phase through all segments, and a fit finds it only from within a part of one
+/// period over the whole session.
+fn refined(fitter: &Fitter<'_>, refit: &Fit, estimate: f64, width: f64) -> f64 {
+    /// Steps for each frequency that a session resolves.
     const FINER: f64 = 4.0;
     let data = fitter.data;
     let longest = data
@@ -272,15 +272,14 @@ fn sharpened(fitter: &Fitter<'_>, refit: &Fit, rough: f64, width: f64) -> f64 {
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     let count = (width / step).ceil() as usize;
     (0..=2 * count)
-        .map(|k| rough + (k as f64 - count as f64) * step)
+        .map(|k| estimate + (k as f64 - count as f64) * step)
         .filter(|frequency| *frequency > 0.0)
         .map(|frequency| (power(frequency), frequency))
         .max_by(|a, b| a.0.total_cmp(&b.0))
-        .map_or(rough, |(_, frequency)| frequency)
+        .map_or(estimate, |(_, frequency)| frequency)
 }
 
-/// An effect of the size at which fits start: what to reckon with before
-/// anything is known.
+/// An effect of typical size, at which fits start.
 pub fn typical(kind: Kind, scales: &Scales) -> Option<Effect<f64>> {
     let values: Vec<f64> = kind
         .parameters()
@@ -294,7 +293,7 @@ pub fn typical(kind: Kind, scales: &Scales) -> Option<Effect<f64>> {
     kind.build(&values)
 }
 
-/// A structure with one effect more, fitted to the end.
+/// A structure with one effect added, by a final fit.
 pub fn added(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Option<Candidate> {
     let predicted = predicted(context, base, kind)?;
     coarse_fit(context, &predicted).map(|candidate| final_fit(context, &candidate))
@@ -309,8 +308,8 @@ pub struct Untried {
     pub reason: &'static str,
 }
 
-/// The effects of the catalogue and of the user's `own` that the recordings can speak
-/// about, and the others with the reason why not.
+/// The applicable effects of the catalogue and of the user's `own`, and the others with
+/// the reason why they are not.
 pub fn applicable(
     nominal: &Model<f64>,
     own: &[Kind],
@@ -360,23 +359,23 @@ pub fn free_parameters(file: &ModelFile, added: &[Kind]) -> Vec<ParameterId> {
     free
 }
 
-/// What candidates are fitted to and from.
+/// The context of candidate fits: data, scales and progress.
 #[derive(Clone, Copy, Debug)]
 pub struct FitContext<'a> {
     /// The nominal model.
     pub file: &'a ModelFile,
     /// The recordings.
     pub fitter: &'a Fitter<'a>,
-    /// The same recordings in short pieces, to find starts; none where the
-    /// refitted model keeps in step with the recordings.
-    pub pieces: Option<&'a Fitter<'a>>,
-    /// A part of the recordings, to rank starts and candidates.
-    pub excerpt: &'a Fitter<'a>,
-    /// Sizes of forces, angles and rates.
+    /// The same recordings in short segments, for initial guesses; none if the
+    /// refitted model stays in phase with the recordings.
+    pub short_segments: Option<&'a Fitter<'a>>,
+    /// A subsample of the recordings, to rank initial guesses and candidates.
+    pub subsample: &'a Fitter<'a>,
+    /// Scales of forces, angles and rates.
     pub scales: &'a Scales,
-    /// Fits of an interrupted run, and where to keep further ones.
+    /// Kept fits, also of an interrupted run.
     pub checkpoint: &'a Checkpoint,
-    /// Where fits are counted.
+    /// Counts the fits.
     pub progress: &'a Progress,
 }
 
@@ -385,9 +384,9 @@ pub struct FitContext<'a> {
 pub struct Predicted {
     /// The effects, the new one last.
     pub added: Vec<Kind>,
-    /// The sum of squares (rad²) on the subsample after one step from the best start.
+    /// The sum of squares (rad²) on the subsample after one step from the best guess.
     pub sse: f64,
-    /// The initial guesses with the least.
+    /// The initial guesses with the least predicted SSE.
     starts: Vec<Model<f64>>,
 }
 
@@ -409,10 +408,10 @@ impl Predicted {
     }
 }
 
-/// The predicted SSE of one effect more, by a score test at each of its initial guesses. None
-/// if the model is full, or cannot be simulated with it.
+/// The predicted SSE of one further effect, by a score test at each of its initial guesses.
+/// None if the model is full, or cannot be simulated with the effect.
 pub fn predicted(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Option<Predicted> {
-    /// Starts from which it is worth going on.
+    /// Number of initial guesses to keep.
     const BEST: usize = 2;
     let file = context.file;
     if file.model.effects().count() + base.added.len() >= MAX_EFFECTS {
@@ -422,12 +421,14 @@ pub fn predicted(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Opti
     added.push(kind);
     let free = free_parameters(file, &added);
     let starts = starts(file, context.scales, base, kind);
-    let best = context.excerpt.promising(&starts.from_fitted, &free, BEST);
+    let best = context
+        .subsample
+        .promising(&starts.from_fitted, &free, BEST);
     let sse = best.first()?.0;
     let mut starts_on: Vec<Model<f64>> = best.into_iter().map(|(_, model)| model).collect();
-    // Where simulation and measurement are out of step, whole runs lead
-    // nowhere: the way is found on short pieces.
-    if let Some(pieces) = context.pieces
+    // Where simulation and measurement are out of phase, whole runs have too many
+    // local minima: short segments give the initial guesses.
+    if let Some(short_segments) = context.short_segments
         && !added.iter().any(|kind| remembers(*kind))
     {
         let anywhere = if base.added.is_empty() {
@@ -435,7 +436,7 @@ pub fn predicted(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Opti
         } else {
             starts.from_fitted.clone()
         };
-        let near = pieces.best_of(&anywhere, &free, Effort::Coarse);
+        let near = short_segments.best_of(&anywhere, &free, Effort::Coarse);
         starts_on.extend(near.map(|fit| fit.model));
     }
     Some(Predicted {
@@ -449,7 +450,7 @@ pub fn predicted(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Opti
 pub fn coarse_fit(context: &FitContext<'_>, predicted: &Predicted) -> Option<Candidate> {
     let _fit = context.progress.fit();
     let free = free_parameters(context.file, &predicted.added);
-    let fit = context.excerpt.best_of_kept(
+    let fit = context.subsample.best_of_kept(
         &predicted.starts,
         &free,
         Effort::Coarse,
@@ -458,7 +459,7 @@ pub fn coarse_fit(context: &FitContext<'_>, predicted: &Predicted) -> Option<Can
     Some(Candidate::of(predicted.added.clone(), fit))
 }
 
-/// Whether an effect depends on what happened before.
+/// Whether an effect has a memory.
 fn remembers(kind: Kind) -> bool {
     kind.info().place == Place::Input
         || kind
@@ -468,12 +469,12 @@ fn remembers(kind: Kind) -> bool {
             })
 }
 
-/// Fits a candidate on to the end from where it stands.
+/// The final fit of a candidate, from its coarse fit.
 pub fn final_fit(context: &FitContext<'_>, candidate: &Candidate) -> Candidate {
     let _fit = context.progress.fit();
     let free = free_parameters(context.file, &candidate.added);
     let all = context.fitter.data;
-    // Zeros go with the parameters, if the excerpt holds every session.
+    // Zeros go with the parameters, if the subsample holds every session.
     let guessed = (candidate.fit.nuisances.len() == all.sessions().len())
         .then(|| all.guessing(&candidate.fit.nuisances));
     let fitter = Fitter {
@@ -491,14 +492,13 @@ pub fn final_fit(context: &FitContext<'_>, candidate: &Candidate) -> Candidate {
     )
 }
 
-/// Where `base`, as it was fitted, can start with `kind` added.
+/// Initial guesses of the fitted `base` with `kind` added.
 pub fn starts_from(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Vec<Model<f64>> {
     starts(context.file, context.scales, base, kind).from_fitted
 }
 
-/// Where fits of `base` with `kind` added start: at every combination of the
-/// starts in the catalogue, with the base parameters as fitted without it and
-/// as nominal.
+/// Initial guesses of `base` with `kind` added: every combination of the catalogue's
+/// values, with the base parameters as fitted without the effect and as nominal.
 fn starts(file: &ModelFile, scales: &Scales, base: &Candidate, kind: Kind) -> Starts {
     let mut values: Vec<Vec<f64>> = vec![Vec::new()];
     for row in kind.parameters() {
@@ -509,7 +509,7 @@ fn starts(file: &ModelFile, scales: &Scales, base: &Candidate, kind: Kind) -> St
                 .starts
                 .iter()
                 .map(|start| f64::from(*start) * scales.size(row))
-                // A delay that is hardly there is a start as well.
+                // A very small delay is a guess as well.
                 .chain((kind.info().place == Place::Input).then_some(scales.interval))
                 .collect(),
         };
@@ -538,7 +538,7 @@ fn starts(file: &ModelFile, scales: &Scales, base: &Candidate, kind: Kind) -> St
     starts
 }
 
-/// Models from which a fit starts.
+/// Initial guesses of a fit.
 #[derive(Clone, Debug, Default)]
 struct Starts {
     /// With the base parameters as fitted without the effect.
@@ -557,9 +557,9 @@ impl Starts {
     }
 }
 
-/// The value at which a parameter is held: the catalogue's, but a sign is never
-/// smoothed more finely than the motion shows. Below a two-hundredth of its
-/// fastest rate a finer one changes nothing but the cost of the integration.
+/// The value at which a parameter is held: the catalogue's. But a smoothed sign function
+/// is no sharper than a two-hundredth of the fastest rate: a sharper one changes only the
+/// cost of the integration.
 fn held_value(row: &Parameter, held: f32, scales: &Scales) -> f64 {
     let held = f64::from(held);
     if row.unit == Unit::RadianPerSecond {
@@ -569,8 +569,8 @@ fn held_value(row: &Parameter, held: f32, scales: &Scales) -> f64 {
     }
 }
 
-/// Frees the held parameters of the added effects that have starts of their
-/// own (the tilt of gravity), one variant for each start.
+/// Frees the held parameters of the added effects that have initial guesses in the
+/// catalogue (the tilt of gravity), one variant per guess.
 pub fn released(context: &FitContext<'_>, candidate: &Candidate) -> Option<Candidate> {
     let first = context.file.model.effects().count();
     let mut free = candidate.fit.free.clone();

@@ -1,22 +1,22 @@
 //! From measurements to an answer: one pure function.
 //!
-//! Every structure that was fitted is a row of measurements ([`Scored`]); the constants
-//! are the [`Policy`]. Nothing is simulated or fitted here.
+//! Each fitted structure is a row of measurements ([`Scored`]); the constants are the
+//! [`Policy`]. Nothing is simulated or fitted here.
 //!
-//! 1. Of each size, structures that leave little more than the best of that size take
-//!    part; the one with the most evidence leads, unless its special case has nearly as
-//!    much or it ended as that. Two effects of one family are one cause by a better
-//!    formula: they repair, and are no name.
-//! 2. A larger structure replaces a smaller one if it leaves half of what remained and
+//! 1. Within each size, structures whose error is little larger than the least of that
+//!    size compete. The one with the most evidence leads, unless its special case has
+//!    nearly as much, or the fit ended as the special case. Two effects of one family are
+//!    one cause with a better formula: they repair the model but are not named.
+//! 2. A larger structure replaces a smaller one if it halves the remaining error and
 //!    brings evidence for each further effect.
-//! 3. What the leader closes of the error on segments that were not fitted is its
-//!    strength: it explains the error, or part of it, or nothing is named.
-//!    A trace that has overwhelming evidence is shown without a name.
-//! 4. A table of the named effect's own variable that leaves much less says that the
-//!    variable is right and the formula is not: the family is named ([`shaped`]).
-//! 5. Others with nearly as much evidence are rivals. Rivals of the same families as the
-//!    leader make a family the answer. If they differ, what all of them have in common is
-//!    named as far as it goes alone; else it is "cannot tell".
+//! 3. The leader's closure on held-out segments is its strength: it explains the error,
+//!    or part of it, or nothing is named. A trace with overwhelming evidence is shown
+//!    without a name.
+//! 4. If a table of the named effect's own variable leaves much less error, the variable
+//!    is right and the formula is not: the family is named ([`shaped`]).
+//! 5. Others with nearly as much evidence are rivals. If all rivals are of the leader's
+//!    families, the family is the answer. If they differ, the effects common to all of
+//!    them are named, if they could be named alone; otherwise the answer is "cannot tell".
 
 use model_core::catalogue::Kind;
 
@@ -25,12 +25,12 @@ use super::policy::Policy;
 use super::ranking::is_special_case;
 pub use super::verdict::{Closure, Strength};
 
-/// What was measured of one structure.
+/// The measurements of one structure.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scored {
     /// Its effects, in the order of the catalogue.
     pub kinds: Vec<Kind>,
-    /// How much of the error it closes.
+    /// Share of the error that it removes.
     pub closure: Closure,
     /// Share of the error that it leaves, fitted and held-out segments together.
     pub leaves: f64,
@@ -42,7 +42,7 @@ pub struct Scored {
     pub degenerate: bool,
 }
 
-/// What follows from the measurements; structures by their index.
+/// The decision from the measurements; structures by their index.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Decision {
     /// One structure is named.
@@ -52,13 +52,13 @@ pub enum Decision {
         /// How strongly.
         strength: Strength,
     },
-    /// Rivals that cannot be told apart, the best first.
+    /// Rivals that cannot be distinguished, best first.
     CannotTell {
         /// The rivals.
         rivals: Vec<usize>,
-        /// The families that all of them are of; empty if they differ.
+        /// The families that all rivals share; empty if they differ.
         families: Vec<Family>,
-        /// How strongly the best of them.
+        /// The strength of the best of them.
         strength: Strength,
     },
     /// Nothing is named.
@@ -107,8 +107,8 @@ pub fn decide(scored: &[Scored], policy: &Policy) -> Decision {
     }
 }
 
-/// What is left of a decision if structures of more effects than `tried` were not all
-/// measured: a larger one is named only as far as a smaller one within it could be by itself.
+/// Limits a decision if not all structures of more than `tried` effects were measured: of
+/// a larger structure, only a smaller one within it that could be named alone is named.
 pub fn as_far_as_tried(
     decision: Decision,
     scored: &[Scored],
@@ -147,10 +147,10 @@ pub fn as_far_as_tried(
     }
 }
 
-/// What becomes of a decision if a table of the named effect's own variable, beside the
-/// formula, leaves these shares of its error, fitted and held out: a right formula leaves
-/// nothing to a table. Where it does, the variable is right and the formula is not, and
-/// the family is named.
+/// Revises a decision by a table of the named effect's own variable, added beside the
+/// formula, that leaves the shares `left` of its error (fitted, held out). Beside a right
+/// formula a table gains nothing. Where it gains, the variable is right and the formula
+/// is not, and the family is named.
 pub fn shaped(decision: Decision, scored: &[Scored], left: [f64; 2], policy: &Policy) -> Decision {
     match decision {
         Decision::Named {
@@ -173,8 +173,8 @@ fn strength(row: &Scored, policy: &Policy) -> Strength {
     }
 }
 
-/// The structure of the effects that all rivals have in common, if it could be named by
-/// itself: what goes with it cannot be told, but it is missing.
+/// The structure of the effects common to all rivals, if it could be named alone: it is
+/// missing, although its companion cannot be told.
 fn in_all(scored: &[Scored], rivals: &[usize], policy: &Policy) -> Option<usize> {
     let (first, others) = rivals.split_first()?;
     let common: Vec<Kind> = scored[*first]
@@ -188,7 +188,7 @@ fn in_all(scored: &[Scored], rivals: &[usize], policy: &Policy) -> Option<usize>
     })
 }
 
-/// The structure that the evidence asks for; none if no effect has enough.
+/// The leading structure; none if no effect has enough evidence.
 fn leader(scored: &[Scored], policy: &Policy) -> Option<usize> {
     let largest = scored.iter().map(|row| row.kinds.len()).max()?;
     let mut chosen: Option<usize> = None;
@@ -217,8 +217,8 @@ fn leader(scored: &[Scored], policy: &Policy) -> Option<usize> {
     chosen
 }
 
-/// The structure of a size with the most evidence among those that leave little more
-/// than the best, or its special case.
+/// The structure of a size with the most evidence among those whose error is little
+/// larger than the least, or its special case.
 fn best_of_size(scored: &[Scored], size: usize, policy: &Policy) -> Option<usize> {
     let of_size = |row: &Scored| {
         row.kinds.len() == size && row.leaves.is_finite() && is_of_distinct_families(&row.kinds)
@@ -241,7 +241,7 @@ fn best_of_size(scored: &[Scored], size: usize, policy: &Policy) -> Option<usize
     special.or(Some(best))
 }
 
-/// The leader and the structures of its size that cannot be told from it, the most
+/// The leader and the structures of its size that cannot be distinguished from it, most
 /// evidence first.
 fn rivals(scored: &[Scored], leader: usize, policy: &Policy) -> Vec<usize> {
     let first = &scored[leader];

@@ -1,21 +1,21 @@
-//! How much the data speak for a structure when no structure is complete.
+//! Evidence for a structure when every structure is incomplete.
 //!
-//! What a fit leaves on a real rig is not white: something always remains, and it is
-//! correlated. Counting its samples as independent makes any formula that follows it a
-//! little "very strong evidence". So what remains is a process of its own, the
-//! model's discrepancy (Kennedy and O'Hagan, J. R. Stat. Soc. B 63, 2001): an
-//! Ornstein–Uhlenbeck process of unknown strength and correlation time, beside white
-//! noise. Its likelihood comes from a scalar Kalman filter in its steady state.
+//! On a real rig the residual of a fit is not white: some model error always remains, and
+//! it is correlated. If its samples counted as independent, any formula that follows it a
+//! little would have "very strong evidence". So the residual is modelled as a discrepancy
+//! (Kennedy and O'Hagan, J. R. Stat. Soc. B 63, 2001): an Ornstein–Uhlenbeck process of
+//! unknown variance and correlation time, plus white noise. Its likelihood comes from a
+//! scalar Kalman filter in steady state.
 
-/// Shares of the discrepancy's variance to that of the noise that are tried.
+/// Grid of the ratio of the discrepancy's variance to that of the noise.
 const RATIOS: [f64; 10] = [0.0, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 1000.0];
 
-/// Correlation times (in samples) that are tried.
+/// Grid of the correlation time (samples).
 const TIMES: [f64; 9] = [1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0, 10_000.0];
 
-/// −2 log L of residuals (rad), a series a segment, as the sum of an
-/// Ornstein–Uhlenbeck process and white noise, at the likeliest strength and
-/// correlation time and with the noise profiled out.
+/// −2 log L of residuals (rad), one series per segment, as the sum of an
+/// Ornstein–Uhlenbeck process and white noise, at the maximum-likelihood ratio and
+/// correlation time, with the noise profiled out.
 pub fn deviance(residuals: &[Vec<f64>]) -> f64 {
     let count = residuals.iter().map(Vec::len).sum::<usize>();
     if count == 0 {
@@ -33,8 +33,7 @@ pub fn deviance(residuals: &[Vec<f64>]) -> f64 {
     best
 }
 
-/// −2 log L at one strength (variance over that of the noise) and correlation time
-/// (samples).
+/// −2 log L at one ratio of the variances and one correlation time (samples).
 fn at(residuals: &[Vec<f64>], ratio: f64, time: f64, count: f64) -> f64 {
     let decay = (-1.0 / time).exp();
     let growth = ratio * (1.0 - decay * decay);

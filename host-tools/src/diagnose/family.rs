@@ -1,14 +1,13 @@
-//! Families of effects: what may be named where members cannot be told apart.
+//! Families of effects: the answer where their members cannot be distinguished.
 //!
-//! A real friction is neither Coulomb's nor Dahl's formula, and a lab that learns "dry
-//! friction" knows what to look at. So effects that do the same to an actuator have a
-//! name in common, which is as strong a statement as the recordings allow.
+//! Real friction follows neither Coulomb's nor Dahl's formula, and "dry friction" is enough
+//! to know what to look at. So effects that act alike on an actuator share a family name.
 
 use std::fmt;
 
 use model_core::catalogue::Kind;
 
-/// Effects that do the same to an actuator by different formulas.
+/// Effects that act alike on an actuator, by different formulas.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Family {
     /// A force by the direction of motion.
@@ -35,15 +34,14 @@ pub enum Family {
     Periodic,
     /// A second oscillation beside the first.
     SecondMode,
-    /// An effect with a formula of a user's own, who says no family: by its name.
+    /// An effect with a user's formula and no family: by its name.
     Own(&'static str),
-    /// What belongs to no family.
+    /// No family.
     Other,
 }
 
 impl Family {
-    /// The families that effects of the catalogue belong to, and that one with a formula
-    /// can be said to belong to.
+    /// The families of the catalogue's effects, which a user's formula can also name.
     pub const NAMED: [Self; 12] = [
         Self::DryFriction,
         Self::Play,
@@ -134,7 +132,7 @@ impl fmt::Display for Family {
     }
 }
 
-/// The name of families together: "dry friction + stiffness shape".
+/// The joint name of several families: "dry friction + stiffness shape".
 pub fn title(families: &[Family]) -> String {
     let names: Vec<String> = families.iter().map(ToString::to_string).collect();
     names.join(" + ")

@@ -1,8 +1,8 @@
-//! What is missing where something always remains.
+//! Grades structures by what they explain, where some model error always remains.
 //!
 //! On a real rig no structure leaves only noise. Structures are fitted at several
-//! horizons, measured, and decided by what they explain: the single effects first, then
-//! the best of them with each other effect.
+//! horizons and measured, and what they explain decides: single effects first, then the
+//! best of them with each other effect.
 
 use std::collections::BTreeSet;
 
@@ -14,49 +14,48 @@ use super::budget::{Part, tried_sizes};
 use super::candidates::{Candidate, FitContext, coarse_fit, final_fit};
 use super::decide::{Decision, Scored, as_far_as_tried, decide, shaped};
 use super::levels::{Estimate, Levels};
-use super::measure::{Baseline, Measured, Ruler, closed};
+use super::measure::{Baseline, MeasureContext, Measured, closed};
 use super::noise::NoiseFloor;
 use super::pairs;
 use super::policy::{Exact, Policy};
-use super::selection::{RIVALS_PLANNED, RIVALS_SHOWN, Selection, Tried, names};
+use super::selection::{FittedStructure, RIVALS_PLANNED, RIVALS_SHOWN, Selection, names};
 use super::tables;
 use super::validation::CrossValidator;
 use super::verdict::{Alternative, Answer};
 use crate::estimate::fit::Fit;
 
-/// Structures to which another effect is added, at each size.
+/// Number of structures of each size to which another effect is added.
 const LEADS: usize = 2;
 
-/// What the measurements came to.
+/// The graded structures and the decision.
 pub struct Graded {
-    /// What follows from them.
+    /// The decision.
     pub decision: Decision,
     /// Every structure that was measured.
     pub measured: Vec<Measured>,
 }
 
-/// The model to go on with.
+/// The repaired model.
 struct Repaired {
     candidate: Candidate,
-    /// Where it has a table, the shares of the error that this left of what the formulas
-    /// beside it had left: fitted, held out.
+    /// If it has a table, the shares of the formulas' error that are left with the table:
+    /// fitted, held out.
     table_leaves: Option<[f64; 2]>,
 }
 
-/// Pairs that are fitted for the least predicted SSE of the two together: some help only beside
-/// each other.
+/// Number of pairs that are fitted for their predicted SSE: some effects help only together.
 const JOINED: usize = 4;
 
-/// Folds in which segments are left out while structures are measured.
+/// Folds of the cross-validation while structures are measured.
 const FOLDS: usize = 4;
 
-/// Combinations that are fitted to everything by output error, in case one leaves only
+/// Number of combinations with a final fit by output error, in case one leaves only
 /// noise.
 const FINISHED: usize = 3;
 
 impl Graded {
-    /// Whether any structure may leave only noise once it is fitted to the end: then the
-    /// exact formulas decide.
+    /// Whether any structure may leave only noise after its final fit: then the exact
+    /// formulas decide.
     pub fn may_leave_noise(&self, floor: &NoiseFloor) -> bool {
         let Some(best) = self.nearest() else {
             return true;
@@ -66,7 +65,7 @@ impl Graded {
         left <= Exact::STANDARD.may_leave * floor.rms.hypot(floor.input)
     }
 
-    /// The structure that leaves least by output error.
+    /// The structure with the least output error.
     fn nearest(&self) -> Option<&Measured> {
         let left = |row: &Measured| row.estimate.fits.last().map_or(f64::INFINITY, Fit::sse);
         self.measured
@@ -74,14 +73,14 @@ impl Graded {
             .min_by(|a, b| left(a).total_cmp(&left(b)))
     }
 
-    /// The same, if its residuals are those of a simulation.
+    /// The same structure, if its residuals are those of a simulation.
     pub fn simulated(&self) -> Option<&Candidate> {
         self.nearest()
             .map(|row| &row.candidate)
             .filter(|candidate| candidate.level.is_none())
     }
 
-    /// The combinations that leave least by output error, fitted to everything.
+    /// The combinations with the least output error, by final fits.
     pub fn finished(&self, context: &FitContext<'_>) -> Vec<Candidate> {
         let mut rows: Vec<(f64, &Measured)> = self
             .measured
@@ -106,8 +105,8 @@ impl Graded {
             .collect()
     }
 
-    /// The findings: names as far as they are earned, and the model that predicts best
-    /// where it was not fitted.
+    /// The selection: the named effects, and the model that predicts held-out segments
+    /// best.
     pub fn selection(
         mut self,
         context: &FitContext<'_>,
@@ -122,7 +121,7 @@ impl Graded {
         context
             .progress
             .stage("validation of the augmented model", 0);
-        // Of rivals, what predicts best is written.
+        // Of rivals, the best predictor is written.
         let representative = match &self.decision {
             Decision::CannotTell { rivals, .. } => {
                 let leaves = |row: &usize| self.measured[*row].scored.leaves;
@@ -204,9 +203,9 @@ impl Graded {
         }
     }
 
-    /// The model to go on with: the first structure of the answer, or one that adds to it
-    /// and leaves clearly less; where nothing is named, the one that leaves least. The
-    /// refit where none predicts better what was not fitted.
+    /// The repaired model: the first structure of the answer, or a larger one that contains
+    /// it and leaves clearly less error. If nothing is named, the structure with the least
+    /// error. The refit if none predicts held-out segments better.
     fn repaired(
         &self,
         context: &FitContext<'_>,
@@ -246,7 +245,7 @@ impl Graded {
             .then(|| tables::with_table(context, &by_name))
             .flatten()
             .filter(|with_table| error(with_table) <= enough)
-            // Whole runs alone would let it spoil what is predicted a swing ahead.
+            // Over whole runs alone it could spoil the prediction one swing ahead.
             .filter(|with_table| {
                 let closes = closed(validator, &by_name, with_table);
                 closes.overall >= 1.0 - policy.adds_to_repair
@@ -266,13 +265,13 @@ impl Graded {
         }
     }
 
-    /// Every structure that was measured, and those of a size as alternatives by their
+    /// Every measured structure, and those of the leader's size as alternatives by
     /// evidence.
     fn standings(
         &self,
         first: Option<usize>,
         size: usize,
-    ) -> (Vec<Tried>, Vec<(usize, Alternative)>) {
+    ) -> (Vec<FittedStructure>, Vec<(usize, Alternative)>) {
         let policy = &Policy::STANDARD;
         let best = |size: usize| {
             self.measured
@@ -290,7 +289,7 @@ impl Graded {
                 _ => best(size),
             };
             let margin = policy.rival_least.max(policy.rival_share * most);
-            // At the margin a rival is a twentieth as probable.
+            // At the limit a rival is a twentieth as probable.
             let behind = (most - row.scored.evidence).max(0.0);
             (behind, (-behind / margin * 20f64.ln()).exp())
         };
@@ -312,12 +311,12 @@ impl Graded {
             let kinds = &row.scored.kinds;
             let (behind, weight) = weight(row);
             let probability = weight / totals[kinds.len() - 1];
-            tried.push(Tried {
+            tried.push(FittedStructure {
                 kinds: row.estimate.added.clone(),
                 rmse: row.estimate.fits.last().map_or(f64::INFINITY, Fit::rmse),
                 held_out: Some((row.held_out.full, row.scored.closure.overall)),
                 delta_bic: behind,
-                separation: 0.0,
+                vuong_statistic: 0.0,
                 probability,
                 rejected: first != Some(index) && !rivals.contains(&index),
                 at_bound: row.candidate.at_bound(),
@@ -341,8 +340,8 @@ impl Graded {
     }
 }
 
-/// A structure as it is shown and written: fitted to the end by output error, or as it
-/// was fitted at a shorter horizon, with the residuals of a simulation.
+/// A structure as shown and written: by a final output-error fit, or as fitted at a
+/// shorter horizon, with the residuals of a simulation.
 fn everything(context: &FitContext<'_>, row: &Measured) -> Candidate {
     let mut candidate = row.candidate.clone();
     if candidate.level.is_none() {
@@ -354,7 +353,8 @@ fn everything(context: &FitContext<'_>, row: &Measured) -> Candidate {
     candidate
 }
 
-/// Measures single effects and pairs, and decides; none if nothing could be measured.
+/// Measures single effects and combinations, and decides; none if nothing could be
+/// measured.
 pub fn graded(
     context: &FitContext<'_>,
     validator: &CrossValidator<'_>,
@@ -372,20 +372,20 @@ pub fn graded(
     let in_turn = validator
         .in_turn()
         .then(|| CrossValidator::with_folds(context.file, context.fitter, floor.input, FOLDS));
-    let ruler = Ruler {
+    let measuring = MeasureContext {
         levels: &levels,
-        excerpt: context.excerpt,
+        subsample: context.subsample,
         fitter: context.fitter,
         validator: in_turn.as_ref().unwrap_or(validator),
         noise,
         policy,
     };
     progress.step("validation", base.fits.len());
-    let baseline = ruler.baseline(base.clone())?;
+    let baseline = measuring.baseline(base.clone())?;
     let screened = vec![0, levels.output_error().saturating_sub(1)];
     let mut search = Search {
         levels: &levels,
-        ruler: &ruler,
+        measuring: &measuring,
         baseline: &baseline,
         kinds,
         measured: Vec::new(),
@@ -420,14 +420,14 @@ pub fn graded(
 /// A search under way.
 struct Search<'a> {
     levels: &'a Levels<'a>,
-    ruler: &'a Ruler<'a>,
+    measuring: &'a MeasureContext<'a>,
     baseline: &'a Baseline,
     kinds: &'a [Kind],
     measured: Vec<Measured>,
 }
 
 impl Search<'_> {
-    /// Adds what each base becomes with one effect more.
+    /// Extends each base by one further effect.
     fn extend(&mut self, bases: &[(&Estimate, Vec<usize>)], coarse: &[Candidate]) {
         let known: BTreeSet<Vec<Kind>> = self
             .measured
@@ -435,14 +435,14 @@ impl Search<'_> {
             .map(|row| row.scored.kinds.clone())
             .collect();
         let found = self.levels.extended(bases, self.kinds, coarse, &known);
-        // What leaves hardly less than a single effect will neither be named nor repair.
+        // A structure hardly better than a single effect is neither named nor a repair.
         let single = self
             .measured
             .iter()
-            .map(|row| row.leaves_roughly)
+            .map(|row| row.leaves_on_subsample)
             .fold(f64::INFINITY, f64::min);
-        let most = self.ruler.policy.worth_writing * single;
-        let measured = self.ruler.measure(self.baseline, found, most);
+        let most = self.measuring.policy.worth_writing * single;
+        let measured = self.measuring.measure(self.baseline, found, most);
         self.measured.extend(measured);
     }
 
@@ -456,8 +456,8 @@ impl Search<'_> {
         rows
     }
 
-    /// The structures of a size that leave least, and the one with the most evidence:
-    /// with the levels at which their partners are screened.
+    /// The structures of a size with the least error, and the one with the most evidence,
+    /// with the levels at which further effects are screened.
     fn leads(&self, size: usize) -> Vec<(Estimate, Vec<usize>)> {
         let rows = self.of_size(size);
         let mut leads: Vec<&Measured> = rows.iter().take(LEADS).copied().collect();
@@ -481,9 +481,9 @@ impl Search<'_> {
             .collect()
     }
 
-    /// Whether the best of a size leaves hardly more than the noise.
+    /// Whether the best structure of a size leaves hardly more than the noise.
     fn leaves_noise(&self, size: usize, noise: f64) -> bool {
-        /// Times the noise.
+        /// Multiple of the noise.
         const HARDLY_MORE: f64 = 1.1;
         self.of_size(size)
             .first()

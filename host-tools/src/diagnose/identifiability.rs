@@ -1,39 +1,39 @@
-//! Which parameters the recordings determine, and which they do not.
+//! Practical identifiability: which parameters the recordings determine.
 //!
-//! The Jacobian of the simulated angle by *relative* changes of the parameters
-//! has a small singular value for every combination that can move unnoticed.
-//! Such a direction is named. Where nothing at all determines it (the scale of
-//! the inertia, if everything is free), one of its parameters is held at its
-//! nominal value, which is said as well: a fit would only return its start.
+//! The Jacobian of the simulated angle by *relative* changes of the parameters has a small
+//! singular value for each practically unidentifiable direction, and that direction is
+//! reported. Where nothing at all determines it (the scale of the inertia, if everything
+//! is free), one of its parameters is held at its nominal value, which is reported too: a
+//! fit would only return its initial guess.
 //!
-//! Never seen at all, and not tried: the sensor's gain, which stiffness,
-//! damping and input gain absorb, and the scale of the inertia.
+//! Two quantities are never identifiable and not tried: the gain of the angle sensor,
+//! which stiffness, damping and input gain absorb, and the scale of the inertia.
 
 use model_core::actuator::ParameterId;
 
 use super::candidates::Candidate;
-use crate::estimate::fit::{Effort, Fit, Fitter, FlatDirection};
+use crate::estimate::fit::{Effort, Fit, Fitter, UnidentifiableDirection};
 use crate::io::model_file::{ModelFile, parameter_name};
 
-/// Beyond this relative standard error nothing determines a direction.
+/// Relative standard error from which a direction counts as undetermined.
 const NOTHING_DETERMINES: f64 = 100.0;
 
-/// What is wrong with how well parameters are determined.
+/// Problems of identifiability.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Identifiability {
-    /// Combinations that could move by more than half their size unnoticed.
-    pub flat: Vec<FlatDirection>,
-    /// Parameters that ended at the edge of the range that was searched.
+    /// Practically unidentifiable directions.
+    pub unidentifiable: Vec<UnidentifiableDirection>,
+    /// Parameters that ended at a bound of their search range.
     pub at_bound: Vec<ParameterId>,
-    /// Parameters that were held at their nominal value, since nothing
-    /// determines them beside the others.
+    /// Parameters that were held at their nominal value because the recordings do not
+    /// determine them beside the others.
     pub held: Vec<ParameterId>,
     /// All of it in sentences.
     pub text: Vec<String>,
 }
 
 impl Identifiability {
-    /// Looks at a finished fit; `held` were taken out of it before.
+    /// Examines a final fit, in which `held` were not free.
     pub fn of(fit: &Fit, held: &[ParameterId]) -> Self {
         let at_bound: Vec<ParameterId> = fit
             .free
@@ -42,9 +42,9 @@ impl Identifiability {
             .filter(|(index, _)| fit.at_bound(*index))
             .map(|(_, &id)| id)
             .collect();
-        let mut flat = fit.flat_directions();
-        // A parameter at its bound is flat in the solver's coordinate only.
-        flat.retain(|direction| {
+        let mut unidentifiable = fit.unidentifiable_directions();
+        // At a bound the slope of the transform is zero, whatever the recordings say.
+        unidentifiable.retain(|direction| {
             direction
                 .shares
                 .first()
@@ -58,7 +58,7 @@ impl Identifiability {
                 name(id)
             ));
         }
-        for direction in &flat {
+        for direction in &unidentifiable {
             let names: Vec<String> = direction.shares.iter().map(|&(id, _)| name(id)).collect();
             text.push(match names.as_slice() {
                 [only] => format!("{only} is hardly determined by these recordings"),
@@ -75,7 +75,7 @@ impl Identifiability {
             ));
         }
         Self {
-            flat,
+            unidentifiable,
             at_bound,
             held: held.to_vec(),
             text,
@@ -83,17 +83,17 @@ impl Identifiability {
     }
 }
 
-/// Fits the nominal structure and holds, one by one, parameters that nothing
-/// determines. Returns the fit, and the model file with what may still move.
+/// Fits the nominal structure and holds, one by one, undetermined parameters. Returns the
+/// fit, and the model file with the parameters that are still free.
 pub fn refit(file: &ModelFile, fitter: &Fitter<'_>) -> (Candidate, ModelFile, Identifiability) {
     let mut file = file.clone();
     let mut held = Vec::new();
     loop {
         let fit = fitter.fit(&file.model, &file.free, Effort::Full);
         let undetermined = Identifiability::of(&fit, &held)
-            .flat
+            .unidentifiable
             .into_iter()
-            .filter(|direction| direction.reach > NOTHING_DETERMINES)
+            .filter(|direction| direction.standard_error > NOTHING_DETERMINES)
             .find_map(|direction| worst(&direction));
         match undetermined {
             Some(id) if file.free.len() > 1 => {
@@ -109,9 +109,9 @@ pub fn refit(file: &ModelFile, fitter: &Fitter<'_>) -> (Candidate, ModelFile, Id
     }
 }
 
-/// The parameter to hold: the inertia where it takes part, since the scale of
-/// everything else hangs on it; otherwise the one that moves most.
-fn worst(direction: &FlatDirection) -> Option<ParameterId> {
+/// The parameter to hold: the inertia if it is involved, since it scales everything else;
+/// otherwise the one with the largest share.
+fn worst(direction: &UnidentifiableDirection) -> Option<ParameterId> {
     let ids = || direction.shares.iter().map(|&(id, _)| id);
     ids()
         .find(|id| *id == ParameterId::Inertia)

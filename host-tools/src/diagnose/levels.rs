@@ -1,12 +1,12 @@
-//! Structures fitted at several prediction horizons.
+//! Fits structures at several prediction horizons.
 //!
-//! Output error finds what is slow and loses its way where small forces add up; short
-//! horizons find what is fast. So a structure is fitted at four levels of one filter
-//! ([`crate::estimate::filter`]), and each level may start where the next shorter one
-//! ended: a valley that a long horizon cannot see from afar is broad over a short one.
+//! Output error shows slow effects, but has many local minima where small disturbances
+//! add up; short horizons show fast effects. So a structure is fitted at four levels of
+//! one filter ([`crate::estimate::filter`]). Each level may start from the result of the
+//! next shorter one, whose minimum is wider.
 //!
-//! Screening goes two steps from the best start of every effect at three levels; the
-//! best few of each level are fitted through all levels.
+//! Screening makes two steps from the best initial guess of every effect at three levels.
+//! The best few of each level are fitted at all levels.
 
 use std::collections::BTreeSet;
 
@@ -19,7 +19,7 @@ use super::candidates::{Candidate, FitContext, free_parameters, starts_from};
 use crate::estimate::filter::{Level, Pace, levels};
 use crate::estimate::fit::{Effort, Fit, Fitter};
 
-/// Structures that are fitted through all levels, of each level they were screened at.
+/// Number of structures per screened level that are fitted at all levels.
 const KEPT: usize = 5;
 
 /// Steps of a screening fit.
@@ -28,7 +28,7 @@ const SCREENED: Effort = Effort::Steps(2);
 /// Steps of a fit at a level.
 const FITTED: Effort = Effort::Steps(8);
 
-/// Steps by output error, whose residual is what evidence is taken from.
+/// Steps by output error, whose residual gives the evidence.
 const FITTED_BY_OUTPUT_ERROR: Effort = Effort::Steps(25);
 
 /// A structure as fitted at every level.
@@ -54,19 +54,19 @@ struct Task<'a> {
     level: usize,
 }
 
-/// A structure to fit through all levels.
+/// A structure to fit at all levels.
 struct Chosen<'a> {
     added: Vec<Kind>,
-    /// What it extends, if it was found by extending.
+    /// The base that it extends, if any.
     base: Option<&'a Estimate>,
-    /// Where it starts at each level, as far as it was screened there.
+    /// Its initial guess at each level at which it was screened.
     starts: Vec<Option<Model<f64>>>,
 }
 
 /// Fits structures at every level, on the subsample of a fit context.
 pub struct Levels<'a> {
     pub(super) context: FitContext<'a>,
-    /// From the shortest horizon to output error, which is none.
+    /// From the shortest horizon to output error (none).
     horizons: Vec<Option<Level>>,
     /// The pace of the recorded motion.
     pub pace: Pace,
@@ -76,9 +76,9 @@ impl<'a> Levels<'a> {
     /// Chooses the levels by the refit of the nominal structure; `noise` is that of the
     /// angle (rad).
     pub fn of(context: FitContext<'a>, refit: &Candidate, noise: f64) -> Self {
-        let data = context.excerpt.data;
+        let data = context.subsample.data;
         let pace = Pace::of(context.fitter.data);
-        let compared = context.excerpt.compare(&refit.fit.model);
+        let compared = context.subsample.compare(&refit.fit.model);
         let chosen = levels(&refit.fit.model, data, &compared.nuisances, noise, pace);
         Self {
             context,
@@ -104,7 +104,7 @@ impl<'a> Levels<'a> {
     }
 
     fn fitter(&self, level: usize) -> Fitter<'_> {
-        self.context.excerpt.at(self.horizons[level].as_ref())
+        self.context.subsample.at(self.horizons[level].as_ref())
     }
 
     /// The nominal structure at every level.
@@ -117,7 +117,7 @@ impl<'a> Levels<'a> {
             let _fit = self.context.progress.fit();
             let mut starts = vec![self.context.file.model, refit.fit.model];
             starts.extend(fits.last().map(|shorter| shorter.model));
-            // What evidence is counted from must not be half-way.
+            // The reference of the evidence must be converged.
             let fitter = self.fitter(level);
             fits.push(fitter.best_of_kept(&starts, free, Effort::Full, self.context.checkpoint)?);
         }
@@ -127,9 +127,9 @@ impl<'a> Levels<'a> {
         })
     }
 
-    /// Bases with one effect more: screened at the levels `at`, the best fitted through
-    /// all of them. Coarse fits by output error stand for a screening at that level.
-    /// Structures in `known` are left out.
+    /// Extends bases by one effect: screened at the levels `at`, the best fitted at all
+    /// levels. Coarse fits by output error replace a screening at that level. Structures
+    /// in `known` are skipped.
     pub fn extended<'b>(
         &self,
         bases: &[(&'b Estimate, Vec<usize>)],
@@ -195,7 +195,7 @@ impl<'a> Levels<'a> {
             .collect()
     }
 
-    /// The best start of an effect at a level, two steps on.
+    /// The best initial guess of an effect at a level, after two steps.
     fn screened(&self, task: &Task<'_>) -> Option<(f64, Model<f64>)> {
         let added = appended(&task.base.added, task.kind);
         self.has_time_for(&added)?;
@@ -223,8 +223,8 @@ impl<'a> Levels<'a> {
         best.into_iter().next().map(|(_, model)| model)
     }
 
-    /// Fits a structure at every level, from its own start there and from the next
-    /// shorter level's result.
+    /// Fits a structure at every level, from its own initial guess there and from the
+    /// result of the next shorter level.
     fn through_levels(&self, chosen: &Chosen<'_>) -> Option<Estimate> {
         let Chosen {
             added,
@@ -259,8 +259,8 @@ impl<'a> Levels<'a> {
         })
     }
 
-    /// A structure fitted to everything at one level, with what is known of its
-    /// parameters; from where the fit to the subsample stands.
+    /// A structure fitted to everything at one level, with the information about its
+    /// parameters, from the fit to the subsample.
     pub fn candidate(&self, estimate: &Estimate, level: usize) -> Candidate {
         let _fit = self.context.progress.fit();
         let chosen = self.level(level);
@@ -275,8 +275,8 @@ impl<'a> Levels<'a> {
         let kept = self.context.checkpoint;
         let mut fit = fitter.fit_kept(&start.model, &start.free, FITTED, kept);
         let whole = self.context.fitter;
-        let thinned = self.context.excerpt.data.samples() < data.samples();
-        // At a short horizon thinned samples are other data: the better simulation counts.
+        let thinned = self.context.subsample.data.samples() < data.samples();
+        // At a short horizon thinned samples are different data: the better simulation counts.
         if chosen.is_some()
             && thinned
             && whole.compare(&start.model).sse() < whole.compare(&fit.model).sse()

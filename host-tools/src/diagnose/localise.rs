@@ -1,12 +1,11 @@
-//! Where the gap lives: the missing force, and what it goes with.
+//! Localises the model error: which feature of the motion the missing force goes with.
 //!
-//! [`super::smoother`] estimates the force that is missing at every instant.
-//! Here it is set against everything that it could go with: angle, rate, its
-//! sign, pressure and its rate, the time since the last edge of the command,
-//! the time in the run, the largest angle so far, and the run itself. What
-//! counts is the share of its variance that its mean over bins of a feature
-//! explains, beyond what bins of pure noise would. It is a picture for people,
-//! not the basis of the verdict: that comes from simulating candidates.
+//! [`super::smoother`] estimates the missing force at every instant. Here its dependence
+//! on features is measured: angle, rate and its sign, pressure and its rate, the time
+//! since the last edge of the command, the time in the run, the largest angle so far, and
+//! the run itself. The measure is the share of the force's variance that its means over
+//! bins of a feature explain, beyond the share for pure noise. It illustrates the verdict
+//! and does not decide it: candidates are simulated for that.
 
 use std::ops::Range;
 
@@ -24,11 +23,10 @@ const BINS: usize = 16;
 /// Bins of a map along each axis.
 const MAP_BINS: usize = 12;
 
-/// Samples of a feature that are kept to be drawn as dots.
+/// Samples of a feature that are drawn as dots.
 const DOTS: usize = 300;
 
-/// A feature of the motion and the share of the missing force that goes with
-/// it.
+/// A feature of the motion, with the share of the missing force that it explains.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Feature {
     /// Name, as in the catalogue's signatures.
@@ -37,11 +35,11 @@ pub struct Feature {
     pub unit: &'static str,
     /// Share of the variance of the missing force, 0 to 1.
     pub share: f64,
-    /// One sentence about it.
+    /// A sentence about it.
     pub text: String,
-    /// The missing force over the feature.
+    /// The missing force as a function of the feature.
     pub curve: Vec<CurvePoint>,
-    /// Some single samples: the feature, and the missing force (N).
+    /// Some samples: the feature and the missing force (N).
     pub dots: Vec<(f64, f64)>,
 }
 
@@ -52,19 +50,19 @@ pub struct CurvePoint {
     pub at: f64,
     /// Mean of the force (N).
     pub force: f64,
-    /// Scatter of the force in the bin (N).
-    pub scatter: f64,
+    /// Standard deviation of the force in the bin (N).
+    pub standard_deviation: f64,
     /// Samples in the bin.
     pub samples: usize,
 }
 
-/// The missing force over two features: what is shown where no name is given.
+/// The missing force over two features, shown where nothing is named.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ForceMap {
     /// The features and the edges of their bins; the first lies across.
     pub axes: [MapAxis; 2],
-    /// Mean force (N) in each bin, one row for each bin of the first feature;
-    /// none where the motion hardly ever was.
+    /// Mean force (N) in each bin, one row per bin of the first feature; none for bins
+    /// with too few samples.
     pub force: Vec<Vec<Option<f64>>>,
 }
 
@@ -79,25 +77,25 @@ pub struct MapAxis {
     pub edges: Vec<f64>,
 }
 
-/// Everything about the missing force.
+/// The missing force and its features.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Gap {
-    /// Features, the one that explains most first.
+    /// Features, strongest first.
     pub features: Vec<Feature>,
-    /// What a person would write under the pictures.
+    /// The caption of the pictures.
     pub sentences: Vec<String>,
     /// Motion and missing force of each recording.
     pub runs: Vec<ForceSeries>,
-    /// The missing force over the state, angle and rate, and over time, since
-    /// the last edge of the command and in the run.
+    /// Maps of the missing force over angle and rate, and over the time since the last
+    /// edge of the command and the time in the run.
     pub maps: [ForceMap; 2],
     /// RMS of the missing force (N).
     pub rms: f64,
-    /// The largest force in these runs that the model knows (N).
+    /// The largest force of the model in these runs (N).
     pub known: f64,
 }
 
-/// One sample of the motion with the force that is missing there.
+/// One sample of the motion with the missing force.
 struct Sample {
     force: f64,
     features: [f64; NAMES.len()],
@@ -124,10 +122,9 @@ const SIGN: usize = 2;
 const SINCE_EDGE: usize = 5;
 const IN_RUN: usize = 6;
 
-/// Estimates the force that a fitted model lacks and what it goes with; `noise`
-/// is the standard deviation of the measured angle (rad). Sessions are smoothed
-/// whole, without the zeros in `nuisances`; what is looked at are their fitted
-/// segments.
+/// Estimates the missing force of a fitted model and its features; `noise` is the
+/// standard deviation of the measured angle (rad). Sessions are smoothed whole, with the
+/// zeros in `nuisances` subtracted; features are taken from their fitted segments.
 pub fn localise(model: &Model<f64>, data: &Dataset, nuisances: &[Nuisance], noise: f64) -> Gap {
     let sessions: Vec<Recording> = data
         .sessions()
@@ -141,7 +138,7 @@ pub fn localise(model: &Model<f64>, data: &Dataset, nuisances: &[Nuisance], nois
         noise: noise.max(1e-6),
         force: known,
     };
-    let walk = smoother.likeliest_walk(&sessions);
+    let intensity = smoother.likeliest_intensity(&sessions);
     let mut runs: Vec<ForceSeries> = Vec::new();
     let mut all: Vec<Sample> = Vec::new();
     for (index, recording) in sessions.iter().enumerate() {
@@ -149,14 +146,14 @@ pub fn localise(model: &Model<f64>, data: &Dataset, nuisances: &[Nuisance], nois
         if ranges.is_empty() {
             continue;
         }
-        let series = smoother.smooth(recording, walk);
+        let series = smoother.smooth(recording, intensity);
         for range in ranges {
             all.extend(samples(runs.len(), recording, &series, &range));
             runs.push(series.slice(&range));
         }
     }
     let samples = all;
-    // Over a run without an edge the last one is its start.
+    // In a run without an edge the time since the last edge is that since its start.
     let over = if has_edges(&samples) {
         SINCE_EDGE
     } else {
@@ -190,7 +187,7 @@ fn known_force(model: &Model<f64>, recordings: &[Recording]) -> f64 {
         .max(1e-9)
 }
 
-/// Whether the pressure has a step anywhere but where a run begins.
+/// Whether the pressure has an edge other than at the start of a run.
 fn has_edges(samples: &[Sample]) -> bool {
     #[allow(clippy::float_cmp)] // The same difference of the same clock.
     samples
@@ -198,7 +195,7 @@ fn has_edges(samples: &[Sample]) -> bool {
         .any(|sample| sample.features[SINCE_EDGE] != sample.features[IN_RUN])
 }
 
-/// Ranks the features by what they explain.
+/// Ranks the features by the share that they explain.
 fn features(samples: &[Sample], forces: &[f64]) -> Vec<Feature> {
     let average = mean(forces);
     let total: f64 = forces.iter().map(|force| (force - average).powi(2)).sum();
@@ -234,8 +231,8 @@ fn features(samples: &[Sample], forces: &[f64]) -> Vec<Feature> {
             (share, feature)
         })
         .collect();
-    // The rate knows its own sign and so always explains more; where the sign
-    // alone explains nearly as much, it is the better description.
+    // The rate includes its sign and so always explains more. Where the sign alone
+    // explains nearly as much, it is the better description.
     let (sign, rate) = (features[SIGN].0, features[RATE].0);
     if sign >= 0.9 * rate {
         features[RATE].0 = rate.min(sign) * 0.999;
@@ -254,7 +251,7 @@ fn curve(samples: &[Sample], column: usize) -> Vec<CurvePoint> {
     let mut start = 0;
     while start < order.len() {
         let mut end = (start + width).min(order.len());
-        // Equal values belong to one bin: a sign has only two.
+        // Equal values share a bin: a sign has only two.
         while end < order.len() && at(order[end]) <= at(order[end - 1]) {
             end += 1;
         }
@@ -262,11 +259,11 @@ fn curve(samples: &[Sample], column: usize) -> Vec<CurvePoint> {
         let forces: Vec<f64> = bin.iter().map(|&k| samples[k].force).collect();
         let places: Vec<f64> = bin.iter().map(|&k| at(k)).collect();
         let average = mean(&forces);
-        let scatter: Vec<f64> = forces.iter().map(|force| force - average).collect();
+        let standard_deviation: Vec<f64> = forces.iter().map(|force| force - average).collect();
         curve.push(CurvePoint {
             at: mean(&places),
             force: average,
-            scatter: rms(&scatter),
+            standard_deviation: rms(&standard_deviation),
             samples: bin.len(),
         });
         start = end;
@@ -274,9 +271,9 @@ fn curve(samples: &[Sample], column: usize) -> Vec<CurvePoint> {
     curve
 }
 
-/// Two or three sentences for a person.
+/// Two or three sentences about the missing force.
 fn sentences(features: &[Feature], missing: f64, known: f64) -> Vec<String> {
-    /// A second feature is mentioned if it explains this much.
+    /// Least share of a second feature that is mentioned.
     const WORTH_SAYING: f64 = 0.3;
     let Some(first) = features.first() else {
         return Vec::new();
@@ -313,12 +310,12 @@ fn sentences(features: &[Feature], missing: f64, known: f64) -> Vec<String> {
     sentences
 }
 
-/// Whether two features say the same thing.
+/// Whether two features are equivalent.
 fn related(a: &str, b: &str) -> bool {
     a.contains("velocity") && b.contains("velocity")
 }
 
-/// The course of a curve in words.
+/// The shape of a curve in words.
 fn shape(feature: &Feature) -> String {
     let curve = &feature.curve;
     let (Some(first), Some(last)) = (curve.first(), curve.last()) else {
@@ -371,8 +368,8 @@ fn shape(feature: &Feature) -> String {
     }
 }
 
-/// The samples of one run of a session, the session's first instants left out: there
-/// the estimate still finds its way. Clock and largest angle are those of the session.
+/// The samples of one run of a session, without the session's first samples, where the
+/// estimate settles. Clock and largest angle are those of the session.
 fn samples(
     number: usize,
     recording: &Recording,
@@ -393,7 +390,7 @@ fn samples(
             let angle = *series.angle.get(k)?;
             let rate = *series.rate.get(k)?;
             largest = largest.max(angle.abs());
-            // A rest has no sign: what is left of its rate is noise.
+            // At rest the sign of the rate is noise.
             let moves = rate.abs() > 2.0 * noise;
             let sample = Sample {
                 force: *series.force.get(k)?,
@@ -428,7 +425,7 @@ fn pressure_rate(recording: &Recording, k: usize) -> f64 {
 
 /// The missing force over two features.
 fn map(samples: &[Sample], columns: [usize; 2]) -> ForceMap {
-    /// Fewer samples in a bin are chance.
+    /// Fewest samples of a bin.
     const FEWEST: usize = 3;
     let ranges = columns.map(|column| usual_range(samples, column));
     if ranges.iter().any(|(low, high)| low >= high) {
@@ -436,7 +433,7 @@ fn map(samples: &[Sample], columns: [usize; 2]) -> ForceMap {
     }
     let bin = |value: f64, (low, high): (f64, f64)| {
         let share = ((value - low) / (high - low)).clamp(0.0, 1.0);
-        // What is beyond the usual range goes into the outermost bins.
+        // Values beyond the range go into the outermost bins.
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         let bin = (share * MAP_BINS as f64) as usize;
         bin.min(MAP_BINS - 1)
@@ -472,8 +469,8 @@ fn map(samples: &[Sample], columns: [usize; 2]) -> ForceMap {
     }
 }
 
-/// The range of a feature but for its most extreme hundredth at either end: one
-/// spike of the rate would squeeze everything else into one bin.
+/// The range of a feature from its 1st to its 99th percentile: one spike of the rate
+/// would squeeze everything else into one bin.
 fn usual_range(samples: &[Sample], column: usize) -> (f64, f64) {
     let mut values: Vec<f64> = samples
         .iter()
@@ -507,7 +504,7 @@ fn edges(recording: &Recording) -> Vec<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sim::simulate::{Signal, Start, run};
+    use crate::sim::simulate::{InitialState, Signal, run};
     use model_core::catalogue::Kind;
     use model_core::dynamics::Dynamics;
 
@@ -531,7 +528,7 @@ mod tests {
         let angle = run(
             &truth,
             &signal,
-            Start {
+            InitialState {
                 angle: 0.0,
                 rate: 0.0,
             },

@@ -1,10 +1,10 @@
-//! Measurements of a structure: what [`super::decide`] rests on.
+//! Measures structures for [`super::decide`]: closure and evidence.
 //!
-//! *Closure*: how much of the error a structure removes, at three horizons, on segments
-//! that were not fitted; of the levels at which it was fitted, the one that leaves least
-//! on the fitted segments counts. *Evidence*: how much more likely it makes the data, if
-//! what remains is a process of its own ([`super::discrepancy`]), or a random-walk
-//! force; the larger of the two counts.
+//! *Closure* is the share of the error that a structure removes on held-out segments, at
+//! three horizons. Of the levels at which it was fitted, the one with the least error on
+//! the fitted segments counts. *Evidence* is the log-likelihood ratio under a model of the
+//! remaining error: a discrepancy process ([`super::discrepancy`]) or a random-walk force,
+//! whichever gives more.
 
 use rayon::prelude::*;
 
@@ -21,51 +21,51 @@ use crate::estimate::horizon::block_errors;
 /// A structure with its measurements and its best fit.
 #[derive(Clone, Debug)]
 pub struct Measured {
-    /// What was measured.
+    /// The measurements.
     pub scored: Scored,
     /// The structure as fitted at every level.
     pub estimate: Estimate,
-    /// Place of the level that counts.
+    /// Index of the level that counts.
     pub level: usize,
     /// Share of the error that it leaves on the fitted subsample.
-    pub leaves_roughly: f64,
-    /// The fit at that level, finished.
+    pub leaves_on_subsample: f64,
+    /// The final fit at that level.
     pub candidate: Candidate,
-    /// Errors on segments that were not fitted (rad).
+    /// Errors on held-out segments (rad).
     pub held_out: Errors,
 }
 
-/// The nominal structure, to which others are compared.
+/// The nominal structure, with which others are compared.
 pub struct Baseline {
     estimate: Estimate,
-    /// Least error of any level at each horizon (rad): on the subsample, on everything
-    /// that is fitted, on what is held out.
-    on_excerpt: [f64; 3],
+    /// Least error of any level at each horizon (rad): on the subsample, on all fitted
+    /// segments, on held-out segments.
+    on_subsample: [f64; 3],
     fitted: [f64; 3],
     held_out: [f64; 3],
-    /// Deviance of what output error leaves.
+    /// Deviance of the output-error residual.
     discrepancy: f64,
     /// Least deviance under a random-walk force.
     random_walk: f64,
 }
 
-/// A structure as the subsample shows it.
-struct Rough {
+/// A structure measured on the subsample.
+struct CoarseMeasure {
     estimate: Estimate,
     level: usize,
     leaves: f64,
     evidence: f64,
 }
 
-/// What measurements are made with.
-pub struct Ruler<'a> {
+/// The context of measurements.
+pub struct MeasureContext<'a> {
     /// The fits.
     pub levels: &'a Levels<'a>,
     /// The subsample, on which levels are chosen.
-    pub excerpt: &'a Fitter<'a>,
-    /// Everything.
+    pub subsample: &'a Fitter<'a>,
+    /// All data.
     pub fitter: &'a Fitter<'a>,
-    /// Selection by segments that were not fitted.
+    /// Cross-validation on held-out segments.
     pub validator: &'a CrossValidator<'a>,
     /// Noise of the angle (rad).
     pub noise: f64,
@@ -73,7 +73,7 @@ pub struct Ruler<'a> {
     pub policy: &'a Policy,
 }
 
-impl Ruler<'_> {
+impl MeasureContext<'_> {
     /// Measures the nominal structure; none if there is no time for it.
     pub fn baseline(&self, estimate: Estimate) -> Option<Baseline> {
         let mut fitted = [[f64::INFINITY; 3]; 2];
@@ -90,67 +90,67 @@ impl Ruler<'_> {
                 &mut held_out,
                 self.validator.errors_over(&candidate, self.horizons()),
             );
-            least(&mut fitted[0], self.fitted_errors(self.excerpt, fit));
+            least(&mut fitted[0], self.fitted_errors(self.subsample, fit));
             least(
                 &mut fitted[1],
                 self.fitted_errors(self.fitter, &candidate.fit),
             );
         }
-        let [on_excerpt, fitted] = fitted;
+        let [on_subsample, fitted] = fitted;
         Some(Baseline {
             discrepancy: self.discrepancy(&estimate),
             random_walk: self.random_walk(&estimate),
             estimate,
-            on_excerpt,
+            on_subsample,
             fitted,
             held_out,
         })
     }
 
-    /// Measures structures against the nominal one: those with the most evidence, and
-    /// those that leave least; of structures that add to others, only those that leave
-    /// less than `most` on the subsample.
+    /// Measures structures against the nominal one: those with the most evidence and those
+    /// with the least error. Of structures that extend others, only those that leave less
+    /// than `most` on the subsample.
     pub fn measure(
         &self,
         baseline: &Baseline,
         estimates: Vec<Estimate>,
         most: f64,
     ) -> Vec<Measured> {
-        /// As many of each.
+        /// Number of each.
         const MEASURED: usize = 5;
         let progress = self.levels.context.progress;
         progress.step("evidence", 0);
-        let mut rough: Vec<Rough> = estimates
+        let mut coarse: Vec<CoarseMeasure> = estimates
             .into_par_iter()
-            .filter_map(|estimate| self.rough(baseline, estimate))
+            .filter_map(|estimate| self.coarse(baseline, estimate))
             .filter(|row| row.leaves <= most)
             .collect();
-        rough.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
-        let mut others = rough.split_off(rough.len().min(MEASURED));
+        coarse.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+        let mut others = coarse.split_off(coarse.len().min(MEASURED));
         others.sort_by(|a, b| a.leaves.total_cmp(&b.leaves));
-        let ahead = rough
+        let ahead = coarse
             .iter()
             .map(|row| row.leaves)
             .fold(f64::INFINITY, f64::min);
         others.truncate(MEASURED);
         others.retain(|row| row.leaves <= self.policy.comparable * ahead);
-        rough.extend(others);
-        progress.step("validation", rough.len());
-        rough
+        coarse.extend(others);
+        progress.step("validation", coarse.len());
+        coarse
             .into_par_iter()
-            .filter_map(|rough| self.thorough(baseline, rough))
+            .filter_map(|coarse| self.measured(baseline, coarse))
             .inspect(|row| progress.measured(row, baseline.held_out[2]))
             .collect()
     }
 
-    fn rough(&self, baseline: &Baseline, estimate: Estimate) -> Option<Rough> {
+    fn coarse(&self, baseline: &Baseline, estimate: Estimate) -> Option<CoarseMeasure> {
         self.levels.has_time_for(&estimate.added)?;
         let (level, leaves) = (0..estimate.fits.len())
             .map(|level| {
-                let errors = self.fitted_errors(self.excerpt, &estimate.fits[level]);
+                let errors = self.fitted_errors(self.subsample, &estimate.fits[level]);
                 (
                     level,
-                    mean_share(&self.shares(&errors, &baseline.on_excerpt)),
+                    mean_share(&self.shares(&errors, &baseline.on_subsample)),
                 )
             })
             .filter(|(_, left)| left.is_finite())
@@ -160,7 +160,7 @@ impl Ruler<'_> {
         let samples = fit.samples().max(2) as f64;
         let gained = (baseline.discrepancy - self.discrepancy(&estimate))
             .max(baseline.random_walk - self.random_walk(&estimate));
-        Some(Rough {
+        Some(CoarseMeasure {
             evidence: gained - more * samples.ln(),
             estimate,
             level,
@@ -168,13 +168,13 @@ impl Ruler<'_> {
         })
     }
 
-    fn thorough(&self, baseline: &Baseline, rough: Rough) -> Option<Measured> {
-        let Rough {
+    fn measured(&self, baseline: &Baseline, coarse: CoarseMeasure) -> Option<Measured> {
+        let CoarseMeasure {
             estimate,
             level,
             evidence,
-            leaves: leaves_roughly,
-        } = rough;
+            leaves: leaves_on_subsample,
+        } = coarse;
         self.levels.has_time_for(&estimate.added)?;
         let candidate = self.levels.candidate(&estimate, level);
         let fitted = self.fitted_errors(self.fitter, &candidate.fit);
@@ -193,7 +193,7 @@ impl Ruler<'_> {
             },
             estimate,
             level,
-            leaves_roughly,
+            leaves_on_subsample,
             candidate,
             held_out,
         })
@@ -203,7 +203,7 @@ impl Ruler<'_> {
         horizons(&self.levels.pace)
     }
 
-    /// Errors on the fitted segments, zeros and starts as they suit best.
+    /// Errors on the fitted segments, with zeros and initial states refitted.
     fn fitted_errors(&self, fitter: &Fitter<'_>, fit: &Fit) -> Errors {
         let model = &fit.model;
         let compared = fitter.compare_near(model, &fit.nuisances);
@@ -241,20 +241,20 @@ fn horizons(pace: &Pace) -> [f64; 2] {
     SWINGS.map(|swings| swings * pace.period)
 }
 
-/// What a structure closes of another's error beyond the noise, on segments that were not
-/// fitted.
+/// The share of one structure's error beyond the noise that another removes, on held-out
+/// segments.
 pub fn closed(validator: &CrossValidator<'_>, before: &Candidate, after: &Candidate) -> Closure {
     let horizons = horizons(&Pace::of(validator.fitter().data));
     let [before, after] = [before, after].map(|it| validator.errors_over(it, horizons).values());
     closure(&before, &after, validator.floor())
 }
 
-/// What RMS errors (rad) at three horizons close of those before, beyond the noise.
+/// Closure from RMS errors (rad) before and after, at three horizons, beyond the noise.
 pub fn closure(before: &[f64; 3], after: &[f64; 3], noise: f64) -> Closure {
     of_shares(shares(before, after, noise, &Policy::STANDARD))
 }
 
-/// Shares of the excess error that are left at each horizon.
+/// The remaining share of the excess error at each horizon.
 fn shares(before: &[f64; 3], after: &[f64; 3], noise: f64, policy: &Policy) -> [f64; 3] {
     let least = policy.noise_share * noise;
     let excess = |error: f64| (error * error - noise * noise).max(least * least).sqrt();

@@ -1,50 +1,48 @@
-//! From recordings to a verdict: which effect does the model lack?
+//! Diagnosis: which effect does a model lack?
 //!
-//! The steps, each a module whose output is data that reports can show:
+//! Each step is a module whose output is data that reports can show:
 //!
-//! 1. [`quality`] and [`unit_errors`]: recordings that cannot be used are refused, others
-//!    noted.
-//! 2. [`noise`]: how small a residual can get.
-//! 3. [`identifiability`]: refit, for a wrong parameter is not a missing effect, and
-//!    which parameters the recordings determine.
-//! 4. Adequate? If what is left cannot be told from noise, stop and say so.
-//! 5. [`mod@localise`]: where the gap lives, by a [`smoother`].
-//! 6. [`mod@search`]: simulate and fit the [`candidates`] of the catalogue, alone
-//!    and [`pairs`].
-//! 7. [`ranking`]: which structure the recordings ask for, with rivals that
-//!    cannot be rejected kept; [`mod@bootstrap`]: could chance have asked for it?
-//!    [`validation`]: does it also hold on runs that were not fitted?
-//! 8. [`selection`]; the answer is written as a [`verdict`].
-//! 9. [`plan`]: the run that would separate the rivals.
+//! 1. [`quality`] and [`unit_errors`] refuse unusable recordings and report other problems.
+//! 2. [`noise`] estimates the noise floor.
+//! 3. [`identifiability`] refits the nominal structure, since a wrong parameter is not a
+//!    missing effect, and finds which parameters the recordings determine.
+//! 4. If the residual of the refit cannot be distinguished from noise, the diagnosis ends.
+//! 5. [`mod@localise`] shows which feature the missing force goes with, by a [`smoother`].
+//! 6. [`mod@search`] fits the [`candidates`] of the catalogue, alone and in [`pairs`].
+//! 7. [`ranking`] orders structures and keeps rivals that cannot be rejected,
+//!    [`mod@bootstrap`] tests them against chance, and [`validation`] tests them on
+//!    held-out runs.
+//! 8. [`selection`] gives the answer, written as a [`verdict`].
+//! 9. [`plan`] proposes the run that separates the rivals.
 //!
-//! A [`budget`] ends the search early; the answer then claims less.
+//! A [`budget`] can end the search early; the answer then claims less.
 //!
 //! A false name is worse than "cannot tell".
 
-pub mod baseline;
-pub mod bootstrap;
+pub(crate) mod baseline;
+pub(crate) mod bootstrap;
 pub mod budget;
 pub mod candidates;
-pub mod decide;
-pub mod discrepancy;
-pub mod family;
-pub mod grade;
-pub mod identifiability;
-pub mod levels;
-pub mod localise;
-pub mod measure;
-pub mod noise;
-pub mod pairs;
+pub(crate) mod decide;
+pub(crate) mod discrepancy;
+pub(crate) mod family;
+pub(crate) mod grade;
+pub(crate) mod identifiability;
+pub(crate) mod levels;
+pub(crate) mod localise;
+pub(crate) mod measure;
+pub(crate) mod noise;
+pub(crate) mod pairs;
 pub mod plan;
 pub mod policy;
 pub mod progress;
-pub mod quality;
-pub mod ranking;
-pub mod search;
-pub mod selection;
-pub mod singles;
-pub mod smoother;
-pub mod tables;
+pub(crate) mod quality;
+pub(crate) mod ranking;
+pub(crate) mod search;
+pub(crate) mod selection;
+pub(crate) mod singles;
+pub(crate) mod smoother;
+pub(crate) mod tables;
 pub mod unit_errors;
 pub mod validation;
 pub mod verdict;
@@ -74,28 +72,28 @@ use plan::{Limits, Proposal};
 pub use progress::Progress;
 use quality::Concern;
 use search::{Options, Searched, search};
-use selection::{Selection, Tried};
+use selection::{FittedStructure, Selection};
 use validation::{CrossValidator, HeldOut};
 use verdict::{
     Adequacy, Alternative, Answer, Closure, EndedBy, Experiment, FittedError, HeldOutError,
     NamedEffect, Place, Remaining, Repair, SCHEMA, Strength, Verdict, Zeros,
 };
 
-/// Proposals for the next experiment that are kept.
+/// Number of proposals for the next experiment.
 const PROPOSALS: usize = 3;
 
-/// What to diagnose.
+/// A diagnosis to make.
 #[derive(Clone, Copy, Debug)]
 pub struct Request<'a> {
     /// The nominal model.
     pub file: &'a ModelFile,
     /// Recordings to fit.
     pub recordings: &'a [Recording],
-    /// Recordings to judge by; if empty, segments are left out in turn.
+    /// Validation recordings; if empty, segments are left out in turn.
     pub holdout: &'a [Recording],
-    /// Effects with formulas of the user's own, which are tried beside the catalogue.
+    /// Effects with the user's own formulas, tried beside the catalogue.
     pub own: Option<&'a OwnEffects>,
-    /// Seed of everything random.
+    /// Random seed.
     pub seed: u64,
 }
 
@@ -106,19 +104,18 @@ impl<'a> Request<'a> {
     }
 }
 
-/// Everything that a diagnosis found.
+/// The result of a diagnosis.
 #[derive(Clone, Debug)]
 pub struct Diagnosis {
     /// The answer.
     pub answer: Answer,
-    /// What is wrong with the recordings themselves.
+    /// Concerns about the recordings.
     pub concerns: Vec<Concern>,
-    /// Index of a recording that was left out, since it behaves like another
-    /// actuator.
+    /// Index of a recording that was left out because it behaves like another actuator.
     pub left_out: Option<usize>,
     /// The sessions and their segments, as they were used.
     pub data: Dataset,
-    /// Residuals on the segments that were held out.
+    /// Residuals on the held-out segments.
     pub validation: Validations,
     /// Noise floor of the fitted recordings.
     pub floor: NoiseFloor,
@@ -128,25 +125,23 @@ pub struct Diagnosis {
     pub refit: Fit,
     /// The effects that are named, in the order of the repaired model.
     pub named: Vec<Kind>,
-    /// How strongly; none where nothing is named.
+    /// The strength of the name; none where nothing is named.
     pub strength: Option<Strength>,
-    /// The families that all rivals are of.
+    /// The families that all rivals share.
     pub families: Vec<Family>,
-    /// Where a family is named for its variable alone: over that a table follows the
-    /// missing force and no formula does.
+    /// The variable, if a family is named for its variable alone: a table over it follows
+    /// the missing force, and no formula does.
     pub shape: Option<Variable>,
-    /// What the repaired model closes of the error at three horizons; none where
-    /// nothing is added.
+    /// Closure of the repaired model at three horizons; none where nothing is added.
     pub closure: Option<Closure>,
-    /// Where the force lives that the repaired model still lacks.
+    /// The missing force of the repaired model, and its features.
     pub gap_left: Option<Gap>,
-    /// The model that predicts best where it was not fitted, with the named effects or
-    /// without a name; the refit where none is better.
+    /// The model that predicts held-out segments best, with or without named effects; the
+    /// refit where none is better.
     pub repaired: Candidate,
     /// Probability of each named effect, in the order of `repaired.added`.
     pub probability: Vec<f64>,
-    /// Which parameters of the refit, and of the repaired model, the
-    /// recordings determine.
+    /// Identifiability of the refit and of the repaired model.
     pub identifiability: [Identifiability; 2],
     /// Held-out errors.
     pub held_out: HeldOut,
@@ -154,17 +149,17 @@ pub struct Diagnosis {
     pub alternatives: Vec<Alternative>,
     /// The best of the rivals that remain, as fitted.
     pub rivals: Vec<Candidate>,
-    /// Every structure that was fitted to the end, with its evidence.
-    pub tried: Vec<Tried>,
+    /// Every structure with a final fit, with its evidence.
+    pub tried: Vec<FittedStructure>,
     /// Runs that would separate the surviving rivals, best first.
     pub proposals: Vec<(Proposal, [Vec<String>; 2])>,
-    /// The second axis.
+    /// Whether the repaired model is adequate.
     pub adequacy: Adequacy,
-    /// Where the gap of the refit lives.
+    /// The missing force of the refit, and its features.
     pub gap: Gap,
-    /// Effects that the recordings cannot speak about, and those that there was no time for.
+    /// Effects that were not tried, because they do not apply or the time was up.
     pub untried: Vec<Untried>,
-    /// Whether, and before what, a budget has ended the search.
+    /// The parts that were not done, if a budget ended the search.
     pub ended: Option<Ended>,
 }
 
@@ -172,13 +167,13 @@ pub struct Diagnosis {
 ///
 /// # Errors
 ///
-/// Refuses a single recording without others to judge by, recordings that are
-/// damaged beyond handling, and a model that cannot be simulated.
+/// Refuses a single recording without others for validation, unusable recordings, and a
+/// model that cannot be simulated.
 pub fn diagnose(request: &Request<'_>, progress: &Progress) -> Result<Diagnosis, InputError> {
     diagnose_from(request, &Checkpoint::default(), progress)
 }
 
-/// As [`diagnose`], taking up fits that an interrupted run has left.
+/// As [`diagnose`], with the kept fits of an interrupted run.
 ///
 /// # Errors
 ///
@@ -199,19 +194,23 @@ pub fn diagnose_from(
     let mut found = diagnose_zeros(request, &assembled.data, checkpoint, progress)?;
     let mut odd_concern = None;
     let mut left_out = None;
-    let odd = found.odd.take();
-    if odd.is_some() && !progress.has_time_for(Part::WithoutOdd) {
-        odd_concern = odd.map(|odd| odd.kept);
-    } else if let Some(odd) = odd {
+    let outlier = found.outlier.take();
+    if outlier.is_some() && !progress.has_time_for(Part::WithoutOutlier) {
+        odd_concern = outlier.map(|outlier| outlier.kept);
+    } else if let Some(outlier) = outlier {
         progress.again("once more, without the recording that does not belong");
-        let others = assembled.data.dropping(odd.index);
-        left_out = assembled.data.fitted().nth(odd.index).and_then(|segment| {
-            let path = &segment.recording.path;
-            let is_it = |recording: &Recording| recording.path == *path;
-            request.recordings.iter().position(is_it)
-        });
+        let others = assembled.data.dropping(outlier.index);
+        left_out = assembled
+            .data
+            .fitted()
+            .nth(outlier.index)
+            .and_then(|segment| {
+                let path = &segment.recording.path;
+                let is_it = |recording: &Recording| recording.path == *path;
+                request.recordings.iter().position(is_it)
+            });
         found = diagnose_zeros(request, &others, checkpoint, progress)?;
-        odd_concern = Some(odd.concern);
+        odd_concern = Some(outlier.concern);
     }
     let mut diagnosis = found.diagnosis;
     diagnosis.left_out = left_out;
@@ -223,7 +222,7 @@ pub fn diagnose_from(
         .collect();
     diagnosis.ended = progress.ended();
     if let Some(ended) = &diagnosis.ended {
-        // What goes into the repaired model was tried, if not to the end.
+        // An effect of the repaired model was tried, if not fully.
         let tried = &diagnosis.repaired.added;
         let kinds = ended.kinds().into_iter();
         let untried = kinds
@@ -237,16 +236,16 @@ pub fn diagnose_from(
     Ok(diagnosis)
 }
 
-/// A diagnosis, and a recording without which it should be made again.
+/// A diagnosis, and an outlying recording without which to repeat it.
 struct Found {
     diagnosis: Diagnosis,
-    odd: Option<quality::Odd>,
+    outlier: Option<quality::Outlier>,
 }
 
-/// Diagnoses with zeros as they are estimated, unless they hide an effect: where
-/// nothing but zeros is missing and those cost more than an effect does, effects
-/// are asked with zeros as they were calibrated. If none explains the recordings,
-/// it was the zeros after all.
+/// Diagnoses with estimated zeros, unless they hide an effect. If the estimated zeros
+/// alone explain the recordings, but their penalty exceeds the price of an effect, the
+/// effects are tried again with zeros as calibrated. If none explains the recordings, the
+/// zeros remain the answer.
 fn diagnose_zeros(
     request: &Request<'_>,
     data: &Dataset,
@@ -270,7 +269,7 @@ fn diagnose_zeros(
     let calibrated = diagnose_all(request, &data.calibrated(), checkpoint, progress)?;
     let explains = match calibrated.diagnosis.answer {
         Answer::EffectFound => true,
-        // Not where it is the time that was too short to tell.
+        // Not if the answer is open only because the time was up.
         Answer::CannotTell => progress.ended().is_none(),
         _ => false,
     };
@@ -324,15 +323,14 @@ fn diagnose_all(
         },
         exact_form: is_adequate && held_out.at_noise(),
     };
-    let odd = if is_adequate || data.segments().len() < 3 {
-        None
-    } else {
-        found
-            .best
-            .iter()
-            .chain([&refit])
-            .find_map(|candidate| quality::odd_one_out(file, &fitter, candidate, floor.rms))
-    };
+    let outlier =
+        if is_adequate || data.segments().len() < 3 {
+            None
+        } else {
+            found.best.iter().chain([&refit]).find_map(|candidate| {
+                quality::outlying_recording(file, &fitter, candidate, floor.rms)
+            })
+        };
     concerns.extend(quality::slow_effects(&found.repaired, &data));
     let proposals = if found.rivals.len() > 1 && progress.has_time_for(Part::Experiment) {
         propose(&file.model, &found.rivals, &floor)
@@ -378,11 +376,10 @@ fn diagnose_all(
         ended: None,
         data,
     };
-    Ok(Found { diagnosis, odd })
+    Ok(Found { diagnosis, outlier })
 }
 
-/// Looks at what is fitted and at what is held out. The noise of the sensor, and
-/// what a person should know.
+/// Examines fitted and held-out recordings. Returns the noise floor and the concerns.
 fn examined(file: &ModelFile, data: &Dataset) -> Result<(NoiseFloor, Vec<Concern>), InputError> {
     let recordings = data.recordings(true);
     let floor = NoiseFloor::of(&recordings);
@@ -390,11 +387,10 @@ fn examined(file: &ModelFile, data: &Dataset) -> Result<(NoiseFloor, Vec<Concern
     let held_out = data.recordings(false);
     if !held_out.is_empty() {
         let found = quality::examine(&held_out, &NoiseFloor::of(&held_out))?;
-        // That none is repeated, or all are short, matters for what is fitted.
+        // Missing repeats or short runs matter for fitted recordings only.
         concerns.extend(found.into_iter().filter(|it| it.recording.is_some()));
     }
-    // Of whole sessions: a segment in which hardly anything moves looks like one
-    // without a drive.
+    // By whole sessions: a segment in which hardly anything moves looks undriven.
     let sessions: Vec<Recording> = data
         .sessions()
         .iter()
@@ -404,8 +400,8 @@ fn examined(file: &ModelFile, data: &Dataset) -> Result<(NoiseFloor, Vec<Concern
     Ok((floor, concerns))
 }
 
-/// Residuals (rad) on the segments that were held out: of the nominal model, its
-/// refit, the repaired one, then the rivals. Empty where none were.
+/// Residuals (rad) on the held-out segments, of the nominal model, the refit, the
+/// repaired model and the rivals. Empty where there are none.
 #[derive(Clone, Debug, Default)]
 pub struct Validations {
     /// A series a held-out segment.
@@ -437,9 +433,9 @@ impl Validations {
     }
 }
 
-/// What the zeros of a fit would cost if each session had its own: the squares of
-/// their departures, in standard deviations, summed. A zero that every recording
-/// shares is cheap to estimate, and a property of the rig: it may have a name.
+/// The penalty of a fit's zeros if each session had its own: the sum of squared
+/// departures, in standard deviations. A zero that all recordings share has a small
+/// penalty in the fit, but is a property of the rig and may have a name.
 fn cost_of_zeros(data: &Dataset, fit: &Fit) -> f64 {
     data.sessions()
         .iter()
@@ -470,8 +466,8 @@ fn propose(
 }
 
 impl Diagnosis {
-    /// The model to go on with: where nothing is wrong with the nominal one, or
-    /// the other predicts no better, that.
+    /// The model that `-o` writes: the repaired one, or the nominal one where nothing is
+    /// wrong with it or the other predicts no better.
     pub fn model_to_keep<'a>(&'a self, nominal: &'a ModelFile) -> &'a Model<f64> {
         if self.is_better() {
             &self.repaired.fit.model
@@ -480,7 +476,7 @@ impl Diagnosis {
         }
     }
 
-    /// The text of the model file to go on with, with what stands above added effects.
+    /// The text of that model file, with a comment above added effects.
     pub fn model_text(&self, nominal: &ModelFile) -> String {
         let what = match self.answer {
             Answer::CannotTell if self.is_open() => {
@@ -497,29 +493,29 @@ impl Diagnosis {
         nominal.text_with(self.model_to_keep(nominal), &format!("# {what}\n"))
     }
 
-    /// Whether the budget ended the search so early that another answer is open, and nothing
-    /// is named or told apart from nothing else.
+    /// Whether the budget ended the search so early that another answer is possible and no
+    /// answer is given.
     pub fn is_open(&self) -> bool {
         self.answer == Answer::CannotTell
             && self.alternatives.len() <= 1
             && self.ended.as_ref().is_some_and(Ended::is_open)
     }
 
-    /// Whether the model that a diagnosis ends with predicts better than the one
-    /// supplied on runs that were not fitted, in the board's arithmetic.
+    /// Whether the repaired model predicts held-out runs better than the nominal one, in
+    /// the board's arithmetic.
     pub fn is_better(&self) -> bool {
         self.answer != Answer::NoDiscrepancy
             && self.held_out.repaired_on_board < self.held_out.nominal
     }
 
-    /// Whether a board has room for the model to go on with, and can run its effects.
+    /// Whether the board has room for the written model, and can run its effects.
     fn fits_the_board(&self, file: &ModelFile) -> bool {
         let mut kept = file.clone();
         kept.model = self.fit_to_keep().model;
         from_model(&kept).is_ok()
     }
 
-    /// The fit of the model to go on with.
+    /// The fit of the written model.
     fn fit_to_keep(&self) -> &Fit {
         if self.is_better() {
             &self.repaired.fit
@@ -528,12 +524,12 @@ impl Diagnosis {
         }
     }
 
-    /// The zeros of the sensors under the model to go on with.
+    /// The zeros of the sensors under the written model.
     pub fn zeros(&self) -> Zeros {
         Zeros::of(self.fit_to_keep(), &self.data)
     }
 
-    /// The verdict as it is written to JSON.
+    /// The verdict for JSON.
     pub fn verdict(&self, request: &Request<'_>, seconds: f64) -> Verdict {
         let degrees = |radians: f64| tidy(radians.to_degrees());
         let files = request.recordings.iter().chain(request.holdout);
@@ -599,9 +595,9 @@ impl Diagnosis {
         }
     }
 
-    /// What the model to go on with leaves.
+    /// The remaining error of the written model.
     pub fn remaining(&self) -> Remaining {
-        /// A feature with less than this share of the missing force says nothing.
+        /// Least share of the missing force of a feature that is reported.
         const SAYS_SOMETHING: f64 = 0.3;
         let left = self.held_out.repaired_on_board;
         let gap = self.gap_left.as_ref().unwrap_or(&self.gap);
@@ -616,7 +612,7 @@ impl Diagnosis {
         }
     }
 
-    /// What is added without a name.
+    /// The repair without a name.
     fn repair(&self) -> Option<Repair> {
         let unnamed = self.answer == Answer::Unexplained || self.is_open();
         let first = self.repaired.added.first().filter(|_| unnamed)?;

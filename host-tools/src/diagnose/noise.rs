@@ -1,12 +1,12 @@
-//! How small a residual can get: the noise floor of the recordings.
+//! The noise floor of the recordings: the smallest residual that a model can leave.
 //!
-//! A model is done when what is left cannot be told from noise. The floor is the
-//! noise of the sensor: white, wandering while all is at rest, and in the steps of
-//! its converter, of which the largest counts. What the rig itself does not repeat
-//! comes on top: the scatter between repeats after each was simulated from its
-//! own start and history ([`NoiseFloor::with_repeats`]), for repeats that start
-//! elsewhere differ without any noise. Beside it stands what the noise of the
-//! measured pressure leaves in a simulation.
+//! A model is complete when its residual cannot be distinguished from noise. The floor is
+//! the noise of the angle sensor: the largest of its white noise, its slow noise at rest
+//! and its quantisation. The rig's own repeatability raises it
+//! ([`NoiseFloor::with_repeats`]): the spread of residuals between repeats, each simulated
+//! from its own initial state and history, since repeats with different initial states
+//! differ without any noise. The simulation error from noise of the measured pressure is
+//! kept separately.
 
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
@@ -16,28 +16,29 @@ use super::policy::Exact;
 use crate::estimate::Session;
 use crate::estimate::fit::{Fit, Fitter};
 use crate::estimate::nuisance::rest_at_start;
-use crate::estimate::statistics::{correlated_rms, mean, noise_by_differences, quantum, rms};
+use crate::estimate::statistics::{
+    coloured_rms, mean, noise_by_differences, quantisation_step, rms,
+};
 use crate::io::recording::{Meta, Recording};
 
-/// The noise floor and where it comes from.
+/// The noise floor and its sources.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NoiseFloor {
     /// RMS over all recordings (rad).
     pub rms: f64,
     /// White noise of the angle (rad), from differences of high order.
     pub white: f64,
-    /// Scatter between repeats (rad) of what a fit leaves, once that is known and
-    /// where there are any.
+    /// Standard deviation of residuals between repeats (rad), once a fit is known and if
+    /// there are any.
     pub repeats: Option<f64>,
-    /// Scatter about a straight line (rad) while the recordings have not begun to
-    /// move, where they start with a rest that is long enough. Unlike differences
-    /// it also sees noise that is slow; a rest that scatters much more than its
-    /// neighbouring samples is shaken, and none.
+    /// Standard deviation about a straight line (rad) during the rest before the motion,
+    /// if that is long enough. Unlike differences it includes slow noise. A disturbed rest
+    /// does not count.
     pub rest: Option<f64>,
-    /// Step of the converter (rad); zero if none shows.
-    pub quantum: f64,
-    /// What the noise of the measured pressure leaves in a simulated angle
-    /// (rad); zero until a model is known, see [`NoiseFloor::with_input`].
+    /// Quantisation step (rad); zero if none shows.
+    pub quantisation_step: f64,
+    /// RMS error (rad) of a simulated angle from noise of the measured pressure; zero
+    /// until a model is known, see [`NoiseFloor::with_input`].
     pub input: f64,
     /// Groups of recordings that repeat the same run, by index.
     pub groups: Vec<Vec<usize>>,
@@ -51,31 +52,31 @@ impl NoiseFloor {
             .map(|recording| noise_by_differences(&recording.angle))
             .collect();
         let white = rms(&each);
-        let quantum = recordings
+        let quantisation_step = recordings
             .iter()
-            .map(|recording| quantum(&recording.angle))
+            .map(|recording| quantisation_step(&recording.angle))
             .fold(0.0, f64::max);
         let groups = repeats(recordings);
-        let rest = scatter_at_rest(recordings);
-        // A uniform error of one step has the RMS step/√12.
-        let steps = quantum / 12f64.sqrt();
+        let rest = noise_at_rest(recordings);
+        // Quantisation noise has the RMS step/√12.
+        let steps = quantisation_step / 12f64.sqrt();
         Self {
             rms: white.max(steps).max(rest.unwrap_or(0.0)),
             white,
             repeats: None,
             rest,
-            quantum,
+            quantisation_step,
             input: 0.0,
             groups,
         }
     }
 
-    /// Raises the floor to what the residuals of a fit, one a recording, scatter
-    /// between repeats: no model that is driven by the same pressure explains it.
-    /// Repeats that differ by far more than the sensor's noise have a history that
-    /// this fit does not know, which is no noise.
+    /// Raises the floor to the standard deviation of a fit's residuals (one series per
+    /// recording) between repeats, which no model driven by the same pressure can explain.
+    /// Repeats that differ by far more than the sensor's noise have different histories,
+    /// which is no noise.
     pub fn with_repeats(self, residuals: &[Vec<f64>]) -> Self {
-        /// Times the sensor's noise that scatter may add.
+        /// Largest multiple of the sensor's noise that counts.
         const MOST: f64 = 2.0;
         let repeats = pure_error(residuals, &self.groups);
         let scatter = repeats.unwrap_or(0.0).min(MOST * self.rms);
@@ -86,13 +87,12 @@ impl NoiseFloor {
         }
     }
 
-    /// Adds what the noise of the measured pressure does: a fit is driven by
-    /// the recorded pressure and by the same with as much white noise once
-    /// more, and the difference of the angles is what it leaves.
+    /// Adds the error from noise of the measured pressure: the difference between a
+    /// simulation by the recorded pressure and one with the same white noise added again.
     ///
-    /// A fit takes the pressure as it was measured, but for its fastest part
-    /// ([`crate::estimate::denoise`]), so a right model has this error, and it is correlated:
-    /// the actuator filters it.
+    /// Fits use the measured pressure without its fastest part
+    /// ([`crate::estimate::denoise`]), so even a right model has this error. It is
+    /// correlated, because the actuator filters it.
     pub fn with_input(self, fitter: &Fitter<'_>, fit: &Fit, seed: u64) -> Self {
         let mut random = Pcg64Mcg::seed_from_u64(seed);
         let data = fitter.data;
@@ -133,8 +133,8 @@ impl NoiseFloor {
                     .collect::<Vec<_>>()
             })
             .collect();
-        // Differences take a fast pressure for noise; an error beyond the floor
-        // itself is not allowed for.
+        // Differences mistake a fast pressure for noise, so the allowance is at most the
+        // floor itself.
         Self {
             input: rms(&differences).min(self.rms),
             ..self
@@ -142,7 +142,7 @@ impl NoiseFloor {
     }
 }
 
-/// Groups recordings whose pressure is the same within its noise.
+/// Groups recordings with the same pressure within its noise.
 pub fn repeats(recordings: &[Recording]) -> Vec<Vec<usize>> {
     let runs: Vec<Run<'_>> = recordings.iter().map(Run::of).collect();
     let mut groups: Vec<Vec<usize>> = Vec::new();
@@ -160,7 +160,7 @@ pub fn repeats(recordings: &[Recording]) -> Vec<Vec<usize>> {
     groups
 }
 
-/// A recording with what is asked of it again for every other one.
+/// A recording with its statistics, for comparison with every other one.
 struct Run<'a> {
     recording: &'a Recording,
     interval: f64,
@@ -193,13 +193,13 @@ impl<'a> Run<'a> {
         {
             return false;
         }
-        // Free motion has no pressure to compare, and its starts differ.
+        // Free motion has no pressure to compare, and initial states differ.
         if self.level <= 0.0 {
             return false;
         }
         let most = 1.5 * self.noise.hypot(other.noise) + 0.01 * self.level;
         let most = most * most * count as f64;
-        // Different runs part early.
+        // Different runs diverge early.
         let mut sum = 0.0;
         a.pressure.iter().zip(&b.pressure).all(|(a, b)| {
             sum += (a - b).powi(2);
@@ -208,10 +208,10 @@ impl<'a> Run<'a> {
     }
 }
 
-/// Scatter (rad) in the rests with which recordings start, about a straight line
-/// through each: what still creeps from the run before is no noise.
-fn scatter_at_rest(recordings: &[Recording]) -> Option<f64> {
-    /// Shorter rests say too little.
+/// Standard deviation (rad) in the initial rests of recordings, about a straight line
+/// through each: creep from the run before is no noise.
+fn noise_at_rest(recordings: &[Recording]) -> Option<f64> {
+    /// Fewest samples of a rest.
     const FEWEST: usize = 30;
     let mut sum = 0.0;
     let mut freedom = 0;
@@ -238,7 +238,7 @@ fn squares_about_line(x: &[f64], y: &[f64]) -> f64 {
     pairs().map(|(x, y)| (y - slope * x).powi(2)).sum()
 }
 
-/// Scatter of residuals (rad) within groups of repeats about their mean.
+/// Pure error: the standard deviation of residuals (rad) within groups of repeats.
 fn pure_error(residuals: &[Vec<f64>], groups: &[Vec<usize>]) -> Option<f64> {
     let mut sum = 0.0;
     let mut freedom = 0usize;
@@ -260,11 +260,11 @@ fn pure_error(residuals: &[Vec<f64>], groups: &[Vec<usize>]) -> Option<f64> {
     (freedom > 0).then(|| (sum / freedom as f64).sqrt())
 }
 
-/// Whether a residual cannot be told from noise.
+/// Whether a residual cannot be distinguished from noise.
 pub fn adequate(fit: &Fit, floor: &NoiseFloor) -> bool {
-    let correlated = correlated_rms(&fit.residuals);
+    let coloured = coloured_rms(&fit.residuals);
     let input = Exact::STANDARD.input_factor * floor.input;
-    correlated <= (Exact::STANDARD.coloured_share * floor.rms).hypot(input)
+    coloured <= (Exact::STANDARD.coloured_share * floor.rms).hypot(input)
         && fit.rmse() <= (Exact::STANDARD.rms_factor * floor.rms).hypot(input)
 }
 
@@ -311,7 +311,7 @@ mod tests {
         assert_eq!(floor.groups, [vec![0, 2], vec![1, 3]]);
         assert!((floor.repeats.unwrap() - 0.01).abs() < 5e-4);
         assert!((floor.white - 0.01).abs() < 5e-4);
-        assert!(floor.quantum == 0.0);
+        assert!(floor.quantisation_step == 0.0);
     }
 
     #[test]

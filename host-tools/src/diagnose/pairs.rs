@@ -1,11 +1,10 @@
 //! Pair screening: effects that help only together.
 //!
-//! Drag and dry friction each bend the decay of a pendulum the wrong way, and
-//! neither alone brings anything; a search that adds one effect at a time never
-//! sees the two. What the two leave together is linear algebra: what each effect does
-//! to the simulated angle, to first order, is known from one simulation with
-//! derivatives, and every two of them can be set against the residual at once
-//! without another one.
+//! Drag and dry friction each bend the decay of a pendulum the wrong way, and neither
+//! alone gains anything, so a search that adds one effect at a time never finds the two.
+//! One simulation with derivatives gives the first-order change of the simulated angle by
+//! each effect. The predicted SSE of every pair then follows by linear algebra, without
+//! another simulation.
 
 use std::collections::BTreeSet;
 
@@ -19,23 +18,23 @@ use crate::estimate::fit::Fitter;
 
 use super::candidates::{Candidate, FitContext, Predicted, free_parameters, starts_from};
 
-/// Starts of each effect that are set against those of every other.
+/// Initial guesses of each effect that are combined with those of every other.
 const STARTS: usize = 2;
 
-/// Relative weight that keeps columns that say the same from cancelling.
+/// Relative ridge weight, for nearly collinear columns.
 const RIDGE: f64 = 1e-6;
 
-/// What one effect does at one of its starts.
+/// The influence of one effect at one of its initial guesses.
 struct Direction {
     kind: Kind,
     start: Model<f64>,
-    /// The change of the residual, and its derivatives by the effect's own
-    /// parameters, a column each; without what the base can do itself.
+    /// The change of the residual and its derivatives by the effect's own parameters, one
+    /// column each, with the base's own parameters projected out.
     columns: DMatrix<f64>,
 }
 
-/// The predicted SSE of every two effects beside those of `base`, least first. Empty
-/// where the model has no room for two more.
+/// The predicted SSE of every pair of effects added to `base`, least first. Empty if the
+/// model has no room for two more.
 pub fn ranked(context: &FitContext<'_>, base: &Candidate, kinds: &[Kind]) -> Vec<Predicted> {
     let known = context.file.model.effects().count() + base.added.len();
     if known + 2 > MAX_EFFECTS {
@@ -70,7 +69,7 @@ pub fn ranked(context: &FitContext<'_>, base: &Candidate, kinds: &[Kind]) -> Vec
         .collect()
 }
 
-/// What an effect does at its most promising starts.
+/// The influence of an effect at its best initial guesses.
 fn directions(
     context: &FitContext<'_>,
     base: &Candidate,
@@ -84,7 +83,7 @@ fn directions(
     let mut found: Vec<(f64, Direction)> = starts_from(context, base, kind)
         .par_iter()
         .filter_map(|start| {
-            let direction = at.direction(context.excerpt, kind, start, &free)?;
+            let direction = at.direction(context.subsample, kind, start, &free)?;
             let none = DMatrix::zeros(at.residual.nrows(), 0);
             Some((left_by(&at.residual, &direction.columns, &none)?, direction))
         })
@@ -94,18 +93,17 @@ fn directions(
     found.into_iter().map(|(_, direction)| direction).collect()
 }
 
-/// The base about which effects are set against its residual.
+/// The linearisation point: the base and its residual.
 struct Point {
-    /// Zeros and starts of the sessions, as fitted.
+    /// Zeros and initial states of the sessions, as fitted.
     nuisances: Vec<Nuisance>,
-    /// Free parameters of the base, but for those at the edge of their range.
+    /// Free parameters of the base, except those at a bound.
     free: Vec<ParameterId>,
     /// The residual.
     whole: DVector<f64>,
-    /// An orthonormal basis of what the base's own parameters can do: not the
-    /// effects' merit.
+    /// An orthonormal basis of the changes that the base's own parameters can make.
     reachable: DMatrix<f64>,
-    /// What they leave of the residual.
+    /// The residual with that basis projected out.
     residual: DMatrix<f64>,
 }
 
@@ -119,9 +117,9 @@ impl Point {
             .enumerate()
             .filter_map(movable)
             .collect();
-        let nuisances = context.excerpt.compare(&base.fit.model).nuisances;
+        let nuisances = context.subsample.compare(&base.fit.model).nuisances;
         let (whole, jacobian) = context
-            .excerpt
+            .subsample
             .linearised(&base.fit.model, &free, &nuisances)?;
         let reachable = jacobian.qr().q();
         let residual = beyond(
@@ -137,8 +135,8 @@ impl Point {
         })
     }
 
-    /// What an effect does. Forces are made so small that they change no more
-    /// than what is missing: beyond that nothing is linear.
+    /// The influence of an effect, its force scaled down until it changes the angle by no
+    /// more than the residual: beyond that the linearisation fails.
     fn direction(
         &self,
         fitter: &Fitter<'_>,
@@ -146,7 +144,7 @@ impl Point {
         start: &Model<f64>,
         free: &[ParameterId],
     ) -> Option<Direction> {
-        /// How often a force is made smaller.
+        /// Most reductions of a force.
         const ATTEMPTS: usize = 4;
         let mut start = *start;
         for attempt in 1.. {
@@ -171,7 +169,7 @@ impl Point {
     }
 }
 
-/// The part of columns that is orthogonal to a basis.
+/// The part of the columns that is orthogonal to a basis.
 fn beyond(basis: &DMatrix<f64>, columns: &DMatrix<f64>) -> DMatrix<f64> {
     columns - basis * basis.tr_mul(columns)
 }
@@ -212,7 +210,7 @@ fn left_by(residual: &DMatrix<f64>, a: &DMatrix<f64>, b: &DMatrix<f64>) -> Optio
     left.is_finite().then_some(left)
 }
 
-/// The base with both effects at their starts.
+/// The base with both effects at their initial guesses.
 fn both(base: &Candidate, a: &Direction, b: &Direction) -> Option<Model<f64>> {
     let last = |model: &Model<f64>| model.effects().last();
     let effects: Vec<_> = base
@@ -236,7 +234,7 @@ mod tests {
     use crate::estimate::fit::Effort;
     use crate::io::model_file::ModelFile;
     use crate::io::recording::Recording;
-    use crate::sim::simulate::{Signal, Start, run};
+    use crate::sim::simulate::{InitialState, Signal, run};
 
     const SWING: &str = r#"
         schema = 1
@@ -266,7 +264,7 @@ mod tests {
                 angle: run(
                     &truth,
                     &Signal::new(time.clone(), pressure.clone()),
-                    Start { angle, rate: 0.0 },
+                    InitialState { angle, rate: 0.0 },
                     8,
                 )
                 .reading,
@@ -290,8 +288,8 @@ mod tests {
         let context = FitContext {
             file: &file,
             fitter: &fitter,
-            pieces: None,
-            excerpt: &fitter,
+            short_segments: None,
+            subsample: &fitter,
             scales: &Scales::of(&fitter, &base.fit),
             checkpoint: &Checkpoint::default(),
             progress: &Progress::default(),

@@ -1,26 +1,25 @@
-//! The next experiment: which run would separate the rivals that survive?
+//! Plans the next experiment: the run that best separates the remaining rivals.
 //!
-//! Every protocol that the board knows by name, and families of steps, ramps,
-//! small reversals, holds and multisines within the limits, are simulated with
-//! each rival. For rival A taken as true, rival B may move its parameters as
-//! far as the recordings that are there allow; what it then still misses, in
-//! units of the noise, is the evidence that the run would bring:
+//! Every named protocol of the board, and families of steps, ramps, small reversals, holds
+//! and multisines within the limits, are simulated with each rival. With rival A taken as
+//! true, rival B is refitted within the information of the existing recordings. Its
+//! remaining error, in units of the noise, is the expected evidence of the run:
 //!
 //! ```text
 //! Δχ² = min over dp, dz of |δ − J dp − N dz|²/σ² + dpᵀ Λ dp + Σ (dz/s)²,   δ = y_A − y_B
 //! ```
 //!
-//! with J the derivatives of B's run by its parameters and Λ the information
-//! that the recordings hold about them (a profile to second order). The zeros of both sensors
-//! and the start of the run are estimated in every fit, so what they can follow is no evidence:
-//! N are the derivatives of B's run by them, and s how well they are known before
-//! ([`Prior`]). What counts is the smaller of both directions.
+//! with J the derivatives of B's run by its parameters and Λ the information matrix of the
+//! existing recordings (a profile likelihood to second order). The zeros of both sensors and
+//! the initial state are estimated in every fit, so differences that they can compensate are
+//! no evidence: N are the derivatives of B's run by them, and s their prior standard
+//! deviations ([`Prior`]). The smaller evidence of both directions counts.
 
 use model_core::actuator::Model;
 use nalgebra::{DMatrix, DVector, RowVector3};
 use rayon::prelude::*;
 use wire::decimal::Hundredths;
-use wire::protocol::{Named, Segment, Track, total_ms};
+use wire::protocol::{ControlMode, Named, Segment, total_ms};
 
 use super::candidates::Candidate;
 use crate::estimate::fit::Fitter;
@@ -33,7 +32,7 @@ use crate::sim::protocol::play;
 /// Samples per second of a simulated run.
 const RATE_HZ: u32 = 50;
 
-/// What the rig must not exceed.
+/// The limits of the rig.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
     /// Highest set-point (°).
@@ -54,20 +53,19 @@ impl Default for Limits {
     }
 }
 
-/// A run with what it would bring.
+/// A proposed run with its expected evidence.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Proposal {
     /// The run.
     pub protocol: ProtocolFile,
-    /// The rivals that it separates worst, by index.
+    /// The pair of rivals that it separates least, by index.
     pub separates: (usize, usize),
-    /// The evidence about those two (twice a log-likelihood ratio).
+    /// Expected evidence about that pair (twice a log-likelihood ratio).
     pub evidence: f64,
 }
 
-/// Ranks the runs that separate `rivals`, best first: by the evidence about the
-/// two that a run separates least. `noise` is the standard deviation of the
-/// measured angle (rad).
+/// Ranks runs that separate `rivals`, best first, by the evidence about the pair that a
+/// run separates least. `noise` is the standard deviation of the measured angle (rad).
 pub fn proposals(
     believed: &Model<f64>,
     rivals: &[Candidate],
@@ -110,21 +108,20 @@ pub fn proposals(
     proposals
 }
 
-/// A run as a rival has it.
+/// A run simulated with one rival.
 struct Run {
-    /// What the sensor shows (rad); the actuator rests at first.
+    /// The sensor reading (rad); the actuator rests at first.
     shown: DVector<f64>,
-    /// What it shows at first (rad).
+    /// The first reading (rad).
     start: f64,
-    /// Derivatives by its parameters, in the coordinates of its fit.
+    /// Derivatives by its parameters, in the solver coordinates of its fit.
     by_parameters: DMatrix<f64>,
-    /// The same by what is estimated beside them, in standard deviations of what is known
-    /// before: the zero of the pressure, the zero of the angle at the same motion, and the
-    /// angle at first.
+    /// Derivatives by the session's own unknowns, in prior standard deviations: the
+    /// pressure zero, the angle zero at the same motion, and the initial angle.
     by_nuisance: DMatrix<f64>,
     /// Standard deviation of the zero of the angle (rad).
     zero_deviation: f64,
-    /// Standard deviation of the angle that is measured at first (rad).
+    /// Standard deviation of the measured initial angle (rad).
     start_deviation: f64,
 }
 
@@ -137,7 +134,7 @@ impl Run {
         prior: &Prior,
         noise: f64,
     ) -> Option<Self> {
-        /// Of a difference in place of a derivative, in standard deviations.
+        /// Step of the finite differences, in standard deviations.
         const STEP: f64 = 0.1;
         let model = &rival.fit.model;
         let mut rest = Nuisance::AT_ZERO;
@@ -145,7 +142,7 @@ impl Run {
         let data = Dataset::known(recording.clone(), rest);
         let session: &Session = data.sessions().first()?;
         let shown = |nuisance: &Nuisance| DVector::from_vec(session.simulate(model, nuisance));
-        // A single sample says where a run starts, and the noise how well.
+        // One sample gives the initial angle, with the noise as its standard deviation.
         let start_deviation = noise.max(1e-6);
         let zero_deviation = prior.deviation.angle_zero;
         let slope = |moved: &dyn Fn(f64) -> Nuisance| {
@@ -172,10 +169,10 @@ impl Run {
     }
 }
 
-/// What a rival misses of the truth after moving its parameters, its zeros and its start as
-/// far as it may.
+/// The remaining error of a rival against the assumed truth, after its parameters, zeros
+/// and initial angle are refitted within their priors.
 fn missed(truth: &Run, rival: &Run, candidate: &Candidate, noise: f64) -> f64 {
-    // As many samples as would be recorded.
+    // The number of samples that would be recorded.
     let weight = 100.0 / f64::from(RATE_HZ);
     let variance = noise.powi(2).max(1e-12);
     let (parameters, nuisance) = (&rival.by_parameters, &rival.by_nuisance);
@@ -190,7 +187,7 @@ fn missed(truth: &Run, rival: &Run, candidate: &Candidate, noise: f64) -> f64 {
         let mut of_parameters = normal.view_mut((0, 0), (free, free));
         of_parameters += known;
     }
-    // Known before: both zeros are none, and the angle at first is what the truth shows then;
+    // Prior means: both zeros are zero, and the initial angle is that of the assumed truth;
     // all in their standard deviations.
     let measured = (truth.start - rival.start) / rival.start_deviation;
     let of_zero = rival.zero_deviation / rival.start_deviation;
@@ -217,8 +214,8 @@ fn missed(truth: &Run, rival: &Run, candidate: &Candidate, noise: f64) -> f64 {
     (unmoved - absorbed).max(0.0) / variance
 }
 
-/// The pressure that a board would make of a protocol, as a recording without
-/// measured angles; none if it exceeds the limits.
+/// The pressure of a protocol played by a board, as a recording without measured angles;
+/// none if it exceeds the limits.
 fn drive(protocol: &ProtocolFile, believed: &Model<f64>, limits: &Limits) -> Option<Recording> {
     let play = play(protocol, believed, RATE_HZ);
     let within = |command: &f64| command.abs() <= limits.highest_kpa * PASCAL_PER_KPA;
@@ -226,14 +223,13 @@ fn drive(protocol: &ProtocolFile, believed: &Model<f64>, limits: &Limits) -> Opt
         name: protocol.name.clone(),
         time: play.time,
         pressure: play.pressure,
-        // Where the angle roughly is; it bounds the step length.
+        // A rough angle, which bounds the step length.
         angle: play.setpoint,
         ..Recording::default()
     })
 }
 
-/// The runs that are considered: those that every board knows, and families of
-/// others.
+/// The candidate runs: the named protocols of every board, and families of others.
 pub fn protocols(limits: &Limits) -> Vec<ProtocolFile> {
     let mut list: Vec<ProtocolFile> = Named::ALL
         .iter()
@@ -247,8 +243,8 @@ pub fn protocols(limits: &Limits) -> Vec<ProtocolFile> {
             .iter()
             .filter(|segment| {
                 segment
-                    .track()
-                    .is_some_and(|track| track != Track::Pressure)
+                    .mode()
+                    .is_some_and(|mode| mode != ControlMode::Pressure)
             })
             .map(|segment| f64::from(segment.highest().0) / 100.0)
             .fold(0.0, f64::max);
@@ -258,7 +254,7 @@ pub fn protocols(limits: &Limits) -> Vec<ProtocolFile> {
     list
 }
 
-const TRACK: Track = Track::AngleOpenLoop;
+const MODE: ControlMode = ControlMode::AngleOpenLoop;
 
 const fn level(degrees: i32) -> Hundredths {
     Hundredths(100 * degrees)
@@ -266,7 +262,7 @@ const fn level(degrees: i32) -> Hundredths {
 
 const fn step(degrees: i32, duration_ms: u32) -> Segment {
     Segment::Step {
-        track: TRACK,
+        mode: MODE,
         level: level(degrees),
         duration_ms,
     }
@@ -274,7 +270,7 @@ const fn step(degrees: i32, duration_ms: u32) -> Segment {
 
 const fn ramp(degrees: i32, duration_ms: u32) -> Segment {
     Segment::Ramp {
-        track: TRACK,
+        mode: MODE,
         level: level(degrees),
         duration_ms,
     }
@@ -284,7 +280,7 @@ const fn release(duration_ms: u32) -> Segment {
     Segment::Release { duration_ms }
 }
 
-/// What separates friction, hysteresis and damping.
+/// Protocols that separate friction, hysteresis and damping.
 fn steps_ramps_and_reversals() -> Vec<ProtocolFile> {
     let mut list = Vec::new();
     let mut add = |name: String, title: String, segments: Vec<Segment>| {
@@ -334,7 +330,7 @@ fn steps_ramps_and_reversals() -> Vec<ProtocolFile> {
     list
 }
 
-/// What separates memory, drift, damping and delays.
+/// Protocols that separate memory, drift, damping and delays.
 fn cycles_holds_and_sines() -> Vec<ProtocolFile> {
     let mut list = Vec::new();
     let mut add = |name: String, title: String, segments: Vec<Segment>| {
@@ -390,7 +386,7 @@ fn cycles_holds_and_sines() -> Vec<ProtocolFile> {
             vec![
                 step(45, 4_000),
                 Segment::Multisine {
-                    track: TRACK,
+                    mode: MODE,
                     centre: level(45),
                     amplitude: level(25),
                     period_ms,

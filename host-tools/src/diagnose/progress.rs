@@ -1,14 +1,13 @@
-//! What a diagnosis is doing and how far it is.
+//! Progress of a diagnosis.
 //!
-//! A [`Progress`] only keeps count. Nothing is shown unless somebody asks for its
-//! [`State`], so a caller who wants nothing passes `&Progress::default()`. How many fits are
-//! still to come is known for one step of a stage and not for all of them: whether
-//! combinations are tried depends on what single effects leave. The estimate says so. Where
-//! there is a [`Budget`], it also knows when that is spent, and what was left undone for it.
+//! A [`Progress`] only counts; a caller who shows nothing passes `&Progress::default()`. The
+//! number of further fits is known for the present step only, because the outcome of single
+//! effects decides whether combinations are tried. With a [`Budget`], it also tracks when that
+//! is spent and which parts were not done.
 //!
-//! A diagnosis that nobody waits for any more can be asked to [`Progress::stop`]. It ends at
-//! its next report, by unwinding as [`stoppable`] expects: between a fit and its caller lie a
-//! dozen functions and a pool of threads that need not know of it.
+//! A diagnosis can be asked to stop by [`Progress::stop`]. It ends at its next report, by
+//! unwinding to [`stoppable`], so that the dozen functions and the thread pool between a fit and
+//! its caller need not handle it.
 
 use std::collections::BTreeSet;
 use std::fmt;
@@ -27,7 +26,7 @@ use super::policy::Policy;
 use super::selection::names;
 use crate::report::numbers::{degrees, percent};
 
-/// Counts what a diagnosis does. Any thread may report.
+/// Counts the work of a diagnosis. Any thread may report.
 #[derive(Debug)]
 pub struct Progress {
     started: Instant,
@@ -36,31 +35,31 @@ pub struct Progress {
     stop: AtomicBool,
 }
 
-/// Work ended because it was asked to.
+/// The work was stopped on request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stopped;
 
-/// Does work that reports to a [`Progress`] which may be asked to stop.
+/// Runs work that reports to a [`Progress`] and can be stopped through it.
 ///
 /// # Errors
 ///
-/// [`Stopped`] if it was.
+/// [`Stopped`] if it was stopped.
 ///
 /// # Panics
 ///
 /// As the work does.
 pub fn stoppable<T>(work: impl FnOnce() -> T) -> Result<T, Stopped> {
-    // What the work leaves half done is dropped with it.
+    // Unfinished data of the work are dropped with it.
     catch_unwind(AssertUnwindSafe(work)).map_err(|cause| match cause.downcast::<Stopped>() {
         Ok(stopped) => *stopped,
         Err(defect) => resume_unwind(defect),
     })
 }
 
-/// What is being done.
+/// The present stage and step.
 #[derive(Debug)]
 struct Now {
-    /// Why the diagnosis is made once more; empty the first time.
+    /// Why the diagnosis is repeated; empty the first time.
     again: &'static str,
     stage: String,
     step: &'static str,
@@ -72,7 +71,7 @@ struct Now {
     /// RMS residual (rad) of the refit of the nominal structure.
     refit: Option<f64>,
     best: Option<Best>,
-    /// What there was no time for.
+    /// The parts that were not done.
     undone: BTreeSet<Part>,
 }
 
@@ -81,23 +80,22 @@ struct Now {
 pub struct Best {
     /// The effects that it adds.
     pub kinds: Vec<Kind>,
-    /// RMS error that it leaves (rad).
+    /// Its RMS error (rad).
     pub leaves: f64,
-    /// RMS error that the refit leaves (rad), if known.
+    /// RMS error of the refit (rad), if known.
     pub of: Option<f64>,
-    /// Share of the error that it explains on segments that were not fitted; none as long as
-    /// there is only a fit.
+    /// Share of the error that it explains on held-out segments; none before its validation.
     pub explains: Option<f64>,
 }
 
-/// A snapshot of what is known.
+/// A snapshot of the progress.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct State {
-    /// What is being done.
+    /// The present stage.
     pub stage: String,
-    /// Fits of the present step that are finished.
+    /// Finished fits of the present step.
     pub done: usize,
-    /// Fits of the present step; 0 where they are not counted in advance.
+    /// Planned fits of the present step; 0 if unknown.
     pub planned: usize,
     /// Finished fits of all steps.
     pub fits: usize,
@@ -133,7 +131,7 @@ impl Default for Progress {
 }
 
 impl Progress {
-    /// Of a search that may do so much, from now on; all that it needs if there is no budget.
+    /// The progress of a search with this budget, from now on; without limit if none.
     pub fn within(budget: Option<Budget>) -> Self {
         Self {
             budget,
@@ -141,7 +139,7 @@ impl Progress {
         }
     }
 
-    /// Whether a part of the search may still be begun. If not, it is noted as undone.
+    /// Whether a part of the search may still start. If not, it is noted as not done.
     pub fn has_time_for(&self, part: Part) -> bool {
         let Some(budget) = self.budget else {
             return true;
@@ -157,31 +155,31 @@ impl Progress {
         has_time
     }
 
-    /// What there was no time for.
+    /// The parts that were not done.
     pub fn undone(&self) -> BTreeSet<Part> {
         self.now().undone.clone()
     }
 
-    /// Whether, and before what, the budget has ended the search.
+    /// The parts that were not done, if the budget has ended the search.
     pub fn ended(&self) -> Option<Ended> {
         let undone = self.undone();
         let budget = self.budget.filter(|_| !undone.is_empty())?;
         Some(Ended { budget, undone })
     }
 
-    /// Asks the work to end. Only work within [`stoppable`] may be asked.
+    /// Asks the work to stop. The work must run within [`stoppable`].
     pub fn stop(&self) {
         self.stop.store(true, Ordering::Relaxed);
     }
 
-    /// Ends work that was asked to end. This is no panic: nothing is printed.
+    /// Ends work that was asked to stop. This is no panic: nothing is printed.
     fn go_on(&self) {
         if self.stop.load(Ordering::Relaxed) {
             resume_unwind(Box::new(Stopped));
         }
     }
 
-    /// Announces a stage of so many fits; 0 if that is not known.
+    /// Announces a stage of `planned` fits; 0 if unknown.
     pub fn stage(&self, what: impl Into<String>, planned: usize) {
         self.go_on();
         let mut now = self.now();
@@ -189,26 +187,26 @@ impl Progress {
         now.begin("", planned);
     }
 
-    /// Announces a step of the stage, of so many fits.
+    /// Announces a step of the stage, of `planned` fits.
     pub fn step(&self, what: &'static str, planned: usize) {
         self.go_on();
         self.now().begin(what, planned);
     }
 
-    /// Announces that all is done once more. What was best before is so no longer: it was
-    /// fitted to other data.
+    /// Announces that the diagnosis is repeated, on other data. The best explanation so far
+    /// is dropped.
     pub fn again(&self, why: &'static str) {
         let mut now = self.now();
         now.again = why;
         now.best = None;
     }
 
-    /// Notes what the refit of the nominal structure leaves (rad).
+    /// Notes the RMS error (rad) of the refit of the nominal structure.
     pub fn refitted(&self, leaves: f64) {
         self.now().refit = Some(leaves);
     }
 
-    /// Counts a fit, once what is returned is dropped: also where the fit fails.
+    /// Counts a fit once the returned value is dropped, also if the fit fails.
     pub fn fit(&self) -> Counted<'_> {
         self.go_on();
         Counted(self)
@@ -226,8 +224,8 @@ impl Progress {
         now.offer(best);
     }
 
-    /// Offers a measured structure as the best so far, beside the RMS error (rad) of the refit
-    /// on segments that were not fitted.
+    /// Offers a measured structure as the best so far, with the RMS error (rad) of the refit
+    /// on held-out segments.
     pub fn measured(&self, row: &Measured, refit: f64) {
         self.now().offer(Best {
             kinds: row.scored.kinds.clone(),
@@ -237,7 +235,7 @@ impl Progress {
         });
     }
 
-    /// What is known at this moment.
+    /// A snapshot of the progress.
     pub fn state(&self) -> State {
         let now = self.now();
         let mut stage = String::new();
@@ -279,7 +277,7 @@ impl Now {
     }
 }
 
-/// A fit under way, which counts once this is dropped.
+/// A running fit, which counts as finished once this is dropped.
 #[derive(Debug)]
 #[must_use = "the fit counts as finished once this is dropped"]
 pub struct Counted<'a>(&'a Progress);
@@ -293,9 +291,8 @@ impl Drop for Counted<'_> {
 }
 
 impl Best {
-    /// Whether it takes the place of `other`: a structure that was measured before one that
-    /// was only fitted, and a larger one only if it leaves so much less that the decision
-    /// would take it.
+    /// Whether it replaces `other`: a measured structure goes before one that was only
+    /// fitted, and a larger one counts only if the decision would take it.
     fn beats(&self, other: &Self) -> bool {
         let left = match (self.explains, other.explains) {
             (Some(explains), Some(other)) => [1.0 - explains, 1.0 - other],
@@ -331,8 +328,8 @@ impl fmt::Display for Best {
 }
 
 impl State {
-    /// How long the present step still takes, by the fits that are finished; none before a
-    /// tenth of them is, or in the first second.
+    /// Remaining time of the present step, from its finished fits; none before a tenth of
+    /// them are finished, and in the first second.
     pub fn remaining(&self) -> Option<Duration> {
         let enough = self.done >= 2
             && 10 * self.done >= self.planned
@@ -341,7 +338,7 @@ impl State {
         (left > 0).then(|| self.in_step.mul_f64(left as f64 / self.done as f64))
     }
 
-    /// How far it is: fits, time, and an estimate for the present step.
+    /// Fits, time and the estimate for the present step, in words.
     pub fn how_far(&self) -> String {
         let mut text = match (self.planned, self.fits) {
             (0, 0) => String::new(),
@@ -387,7 +384,7 @@ fn duration(time: Duration) -> String {
     }
 }
 
-/// A time as somebody has given it: 1 ms, 0.5 s, 30 s, 2 min.
+/// A time as a user gives it: 1 ms, 0.5 s, 30 s, 2 min.
 pub(super) fn spelled(time: Duration) -> String {
     if time < Duration::from_millis(100) {
         format!("{} ms", time.as_secs_f64() * 1e3)
@@ -400,7 +397,7 @@ pub(super) fn spelled(time: Duration) -> String {
     }
 }
 
-/// An estimate with no more digits than it deserves: 7 s, 40 s, 3 min.
+/// A rounded estimate: 7 s, 40 s, 3 min.
 fn about(time: Duration) -> String {
     let in_units = |unit: u64| Duration::from_secs((time.as_secs() + unit / 2) / unit * unit);
     match time.as_secs() {

@@ -1,18 +1,18 @@
-//! What is wrong with the recordings themselves.
+//! Quality of the recordings.
 //!
-//! A diagnosis of damaged recordings names a cause with great confidence. So
-//! they are looked at first: what can be handled is handled and said, what
-//! cannot is refused with what to record instead.
+//! A diagnosis of damaged recordings names a wrong cause with great confidence. So they
+//! are examined first. Problems that can be handled are handled and reported; otherwise
+//! the recording is refused, with what to record instead.
 //!
-//! | matter | what happens |
+//! | problem | handling |
 //! |---|---|
 //! | too short to leave a part out | refused |
 //! | no motion in any recording, or hardly any samples | refused |
-//! | no motion in one of them | said |
-//! | units mixed up, columns exchanged | refused, with what fits ([`super::unit_errors`]) |
-//! | sensor at the end of its range, gaps, jitter, a reset | what can be used is, the rest is said ([`crate::estimate::usable`]) |
+//! | no motion in one of them | reported |
+//! | units mixed up, columns exchanged | refused, with the flags that mend it ([`super::unit_errors`]) |
+//! | sensor at the end of its range, gaps, jitter, a reset | unusable samples are left out and reported ([`crate::estimate::usable`]) |
 //! | another actuator among the recordings | left out, and named |
-//! | no repeats, short runs | said |
+//! | no repeats, short runs | reported |
 
 use model_core::actuator::ParameterId;
 use model_core::effects::Unit;
@@ -28,13 +28,13 @@ use crate::io::recording::Recording;
 
 pub use crate::estimate::usable::{Concern, Matter};
 
-/// Looks at the runs that can be used before anything is fitted.
+/// Examines the usable runs before anything is fitted.
 ///
 /// # Errors
 ///
-/// Refuses what cannot be handled.
+/// Refuses recordings with problems that cannot be handled.
 pub fn examine(recordings: &[Recording], floor: &NoiseFloor) -> Result<Vec<Concern>, InputError> {
-    /// Runs shorter than this show nothing slow (s).
+    /// Length (s) below which runs show no slow effects.
     const SHORT_S: f64 = 3.0;
     refuse_without_motion(recordings)?;
     let mut concerns = Vec::new();
@@ -92,9 +92,8 @@ fn angles(recording: &Recording) -> String {
     )
 }
 
-/// Refuses recordings that say nothing: every model agrees with them. A run that
-/// does not move among others that do says that its pressure was too small to
-/// move anything, and is kept.
+/// Refuses recordings without any motion, with which every model agrees. A run without
+/// motion among others shows that its pressure was too small, and is kept.
 fn refuse_without_motion(recordings: &[Recording]) -> Result<(), InputError> {
     match recordings.first() {
         Some(first) if !recordings.iter().any(|it| moves(&it.angle)) => Err(InputError::new(
@@ -106,33 +105,33 @@ fn refuse_without_motion(recordings: &[Recording]) -> Result<(), InputError> {
     }
 }
 
-/// A recording that seems to be of another actuator.
+/// An outlying recording, which seems to be of another actuator.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Odd {
+pub struct Outlier {
     /// Its index.
     pub index: usize,
-    /// What was found.
+    /// The concern, if it is left out.
     pub concern: Concern,
-    /// The same, where there is no time to do without it.
+    /// The concern, if there is no time to repeat the diagnosis without it.
     pub kept: Concern,
 }
 
-/// Looks for one recording that a fitted structure cannot follow together with
-/// the others, while the others agree without it, and while it is followed
-/// alone with other base parameters: another actuator, or another sensor.
-pub fn odd_one_out(
+/// Looks for one recording that a structure cannot fit together with the others, although
+/// the others agree without it and the structure fits it alone with other base parameters:
+/// another actuator, or another sensor.
+pub fn outlying_recording(
     file: &ModelFile,
     fitter: &Fitter<'_>,
     candidate: &Candidate,
     floor: f64,
-) -> Option<Odd> {
-    /// Fewer recordings have no majority.
+) -> Option<Outlier> {
+    /// Fewest recordings that have a majority.
     const FEWEST: usize = 4;
-    /// The odd one misses by so many times what the others do.
+    /// Least ratio of its error to that of the others.
     const STANDS_OUT: f64 = 2.5;
-    /// What counts as agreement, over the floor.
+    /// Largest ratio of an error to the noise floor that counts as agreement.
     const AGREES: f64 = 1.25;
-    /// Parameters that differ by less are the same actuator.
+    /// Least relative difference of parameters for another actuator.
     const DIFFERS: f64 = 0.08;
     let places: Vec<usize> = (0..candidate.fit.residuals.len()).collect();
     if places.len() < FEWEST {
@@ -192,16 +191,16 @@ pub fn odd_one_out(
             "check which actuator and which calibration it was recorded with",
         )
     };
-    Some(Odd {
+    Some(Outlier {
         index,
         concern: concern("is left out"),
         kept: concern("is used all the same"),
     })
 }
 
-/// Time constants of named effects that are longer than the runs can show.
+/// Concerns about time constants of named effects that are too long for the runs.
 pub fn slow_effects(candidate: &Candidate, data: &Dataset) -> Vec<Concern> {
-    /// A run shows a time constant of up to this share of its length.
+    /// Longest time constant that a run shows, as a share of its length.
     const SHARE: f64 = 0.7;
     let longest = data
         .sessions()
@@ -359,7 +358,7 @@ pub(super) mod tests {
             fitter.fit(&file.model, &file.free, Effort::Full),
         );
         let floor = NoiseFloor::of(&recordings).white;
-        let odd = odd_one_out(&file, &fitter, &refit, floor).unwrap();
+        let odd = outlying_recording(&file, &fitter, &refit, floor).unwrap();
         assert_eq!(
             (odd.index, odd.concern.recording.as_deref()),
             (index, Some("stranger"))
@@ -370,7 +369,7 @@ pub(super) mod tests {
         let fitter = Fitter::new(&file.model, &data);
         let fit = fitter.fit(&file.model, &file.free, Effort::Full);
         let refit = Candidate::of(Vec::new(), fit);
-        assert_eq!(odd_one_out(&file, &fitter, &refit, floor), None);
+        assert_eq!(outlying_recording(&file, &fitter, &refit, floor), None);
     }
 
     #[test]

@@ -1,15 +1,12 @@
-//! Which structure the recordings ask for.
+//! Ranks structures by a score.
 //!
-//! Three things make a plain comparison of squared errors lie, and each is
-//! answered here. Residuals are correlated in time, so they are counted as the
-//! smaller number of independent ones that they are worth. A bigger model fits
-//! better, so each parameter costs ln(N) (the Bayesian information criterion)
-//! and each choice among many candidates costs as well. And two large forces
-//! that cancel can imitate anything, so an effect whose size is far beyond
-//! every force in the runs pays for it.
-//!
-//! A fourth is that no formula is exact. A score that believes in formulas calls
-//! LuGre friction a hysteresis; see [`Scoring::rank`] for what is believed.
+//! A plain comparison of squared errors misleads in four ways, and each has a remedy here.
+//! Residuals are correlated in time, so the effective number of independent samples
+//! counts. A larger model fits better, so each parameter costs ln(N) (Bayesian information
+//! criterion), and each choice among many candidates costs as well. Two large forces that
+//! cancel can imitate anything, so an effect far larger than every force in the runs pays
+//! a penalty. And no formula is exact: a score that takes formulas as exact calls LuGre
+//! friction a hysteresis; see [`Scoring::rank`].
 
 use model_core::actuator::ParameterId;
 use model_core::catalogue::Kind;
@@ -18,22 +15,22 @@ use super::candidates::{Candidate, Scales};
 use super::noise::{NoiseFloor, adequate};
 use super::policy::Exact;
 use crate::estimate::fit::Fit;
-use crate::estimate::statistics::independent_stretch;
+use crate::estimate::statistics::independent_block;
 
-/// What structures are compared by.
+/// The context of scores.
 #[derive(Clone, Copy, Debug)]
 pub struct Scoring<'a> {
-    /// Sizes of forces, angles and rates.
+    /// Scales of forces, angles and rates.
     pub scales: &'a Scales,
     /// The noise floor.
     pub floor: &'a NoiseFloor,
-    /// Independent samples that the residuals are worth.
+    /// Effective number of independent samples.
     pub independent: f64,
 }
 
 impl<'a> Scoring<'a> {
-    /// Takes the count of independent samples from the residual of the best fit
-    /// of a pool, in which the least is left unmodelled.
+    /// Takes the effective number of samples from the residual of the best fit of a pool,
+    /// which has the least model error.
     pub fn of(pool: &[Candidate], scales: &'a Scales, floor: &'a NoiseFloor) -> Self {
         let independent = pool
             .iter()
@@ -49,62 +46,60 @@ impl<'a> Scoring<'a> {
         }
     }
 
-    /// Score of a structure; smaller is better, differences are twice the
-    /// logarithm of a Bayes factor.
+    /// Score of a structure. Smaller is better; differences are 2 ln of a Bayes factor.
     pub fn score(&self, candidate: &Candidate) -> f64 {
         let fit = &candidate.fit;
         let variance = (fit.sse() / fit.samples().max(1) as f64).max(f64::MIN_POSITIVE);
         self.independent * variance.ln()
             + fit.free.len() as f64 * self.independent.ln()
             + fit.departure
-            + implausibility(candidate, self.scales)
+            + log_prior_penalty(candidate, self.scales)
     }
 
-    /// The mean square that noise leaves (rad²), that of the pressure included.
+    /// The mean square of the noise (rad²), including that from the pressure.
     fn noise(&self) -> f64 {
         self.floor.rms.hypot(self.floor.input).powi(2)
     }
 
-    /// What a fit leaves beyond the noise (rad²).
+    /// The mean square of a fit beyond the noise (rad²).
     fn excess(&self, fit: &Fit) -> f64 {
         let noise = self.noise();
         (fit.rmse().powi(2) - noise).max(Exact::STANDARD.noise_share * noise)
     }
 
-    /// The evidence against `rival`, whose score is `delta` behind that of
-    /// `best`, and how many standard errors its squared residuals are behind.
+    /// The evidence against `rival`, whose score is `delta` behind that of `best`, and the
+    /// Vuong statistic of the two.
     ///
-    /// Where both leave only noise, formulas decide, so the difference has to be
-    /// large. Where the rival leaves far more beyond the noise than the best, no
-    /// other formula would save it, and the score is believed. In between the
-    /// best may be right only in kind: its residual is correlated, the score
-    /// over-confident, and what the residuals say is no more than the separation
-    /// squared, one way or the other. What parameters cost is not in doubt, but
-    /// does not put the rival before the best.
+    /// Where both leave only noise, formulas decide, so the difference has to be large.
+    /// Where the rival leaves far more beyond the noise than the best, no other formula
+    /// would save it, and the score holds. In between, the best may be right only in
+    /// kind: its residual is correlated and the score is over-confident, so the evidence
+    /// of the residuals is at most the square of the Vuong statistic. The price of
+    /// parameters is not in doubt, but does not put the rival before the best.
     fn against(&self, best: &Fit, rival: &Fit, delta: f64) -> (f64, f64) {
-        let separation = separation(best, rival);
+        let vuong_statistic = vuong_statistic(best, rival);
         let evidence = if delta < Exact::STANDARD.told_apart && adequate(rival, self.floor) {
             delta.min(Exact::STANDARD.doubt)
         } else if self.excess(rival) > Exact::STANDARD.far_worse * self.excess(best) {
             delta
         } else {
             let by_residuals = self.independent * (rival.sse() / best.sse()).ln();
-            let most = separation.powi(2);
+            let most = vuong_statistic.powi(2);
             (delta - by_residuals + by_residuals.clamp(-most, most)).max(0.0)
         };
-        (evidence, separation)
+        (evidence, vuong_statistic)
     }
 
-    /// Whether a structure lives on forces that cancel: with an effect many
-    /// times larger than anything in the recordings it can follow any curve.
+    /// Whether a structure relies on forces that cancel: with an effect many times larger
+    /// than any force in the recordings it can follow any curve.
     fn is_strained(&self, candidate: &Candidate) -> bool {
-        /// Times the natural size.
+        /// Multiple of the natural scale.
         const MANY: f64 = 10.0;
         relative_sizes(candidate, self.scales).any(|size| size > MANY)
     }
 
-    /// Ranks the structures of `size` effects, best first. Where one leaves only
-    /// noise without forces that cancel, those that need them are left out.
+    /// Ranks the structures of `size` effects, best first. If one leaves only noise
+    /// without forces that cancel, structures that rely on them are left out.
     pub fn rank(&self, pool: &[Candidate], size: usize) -> Vec<Ranked> {
         let of_size = || {
             pool.iter()
@@ -126,11 +121,12 @@ impl<'a> Scoring<'a> {
             .iter()
             .map(|&(index, score)| {
                 let delta = score - best_score;
-                let (evidence, separation) = self.against(&pool[best].fit, &pool[index].fit, delta);
+                let (evidence, vuong_statistic) =
+                    self.against(&pool[best].fit, &pool[index].fit, delta);
                 Ranked {
                     index,
                     delta,
-                    separation,
+                    vuong_statistic,
                     probability: (-evidence / 2.0).exp(),
                     rejected: false,
                 }
@@ -150,19 +146,19 @@ impl<'a> Scoring<'a> {
         ranked
     }
 
-    /// The squares beyond the noise (rad²) that a structure leaves in the mean.
+    /// The mean square of a structure beyond the noise (rad²).
     fn beyond(&self, candidate: &Candidate) -> f64 {
         candidate.fit.rmse().powi(2) - self.noise()
     }
 
-    /// As many of them as the right effect leaves by another formula, at most.
+    /// The largest such excess of the right effect with another formula.
     fn by_another_formula(&self, pool: &[Candidate]) -> f64 {
         pool.first()
             .map_or(0.0, |refit| Exact::STANDARD.imitated * self.beyond(refit))
     }
 
-    /// Keeps the nearest effect that the best one may only imitate: the difference
-    /// between the two is no larger than one between formulas.
+    /// Keeps the nearest effect that the best one may only imitate, if they differ by no
+    /// more than two formulas of one effect do.
     fn keep_imitated(&self, pool: &[Candidate], ranked: &mut [Ranked]) {
         let Some(best) = ranked
             .iter()
@@ -185,9 +181,9 @@ impl<'a> Scoring<'a> {
         }
     }
 
-    /// Gives the probability of an effect to its special case where that leaves
-    /// only noise as well, or where the effect ended as the special case and that leaves
-    /// hardly more: no parameter without need.
+    /// Gives the probability of an effect to its special case if that leaves only noise as
+    /// well, or if the effect ended as the special case and that leaves hardly more: no
+    /// parameter without need.
     fn prefer_special_cases(&self, pool: &[Candidate], ranked: &mut [Ranked]) {
         for general in 0..ranked.len() {
             let special = ranked.iter().position(|entry| {
@@ -221,8 +217,8 @@ fn imitates(set: &[Kind], true_set: &[Kind]) -> bool {
     exchanged(set, true_set).is_some_and(|(imitator, other)| imitator.imitates().contains(&other))
 }
 
-/// The effect of one structure that another has not, and the one in its place;
-/// none where they differ by more or by less.
+/// The one effect in which two structures differ, and the one in its place; none if they
+/// do not differ in exactly one.
 fn exchanged(from: &[Kind], to: &[Kind]) -> Option<(Kind, Kind)> {
     let only = |these: &[Kind], those: &[Kind]| -> Vec<Kind> {
         these
@@ -237,7 +233,7 @@ fn exchanged(from: &[Kind], to: &[Kind]) -> Option<(Kind, Kind)> {
     }
 }
 
-/// The sizes of the added effects' parameters, relative to what is natural.
+/// The sizes of the added effects' parameters, relative to their natural scales.
 fn relative_sizes<'a>(
     candidate: &'a Candidate,
     scales: &'a Scales,
@@ -258,21 +254,21 @@ fn relative_sizes<'a>(
         })
 }
 
-/// The price of effects larger than anything in the recordings: −2 ln of a
-/// Cauchy prior whose width is the natural size of the parameter.
-fn implausibility(candidate: &Candidate, scales: &Scales) -> f64 {
+/// The log-prior penalty of effects larger than any force in the recordings: −2 ln of a
+/// Cauchy prior whose width is the natural scale of the parameter.
+fn log_prior_penalty(candidate: &Candidate, scales: &Scales) -> f64 {
     relative_sizes(candidate, scales)
         .map(|size| 2.0 * size.powi(2).ln_1p())
         .sum()
 }
 
-/// How far the squares of two residuals are apart, in standard errors: the test
-/// of Vuong (Econometrica 57, 1989) for models of which none has to be true,
-/// with the scatter of sums over blocks that are longer than the correlation.
-/// Positive where `rival` is worse; zero where there are too few blocks to say.
-pub fn separation(best: &Fit, rival: &Fit) -> f64 {
+/// The statistic of Vuong's test (Econometrica 57, 1989), for models none of which has to
+/// be true: the difference of the squared residuals in standard errors, from sums over
+/// blocks that are longer than the correlation time. Positive where `rival` is worse; zero
+/// if there are too few blocks.
+pub fn vuong_statistic(best: &Fit, rival: &Fit) -> f64 {
     let correlation = best.correlation_time().max(rival.correlation_time());
-    let length = independent_stretch(correlation);
+    let length = independent_block(correlation);
     let mut sums: Vec<f64> = Vec::new();
     for (best, rival) in best.residuals.iter().zip(&rival.residuals) {
         for (best, rival) in best.chunks(length).zip(rival.chunks(length)) {
@@ -290,51 +286,50 @@ pub fn separation(best: &Fit, rival: &Fit) -> f64 {
     }
 }
 
-/// A structure with its standing in the pool.
+/// A structure with its rank in the pool.
 #[derive(Clone, Debug)]
 pub struct Ranked {
     /// Index into the pool.
     pub index: usize,
-    /// Score behind the best of its size.
+    /// Difference of the score to the best of its size.
     pub delta: f64,
-    /// Standard errors behind the best of its size, see [`separation`].
-    pub separation: f64,
+    /// Vuong statistic against the best of its size, see [`vuong_statistic`].
+    pub vuong_statistic: f64,
     /// Probability among the structures of the same size.
     pub probability: f64,
-    /// Whether the recordings reject it against the best of its size.
+    /// Whether it is rejected against the best of its size.
     pub rejected: bool,
 }
 
-/// The evidence that `effects` more effects have to bring when the best of
-/// `choices` was taken for each.
+/// The evidence required of `effects` further effects, if each is the best of `choices`.
 pub fn required_evidence(effects: usize, choices: usize) -> f64 {
     effects as f64 * (Exact::STANDARD.effect_evidence + 2.0 * (choices.max(1) as f64).ln())
 }
 
 /// Held-out errors (rad) of a structure and of a larger one.
 #[derive(Clone, Copy, Debug)]
-pub struct Growth {
+pub struct NestedComparison {
     /// Effects of the smaller one.
     pub before: usize,
     /// Error of the smaller one.
     pub smaller: f64,
     /// Error of the larger one.
     pub larger: f64,
-    /// What nothing can remove.
+    /// The noise floor.
     pub floor: f64,
-    /// Whether the larger one leaves nothing but noise.
+    /// Whether the larger one leaves only noise.
     pub adequate: bool,
-    /// Whether all these runs are repeats of runs that were fitted.
+    /// Whether all held-out runs repeat fitted ones.
     pub only_repeats: bool,
 }
 
-impl Growth {
-    /// Whether the errors pay for more effects.
+impl NestedComparison {
+    /// Whether the held-out errors accept the larger structure.
     ///
-    /// A further effect that removes neither most of what is left beyond the noise
-    /// nor all of it only mends the formula of the first. Repeats of what was
-    /// fitted cannot tell the two apart, so there it has to be all.
-    pub fn pays(&self) -> bool {
+    /// A further effect that does not remove most of the error beyond the noise only mends
+    /// the formula of the first. Repeats of fitted runs cannot show that, so on repeats it
+    /// has to remove all of it.
+    pub fn accepts_larger(&self) -> bool {
         if self.before == 0 {
             return self.larger < Exact::STANDARD.first_leaves * self.smaller;
         }
@@ -356,8 +351,8 @@ mod tests {
         assert!(required_evidence(0, 9).abs() < 1e-12);
     }
 
-    fn growth(before: usize, larger: f64) -> Growth {
-        Growth {
+    fn comparison(before: usize, larger: f64) -> NestedComparison {
+        NestedComparison {
             before,
             smaller: 1.0,
             larger,
@@ -369,36 +364,36 @@ mod tests {
 
     #[test]
     fn equal_held_out_errors_do_not_pay() {
-        assert!(!growth(0, 0.99).pays());
-        assert!(growth(0, 0.95).pays());
-        assert!(!growth(1, 0.95).pays());
+        assert!(!comparison(0, 0.99).accepts_larger());
+        assert!(comparison(0, 0.95).accepts_larger());
+        assert!(!comparison(1, 0.95).accepts_larger());
     }
 
     #[test]
     fn a_further_effect_has_to_do_more_than_mend_a_formula() {
-        let mends = growth(1, 0.85);
-        assert!(!mends.pays());
+        let mends = comparison(1, 0.85);
+        assert!(!mends.accepts_larger());
         let adequate = true;
-        assert!(Growth { adequate, ..mends }.pays());
-        assert!(growth(1, 0.65).pays());
+        assert!(NestedComparison { adequate, ..mends }.accepts_larger());
+        assert!(comparison(1, 0.65).accepts_larger());
     }
 
     #[test]
     fn repeats_alone_ask_for_all_that_is_left() {
         let only_repeats = true;
-        let most = Growth {
+        let most = NestedComparison {
             only_repeats,
-            ..growth(1, 0.65)
+            ..comparison(1, 0.65)
         };
-        assert!(!most.pays());
+        assert!(!most.accepts_larger());
         let adequate = true;
-        assert!(Growth { adequate, ..most }.pays());
+        assert!(NestedComparison { adequate, ..most }.accepts_larger());
         assert!(
-            Growth {
+            NestedComparison {
                 only_repeats,
-                ..growth(0, 0.65)
+                ..comparison(0, 0.65)
             }
-            .pays()
+            .accepts_larger()
         );
     }
 

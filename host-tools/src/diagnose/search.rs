@@ -1,4 +1,4 @@
-//! The search: which structures are fitted, and by which route they are selected.
+//! The search: which structures are fitted, and how they are selected.
 
 use std::collections::BTreeSet;
 
@@ -18,29 +18,29 @@ use super::verdict::{Alternative, Answer};
 use crate::estimate::Dataset;
 use crate::estimate::checkpoint::Checkpoint;
 use crate::estimate::fit::Fitter;
-use crate::estimate::subsample::{excerpt, pieces};
+use crate::estimate::subsample::{short_segments, subsample};
 use crate::io::model_file::ModelFile;
 
-/// What a search is carried out with.
+/// Options of a search.
 #[derive(Clone, Copy)]
 pub struct Options<'a> {
-    /// Fits of an interrupted run, and where to keep further ones.
+    /// Kept fits, also of an interrupted run.
     pub checkpoint: &'a Checkpoint,
-    /// Where fits are counted.
+    /// Counts the fits.
     pub progress: &'a Progress,
-    /// Seed of the noise that is drawn.
+    /// Random seed.
     pub seed: u64,
-    /// Effects that are tried beside those of the catalogue.
+    /// Effects to try beside those of the catalogue.
     pub own: &'a [Kind],
 }
 
-/// What a search came to.
+/// The result of a search.
 pub struct Searched {
-    /// What is selected.
+    /// The selection.
     pub found: Selection,
-    /// Effects that the recordings cannot speak about.
+    /// Effects that do not apply to the recordings.
     pub untried: Vec<Untried>,
-    /// What it is told from.
+    /// The baseline.
     pub baseline: Baseline,
 }
 
@@ -56,10 +56,10 @@ impl Searched {
 
 /// Searches the structures that add effects to the refit, and selects among them.
 ///
-/// Single effects are fitted by output error. Where one leaves only noise, exact formulas
-/// decide. Where none does, the best of them shows how much no formula explains: zeros
-/// are weighed against that, and structures are graded. Where the budget ends that, what is
-/// selected is claimed as far as what was tried allows.
+/// Single effects are fitted by output error. If one leaves only noise, exact formulas
+/// decide. If none does, the error of the best one shows how much no formula explains:
+/// zeros are weighed against that, and structures are graded. If the budget ends the
+/// search, the answer claims no more than the finished parts support.
 pub fn search(baseline: Baseline, options: Options<'_>) -> Searched {
     let mut searched = selected(baseline, options);
     searched.found = as_far_as_tried(searched.found, &options.progress.undone());
@@ -93,8 +93,7 @@ fn selected(mut baseline: Baseline, options: Options<'_>) -> Searched {
     {
         pool.extend(graded.finished(&context));
     }
-    // What the best structure leaves is the nearest to what the rig itself does not
-    // repeat.
+    // The residual of the best structure is the best estimate of the rig's repeatability.
     let simulated = graded.as_ref().and_then(|it| it.graded.simulated());
     let best = pool
         .iter()
@@ -140,8 +139,8 @@ fn selected(mut baseline: Baseline, options: Options<'_>) -> Searched {
     }
 }
 
-/// The single effect that leaves least, if it predicts better than the refit what was not
-/// fitted: what a search that was ended early has to show.
+/// The single effect with the least error, if it predicts held-out segments better than the
+/// refit: the result of a search that ended early.
 fn best_so_far(
     context: &FitContext<'_>,
     validator: &CrossValidator<'_>,
@@ -158,8 +157,8 @@ fn best_so_far(
     (validator.error_of(&best) <= most).then_some(best)
 }
 
-/// What is left of a selection where this was left undone: what would have been named is the
-/// best so far.
+/// Limits a selection to what the finished parts support: an effect that would have been
+/// named becomes the best so far.
 fn as_far_as_tried(found: Selection, undone: &BTreeSet<Part>) -> Selection {
     let answer = budget::as_far_as_tried(found.answer, found.named.len(), undone);
     if answer == found.answer {
@@ -178,7 +177,7 @@ fn as_far_as_tried(found: Selection, undone: &BTreeSet<Part>) -> Selection {
     }
 }
 
-/// Structures as they were graded, and from what.
+/// The graded structures, and what they were graded from.
 struct Grading {
     graded: Graded,
     baseline: Baseline,
@@ -217,7 +216,7 @@ impl Grading {
         Some(Self { graded, baseline })
     }
 
-    /// What is selected by grades, over this noise floor.
+    /// The selection by grades, over this noise floor.
     fn searched(self, untried: Vec<Untried>, floor: NoiseFloor, options: Options<'_>) -> Searched {
         let baseline = Baseline {
             floor,
@@ -241,19 +240,19 @@ impl Grading {
     }
 }
 
-/// What candidates are fitted to, beside the whole data.
+/// The parts of the data for coarse fits.
 struct Material {
-    pieces: Option<Dataset>,
-    excerpt: Dataset,
+    short_segments: Option<Dataset>,
+    subsample: Dataset,
     scales: Scales,
 }
 
 impl Material {
     fn of(fitter: &Fitter<'_>, refit: &Candidate) -> Self {
         Self {
-            pieces: (!in_step(fitter.data, &refit.fit))
-                .then(|| pieces(fitter.data, fitter.nominal)),
-            excerpt: excerpt(fitter.data, &refit.fit.model),
+            short_segments: (!in_step(fitter.data, &refit.fit))
+                .then(|| short_segments(fitter.data, fitter.nominal)),
+            subsample: subsample(fitter.data, &refit.fit.model),
             scales: Scales::of(fitter, &refit.fit),
         }
     }
@@ -261,9 +260,12 @@ impl Material {
     fn fitters<'a>(&'a self, whole: &'a Fitter<'a>) -> Fitters<'a> {
         Fitters {
             whole,
-            pieces: self.pieces.as_ref().map(|data| Fitter { data, ..*whole }),
-            excerpt: Fitter {
-                data: &self.excerpt,
+            short_segments: self
+                .short_segments
+                .as_ref()
+                .map(|data| Fitter { data, ..*whole }),
+            subsample: Fitter {
+                data: &self.subsample,
                 ..*whole
             },
         }
@@ -273,8 +275,8 @@ impl Material {
 /// Fitters to the whole data and to parts of it.
 struct Fitters<'a> {
     whole: &'a Fitter<'a>,
-    pieces: Option<Fitter<'a>>,
-    excerpt: Fitter<'a>,
+    short_segments: Option<Fitter<'a>>,
+    subsample: Fitter<'a>,
 }
 
 impl<'a> Fitters<'a> {
@@ -287,8 +289,8 @@ impl<'a> Fitters<'a> {
         FitContext {
             file,
             fitter: self.whole,
-            pieces: self.pieces.as_ref(),
-            excerpt: &self.excerpt,
+            short_segments: self.short_segments.as_ref(),
+            subsample: &self.subsample,
             scales: &material.scales,
             checkpoint: options.checkpoint,
             progress: options.progress,

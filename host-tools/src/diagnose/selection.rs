@@ -1,9 +1,9 @@
-//! The judgement: named, cannot tell, unexplained, or only the parameters.
+//! Selects the answer: named, cannot tell, unexplained, or only the parameters.
 //!
-//! Two questions decide, in this order. Does the structure hold on runs that
-//! were not fitted (how much of the gap between refit and noise does it
-//! close)? And is it better than every rival beyond what correlated residuals
-//! can pretend? The ranking of rivals alone names something on any data.
+//! Two questions decide, in this order. Does the structure hold on held-out runs: how
+//! much of the gap between refit and noise does it close? And is it better than every
+//! rival by more than correlated residuals can feign? A ranking of rivals alone would name
+//! something on any data.
 
 use std::collections::BTreeSet;
 
@@ -18,12 +18,12 @@ use super::decide::Strength;
 use super::family::Family;
 use super::noise::{NoiseFloor, adequate};
 use super::policy::Exact;
-use super::ranking::{Growth, Ranked, Scoring, required_evidence};
+use super::ranking::{NestedComparison, Ranked, Scoring, required_evidence};
 use super::validation::CrossValidator;
 use super::verdict::{Alternative, Answer};
 
-/// How many times the noise so many effects may leave before more is asked of
-/// them.
+/// The multiple of the noise that a structure may leave before it has to close more of
+/// the gap.
 fn left_allowed(effects: usize, only_repeats: bool) -> f64 {
     if only_repeats {
         Exact::STANDARD.leaves_on_repeats
@@ -34,8 +34,8 @@ fn left_allowed(effects: usize, only_repeats: bool) -> f64 {
     }
 }
 
-/// The share of the held-out gap that so many effects have to remove for a name
-/// if they leave `left` times the noise.
+/// The share of the held-out gap that `effects` effects have to close to be named, if
+/// they leave `left` times the noise.
 fn share_needed(effects: usize, left: f64, only_repeats: bool) -> f64 {
     if left > left_allowed(effects, only_repeats) {
         Exact::STANDARD.closes_large
@@ -46,62 +46,61 @@ fn share_needed(effects: usize, left: f64, only_repeats: bool) -> f64 {
     }
 }
 
-/// As many rivals are shown.
+/// Number of rivals that are shown.
 pub const RIVALS_SHOWN: usize = 3;
 
-/// As many rivals can gain by chance.
+/// Number of rivals in the bootstrap test.
 const RIVALS_DRAWN: usize = 8;
 
-/// As many rivals are held against each other when a run is planned.
+/// Number of rivals for which a run is planned.
 pub const RIVALS_PLANNED: usize = 3;
 
-/// A structure that was fitted to the end.
+/// A structure with a final fit, as shown in the report.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Tried {
+pub struct FittedStructure {
     /// The effects that were added.
     pub kinds: Vec<Kind>,
     /// RMS residual (rad).
     pub rmse: f64,
-    /// RMS error on runs that were not fitted (rad), and the share of the
-    /// held-out gap that it closes; none for those far behind.
+    /// RMS error on held-out runs (rad), and the share of the held-out gap that it closes;
+    /// none for structures far behind.
     pub held_out: Option<(f64, f64)>,
     /// Difference of the information criterion to the best of its size.
     pub delta_bic: f64,
-    /// How far its squared residuals are from those of the best of its size, in
-    /// standard errors.
-    pub separation: f64,
+    /// Vuong statistic against the best of its size.
+    pub vuong_statistic: f64,
     /// Probability among the structures of its size.
     pub probability: f64,
-    /// Whether the recordings reject it against the best of its size.
+    /// Whether it is rejected against the best of its size.
     pub rejected: bool,
-    /// Parameters that ended at the edge of the range that was searched.
+    /// Parameters that ended at a bound of their search range.
     pub at_bound: Vec<String>,
 }
 
-/// What a search came to.
+/// The selection of a search.
 #[derive(Clone, Debug)]
 pub struct Selection {
     /// The answer.
     pub answer: Answer,
     /// The effects that are named, in the order of the repaired model.
     pub named: Vec<Kind>,
-    /// How strongly; none where nothing is named.
+    /// The strength of the name; none where nothing is named.
     pub strength: Option<Strength>,
-    /// The families that all rivals are of; empty where they differ, or none is left.
+    /// The families that all rivals share; empty if they differ or there are none.
     pub families: Vec<Family>,
-    /// Where a family is named for its variable alone: over that a table follows the
-    /// missing force and no formula does.
+    /// The variable, if a family is named for its variable alone: a table over it follows
+    /// the missing force, and no formula does.
     pub shape: Option<Variable>,
-    /// The model that predicts best where it was not fitted, named or not; the refit
-    /// where none is better.
+    /// The model that predicts held-out segments best, named or not; the refit where none
+    /// is better.
     pub repaired: Candidate,
     /// Probability of each named effect.
     pub probability: Vec<f64>,
     /// Rivals, best first.
     pub alternatives: Vec<Alternative>,
-    /// Every structure that was fitted to the end.
-    pub tried: Vec<Tried>,
-    /// Rivals that a further run should separate, best first.
+    /// Every structure with a final fit.
+    pub tried: Vec<FittedStructure>,
+    /// Rivals to separate by a further run, best first.
     pub rivals: Vec<Candidate>,
     /// The structure with the smallest residual, named or not.
     pub best: Option<Candidate>,
@@ -131,28 +130,28 @@ pub fn names(kinds: &[Kind]) -> Vec<String> {
     kinds.iter().map(|kind| kind.name().to_owned()).collect()
 }
 
-/// What a judgement rests on.
+/// The context of a selection.
 pub struct Selector<'a> {
-    /// What candidates were fitted to.
+    /// The context of the fits.
     pub context: FitContext<'a>,
     /// The held-out runs.
     pub validator: &'a CrossValidator<'a>,
     /// The noise floor.
     pub floor: &'a NoiseFloor,
-    /// The effects that were tried.
+    /// The tried effects.
     pub kinds: &'a [Kind],
-    /// Seed of the noise that is drawn.
+    /// Random seed.
     pub seed: u64,
 }
 
 impl Selector<'_> {
-    /// Judges a pool of structures, of which the first is the refit.
+    /// Selects from a pool of structures, of which the first is the refit.
     pub fn selection(&self, refit: &Candidate, pool: &[Candidate]) -> Selection {
         let scoring = Scoring::of(pool, self.context.scales, self.floor);
         let ranked: Vec<Vec<Ranked>> = (0..=MAX_EFFECTS)
             .map(|size| scoring.rank(pool, size))
             .collect();
-        // The errors that are shown, found side by side and kept.
+        // The errors of the report, found in parallel and kept.
         ranked
             .iter()
             .flat_map(|ranked| ranked.iter().take(RIVALS_SHOWN))
@@ -183,9 +182,9 @@ impl Selector<'_> {
         candidate: &Candidate,
         entry: &Ranked,
         place: usize,
-    ) -> Tried {
+    ) -> FittedStructure {
         let fit = &candidate.fit;
-        Tried {
+        FittedStructure {
             kinds: candidate.added.clone(),
             rmse: fit.rmse(),
             held_out: (place < RIVALS_SHOWN).then(|| {
@@ -195,14 +194,14 @@ impl Selector<'_> {
                 )
             }),
             delta_bic: entry.delta,
-            separation: entry.separation,
+            vuong_statistic: entry.vuong_statistic,
             probability: entry.probability,
             rejected: entry.rejected,
             at_bound: candidate.at_bound(),
         }
     }
 
-    /// Whether a structure explains enough of the gap to be given as a cause.
+    /// Whether a structure closes enough of the gap to be named.
     fn explains(&self, refit: &Candidate, candidate: &Candidate) -> bool {
         let left = self.validator.error_of(candidate) / self.validator.floor();
         let needed = share_needed(
@@ -213,7 +212,7 @@ impl Selector<'_> {
         self.validator.gap_closed(refit, candidate) >= needed
     }
 
-    /// Decides from the standing of the structures of each size in `ranked`.
+    /// Decides from the ranks of the structures of each size.
     fn decide(
         &self,
         refit: &Candidate,
@@ -233,8 +232,7 @@ impl Selector<'_> {
             && refit.fit.rmse()
                 <= Exact::STANDARD.rms_factor * self.floor.white.hypot(self.floor.input)
         {
-            // A trace of correlation that no effect accounts for, within the
-            // noise of the sensors.
+            // A trace of correlation within the sensor noise that no effect explains.
             return Selection::nothing(Answer::ParametersOnly, refit);
         }
         if size == 0 || !self.explains(refit, &pool[chosen]) {
@@ -308,10 +306,10 @@ impl Selector<'_> {
         }
     }
 
-    /// The structure that the evidence asks for: from none upwards, a larger
-    /// one replaces a smaller one if it brings what its effects cost and is
-    /// better on runs that were not fitted. Where two explain the gap, a third would
-    /// only mend their formulas.
+    /// The selected structure: starting from the refit, a larger structure replaces a
+    /// smaller one if its evidence exceeds the price of its effects and it is better on
+    /// held-out runs. Where two effects explain the gap, a third would only mend their
+    /// formulas.
     fn choose(
         &self,
         refit: &Candidate,
@@ -331,7 +329,7 @@ impl Selector<'_> {
             let more = size - smaller.added.len();
             let evidence = scoring.score(smaller) - scoring.score(larger);
             if evidence >= required_evidence(more, self.kinds.len())
-                && self.growth(smaller, larger).pays()
+                && self.comparison(smaller, larger).accepts_larger()
                 && self.chance(pool, smaller, ranked) <= Exact::STANDARD.chance
             {
                 chosen = best;
@@ -350,8 +348,8 @@ impl Selector<'_> {
         chance(self.context.fitter, smaller, &rivals, self.seed)
     }
 
-    fn growth(&self, smaller: &Candidate, larger: &Candidate) -> Growth {
-        Growth {
+    fn comparison(&self, smaller: &Candidate, larger: &Candidate) -> NestedComparison {
+        NestedComparison {
             before: smaller.added.len(),
             smaller: self.validator.error_of(smaller),
             larger: self.validator.error_of(larger),
@@ -361,8 +359,8 @@ impl Selector<'_> {
         }
     }
 
-    /// What all surviving structures have in common, if that alone explains
-    /// most of the gap.
+    /// The effects common to all remaining structures, if they alone explain most of the
+    /// gap.
     fn common_core(
         &self,
         pool: &[Candidate],
@@ -382,10 +380,9 @@ impl Selector<'_> {
         (evidence >= required_evidence(core.len(), self.kinds.len())).then(|| candidate.clone())
     }
 
-    /// Frees parameters that are held at first, where that pays for itself and runs
-    /// that were not fitted do not speak against it. Where it does not, they stay as
-    /// they are, and the intervals of all others allow for it: nobody knows that
-    /// gravity pulls just so.
+    /// Frees parameters that were held at first, if the evidence exceeds their price and
+    /// held-out runs do not get worse. Otherwise they stay held, and the intervals of the
+    /// others allow for their uncertainty: the direction of gravity is not known exactly.
     fn with_released(&self, mut candidate: Candidate, scoring: &Scoring<'_>) -> Candidate {
         let Some(freed) = released(&self.context, &candidate) else {
             return candidate;

@@ -1,8 +1,10 @@
-//! The single effects, by output error.
+//! Fits of single effects by output error.
 //!
-//! A score test of every effect at each of its starts on a subsample (one simulation with
-//! derivatives each); a coarse fit of each on the subsample; where the best may leave only
-//! noise, final fits to everything of the best. Where none does, [`super::grade`] goes on.
+//! 1. A score test of every effect at each of its initial guesses, on a subsample (one
+//!    simulation with derivatives each).
+//! 2. A coarse fit of each effect on the subsample.
+//! 3. If the best may leave only noise, final fits of the best to all data. If none does,
+//!    [`super::grade`] takes over.
 
 use model_core::catalogue::Kind;
 use rayon::prelude::*;
@@ -13,21 +15,21 @@ use super::candidates::{Candidate, FitContext, coarse_fit, final_fit, predicted}
 use super::noise::{NoiseFloor, adequate};
 use super::policy::Exact;
 
-/// Structures that are fitted to the end.
+/// Number of structures with a final fit.
 const FINISHED: usize = 12;
 
-/// Candidates whose squared error in the coarse fit is this many times that of the
-/// best are not fitted to the end, except for as many as are shown as rivals.
+/// Candidates whose squared error in the coarse fit exceeds this multiple of the best get
+/// no final fit, except those shown as rivals.
 const HOPELESS: f64 = 6.0;
 
-/// Rivals that are fitted to the end in any case.
+/// Number of rivals that get a final fit in any case.
 const RIVALS_SHOWN: usize = 3;
 
-/// Every structure that was fitted to the end; the first is the refit.
+/// Every structure with a final fit; the first is the refit.
 pub type Pool = Vec<Candidate>;
 
-/// The refit with each effect alone: coarse fits to the subsample, the best first, and
-/// those that may leave only noise fitted to everything.
+/// The refit with each effect alone: coarse fits to the subsample, best first, and final
+/// fits of those that may leave only noise.
 pub struct Singles {
     /// Coarse fits, the best first.
     pub coarse: Vec<Candidate>,
@@ -75,18 +77,18 @@ pub fn singles(
     Singles { coarse, pool }
 }
 
-/// Whether a structure of the pool leaves nothing that another effect could explain.
+/// Whether a structure of the pool leaves nothing for another effect to explain.
 pub fn settles(pool: &[Candidate], floor: &NoiseFloor) -> bool {
     pool.iter()
         .skip(1)
         .any(|candidate| is_done(candidate, floor))
 }
 
-/// Whether nothing is left that another effect could explain, or so little that
-/// the formula may be to blame: the right effect by another formula leaves up to
-/// a fifth more than the noise.
+/// Whether nothing is left for another effect to explain, or so little that the formula
+/// may be to blame: the right effect by another formula leaves up to a fifth more than
+/// the noise.
 fn is_done(candidate: &Candidate, floor: &NoiseFloor) -> bool {
-    // What the rig itself does not repeat, no effect explains.
+    // No effect explains the rig's repeatability.
     let floor = floor.clone().with_repeats(&candidate.fit.residuals);
     let noise = floor.rms.hypot(floor.input);
     adequate(&candidate.fit, &floor) || candidate.fit.rmse() <= Exact::STANDARD.done * noise

@@ -1,12 +1,11 @@
-//! The force that a model lacks at every instant, from the angle alone.
+//! Smoothed estimate of the missing force, from the measured angle.
 //!
-//! The missing force Q of M θ̈ = g·p − C ω − K sign(θ)|θ|ⁿ − Q is taken for a
-//! random walk, and angle, rate and Q are estimated together from the measured
-//! angle: an extended Kalman filter forwards, the Rauch–Tung–Striebel smoother
-//! backwards (Rauch, Tung and Striebel, AIAA Journal 3, 1965). Nothing is
-//! differentiated, and every estimate comes with its standard deviation. How
-//! fast the walk may go is the choice under which the measured angles are most
-//! likely.
+//! The missing force Q of M θ̈ = g·p − C ω − K sign(θ)|θ|ⁿ − Q is modelled as a random
+//! walk. Angle, rate and Q are estimated together from the measured angle: by an extended
+//! Kalman filter forwards, and the Rauch–Tung–Striebel smoother backwards (Rauch, Tung and
+//! Striebel, AIAA Journal 3, 1965). No signal is differentiated, and every estimate has a
+//! standard deviation. The intensity of the process noise is its maximum-likelihood
+//! estimate.
 
 use model_core::actuator::{Model, State};
 use nalgebra::{Matrix3, RowVector3, Vector3};
@@ -47,12 +46,12 @@ impl ForceSeries {
 /// Angle, rate and missing force.
 type Vector = Vector3<f64>;
 
-/// One sample on the way forwards.
-struct Passed {
+/// One step of the filter pass.
+struct FilterStep {
     /// State before and after the measurement.
     predicted: (Vector, Matrix3<f64>),
     corrected: (Vector, Matrix3<f64>),
-    /// How the state moved there from the sample before.
+    /// Transition matrix from the sample before.
     transition: Matrix3<f64>,
 }
 
@@ -63,19 +62,17 @@ pub struct Smoother<'a> {
     pub model: &'a Model<f64>,
     /// Standard deviation of the measured angle (rad).
     pub noise: f64,
-    /// The size that forces have (N).
+    /// Scale of the forces (N).
     pub force: f64,
 }
 
-/// Speeds of the walk that are tried, in units of the force's size over the
-/// root of a second.
-const WALKS: [f64; 6] = [0.01, 0.03, 0.1, 0.3, 1.0, 3.0];
+/// Grid of the process-noise intensity, in units of the force scale per √s.
+const INTENSITIES: [f64; 6] = [0.01, 0.03, 0.1, 0.3, 1.0, 3.0];
 
 impl Smoother<'_> {
-    /// The speed of the walk (N/√s) under which the angles of `recordings` are
-    /// most likely.
-    pub fn likeliest_walk(&self, recordings: &[Recording]) -> f64 {
-        /// Samples that are enough to choose.
+    /// The maximum-likelihood process-noise intensity (N/√s) of `recordings`.
+    pub fn likeliest_intensity(&self, recordings: &[Recording]) -> f64 {
+        /// Enough samples to choose.
         const ENOUGH: usize = 4_000;
         let mut chosen: Vec<&Recording> = Vec::new();
         let mut samples = 0;
@@ -85,36 +82,36 @@ impl Smoother<'_> {
                 samples += recording.len();
             }
         }
-        WALKS
+        INTENSITIES
             .iter()
             .map(|share| share * self.force)
-            .map(|walk| {
+            .map(|intensity| {
                 let likelihood: f64 = chosen
                     .iter()
-                    .map(|recording| self.forwards(recording, walk).1)
+                    .map(|recording| self.filter_pass(recording, intensity).1)
                     .sum();
-                (walk, likelihood)
+                (intensity, likelihood)
             })
             .filter(|(_, likelihood)| likelihood.is_finite())
             .max_by(|a, b| a.1.total_cmp(&b.1))
-            .map_or(0.1 * self.force, |(walk, _)| walk)
+            .map_or(0.1 * self.force, |(intensity, _)| intensity)
     }
 
-    /// Estimates motion and missing force over one recording.
-    pub fn smooth(&self, recording: &Recording, walk: f64) -> ForceSeries {
-        let (mut passed, _) = self.forwards(recording, walk);
-        // A stiff model may leave all bounds: what comes after is not known.
-        let known = |at: &Passed| at.corrected.0.iter().all(|value| value.is_finite());
-        passed.truncate(passed.iter().take_while(|at| known(at)).count());
+    /// Estimates motion and missing force of one recording.
+    pub fn smooth(&self, recording: &Recording, intensity: f64) -> ForceSeries {
+        let (mut steps, _) = self.filter_pass(recording, intensity);
+        // A stiff model may diverge: the estimate ends there.
+        let known = |at: &FilterStep| at.corrected.0.iter().all(|value| value.is_finite());
+        steps.truncate(steps.iter().take_while(|at| known(at)).count());
         let mut series = ForceSeries {
             time: recording.time.clone(),
             ..ForceSeries::default()
         };
-        let mut estimates: Vec<(Vector, f64)> = Vec::with_capacity(passed.len());
+        let mut estimates: Vec<(Vector, f64)> = Vec::with_capacity(steps.len());
         let mut later: Option<(Vector, Matrix3<f64>)> = None;
-        for (index, at) in passed.iter().enumerate().rev() {
+        for (index, at) in steps.iter().enumerate().rev() {
             let (mut state, mut covariance) = at.corrected;
-            if let (Some((next, next_covariance)), Some(after)) = (later, passed.get(index + 1)) {
+            if let (Some((next, next_covariance)), Some(after)) = (later, steps.get(index + 1)) {
                 let (predicted, predicted_covariance) = after.predicted;
                 if let Some(inverse) = predicted_covariance.try_inverse() {
                     let gain = covariance * after.transition.transpose() * inverse;
@@ -140,17 +137,19 @@ impl Smoother<'_> {
         series
     }
 
-    /// Filters forwards; with the log-likelihood of the angles.
-    fn forwards(&self, recording: &Recording, walk: f64) -> (Vec<Passed>, f64) {
-        /// Samples whose fit to the start is not counted.
+    /// The filter pass, with the log-likelihood of the angles.
+    fn filter_pass(&self, recording: &Recording, intensity: f64) -> (Vec<FilterStep>, f64) {
+        /// First samples, whose likelihood is not counted.
         const SETTLING: usize = 20;
         let inertia = self.model.dynamics().inertia;
         let signal = Signal::pressure(recording);
-        let reach = recording
+        let largest_angle = recording
             .angle
             .iter()
-            .fold(0.0, |reach: f64, angle| angle.abs().max(reach));
-        let stepping = Stepping::of(self.model, recording.interval(), reach, Grain::Fine);
+            .fold(0.0, |largest_angle: f64, angle| {
+                angle.abs().max(largest_angle)
+            });
+        let stepping = Stepping::of(self.model, recording.interval(), largest_angle, Grain::Fine);
         let dual: Model<Dual<2>> = self.model.map(Dual::constant);
         let variance = self.noise.powi(2).max(1e-12);
         let observed = RowVector3::new(1.0, 0.0, 0.0);
@@ -165,11 +164,11 @@ impl Smoother<'_> {
         let mut state = Vector::new(whole.angle.value(), 0.0, 0.0);
         let mut covariance = Matrix3::from_diagonal(&Vector::new(
             variance,
-            (0.3 * (reach + 0.1)).powi(2),
+            (0.3 * (largest_angle + 0.1)).powi(2),
             self.force.powi(2),
         ));
         let mut transition = Matrix3::identity();
-        let mut passed = Vec::with_capacity(recording.len());
+        let mut steps = Vec::with_capacity(recording.len());
         let mut likelihood = 0.0;
         for sample in 0..recording.len() {
             if sample > 0 {
@@ -199,12 +198,12 @@ impl Smoother<'_> {
                     state[2],
                 );
                 covariance = transition * covariance * transition.transpose();
-                covariance[(2, 2)] += walk * walk * interval;
-                // What a straight step leaves of the motion's own error.
-                covariance[(1, 1)] += (1e-3 * walk / inertia * interval).powi(2);
+                covariance[(2, 2)] += intensity * intensity * interval;
+                // The error of a linear step.
+                covariance[(1, 1)] += (1e-3 * intensity / inertia * interval).powi(2);
             }
             let predicted = (state, covariance);
-            let sensor = self.bend(&whole, state[0]);
+            let sensor = self.sensor_error(&whole, state[0]);
             let innovation = recording.angle[sample] - state[0] - sensor;
             let spread = (observed * covariance * observed.transpose())[0] + variance;
             let gain = covariance * observed.transpose() / spread;
@@ -214,20 +213,20 @@ impl Smoother<'_> {
             if sample > SETTLING {
                 likelihood -= 0.5 * (innovation * innovation / spread + spread.ln());
             }
-            passed.push(Passed {
+            steps.push(FilterStep {
                 predicted,
                 corrected: (state, covariance),
                 transition,
             });
             if !state.iter().all(|value| value.is_finite()) {
-                return (passed, f64::NEG_INFINITY);
+                return (steps, f64::NEG_INFINITY);
             }
         }
-        (passed, likelihood)
+        (steps, likelihood)
     }
 
-    /// What the model's own sensor adds to the angle (rad).
-    fn bend(&self, whole: &State<Dual<2>>, angle: f64) -> f64 {
+    /// The error of the modelled sensor (rad).
+    fn sensor_error(&self, whole: &State<Dual<2>>, angle: f64) -> f64 {
         let state = State {
             time: whole.time.value(),
             angle,
@@ -295,7 +294,7 @@ mod tests {
             .map(|(t, p)| p - hidden(*t) / dynamics.input_gain)
             .collect();
         let signal = Signal::new(time.clone(), pressure);
-        let start = crate::sim::simulate::Start {
+        let start = crate::sim::simulate::InitialState {
             angle: 0.0,
             rate: 0.0,
         };
@@ -318,8 +317,8 @@ mod tests {
             noise,
             force: 1.5,
         };
-        let walk = smoother.likeliest_walk(std::slice::from_ref(&recording));
-        let found = smoother.smooth(&recording, walk);
+        let intensity = smoother.likeliest_intensity(std::slice::from_ref(&recording));
+        let found = smoother.smooth(&recording, intensity);
         let errors: Vec<f64> = found
             .time
             .iter()

@@ -1,12 +1,12 @@
-//! A force without a formula: what repairs where no effect that is known does.
+//! A table as a repair, where no known effect explains the missing force.
 //!
-//! The force that a model lacks may go with the angle, the rate, the pressure or the time
+//! The missing force may be a function of the angle, the rate, the pressure or the time
 //! although no formula of the catalogue has its shape. A table, piecewise linear over one
-//! of them, follows any shape; the board runs it like any other effect. It is a repair and
-//! never a name.
+//! of them, follows any shape, and the board runs it like any other effect. It is a repair
+//! and is never named.
 //!
-//! A table of the angle can be a spring, one of the rate a damper, one of the pressure a
-//! gain: the parameter that does the same is held where the fit without the table left it.
+//! A table of the angle can replace the spring, one of the rate the damper, one of the
+//! pressure the gain: that parameter is held at its value from the fit without the table.
 
 use model_core::actuator::{MAX_EFFECTS, Model, ParameterId};
 use model_core::catalogue::{Effect, Kind};
@@ -24,8 +24,8 @@ const NODES: usize = 8;
 /// Steps of a fit of a table.
 const FITTED: Effort = Effort::Steps(8);
 
-/// A structure with the table that leaves least of what the structure leaves, fitted to
-/// everything. None if there is no room for one, or nothing to put in it.
+/// A structure with the table that leaves the least error, fitted to everything. None if
+/// there is no room for a table, or nothing to put in it.
 pub fn with_table(context: &FitContext<'_>, base: &Candidate) -> Option<Candidate> {
     let from = &base.fit.model;
     if from.effects().count() >= MAX_EFFECTS || from.table().is_some() {
@@ -45,8 +45,8 @@ pub fn with_table(context: &FitContext<'_>, base: &Candidate) -> Option<Candidat
     Some(Candidate::of(best.added, whole.informed(&fit)))
 }
 
-/// The variable whose function an effect's force is by its formula; none for an effect
-/// with a memory, or of several variables.
+/// The variable of which an effect's force is a function; none for an effect with a
+/// memory, or of several variables.
 pub fn own_variable(kind: Kind) -> Option<Variable> {
     match kind {
         Kind::CoulombFriction
@@ -87,11 +87,11 @@ fn fitted(context: &FitContext<'_>, base: &Candidate, of: Variable) -> Option<Ca
         .collect();
     let added = base.added.iter().copied().chain([Kind::Table]).collect();
     let kept = context.checkpoint;
-    let fit = context.excerpt.fit_kept(&model, &free, FITTED, kept);
+    let fit = context.subsample.fit_kept(&model, &free, FITTED, kept);
     Some(Candidate::of(added, fit))
 }
 
-/// Whether a parameter of the base equation does what a table can do.
+/// Whether a table can replace a parameter of the base equation.
 fn does_the_same(of: Variable, id: ParameterId) -> bool {
     match of {
         Variable::Angle => matches!(id, ParameterId::Stiffness | ParameterId::Exponent),
@@ -101,7 +101,7 @@ fn does_the_same(of: Variable, id: ParameterId) -> bool {
     }
 }
 
-/// Nodes (SI units) over what the fitted recordings show of a variable; none if that
+/// Nodes (SI units) over the range of a variable in the fitted recordings; none if it
 /// hardly changes.
 fn nodes(fitter: &Fitter<'_>, of: Variable) -> Option<Vec<f32>> {
     /// Shares of the samples between which the outermost nodes lie.
@@ -166,8 +166,8 @@ mod tests {
             let context = FitContext {
                 file: &file,
                 fitter: &fitter,
-                pieces: None,
-                excerpt: &fitter,
+                short_segments: None,
+                subsample: &fitter,
                 scales: &scales,
                 checkpoint: &Checkpoint::default(),
                 progress: &Progress::default(),

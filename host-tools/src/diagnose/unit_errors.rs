@@ -1,14 +1,13 @@
-//! Columns that do not hold what their header says.
+//! Detects columns that do not hold what their header says.
 //!
-//! Another unit, absolute pressure, an angle that counts the other way round,
-//! pressure and angle exchanged: each makes a gap that no effect explains, and a
-//! diagnosis would look for one all the same. The nominal model tells: data
-//! sheets are right to a third, so that it agrees far better with the recordings
-//! once the columns are read as they were meant. Two slips show without a
-//! simulation: times in milliseconds, for which one would last for hours, and
-//! absolute pressure, which is that of the air when the actuator rests.
+//! A wrong unit, absolute pressure, an angle of the opposite sign, or exchanged columns
+//! make a model error that no effect explains, and a diagnosis would look for one all the
+//! same. The nominal model shows such errors: data sheets are right to a third, so it
+//! agrees far better once the columns are read as they were meant. Two errors show
+//! without a simulation: times in milliseconds, with which a simulation would take hours,
+//! and absolute pressure, which is that of the air when the actuator rests.
 //!
-//! What was said on the command line ([`Columns`]) is not doubted.
+//! What the command line says of the columns ([`Columns`]) is not doubted.
 
 use model_core::actuator::{Model, ParameterId};
 use model_core::dynamics::Dynamics;
@@ -21,23 +20,21 @@ use crate::io::error::InputError;
 use crate::io::model_file::ModelFile;
 use crate::io::recording::{PASCAL_PER_KPA, Recording};
 
-/// A nominal model that misses by less, relative to the motion, reads the
-/// columns right. Psi make the pressure 6.9 times smaller, and with the exponent
-/// of silicone (2.4) the angle 2.3 times: a miss of 0.56.
+/// Below this relative error of the nominal model the columns are right. Psi make the
+/// pressure 6.9 times smaller and, with the exponent of silicone (2.4), the angle 2.3
+/// times: an error of 0.56.
 const WRONG: f64 = 0.45;
 
-/// One that misses by no more than this with a slip undone is convincing.
+/// Largest relative error after the columns are reread that is convincing.
 const RIGHT: f64 = 0.35;
 
-/// And it has to miss by less than this share of what it did before.
+/// Largest ratio of the error after rereading to the one before.
 const BETTER: f64 = 0.5;
 
-/// A nominal model that misses by more than the motion itself points the other
-/// way: an angle that rests misses by one.
+/// Relative error from which the sign may be wrong: an angle at rest has an error of one.
 const OPPOSITE: f64 = 1.2;
 
-/// Then no more than this is asked for once the sign is changed: no missing
-/// effect turns a motion round.
+/// Largest relative error after the sign is changed: no missing effect reverses a motion.
 const RIGHT_WAY: f64 = 0.6;
 
 /// Intervals between samples below this (s) are taken for seconds.
@@ -46,28 +43,28 @@ const SLOW_SAMPLING_S: f64 = 1.0;
 /// Intervals (ms) of recorders that note milliseconds.
 const MILLISECONDS: std::ops::RangeInclusive<f64> = 0.2..=500.0;
 
-/// From so many of the model's slowest time constants between two samples they
-/// show nothing of its dynamics; nobody samples so to fit them.
+/// Interval between samples, in slowest time constants of the model, from which they show
+/// nothing of its dynamics: nobody samples so slowly for a fit.
 const NOTHING_SHOWS: f64 = 10.0;
 
-/// From so many on, that alone is convincing.
+/// The same, from which that alone is convincing.
 const HOPELESS: f64 = 50.0;
 
 /// Pressures (kPa) of the air, from 2 000 m above the sea to fair weather.
 const AIR_KPA: std::ops::RangeInclusive<f64> = 80.0..=106.0;
 
-/// A pressure of the air that differs by more from the standard atmosphere
-/// (kPa) is named: so far the zero of a pressure sensor may be off.
+/// Largest difference (kPa) from the standard atmosphere that is not stated: the zero
+/// error of a pressure sensor.
 const NEAR_STANDARD_KPA: f64 = 0.5;
 
 /// An angle within this share of the motion is at rest.
 const NEAR_ZERO: f64 = 0.15;
 
-/// A rest in the pressure of the air convinces if the model misses by less than
-/// this share of what it does as the columns stand.
+/// Largest ratio of the error after rereading to the one before, if the actuator rests at
+/// the pressure of the air.
 const BETTER_IN_AIR: f64 = 0.7;
 
-/// Units that a column of kPa may be in instead.
+/// Other units that a pressure column may be in.
 const OTHER_UNITS: [PressureUnit; 4] = [
     PressureUnit::Psi,
     PressureUnit::Bar,
@@ -75,11 +72,11 @@ const OTHER_UNITS: [PressureUnit; 4] = [
     PressureUnit::Pa,
 ];
 
-/// Absolute pressures (kPa) below this are none: the vacuum pumps of such rigs
-/// reach no further, and a zero is a vent to the air.
+/// Least absolute pressure (kPa): the vacuum pumps of such rigs reach no further, and
+/// zero is a vent to the air.
 const LEAST_ABSOLUTE_KPA: f64 = 15.0;
 
-/// Samples from which the pressure and the angle at the ends are taken.
+/// Samples at each end from which pressure and angle at rest are taken.
 const AT_ENDS: usize = 10;
 
 /// Refuses recordings with which the nominal model agrees far better if their
@@ -89,7 +86,7 @@ const AT_ENDS: usize = 10;
 ///
 /// Names the recordings, the columns, and the flags that say what they hold.
 pub fn refuse(file: &ModelFile, recordings: &[Recording]) -> Result<(), InputError> {
-    // No simulation before this: it would last for hours.
+    // Before any simulation, which would take hours.
     if let Some(first) = recordings.iter().find(|it| in_milliseconds(file, it)) {
         let whole = names(recordings, |it| in_milliseconds(file, it));
         return Err(refused(
@@ -101,22 +98,22 @@ pub fn refuse(file: &ModelFile, recordings: &[Recording]) -> Result<(), InputErr
             first,
         ));
     }
-    let Some((first, slip)) = recordings.iter().find_map(|recording| {
-        let slip = convincing(file, recording, |slip| {
-            slip.angle.is_none() || could_be_radians(file, recordings)
+    let Some((first, unit_error)) = recordings.iter().find_map(|recording| {
+        let unit_error = convincing(file, recording, |unit_error| {
+            unit_error.angle.is_none() || could_be_radians(file, recordings)
         })?;
-        Some((recording, slip))
+        Some((recording, unit_error))
     }) else {
         return Ok(());
     };
-    // Where one shows it, it is likely in all that agree better so.
+    // If one recording has it, so do probably all that agree better with it.
     let whole = names(recordings, |recording| {
-        undone(file, &slip, recording) < as_it_is(file, recording)
+        undone(file, &unit_error, recording) < as_it_is(file, recording)
     });
-    Err(refused(&slip, &whole, first))
+    Err(refused(&unit_error, &whole, first))
 }
 
-/// The names of the recordings that show a slip.
+/// The names of the recordings that show an error.
 fn names(recordings: &[Recording], shows: impl Fn(&Recording) -> bool) -> String {
     let names: Vec<&str> = recordings
         .iter()
@@ -130,10 +127,10 @@ fn names(recordings: &[Recording], shows: impl Fn(&Recording) -> bool) -> String
     }
 }
 
-/// Whether it can be that the model misses because angles are radians. A full turn is more
-/// than an actuator bends: recordings that reach farther are in degrees, and where the model
-/// misses those as well, it is not for the unit. Without a dry friction that holds the
-/// actuator back a model runs far ahead and seems to count in larger units.
+/// Whether the angles could be radians. An actuator bends by less than a full turn, so
+/// recordings with larger numbers are in degrees; if the model is wrong on those as well, the
+/// unit is not the cause. A model without a dry friction that holds the actuator back
+/// overestimates the motion and seems to use larger units.
 fn could_be_radians(file: &ModelFile, recordings: &[Recording]) -> bool {
     let farthest = |recording: &Recording| {
         let angles = recording.angle.iter();
@@ -147,45 +144,46 @@ fn could_be_radians(file: &ModelFile, recordings: &[Recording]) -> bool {
         .all(|recording| as_it_is(file, recording) < WRONG)
 }
 
-/// The slip that a recording shows, if it does, among those that are possible.
+/// The unit error that a recording shows, if any.
 fn convincing(
     file: &ModelFile,
     recording: &Recording,
     is_possible: impl Fn(&Columns) -> bool,
 ) -> Option<Columns> {
     let as_it_is = as_it_is(file, recording);
-    if let Some(slip) = rests_in_air(recording)
-        && undone(file, &slip, recording) < BETTER_IN_AIR * as_it_is
+    if let Some(unit_error) = rests_in_air(recording)
+        && undone(file, &unit_error, recording) < BETTER_IN_AIR * as_it_is
     {
-        return Some(slip);
+        return Some(unit_error);
     }
     if as_it_is < WRONG {
         return None;
     }
-    slips(recording)
+    possible_errors(recording)
         .into_iter()
         .filter(is_possible)
-        .map(|slip| (undone(file, &slip, recording), slip))
-        .filter(|(miss, slip)| {
-            let opposite = slip.flip_angle && as_it_is >= OPPOSITE;
+        .map(|unit_error| (undone(file, &unit_error, recording), unit_error))
+        .filter(|(miss, unit_error)| {
+            let opposite = unit_error.flip_angle && as_it_is >= OPPOSITE;
             *miss < BETTER * as_it_is && *miss < if opposite { RIGHT_WAY } else { RIGHT }
         })
-        .filter(|(_, slip)| slip.air_kpa.is_none() || could_be_absolute(slip, recording))
-        // A swing that the model follows without any drive says nothing of its unit.
-        .filter(|(miss, slip)| {
-            slip.pressure.is_none() || *miss < BETTER * undriven(file, recording)
+        .filter(|(_, unit_error)| {
+            unit_error.air_kpa.is_none() || could_be_absolute(unit_error, recording)
+        })
+        // A swing that the model follows undriven says nothing about the unit of the pressure.
+        .filter(|(miss, unit_error)| {
+            unit_error.pressure.is_none() || *miss < BETTER * undriven(file, recording)
         })
         .min_by(|a, b| a.0.total_cmp(&b.0))
-        .map(|(_, slip)| slip)
+        .map(|(_, unit_error)| unit_error)
         .filter(|_| !agrees_refitted(file, recording))
 }
 
-/// Whether the model agrees with a recording as it stands once its parameters are
-/// fitted, without the leap in gain or damping that a wrong unit takes. The stiffness may
-/// leap: where an actuator hardly springs back, nobody knows it, and a simulation runs off
-/// as it likes.
+/// Whether the refitted model agrees with the unchanged recording, without the large change
+/// of gain or damping that a wrong unit needs. The stiffness may change: where an actuator
+/// hardly springs back it is poorly known, and a simulation drifts.
 fn agrees_refitted(file: &ModelFile, recording: &Recording) -> bool {
-    /// Psi for kPa is a factor of 6.9, the smallest of all.
+    /// Largest factor; psi for kPa is 6.9, the smallest of all errors.
     const LEAP: f64 = 4.0;
     let start = start_of(recording);
     let data = Dataset::of(std::slice::from_ref(&start)).calibrated();
@@ -198,60 +196,60 @@ fn agrees_refitted(file: &ModelFile, recording: &Recording) -> bool {
     fit.rmse() < RIGHT * rms(&start.angle) && !leaps(|d| d.input_gain) && !leaps(|d| d.damping)
 }
 
-/// Whether a pressure in the unit of a slip could be absolute.
-fn could_be_absolute(slip: &Columns, recording: &Recording) -> bool {
-    let factor = slip.pressure.map_or(1.0, PressureUnit::kilopascals) / PASCAL_PER_KPA;
+/// Whether a pressure, reread in this unit, could be absolute.
+fn could_be_absolute(unit_error: &Columns, recording: &Recording) -> bool {
+    let factor = unit_error.pressure.map_or(1.0, PressureUnit::kilopascals) / PASCAL_PER_KPA;
     recording
         .pressure
         .iter()
         .all(|pressure| pressure * factor >= LEAST_ABSOLUTE_KPA)
 }
 
-/// How a recording may have been meant, besides what was said of it.
-fn slips(recording: &Recording) -> Vec<Columns> {
+/// The possible errors of a recording, besides what the command line says of it.
+fn possible_errors(recording: &Recording) -> Vec<Columns> {
     let said = recording.columns;
     let nothing = Columns::default();
     let air_kpa = Some(ATMOSPHERE_KPA);
-    let mut slips = Vec::new();
+    let mut possible_errors = Vec::new();
     if said.pressure.is_none() {
-        slips.extend(OTHER_UNITS.map(|unit| Columns {
+        possible_errors.extend(OTHER_UNITS.map(|unit| Columns {
             pressure: Some(unit),
             ..nothing
         }));
     }
     if said.air_kpa.is_none() {
-        slips.push(Columns { air_kpa, ..nothing });
+        possible_errors.push(Columns { air_kpa, ..nothing });
     }
     if said.pressure.is_none() && said.air_kpa.is_none() {
-        slips.extend(OTHER_UNITS.map(|unit| Columns {
+        possible_errors.extend(OTHER_UNITS.map(|unit| Columns {
             pressure: Some(unit),
             air_kpa,
             ..nothing
         }));
     }
     if said.angle.is_none() {
-        slips.push(Columns {
+        possible_errors.push(Columns {
             angle: Some(AngleUnit::Rad),
             ..nothing
         });
     }
     if !said.flip_angle {
-        slips.push(Columns {
+        possible_errors.push(Columns {
             flip_angle: true,
             ..nothing
         });
     }
     if !said.exchange && !angle_follows(recording) {
-        slips.push(Columns {
+        possible_errors.push(Columns {
             exchange: true,
             ..nothing
         });
     }
-    slips
+    possible_errors
 }
 
-/// Whether the times of a recording are milliseconds: its samples are too far
-/// apart to show anything of the model's dynamics, and are not if so read.
+/// Whether the times of a recording are milliseconds: read as seconds, its samples are too
+/// far apart to show the model's dynamics; read as milliseconds, they are not.
 fn in_milliseconds(file: &ModelFile, recording: &Recording) -> bool {
     let interval = recording.interval();
     if recording.columns.time.is_some()
@@ -269,12 +267,11 @@ fn in_milliseconds(file: &ModelFile, recording: &Recording) -> bool {
     ratio >= HOPELESS || ratio >= NOTHING_SHOWS && undone(file, &meant, recording) < RIGHT
 }
 
-/// The slowest time constant (s) of a model's mass, damper and spring at the
-/// angles of a recording: of its swing, of the decay of a swing, or of a return
-/// without mass.
+/// The slowest time constant (s) of a model's mass, damper and spring at the angles of a
+/// recording: of the swing, of its decay, or of the overdamped return.
 fn slowest_time_constant(file: &ModelFile, recording: &Recording) -> f64 {
-    let reach = recording.angle.iter().fold(0.0, |a, b| b.abs().max(a));
-    let rates = file.model.fastest_rate(reach);
+    let largest_angle = recording.angle.iter().fold(0.0, |a, b| b.abs().max(a));
+    let rates = file.model.fastest_rate(largest_angle);
     [
         1.0 / rates.stiffness.sqrt(),
         1.0 / rates.relaxation,
@@ -282,7 +279,7 @@ fn slowest_time_constant(file: &ModelFile, recording: &Recording) -> f64 {
     ]
     .into_iter()
     .fold(0.0, |slowest, time| {
-        // What cannot be told is taken for slow.
+        // An undefined time constant counts as slow.
         if time.is_nan() {
             f64::INFINITY
         } else {
@@ -299,9 +296,8 @@ fn ends(values: &[f64]) -> [f64; 2] {
     [median(&mut first), median(&mut last)]
 }
 
-/// Absolute pressure, in whichever unit, if a recording shows it without a
-/// model: the pressure is that of the air where the angle is zero, and never far
-/// below.
+/// Absolute pressure, in any unit, if a recording shows it without a model: the pressure is
+/// that of the air where the angle is zero, and never far below.
 fn rests_in_air(recording: &Recording) -> Option<Columns> {
     let said = recording.columns;
     if said.air_kpa.is_some() {
@@ -340,25 +336,25 @@ fn rests_in_air(recording: &Recording) -> Option<Columns> {
         .find_map(read_as)
 }
 
-/// How a slip is told, with the flags that mend it.
-fn refused(slip: &Columns, whole: &str, first: &Recording) -> InputError {
-    let flags = slip.flags();
-    let units = slip.pressure.map(|unit| {
-        let absolute = if slip.air_kpa.is_some() {
+/// The message about a unit error, with the flags that mend it.
+fn refused(unit_error: &Columns, whole: &str, first: &Recording) -> InputError {
+    let flags = unit_error.flags();
+    let units = unit_error.pressure.map(|unit| {
+        let absolute = if unit_error.air_kpa.is_some() {
             " of absolute pressure"
         } else {
             ""
         };
         (
             format!("pressure_kpa is read as {}{absolute}", unit.symbol()),
-            if slip.air_kpa.is_some() {
+            if unit_error.air_kpa.is_some() {
                 "--units pressure=kpa --absolute-pressure=0 if the column is right"
             } else {
                 "--units pressure=kpa if the column is right"
             },
         )
     });
-    let (found, otherwise) = if slip.time.is_some() {
+    let (found, otherwise) = if unit_error.time.is_some() {
         (
             format!(
                 "the times look like milliseconds: {:.3} s lie between two samples, in which the model comes to rest, in {whole}",
@@ -371,21 +367,21 @@ fn refused(slip: &Columns, whole: &str, first: &Recording) -> InputError {
             format!("the units look mixed up: the model agrees with {whole} only if {read_as}"),
             otherwise,
         )
-    } else if slip.air_kpa.is_some() {
+    } else if unit_error.air_kpa.is_some() {
         (
             format!(
                 "the pressure looks absolute, that of the air included: the model agrees better with {whole} if pressure_kpa is read so"
             ),
             "--absolute-pressure=0 if it is gauge pressure",
         )
-    } else if slip.angle.is_some() {
+    } else if unit_error.angle.is_some() {
         (
             format!(
                 "the units look mixed up: the model agrees with {whole} only if angle_deg is read as radians"
             ),
             "--units angle=deg if the column is right",
         )
-    } else if slip.flip_angle {
+    } else if unit_error.flip_angle {
         (
             format!(
                 "the angle looks as if it counted the other way round: the model agrees with {whole} only if angle_deg changes its sign"
@@ -403,10 +399,10 @@ fn refused(slip: &Columns, whole: &str, first: &Recording) -> InputError {
     InputError::new(found, format!("add {flags}, or {otherwise}")).in_file(&first.path)
 }
 
-/// Whether the angle comes after the pressure, as an effect after its cause: the
-/// shift at which the two columns go together best is not negative.
+/// Whether the angle lags the pressure, as an effect follows its cause: the shift of the
+/// largest cross-correlation is not negative.
 fn angle_follows(recording: &Recording) -> bool {
-    /// Longest shift that is looked at (s): actuators answer sooner.
+    /// Longest shift (s): actuators respond sooner.
     const LONGEST_S: f64 = 1.0;
     // At most some hundred samples.
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
@@ -416,19 +412,19 @@ fn angle_follows(recording: &Recording) -> bool {
         values.iter().map(|value| value - middle).collect()
     };
     let (pressure, angle) = (centred(&recording.pressure), centred(&recording.angle));
-    let together = |cause: &[f64], effect: &[f64], shift: usize| -> f64 {
+    let cross_correlation = |cause: &[f64], effect: &[f64], shift: usize| -> f64 {
         let later = effect.iter().skip(shift);
         cause.iter().zip(later).map(|(a, b)| a * b).sum()
     };
     let best = |cause: &[f64], effect: &[f64], from: usize| {
         (from..=most)
-            .map(|shift| together(cause, effect, shift))
+            .map(|shift| cross_correlation(cause, effect, shift))
             .fold(f64::NEG_INFINITY, f64::max)
     };
     best(&pressure, &angle, 0) >= best(&angle, &pressure, 1)
 }
 
-/// As much of a recording as is enough to see a slip: a session may begin with a
+/// The first part of a recording, enough to show an error: a session may begin with a
 /// rest and small steps that hardly move.
 fn start_of(recording: &Recording) -> Recording {
     const ENOUGH: usize = 10_000;
@@ -442,25 +438,26 @@ fn start_of(recording: &Recording) -> Recording {
 }
 
 /// A recording as it was meant.
-fn read_again(slip: &Columns, mut recording: Recording) -> Recording {
+fn read_again(unit_error: &Columns, mut recording: Recording) -> Recording {
     for k in 0..recording.len() {
         let sample = [recording.time[k], recording.pressure[k], recording.angle[k]];
-        [recording.time[k], recording.pressure[k], recording.angle[k]] = slip.read_again(sample);
+        [recording.time[k], recording.pressure[k], recording.angle[k]] =
+            unit_error.read_again(sample);
     }
     recording
 }
 
-/// How far the nominal model misses a recording as it stands.
+/// Relative error of the nominal model on the recording as read.
 fn as_it_is(file: &ModelFile, recording: &Recording) -> f64 {
     miss(file, &start_of(recording))
 }
 
-/// How far it misses once a slip is undone.
-fn undone(file: &ModelFile, slip: &Columns, recording: &Recording) -> f64 {
-    miss(file, &read_again(slip, start_of(recording)))
+/// Relative error after the columns are reread.
+fn undone(file: &ModelFile, unit_error: &Columns, recording: &Recording) -> f64 {
+    miss(file, &read_again(unit_error, start_of(recording)))
 }
 
-/// How far it misses if the pressure does nothing.
+/// Relative error of the undriven model.
 fn undriven(file: &ModelFile, recording: &Recording) -> f64 {
     let mut file = file.clone();
     file.model = file.model.with_value(ParameterId::InputGain, 0.0);
@@ -471,7 +468,7 @@ fn undriven(file: &ModelFile, recording: &Recording) -> f64 {
 /// be simulated.
 fn miss(file: &ModelFile, recording: &Recording) -> f64 {
     let motion = rms(&recording.angle);
-    // Zeros that could move would hide a part of what a slip does.
+    // Free zeros would hide a part of the error.
     let data = Dataset::of(std::slice::from_ref(recording)).calibrated();
     let fitter = Fitter::new(&file.model, &data);
     let miss = fitter.compare(&file.model).rmse() / motion.max(f64::MIN_POSITIVE);
@@ -630,14 +627,14 @@ mod tests {
 
     #[test]
     fn a_pressure_that_is_zero_is_not_absolute() {
-        let slip = Columns {
+        let unit_error = Columns {
             air_kpa: Some(ATMOSPHERE_KPA),
             ..Columns::default()
         };
         let (_, mut recordings) = example(22);
-        assert!(!could_be_absolute(&slip, &recordings[0]));
+        assert!(!could_be_absolute(&unit_error, &recordings[0]));
         change(&mut recordings, |_, p, _| *p += 101_325.0);
-        assert!(could_be_absolute(&slip, &recordings[0]));
+        assert!(could_be_absolute(&unit_error, &recordings[0]));
     }
 
     #[test]

@@ -1,15 +1,13 @@
-//! The test that counts: errors on runs that were not fitted.
+//! Validation: errors on segments that were not fitted.
 //!
-//! With `--holdout` recordings the fitted model is simulated over them as it
-//! is. Without, segments are left out in turn, repeats of one run together:
-//! a repeat that stays in the fit would give the answer away. A segment that is
-//! left out is simulated through with its session, whose zeros and start come
-//! from the other segments; a session of which nothing is fitted has its own
-//! estimated, and nothing else.
+//! `--holdout` recordings are simulated with the fitted model. Without them, segments are
+//! left out in turn (cross-validation), repeats of one run together: a repeat that stays in
+//! the fit would give the answer away. A left-out segment is simulated with its session,
+//! whose zeros and initial state come from the other segments. If nothing of a session is
+//! fitted, its zeros and initial state are estimated on it, and nothing else.
 //!
-//! What a fit would have been without some recordings follows from the
-//! curvature of its sum of squares ([`crate::estimate::information`]); it is refitted
-//! only where that cannot be trusted.
+//! Leave-out fits use one Gauss–Newton step ([`crate::estimate::information`]), and are
+//! refitted only where that cannot be trusted.
 
 use std::collections::BTreeMap;
 use std::sync::{Mutex, PoisonError};
@@ -26,19 +24,19 @@ use crate::estimate::fit::{Effort, Fitter, Validation};
 use crate::estimate::horizon::{Squares, block_errors};
 use crate::io::model_file::ModelFile;
 
-/// Fewer different runs than this, and leaving one out would ask for
-/// extrapolation: repeats are then left out one by one.
+/// Fewest different runs. With fewer, leaving one out would ask for extrapolation, and
+/// repeats are left out one by one.
 const FEWEST_UNITS: usize = 5;
 
-/// Folds into which repeats are dealt where they are not kept together.
+/// Number of folds where repeats are not kept together.
 const FOLDS: usize = 4;
 
-/// Most folds. With so many the fits know 97 % of the data, hardly less than if every
-/// run were left out alone, and the time grows with the runs and not with their square.
+/// Largest number of folds. Each fit then uses 97 % of the data, hardly less than with
+/// every run left out alone, and the time is linear in the number of runs.
 const MOST_FOLDS: usize = 32;
 
-/// A fit without some recordings is found by one step, unless they are missed by so
-/// many times the squares with which the fit to all of them misses them.
+/// Leave-out fits use one Gauss–Newton step; they are refitted if the squared error on the
+/// omitted segments exceeds this multiple of the full fit's.
 const TRUSTED: f64 = 1.2;
 
 /// Held-out errors (rad).
@@ -54,15 +52,15 @@ pub struct HeldOut {
     pub repaired_on_board: f64,
     /// Noise floor of the held-out runs.
     pub floor: f64,
-    /// Whether they were left out in turn rather than given.
+    /// Whether segments were left out in turn rather than given by `--holdout`.
     pub in_turn: bool,
-    /// Whether all of them are repeats of runs that were fitted.
+    /// Whether all held-out runs repeat fitted ones.
     pub only_repeats: bool,
-    /// The same for each held-out run.
+    /// Errors of each held-out run.
     pub runs: Vec<HeldOutRun>,
 }
 
-/// Errors (rad) on one run that was not fitted.
+/// Errors (rad) on one held-out run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HeldOutRun {
     /// The model as supplied.
@@ -79,7 +77,7 @@ impl HeldOut {
         share_closed(self.refit, self.repaired, self.floor)
     }
 
-    /// Whether the repaired model leaves nothing but noise.
+    /// Whether the repaired model leaves only noise.
     pub fn at_noise(&self) -> bool {
         self.repaired <= Exact::STANDARD.rms_factor * self.floor
     }
@@ -107,7 +105,7 @@ pub struct Errors {
 }
 
 impl Errors {
-    /// Of squared errors a segment: short, medium, full.
+    /// From the squared errors of each segment: short, medium, full.
     pub fn of(segments: &[[Squares; 3]]) -> Self {
         let [short, medium, full] = std::array::from_fn(|horizon| {
             let all = segments.iter().map(|squares| squares[horizon]);
@@ -126,8 +124,8 @@ impl Errors {
     }
 }
 
-/// Squared errors of each segment: over blocks of two horizons, and of whole segments
-/// that leave these residuals (rad).
+/// Squared errors of each segment: over blocks of two horizons, and over whole segments
+/// from these residuals (rad).
 pub fn at_horizons(
     residuals: &[Vec<f64>],
     horizons: [f64; 2],
@@ -160,35 +158,32 @@ impl Squared for [Squares; 3] {
     }
 }
 
-/// A structure as fitted: what identifies a held-out error.
+/// A structure as fitted: the key of a held-out error.
 type Key = (Vec<Kind>, Vec<ParameterId>, Option<u64>);
 
-/// Validates structures on segments that were not fitted.
+/// Validates structures on held-out segments.
 pub struct CrossValidator<'a> {
     file: &'a ModelFile,
-    /// The data, whose held-out segments are those to judge by; if there are none,
-    /// the fitted ones are left out in turn.
+    /// The data with its held-out segments; if there are none, the fitted ones are left out
+    /// in turn.
     fitter: &'a Fitter<'a>,
-    /// Places of fitted segments that are left out together; empty where some are
-    /// held out.
+    /// Fitted segments of each fold, by index; empty if some segments are held out.
     folds: Vec<Vec<usize>>,
     /// Noise floor of the held-out segments (rad).
     floor: f64,
-    /// Whether every held-out segment repeats one that was fitted.
+    /// Whether every held-out segment repeats a fitted one.
     only_repeats: bool,
-    /// Squared errors of each segment that were found before: several steps ask
-    /// for the same ones.
+    /// Squared errors of each segment found before: several steps need the same ones.
     memo: Mutex<BTreeMap<Key, Vec<f64>>>,
 }
 
 impl<'a> CrossValidator<'a> {
-    /// Creates a cross-validator. The noise of the measured pressure leaves an error of
-    /// `input` (rad) that no model removes.
+    /// Creates a cross-validator. `input` (rad) is the error from noise of the pressure.
     pub fn new(file: &'a ModelFile, fitter: &'a Fitter<'a>, input: f64) -> Self {
         Self::with_folds(file, fitter, input, MOST_FOLDS)
     }
 
-    /// The same with so many folds at most: fewer are quicker and ask for more.
+    /// The same with at most `most` folds: fewer are faster and stricter.
     pub fn with_folds(
         file: &'a ModelFile,
         fitter: &'a Fitter<'a>,
@@ -225,17 +220,17 @@ impl<'a> CrossValidator<'a> {
         }
     }
 
-    /// The data, with those to judge by.
+    /// The fitter to the data with its held-out segments.
     pub fn fitter(&self) -> &'a Fitter<'a> {
         self.fitter
     }
 
-    /// Raises the floor to one that holds what the rig itself does not repeat (rad).
+    /// Raises the floor (rad) to one that includes the rig's repeatability.
     pub fn with_scatter(&mut self, scatter: f64) {
         self.floor = self.floor.max(scatter);
     }
 
-    /// RMS error (rad) of a fitted structure on runs that were not fitted.
+    /// RMS error (rad) of a fitted structure on held-out runs.
     pub fn error_of(&self, candidate: &Candidate) -> f64 {
         self.rms(&self.squares_of(candidate))
     }
@@ -258,23 +253,23 @@ impl<'a> CrossValidator<'a> {
         found
     }
 
-    /// What nothing can remove from the error on the held-out runs (rad).
+    /// The noise floor of the held-out runs (rad).
     pub fn floor(&self) -> f64 {
         self.floor
     }
 
-    /// Whether every held-out run repeats one that was fitted.
+    /// Whether every held-out run repeats a fitted one.
     pub fn has_only_repeats(&self) -> bool {
         self.only_repeats
     }
 
-    /// RMS error (rad) over all segments from the sums of each.
+    /// RMS error (rad) over all segments, from the sum of each.
     fn rms(&self, squares: &[f64]) -> f64 {
         let samples: usize = self.lengths().iter().sum();
         (squares.iter().sum::<f64>() / samples.max(1) as f64).sqrt()
     }
 
-    /// Samples of each segment that is judged by.
+    /// Number of samples of each held-out segment.
     fn lengths(&self) -> Vec<usize> {
         let length = |segment: &Segment| segment.range.len();
         if self.in_turn() {
@@ -284,7 +279,7 @@ impl<'a> CrossValidator<'a> {
         }
     }
 
-    /// Whether segments are left out in turn rather than given.
+    /// Whether segments are left out in turn rather than given by `--holdout`.
     pub fn in_turn(&self) -> bool {
         !self.folds.is_empty()
     }
@@ -332,8 +327,8 @@ impl<'a> CrossValidator<'a> {
         self.rms(&self.nominal_squares())
     }
 
-    /// Squared errors of the model as supplied on each segment; its zeros and
-    /// starts are estimated without those as well.
+    /// Squared errors of the supplied model on each segment; its zeros and initial states
+    /// are estimated without that segment as well.
     fn nominal_squares(&self) -> Vec<f64> {
         let model = &self.file.model;
         self.over_folds(|fitter, _| squares(&fitter.validate(model).residuals))
@@ -351,8 +346,8 @@ impl<'a> CrossValidator<'a> {
         })
     }
 
-    /// RMS error (rad) of a fitted structure on segments that were not fitted, over
-    /// blocks of two horizons (s) and over whole segments.
+    /// RMS errors (rad) of a fitted structure on held-out segments, over blocks of two
+    /// horizons (s) and over whole segments.
     pub fn errors_over(&self, candidate: &Candidate, horizons: [f64; 2]) -> Errors {
         let found = self.collect(candidate, |fitter, model| {
             let Validation {
@@ -366,8 +361,8 @@ impl<'a> CrossValidator<'a> {
         Errors::of(&found)
     }
 
-    /// Asks about the data with its held-out segments, or without each fold in
-    /// turn, and puts the answers in the order of the segments.
+    /// Evaluates the data with its held-out segments, or without each fold in turn, and
+    /// returns the results in the order of the segments.
     fn over_folds<T: Squared>(
         &self,
         squares: impl Fn(&Fitter<'_>, Option<&[usize]>) -> Vec<T>,
@@ -397,13 +392,14 @@ impl<'a> CrossValidator<'a> {
         fold: &[usize],
         squares: &impl Fn(&Fitter<'_>, &Model<f64>) -> Vec<T>,
     ) -> Vec<T> {
-        // Zeros and starts hardly move without a few segments.
+        // Zeros and initial states hardly change without a few segments.
         let data = rest.data.guessing(&candidate.fit.nuisances);
         let rest = &Fitter {
             data: &data,
             ..*rest
         };
-        // A step that leads far worse may have left the parabola it was taken on.
+        // A much worse error suggests that the step left the range of the quadratic
+        // approximation.
         let by_step = candidate
             .fit
             .without(fold)
@@ -423,8 +419,8 @@ impl<'a> CrossValidator<'a> {
             } else {
                 candidate.fit.free.clone()
             };
-            // From the whole fit it is not far, and a thousandth of the error decides
-            // nothing; without one of many folds it is two steps.
+            // The full fit is near, and a thousandth of the error decides nothing: two
+            // steps are enough without one of many folds.
             let effort = if self.folds.len() < MOST_FOLDS {
                 Effort::Coarse
             } else {
@@ -438,8 +434,8 @@ impl<'a> CrossValidator<'a> {
     }
 }
 
-/// Deals runs into folds: repeats together, or one by one where that leaves
-/// too few different runs.
+/// Assigns runs to folds: repeats together, or one by one if there are too few different
+/// runs.
 fn folds(runs: usize, repeats: &[Vec<usize>]) -> Vec<Vec<usize>> {
     let mut units: Vec<Vec<usize>> = Vec::new();
     for index in 0..runs {
@@ -452,7 +448,7 @@ fn folds(runs: usize, repeats: &[Vec<usize>]) -> Vec<Vec<usize>> {
     if units.len() >= FEWEST_UNITS {
         return units;
     }
-    // Every fold leaves the other repeats of what it takes.
+    // Every fold keeps other repeats of its runs in the fit.
     let mut folds = vec![Vec::new(); FOLDS.min(runs)];
     for (place, unit) in units.into_iter().enumerate() {
         for (member, run) in unit.into_iter().enumerate() {
@@ -464,7 +460,7 @@ fn folds(runs: usize, repeats: &[Vec<usize>]) -> Vec<Vec<usize>> {
     folds
 }
 
-/// Deals folds into fewer ones.
+/// Merges folds into at most `most`.
 fn merged(folds: Vec<Vec<usize>>, most: usize) -> Vec<Vec<usize>> {
     if folds.len() <= most {
         return folds;
@@ -491,7 +487,7 @@ fn squares(residuals: &[Vec<f64>]) -> Vec<f64> {
         .collect()
 }
 
-/// Squared errors of a model in the board's arithmetic, from zeros and starts
+/// Squared errors of a model in the board's arithmetic, with zeros and initial states
 /// estimated in `f64`.
 #[allow(clippy::cast_possible_truncation)]
 fn board_squares(fitter: &Fitter<'_>, model: &Model<f64>) -> Vec<f64> {

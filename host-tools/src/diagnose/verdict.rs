@@ -19,7 +19,7 @@ pub const SCHEMA: u32 = 1;
 pub enum Answer {
     /// One or several effects are named.
     EffectFound,
-    /// The structure is right; parameters moved.
+    /// The structure is right; only parameters were off.
     ParametersOnly,
     /// The nominal model is already at the noise floor.
     NoDiscrepancy,
@@ -39,50 +39,50 @@ pub struct Verdict {
     /// How strongly an effect is named.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub strength: Option<Strength>,
-    /// The family that all rivals of `cannot_tell` are of; several for combinations,
+    /// The family that all rivals of `cannot_tell` share; several for combinations,
     /// joined by " + ".
     #[serde(skip_serializing_if = "Option::is_none")]
     pub family: Option<String>,
-    /// Every effect that is named.
+    /// The named effects.
     pub effects: Vec<NamedEffect>,
     /// Rival explanations, best first; the answer set of `cannot_tell`.
     pub alternatives: Vec<Alternative>,
-    /// Whether the repair is good enough.
+    /// Whether the repaired model is adequate.
     pub adequacy: Adequacy,
-    /// Share of the error beyond the noise that the repaired model removes on runs that
-    /// were not fitted, at three horizons.
+    /// Share of the error beyond the noise that the repaired model removes on held-out
+    /// runs, at three horizons.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub closure: Option<Closure>,
-    /// What the model that `-o` writes leaves on runs that were not fitted.
+    /// Remaining error, on held-out runs, of the model that `-o` writes.
     pub remaining: Remaining,
-    /// What `-o` adds to the model although no effect is named, nor an answer set given.
+    /// What `-o` adds to the model although no effect is named and no answer set given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub repair: Option<Repair>,
-    /// Where the gap lives, strongest feature first.
+    /// Features that the missing force goes with, strongest first.
     #[serde(rename = "where")]
     pub places: Vec<Place>,
     /// RMS error on the fitted recordings, in degrees.
     pub rmse_deg: FittedError,
-    /// RMS error on recordings that were not fitted, in degrees.
+    /// RMS error on held-out recordings, in degrees.
     pub holdout_rmse_deg: HeldOutError,
-    /// Zeros of the sensors, a number a session that was fitted.
+    /// Zeros of the sensors, one number per fitted session.
     #[serde(default)]
     pub nuisance: Zeros,
-    /// Whether the model that `-o` writes is worth an upload: it predicts better than the one
-    /// supplied on runs that were not fitted, and a board can run it.
+    /// Whether the model that `-o` writes is worth an upload: it predicts held-out runs better
+    /// than the supplied one, and a board can run it.
     #[serde(default)]
     pub upload: bool,
-    /// Runs that would separate the surviving rivals.
+    /// Runs that would separate the remaining rivals.
     pub next_experiment: Vec<Experiment>,
-    /// What ended the search before it was done; missing where it was done.
+    /// What ended the search early; absent if it was completed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ended: Option<EndedBy>,
-    /// What was not tried for that: effects by their kind, and other parts of the search.
+    /// What was not tried in that case: effects by kind, and other parts of the search.
     #[serde(skip_serializing_if = "Vec::is_empty", default)]
     pub not_tried: Vec<String>,
     /// Files that were fitted, then files held out.
     pub recordings: Vec<String>,
-    /// Seed of everything random.
+    /// Random seed.
     pub seed: u64,
     /// Version of the tool.
     pub tool_version: String,
@@ -111,35 +111,35 @@ pub enum Strength {
 /// Share of the error beyond the noise that is removed.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Closure {
-    /// Over a quarter of a swing.
+    /// Over a quarter of a swing period.
     pub short: f64,
-    /// Over two and a half swings.
+    /// Over two and a half swing periods.
     pub medium: f64,
     /// Over whole runs.
     pub full: f64,
-    /// One less the geometric mean of what is left at the three.
+    /// One minus the geometric mean of the remaining shares at the three horizons.
     pub overall: f64,
 }
 
-/// What a model leaves.
+/// The remaining error of a model.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Remaining {
-    /// RMS error on runs that were not fitted, in degrees.
+    /// RMS error on held-out runs, in degrees.
     pub rmse_deg: f64,
-    /// The same in units of the noise floor.
+    /// The same error in units of the noise floor.
     pub times_noise: f64,
-    /// The feature with which the force that is still missing goes; none if it goes
-    /// with nothing in particular.
+    /// The feature that the remaining missing force goes with; absent if there is none in
+    /// particular.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub goes_with: Option<String>,
 }
 
-/// A repair without a name.
+/// A repair without a named effect.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Repair {
-    /// Kind of the first effect that is added.
+    /// Kind of the first added effect.
     pub kind: String,
-    /// What a table is a table of; else the kinds of all effects that are added.
+    /// The variable of a table; otherwise the kinds of all added effects.
     pub of: Vec<String>,
 }
 
@@ -152,7 +152,7 @@ pub struct NamedEffect {
     pub parameters: serde_json::Map<String, serde_json::Value>,
     /// 95 % intervals by key, of the parameters that were fitted.
     pub interval95: serde_json::Map<String, serde_json::Value>,
-    /// Probability among the rivals that were tried.
+    /// Probability among the tried rivals.
     pub probability: f64,
 }
 
@@ -167,10 +167,10 @@ pub struct Alternative {
     pub delta_bic: f64,
 }
 
-/// The second axis of the verdict.
+/// Whether the repaired model is adequate.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Adequacy {
-    /// Whether the residual of the final model cannot be told from noise.
+    /// Whether the residual of the final model cannot be distinguished from noise.
     pub adequate: bool,
     /// Share of the held-out gap between refit and noise floor that the repair
     /// removes.
@@ -179,7 +179,7 @@ pub struct Adequacy {
     pub exact_form: bool,
 }
 
-/// A feature with which the missing force goes.
+/// A feature that the missing force goes with.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Place {
     /// The feature.
@@ -214,19 +214,17 @@ pub struct HeldOutError {
     pub repaired: f64,
 }
 
-/// What the sensors show at zero, a number a session; see
-/// [`crate::estimate::nuisance`].
+/// Zeros of the sensors, one number per session; see [`crate::estimate::nuisance`].
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Zeros {
-    /// What the pressure sensor shows without pressure (kPa).
+    /// Reading of the pressure sensor without pressure (kPa).
     pub pressure_zero_kpa: Vec<f64>,
-    /// What the angle sensor shows at 0° (°).
+    /// Reading of the angle sensor at 0° (°).
     pub angle_zero_deg: Vec<f64>,
 }
 
 impl Zeros {
-    /// The zeros that a fit estimated, a number a session of which something was
-    /// fitted.
+    /// The zeros of a fit, one number per session of which something was fitted.
     pub fn of(fit: &Fit, data: &Dataset) -> Self {
         let fitted = fit
             .nuisances
@@ -248,8 +246,7 @@ impl Zeros {
     }
 }
 
-/// One line: of one session, or from the lowest to the highest of several. Empty
-/// where there are none.
+/// One line: the zeros of one session, or the range over several. Empty if there are none.
 impl fmt::Display for Zeros {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let range = |values: &[f64], unit: &str| {
@@ -282,7 +279,7 @@ pub struct Experiment {
     pub protocol: String,
     /// The rivals that it separates.
     pub separates: Vec<String>,
-    /// Evidence that it is expected to bring.
+    /// Expected evidence.
     pub expected_delta_chi2: f64,
 }
 

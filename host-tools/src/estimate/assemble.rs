@@ -1,10 +1,11 @@
-//! From files to sessions.
+//! Assembles files into sessions.
 //!
-//! A session is a file, with its segments in its metadata, or it was cut into
-//! files that say in theirs where they belong (`part_of`, `begins_s`): those are
-//! put together again. A session beside its own pieces is used once. Files
-//! without metadata are sessions of their own. Where the motion cannot be
-//! followed across a gap, a new session begins that runs on by the same clock.
+//! A session is one file with its segments in its metadata. If it was cut into
+//! files whose metadata say where they belong (`part_of`, `begins_s`), they are
+//! joined again. If a session is given beside files that were cut from it, its
+//! samples are used once. A file without metadata is a session of its own. Where
+//! the motion cannot be followed across a gap, a new session begins on the same
+//! clock.
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -15,27 +16,27 @@ use crate::estimate::usable::{Usable, usable};
 use crate::io::error::InputError;
 use crate::io::recording::{Column, Recording, stem};
 
-/// Segments into which the only session is cut if nothing says where its runs
-/// begin: as many as are needed to leave one out and still see the rest.
+/// Number of segments into which the only session is cut if nothing says where
+/// its runs begin: enough to leave one out and still fit the rest.
 const PARTS: usize = 4;
 
-/// Fewer samples are no segment.
+/// Fewest samples of a segment.
 const FEWEST: usize = 20;
 
-/// Clocks of the board whose resets are nearer than this (s) are one: the
-/// computer's clock and the cable are that inaccurate.
+/// Board resets closer together than this (s) count as the same reset: the
+/// computer's clock and the serial line are no more accurate.
 const SAME_RESET_S: f64 = 5.0;
 
-/// Data for a fit, and what was noticed while it was put together.
+/// Data for a fit, with the concerns raised while assembling it.
 #[derive(Clone, Debug, Default)]
 pub struct Assembled {
     /// The sessions.
     pub data: Dataset,
-    /// What a person should know.
+    /// Concerns to report.
     pub concerns: Vec<Concern>,
 }
 
-/// Files that belong to one recording session, each with whether it is fitted.
+/// Files of one session, each with whether it is fitted.
 #[derive(Debug, Default)]
 pub struct Group<'a> {
     /// The session itself.
@@ -47,7 +48,7 @@ pub struct Group<'a> {
 /// A stretch of time in a session, in seconds on its own axis.
 type Span = Range<f64>;
 
-/// Makes sessions of the recordings to fit and of those to hold out.
+/// Assembles sessions from fitted and held-out recordings.
 ///
 /// # Errors
 ///
@@ -70,7 +71,7 @@ pub fn assemble(fitted: &[Recording], held_out: &[Recording]) -> Result<Assemble
     Ok(all)
 }
 
-/// Finds which files belong to one session, by their metadata.
+/// Groups files by session, from their metadata.
 pub fn grouped<'a>(files: impl Iterator<Item = (&'a Recording, bool)>) -> Vec<Group<'a>> {
     let mut groups: Vec<(PathBuf, Group<'a>)> = Vec::new();
     for (recording, fit) in files {
@@ -96,7 +97,7 @@ pub fn grouped<'a>(files: impl Iterator<Item = (&'a Recording, bool)>) -> Vec<Gr
     groups.into_iter().map(|(_, group)| group).collect()
 }
 
-/// The file that a session has, or had.
+/// The path of the session's own file, whether or not it is given.
 fn session_path(recording: &Recording) -> PathBuf {
     // Metadata may have been written by hand: a name, whatever path stands there.
     let whole = recording
@@ -118,10 +119,10 @@ fn session_path(recording: &Recording) -> PathBuf {
     path.with_file_name(stem)
 }
 
-/// When the board was reset before each recording, as far as it is known.
+/// Times of the board's resets, as far as they are known.
 struct Clocks {
-    /// Time of a reset (s since 1970), and the board's clock when it was first
-    /// recorded after it (s).
+    /// Time of each reset (s since 1970), and the board's clock (s) at the first
+    /// recording after it.
     resets: Vec<(f64, f64)>,
 }
 
@@ -143,8 +144,8 @@ impl Clocks {
         Self { resets }
     }
 
-    /// Time on the rig's clock at time 0 of a whole session (s): zero in the first
-    /// that was recorded since the same reset.
+    /// Time on the rig's clock (s) at time 0 of a session: zero for the first
+    /// session after a reset.
     fn start_of(&self, recording: &Recording) -> f64 {
         let Some((reset, uptime)) = reset_of(recording) else {
             return 0.0;
@@ -183,8 +184,9 @@ fn add(
     Ok(())
 }
 
-/// The segments of a whole session. Pieces of it that were given beside it say
-/// which of them are fitted, and where they are if the session does not.
+/// The segments of a whole session. Files that were cut from it and are given
+/// beside it say which segments are fitted, and where they are if the session's
+/// metadata do not.
 fn marks_of(
     all: &mut Assembled,
     whole: &Recording,
@@ -218,7 +220,7 @@ fn used_once(whole: &Recording, pieces: usize) -> Concern {
         format!("{pieces} of the files are pieces of it and are")
     };
     Concern {
-        matter: Matter::Pieces,
+        matter: Matter::SegmentFiles,
         recording: Some(whole.name.clone()),
         text: format!("{pieces} used once, with it"),
         advice: "name the whole session alone".into(),
@@ -237,13 +239,12 @@ fn first_time(recording: &Recording) -> f64 {
     recording.time.first().copied().unwrap_or(0.0)
 }
 
-/// Where the first sample of a piece is on the time axis of its session (s).
+/// Time (s) of a piece's first sample on its session's time axis.
 fn begins(piece: &Recording) -> f64 {
     piece.meta.begins_s.unwrap_or(0.0) + first_time(piece)
 }
 
-/// Where a piece lies in its session, whose first sample is at `first` (s) on its
-/// time axis.
+/// The span of a piece in its session, whose first sample is at `first` (s).
 fn span_of(piece: &(&Recording, bool), first: f64) -> (Span, About) {
     let (recording, fitted) = *piece;
     let begin = begins(recording) - first;
@@ -305,7 +306,7 @@ fn overlap(a: &Span, b: &Span) -> f64 {
 
 /// Pieces that follow each other without a gap, in order.
 fn chains<'a>(pieces: &[(&'a Recording, bool)]) -> Vec<Vec<(&'a Recording, bool)>> {
-    /// Intervals that may lie between the last sample of a piece and the first of
+    /// Most sample intervals between the last sample of a piece and the first of
     /// the next.
     const INTERVALS: f64 = 3.0;
     let mut chains: Vec<Vec<(&Recording, bool)>> = Vec::new();
@@ -325,8 +326,8 @@ fn chains<'a>(pieces: &[(&'a Recording, bool)]) -> Vec<Vec<(&'a Recording, bool)
     chains
 }
 
-/// One recording of pieces that follow each other. Where two overlap, the samples
-/// of the first count.
+/// Joins pieces that follow each other into one recording. Where two overlap, the
+/// samples of the first are kept.
 fn join(chain: &[(&Recording, bool)]) -> (Recording, Vec<(Span, About)>) {
     let first = chain[0].0;
     let origin = begins(first);
@@ -380,7 +381,7 @@ fn join(chain: &[(&Recording, bool)]) -> (Recording, Vec<(Span, About)>) {
     (whole, marks)
 }
 
-/// Adds a session, cut where it cannot be followed.
+/// Adds a session, cut where the motion cannot be followed.
 fn add_session(
     all: &mut Assembled,
     whole: &Recording,
@@ -390,29 +391,29 @@ fn add_session(
     alone: bool,
 ) -> Result<(), InputError> {
     let Usable {
-        stretches,
+        blocks,
         unfitted,
         concerns,
     } = usable(whole)?;
     all.concerns.extend(concerns);
     let begin = first_time(whole);
     let marks = if marks.is_empty() {
-        unnamed(whole, fitted, alone && stretches.len() == 1)
+        unnamed(whole, fitted, alone && blocks.len() == 1)
     } else {
         ranges(whole, marks)
     };
-    for (number, stretch) in stretches.iter().enumerate() {
+    for (number, block) in blocks.iter().enumerate() {
         let inside = |range: &Range<usize>| {
-            let from = range.start.max(stretch.start);
-            let to = range.end.min(stretch.end);
-            (from < to).then(|| from - stretch.start..to - stretch.start)
+            let from = range.start.max(block.start);
+            let to = range.end.min(block.end);
+            (from < to).then(|| from - block.start..to - block.start)
         };
         let own: Vec<Mark> = marks
             .iter()
             .filter_map(|mark| {
                 let range = inside(&mark.range).filter(|range| range.len() >= FEWEST)?;
                 let mut mark = mark.clone();
-                if stretches.len() > 1 && range.len() < mark.range.len() {
+                if blocks.len() > 1 && range.len() < mark.range.len() {
                     mark.about.name = format!("{} ({})", mark.about.name, number + 1);
                 }
                 mark.range = range;
@@ -422,7 +423,7 @@ fn add_session(
         if own.is_empty() {
             continue;
         }
-        let part = whole.slice(stretch);
+        let part = whole.slice(block);
         let later = part.time[0] - begin;
         let silent = unfitted.iter().filter_map(inside).collect();
         all.data
@@ -431,8 +432,8 @@ fn add_session(
     Ok(())
 }
 
-/// Segments of a recording that nobody named: all of it, or equal parts of the
-/// only one.
+/// Segments of a recording without metadata: all of it, or equal parts if it is
+/// the only one.
 fn unnamed(whole: &Recording, fitted: bool, alone: bool) -> Vec<Mark> {
     let count = whole.len();
     if !alone || count < PARTS * FEWEST {
@@ -454,7 +455,7 @@ fn unnamed(whole: &Recording, fitted: bool, alone: bool) -> Vec<Mark> {
         .collect()
 }
 
-/// Spans of time as ranges of samples; none reaches into the next.
+/// Converts spans of time to ranges of samples that do not overlap.
 fn ranges(whole: &Recording, mut marks: Vec<(Span, About)>) -> Vec<Mark> {
     marks.sort_by(|a, b| a.0.start.total_cmp(&b.0.start));
     let begin = first_time(whole);
@@ -622,7 +623,7 @@ mod tests {
                 .map(|it| (it.matter, it.text.as_str()))
                 .collect();
             let text = "2 of the files are pieces of it and are used once, with it";
-            assert_eq!(said, [(Matter::Pieces, text)]);
+            assert_eq!(said, [(Matter::SegmentFiles, text)]);
         }
     }
 

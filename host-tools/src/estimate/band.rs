@@ -1,9 +1,9 @@
-//! How far a simulated curve can be off because its parameters are not known exactly.
+//! Confidence band of a simulated curve, from the uncertainty of the parameters.
 //!
-//! Near the fit the curve is linear in the parameters, so their covariance Σ becomes that
-//! of each sample, j Σ jᵀ with j its derivatives by the parameters. Zeros and starts of
-//! sessions follow the parameters, and what they can follow is not counted. The error of
-//! the model itself is not in it: a wrong formula can be narrow and wrong.
+//! Near the fit the curve is linear in the parameters. With their covariance Σ and the
+//! derivatives j of a sample by the parameters, the variance of the sample is j Σ jᵀ.
+//! Changes that the zeros and initial states of sessions can compensate are projected
+//! out. Model error is not included: the band of a wrong formula can be narrow.
 
 use model_core::actuator::ParameterId;
 
@@ -14,19 +14,19 @@ use super::fit::{Fit, Fitter, student95};
 pub enum NoBand {
     /// No parameter was free.
     NothingFitted,
-    /// A parameter ended at the edge of its range: from there it cannot move both ways.
+    /// A parameter ended at a bound of its range, where it can move one way only.
     AtBound(ParameterId),
-    /// The recordings leave some parameters open.
+    /// The recordings do not determine some parameters.
     Undetermined,
 }
 
 impl Fitter<'_> {
     /// Half widths (rad) of the 95 % band of the simulated angle, sample by sample, for each
-    /// fitted segment; for a fit to these or to other recordings.
+    /// fitted segment. The fit may be to these or to other recordings.
     ///
     /// # Errors
     ///
-    /// If the fit says nothing of the uncertainty of its parameters.
+    /// If the fit has no covariance of its parameters.
     pub fn band95(&self, fit: &Fit) -> Result<Vec<Vec<f64>>, NoBand> {
         if fit.free.is_empty() {
             return Err(NoBand::NothingFitted);

@@ -1,10 +1,10 @@
-//! Finished fits on disk, so that an interrupted diagnosis loses nothing.
+//! Keeps finished fits on disk, so that an interrupted diagnosis loses nothing.
 //!
-//! A folder holds one file to which a line is appended for each finished fit:
-//! what was fitted (a fingerprint of model, recordings, structure and start)
-//! and where the solver ended, bit for bit. A later run with the same folder
-//! takes those up instead of solving again, and comes to the same bytes. A line
-//! that was cut off by the interruption is ignored.
+//! A folder holds one file, to which each finished fit appends a line: a fingerprint
+//! of what was fitted (model, recordings, structure, initial guess) and the solver's
+//! final position, bit for bit. A later run with the same folder reads these positions
+//! instead of solving again, and writes the same bytes. An incomplete last line is
+//! ignored.
 
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
@@ -17,7 +17,7 @@ use crate::io::error::InputError;
 /// Name of the file in the folder.
 const FILE: &str = "fits.txt";
 
-/// Where a solver ended, in its own coordinates.
+/// The final position of a solver, in its own coordinates.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Ended {
     /// The unknowns.
@@ -26,7 +26,7 @@ pub struct Ended {
     pub converged: bool,
 }
 
-/// Fits that were finished before, and where to note further ones.
+/// Fits that were finished before, and the file to which further ones are appended.
 #[derive(Debug, Default)]
 pub struct Checkpoint {
     known: BTreeMap<u64, Ended>,
@@ -38,7 +38,7 @@ impl Checkpoint {
     ///
     /// # Errors
     ///
-    /// Says why it cannot be used.
+    /// If the folder cannot be created, read or written.
     pub fn open(folder: &Path) -> Result<Self, InputError> {
         let fail = |error: std::io::Error| {
             InputError::new(
@@ -70,7 +70,7 @@ impl Checkpoint {
         })
     }
 
-    /// Number of fits that were found.
+    /// Number of fits found.
     pub fn len(&self) -> usize {
         self.known.len()
     }
@@ -85,20 +85,20 @@ impl Checkpoint {
         self.file.is_some()
     }
 
-    /// Where a fit ended before.
+    /// The final position of an earlier fit.
     pub fn recall(&self, fingerprint: u64) -> Option<&Ended> {
         self.known.get(&fingerprint)
     }
 
-    /// Notes where a fit ended. A disk that is full costs the note, not the
-    /// diagnosis.
+    /// Appends the final position of a fit. If the disk is full, the line is lost and
+    /// the diagnosis goes on.
     pub fn keep(&self, fingerprint: u64, ended: &Ended) {
         let Some(file) = &self.file else { return };
         let mut line = format!("{fingerprint:016x} {}", u8::from(ended.converged));
         for value in &ended.position {
             line += &format!(" {:016x}", value.to_bits());
         }
-        // Its length at the end tells a whole line from one that was cut off.
+        // The length at the end tells a whole line from an incomplete one.
         line += &format!(" {}\n", ended.position.len());
         let mut file = file.lock().unwrap_or_else(PoisonError::into_inner);
         let _ = file.write_all(line.as_bytes());

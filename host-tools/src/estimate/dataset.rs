@@ -1,9 +1,9 @@
 //! Sessions and their segments.
 //!
-//! A [`Session`] is what is simulated: whole, from its first sample, with its own
-//! clock and zeros. A [`Segment`] is a range of its samples. A segment that is
-//! left out is simulated through with its session, and its residuals are not
-//! fitted; there is no way to simulate it alone.
+//! A [`Session`] is simulated whole, from its first sample, with its own clock and
+//! zeros. A [`Segment`] is a range of its samples. A segment that is left out is still
+//! simulated with its session; only its residuals are not fitted. A segment cannot be
+//! simulated alone.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -14,33 +14,33 @@ use model_core::power::Power;
 use super::nuisance::{Nuisance, Prior};
 use crate::estimate::denoise;
 use crate::io::recording::Recording;
-use crate::sim::simulate::{FromF64, Grain, Origin, Signal, Start, Stepping, run_from};
+use crate::sim::simulate::{FromF64, Grain, InitialState, Origin, Signal, Stepping, run_from};
 
 /// A recording that is simulated whole.
 ///
-/// Its samples are shared by all copies: fits change guesses and priors, a hundred times
-/// over hundreds of sessions, and never a sample.
+/// Copies share the samples: fits change guesses and priors of many sessions many times,
+/// and never a sample.
 #[derive(Clone, Debug)]
 pub struct Session {
     recording: Arc<Recording>,
     signal: Arc<Signal>,
     prior: Prior,
     guess: Nuisance,
-    /// Whether zeros and start are estimated; elsewhere they are `guess`.
+    /// Whether zeros and initial state are estimated; otherwise they are `guess`.
     estimated: bool,
     /// Time on the rig's clock at the first sample (s).
     clock: f64,
     interval: f64,
-    reach: f64,
-    /// Samples whose angle says nothing.
+    largest_angle: f64,
+    /// Samples whose angle is not usable.
     silent: Vec<Range<usize>>,
-    /// How finely simulations resolve it.
+    /// Step length of simulations.
     grain: Grain,
 }
 
 impl Session {
-    /// Prepares a recording: takes the noise from its pressure, interpolates
-    /// that, and sees how it starts. The angle says nothing in `silent`.
+    /// Prepares a recording: removes the noise of its pressure, interpolates it, and
+    /// finds the initial state. The angle is not usable in `silent`.
     pub fn new(recording: Recording, clock: f64, silent: Vec<Range<usize>>) -> Self {
         let prior = Prior::of(&recording);
         Self {
@@ -53,17 +53,17 @@ impl Session {
             estimated: true,
             clock,
             interval: recording.interval(),
-            reach: recording
+            largest_angle: recording
                 .angle
                 .iter()
-                .fold(0.0, |reach, angle| angle.abs().max(reach)),
+                .fold(0.0, |largest_angle, angle| angle.abs().max(largest_angle)),
             silent,
             recording: Arc::new(recording),
             grain: Grain::Fine,
         }
     }
 
-    /// The same for ranking, simulated less finely.
+    /// The same session with longer integration steps, for ranking.
     pub fn coarse(self) -> Self {
         Self {
             grain: Grain::Coarse,
@@ -71,7 +71,7 @@ impl Session {
         }
     }
 
-    /// The same with zeros and start that are known and not estimated.
+    /// The same session with known zeros and initial state.
     pub fn knowing(self, known: Nuisance) -> Self {
         Self {
             guess: known,
@@ -80,7 +80,7 @@ impl Session {
         }
     }
 
-    /// The same with a guess and a prior that were found on more samples.
+    /// The same session with a guess and a prior that were found on more samples.
     pub fn guessing(self, guess: Nuisance, prior: &Prior) -> Self {
         Self {
             guess,
@@ -94,22 +94,22 @@ impl Session {
         &self.recording
     }
 
-    /// The pressure as it drives simulations, its zero still in it.
+    /// The pressure that drives simulations, its zero not subtracted.
     pub fn signal(&self) -> &Signal {
         &self.signal
     }
 
-    /// What is known about zeros and start before any fit.
+    /// The prior of zeros and initial state.
     pub fn prior(&self) -> &Prior {
         &self.prior
     }
 
-    /// Where fits begin to look for zeros and start.
+    /// The initial guess of zeros and initial state.
     pub fn guess(&self) -> Nuisance {
         self.guess
     }
 
-    /// Whether zeros and start are estimated.
+    /// Whether zeros and initial state are estimated.
     pub fn is_estimated(&self) -> bool {
         self.estimated
     }
@@ -125,21 +125,21 @@ impl Session {
     }
 
     /// Largest angle measured (rad), which bounds the step length.
-    pub fn reach(&self) -> f64 {
-        self.reach
+    pub fn largest_angle(&self) -> f64 {
+        self.largest_angle
     }
 
-    /// Samples whose angle says nothing: they are simulated, and not fitted.
+    /// Samples whose angle is not usable: they are simulated, and not fitted.
     pub fn silent(&self) -> &[Range<usize>] {
         &self.silent
     }
 
     /// How a model is integrated between two samples.
     pub fn stepping<R: FromF64, P: Power<R>>(&self, model: &Model<R, P>) -> Stepping {
-        Stepping::of(model, self.interval, self.reach, self.grain)
+        Stepping::of(model, self.interval, self.largest_angle, self.grain)
     }
 
-    /// What the angle sensor shows under a model (rad), its zero included.
+    /// The simulated reading of the angle sensor (rad), its zero included.
     pub fn simulate<R: FromF64, P: Power<R>>(
         &self,
         model: &Model<R, P>,
@@ -157,10 +157,10 @@ impl Session {
         .collect()
     }
 
-    /// Where a simulation of the session starts.
+    /// The origin of a simulation of the session.
     pub fn origin<R: FromF64>(&self, nuisance: &Nuisance) -> Origin<R> {
         Origin {
-            start: Start {
+            start: InitialState {
                 angle: R::from_f64(nuisance.start.angle - nuisance.angle_zero),
                 rate: R::from_f64(nuisance.start.rate),
             },
@@ -169,7 +169,7 @@ impl Session {
         }
     }
 
-    /// Whether the angle says nothing, a word a sample.
+    /// For each sample, whether its angle is not usable.
     pub fn silence(&self) -> Vec<bool> {
         let mut silent = vec![false; self.recording.len()];
         for range in &self.silent {
@@ -178,8 +178,7 @@ impl Session {
         silent
     }
 
-    /// A simulated reading minus the measured angle (rad); zero where that says
-    /// nothing.
+    /// Simulated minus measured angle (rad); zero where the measured one is not usable.
     pub fn residual_of(&self, simulated: &[f64]) -> Vec<f64> {
         let mut residual: Vec<f64> = simulated
             .iter()
@@ -192,7 +191,7 @@ impl Session {
         residual
     }
 
-    /// The recording with the zeros taken away.
+    /// The recording with the zeros subtracted.
     pub fn corrected(&self, nuisance: &Nuisance) -> Recording {
         let mut recording = Recording::clone(&self.recording);
         for pressure in &mut recording.pressure {
@@ -254,7 +253,7 @@ impl Dataset {
         this
     }
 
-    /// A single recording whose zeros and start are known.
+    /// A data set of one recording whose zeros and initial state are known.
     pub fn known(recording: Recording, known: Nuisance) -> Self {
         let mut this = Self::default();
         let mark = Mark {
@@ -338,15 +337,15 @@ impl Dataset {
     }
 
     /// Largest angle measured (rad).
-    pub fn reach(&self) -> f64 {
+    pub fn largest_angle(&self) -> f64 {
         self.sessions
             .iter()
-            .map(|session| session.reach)
+            .map(|session| session.largest_angle)
             .fold(0.0, f64::max)
     }
 
-    /// The same with some of the fitted segments left out, by their place among
-    /// those that are fitted.
+    /// The same data with some fitted segments left out, by their place among the
+    /// fitted ones.
     pub fn without(&self, places: &[usize]) -> Self {
         let mut this = self.clone();
         for (place, index) in self.indices(true).into_iter().enumerate() {
@@ -357,7 +356,7 @@ impl Dataset {
         this
     }
 
-    /// The same without the fitted segment at this place, as if it did not exist.
+    /// The same data without the fitted segment at this place, as if it did not exist.
     pub fn dropping(&self, place: usize) -> Self {
         let mut this = self.clone();
         if let Some(&index) = self.indices(true).get(place) {
@@ -367,7 +366,7 @@ impl Dataset {
         this
     }
 
-    /// The same with all segments fitted.
+    /// The same data with all segments fitted.
     pub fn all_fitted(&self) -> Self {
         Self {
             fitted: vec![true; self.segments.len()],
@@ -375,7 +374,7 @@ impl Dataset {
         }
     }
 
-    /// Only the fitted segments at these places, in data of their own.
+    /// A data set of only the fitted segments at these places.
     pub fn only(&self, places: &[usize]) -> Self {
         let mut this = self.clone();
         for (place, index) in self.indices(true).into_iter().enumerate() {
@@ -384,7 +383,7 @@ impl Dataset {
         this
     }
 
-    /// The same with better guesses of zeros and starts, one a session.
+    /// The same data with better guesses of zeros and initial states, one per session.
     pub fn guessing(&self, nuisances: &[Nuisance]) -> Self {
         self.mapped(|index, session| {
             nuisances
@@ -397,7 +396,7 @@ impl Dataset {
         })
     }
 
-    /// The same with other pressures (Pa), one series a session.
+    /// The same data with other pressures (Pa), one series per session.
     pub fn with_pressures(&self, pressures: &[Vec<f64>]) -> Self {
         self.mapped(|index, session| {
             let mut recording = Recording::clone(&session.recording);
@@ -413,10 +412,10 @@ impl Dataset {
         })
     }
 
-    /// The same with zeros known to a part of their usual deviation: they are
-    /// taken to be calibrated.
+    /// The same data with the zeros taken to be calibrated: their prior standard
+    /// deviation is a small part of the usual one.
     pub fn calibrated(&self) -> Self {
-        /// Part of the deviation that is left.
+        /// Share of the usual standard deviation.
         const PART: f64 = 0.05;
         self.mapped(|_, session| {
             let mut session = session.clone();
@@ -426,8 +425,8 @@ impl Dataset {
         })
     }
 
-    /// The same with zeros whose deviations count so many times the noise: what models
-    /// leave, over as many samples as say one thing.
+    /// The same data with zeros whose departures weigh `zero_weight` times the noise: the
+    /// model error times the root of its correlation time in samples.
     pub fn weighing_zeros(&self, zero_weight: f64) -> Self {
         self.mapped(|_, session| {
             let mut session = session.clone();
@@ -450,8 +449,7 @@ impl Dataset {
         }
     }
 
-    /// What a fit compares in a session: its fitted samples. None if nothing of
-    /// it is fitted.
+    /// The fitted samples of a session; empty if none of its segments is fitted.
     pub fn fitted_ranges(&self, session: usize) -> Vec<Range<usize>> {
         self.ranges(session, true)
     }
@@ -581,7 +579,7 @@ mod tests {
         let known = Nuisance {
             pressure_zero: 350.0,
             angle_zero,
-            start: Start {
+            start: InitialState {
                 angle: angle_zero,
                 rate: 0.0,
             },

@@ -1,19 +1,19 @@
-//! The pressure without its noise.
+//! Removes the noise of the measured pressure.
 //!
 //! A simulation is driven by the measured pressure, and the actuator filters its
-//! noise. But what depends on the *sign* of a flow or reversal rectifies it: a
-//! vent that lets air out faster than the pump lets it in sinks below a noisy
-//! pressure and stays there, and a fit takes the bias for a second effect.
+//! noise. But an effect that depends on the *sign* of a flow or reversal rectifies the
+//! noise: a vent that is faster than the pump settles below a noisy pressure, and a fit
+//! takes the bias for a second effect.
 //!
-//! Each sample becomes the middle of a parabola through a window around it
-//! (Savitzky and Golay, 1964), as wide as the data allow: windows grow until
-//! their confidence intervals no longer intersect (Goldenshluger and Nemirovski,
-//! 1997). Plateaus are averaged over many samples and edges keep their place.
+//! Each sample is replaced by the middle of a parabola through a window around it
+//! (Savitzky and Golay, 1964). The window is as wide as the data allow: it grows until
+//! the confidence intervals no longer intersect (Goldenshluger and Nemirovski, 1997).
+//! So plateaus are averaged over many samples, and edges stay where they are.
 //!
-//! What windows of many widths take away does not quite cancel, and an actuator
-//! adds it up. So the slow part of what was taken away is given back: over a third
-//! of a second and longer the pressure is as it was measured. A pressure whose
-//! fast part is not white is left as it is: that is no noise.
+//! Windows of different widths do not preserve the integral exactly, and an actuator
+//! integrates the difference. So the slow part of the difference is added back: over a
+//! third of a second and longer the pressure is as measured. A pressure whose fast part
+//! is not white has no separable noise and is left unchanged.
 
 use crate::estimate::statistics::{median, noise_by_order};
 use crate::io::recording::Recording;
@@ -25,10 +25,10 @@ const HALF_WIDTHS: [usize; 5] = [2, 4, 8, 16, 32];
 /// Half the width of confidence intervals, in standard errors.
 const CONFIDENCE: f64 = 2.5;
 
-/// Half width (s) of the window of what is given back.
+/// Half width (s) of the window over which the difference is added back.
 const GIVEN_BACK: f64 = 0.16;
 
-/// Noise is white if differences of all orders agree on it within this share.
+/// Noise counts as white if differences of all orders agree within this share.
 const AGREEMENT: f64 = 0.2;
 
 /// The pressure (Pa) of a recording without its white noise.
@@ -80,7 +80,7 @@ fn widest_that_agrees(local: f64, error: f64, wider: impl Iterator<Item = (f64, 
     found
 }
 
-/// The middles of parabolas through windows of `half` samples either side; less
+/// The middles of parabolas through windows of `half` samples either side, narrower
 /// near the ends and beside gaps.
 fn smoothed(values: &[f64], even: &[bool], half: usize) -> Vec<f64> {
     (0..values.len())

@@ -1,12 +1,12 @@
-//! Prediction errors at a horizon: what a fit compares where forces add up.
+//! Prediction-error fits at a chosen horizon, by a Kalman filter.
 //!
-//! A simulation that runs freely adds up every small force: two swings drift out of
-//! phase, a near-integrator wanders off, and the sum of squares is full of valleys.
-//! A Kalman filter corrects the simulation as it goes. How much it corrects is one
-//! number, the process-noise intensity λ: the missing force is a random walk
-//! df = σ dW with λ = σ/r, where r is the noise of the angle. A large λ forgets
-//! within a few samples, so that only fast dynamics are compared; λ = 0 corrects
-//! nothing but the start, which is the output error that `problem` simulates.
+//! A free-running simulation integrates every small disturbance: swings drift out of
+//! phase, a near-integrator wanders off, and the sum of squares has many local minima.
+//! A Kalman filter corrects the simulation as it goes. One number sets how much it
+//! corrects, the process-noise intensity λ: the missing force is a random walk
+//! df = σ dW with λ = σ/r, where r is the noise of the angle. With a large λ the filter
+//! forgets within a few samples, and only fast dynamics are compared. With λ = 0 only the
+//! initial state is estimated: that is the output error of `problem`.
 //!
 //! The filter estimates θ, ω and f from
 //!
@@ -15,13 +15,14 @@
 //! ```
 //!
 //! in units of r². Hidden states of effects follow the corrected motion and are not
-//! corrected themselves. The transition comes from two of the dual numbers' partials,
-//! the others carry the derivatives of every innovation by the parameters, with the
-//! gains frozen (they depend on the parameters far less than the innovations do).
+//! corrected themselves. Two partials of the dual numbers give the transition matrix; the
+//! others carry the derivatives of every innovation by the parameters. The gains are held
+//! constant in these derivatives: they depend on the parameters far less than the
+//! innovations do.
 //!
-//! The objective is −2 log L = N ln(Σ e²/S) + Σ ln S with r profiled out. It is turned
-//! into a sum of squares: the innovations e/√S times the geometric mean of all √S have
-//! N ln of their sum of squares equal to it.
+//! The objective is −2 log L = N ln(Σ e²/S) + Σ ln S with r profiled out. It equals N ln
+//! of the sum of squares of e/√S times the geometric mean of all √S, so it is minimised as
+//! a sum of squares.
 
 use model_core::actuator::Model;
 use nalgebra::{Matrix3, Vector3};
@@ -33,7 +34,7 @@ use crate::estimate::statistics::{mean, rms, robust_deviation};
 use crate::sim::dual::Dual;
 use crate::sim::simulate::{Origin, advance, is_lost, state_at};
 
-/// How the recorded motion runs: the scales of a filter's first covariance.
+/// Time and rate scales of the recorded motion, for the initial covariance of the filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pace {
     /// Period T₀ = 2π·std(θ)/rms(ω) of a swing of the same size and speed (s).
@@ -43,7 +44,7 @@ pub struct Pace {
 }
 
 impl Pace {
-    /// Looks at the fitted segments.
+    /// Takes the scales from the fitted segments.
     pub fn of(data: &Dataset) -> Self {
         let mut rates = Vec::new();
         let mut spread = Vec::new();
@@ -73,14 +74,13 @@ pub struct Level {
     pub noise: f64,
     /// The recorded motion.
     pub pace: Pace,
-    /// Innovations beyond this count by their size and no longer by its square
-    /// (Huber, Ann. Math. Stat. 35, 1964), in rad after division by √S. None: all by
-    /// their square.
+    /// Threshold of the Huber loss (rad, after division by √S): larger innovations count
+    /// linearly (Huber, Ann. Math. Stat. 35, 1964). None: least squares.
     pub outlier: Option<f64>,
 }
 
 impl Level {
-    /// An innovation as it is counted, and the slope of that.
+    /// An innovation after the Huber loss, and its derivative.
     pub fn counted(&self, innovation: f64) -> [f64; 2] {
         match self.outlier {
             Some(limit) if innovation.abs() > limit => {
@@ -101,9 +101,9 @@ pub struct Innovation<const N: usize> {
     pub variance: f64,
 }
 
-/// Passes a filter over a session. The columns of `N` from `first` on are its own:
-/// two for the transition, after one for the pressure's zero if that is a variable.
-/// None where the motion leaves all bounds.
+/// Runs the filter over a session. Of the `N` partials, those from `first` on belong to
+/// the filter: one for the pressure zero if that is a variable, then two for the
+/// transition matrix. None if the simulation diverges.
 pub fn pass<const N: usize>(
     model: &Model<Dual<N>>,
     session: &Session,
@@ -187,23 +187,23 @@ pub fn pass<const N: usize>(
     Some(found)
 }
 
-/// What an acceleration of one adds to rate and angle over an interval of which this
-/// share of the rate is left at its end: exact for a viscous decay, where an
-/// overdamped actuator has long reached its final rate.
+/// The change of rate and of angle by a unit acceleration over an interval, at the end of
+/// which the share `left` of an initial rate remains. Exact for viscous decay, also where
+/// an overdamped actuator reaches its final rate within the interval.
 fn response(left: f64, interval: f64) -> [f64; 2] {
     /// Hardly any decay: the limit without damping.
     const ALL: f64 = 0.99;
     if left.is_nan() || left >= ALL {
         return [interval, 0.5 * interval * interval];
     }
-    // Of a rate that turns back within an interval no decay can be told.
+    // A rate that reverses within an interval has no decay constant.
     let decay = -left.max(1e-9).ln() / interval;
     let coasted = (1.0 - left.max(1e-9)) / decay;
     [coasted, (interval - coasted) / decay]
 }
 
-/// The innovations over √S of the samples that are fitted (rad), a series a segment,
-/// and the mean ln S. None where the model cannot be followed.
+/// The normalised innovations e/√S (rad) of the fitted samples, one series per segment,
+/// and the mean ln S. None if the simulation diverges.
 pub fn normalised(
     model: &Model<f64>,
     data: &Dataset,
@@ -233,8 +233,8 @@ pub fn normalised(
     Some((series, sum / count.max(1) as f64))
 }
 
-/// −2 log L of the measured angles under a level, the noise profiled out, with every
-/// innovation counted by its square; infinite where the model cannot be followed.
+/// −2 log L of the measured angles at a level, with the noise profiled out and without the
+/// Huber loss; infinite if the simulation diverges.
 pub fn deviance(model: &Model<f64>, data: &Dataset, nuisances: &[Nuisance], level: &Level) -> f64 {
     let Some((series, log_variance)) = normalised(model, data, nuisances, level) else {
         return f64::INFINITY;
@@ -248,9 +248,9 @@ pub fn deviance(model: &Model<f64>, data: &Dataset, nuisances: &[Nuisance], leve
     count * (squares / count).ln() + count * log_variance
 }
 
-/// The levels at which a structure is fitted: the intensity under which the measured
-/// angles are most likely if the model is `model`, a thirtieth and a thousandth of it.
-/// Output error is the fourth. The two shortest are robust.
+/// The levels at which a structure is fitted: the maximum-likelihood intensity for
+/// `model`, a thirtieth and a thousandth of it. Output error is the fourth level. The two
+/// shortest horizons use the Huber loss.
 pub fn levels(
     model: &Model<f64>,
     data: &Dataset,
@@ -258,12 +258,12 @@ pub fn levels(
     noise: f64,
     pace: Pace,
 ) -> Vec<Level> {
-    /// Largest intensity that is tried, in units of what moves the angle by its noise
-    /// within one interval.
+    /// Largest intensity of the search, in units of the intensity that moves the angle by
+    /// its noise within one interval.
     const LARGEST: f64 = 10.0;
-    /// Decades that are tried below it, in halves.
+    /// Half decades of the search below it.
     const HALF_DECADES: i32 = 14;
-    /// The shorter levels to the likeliest one.
+    /// Divisors of the maximum-likelihood intensity.
     const PARTS: [f64; 3] = [1.0, 30.0, 1000.0];
     /// Innovations beyond so many standard deviations are outliers.
     const OUTLIER: f64 = 3.0;
@@ -405,19 +405,20 @@ mod tests {
             term = term * system * (h / f64::from(k));
             transition += term;
         }
-        // The walk in a hundred small kicks.
-        let mut kicks = Matrix3::<f64>::zeros();
+        // The random walk as a hundred small steps.
+        let mut process_noise = Matrix3::<f64>::zeros();
         let parts = 100;
         for part in 0..parts {
             let left = h * (f64::from(part) + 0.5) / f64::from(parts);
-            let mut reach = Matrix3::identity();
+            let mut propagator = Matrix3::identity();
             let mut term = Matrix3::identity();
             for k in 1..20 {
                 term = term * system * (left / f64::from(k));
-                reach += term;
+                propagator += term;
             }
-            let kick = reach.column(2).into_owned();
-            kicks += kick * kick.transpose() * (level.intensity.powi(2) * h / f64::from(parts));
+            let column = propagator.column(2).into_owned();
+            process_noise +=
+                column * column.transpose() * (level.intensity.powi(2) * h / f64::from(parts));
         }
         let start = Matrix3::from_diagonal(&Vector3::new(
             1.0,
@@ -428,7 +429,7 @@ mod tests {
         let mut covariances = vec![start];
         for _ in 1..count {
             let before = covariances[covariances.len() - 1];
-            covariances.push(transition * before * transition.transpose() + kicks);
+            covariances.push(transition * before * transition.transpose() + process_noise);
         }
         let mut joint = DMatrix::<f64>::identity(count, count);
         for i in 0..count {

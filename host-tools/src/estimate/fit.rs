@@ -1,14 +1,13 @@
-//! Output-error fits: the parameters whose simulation is nearest to what was
-//! measured.
+//! Output-error fits: the parameters whose simulation is nearest to the measurement.
 //!
 //! The model is *simulated* over each recording and compared with the measured
-//! angle; nothing is differentiated in time, so noise is not amplified. The
-//! derivatives of every simulated sample come exactly from dual numbers that
-//! run through the shared core ([`crate::sim::dual`]), and a library solves the
-//! least-squares problem (Levenberg–Marquardt, the MINPACK algorithm).
+//! angle. No measured signal is differentiated, so noise is not amplified. Dual numbers
+//! through the shared core ([`crate::sim::dual`]) give exact derivatives of every
+//! simulated sample, and a library solves the least-squares problem
+//! (Levenberg–Marquardt, the MINPACK algorithm).
 //!
-//! Each session brings unknowns of its own, the zeros of its sensors and its
-//! start ([`crate::estimate::nuisance`]); they are found in the same fit.
+//! Each session has unknowns of its own: the zeros of its sensors and its initial
+//! state ([`crate::estimate::nuisance`]). They are estimated in the same fit.
 
 use model_core::actuator::{Model, ParameterId};
 use nalgebra::{DMatrix, DVector};
@@ -16,49 +15,48 @@ use rayon::prelude::*;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use super::Dataset;
-use super::coordinate::{Coordinate, bounds};
 use super::filter::Level;
 use super::information::Information;
 use super::nuisance::Nuisance;
 use super::problem::{Compared, Problem};
+use super::transform::{ParameterTransform, bounds};
 use crate::estimate::checkpoint::{Checkpoint, Ended, fingerprint};
 use crate::estimate::statistics::{correlation_time, rms};
 
-/// What a fit found.
+/// The result of a fit.
 #[derive(Clone, Debug)]
 pub struct Fit {
     /// The model with the fitted parameters.
     pub model: Model<f64>,
     /// Which parameters were free.
     pub free: Vec<ParameterId>,
-    /// Zeros and start of each session; guesses where nothing of it was fitted.
+    /// Zeros and initial state of each session; guesses where nothing of it was fitted.
     pub nuisances: Vec<Nuisance>,
-    /// What zeros and starts cost: twice the logarithm of how improbable they are, less
-    /// that of the most probable ones.
+    /// Penalty of zeros and initial states: minus twice the log of their prior density,
+    /// relative to its maximum.
     pub departure: f64,
-    /// Simulated minus measured angle (rad), a series a fitted segment.
+    /// Simulated minus measured angle (rad), one series per fitted segment.
     pub residuals: Vec<Vec<f64>>,
     /// Standard error of each free parameter, in SI units; infinite for a
     /// parameter that the recordings do not determine.
     pub standard_errors: Vec<f64>,
     /// Whether the solver met its tolerance.
     pub converged: bool,
-    /// What each segment says about the free parameters; empty after a
+    /// Information of each segment about the free parameters; empty after a
     /// coarse fit.
     pub(super) information: Information,
-    pub(super) coordinates: Vec<Coordinate>,
+    pub(super) transforms: Vec<ParameterTransform>,
     pub(super) position: Vec<f64>,
 }
 
-/// A combination of free parameters that the recordings hardly determine.
+/// A practically unidentifiable direction: a combination of free parameters that the
+/// recordings hardly determine.
 #[derive(Clone, Debug, PartialEq)]
-pub struct FlatDirection {
-    /// How far the parameters can move along it, relative to their own size,
-    /// before the residual grows by its standard error; infinite if nothing
-    /// determines it.
-    pub reach: f64,
-    /// The parameters that take part, with their relative change; the largest
-    /// first.
+pub struct UnidentifiableDirection {
+    /// Standard error along the direction, relative to the size of the parameters;
+    /// infinite if nothing determines it.
+    pub standard_error: f64,
+    /// The parameters involved, with their relative change, largest first.
     pub shares: Vec<(ParameterId, f64)>,
 }
 
@@ -82,13 +80,13 @@ impl Fit {
         (self.sse() / self.samples().max(1) as f64).sqrt()
     }
 
-    /// How many correlated samples count as one.
+    /// Integrated autocorrelation time of the residual (samples).
     pub fn correlation_time(&self) -> f64 {
         correlation_time(&self.residuals)
     }
 
-    /// The model as it would have been fitted without the segments at the places
-    /// in `left_out`, to second order; none where that cannot be trusted.
+    /// The model of a leave-out fit, without the segments at the places in
+    /// `left_out`, by one Gauss–Newton step; none where the step cannot be trusted.
     pub fn without(&self, left_out: &[usize]) -> Option<Model<f64>> {
         if self.free.is_empty() {
             return Some(self.model);
@@ -98,8 +96,8 @@ impl Fit {
         }
         let step = self.information.step_without(left_out)?;
         let mut model = self.model;
-        for (k, (&id, coordinate)) in self.free.iter().zip(&self.coordinates).enumerate() {
-            model = model.with_value(id, coordinate.to_value(self.position[k] + step[k]));
+        for (k, (&id, transform)) in self.free.iter().zip(&self.transforms).enumerate() {
+            model = model.with_value(id, transform.to_value(self.position[k] + step[k]));
         }
         Some(model)
     }
@@ -111,12 +109,12 @@ impl Fit {
             .then(|| self.information.total(&[]))
     }
 
-    /// Combinations of free parameters that could move by more than half their
-    /// size unnoticed: singular values of the Jacobian by relative changes.
-    pub fn flat_directions(&self) -> Vec<FlatDirection> {
+    /// Combinations of free parameters with a relative standard error above one half,
+    /// from the singular values of the Jacobian by relative changes.
+    pub fn unidentifiable_directions(&self) -> Vec<UnidentifiableDirection> {
         /// Standard error along a direction, relative to the parameters.
         const LIMIT: f64 = 0.5;
-        /// A parameter with a smaller share does not take part.
+        /// Smallest share of a parameter that counts as involved.
         const SHARE: f64 = 0.2;
         if self.information.unknowns() != self.free.len() {
             return Vec::new();
@@ -124,17 +122,17 @@ impl Fit {
         let sizes: Vec<f64> = self
             .free
             .iter()
-            .zip(&self.coordinates)
+            .zip(&self.transforms)
             .zip(&self.position)
-            .map(|((&id, coordinate), &u)| {
+            .map(|((&id, transform), &u)| {
                 let value = self.model.value(id).unwrap_or(1.0);
-                coordinate.slope(u) / value.abs().max(1e-9)
+                transform.slope(u) / value.abs().max(1e-9)
             })
             .collect();
         self.information
-            .flat_directions(&sizes, LIMIT)
+            .unidentifiable_directions(&sizes, LIMIT)
             .into_iter()
-            .map(|(reach, direction)| {
+            .map(|(standard_error, direction)| {
                 let mut shares: Vec<(ParameterId, f64)> = self
                     .free
                     .iter()
@@ -143,22 +141,24 @@ impl Fit {
                     .filter(|(_, share)| share.abs() > SHARE)
                     .collect();
                 shares.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
-                FlatDirection { reach, shares }
+                UnidentifiableDirection {
+                    standard_error,
+                    shares,
+                }
             })
             .collect()
     }
 
-    /// Whether the free parameter at `index` ended at the edge of the range in
-    /// which it was searched.
+    /// Whether the free parameter at `index` ended at a bound of its search range.
     pub fn at_bound(&self, index: usize) -> bool {
-        self.coordinates
+        self.transforms
             .get(index)
             .zip(self.position.get(index))
-            .is_some_and(|(coordinate, &u)| coordinate.is_at_edge(u))
+            .is_some_and(|(transform, &u)| transform.is_at_edge(u))
     }
 
-    /// Whether the recordings do not tell the free parameter at `index` from an edge of
-    /// its range: it ended there, or its 95 % interval reaches it.
+    /// Whether the free parameter at `index` cannot be distinguished from a bound of its
+    /// range: it ended there, or its 95 % interval includes it.
     pub fn reaches_bound(&self, index: usize) -> bool {
         self.at_bound(index)
             || self
@@ -171,7 +171,7 @@ impl Fit {
     }
 
     /// 95 % interval of the free parameter at `index` in SI units, by Student's
-    /// distribution, cut at the parameter's bounds.
+    /// distribution, clipped to the parameter's bounds.
     pub fn interval95(&self, index: usize) -> Option<(f64, f64)> {
         let id = *self.free.get(index)?;
         let value = self.model.value(id)?;
@@ -182,20 +182,20 @@ impl Fit {
     }
 }
 
-/// How hard a fit tries.
+/// The effort of a fit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Effort {
-    /// So many damped Gauss–Newton steps, to rank starts and levels.
+    /// A fixed number of damped Gauss–Newton steps, to rank initial guesses and levels.
     Steps(usize),
-    /// A few steps, to rank starts.
+    /// A few steps, to rank initial guesses.
     Coarse,
-    /// Until another step would change the sum of squares by a hundred-thousandth: far
-    /// below what any test of significance can see.
+    /// Until another step would change the sum of squares by less than a
+    /// hundred-thousandth: far below what any test of significance resolves.
     Full,
 }
 
 impl Effort {
-    /// Whether it pays to choose among starts before going on.
+    /// Whether initial guesses are compared after a few steps.
     const fn is_long(self) -> bool {
         match self {
             Self::Steps(steps) => steps >= 8,
@@ -207,16 +207,16 @@ impl Effort {
 /// Fits models to data.
 #[derive(Clone, Copy, Debug)]
 pub struct Fitter<'a> {
-    /// The model before any fit, around which base parameters are searched.
+    /// The nominal model, around which base parameters are searched.
     pub nominal: &'a Model<f64>,
     /// The sessions and their segments.
     pub data: &'a Dataset,
-    /// The prediction horizon of fits; none for output error.
+    /// The level of the prediction horizon; none for output error.
     pub level: Option<&'a Level>,
 }
 
 impl<'a> Fitter<'a> {
-    /// Fits by output error.
+    /// A fitter by output error.
     pub const fn new(nominal: &'a Model<f64>, data: &'a Dataset) -> Self {
         Self {
             nominal,
@@ -230,14 +230,15 @@ impl<'a> Fitter<'a> {
         Self { level, ..self }
     }
 
-    /// Fits the parameters in `free`, starting from their values in `start`.
+    /// Fits the parameters in `free`, from their values in `start`.
     ///
-    /// With nothing free it estimates only zeros and starts: a plain comparison.
+    /// If no parameter is free, only zeros and initial states are estimated: a plain
+    /// comparison.
     pub fn fit(&self, start: &Model<f64>, free: &[ParameterId], effort: Effort) -> Fit {
         self.fit_kept(start, free, effort, &Checkpoint::default())
     }
 
-    /// As [`Fitter::fit`], unless `checkpoint` knows where it ended.
+    /// As [`Fitter::fit`], or the fit that `checkpoint` has kept.
     pub fn fit_kept(
         &self,
         start: &Model<f64>,
@@ -254,7 +255,9 @@ impl<'a> Fitter<'a> {
         if let Some(ended) = checkpoint.recall(key)
             && ended.position.len() == problem.unknowns()
         {
-            return problem.at(&ended.position).finish(ended.converged, effort);
+            return problem
+                .at(&ended.position)
+                .into_fit(ended.converged, effort);
         }
         let (problem, converged) = problem.solved(effort);
         if problem.unknowns() > 0 {
@@ -267,11 +270,11 @@ impl<'a> Fitter<'a> {
                 },
             );
         }
-        problem.finish(converged, effort)
+        problem.into_fit(converged, effort)
     }
 
-    /// Tells fits apart: by data, with all that is known of zeros and starts, model,
-    /// start, free parameters, effort and version.
+    /// A fingerprint of everything a fit depends on: data, priors, nominal model, initial
+    /// guess, free parameters, effort and version.
     fn fingerprint(&self, start: &Model<f64>, free: &[ParameterId], effort: Effort) -> u64 {
         let version = env!("CARGO_PKG_VERSION");
         let text = format!(
@@ -301,18 +304,17 @@ impl<'a> Fitter<'a> {
         fingerprint(text.into_bytes().into_iter().chain(data))
     }
 
-    /// A fit where it stands, with what the recordings say about its parameters.
+    /// The same fit with the information of the recordings about its parameters.
     pub fn informed(&self, fit: &Fit) -> Fit {
         Problem::new(self, &fit.model, &fit.free, Compared::Fitted)
             .at_level(self.level)
             .with_nuisances(&fit.nuisances)
-            .finish(fit.converged, Effort::Full)
+            .into_fit(fit.converged, Effort::Full)
     }
 
-    /// Simulates a model over the segments that are held out: zeros and start are
-    /// those of the fitted segments of the same session, or if there are none,
-    /// those that suit the session best. Series in the order of
-    /// [`Dataset::held_out`].
+    /// Simulates a model over the held-out segments. Zeros and initial state come from
+    /// the fitted segments of the same session, or if there are none, from the session
+    /// itself. Series are in the order of [`Dataset::held_out`].
     pub fn validate(&self, model: &Model<f64>) -> Validation {
         let (problem, _) =
             Problem::new(self, model, &[], Compared::Validated).solved(Effort::Coarse);
@@ -322,8 +324,8 @@ impl<'a> Fitter<'a> {
         }
     }
 
-    /// As [`Fitter::validate`], with the guesses of zeros and starts as they are where a
-    /// session is fitted in part: a few segments hardly move them.
+    /// As [`Fitter::validate`], but keeps the guesses of zeros and initial states where a
+    /// session is fitted in part: a few segments hardly change them.
     pub fn validate_near(&self, model: &Model<f64>) -> Validation {
         let held_out = |index: &usize| !self.data.ranges(*index, false).is_empty();
         let sessions = 0..self.data.sessions().len();
@@ -355,10 +357,10 @@ impl<'a> Fitter<'a> {
         }
     }
 
-    /// Widens the standard errors of a fit by what is not known about parameters
-    /// that it held.
+    /// Widens the standard errors of a fit by the uncertainty of parameters that it
+    /// held.
     pub fn allow_for(&self, fit: &mut Fit, held: &[ParameterId]) {
-        // From the edge of a range the derivatives of the fit lie elsewhere.
+        // At a bound the derivatives are not those of the interior.
         if (0..fit.free.len()).any(|index| fit.at_bound(index)) {
             return;
         }
@@ -366,7 +368,7 @@ impl<'a> Fitter<'a> {
         let wider = Problem::new(self, &fit.model, &free, Compared::Fitted)
             .at_level(self.level)
             .with_nuisances(&fit.nuisances)
-            .finish(fit.converged, Effort::Full);
+            .into_fit(fit.converged, Effort::Full);
         for (error, wider) in fit.standard_errors.iter_mut().zip(wider.standard_errors) {
             if wider.is_finite() {
                 *error = error.max(wider);
@@ -379,23 +381,23 @@ impl<'a> Fitter<'a> {
         self.fit(model, &[], Effort::Full)
     }
 
-    /// As [`Fitter::compare`], by a few steps from zeros and starts that are nearly
-    /// right: for errors, and for nothing that rests on how well they are known.
+    /// As [`Fitter::compare`], by a few steps from nearly right zeros and initial states.
+    /// For errors only: the result has no standard errors.
     pub fn compare_near(&self, model: &Model<f64>, nuisances: &[Nuisance]) -> Fit {
         const NEAR: Effort = Effort::Steps(3);
         let (problem, converged) = Problem::new(self, model, &[], Compared::Fitted)
             .with_nuisances(nuisances)
             .solved(NEAR);
-        problem.finish(converged, NEAR)
+        problem.into_fit(converged, NEAR)
     }
 
     /// Derivatives of the simulated angles by the free parameters of a fit to
-    /// other recordings, in the coordinates in which that was solved, without
-    /// what zeros and starts can follow. A row a fitted sample.
+    /// other recordings, in that fit's solver coordinates. What zeros and initial states
+    /// can compensate is projected out. One row per fitted sample.
     pub fn derivatives(&self, fit: &Fit) -> DMatrix<f64> {
         let blocks = Problem::new(self, &fit.model, &fit.free, Compared::Fitted)
             .at_level(self.level)
-            .in_coordinates(&fit.coordinates, &fit.position)
+            .with_transforms(&fit.transforms, &fit.position)
             .with_nuisances(&fit.nuisances)
             .projected();
         let free = fit.free.len();
@@ -409,19 +411,18 @@ impl<'a> Fitter<'a> {
         all
     }
 
-    /// The sum of squares (rad²) predicted after one Gauss–Newton step from `start`:
-    /// a score test at the price of a single simulation with derivatives. Not
-    /// finite where the model cannot be simulated.
+    /// The predicted sum of squares (rad²) after one Gauss–Newton step from `start`: a
+    /// score test that costs one simulation with derivatives. Not finite if the model
+    /// cannot be simulated.
     pub fn predicted_sse(&self, start: &Model<f64>, free: &[ParameterId]) -> f64 {
         Problem::new(self, start, free, Compared::Fitted)
             .at_level(self.level)
             .predicted_sse()
     }
 
-    /// Residuals (rad) of a model at every fitted sample, and their derivatives in
-    /// the coordinates in which the solver moves: the parameters in `free`, then
-    /// zeros and starts of the sessions, about `nuisances`. None where it cannot
-    /// be simulated.
+    /// Residuals (rad) of a model at every fitted sample, and their derivatives by the
+    /// solver's coordinates: the parameters in `free`, then zeros and initial states of
+    /// the sessions, at `nuisances`. None if the model cannot be simulated.
     pub fn linearised(
         &self,
         model: &Model<f64>,
@@ -434,7 +435,7 @@ impl<'a> Fitter<'a> {
             .dense()
     }
 
-    /// The `count` starts with the least predicted SSE.
+    /// The `count` initial guesses with the least predicted SSE.
     pub fn promising(
         &self,
         starts: &[Model<f64>],
@@ -451,8 +452,8 @@ impl<'a> Fitter<'a> {
         ranked
     }
 
-    /// Fits from each start; the best. None if there is no start from which the
-    /// model can be simulated.
+    /// Fits from each initial guess and returns the best fit. None if the model cannot be
+    /// simulated from any.
     pub fn best_of(
         &self,
         starts: &[Model<f64>],
@@ -462,7 +463,7 @@ impl<'a> Fitter<'a> {
         self.best_of_kept(starts, free, effort, &Checkpoint::default())
     }
 
-    /// As [`Fitter::best_of`], taking up what `checkpoint` knows.
+    /// As [`Fitter::best_of`], with the fits that `checkpoint` has kept.
     pub fn best_of_kept(
         &self,
         starts: &[Model<f64>],
@@ -483,15 +484,15 @@ impl<'a> Fitter<'a> {
             .min_by(|a, b| a.sse().total_cmp(&b.sse()))
     }
 
-    /// Where the start that leads after a few steps has come to; none if there is no
-    /// choice.
+    /// The position of the initial guess that is best after a few steps; none if there is
+    /// only one.
     fn ahead(
         &self,
         starts: &[Model<f64>],
         free: &[ParameterId],
         checkpoint: &Checkpoint,
     ) -> Option<Model<f64>> {
-        /// Steps after which the valley is chosen.
+        /// Steps after which the local minimum is chosen.
         const RACED: Effort = Effort::Steps(4);
         if starts.len() < 2 {
             return None;
@@ -505,15 +506,15 @@ impl<'a> Fitter<'a> {
     }
 }
 
-/// What a model made of the segments that were held out.
+/// Errors of a model on the held-out segments.
 #[derive(Clone, Debug)]
 pub struct Validation {
-    /// Simulated minus measured angle (rad), a series a held-out segment.
+    /// Simulated minus measured angle (rad), one series per held-out segment.
     pub residuals: Vec<Vec<f64>>,
-    /// Zeros and start of each session.
+    /// Zeros and initial state of each session.
     pub nuisances: Vec<Nuisance>,
 }
-/// The quantile of Student's distribution between whose two values 95 % lie.
+/// The two-sided 95 % quantile of Student's distribution.
 pub(super) fn student95(degrees_of_freedom: usize) -> f64 {
     StudentsT::new(0.0, 1.0, degrees_of_freedom.max(1) as f64)
         .map_or(f64::INFINITY, |student| student.inverse_cdf(0.975))

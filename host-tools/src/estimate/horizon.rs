@@ -1,10 +1,10 @@
 //! Prediction errors over blocks of a given length.
 //!
 //! A model that drifts out of phase over a whole run may be right from one swing to the
-//! next, and one that follows every swing may miss a creep. So its error is looked at
-//! over several horizons: each segment is cut into blocks of that length, the simulation
-//! begins anew in each with the angle and rate that suit the block best, and hidden
-//! states go on from the block before. Two degrees of freedom a block are paid for.
+//! next, and a model that follows every swing may miss a creep. So the error is measured
+//! at several horizons. Each segment is cut into blocks of that length. In each block the
+//! simulation restarts with the best-fitting angle and rate, while hidden states continue
+//! from the block before. Each block costs two degrees of freedom.
 
 use std::ops::Range;
 
@@ -16,10 +16,10 @@ use super::nuisance::Nuisance;
 use crate::sim::dual::Dual;
 use crate::sim::simulate::{advance, is_lost, state_at};
 
-/// Fewer samples than this tell nothing beside an angle and a rate.
+/// Fewest samples of a block, from which an angle and a rate are estimated.
 const FEWEST: usize = 8;
 
-/// Squared errors and the degrees of freedom that they are worth.
+/// A sum of squared errors with its degrees of freedom.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Squares {
     /// Sum of squares (rad²).
@@ -29,7 +29,7 @@ pub struct Squares {
 }
 
 impl Squares {
-    /// Of residuals (rad) without any state estimated for them.
+    /// From residuals (rad) for which no state was estimated.
     pub fn of(residual: &[f64]) -> Self {
         Self {
             sum: residual.iter().map(|r| r * r).sum(),
@@ -37,7 +37,7 @@ impl Squares {
         }
     }
 
-    /// Both together.
+    /// The sum of both.
     pub fn with(self, other: Self) -> Self {
         Self {
             sum: self.sum + other.sum,
@@ -45,7 +45,7 @@ impl Squares {
         }
     }
 
-    /// Mean square (rad²); zero of nothing.
+    /// Mean square (rad²); zero without degrees of freedom.
     pub fn mean(self) -> f64 {
         if self.freedom > 0.0 {
             self.sum / self.freedom
@@ -55,8 +55,8 @@ impl Squares {
     }
 }
 
-/// Squared errors over blocks of `horizon` seconds, one entry a segment that is fitted,
-/// or that is not.
+/// Squared errors over blocks of `horizon` seconds, one entry per fitted segment, or per
+/// held-out segment.
 pub fn block_errors(
     model: &Model<f64>,
     data: &Dataset,
@@ -73,7 +73,7 @@ pub fn block_errors(
             if ranges.is_empty() {
                 return Vec::new();
             }
-            // Hidden states run through what is not counted as well.
+            // Hidden states also run through samples that are not counted.
             let blocks = blocks(session, &ranges, horizon);
             let errors = over_blocks(&dual, session, &nuisances[index], &blocks);
             ranges
@@ -116,7 +116,7 @@ fn blocks(session: &Session, ranges: &[Range<usize>], horizon: f64) -> Vec<Range
         .collect()
 }
 
-/// Squared errors of each block, whose angle and rate at the start suit it best.
+/// Squared errors of each block, from its best-fitting initial angle and rate.
 fn over_blocks(
     model: &Model<Dual<2>>,
     session: &Session,
@@ -125,7 +125,8 @@ fn over_blocks(
 ) -> Vec<Squares> {
     /// Gauss–Newton steps of a block that begins far from where the last one ended.
     const STEPS: usize = 3;
-    /// Times the residual's RMS by which a step may move the start and be the last.
+    /// Convergence: the last step moves the initial state by less than so many times the
+    /// residual's RMS.
     const NEAR: f64 = 3.0;
     let signal = session.signal();
     let zero = Dual::constant(nuisance.pressure_zero);
@@ -203,7 +204,7 @@ fn over_blocks(
     found
 }
 
-/// A state with angle and rate as the variables.
+/// A state with angle and rate as variables of the dual numbers.
 fn seeded(state: &State<Dual<2>>) -> State<Dual<2>> {
     let mut state = *state;
     state.angle = Dual::variable(state.angle.value(), 0, 1.0);
@@ -214,7 +215,7 @@ fn seeded(state: &State<Dual<2>>) -> State<Dual<2>> {
     state
 }
 
-/// A state as it would be had its variables been corrected.
+/// A state after a correction of its variables, to first order.
 fn corrected(state: &State<Dual<2>>, correction: Vector2<f64>) -> State<Dual<2>> {
     let moved = |value: Dual<2>| {
         let [by_angle, by_rate] = value.partials();
@@ -239,7 +240,7 @@ mod tests {
     use super::*;
     use crate::estimate::fit::Fitter;
     use crate::io::recording::Recording;
-    use crate::sim::simulate::{Signal, Start as From, run};
+    use crate::sim::simulate::{InitialState as From, Signal, run};
 
     const NOISE: f64 = 0.004;
 

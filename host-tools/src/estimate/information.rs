@@ -1,81 +1,79 @@
-//! What recordings say about the parameters of a fit, to second order.
+//! The information matrix of a fit, recording by recording.
 //!
-//! Near its minimum the sum of squares is a parabola whose curvature JᵀJ adds
-//! up over recordings. Kept for each recording, it answers three questions
-//! without another simulation: how uncertain a parameter is, which
-//! combinations of parameters nothing determines, and what the fit would have
-//! been without some of the recordings.
+//! Near its minimum the sum of squares is quadratic with the curvature JᵀJ, a sum over
+//! recordings. Kept for each recording, it answers three questions without another
+//! simulation: how uncertain a parameter is, which directions are unidentifiable, and
+//! what a fit without some of the recordings gives.
 //!
-//! Zeros and start of a session are eliminated before ([`without_nuisance`]), so
-//! that only the free parameters are left.
+//! Zeros and initial state of a session are eliminated first ([`without_nuisance`]), so
+//! that only the free parameters remain.
 
 use nalgebra::{DMatrix, DMatrixView, DVector, DVectorView};
 
-use crate::estimate::statistics::independent_stretch;
+use crate::estimate::statistics::independent_block;
 
-/// Curvature and slope of the sum of squares of each recording, in the
-/// coordinates in which the solver moves.
+/// Curvature and gradient of the sum of squares of each recording, in the solver's
+/// coordinates.
 #[derive(Clone, Debug, Default)]
 pub struct Information {
     /// JᵀJ of each recording.
     curvature: Vec<DMatrix<f64>>,
     /// Jᵀr of each recording.
     slope: Vec<DVector<f64>>,
-    /// Σ (Jᵀr)(Jᵀr)ᵀ over blocks of samples: how much the slope scatters.
-    scatter: DMatrix<f64>,
+    /// Σ (Jᵀr)(Jᵀr)ᵀ over blocks of samples: the meat of the sandwich estimate.
+    meat: DMatrix<f64>,
     /// Number of those blocks.
     blocks: usize,
     /// Mean square of the residual (rad²).
     variance: f64,
 }
 
-/// Fewer recordings say little about their own scatter.
+/// Fewest recordings for a jackknife variance.
 const FEWEST_RECORDINGS: usize = 5;
 
-/// What one recording adds.
+/// The contribution of one recording.
 #[derive(Clone, Debug)]
 pub struct Recorded {
     curvature: DMatrix<f64>,
     slope: DVector<f64>,
-    scatter: DMatrix<f64>,
-    stretches: usize,
+    meat: DMatrix<f64>,
+    blocks: usize,
     squares: f64,
     samples: usize,
 }
 
 impl Recorded {
-    /// Of derivatives by the free parameters, a row a sample, without what the session's
-    /// zeros and start can follow, and residuals (simulated minus measured, rad) that are
-    /// correlated over `correlation` samples.
+    /// From derivatives by the free parameters (one row per sample, with the session's
+    /// zeros and initial state projected out) and residuals (simulated minus measured,
+    /// rad) with a correlation time of `correlation` samples.
     pub fn of(
         parameters: DMatrixView<'_, f64>,
         residual: DVectorView<'_, f64>,
         correlation: f64,
     ) -> Self {
-        /// Slopes are summed over independent stretches, and over such a part of
-        /// the recording at least. What the noise of the pressure leaves is small
-        /// beside the noise of the angle and lasts for seconds: the correlation time
-        /// does not show it, and it moves parameters most.
+        /// A block is at least this part of the recording. The error from noise of the
+        /// pressure is small beside the noise of the angle and lasts for seconds: the
+        /// correlation time does not show it, and it moves the parameters most.
         const PART: usize = 4;
         let unknowns = parameters.ncols();
         let samples = residual.len();
-        let length = independent_stretch(correlation).max(samples.div_ceil(PART));
-        let mut scatter = DMatrix::zeros(unknowns, unknowns);
-        let (mut first, mut stretches) = (0, 0);
+        let length = independent_block(correlation).max(samples.div_ceil(PART));
+        let mut meat = DMatrix::zeros(unknowns, unknowns);
+        let (mut first, mut blocks) = (0, 0);
         while first < samples {
             let height = length.min(samples - first);
             let sum = parameters
                 .rows(first, height)
                 .tr_mul(&residual.rows(first, height));
-            scatter += &sum * sum.transpose();
+            meat += &sum * sum.transpose();
             first += height;
-            stretches += 1;
+            blocks += 1;
         }
         Self {
             curvature: parameters.tr_mul(&parameters),
             slope: parameters.tr_mul(&residual),
-            scatter,
-            stretches,
+            meat,
+            blocks,
             squares: residual.norm_squared(),
             samples,
         }
@@ -83,7 +81,8 @@ impl Recorded {
 }
 
 impl Information {
-    /// Adds up recordings whose derivatives and residuals lack a factor of `scale`.
+    /// Sums the contributions of recordings; derivatives and residuals are multiplied by
+    /// `scale`.
     pub fn sum(
         unknowns: usize,
         recordings: impl IntoIterator<Item = Recorded>,
@@ -91,21 +90,21 @@ impl Information {
     ) -> Self {
         let square = scale * scale;
         let mut this = Self {
-            scatter: DMatrix::zeros(unknowns, unknowns),
+            meat: DMatrix::zeros(unknowns, unknowns),
             ..Self::default()
         };
         let (mut squares, mut samples) = (0.0, 0usize);
         for recorded in recordings {
             this.curvature.push(recorded.curvature * square);
             this.slope.push(recorded.slope * square);
-            this.scatter += recorded.scatter * (square * square);
-            this.blocks += recorded.stretches;
+            this.meat += recorded.meat * (square * square);
+            this.blocks += recorded.blocks;
             squares += recorded.squares * square;
             samples += recorded.samples;
         }
-        // Each parameter takes the scatter of one block away.
+        // Each parameter takes one degree of freedom of the blocks.
         if this.blocks > unknowns {
-            this.scatter *= this.blocks as f64 / (this.blocks - unknowns) as f64;
+            this.meat *= this.blocks as f64 / (this.blocks - unknowns) as f64;
         }
         this.variance = squares / samples.saturating_sub(unknowns).max(1) as f64;
         this
@@ -113,11 +112,11 @@ impl Information {
 
     /// Number of free parameters.
     pub fn unknowns(&self) -> usize {
-        self.scatter.nrows()
+        self.meat.nrows()
     }
 
-    /// How many independent differences the covariance rests on: of recordings,
-    /// or of blocks where there are few recordings.
+    /// Degrees of freedom of the covariance: from recordings, or from blocks where there
+    /// are few recordings.
     pub fn degrees_of_freedom(&self) -> usize {
         let recordings = self.curvature.len();
         if recordings < FEWEST_RECORDINGS {
@@ -139,19 +138,16 @@ impl Information {
             })
     }
 
-    /// Covariance of the free parameters: none if nothing determines some of
-    /// them.
+    /// Covariance of the free parameters: none if some of them are not determined.
     ///
-    /// Correlated residuals and residuals that are larger here than there are
-    /// allowed for by their own scatter (the sandwich estimate, summed over
-    /// blocks). No variance is less than white noise of the same size would give,
-    /// nor less than the fits without one recording each scatter (the jackknife):
-    /// what a wrong formula or the pressure's noise does to a recording as a whole
-    /// shows only there.
+    /// The sandwich estimate over blocks allows for correlated and heteroscedastic
+    /// residuals. Each variance is at least that of white noise of the same size, and at
+    /// least the jackknife variance over recordings: only that shows what a wrong formula
+    /// or the noise of the pressure does to a recording as a whole.
     pub fn covariance(&self) -> Option<DMatrix<f64>> {
         let bread = inverse(&self.total(&[]))?;
         let white = &bread * self.variance;
-        let robust = &bread * &self.scatter * &bread;
+        let robust = &bread * &self.meat * &bread;
         let jackknife = self.jackknife();
         let mut covariance = robust;
         for k in 0..covariance.nrows() {
@@ -166,9 +162,9 @@ impl Information {
         Some(covariance)
     }
 
-    /// Variance of the free parameters from the fits without one recording each
-    /// (Tukey 1958). None if there are too few recordings, or one without which
-    /// nothing determines them.
+    /// Jackknife variance of the free parameters, from fits without one recording each
+    /// (Tukey 1958). None if there are too few recordings, or if one of them alone
+    /// determines a parameter.
     fn jackknife(&self) -> Option<DVector<f64>> {
         let count = self.curvature.len();
         if count < FEWEST_RECORDINGS {
@@ -182,18 +178,17 @@ impl Information {
             .map(|(curvature, slope)| Some(inverse(&(&whole - curvature))? * slope))
             .collect::<Option<_>>()?;
         let mean = moved.iter().sum::<DVector<f64>>() / count as f64;
-        let scatter = moved
+        let meat = moved
             .iter()
             .map(|step| (step - &mean).map(|by| by * by))
             .sum::<DVector<f64>>();
-        Some(scatter * ((count - 1) as f64 / count as f64))
+        Some(meat * ((count - 1) as f64 / count as f64))
     }
 
-    /// Directions in which the parameters can move by more than `limit` times
-    /// their own size before the recordings notice: unit vectors of relative
-    /// changes, flattest first, with how far they can move. `sizes` are dp/du
-    /// over p for each parameter.
-    pub fn flat_directions(&self, sizes: &[f64], limit: f64) -> Vec<(f64, Vec<f64>)> {
+    /// Directions whose relative standard error exceeds `limit`: the standard error and
+    /// the unit vector of relative changes, largest first. `sizes` are dp/du over p for
+    /// each parameter.
+    pub fn unidentifiable_directions(&self, sizes: &[f64], limit: f64) -> Vec<(f64, Vec<f64>)> {
         let unknowns = self.unknowns();
         let mut relative = self.total(&[]);
         for row in 0..unknowns {
@@ -210,23 +205,24 @@ impl Information {
             return Vec::new();
         }
         let eigen = relative.symmetric_eigen();
-        let mut flat: Vec<(f64, Vec<f64>)> = eigen
+        let mut directions: Vec<(f64, Vec<f64>)> = eigen
             .eigenvalues
             .iter()
             .zip(eigen.eigenvectors.column_iter())
             .filter_map(|(&curvature, direction)| {
-                let reach = (self.variance / curvature.max(f64::MIN_POSITIVE)).sqrt();
-                (reach > limit).then(|| (reach, direction.iter().copied().collect()))
+                let standard_error = (self.variance / curvature.max(f64::MIN_POSITIVE)).sqrt();
+                (standard_error > limit)
+                    .then(|| (standard_error, direction.iter().copied().collect()))
             })
             .collect();
-        flat.sort_by(|a, b| b.0.total_cmp(&a.0));
-        flat
+        directions.sort_by(|a, b| b.0.total_cmp(&a.0));
+        directions
     }
 
-    /// How the solver's coordinates move if the recordings in `left_out` are
-    /// left out: one Gauss–Newton step, exact for a model that is linear in
-    /// its parameters. None if the others do not determine the parameters, or
-    /// if the step leads farther than the parabola can be trusted.
+    /// The Gauss–Newton step, in the solver's coordinates, if the recordings in
+    /// `left_out` are left out: exact for a model that is linear in its parameters. None
+    /// if the others do not determine the parameters, or if the step is too long for the
+    /// quadratic approximation.
     pub fn step_without(&self, left_out: &[usize]) -> Option<DVector<f64>> {
         let rest = self.total(left_out);
         let slope = self
@@ -242,9 +238,8 @@ impl Information {
     }
 }
 
-/// The part of `parameters` that no change of a session's own unknowns can
-/// imitate, of which `known` says how strongly each is held by what was known
-/// before.
+/// Projects a session's own unknowns out of the derivatives `parameters`. `known` is the
+/// prior precision of each.
 pub fn without_nuisance(
     parameters: &DMatrix<f64>,
     own: &DMatrix<f64>,
@@ -260,7 +255,7 @@ pub fn without_nuisance(
     }
 }
 
-/// The inverse of a symmetric positive matrix, scaled to a unit diagonal so
+/// The inverse of a symmetric positive definite matrix, scaled to a unit diagonal so
 /// that the test for singularity does not depend on units.
 fn inverse(matrix: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let count = matrix.nrows();
@@ -368,9 +363,9 @@ mod tests {
         let residual: Vec<f64> = (0..30).map(|k| 0.01 * f64::from(k % 3 - 1)).collect();
         let information = collect(&[block], &[residual]);
         assert!(information.covariance().is_none());
-        let flat = information.flat_directions(&[1.0, 1.0], 0.5);
-        assert_eq!(flat.len(), 1);
-        let direction = &flat[0].1;
+        let directions = information.unidentifiable_directions(&[1.0, 1.0], 0.5);
+        assert_eq!(directions.len(), 1);
+        let direction = &directions[0].1;
         assert!((direction[0] + direction[1]).abs() < 1e-6);
     }
 }

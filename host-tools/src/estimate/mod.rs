@@ -1,34 +1,40 @@
-//! Fits, and what they are made to: sessions with their zeros, cut into segments.
+//! Parameter estimation from sessions of recorded samples.
 //!
-//! A recording session is simulated whole, from its first sample to its last: a
-//! hysteresis, a creep, a drift and the largest angle so far belong to the
-//! session, and cutting it throws them away. [`assemble`] makes sessions of
-//! files; [`dataset`] holds them with their segments, which are used for
-//! repeats, for pictures and for leaving out; [`nuisance`] is what is estimated
-//! beside the model in every fit: the zeros of both sensors and how the session
-//! starts; [`subsample`] takes parts that are enough to rank candidates. [`fit`] finds
-//! the parameters, by way of a least-squares `problem` in the `coordinate`s of the
-//! solver, with the `normal` equations of many sessions, and [`information`] is what the recordings say about them; [`band`] is what
-//! that leaves open of the simulated curves. [`mod@refit`] does it for a model file.
+//! A session is simulated whole, from its first sample to its last: hysteresis, creep,
+//! drift and the largest angle so far carry over within it, and cutting it would lose
+//! them.
+//!
+//! - [`assemble`] makes sessions from files; [`usable`] finds their usable samples.
+//! - [`dataset`] holds sessions and their segments, which are used for repeats, plots and
+//!   cross-validation.
+//! - [`nuisance`]: the unknowns of each session that every fit estimates beside the model,
+//!   the zeros of both sensors and the initial state.
+//! - [`fit`] estimates the parameters: a least-squares `problem` in coordinates of
+//!   `transform`, by the `normal` equations where there are many sessions.
+//! - [`filter`] fits at shorter prediction horizons, [`horizon`] measures errors there.
+//! - [`information`] is the covariance of the parameters, [`band`] that of the simulated
+//!   curves.
+//! - [`subsample`] takes parts of the data that are enough to rank candidates.
+//! - [`mod@refit`] fits a model file.
 
 pub mod assemble;
-pub mod band;
+pub(crate) mod band;
 pub mod checkpoint;
-mod coordinate;
-pub mod dataset;
-pub mod denoise;
-pub mod filter;
+pub(crate) mod dataset;
+pub(crate) mod denoise;
+pub(crate) mod filter;
 pub mod fit;
-pub mod horizon;
-pub mod information;
+pub(crate) mod horizon;
+pub(crate) mod information;
 mod normal;
-pub mod nuisance;
+pub(crate) mod nuisance;
 mod problem;
 pub mod refit;
-pub mod smooth;
+pub(crate) mod smooth;
 pub mod statistics;
-pub mod subsample;
-pub mod usable;
+pub(crate) mod subsample;
+mod transform;
+pub(crate) mod usable;
 
 pub use dataset::{Dataset, Segment, Session};
 pub use nuisance::Nuisance;

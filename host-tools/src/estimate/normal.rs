@@ -1,22 +1,21 @@
-//! The normal equations of a fit to many sessions, solved in a time that grows with
-//! their number.
+//! The normal equations of a fit to many sessions, solved in time linear in their number.
 //!
-//! Zeros and start of a session move no other session's curve. Beside the free
-//! parameters, which all sessions know, the matrix is blocks of four: an arrow. A
-//! dense decomposition of it takes the cube of the number of sessions; eliminating
-//! each session's own unknowns first (Schur's complement; Triggs et al., Bundle
-//! adjustment, 2000, section 6) takes a multiple. Only what zeros of one sitting have
-//! in common joins the blocks: their mean, two columns a zero, by Woodbury's formula.
+//! Zeros and initial state of a session do not influence any other session. So the matrix
+//! is an arrow: the free parameters, which all sessions share, and one block of four per
+//! session. A dense decomposition takes time cubic in the number of sessions; eliminating
+//! each session's own unknowns first (Schur complement; Triggs et al., Bundle adjustment,
+//! 2000, section 6) takes linear time. Zeros of one sitting share a mean, which couples
+//! the blocks by two columns per zero (Woodbury formula).
 
 use nalgebra::{DMatrix, DVector, SMatrix};
 
 use super::nuisance::UNKNOWNS;
 
-/// What one session adds.
+/// The block of one session.
 struct Own {
-    /// Place of its first unknown.
+    /// Index of its first unknown.
     first: usize,
-    /// JᵀJ of its own unknowns, without what a mean adds.
+    /// JᵀJ of its own unknowns, without the shared mean.
     square: SMatrix<f64, UNKNOWNS, UNKNOWNS>,
     /// JᵀJ of its own unknowns with the free parameters.
     border: DMatrix<f64>,
@@ -25,7 +24,7 @@ struct Own {
 /// Rows of priors `r_k = … + b_k Σ z`, one a session that shares the zero `z`: their
 /// derivative by it is `diag(a) + b eᵀ`, with e = 1 for all that share.
 struct Mean {
-    /// Places of the unknowns.
+    /// Indices of the unknowns.
     places: Vec<usize>,
     /// a ∘ b.
     both: Vec<f64>,
@@ -33,13 +32,13 @@ struct Mean {
     square: f64,
 }
 
-/// Derivatives of the prior's row of a zero that shares a mean.
+/// The prior's row of a zero that shares a mean, with its derivatives.
 pub struct SharedRow {
-    /// Place of the unknown.
+    /// Index of the unknown.
     pub place: usize,
-    /// By itself, without its part in the mean.
+    /// Derivative by the unknown itself, without its part in the mean.
     pub by_itself: f64,
-    /// By the sum of all that share.
+    /// Derivative by the sum of all that share the mean.
     pub by_sum: f64,
     /// The row.
     pub residual: f64,
@@ -56,7 +55,7 @@ pub struct Normal {
 }
 
 impl Normal {
-    /// Nothing yet of so many unknowns, of which so many are free parameters.
+    /// Empty equations of `unknowns` unknowns, of which `free` are free parameters.
     pub fn new(free: usize, unknowns: usize) -> Self {
         Self {
             free: DMatrix::zeros(free, free),
@@ -67,10 +66,10 @@ impl Normal {
         }
     }
 
-    /// Adds a session: a matrix with its derivatives by the free parameters, by its own
-    /// unknowns if it has any, and its residuals last. `first` is the place of its own
-    /// unknowns, which follow those of the session before; `priors` are the rows of those that no mean joins, each with its
-    /// derivative and residual.
+    /// Adds a session: a matrix of its derivatives by the free parameters, those by its
+    /// own unknowns if it has any, and its residuals last. `first` is the index of its own
+    /// unknowns, which follow those of the session before. `priors` are the rows of the
+    /// unknowns without a shared mean, each with its derivative and residual.
     pub fn session(
         &mut self,
         rows: &DMatrix<f64>,
@@ -102,8 +101,7 @@ impl Normal {
         });
     }
 
-    /// Adds the rows of the priors of zeros that have a mean in common, after their
-    /// sessions.
+    /// Adds the prior rows of zeros that share a mean, after their sessions.
     pub fn mean(&mut self, rows: &[SharedRow]) {
         let pull: f64 = rows.iter().map(|row| row.by_sum * row.residual).sum();
         for row in rows {
@@ -157,7 +155,7 @@ impl Normal {
         let damped = self
             .diagonal()
             .map(|entry| damping * entry + f64::MIN_POSITIVE);
-        // What a mean joins is W M Wᵀ, with two columns in W, (a ∘ b, e), and
+        // The shared mean adds W M Wᵀ, with two columns in W, (a ∘ b, e), and
         // M = [[0, 1], [1, b·b]], whose inverse is [[−b·b, 1], [1, 0]].
         let mut joined = DMatrix::zeros(self.slope.len(), 2 * self.means.len());
         let mut inner = DMatrix::zeros(2 * self.means.len(), 2 * self.means.len());
@@ -183,7 +181,7 @@ impl Normal {
         Some(step - by_joined * pull)
     }
 
-    /// Solves for each column of `right` what no mean joins.
+    /// Solves the equations without shared means for each column of `right`.
     fn without_means(&self, damped: &DVector<f64>, right: DMatrix<f64>) -> Option<DMatrix<f64>> {
         let count = self.free.nrows();
         let columns = right.ncols();

@@ -1,44 +1,43 @@
-//! What is estimated beside the model in every fit: zeros and starts.
+//! Nuisance parameters of every fit: sensor zeros and initial states.
 //!
-//! The zeros of both sensors are never exactly known, and the start of a session
-//! is only measured with noise. On a rig with the exponent 2.4 the stiffness
-//! vanishes at 0°, and a pressure zero that is off by 0.3 kPa moves the rest
-//! angle by 9°: an effect would be bent to repair it. So each session has four
-//! unknowns of its own,
+//! The zeros of both sensors are never known exactly, and the initial state of a session
+//! is measured with noise. On a rig with the exponent 2.4 the stiffness vanishes at 0°,
+//! and an error of 0.3 kPa in the pressure zero moves the rest angle by 9°: a fit would
+//! distort an effect to repair it. So each session has four unknowns of its own,
 //!
 //! ```text
 //! p = p_measured − p₀        y_measured = y + b        y(0) = s − b,  ẏ(0) = r
 //! ```
 //!
-//! | symbol | quantity | what is known before |
+//! | symbol | quantity | prior |
 //! |---|---|---|
 //! | p₀ | zero of the pressure (Pa) | the calibration, else 0 ± 0.5 kPa |
 //! | b | zero of the angle (rad) | the calibration, else 0 ± 2° |
 //! | s | measured angle at the first sample (rad) | the rest, or a parabola |
 //! | r | its rate (rad/s) | the same |
 //!
-//! What is known before enters the sum of squares as one more residual for each,
-//! (estimate − mean)/deviation, in units of the angle's noise. A zero beyond
-//! [`FARTHEST`] deviations is not a zero: a [`wall`] stands there, and an effect
-//! has to say what is left.
+//! Each prior adds one residual to the sum of squares, (estimate − mean)/standard deviation, in
+//! units of the angle's noise. A zero beyond [`FARTHEST`] standard deviations is no error
+//! of a zero: a [`wall`] keeps estimates below that, and an effect has to explain the
+//! rest.
 //!
-//! That weighs a zero against noise. Where a model leaves an error that goes on for many
-//! samples, each of which follows from the last, zeros that run from their means could buy
-//! a little of that error in every sample for the price of a few samples' noise. There a
-//! departure is weighed against what is left over as many samples as say one thing
-//! ([`Prior::zero_weight`]).
+//! This weighs a zero against white noise. Where a model leaves a correlated error, a
+//! zero far from its mean could remove a little of that error in every sample, at the
+//! price of a few samples' noise. There a departure weighs as much as one independent
+//! sample of the model error ([`Prior::zero_weight`]).
 //!
-//! Recordings that say nothing of when they were made are those of one sitting:
-//! their zeros have a large part in common and only depart a little from each other
-//! ([`Shared`]). With zeros that know nothing of each other, twelve runs could hide a
-//! friction, which lets each of them end at another angle.
+//! Recordings without a time of recording count as one sitting: their zeros share a
+//! common part and differ only a little ([`Shared`]). With independent zeros, twelve runs
+//! could hide a friction, which lets each run end at another angle.
 
 use std::ops::Range;
 
 use crate::estimate::smooth::motion;
-use crate::estimate::statistics::{mean, moves, noise_by_differences, quantum, scatter, swing};
+use crate::estimate::statistics::{
+    mean, moves, noise_by_differences, quantisation_step, standard_deviation, swing,
+};
 use crate::io::recording::{PASCAL_PER_KPA, Recording};
-use crate::sim::simulate::Start;
+use crate::sim::simulate::InitialState;
 
 /// Standard deviation of the pressure's zero where the metadata has no
 /// calibration (Pa): the offset of an 80 psi sensor after a tare.
@@ -59,13 +58,13 @@ const ANGLE_ZERO_APART_RAD: f64 = 0.001_745_329_251_994_329_6;
 /// Standard deviation of a zero that is held (Pa).
 const HELD_PA: f64 = 1e-3;
 
-/// A zero lies within so many standard deviations.
+/// Largest departure of a zero, in standard deviations.
 pub const FARTHEST: f64 = 3.0;
 
 /// Unknowns of a session.
 pub const UNKNOWNS: usize = 4;
 
-/// Which of them are zeros of sensors.
+/// The unknowns that are zeros of sensors.
 pub const ZEROS: Range<usize> = 0..2;
 
 /// The unknowns of one session.
@@ -76,66 +75,66 @@ pub struct Nuisance {
     /// What the angle sensor shows at 0 rad (rad).
     pub angle_zero: f64,
     /// The measured angle and its rate at the first sample.
-    pub start: Start<f64>,
+    pub start: InitialState<f64>,
 }
 
 impl Nuisance {
-    /// Sensors whose zeros are right, and a start at rest at zero.
+    /// No zero errors, and an initial state at rest at 0 rad.
     pub const AT_ZERO: Self = Self {
         pressure_zero: 0.0,
         angle_zero: 0.0,
-        start: Start {
+        start: InitialState {
             angle: 0.0,
             rate: 0.0,
         },
     };
 
-    /// Pressure zero, angle zero, start angle, start rate.
+    /// From pressure zero, angle zero, initial angle, initial rate.
     fn of([pressure_zero, angle_zero, angle, rate]: [f64; UNKNOWNS]) -> Self {
         Self {
             pressure_zero,
             angle_zero,
-            start: Start { angle, rate },
+            start: InitialState { angle, rate },
         }
     }
 
     /// The inverse of [`Nuisance::of`].
     fn values(&self) -> [f64; UNKNOWNS] {
-        let Start { angle, rate } = self.start;
+        let InitialState { angle, rate } = self.start;
         [self.pressure_zero, self.angle_zero, angle, rate]
     }
 }
 
-/// What is known about the unknowns of a session before any fit.
+/// The prior of a session's unknowns.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Prior {
     /// Means.
     pub mean: Nuisance,
     /// Standard deviations, in the same units.
     pub deviation: Nuisance,
-    /// Standard deviation of a zero's departure from the zero that the sessions of
-    /// one sitting have in common; none for an unknown that is the session's own.
+    /// Standard deviation of a zero's departure from the common zero of one sitting; none
+    /// for an unknown that belongs to the session alone.
     pub apart: [Option<f64>; UNKNOWNS],
-    /// Noise of the measured angle (rad), in which a deviation of one counts.
+    /// Noise of the measured angle (rad): the weight of one standard deviation.
     pub noise: f64,
-    /// How many times the noise a deviation of a zero counts: 1, or where models leave
-    /// more than noise, the RMS of that over the noise times the root of the samples that
-    /// say one thing.
+    /// Weight of one standard deviation of a zero, in units of the noise: 1, or where
+    /// models leave more than noise, the RMS of the model error over the noise times the
+    /// root of its correlation time in samples.
     pub zero_weight: f64,
 }
 
 impl Prior {
-    /// Takes what the first samples and the metadata say.
+    /// Takes the prior from the first samples and the metadata.
     pub fn of(recording: &Recording) -> Self {
         let noise = noise_by_differences(&recording.angle)
-            .max(quantum(&recording.angle) / 12f64.sqrt())
+            .max(quantisation_step(&recording.angle) / 12f64.sqrt())
             .max(1e-6);
         let calibration = recording.meta.calibration.as_ref();
         let pressure_zero = calibration
             .and_then(|known| known.pressure_zero_sd_kpa)
             .map_or(PRESSURE_ZERO_SD_PA, |sd| sd * PASCAL_PER_KPA);
-        // A pressure that never moves is a constant force, which the zero of the
-        // angle follows as well.
+        // A constant pressure is a constant force, which the zero of the angle can
+        // compensate as well.
         let pressure_zero = if moves(&recording.pressure) {
             pressure_zero
         } else {
@@ -174,7 +173,7 @@ impl Prior {
         }
     }
 
-    /// What a deviation of an unknown counts (rad) in output error.
+    /// Weight (rad) of one standard deviation of an unknown in output error.
     pub fn scale(&self, unknown: usize) -> f64 {
         if ZEROS.contains(&unknown) {
             self.noise * self.zero_weight
@@ -183,15 +182,15 @@ impl Prior {
         }
     }
 
-    /// The same for data thinned to every n-th sample: n times fewer of them say one
-    /// thing.
+    /// The same prior for data thinned to every n-th sample: their correlation time is n
+    /// times fewer samples.
     pub fn thinned(mut self, every: usize) -> Self {
         self.zero_weight = (self.zero_weight / (every as f64).sqrt()).max(1.0);
         self
     }
 
-    /// How far estimates are from what was known before, in standard deviations:
-    /// pressure zero, angle zero, start angle, start rate.
+    /// Departures of estimates from the prior means, in standard deviations: pressure
+    /// zero, angle zero, initial angle, initial rate.
     pub fn departures(&self, estimate: &Nuisance) -> [f64; UNKNOWNS] {
         let (estimate, mean, sd) = (estimate.values(), self.mean.values(), self.deviations());
         std::array::from_fn(|k| (estimate[k] - mean[k]) / sd[k])
@@ -202,7 +201,7 @@ impl Prior {
         self.deviation.values()
     }
 
-    /// The same with zeros that are known to this part of their usual deviation.
+    /// The same prior with the standard deviations of the zeros multiplied by `part`.
     pub fn sharpened(mut self, part: f64) -> Self {
         self.deviation.pressure_zero *= part;
         self.deviation.angle_zero *= part;
@@ -217,15 +216,15 @@ impl Prior {
     }
 }
 
-/// What a zero beyond [`FARTHEST`] deviations adds to its residual, and the slope of
-/// that, in a fit to so many samples: a wall, which a solver meets without being stopped
-/// by it. What lies beyond has to gain more than any prior can cost where thousands of
-/// samples are off by an effect that is missing, so the wall grows with them: a deviation
-/// beyond weighs as much as all samples being off by three times their noise.
+/// The soft bound of a zero beyond [`FARTHEST`] standard deviations: what it adds to the
+/// zero's residual in a fit to `samples` samples, and its slope. It must cost more than a
+/// zero can gain where a missing effect moves thousands of samples, so it grows with
+/// their number: one standard deviation beyond weighs as much as three times the noise in
+/// every sample.
 pub fn wall(departure: f64, samples: usize) -> [f64; 2] {
-    /// Noise of every sample that a deviation beyond weighs.
+    /// Weight of one standard deviation beyond, in noise of every sample.
     const STEEP: f64 = 3.0;
-    /// A wall is a wall with few samples as well.
+    /// Least number of samples that counts.
     const FEWEST: f64 = 100.0;
     let steep = STEEP * (samples as f64).max(FEWEST).sqrt();
     let beyond = departure.abs() - FARTHEST;
@@ -236,11 +235,11 @@ pub fn wall(departure: f64, samples: usize) -> [f64; 2] {
     }
 }
 
-/// What the zeros of the sessions of one sitting have in common.
+/// The common zero of the sessions of one sitting.
 ///
-/// A zero z, in standard deviations, is the common one and a departure from it of
-/// deviation δ. The residuals of m of them, with their covariance
-/// (1 − δ²)·1·1ᵀ + δ²·I taken out, are
+/// A zero z, in standard deviations, is the common zero plus a departure of standard
+/// deviation δ. The residuals of m zeros, whitened by their covariance
+/// (1 − δ²)·1·1ᵀ + δ²·I, are
 ///
 /// ```text
 /// r_k = (z_k − c z̄)/δ,   z̄ = mean of the z_k,   c = 1 − δ/√(δ² + m (1 − δ²))
@@ -256,8 +255,8 @@ pub struct Shared {
 }
 
 impl Shared {
-    /// Of so many sessions with zeros that depart so far, in standard deviations,
-    /// from the one that they have in common.
+    /// Of `sessions` sessions whose zeros depart from the common one by `apart`, in
+    /// standard deviations.
     pub fn new(sessions: usize, apart: f64) -> Self {
         let sessions = sessions as f64;
         let in_common = (1.0 - apart * apart).max(0.0);
@@ -273,16 +272,20 @@ impl Shared {
         (zero - self.common * mean) / self.apart
     }
 
-    /// Its derivative by the zero itself, and by the zero of another session.
+    /// Derivatives of the residual by the zero itself and by the zero of another session.
     pub fn slopes(&self) -> [f64; 2] {
         let by_other = -self.common / (self.sessions * self.apart);
         [1.0 / self.apart + by_other, by_other]
     }
 }
 
-/// The start of a session that rests over its first `rest` samples: a straight
-/// line through them, for it may still creep.
-fn at_rest(recording: &Recording, rest: usize, noise: f64) -> (Start<f64>, Start<f64>) {
+/// Initial state and its standard deviations for a session that rests over its first
+/// `rest` samples: from a straight line through them, since it may still creep.
+fn at_rest(
+    recording: &Recording,
+    rest: usize,
+    noise: f64,
+) -> (InitialState<f64>, InitialState<f64>) {
     let (time, angle) = (&recording.time[..rest], &recording.angle[..rest]);
     let count = rest as f64;
     let error = noise / count.sqrt();
@@ -307,48 +310,50 @@ fn at_rest(recording: &Recording, rest: usize, noise: f64) -> (Start<f64>, Start
         slope
     };
     (
-        Start {
+        InitialState {
             angle: level - slope * middle,
             rate: slope,
         },
-        Start {
+        InitialState {
             angle: error + slope.abs() * middle,
             rate: slope_error,
         },
     )
 }
 
-/// Angle and rate at the first sample from a parabola through the first ten, and
-/// deviations that leave the fit free to move them.
-fn in_motion(recording: &Recording) -> (Start<f64>, Start<f64>) {
+/// Initial state for a session that begins in motion: from a parabola through the first
+/// ten samples, with standard deviations that leave the fit free.
+fn in_motion(recording: &Recording) -> (InitialState<f64>, InitialState<f64>) {
     let first = motion(recording, 0, 10, 0);
-    let reach = recording
+    let largest_angle = recording
         .angle
         .iter()
-        .fold(1e-3, |reach: f64, angle| angle.abs().max(reach));
+        .fold(1e-3, |largest_angle: f64, angle| {
+            angle.abs().max(largest_angle)
+        });
     let duration = 10.0 * recording.interval();
     (
-        Start {
+        InitialState {
             angle: first.map_or(recording.angle[0], |motion| motion.angle),
             rate: first.map_or(0.0, |motion| motion.rate),
         },
-        Start {
-            angle: reach,
-            rate: reach / duration.max(1e-6),
+        InitialState {
+            angle: largest_angle,
+            rate: largest_angle / duration.max(1e-6),
         },
     )
 }
 
-/// Samples, of the first second, before pressure or angle move; zero if the
-/// recording starts in motion, or if something shakes it while it rests.
+/// Number of samples, within the first second, before pressure or angle move; zero if
+/// the recording starts in motion or is disturbed while it rests.
 pub fn rest_at_start(recording: &Recording) -> usize {
-    /// Fewer samples than this do not show a rest.
+    /// Fewest samples of a rest.
     const FEWEST: usize = 5;
-    /// A rest longer than this (s) adds nothing.
+    /// Longest rest (s) that is used.
     const LONGEST: f64 = 1.0;
-    /// Samples that show more than noise, if they scatter by more than [`SHAKEN`] times it.
+    /// Samples from which the standard deviation is compared with the noise.
     const ENOUGH: usize = 30;
-    /// Scatter over noise of a recording that does not rest.
+    /// Standard deviation over noise from which a recording does not rest.
     const SHAKEN: f64 = 1.3;
     let noise = noise_by_differences(&recording.angle).max(1e-9);
     let pressure_noise = noise_by_differences(&recording.pressure);
@@ -362,7 +367,7 @@ pub fn rest_at_start(recording: &Recording) -> usize {
                 && (recording.angle[k] - first_angle).abs() <= 5.0 * noise
         })
         .count();
-    let shaken = rest >= ENOUGH && scatter(&recording.angle[..rest]) > SHAKEN * noise;
+    let shaken = rest >= ENOUGH && standard_deviation(&recording.angle[..rest]) > SHAKEN * noise;
     if rest >= FEWEST && !shaken { rest } else { 0 }
 }
 

@@ -1,8 +1,7 @@
 //! The least-squares problem behind every fit.
 //!
-//! It turns sessions into residuals and derivatives, adds what was known before about
-//! their zeros and starts, and hands both to the library's solver. See [`super::fit`]
-//! for what is done with it.
+//! It turns sessions into residuals and derivatives, adds the priors of their zeros and
+//! initial states, and hands both to the library's solver. [`super::fit`] uses it.
 
 use std::ops::Range;
 
@@ -12,28 +11,29 @@ use nalgebra::storage::Owned;
 use nalgebra::{DMatrix, DVector, Dyn};
 use rayon::prelude::*;
 
-use super::coordinate::Coordinate;
 use super::filter::{Innovation, Level, normalised, pass};
 use super::fit::{Effort, Fit, Fitter};
 use super::information::{Information, Recorded, without_nuisance};
 use super::normal::{Normal, SharedRow};
 use super::nuisance::{Nuisance, Prior, Shared, UNKNOWNS, ZEROS, wall};
+use super::transform::ParameterTransform;
 use super::{Dataset, Session};
 use crate::estimate::statistics::{correlation_time, mean};
 use crate::sim::dual::Dual;
-use crate::sim::simulate::{Origin, Start, run_from};
+use crate::sim::simulate::{InitialState, Origin, run_from};
 
-/// Sessions from which on the library's dense decomposition, which takes the cube of
-/// their number, costs more than simulating them.
+/// Number of sessions from which the library's dense decomposition, cubic in their number,
+/// costs more than simulating them.
 const MANY_SESSIONS: usize = 32;
 
-/// Relative gain of a step after which a handful of steps, or a fit to many sessions, has
-/// no more to find: the error moves by half of it.
+/// Relative gain of a step below which a short fit, or a fit to many sessions, is done:
+/// the error changes by half of it.
 const SLOW: f64 = 1e-4;
 
 impl Effort {
-    /// Evaluations after which a fit that still moves is left: its valley is so flat
-    /// that where it ends does not matter. And the relative gain with which it is done.
+    /// Most evaluations of a fit, and the relative gain below which it is done. A fit that
+    /// still moves after so many evaluations is in a valley so flat that its end does not
+    /// matter.
     fn patience(self) -> (usize, f64) {
         match self {
             Self::Steps(_) | Self::Coarse => (25, 1e-3),
@@ -41,7 +41,7 @@ impl Effort {
         }
     }
 
-    /// The solver for so many unknowns, which the library counts evaluations by.
+    /// The solver for `unknowns` unknowns, by which the library counts evaluations.
     fn solver(self, unknowns: usize) -> LevenbergMarquardt<f64> {
         let (evaluations, tolerance) = self.patience();
         let solver = LevenbergMarquardt::new().with_gtol(0.0);
@@ -90,7 +90,7 @@ impl Part<'_> {
     }
 }
 
-/// What keeps a zero in its range: see [`wall`]. A start has no such range.
+/// The soft bound of a zero, see [`wall`]. An initial state has none.
 fn wall_of(unknown: usize, departure: f64, samples: usize) -> [f64; 2] {
     if ZEROS.contains(&unknown) {
         wall(departure, samples)
@@ -99,8 +99,7 @@ fn wall_of(unknown: usize, departure: f64, samples: usize) -> [f64; 2] {
     }
 }
 
-/// What the zeros of the sessions of one sitting have in common; none if there is
-/// no such session.
+/// The common zero of the sessions of one sitting; none if there is no such session.
 fn shared(parts: &[Part<'_>], unknown: usize) -> Option<Shared> {
     let sitting: Vec<&Part<'_>> = parts.iter().filter(|part| part.shares(unknown)).collect();
     let prior = sitting.first()?.session.prior();
@@ -110,7 +109,7 @@ fn shared(parts: &[Part<'_>], unknown: usize) -> Option<Shared> {
 }
 
 /// Residuals of one session and their derivatives by the free parameters and by
-/// its own unknowns, a row a compared sample.
+/// its own unknowns, one row per compared sample.
 struct Linear {
     jacobian: DMatrix<f64>,
     residual: DVector<f64>,
@@ -119,33 +118,32 @@ struct Linear {
 }
 
 /// The least-squares problem in the solver's coordinates: the free parameters,
-/// then zeros and start of every session.
+/// then zeros and initial state of every session.
 ///
-/// A session has thousands of samples and a dozen unknowns. What the solver needs
-/// of it is the triangle of a QR decomposition of its derivatives and residuals,
-/// which has the same normal equations and the same sum of squares; it is found
-/// whenever the position moves, with one simulation on dual numbers.
+/// A session has thousands of samples and a dozen unknowns. The solver only needs the
+/// triangle of a QR decomposition of its derivatives and residuals, which has the same
+/// normal equations and the same sum of squares. Each change of the position costs one
+/// simulation on dual numbers.
 pub struct Problem<'a> {
     model: Model<f64>,
     data: &'a Dataset,
     free: Vec<ParameterId>,
-    coordinates: Vec<Coordinate>,
+    transforms: Vec<ParameterTransform>,
     parts: Vec<Part<'a>>,
-    /// Of each unknown of a session, what those of one sitting have in common.
+    /// For each unknown of a session, its common part within one sitting.
     shared: [Option<Shared>; UNKNOWNS],
     position: DVector<f64>,
     /// The prediction horizon; none for output error.
     level: Option<Level>,
-    /// What the rows of priors are multiplied by: the geometric mean of √S, as the
-    /// innovations.
+    /// Factor of the prior rows: the geometric mean of √S, as for the innovations.
     scale: f64,
     /// The triangle of each part at `position`: derivatives, residuals last. None
-    /// before a solver needs them, and where the model cannot be simulated.
+    /// until a solver needs it, and if the model cannot be simulated.
     triangles: Option<Vec<DMatrix<f64>>>,
 }
 
 impl<'a> Problem<'a> {
-    /// Starts at the parameters of `model` and at what is guessed of each session.
+    /// Starts at the parameters of `model` and at the guess of each session.
     pub fn new(
         fitter: &Fitter<'a>,
         model: &Model<f64>,
@@ -153,14 +151,14 @@ impl<'a> Problem<'a> {
         compared: Compared,
     ) -> Self {
         let data = fitter.data;
-        let coordinates: Vec<Coordinate> = free
+        let transforms: Vec<ParameterTransform> = free
             .iter()
-            .map(|&id| Coordinate::of(fitter.nominal, model, id))
+            .map(|&id| ParameterTransform::of(fitter.nominal, model, id))
             .collect();
         let mut position: Vec<f64> = free
             .iter()
-            .zip(&coordinates)
-            .map(|(&id, coordinate)| coordinate.position(model.value(id).unwrap_or(0.0)))
+            .zip(&transforms)
+            .map(|(&id, transform)| transform.position(model.value(id).unwrap_or(0.0)))
             .collect();
         let mut parts = Vec::new();
         for (index, session) in data.sessions().iter().enumerate() {
@@ -192,7 +190,7 @@ impl<'a> Problem<'a> {
             model: *model,
             data,
             free: free.to_vec(),
-            coordinates,
+            transforms,
             shared: std::array::from_fn(|unknown| shared(&parts, unknown)),
             parts,
             position: DVector::from_vec(position),
@@ -202,13 +200,13 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// The same at a level of the prediction horizon; none for output error.
+    /// The same problem at a level of the prediction horizon; none for output error.
     pub fn at_level(mut self, level: Option<&Level>) -> Self {
         self.level = level.copied();
         self
     }
 
-    /// The same with zeros and starts as given, one set a session.
+    /// The same problem at the given zeros and initial states, one set per session.
     pub fn with_nuisances(mut self, nuisances: &[Nuisance]) -> Self {
         for part in &self.parts {
             if let (Some(first), Some(nuisance)) = (part.own, nuisances.get(part.index)) {
@@ -221,16 +219,16 @@ impl<'a> Problem<'a> {
         self
     }
 
-    /// The same where a solver ended before.
+    /// The same problem at a final position of the solver.
     pub fn at(mut self, position: &[f64]) -> Self {
         self.position.copy_from_slice(position);
         self
     }
 
-    /// The same with parameters in the coordinates, and at the position, of another
+    /// The same problem with the parameter transforms, and at the position, of another
     /// fit.
-    pub fn in_coordinates(mut self, coordinates: &[Coordinate], position: &[f64]) -> Self {
-        self.coordinates = coordinates.to_vec();
+    pub fn with_transforms(mut self, transforms: &[ParameterTransform], position: &[f64]) -> Self {
+        self.transforms = transforms.to_vec();
         for (to, from) in self.position.iter_mut().zip(position) {
             *to = *from;
         }
@@ -242,7 +240,7 @@ impl<'a> Problem<'a> {
         self.position.as_slice()
     }
 
-    /// The sum of squares (rad²) predicted after one Gauss–Newton step.
+    /// The predicted sum of squares (rad²) after one Gauss–Newton step.
     pub fn predicted_sse(mut self) -> f64 {
         /// A column without influence must not make the matrix singular.
         const RIDGE: f64 = 1e-9;
@@ -272,21 +270,21 @@ impl<'a> Problem<'a> {
         self.triangulate();
         let mut solver = effort.solver(self.unknowns());
         if self.free.is_empty() {
-            // Zeros and starts alone are nearly linear: full steps.
+            // Zeros and initial states alone are nearly linear: full steps.
             solver = solver.with_stepbound(100.0);
         }
         let (solved, report) = solver.minimize(self);
         (solved, report.termination.was_successful())
     }
 
-    /// Goes at most so many damped Gauss–Newton steps (Levenberg, 1944), or until one
-    /// gains less than a share of the cost; whether it got there. The library's solver
-    /// cannot be stopped after a few steps, for it counts evaluations by the number of
-    /// unknowns, and takes the cube of the number of sessions.
+    /// Makes at most `steps` damped Gauss–Newton steps (Levenberg, 1944), until one gains
+    /// less than the share `tolerance` of the cost; also returns whether that was reached.
+    /// The library's solver cannot be stopped after a few steps, since it counts
+    /// evaluations by the number of unknowns, and it is cubic in the number of sessions.
     fn descended(mut self, steps: usize, tolerance: f64) -> (Self, bool) {
         /// Damping of the first step, relative to the curvature.
         const FIRST: f64 = 1e-3;
-        /// Change of the damping after a step that was good, and one that was not.
+        /// Factors of the damping after a good step, and after a bad one.
         const CALMER: f64 = 0.1;
         const STRONGER: f64 = 10.0;
         self.triangulate();
@@ -325,8 +323,7 @@ impl<'a> Problem<'a> {
         (self, false)
     }
 
-    /// The normal equations at this position; none where the model cannot be
-    /// simulated.
+    /// The normal equations at this position; none if the model cannot be simulated.
     fn normal(&self) -> Option<Normal> {
         let mut normal = Normal::new(self.free.len(), self.unknowns());
         let priors = self.prior_rows();
@@ -367,15 +364,15 @@ impl<'a> Problem<'a> {
         Some(normal)
     }
 
-    /// How many unknowns there are.
+    /// Number of unknowns.
     pub fn unknowns(&self) -> usize {
         self.position.len()
     }
 
     fn model(&self) -> Model<f64> {
         let mut model = self.model;
-        for ((&id, coordinate), &u) in self.free.iter().zip(&self.coordinates).zip(&self.position) {
-            model = model.with_value(id, coordinate.to_value(u));
+        for ((&id, transform), &u) in self.free.iter().zip(&self.transforms).zip(&self.position) {
+            model = model.with_value(id, transform.to_value(u));
         }
         model
     }
@@ -391,7 +388,7 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// Zeros and start of every session of the data.
+    /// Zeros and initial state of every session of the data.
     pub fn nuisances(&self) -> Vec<Nuisance> {
         let mut all: Vec<Nuisance> = self
             .data
@@ -405,9 +402,9 @@ impl<'a> Problem<'a> {
         all
     }
 
-    /// What was known before about the unknowns of each session, as residuals
-    /// (rad): departures in standard deviations times the noise of the angle. None
-    /// for a session whose zeros and start are known.
+    /// Prior residuals (rad) of each session's unknowns: departures in standard
+    /// deviations times the noise of the angle. None for a session whose zeros and initial
+    /// state are known.
     fn prior_rows(&self) -> Vec<Option<[f64; UNKNOWNS]>> {
         let own: Vec<Option<[f64; UNKNOWNS]>> = self
             .parts
@@ -447,8 +444,8 @@ impl<'a> Problem<'a> {
             .collect()
     }
 
-    /// What a deviation of an unknown counts (rad). Innovations are nearly white at any
-    /// horizon; what output error leaves is not.
+    /// Weight (rad) of one standard deviation of an unknown. Innovations are nearly white
+    /// at any horizon; the residual of output error is not.
     fn counts(&self, prior: &Prior, unknown: usize) -> f64 {
         if self.level.is_some() {
             prior.noise
@@ -457,8 +454,8 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// The derivative of the row of one session's unknown by the same unknown of
-    /// another, or of itself, in the solver's coordinates.
+    /// The derivative of the prior row of one session's unknown by the same unknown of
+    /// another session, or of itself, in the solver's coordinates.
     fn prior_slope(&self, of: &Part<'_>, by: &Part<'_>, unknown: usize) -> f64 {
         if of.index != by.index {
             return if by.shares(unknown) {
@@ -479,7 +476,7 @@ impl<'a> Problem<'a> {
         self.scale * (self.counts(prior, unknown) * by_itself + prior.noise * wall)
     }
 
-    /// The derivative of the row of one session's unknown by the sum of those that
+    /// The derivative of the prior row of one session's unknown by the sum of those that
     /// share it.
     fn mean_slope(&self, of: &Part<'_>, unknown: usize) -> f64 {
         match self.shared[unknown] {
@@ -490,7 +487,7 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// Derivatives of the rows of a session's own unknowns by themselves, as if it
+    /// Derivatives of the prior rows of a session's own unknowns by themselves, as if it
     /// were alone.
     fn prior_slopes(&self, part: &Part<'_>) -> [f64; UNKNOWNS] {
         let Some(first) = part.own else {
@@ -503,9 +500,9 @@ impl<'a> Problem<'a> {
         })
     }
 
-    /// Residuals of the segments that are fitted, or of those held out; only of
-    /// sessions that take part. At a level they are what is fitted: innovations over
-    /// their spread, as they are counted, times the mean spread.
+    /// Residuals of the fitted or of the held-out segments, of sessions that take part. At
+    /// a level they are the normalised innovations after the Huber loss, times the
+    /// geometric mean of √S.
     pub fn residual_series(&self, fitted: bool) -> Vec<Vec<f64>> {
         let model = self.model();
         if let (Some(level), true) = (&self.level, fitted) {
@@ -540,7 +537,7 @@ impl<'a> Problem<'a> {
         series
     }
 
-    /// One session filtered, with its rows over the spread of each innovation.
+    /// One session by the filter, with each row divided by √S of its innovation.
     fn filtered<const N: usize>(
         &self,
         model: &Model<Dual<N>>,
@@ -582,8 +579,8 @@ impl<'a> Problem<'a> {
                 jacobian[(row, column)] = partials[column] * slope / spread;
             }
             if part.own.is_some() {
-                // The start is left to the filter. So is the zero of the angle: it would
-                // be seen in the spring alone, and is what the refit found.
+                // The filter estimates the initial state. The zero of the angle stays at
+                // the value of the refit: only the spring would show it.
                 jacobian[(row, free)] = partials[free] * slopes[0] * slope / spread;
             }
         }
@@ -595,19 +592,19 @@ impl<'a> Problem<'a> {
     }
 
     /// One session on dual numbers with `N` derivatives: at least the free
-    /// parameters, the pressure's zero and the start.
+    /// parameters, the pressure zero and the initial state.
     fn linear<const N: usize>(&self, model: &Model<f64>, part: &Part<'_>) -> Linear {
         let session = part.session;
         let mut dual: Model<Dual<N>> = model.map(Dual::constant);
-        for (column, ((&id, coordinate), &u)) in self
+        for (column, ((&id, transform), &u)) in self
             .free
             .iter()
-            .zip(&self.coordinates)
+            .zip(&self.transforms)
             .zip(&self.position)
             .enumerate()
         {
-            let value = coordinate.to_value(u);
-            dual = dual.with_value(id, Dual::variable(value, column, coordinate.slope(u)));
+            let value = transform.to_value(u);
+            dual = dual.with_value(id, Dual::variable(value, column, transform.slope(u)));
         }
         if let Some(level) = &self.level {
             return self.filtered(&dual, part, level);
@@ -619,7 +616,7 @@ impl<'a> Problem<'a> {
             None => Dual::constant(value),
         };
         let origin = Origin {
-            start: Start {
+            start: InitialState {
                 angle: unknown(nuisance.start.angle - nuisance.angle_zero, 1),
                 rate: unknown(nuisance.start.rate, 2),
             },
@@ -645,7 +642,7 @@ impl<'a> Problem<'a> {
             }
             if part.own.is_some() {
                 let by_start = partials[free + 1];
-                // The zero of the angle moves the reading, and the start behind it.
+                // The zero of the angle moves the reading and the initial angle.
                 let own = [partials[free], 1.0 - by_start, by_start, partials[free + 2]];
                 for (column, (by, slope)) in own.into_iter().zip(slopes).enumerate() {
                     jacobian[(row, free + column)] = by * slope;
@@ -659,7 +656,7 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// One session, with the derivatives carried in arrays of a size that suffices.
+    /// One session, with the derivatives in the smallest array size that suffices.
     fn linear_of(&self, model: &Model<f64>, part: &Part<'_>) -> Linear {
         match self.free.len() + 3 {
             0..=4 => self.linear::<4>(model, part),
@@ -703,8 +700,8 @@ impl<'a> Problem<'a> {
         linears
     }
 
-    /// Finds the triangles, a session at a time: derivatives of all samples of many
-    /// sessions would fill the memory.
+    /// Finds the triangles, one session at a time: the derivatives of all samples of many
+    /// sessions would not fit in memory.
     fn triangulate(&mut self) {
         let model = self.model();
         let found: Option<Vec<(DMatrix<f64>, f64)>> = self
@@ -758,8 +755,8 @@ impl<'a> Problem<'a> {
             .then_some((residuals, jacobian))
     }
 
-    /// Of each session, the derivatives by the free parameters without what its
-    /// zeros and start can follow, and the residuals.
+    /// For each session, the residuals and the derivatives by the free parameters, with
+    /// zeros and initial state projected out.
     pub fn projected(&self) -> Vec<(DMatrix<f64>, DVector<f64>)> {
         let (found, scale) = self.of_sessions(|_, parameters, residual| (parameters, residual));
         found
@@ -768,9 +765,9 @@ impl<'a> Problem<'a> {
             .collect()
     }
 
-    /// What `take` keeps of each session's derivatives and residuals, which still lack the
-    /// scale that is returned beside it. A session at a time: those of a thousand at once
-    /// are hundreds of megabytes.
+    /// Applies `take` to each session's derivatives and residuals, which are not multiplied
+    /// by the returned scale. One session at a time: those of a thousand take hundreds of
+    /// megabytes.
     fn of_sessions<T: Send>(
         &self,
         take: impl Fn(&Part, DMatrix<f64>, DVector<f64>) -> T + Sync,
@@ -785,7 +782,7 @@ impl<'a> Problem<'a> {
                 let mut parameters = linear.jacobian.columns(0, free).into_owned();
                 if part.own.is_some() {
                     let own = linear.jacobian.columns(free, UNKNOWNS).into_owned();
-                    // The rows are not multiplied by the scale yet; nor is what is known.
+                    // Neither these rows nor those of the priors are multiplied by the scale yet.
                     let known = self.prior_slopes(part).map(|slope| slope / self.scale);
                     parameters = without_nuisance(&parameters, &own, &known);
                 }
@@ -796,8 +793,8 @@ impl<'a> Problem<'a> {
         (kept, self.scale_of(sizes.into_iter()))
     }
 
-    /// The fit at this position. After a coarse fit it says nothing of errors.
-    pub fn finish(self, converged: bool, effort: Effort) -> Fit {
+    /// The fit at this position. A coarse fit has no standard errors.
+    pub fn into_fit(self, converged: bool, effort: Effort) -> Fit {
         let residuals = self.residual_series(true);
         let information = match effort {
             Effort::Steps(_) | Effort::Coarse => Information::default(),
@@ -805,16 +802,16 @@ impl<'a> Problem<'a> {
         };
         let free = self.free.len();
         let covariance = match effort {
-            // Where a derivative is not finite, nothing is known.
+            // A derivative that is not finite gives no standard error.
             Effort::Full if information.unknowns() == free => information.covariance(),
             _ => None,
         };
         let standard_errors = self
-            .coordinates
+            .transforms
             .iter()
             .enumerate()
-            .map(|(column, coordinate)| {
-                let slope = coordinate.slope(self.position[column]).abs();
+            .map(|(column, transform)| {
+                let slope = transform.slope(self.position[column]).abs();
                 covariance.as_ref().map_or(f64::INFINITY, |covariance| {
                     slope * covariance[(column, column)].max(0.0).sqrt()
                 })
@@ -841,12 +838,12 @@ impl<'a> Problem<'a> {
             standard_errors,
             converged,
             information,
-            coordinates: self.coordinates,
+            transforms: self.transforms,
             position: self.position.iter().take(free).copied().collect(),
         }
     }
 
-    /// What each fitted segment says about the free parameters.
+    /// Information of each fitted segment about the free parameters.
     fn information(&self, residuals: &[Vec<f64>]) -> Information {
         let unknowns = self.free.len();
         if unknowns == 0 {

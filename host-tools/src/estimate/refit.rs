@@ -1,4 +1,4 @@
-//! The free parameters of a model from recordings: what `rig fit` does.
+//! Fits the free parameters of a model file to recordings: `rig fit`.
 
 use super::assemble::assemble;
 use super::dataset::Dataset;
@@ -9,28 +9,28 @@ use crate::io::error::InputError;
 use crate::io::model_file::ModelFile;
 use crate::io::recording::Recording;
 
-/// What is said of a fit that did not converge.
+/// The message about a fit that did not converge.
 pub const NOT_CONVERGED: &str =
     "the fit stopped before it met its tolerance; a parameter may be at its limit or undetermined";
 
-/// A fit beside the model that it began with.
+/// A fit, beside the nominal model.
 #[derive(Clone, Debug)]
 pub struct Refit {
     /// The sessions and their segments, as they were used.
     pub data: Dataset,
-    /// What is wrong with the recordings themselves.
+    /// Concerns about the recordings.
     pub concerns: Vec<Concern>,
-    /// The model as it was given, against the recordings.
+    /// The nominal model against the recordings.
     pub nominal: Fit,
     /// The model with its free parameters fitted.
     pub fitted: Fit,
 }
 
-/// Fits what `[fit] free` in the model file says may move.
+/// Fits the parameters that `[fit] free` in the model file lists.
 ///
 /// # Errors
 ///
-/// Refuses recordings that cannot be used, and units that cannot be meant.
+/// Refuses recordings that cannot be used, and columns in implausible units.
 pub fn refit(file: &ModelFile, recordings: &[Recording]) -> Result<Refit, InputError> {
     unit_errors::refuse(file, recordings)?;
     let assembled = assemble(recordings, &[])?;

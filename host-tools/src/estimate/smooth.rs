@@ -1,9 +1,8 @@
 //! Angle, rate and acceleration from a noisy angle.
 //!
 //! A parabola through a window of samples is the least-squares estimate of the
-//! motion at one instant (Savitzky and Golay, 1964). It serves to find where a
-//! recording starts and to look at forces; fits and verdicts never rest on
-//! derivatives of measured data.
+//! motion at one instant (Savitzky and Golay, 1964). It gives initial states and is used
+//! to show forces. Fits and verdicts never use derivatives of measured data.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -41,7 +40,7 @@ pub fn motion(recording: &Recording, from: usize, to: usize, at: usize) -> Optio
     })
 }
 
-/// The motion at even distances over a recording, half a window from one to the next.
+/// The motion over a recording, half a window from one estimate to the next.
 pub fn motions(recording: &Recording) -> impl Iterator<Item = Motion> {
     let half = half_window(recording);
     (half..recording.len().saturating_sub(half))
@@ -49,8 +48,8 @@ pub fn motions(recording: &Recording) -> impl Iterator<Item = Motion> {
         .filter_map(move |at| motion(recording, at - half, at + half + 1, at))
 }
 
-/// Half a window, in samples, that suits the noise: 60 ms for clean signals,
-/// 200 ms where the noise would drown the acceleration.
+/// Half width of the window, in samples: 60 ms for clean signals, 200 ms where noise
+/// dominates the acceleration.
 pub fn half_window(recording: &Recording) -> usize {
     let swing = recording
         .angle

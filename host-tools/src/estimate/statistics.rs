@@ -1,5 +1,4 @@
-//! Small statistics of sampled signals: medians, autocorrelation, and the
-//! noise that a recording carries.
+//! Statistics of sampled signals: medians, autocorrelation and noise estimates.
 
 /// The median; NaN for an empty slice. Reorders `values`.
 pub fn median(values: &mut [f64]) -> f64 {
@@ -40,28 +39,27 @@ pub fn swing(values: &[f64]) -> f64 {
     high - low
 }
 
-/// Whether a signal does more than scatter: white noise alone spans eight of its
-/// standard deviations.
+/// Whether a signal moves: white noise alone spans eight standard deviations.
 pub fn moves(values: &[f64]) -> bool {
     swing(values) > 10.0 * noise_by_differences(values)
 }
 
 /// The standard deviation about the mean; zero for fewer than two values.
-pub fn scatter(values: &[f64]) -> f64 {
+pub fn standard_deviation(values: &[f64]) -> f64 {
     if values.len() < 2 {
         return 0.0;
     }
     (squares_about_mean(values) / (values.len() - 1) as f64).sqrt()
 }
 
-/// The sum of the squares of what is left without the mean.
+/// The sum of squares about the mean.
 pub fn squares_about_mean(values: &[f64]) -> f64 {
     let middle = mean(values);
     values.iter().map(|value| (value - middle).powi(2)).sum()
 }
 
-/// The standard deviation of normal values about zero, from the median of their sizes:
-/// outliers hardly change it (Huber, Robust Statistics, 1981, Section 5.1).
+/// Robust standard deviation of normal values about zero, from the median of their
+/// absolute values (Huber, Robust Statistics, 1981, Section 5.1).
 pub fn robust_deviation(values: &[f64]) -> f64 {
     /// Half of all normal values lie within so many standard deviations.
     const HALF_WITHIN: f64 = 0.674_489_750_196_081_7;
@@ -78,16 +76,15 @@ fn lagged(values: &[f64], lag: usize) -> f64 {
         .sum()
 }
 
-/// How many samples of correlated series count as one: the integrated
-/// autocorrelation time 1 + 2 Σ ρ(k) over all `runs` together, summed to the
-/// first lag at which the correlation has died away. At least 1.
+/// Integrated autocorrelation time (samples): 1 + 2 Σ ρ(k) over all `runs` together,
+/// summed to the first lag at which the correlation has died away. At least 1.
 ///
-/// A residual of 10 000 samples that wanders with a correlation time of one
-/// second says as much as a few hundred independent ones; every test that
-/// counts samples has to count those.
+/// A residual of 10 000 samples with a correlation time of one second holds as much
+/// information as a few hundred independent samples; every test that counts samples has
+/// to count those.
 pub fn correlation_time(runs: &[Vec<f64>]) -> f64 {
-    /// A correlation that is still there after so many samples is an offset,
-    /// and its exact length changes no verdict.
+    /// Longest lag (samples). A correlation beyond it is an offset, and its exact length
+    /// changes no verdict.
     const LONGEST_LAG: usize = 1_000;
     let power: f64 = runs.iter().map(|run| lagged(run, 0)).sum();
     let longest = runs.iter().map(Vec::len).max().unwrap_or(0);
@@ -97,7 +94,7 @@ pub fn correlation_time(runs: &[Vec<f64>]) -> f64 {
     let mut time = 1.0;
     for lag in 1..LONGEST_LAG.min(longest / 2) {
         let correlation = runs.iter().map(|run| lagged(run, lag)).sum::<f64>() / power;
-        // Below this the sum collects the noise of the estimate itself.
+        // Below this the sum would only add the noise of the estimate.
         if correlation < 0.02 {
             break;
         }
@@ -106,19 +103,18 @@ pub fn correlation_time(runs: &[Vec<f64>]) -> f64 {
     time
 }
 
-/// Samples of a stretch that is independent of its neighbours, for series that
-/// are correlated over `correlation_time` samples: four times that, and at least
-/// 50. Sums over such stretches scatter as independent numbers do.
-pub fn independent_stretch(correlation_time: f64) -> usize {
+/// Length (samples) of blocks whose sums are independent, for a series with this
+/// correlation time: four times that, and at least 50.
+pub fn independent_block(correlation_time: f64) -> usize {
     // A correlation time is at most some thousand samples.
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     let correlated = (4.0 * correlation_time) as usize;
     correlated.max(50)
 }
 
-/// The standard deviation of the part of a residual that is *not* white: the
-/// root of the mean autocovariance at lags 1 to 5, where white noise has none.
-pub fn correlated_rms(runs: &[Vec<f64>]) -> f64 {
+/// RMS of the coloured part of a residual: the root of the mean autocovariance at lags 1
+/// to 5, where white noise has none.
+pub fn coloured_rms(runs: &[Vec<f64>]) -> f64 {
     const LAGS: usize = 5;
     let mut sum = 0.0;
     let mut count = 0usize;
@@ -138,10 +134,9 @@ pub fn correlated_rms(runs: &[Vec<f64>]) -> f64 {
 /// of high order.
 ///
 /// Differencing `m` times multiplies white noise by the root of the binomial
-/// (2m over m) and a smooth signal by a small power of its frequency. Each
-/// order gives an estimate that the signal can only raise, so the smallest one
-/// is taken: what is returned is an upper bound of the noise that becomes
-/// tight when the sampling is fast against the motion.
+/// (2m over m) and a smooth signal by a small power of its frequency. The signal can only
+/// raise the estimate of each order, so the smallest one is returned: an upper bound of
+/// the noise, tight where the sampling is fast against the motion.
 pub fn noise_by_differences(values: &[f64]) -> f64 {
     noise_by_order(values)
         .into_iter()
@@ -173,9 +168,9 @@ pub fn noise_by_order(values: &[f64]) -> Vec<f64> {
     found
 }
 
-/// The smallest step between different values of a signal, if the signal moves
-/// on a grid: the resolution of its converter. Zero if there is no grid.
-pub fn quantum(values: &[f64]) -> f64 {
+/// The quantisation step of a signal: the smallest difference between its values, if they
+/// lie on a grid. Zero if there is no grid.
+pub fn quantisation_step(values: &[f64]) -> f64 {
     let mut sorted: Vec<f64> = values.to_vec();
     sorted.sort_unstable_by(f64::total_cmp);
     let span = sorted.last().unwrap_or(&0.0) - sorted.first().unwrap_or(&0.0);
@@ -184,17 +179,17 @@ pub fn quantum(values: &[f64]) -> f64 {
         .map(|pair| pair[1] - pair[0])
         .filter(|step| *step > 1e-6 * span)
         .collect();
-    // A grid shows as many samples on few levels.
+    // On a grid many samples share few levels.
     if steps.is_empty() || steps.len() * 2 > values.len() {
         return 0.0;
     }
     median(&mut steps)
 }
 
-/// Stretches in which a signal stays exactly at its largest or smallest value
-/// although its noise would move it: the end of the range of a sensor.
+/// Ranges of samples in which a signal saturates: it stays exactly at its largest or
+/// smallest value although noise would move it.
 pub fn clipped(values: &[f64]) -> Vec<std::ops::Range<usize>> {
-    /// Shorter stretches are chance.
+    /// Shortest range that is not chance.
     const SHORTEST: usize = 20;
     let low = values.iter().copied().fold(f64::INFINITY, f64::min);
     let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -214,15 +209,14 @@ pub fn clipped(values: &[f64]) -> Vec<std::ops::Range<usize>> {
     if found.is_empty() {
         return found;
     }
-    // Where the noise is small against the steps of the converter, a rest looks
-    // the same.
+    // Where the noise is small against the quantisation step, a rest looks the same.
     let moving: Vec<f64> = values
         .iter()
         .enumerate()
         .filter(|(k, _)| !found.iter().any(|range| range.contains(k)))
         .map(|(_, value)| *value)
         .collect();
-    if noise_by_differences(&moving) > 0.4 * quantum(values).max(1e-6 * (high - low)) {
+    if noise_by_differences(&moving) > 0.4 * quantisation_step(values).max(1e-6 * (high - low)) {
         found
     } else {
         Vec::new()
@@ -270,7 +264,7 @@ mod tests {
         let noise = white(50_000, 2);
         let time = correlation_time(std::slice::from_ref(&noise));
         assert!((time - 1.0).abs() < 0.1, "{time}");
-        assert!(correlated_rms(std::slice::from_ref(&noise)) < 0.06);
+        assert!(coloured_rms(std::slice::from_ref(&noise)) < 0.06);
         // A first-order filter with pole a has the correlation time (1+a)/(1−a).
         let mut filtered = vec![0.0; noise.len()];
         for k in 1..noise.len() {
@@ -308,7 +302,7 @@ mod tests {
             .iter()
             .map(|n| (n * 3.0 / step).round() * step)
             .collect();
-        assert!((quantum(&signal) - step).abs() < 1e-9);
-        assert!(quantum(&white(4_000, 4)) == 0.0);
+        assert!((quantisation_step(&signal) - step).abs() < 1e-9);
+        assert!(quantisation_step(&white(4_000, 4)) == 0.0);
     }
 }

@@ -1,4 +1,4 @@
-//! Parts of the data that are enough to find starts and to rank candidates.
+//! Subsamples of the data, for initial guesses and for ranking candidates.
 
 use std::ops::Range;
 
@@ -8,29 +8,28 @@ use super::dataset::{Dataset, Mark, Session};
 use super::nuisance::Nuisance;
 use crate::estimate::smooth::{half_window, motion};
 use crate::io::recording::Recording;
-use crate::sim::simulate::{Start, substeps};
+use crate::sim::simulate::{InitialState, substeps};
 
-/// Cuts the fitted segments into short pieces that each start where the measured
-/// motion is: the data on which fits find their way.
+/// Cuts the fitted segments into short segments that each start from the measured motion
+/// (multiple shooting), for initial guesses.
 ///
-/// Over a whole recording a small error of frequency puts simulation and
-/// measurement out of phase, and the sum of squares is full of valleys that
-/// lead nowhere. Over half a swing it has one. Fitting the pieces is biased by
-/// the noise of their starts and by hidden states that had no time to build
-/// up, so it gives starts for fits and nothing else. The zeros are the guesses of
-/// the sessions.
+/// Over a whole recording a small frequency error puts simulation and measurement out of
+/// phase, and the sum of squares has many local minima. Over half a swing it has one. A
+/// fit to short segments is biased by the noise of their initial states and by hidden
+/// states that have not built up, so it only gives initial guesses. The zeros are the
+/// guesses of the sessions.
 ///
-/// The pieces last about half a swing of the `nominal` model, between 10 samples
-/// and 1 s; enough of them are taken at even distances.
-pub fn pieces(data: &Dataset, nominal: &Model<f64>) -> Dataset {
+/// The segments last about half a swing of the `nominal` model, between 10 samples
+/// and 1 s. Enough of them are taken, evenly spaced.
+pub fn short_segments(data: &Dataset, nominal: &Model<f64>) -> Dataset {
     const FEWEST: f64 = 10.0;
     const LONGEST_S: f64 = 1.0;
-    /// Samples that are enough to find a start.
+    /// Enough samples for an initial guess.
     const ENOUGH: usize = 2_000;
-    let mut pieces = Vec::new();
+    let mut short_segments = Vec::new();
     for segment in data.fitted() {
         let session = &data.sessions()[segment.session];
-        let stiffness = nominal.fastest_rate(session.reach()).stiffness;
+        let stiffness = nominal.fastest_rate(session.largest_angle()).stiffness;
         let half_swing = std::f64::consts::PI / stiffness.sqrt();
         let samples = (half_swing.min(LONGEST_S) / session.interval()).max(FEWEST);
         // At most a second of samples.
@@ -43,7 +42,7 @@ pub fn pieces(data: &Dataset, nominal: &Model<f64>) -> Dataset {
             let at = motion(recording, begin - half, begin + half + 1, begin);
             if let Some(motion) = at {
                 let known = Nuisance {
-                    start: Start {
+                    start: InitialState {
                         angle: motion.angle,
                         rate: motion.rate,
                     },
@@ -51,15 +50,15 @@ pub fn pieces(data: &Dataset, nominal: &Model<f64>) -> Dataset {
                 };
                 let clock = session.clock() + recording.time[begin] - session.recording().time[0];
                 let first = segment.range.start + begin;
-                pieces.push((cut(session, first..first + length, 1), clock, known));
+                short_segments.push((cut(session, first..first + length, 1), clock, known));
             }
             begin += length;
         }
     }
-    let samples: usize = pieces.iter().map(|(piece, ..)| piece.len()).sum();
+    let samples: usize = short_segments.iter().map(|(piece, ..)| piece.len()).sum();
     let stride = samples.div_ceil(ENOUGH).max(1);
     let mut found = Dataset::default();
-    for (piece, clock, known) in pieces.into_iter().step_by(stride) {
+    for (piece, clock, known) in short_segments.into_iter().step_by(stride) {
         let mark = whole(&piece, true);
         let session = Session::new(piece, clock, Vec::new()).knowing(known);
         found.push(session, vec![mark]);
@@ -67,16 +66,16 @@ pub fn pieces(data: &Dataset, nominal: &Model<f64>) -> Dataset {
     found
 }
 
-/// A part of the sessions: enough to rank starts and candidates before the best
+/// A subsample of the sessions, to rank initial guesses and candidates before the best
 /// are fitted to everything.
 ///
-/// All sessions are thinned as far as the motion of `model` allows; if that is still
-/// too much, it takes sessions at even distances in the list. One that is longer than
-/// what is left is shortened at its end: what it remembers of its beginning stays.
-pub fn excerpt(data: &Dataset, model: &Model<f64>) -> Dataset {
-    /// Samples that are enough to rank.
+/// All sessions are thinned as far as the motion of `model` allows. If that is still too
+/// much, sessions are taken at even distances in the list. A session that is too long is
+/// cut at its end, so that its history is kept.
+pub fn subsample(data: &Dataset, model: &Model<f64>) -> Dataset {
+    /// Enough samples to rank.
     const ENOUGH: usize = 3_000;
-    /// Fewer samples show nothing new.
+    /// Fewest samples of a further session.
     const FEWEST: usize = 100;
     let sessions = data.sessions();
     let with_fit: Vec<usize> = (0..sessions.len())
@@ -132,23 +131,23 @@ pub fn excerpt(data: &Dataset, model: &Model<f64>) -> Dataset {
     found
 }
 
-/// Every how many samples still show the motion: one step of integration spans
-/// them, and the edges of the pressure stay.
+/// The largest stride that still shows the motion: one integration step spans it, and
+/// the edges of the pressure are kept.
 fn coarsest(session: &Session, model: &Model<f64>) -> usize {
-    /// Edges of the pressure go beyond this interval (s).
+    /// Longest interval (s) that keeps edges of the pressure.
     const EDGE_S: f64 = 0.05;
-    /// A recording at more than 10 kHz is thinned no further.
+    /// Largest stride: enough for a recording at 10 kHz.
     const MOST: u16 = 500;
     (1..=MOST)
         .take_while(|&thin| {
             let interval = f64::from(thin) * session.interval();
-            interval <= EDGE_S && substeps(model, interval, session.reach()) == 1
+            interval <= EDGE_S && substeps(model, interval, session.largest_angle()) == 1
         })
         .last()
         .map_or(1, usize::from)
 }
 
-/// Every so many samples of a session, the noise of its pressure taken away.
+/// Every `stride`-th sample of a session, with the pressure denoised.
 fn cut(session: &Session, samples: Range<usize>, stride: usize) -> Recording {
     let pick = |values: &[f64]| {
         let samples = samples.clone().step_by(stride);

@@ -1,88 +1,85 @@
-//! Which samples of a recording can be used.
+//! Finds the usable samples of a recording, without a model.
 //!
-//! Only what cannot be used is left out, and it is said: a recording with a
-//! short fault still holds everything else. No model is needed.
+//! Unusable samples are left out and reported; the rest of the recording is used.
 //!
-//! | matter | what happens |
+//! | problem | handling |
 //! |---|---|
-//! | first samples after a reset of the board | left out: the first stretch begins behind them |
+//! | first samples after a reset of the board | left out: the first block begins after them |
 //! | angle at the end of its range | simulated, not fitted |
 //! | recorded command at its limit (it jumps there) | used: it is known |
 //! | pressure at the end of its range, shortly | simulated as recorded; the angle is not fitted until a second after |
-//! | pressure at the end of its range, longer | cut: a new stretch begins behind it |
-//! | short gap in time | bridged: the pressure is interpolated |
-//! | long gap in time | cut: a new stretch begins behind it |
-//! | clock that jitters | said; the model is integrated in real time |
-//! | stretch too short to show a motion | left out |
+//! | pressure at the end of its range, longer | cut: a new block begins after it |
+//! | short gap in time | the pressure is interpolated |
+//! | long gap in time | cut: a new block begins after it |
+//! | clock that jitters | reported; the model is integrated in real time |
+//! | block too short to show a motion | left out |
 //! | nothing left | refused |
 
 use std::ops::Range;
 
-use crate::estimate::statistics::{clipped, median, rms, scatter};
+use crate::estimate::statistics::{clipped, median, rms, standard_deviation};
 use crate::io::error::InputError;
 use crate::io::recording::{PASCAL_PER_KPA, Recording};
 
-/// Fewest samples that show a motion. A stretch with fewer is dropped, and a
+/// Fewest samples that show a motion. A block with fewer is dropped, and a
 /// recording with fewer usable samples is refused.
 pub const FEWEST_SAMPLES: usize = 20;
 
-/// Shortest stretch (s): less than a swing of such actuators, so that its own
-/// start, which has to be estimated, explains it whatever the model.
-const SHORTEST_STRETCH_S: f64 = 0.5;
+/// Shortest block (s). A shorter one is less than a swing, and its estimated initial
+/// state alone would explain it under any model.
+const SHORTEST_BLOCK_S: f64 = 0.5;
 
-/// A pressure that is cut off for this long (s) or longer is not followed
-/// across: an actuator settles in about that time, and then stands where the
-/// unknown pressure put it.
+/// Saturation of the pressure of this length (s) or longer cuts the recording: an
+/// actuator settles in about that time at the unknown pressure.
 const LONG_SATURATION_S: f64 = 0.5;
 
-/// A measured pressure does not rise through half its range in less than this
-/// (s): lines and chambers fill in tenths of a second. A command does.
+/// A measured pressure needs at least this time (s) to rise through half its range:
+/// lines and chambers fill in tenths of a second. A recorded command is faster.
 const FASTEST_RISE_S: f64 = 0.05;
 
-/// Share of the samples with a pressure that was cut off from which the
-/// recording is cut there, however short each of them: a drive that is wrong so
-/// often moves the rest as well.
+/// Share of samples with a saturated pressure from which the recording is cut at each
+/// saturation, however short: so frequent an error of the drive affects the rest.
 const SATURATED_SHARE: f64 = 0.05;
 
-/// Time (s) after a pressure that was cut off for which the angle is not
-/// fitted: a wrong drive has died away by then.
+/// Time (s) after a saturation of the pressure during which the angle is not fitted: the
+/// effect of the wrong drive has died away by then.
 const RECOVERY_S: f64 = 1.0;
 
 /// Longest gap in time (s) across which the pressure is interpolated: such
 /// actuators and their valves do little in less.
 const BRIDGED_S: f64 = 0.25;
 
-/// The same in usual intervals, for slow sampling: two samples lost in a row.
+/// The same in nominal intervals, for slow sampling: two samples lost in a row.
 const BRIDGED_INTERVALS: f64 = 3.0;
 
-/// A time between samples beyond this many usual ones counts as missing
-/// samples, if the clock is even.
+/// An interval longer than so many nominal ones counts as missing samples, if the clock
+/// is even.
 const MISSING: f64 = 1.5;
 
-/// Of a clock that jitters, the same in standard deviations of its interval.
+/// The same for a clock that jitters, in standard deviations of its interval.
 const MISSING_SCATTERS: f64 = 4.0;
 
-/// Scatter of the intervals, relative to the usual one, that is worth saying.
+/// Relative standard deviation of the intervals from which jitter is reported.
 const JITTER: f64 = 0.1;
 
-/// At most so many samples are off after a reset: the filters of the board
-/// start from their first reading.
+/// Most wrong samples after a reset: the filters of the board start from their first
+/// reading.
 const RESET_SAMPLES: usize = 3;
 
-/// Samples behind them that show where the actuator really rests.
+/// Number of following samples that show where the actuator really rests.
 const RESET_COMPARED: usize = 20;
 
-/// A sample that is off by this many times the scatter of those is no noise.
+/// A sample counts as wrong from so many standard deviations of those.
 const RESET_SCATTERS: f64 = 8.0;
 
-/// The samples after a reset last no longer than this (s). In more, an
-/// actuator can truly move and come to rest.
+/// Longest duration (s) of the samples after a reset. In a longer time an actuator can
+/// really move and come to rest.
 const RESET_LASTS_S: f64 = 0.1;
 
-/// Least scatter that counts (Pa): a pressure that is quantised rests exactly.
+/// Least standard deviation (Pa) that counts: a quantised pressure can be constant.
 const LEAST_PRESSURE_SCATTER: f64 = 50.0;
 
-/// Least scatter that counts (rad), a twentieth of a degree, likewise.
+/// Least standard deviation (rad) that counts, a twentieth of a degree.
 const LEAST_ANGLE_SCATTER: f64 = 8.7e-4;
 
 /// What a concern is about.
@@ -103,7 +100,7 @@ pub enum Matter {
     SaturatedAngle,
     /// The pressure sensor is at the end of its range.
     SaturatedPressure,
-    /// Samples are missing, and the motion is followed across.
+    /// Samples are missing, and the pressure is interpolated.
     DroppedSamples,
     /// So many samples are missing that the recording is cut there.
     LongGap,
@@ -111,15 +108,15 @@ pub enum Matter {
     Jitter,
     /// The first samples are off, as after a reset of the board.
     Reset,
-    /// A stretch between cuts is too short.
+    /// A block between cuts is too short.
     ShortStretch,
     /// A recording seems to be of another actuator.
     OtherActuator,
-    /// A session was given beside pieces that were cut from it.
-    Pieces,
+    /// A session was given beside files that were cut from it.
+    SegmentFiles,
 }
 
-/// Something about the recordings that a person should know.
+/// A problem of the recordings, and how it is handled.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Concern {
     /// What it is about.
@@ -157,28 +154,27 @@ impl Concern {
     }
 }
 
-/// What of a recording can be used.
+/// The usable samples of a recording.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Usable {
-    /// Stretches that are simulated whole, in order: ranges of samples. A
-    /// stretch ends where the motion cannot be followed across (a long gap in
-    /// time, a pressure that was cut off), and the next begins with a new
-    /// start.
-    pub stretches: Vec<Range<usize>>,
-    /// Samples whose angle says nothing (sensor at the end of its range, or a
-    /// pressure just before that is not known): simulated, not fitted. In
-    /// order, apart from each other, each within a stretch.
+    /// Blocks that are simulated whole, in order, as ranges of samples. A block ends
+    /// where the motion cannot be followed further (a long gap in time, a saturated
+    /// pressure); the next has an initial state of its own.
+    pub blocks: Vec<Range<usize>>,
+    /// Samples whose angle is not usable (sensor at the end of its range, or an unknown
+    /// pressure just before): simulated, not fitted. Ranges in order, separate from each
+    /// other, each within a block.
     pub unfitted: Vec<Range<usize>>,
     /// What was found and how it is handled.
     pub concerns: Vec<Concern>,
 }
 
-/// Finds which samples of a recording can be used.
+/// Finds the usable samples of a recording.
 ///
 /// # Errors
 ///
-/// Refuses a recording of which fewer than [`FEWEST_SAMPLES`] samples are left,
-/// and says what took the others.
+/// Refuses a recording of which fewer than [`FEWEST_SAMPLES`] samples are usable, and
+/// says why the others are not.
 pub fn usable(recording: &Recording) -> Result<Usable, InputError> {
     let mut concerns = Vec::new();
     let first = after_reset(recording, &mut concerns);
@@ -190,7 +186,7 @@ pub fn usable(recording: &Recording) -> Result<Usable, InputError> {
     let beyond = beyond_table(recording, &mut concerns);
 
     // What lies between two cuts.
-    let mut stretches = Vec::new();
+    let mut blocks = Vec::new();
     let mut begin = first;
     let gaps = clock.cuts.iter().map(|&k| k..k);
     let mut cuts: Vec<Range<usize>> = gaps.chain(pressure.cut).collect();
@@ -198,22 +194,22 @@ pub fn usable(recording: &Recording) -> Result<Usable, InputError> {
     let end = recording.len()..recording.len();
     for cut in cuts.into_iter().chain([end]) {
         if begin < cut.start {
-            stretches.push(begin..cut.start);
+            blocks.push(begin..cut.start);
         }
         begin = begin.max(cut.end);
     }
-    drop_short(recording, &mut stretches, &mut concerns);
+    drop_short(recording, &mut blocks, &mut concerns);
 
     let unfitted = within(
-        &stretches,
+        &blocks,
         &union(at_end.into_iter().chain(beyond).chain(pressure.unfitted)),
     );
     let usable = Usable {
-        stretches,
+        blocks,
         unfitted,
         concerns,
     };
-    let left = count(&usable.stretches) - count(&usable.unfitted);
+    let left = count(&usable.blocks) - count(&usable.unfitted);
     if left < FEWEST_SAMPLES {
         return Err(nothing_left(recording, &usable.concerns, left));
     }
@@ -238,12 +234,12 @@ fn union(ranges: impl Iterator<Item = Range<usize>>) -> Vec<Range<usize>> {
     joined
 }
 
-/// The parts of `ranges` that lie in the stretches.
-fn within(stretches: &[Range<usize>], ranges: &[Range<usize>]) -> Vec<Range<usize>> {
+/// The parts of `ranges` that lie within the blocks.
+fn within(blocks: &[Range<usize>], ranges: &[Range<usize>]) -> Vec<Range<usize>> {
     let mut parts = Vec::with_capacity(ranges.len());
-    for stretch in stretches {
+    for block in blocks {
         for range in ranges {
-            let part = range.start.max(stretch.start)..range.end.min(stretch.end);
+            let part = range.start.max(block.start)..range.end.min(block.end);
             if !part.is_empty() {
                 parts.push(part);
             }
@@ -260,11 +256,11 @@ fn lasts(recording: &Recording, range: &Range<usize>) -> f64 {
     }
 }
 
-/// The first sample that is not off as after a reset of the board.
+/// The first sample that is not affected by a reset of the board.
 fn after_reset(recording: &Recording, concerns: &mut Vec<Concern>) -> usize {
     let off = |values: &[f64], count: usize, least: f64| {
         let mut following = values[count..count + RESET_COMPARED].to_vec();
-        let limit = RESET_SCATTERS * scatter(&following).max(least);
+        let limit = RESET_SCATTERS * standard_deviation(&following).max(least);
         let rest = median(&mut following);
         values[..count]
             .iter()
@@ -297,11 +293,11 @@ fn after_reset(recording: &Recording, concerns: &mut Vec<Concern>) -> usize {
     count
 }
 
-/// What the times of a recording show.
+/// The sampling of a recording.
 struct Clock {
-    /// Samples behind gaps that are too long to be bridged.
+    /// Samples after gaps that are too long to interpolate.
     cuts: Vec<usize>,
-    /// Samples that are missing in gaps that are bridged, about.
+    /// Number of missing samples, about, in gaps that are interpolated.
     missing: f64,
     /// The longest gap (s).
     longest_s: f64,
@@ -386,7 +382,7 @@ impl Clock {
     }
 }
 
-/// What a pressure at the end of its range asks for.
+/// How a saturated pressure is handled.
 #[derive(Default)]
 struct SaturatedPressure {
     /// Samples that are left out.
@@ -442,9 +438,8 @@ fn saturated_pressure(recording: &Recording, concerns: &mut Vec<Concern>) -> Sat
     SaturatedPressure { cut, unfitted }
 }
 
-/// Whether a signal also stays exactly where it is between its extremes: then
-/// it has no noise (a set-point, a simulation), and standing still at its
-/// highest value says nothing about a sensor.
+/// Whether a signal is also exactly constant between its extremes: then it has no noise
+/// (a set-point, a simulation), and a constant highest value is no saturation.
 fn holds_still_elsewhere(values: &[f64]) -> bool {
     let low = values.iter().copied().fold(f64::INFINITY, f64::min);
     let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -457,9 +452,8 @@ fn holds_still_elsewhere(values: &[f64]) -> bool {
         })
 }
 
-/// Whether a pressure jumps to its highest values faster than air flows: then it
-/// is a command that was recorded (the drive of a pump), which may well stay at
-/// its limit, and is known there.
+/// Whether a pressure jumps to its highest values faster than air flows: then it is a
+/// recorded command (the drive of a pump), which may stay at its limit and is known there.
 fn jumps_to(ranges: &[Range<usize>], recording: &Recording) -> bool {
     let pressure = &recording.pressure;
     let low = pressure.iter().copied().fold(f64::INFINITY, f64::min);
@@ -493,8 +487,8 @@ fn describe_clipped_angle(
     ));
 }
 
-/// Stretches beyond the ends of the angle sensor's table, as far as the metadata
-/// says where those are: there a board extrapolates, or the sensor has ended.
+/// Samples beyond the ends of the angle sensor's table, if the metadata says where those
+/// are: there the board extrapolates, or the sensor is at its end.
 fn beyond_table(recording: &Recording, concerns: &mut Vec<Concern>) -> Vec<Range<usize>> {
     let Some([low, high]) = recording.meta.angle_range_deg else {
         return Vec::new();
@@ -523,18 +517,14 @@ fn beyond_table(recording: &Recording, concerns: &mut Vec<Concern>) -> Vec<Range
     beyond
 }
 
-/// Drops the stretches that are too short to show a motion.
-fn drop_short(
-    recording: &Recording,
-    stretches: &mut Vec<Range<usize>>,
-    concerns: &mut Vec<Concern>,
-) {
-    let before = count(stretches);
-    let pieces = stretches.len();
-    stretches.retain(|stretch| {
-        stretch.len() >= FEWEST_SAMPLES && lasts(recording, stretch) >= SHORTEST_STRETCH_S
+/// Drops the blocks that are too short to show a motion.
+fn drop_short(recording: &Recording, blocks: &mut Vec<Range<usize>>, concerns: &mut Vec<Concern>) {
+    let before = count(blocks);
+    let pieces = blocks.len();
+    blocks.retain(|block| {
+        block.len() >= FEWEST_SAMPLES && lasts(recording, block) >= SHORTEST_BLOCK_S
     });
-    let dropped = pieces - stretches.len();
+    let dropped = pieces - blocks.len();
     if dropped == 0 {
         return;
     }
@@ -542,9 +532,9 @@ fn drop_short(
         Matter::ShortStretch,
         Some(recording),
         format!(
-            "{dropped} of {pieces} parts {} shorter than {SHORTEST_STRETCH_S} s or {FEWEST_SAMPLES} samples and left out, {} samples in all",
+            "{dropped} of {pieces} parts {} shorter than {SHORTEST_BLOCK_S} s or {FEWEST_SAMPLES} samples and left out, {} samples in all",
             if dropped == 1 { "is" } else { "are" },
-            before - count(stretches)
+            before - count(blocks)
         ),
         "record longer without interruption",
     ));
@@ -641,7 +631,7 @@ mod tests {
     #[test]
     fn a_good_recording_is_used_whole() {
         let found = usable(&recording()).unwrap();
-        assert_eq!(found.stretches, whole_from(0, 3_000));
+        assert_eq!(found.blocks, whole_from(0, 3_000));
         assert!(found.unfitted.is_empty());
         assert_eq!(found.concerns, []);
     }
@@ -653,7 +643,7 @@ mod tests {
             *angle = angle.min(0.9);
         }
         let found = usable(&recording).unwrap();
-        assert_eq!(found.stretches, whole_from(0, 3_000));
+        assert_eq!(found.blocks, whole_from(0, 3_000));
         assert_eq!(matters(&found), [Matter::SaturatedAngle]);
         assert!(!found.unfitted.is_empty());
         for range in &found.unfitted {
@@ -671,7 +661,7 @@ mod tests {
         let mut recording = recording();
         saturate(&mut recording, 350..382);
         let found = usable(&recording).unwrap();
-        assert_eq!(found.stretches, whole_from(0, 3_000));
+        assert_eq!(found.blocks, whole_from(0, 3_000));
         assert_eq!(matters(&found), [Matter::SaturatedPressure]);
         // A second after the last of them.
         assert_eq!(found.unfitted.len(), 1);
@@ -685,7 +675,7 @@ mod tests {
         saturate(&mut recording, 350..382);
         saturate(&mut recording, 950..1_010);
         let found = usable(&recording).unwrap();
-        assert_eq!(found.stretches, [0..950, 1_010..3_000]);
+        assert_eq!(found.blocks, [0..950, 1_010..3_000]);
         assert_eq!(matters(&found), [Matter::SaturatedPressure]);
         assert_eq!(found.unfitted.len(), 1);
     }
@@ -698,7 +688,7 @@ mod tests {
             saturate(&mut recording, start..start + 40);
         }
         let found = usable(&recording).unwrap();
-        let (first, last) = (&found.stretches[0], &found.stretches[4]);
+        let (first, last) = (&found.blocks[0], &found.blocks[4]);
         assert_eq!((first.clone(), last.clone()), (0..350, 2_275..3_000));
         assert!(found.unfitted.is_empty());
     }
@@ -721,7 +711,7 @@ mod tests {
     fn a_command_at_its_limit_is_no_saturation() {
         let mut command = recording();
         saturate(&mut command, 350..450);
-        assert_eq!(usable(&command).unwrap().stretches.len(), 2);
+        assert_eq!(usable(&command).unwrap().blocks.len(), 2);
         command.pressure[349] = 0.0;
         let found = usable(&command).unwrap();
         assert_eq!(found.concerns, []);
@@ -732,20 +722,20 @@ mod tests {
         let whole = recording();
         let lossy = keep(&whole, |k| k % 10 < 6 && !(1_000..1_019).contains(&k));
         let found = usable(&lossy).unwrap();
-        assert_eq!(found.stretches, whole_from(0, lossy.len()));
+        assert_eq!(found.blocks, whole_from(0, lossy.len()));
         assert_eq!(matters(&found), [Matter::DroppedSamples]);
 
         let cut = keep(&whole, |k| !(1_000..1_100).contains(&k));
         let found = usable(&cut).unwrap();
-        assert_eq!(found.stretches, [0..1_000, 1_000..2_900]);
+        assert_eq!(found.blocks, [0..1_000, 1_000..2_900]);
         assert_eq!(matters(&found), [Matter::LongGap]);
 
         // Three intervals of slow sampling are bridged, four are not.
         let slow = keep(&whole, |k| k % 20 == 0);
         let lost_two = keep(&slow, |k| k != 70 && k != 71);
-        assert_eq!(usable(&lost_two).unwrap().stretches.len(), 1);
+        assert_eq!(usable(&lost_two).unwrap().blocks.len(), 1);
         let lost_three = keep(&slow, |k| !(70..73).contains(&k));
-        assert_eq!(usable(&lost_three).unwrap().stretches.len(), 2);
+        assert_eq!(usable(&lost_three).unwrap().blocks.len(), 2);
     }
 
     #[test]
@@ -759,7 +749,7 @@ mod tests {
             now += random.random_range(0.005..0.015);
         }
         let found = usable(&recording).unwrap();
-        assert_eq!(found.stretches, whole_from(0, 3_000));
+        assert_eq!(found.blocks, whole_from(0, 3_000));
         assert_eq!(matters(&found), [Matter::Jitter]);
         assert!(found.concerns[0].text.contains("29 %"), "{found:?}");
     }
@@ -771,7 +761,7 @@ mod tests {
             !(1_000..1_100).contains(&k) && !(1_130..1_200).contains(&k)
         });
         let found = usable(&lossy).unwrap();
-        assert_eq!(found.stretches, [0..1_000, 1_030..2_830]);
+        assert_eq!(found.blocks, [0..1_000, 1_030..2_830]);
         assert_eq!(matters(&found), [Matter::LongGap, Matter::ShortStretch]);
         assert!(found.concerns[1].text.contains("30 samples"), "{found:?}");
     }
@@ -783,20 +773,17 @@ mod tests {
             recording.pressure[..count].fill(-4.6e3);
             recording.angle[..count].fill(12f64.to_radians());
             let found = usable(&recording).unwrap();
-            assert_eq!(found.stretches, whole_from(count, 3_000));
+            assert_eq!(found.blocks, whole_from(count, 3_000));
             assert_eq!(matters(&found), [Matter::Reset]);
         }
         // One of the two alone is no reset, and neither is a fourth sample.
         let mut angle_alone = recording();
         angle_alone.angle[0] = 0.5;
-        assert_eq!(
-            usable(&angle_alone).unwrap().stretches,
-            whole_from(0, 3_000)
-        );
+        assert_eq!(usable(&angle_alone).unwrap().blocks, whole_from(0, 3_000));
         let mut four = recording();
         four.pressure[..4].fill(-4.6e3);
         four.angle[..4].fill(0.2);
-        assert_eq!(usable(&four).unwrap().stretches, whole_from(0, 3_000));
+        assert_eq!(usable(&four).unwrap().blocks, whole_from(0, 3_000));
         // In slow sampling a step looks the same.
         let mut slow = recording();
         slow.pressure[0] = -4.6e3;
@@ -804,7 +791,7 @@ mod tests {
         for time in &mut slow.time {
             *time *= 20.0;
         }
-        assert_eq!(usable(&slow).unwrap().stretches, whole_from(0, 3_000));
+        assert_eq!(usable(&slow).unwrap().blocks, whole_from(0, 3_000));
     }
 
     #[test]

@@ -1,22 +1,22 @@
 //! Models as files of other languages: `rig export`.
 //!
-//! A repaired model is of use where the lab works: in a controller, in Simulink, in
-//! OpenModelica, in the supplement of a paper. What is written needs nothing of this
-//! repository and repeats `rig simulate`.
+//! An exported model can be used in a controller, in Simulink, in OpenModelica or in the
+//! supplement of a paper. It needs nothing from this repository and gives the results of
+//! `rig simulate`.
 //!
 //! The physics is not written again. [`trace`] runs `model-core` itself on a scalar that
-//! records what is computed, [`physics`] gathers what is needed of a model, and [`print`](mod@print)
-//! prints it in the syntax of a language. What steps through time is a template for each
-//! language, with the constants of [`crate::sim::simulate`]; tests hold C, Python and MATLAB to
-//! its results.
+//! records the computation, [`physics`] collects the expressions of a model, and
+//! [`print`](mod@print) prints them in the syntax of a language. The integrator is a template for
+//! each language, with the constants of [`crate::sim::simulate`]; tests compare the results of C,
+//! Python and MATLAB.
 
 mod c;
 mod matlab;
 mod modelica;
-pub mod physics;
-pub mod print;
+mod physics;
+mod print;
 mod python;
-pub mod trace;
+mod trace;
 
 use model_core::catalogue::Effect;
 use serde::Serialize;

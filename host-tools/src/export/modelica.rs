@@ -1,9 +1,9 @@
-//! Modelica: equations, which the tool's solver integrates.
+//! Modelica: equations for the tool's own solver.
 //!
-//! The other languages repeat the steps of `rig simulate`. Here that would be foreign: a
-//! Modelica tool solves equations by a scheme of its own, to the tolerance it is told. So a
-//! memory that is integrated has an equation, a dead time is the language's own `delay`, and
-//! a memory of events is brought up to date by a clock, as `rig` does after every step.
+//! The other languages repeat the steps of `rig simulate`. A Modelica tool solves equations
+//! with its own scheme and tolerance instead. So an integrated state is an equation, a dead
+//! time is the language's `delay`, and an event memory is updated by a clock, as `rig` does
+//! after every step.
 
 use std::cell::RefCell;
 

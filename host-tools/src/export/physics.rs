@@ -1,8 +1,8 @@
 //! A model in a neutral form: expressions over named constants and states.
 //!
 //! Everything here is traced from `model-core` itself ([`super::trace`]): the equation of
-//! motion with its effects, what the sensor shows, where a run starts, what is remembered
-//! after a step, and how fast the equations are. What is added are names for readers.
+//! motion with its effects, the sensor, the initial state, the update of event memory after a
+//! step, and the rates of the equations. Only the names are added.
 
 use std::cell::{Cell, RefCell};
 
@@ -57,7 +57,8 @@ impl Scale {
 
 impl Constant {
     /// The number in SI units.
-    pub fn value(&self) -> f64 {
+    #[cfg(test)]
+    fn value(&self) -> f64 {
         self.scale.apply(self.in_file)
     }
 

@@ -1,7 +1,7 @@
-//! Expressions as text of a language.
+//! Prints expressions in the syntax of a language.
 //!
-//! Parts that are used twice, and those that have a name, are computed before and referred
-//! to. Four languages agree on sums and products; a [`Syntax`] says where they differ.
+//! Subexpressions that are used twice, or that have a name, become variables. The four
+//! languages agree on sums and products; a [`Syntax`] holds their differences.
 
 use std::collections::HashMap;
 

@@ -1,13 +1,12 @@
-//! A scalar that writes down what is computed with it.
+//! A scalar that records the computation (tracing).
 //!
 //! The physics in `model-core` is written once, for every scalar that implements
-//! [`Real`]. Run on [`Traced`] it computes no numbers but a graph of expressions over the
-//! names of parameters and states, from which other languages are printed. So nothing of it
-//! is written a second time.
+//! [`Real`]. Run on [`Traced`], it gives no numbers but a graph of expressions over named
+//! parameters and states, which is printed in other languages.
 //!
-//! A comparison asks for a word where the graph has only names. Then [`Tape::explore`] runs
-//! the function once for each answer and joins the results by a [`Expression::Select`] as
-//! deep in the graph as it reaches: what does not depend on the answer is there once.
+//! A comparison needs an answer, but the graph has only names. So [`Tape::explore`] runs the
+//! function once for each answer, and joins the results by an [`Expression::Select`] as deep in
+//! the graph as possible: parts that do not depend on the answer appear once.
 
 use std::cell::{Ref, RefCell};
 use std::cmp::Ordering;
@@ -166,11 +165,6 @@ impl Tape {
     /// How many places there are.
     pub fn len(&self) -> usize {
         self.expressions.borrow().len()
-    }
-
-    /// Whether nothing was computed yet.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
     }
 
     /// All places that some expressions are made of, parts first.

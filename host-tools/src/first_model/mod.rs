@@ -1,20 +1,20 @@
-//! A first model, from nothing: what `rig init` writes.
+//! A first model: `rig init`.
 //!
-//! Whoever meets softrig has an actuator, perhaps the name of its silicone and a ruler, and
-//! with luck one recording. [`from_recordings`] identifies the plain equation of motion from
-//! recordings; [`from_geometry`] takes it from the table of materials and the beam formula,
-//! and guesses the rest. Either way each number says where it comes from ([`Origin`]),
-//! because a guess that looks like a measurement is worse than none.
+//! A new user has an actuator, perhaps the name of its silicone and its dimensions, and with
+//! luck one recording. [`from_recordings`] identifies the equation of motion without effects
+//! from recordings. [`from_geometry`] takes it from the table of materials and the beam
+//! formula, and guesses the rest. Each number states its source ([`Origin`]), because a guess
+//! that looks like a measurement is worse than none.
 //!
-//! The result is where `rig diagnose` begins, not what it finds: M θ̈ + C θ̇ + K θⁿ = g p and
-//! nothing else. It serves any rig of second order with one input, whatever the columns hold:
-//! a pendulum under a torque, a motor under a voltage.
+//! The result is the starting point of `rig diagnose`: M θ̈ + C θ̇ + K θⁿ = g p and nothing
+//! else. It works for any second-order rig with one input, whatever the columns hold: a
+//! pendulum under a torque, a motor under a voltage.
 
 mod starts;
 pub mod statics;
 mod text;
 
-pub use text::short;
+pub use text::next_steps;
 
 use model_core::actuator::{Model, ParameterId};
 use model_core::dynamics::Dynamics;
@@ -27,13 +27,13 @@ use crate::estimate::fit::{Effort, Fit, Fitter};
 use crate::estimate::nuisance::FARTHEST;
 use crate::estimate::smooth::motions;
 use crate::estimate::statistics::{moves, squares_about_mean};
-use crate::estimate::subsample::excerpt;
+use crate::estimate::subsample::subsample;
 use crate::io::error::InputError;
 use crate::io::model_file::to_file_units;
 use crate::io::recording::{PASCAL_PER_KPA, Recording};
 use rayon::prelude::*;
 
-/// Samples beyond which an excerpt is fitted: the answer is wanted in seconds.
+/// Samples beyond which a subsample is fitted, to answer within seconds.
 const MOST_SAMPLES: usize = 60_000;
 
 /// Exponents that are tried beside those of statics and material: Hooke's law, and what
@@ -144,8 +144,8 @@ pub struct Evidence {
     pub levels: usize,
     /// Samples that were fitted.
     pub samples: usize,
-    /// Whether these are an excerpt.
-    pub excerpt: bool,
+    /// Whether these are a subsample.
+    pub subsample: bool,
     /// Whether the pressure acts at all.
     pub driven: bool,
 }
@@ -352,7 +352,7 @@ pub fn from_recordings(
             about_mean,
             levels: statics::distinct(&levels),
             samples: fit.samples(),
-            excerpt: all.samples() > data.samples(),
+            subsample: all.samples() > data.samples(),
             driven,
         }),
         free: fit.free,
@@ -392,7 +392,7 @@ fn least_seen(model: &Model<f64>, id: ParameterId, data: &Dataset) -> Option<f64
     let dynamics = model.dynamics();
     let per = match id {
         ParameterId::Damping => rate,
-        ParameterId::Stiffness => data.reach().powf(dynamics.exponent),
+        ParameterId::Stiffness => data.largest_angle().powf(dynamics.exponent),
         _ => return None,
     };
     let least = NO_FORCE * dynamics.inertia * acceleration / per;
@@ -464,7 +464,7 @@ impl Identifier<'_> {
                 } else {
                     start.with_value(ParameterId::InputGain, 1.0 / PASCAL_PER_KPA)
                 };
-                let part = excerpt(self.data, &start);
+                let part = subsample(self.data, &start);
                 let sse = Fitter::new(&start, &part).predicted_sse(&start, &free);
                 let error = sse / part.samples().max(1) as f64;
                 (error.is_finite() && self.settles(&start)).then_some((error, start))
@@ -475,7 +475,7 @@ impl Identifier<'_> {
         ranked
             .into_par_iter()
             .filter_map(|(_, start)| {
-                let part = excerpt(self.data, &start);
+                let part = subsample(self.data, &start);
                 let fit = Fitter::new(&start, &part).fit(&start, &free, RACED);
                 let error = fit.sse() / fit.samples().max(1) as f64;
                 error.is_finite().then(|| Raced {

@@ -1,11 +1,11 @@
-//! Where the fit of a first model begins.
+//! Initial guesses for the fit of a first model.
 //!
-//! Nothing is known yet, so starts come from two sides. The regression of the acceleration
-//! on rate, stiffness and pressure, all from parabolas through a window of samples, is right
-//! where the recording is clean and the window suits the motion; so it is made with many
-//! windows. A grid of natural frequencies and damping ratios, with the stiffness that the
-//! static relation asks for, covers recordings that are too noisy for that. The score test
-//! of [`Fitter::predicted_sse`](crate::estimate::fit::Fitter::predicted_sse) ranks them all.
+//! They come from two sources. The first is a regression of the acceleration on rate,
+//! stiffness and pressure, all from parabolas through a window of samples. It works if the
+//! recording is clean and the window suits the motion, so many windows are tried. The second,
+//! for noisy recordings, is a grid of natural frequencies and damping ratios, with the
+//! stiffness from the static relation. The score test of
+//! [`Fitter::predicted_sse`](crate::estimate::fit::Fitter::predicted_sse) ranks all guesses.
 
 use std::f64::consts::TAU;
 

@@ -1,9 +1,9 @@
-//! The static relation: which pressure holds which angle.
+//! The static relation between pressure and angle.
 //!
-//! Where pressure and angle both stand still, nothing but the stiffness holds the pressure,
-//! g p = K sign(θ)|θ|ⁿ. The plateaus of a step test therefore give K/g for any n, and n
-//! itself once there are two levels. They know nothing of inertia and damping, and take
-//! creep and friction for stiffness: they are where a fit begins.
+//! Where pressure and angle are constant, the stiffness alone balances the pressure,
+//! g p = K sign(θ)|θ|ⁿ. So the plateaus of a step test give K/g for any n, and n itself from
+//! two levels. They contain no inertia and damping, and creep and friction appear as
+//! stiffness: they are initial guesses only.
 
 use crate::estimate::statistics::{mean, median, moves, noise_by_differences, swing};
 use crate::io::recording::Recording;

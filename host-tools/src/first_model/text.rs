@@ -85,7 +85,7 @@ impl FirstModel {
              # It serves any rig of second order with one input. What the columns pressure_kpa and\n\
              # angle_deg hold is up to you: the numbers below are in their units.\n#\n"
         );
-        for line in self.next_steps(recordings, path) {
+        for line in next_steps(recordings, path) {
             text += &format!("# {line}\n");
         }
         text += &format!("\nschema = 1\nname = {}\n", Value::from(name));
@@ -121,29 +121,29 @@ impl FirstModel {
         );
         text
     }
+}
 
-    /// What to do with the model, a line each.
-    pub fn next_steps(&self, recordings: &[impl AsRef<Path>], path: &Path) -> Vec<String> {
-        let model = word(path);
-        let files: Vec<String> = recordings.iter().map(|it| word(it.as_ref())).collect();
-        if files.is_empty() {
-            vec![
-                "Nothing here was measured on your rig. With it on the board, record steps to two or"
-                    .into(),
-                "more levels, and identify the model from those:".into(),
-                format!("    rig upload --port PORT --model {model}"),
-                "    rig record --port PORT --protocol steps -o steps.csv".into(),
-                "    rig init --recording steps.csv -o identified.toml".into(),
-            ]
-        } else {
-            vec![
-                "Next, with these recordings or better with more of them:".into(),
-                format!(
-                    "    rig diagnose --model {model} {} -o repaired.toml --report report.html",
-                    files.join(" ")
-                ),
-            ]
-        }
+/// What to do with the model, a line each.
+pub fn next_steps(recordings: &[impl AsRef<Path>], path: &Path) -> Vec<String> {
+    let model = word(path);
+    let files: Vec<String> = recordings.iter().map(|it| word(it.as_ref())).collect();
+    if files.is_empty() {
+        vec![
+            "Nothing here was measured on your rig. With it on the board, record steps to two or"
+                .into(),
+            "more levels, and identify the model from those:".into(),
+            format!("    rig upload --port PORT --model {model}"),
+            "    rig record --port PORT --protocol steps -o steps.csv".into(),
+            "    rig init --recording steps.csv -o identified.toml".into(),
+        ]
+    } else {
+        vec![
+            "Next, with these recordings or better with more of them:".into(),
+            format!(
+                "    rig diagnose --model {model} {} -o repaired.toml --report report.html",
+                files.join(" ")
+            ),
+        ]
     }
 }
 
@@ -164,7 +164,7 @@ fn fitted_to(evidence: &Evidence, recordings: &[impl AsRef<Path>]) -> String {
         [one] => word(one.as_ref()),
         all => format!("{} recordings", all.len()),
     };
-    let part = if evidence.excerpt {
+    let part = if evidence.subsample {
         "an excerpt of "
     } else {
         ""

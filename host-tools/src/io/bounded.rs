@@ -1,8 +1,8 @@
-//! Reading what others wrote, up to a limit.
+//! Reads external files up to a limit.
 //!
-//! A few megabytes can unpack to a thousand times as much, and a path can name a device that
-//! never ends. No recording or model needs that much, so reading stops at a limit that the
-//! error names, and nothing is held in memory that is not looked at.
+//! A few megabytes can unpack to a thousand times as much, and a path can name an endless
+//! device. No recording or model needs that much, so reading stops at a limit, which the error
+//! names, and unread data is not held in memory.
 
 use std::fs::File;
 use std::io::{self, Read};

@@ -1,8 +1,8 @@
-//! Which columns of a file hold the recording, and in which units.
+//! The columns and units of a recording in a file.
 //!
-//! The header of a recording promises seconds, gauge pressure in kPa and degrees.
-//! Files of other tools have other headers, or keep this one and break the promise.
-//! Said once, where the file is read, everything behind works in one set of units.
+//! By its header a recording has seconds, gauge pressure in kPa and degrees. Files of other
+//! tools have other headers, or other units under the same header. The layout is applied where
+//! the file is read, so that all other code works in one set of units.
 
 use clap::ValueEnum;
 

@@ -1,7 +1,7 @@
-//! What is wrong with an input, where, and what to do about it.
+//! Errors of inputs: the problem, its place, and what to do about it.
 //!
 //! Every reader in this crate reports through [`InputError`], so that every
-//! message names the file, the line and the column and ends in an action.
+//! message names the file, the line and the column and ends with advice.
 
 use std::fmt;
 use std::fs::{File, OpenOptions};

@@ -1,19 +1,19 @@
-//! Files and the terminal: what comes in is checked and made SI, what goes out is whole and
-//! harmless.
+//! Files and the terminal: input is checked and converted to SI, output is written atomically
+//! and without control characters.
 //!
 //! Recordings ([`recording`], in many [`formats`] and [`columns`]), models, protocols, settings
 //! and effects of the user's own are read within limits ([`bounded`]) and refused with file, line,
 //! column and what to do ([`error`]).
 
-pub mod bounded;
+pub(crate) mod bounded;
 pub mod columns;
 pub mod error;
-pub mod formats;
+pub(crate) mod formats;
 pub mod model_file;
 pub mod own_effects;
 pub mod protocol_file;
-pub mod ranges;
+pub(crate) mod ranges;
 pub mod recording;
-pub mod settings_file;
+pub(crate) mod settings_file;
 pub mod terminal;
 mod toml_reader;

@@ -26,7 +26,7 @@ use crate::materials::{like, named};
 /// The schema number that this version reads and writes.
 pub(crate) const SCHEMA: i64 = 1;
 
-/// What a refit may move where the file does not say.
+/// The free parameters of a refit if the file names none.
 const FREE_BY_DEFAULT: [ParameterId; 3] = [
     ParameterId::Damping,
     ParameterId::Stiffness,
@@ -51,13 +51,13 @@ pub struct ModelFile {
     pub path: PathBuf,
     /// The validated model, in SI units.
     pub model: Model<f64>,
-    /// What a refit may move.
+    /// The free parameters of a refit.
     pub free: Vec<ParameterId>,
     /// The material section, if there is one.
     pub actuator: Option<ActuatorSection>,
-    /// Where the recordings of this rig stand in their files.
+    /// The layout of this rig's recordings.
     pub recording: Layout,
-    /// What is odd and changes no number, each with its place and what to do.
+    /// Warnings that change no number, each with its place and advice.
     pub warnings: Vec<String>,
     text: String,
 }
@@ -232,8 +232,8 @@ pub fn parameter_name(model: &Model<f64>, id: ParameterId) -> String {
         .map_or_else(String::new, |(_, name, _)| (*name).to_owned())
 }
 
-/// All parameters of a model with their key as files spell it, those of an effect behind
-/// its kind: `stiffness_n_per_rad_n`, `coulomb_friction.force_n`.
+/// All parameters of a model with their keys in files, those of an effect after its kind:
+/// `stiffness_n_per_rad_n`, `coulomb_friction.force_n`.
 pub fn parameters(model: &Model<f64>) -> Vec<(ParameterId, String)> {
     let base = BASE.iter().map(|&(id, _, key)| (id, key.to_owned()));
     let effects = model.effects().enumerate().flat_map(|(slot, effect)| {
@@ -310,8 +310,8 @@ pub(crate) fn replace_number(item: &mut Item, number: f64) {
     *item = Item::Value(value);
 }
 
-/// Refuses a second effect with the name of the first: `[fit]` and verdicts tell effects
-/// apart by it.
+/// Refuses a second effect with the name of the first: `[fit]` and verdicts identify effects
+/// by name.
 pub(crate) fn twice(
     toml: &Reader<'_>,
     effect: &Effect<f64>,
@@ -442,9 +442,8 @@ impl ModelReader<'_> {
         }))
     }
 
-    /// Says that a material is not in the table. Stiffness and exponent are given, or there
-    /// would be no model: the name of a silicone that was measured is as good as any, and a
-    /// slip of the keyboard looks the same.
+    /// Warns about a material that is not in the table although stiffness and exponent are
+    /// given: it may be the name of a measured silicone, or a typing error.
     fn unknown_material(&self, root: &Table, actuator: Option<&ActuatorSection>) -> Option<String> {
         let name = &actuator?.material;
         if name.is_empty() || named(name).is_some() {
@@ -462,7 +461,7 @@ impl ModelReader<'_> {
         Some(said.to_string())
     }
 
-    /// Where recordings stand in their files.
+    /// The layout of recordings.
     fn recording(&self, root: &Table) -> Result<Layout, InputError> {
         let mut layout = Layout::default();
         let Some(table) = self.toml.table(root, "recording")? else {
@@ -565,7 +564,7 @@ impl ModelReader<'_> {
         })
     }
 
-    /// Checks the numbers of a model that would be one if its numbers were those of a rig.
+    /// Checks that the numbers of a complete model are within their ranges.
     fn check_ranges(
         &self,
         model: &Model<f64>,

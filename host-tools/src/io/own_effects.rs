@@ -1,8 +1,7 @@
-//! Effects that a user writes: `[[effect]]` with `kind = "custom"`.
+//! Effects with the user's own formulas: `[[effect]]` with `kind = "custom"`.
 //!
-//! Such an effect stands in a model file, where its parameters have their values, or in
-//! a file of effects for `rig diagnose --effects`, where they have the values from which
-//! fits start. Either way it has the same keys:
+//! Such an effect is in a model file, with the values of its parameters, or in a file of
+//! effects for `rig diagnose --effects`, with their initial guesses. The keys are the same:
 //!
 //! ```toml
 //! [[effect]]
@@ -15,8 +14,8 @@
 //! b = { value = 0.05, min = 0.001, max = 1.0, unit = "rad/s" }
 //! ```
 //!
-//! What is read is kept until the program ends, once for each text: an effect is copied
-//! with its model by the thousand, and takes only a reference along.
+//! Each definition is kept until the program ends, once per text, so that the thousands of
+//! copies of a model hold only a reference.
 
 use std::collections::BTreeMap;
 use std::ops::Range as Span;

@@ -1,8 +1,8 @@
-//! Test protocols for the board: files that people and `rig plan` write.
+//! Files of test protocols for the board, written by users and `rig plan`.
 //!
-//! A file lists segments in the words of [`wire::protocol::Segment`], with units
-//! in the names of the keys. Faults are reported with their line and column,
-//! before anything is sent to a board that could move.
+//! A file lists segments as in [`wire::protocol::Segment`], with units in the names
+//! of the keys. Errors are reported with line and column before anything is sent to a
+//! board.
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -10,8 +10,8 @@ use std::path::{Path, PathBuf};
 use toml_edit::{Item, Table};
 use wire::decimal::Hundredths;
 use wire::protocol::{
-    InvalidProgram, MAX_DURATION_MS, MAX_REPEATS, MAX_SEGMENTS, Named, Program, Segment, Track,
-    check, total_ms,
+    ControlMode, InvalidProgram, MAX_DURATION_MS, MAX_REPEATS, MAX_SEGMENTS, Named, Program,
+    Segment, check, total_ms,
 };
 
 use crate::io::error::{InputError, line_of};
@@ -37,7 +37,7 @@ pub struct ProtocolFile {
     lines: Vec<u64>,
 }
 
-/// A segment as it is played: repeats are written out.
+/// A segment as played, with repeats expanded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Played {
     /// Its place in the protocol, from 0.
@@ -137,7 +137,7 @@ impl ProtocolFile {
         total_ms(&self.segments[..])
     }
 
-    /// What is played when, repeats written out.
+    /// The played segments with their times, repeats expanded.
     pub fn played(&self) -> Vec<Played> {
         let mut played: Vec<Played> = Vec::new();
         let mut start_ms = 0u32;
@@ -185,34 +185,34 @@ impl ProtocolFile {
 /// One line about a segment, for people.
 pub fn describe(segment: &Segment) -> String {
     let seconds = |ms: u32| f64::from(ms) / 1000.0;
-    let level = |track: Track, level: Hundredths| {
+    let level = |mode: ControlMode, level: Hundredths| {
         let value = f64::from(level.0) / 100.0;
-        match track {
-            Track::Pressure => format!("{value} kPa"),
-            Track::AngleOpenLoop => format!("{value}° open loop"),
-            Track::AngleClosedLoop => format!("{value}° closed loop"),
+        match mode {
+            ControlMode::Pressure => format!("{value} kPa"),
+            ControlMode::AngleOpenLoop => format!("{value}° open loop"),
+            ControlMode::AngleClosedLoop => format!("{value}° closed loop"),
         }
     };
     match *segment {
         Segment::Step {
-            track,
+            mode,
             level: to,
             duration_ms,
-        } => format!("step to {}, {} s", level(track, to), seconds(duration_ms)),
+        } => format!("step to {}, {} s", level(mode, to), seconds(duration_ms)),
         Segment::Ramp {
-            track,
+            mode,
             level: to,
             duration_ms,
-        } => format!("ramp to {} in {} s", level(track, to), seconds(duration_ms)),
+        } => format!("ramp to {} in {} s", level(mode, to), seconds(duration_ms)),
         Segment::Multisine {
-            track,
+            mode,
             centre,
             amplitude,
             period_ms,
             duration_ms,
         } => format!(
             "multisine about {} by up to {}, base period {} s, {} s",
-            level(track, centre),
+            level(mode, centre),
             f64::from(amplitude.0) / 100.0,
             seconds(period_ms),
             seconds(duration_ms)
@@ -252,21 +252,21 @@ fn write_segment(text: &mut String, segment: &Segment) {
         Segment::Repeat { .. } => ("repeat", None),
     };
     let _ = writeln!(text, "kind = \"{kind}\"");
-    if let Some(track) = segment.track() {
-        let _ = writeln!(text, "track = \"{}\"", track_name(track));
+    if let Some(mode) = segment.mode() {
+        let _ = writeln!(text, "track = \"{}\"", mode_name(mode));
     }
     match *segment {
-        Segment::Step { track, level, .. } | Segment::Ramp { track, level, .. } => {
-            let _ = writeln!(text, "level_{} = {}", unit(track), hundredths(level));
+        Segment::Step { mode, level, .. } | Segment::Ramp { mode, level, .. } => {
+            let _ = writeln!(text, "level_{} = {}", unit(mode), hundredths(level));
         }
         Segment::Multisine {
-            track,
+            mode,
             centre,
             amplitude,
             period_ms,
             ..
         } => {
-            let unit = unit(track);
+            let unit = unit(mode);
             let _ = writeln!(text, "centre_{unit} = {}", hundredths(centre));
             let _ = writeln!(text, "amplitude_{unit} = {}", hundredths(amplitude));
             let _ = writeln!(text, "period_s = {}", seconds(period_ms));
@@ -281,25 +281,25 @@ fn write_segment(text: &mut String, segment: &Segment) {
     }
 }
 
-const TRACKS: [(Track, &str); 3] = [
-    (Track::Pressure, "pressure"),
-    (Track::AngleOpenLoop, "angle_open_loop"),
-    (Track::AngleClosedLoop, "angle_closed_loop"),
+const CONTROL_MODES: [(ControlMode, &str); 3] = [
+    (ControlMode::Pressure, "pressure"),
+    (ControlMode::AngleOpenLoop, "angle_open_loop"),
+    (ControlMode::AngleClosedLoop, "angle_closed_loop"),
 ];
 
 const KINDS: [&str; 6] = ["step", "ramp", "multisine", "hold", "release", "repeat"];
 
-fn track_name(track: Track) -> &'static str {
-    TRACKS
+fn mode_name(mode: ControlMode) -> &'static str {
+    CONTROL_MODES
         .iter()
-        .find(|(known, _)| *known == track)
+        .find(|(known, _)| *known == mode)
         .map_or("", |(_, name)| name)
 }
 
-fn unit(track: Track) -> &'static str {
-    match track {
-        Track::Pressure => "kpa",
-        Track::AngleOpenLoop | Track::AngleClosedLoop => "deg",
+fn unit(mode: ControlMode) -> &'static str {
+    match mode {
+        ControlMode::Pressure => "kpa",
+        ControlMode::AngleOpenLoop | ControlMode::AngleClosedLoop => "deg",
     }
 }
 
@@ -388,11 +388,11 @@ impl ProtocolReader<'_> {
                 format!("use one of: {}", KINDS.join(", ")),
             ));
         }
-        let track = match kind.as_str() {
-            "step" | "ramp" | "multisine" => Some(self.track(table)?),
+        let mode = match kind.as_str() {
+            "step" | "ramp" | "multisine" => Some(self.mode(table)?),
             _ => None,
         };
-        let keys: Vec<String> = match (kind.as_str(), track.map(unit)) {
+        let keys: Vec<String> = match (kind.as_str(), mode.map(unit)) {
             ("multisine", Some(unit)) => vec![
                 "kind".into(),
                 "track".into(),
@@ -413,23 +413,23 @@ impl ProtocolReader<'_> {
         let keys: Vec<&str> = keys.iter().map(String::as_str).collect();
         self.toml.known_keys(table, &format!("a {kind}"), &keys)?;
         let level = |name: &str| {
-            let unit = track.map_or("", unit);
+            let unit = mode.map_or("", unit);
             self.level(table, &format!("{name}_{unit}"))
         };
         let duration = || self.duration(table, "duration_s");
-        Ok(match (kind.as_str(), track) {
-            ("step", Some(track)) => Segment::Step {
-                track,
+        Ok(match (kind.as_str(), mode) {
+            ("step", Some(mode)) => Segment::Step {
+                mode,
                 level: level("level")?,
                 duration_ms: duration()?,
             },
-            ("ramp", Some(track)) => Segment::Ramp {
-                track,
+            ("ramp", Some(mode)) => Segment::Ramp {
+                mode,
                 level: level("level")?,
                 duration_ms: duration()?,
             },
-            ("multisine", Some(track)) => Segment::Multisine {
-                track,
+            ("multisine", Some(mode)) => Segment::Multisine {
+                mode,
                 centre: level("centre")?,
                 amplitude: level("amplitude")?,
                 period_ms: self.duration(table, "period_s")?,
@@ -448,8 +448,8 @@ impl ProtocolReader<'_> {
         })
     }
 
-    fn track(&self, table: &Table) -> Result<Track, InputError> {
-        let names: Vec<&str> = TRACKS.iter().map(|(_, name)| *name).collect();
+    fn mode(&self, table: &Table) -> Result<ControlMode, InputError> {
+        let names: Vec<&str> = CONTROL_MODES.iter().map(|(_, name)| *name).collect();
         let item = table.get("track").ok_or_else(|| {
             self.toml.fail_at(
                 table.span(),
@@ -457,10 +457,10 @@ impl ProtocolReader<'_> {
                 format!("add track = \"…\", one of: {}", names.join(", ")),
             )
         })?;
-        TRACKS
+        CONTROL_MODES
             .iter()
             .find(|(_, name)| item.as_str() == Some(name))
-            .map(|(track, _)| *track)
+            .map(|(mode, _)| *mode)
             .ok_or_else(|| {
                 self.toml.fail_at(
                     item.span(),
@@ -552,7 +552,7 @@ mod tests {
 
     #[test]
     fn the_played_list_agrees_with_the_boards_playback() {
-        use wire::protocol::{Demand, Playback};
+        use wire::protocol::{Playback, Reference};
         for &named in Named::ALL {
             let protocol = ProtocolFile::named(named);
             let played = protocol.played();
@@ -563,7 +563,7 @@ mod tests {
             );
             let mut playback = Playback::new();
             let mut time = 0;
-            while playback.demand(&named) != Demand::Done {
+            while playback.reference(&named) != Reference::Done {
                 let now = played
                     .iter()
                     .rev()
@@ -642,13 +642,13 @@ mod tests {
         fn any_segments_survive_their_file(
             level in -100_000..=100_000i32, amplitude in 0..=100_000i32,
             duration_ms in 1..=MAX_DURATION_MS, period_ms in 1..=MAX_DURATION_MS, times in 1..=MAX_REPEATS,
-            track in prop::sample::select(&[Track::Pressure, Track::AngleOpenLoop, Track::AngleClosedLoop][..]),
+            mode in prop::sample::select(&[ControlMode::Pressure, ControlMode::AngleOpenLoop, ControlMode::AngleClosedLoop][..]),
         ) {
             let level = Hundredths(level);
             let segments = vec![
-                Segment::Step { track, level, duration_ms },
-                Segment::Ramp { track, level, duration_ms },
-                Segment::Multisine { track, centre: level, amplitude: Hundredths(amplitude), period_ms, duration_ms },
+                Segment::Step { mode, level, duration_ms },
+                Segment::Ramp { mode, level, duration_ms },
+                Segment::Multisine { mode, centre: level, amplitude: Hundredths(amplitude), period_ms, duration_ms },
                 Segment::Hold { duration_ms },
                 Segment::Release { duration_ms },
                 Segment::Repeat { from: 1, times },

@@ -1,15 +1,15 @@
 //! The range of every number in a model file.
 //!
-//! A slip of a unit or of the keyboard is a number that no rig has, and what is computed from
-//! it overflows, or takes for ever, far from where it was written. So each number has a range,
-//! wide enough for a pendulum, a hydraulic arm or a circuit with the same equation, and narrow
-//! enough for sums and powers of a simulation. The table in `docs/formats.md` is this one.
+//! A wrong unit or a typing error gives a number that no rig has. A computation with it
+//! overflows, or never ends, far from the cause. So each number has a range: wide enough for a
+//! pendulum, a hydraulic arm or a circuit with the same equation, and narrow enough for the sums
+//! and powers of a simulation. `docs/formats.md` has the same table.
 
 use std::fmt;
 
 use model_core::effects::{Parameter, Unit};
 
-/// What a number may be.
+/// The range of a number.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Range {
     /// The key in a model file, or what the numbers of this unit in effects are.
@@ -20,13 +20,19 @@ pub struct Range {
     pub least: f64,
     /// The largest.
     pub most: f64,
-    /// What lies at the ends, or why nothing lies beyond.
+    /// The reason for the limits.
     pub because: &'static str,
 }
 
 /// The keys of `[actuator]` and `[dynamics]`.
 const KEYS: [Range; 8] = [
-    row("length_m", "m", 1e-5, 1e3, "a hair to a bridge"),
+    row(
+        "length_m",
+        "m",
+        1e-5,
+        1e3,
+        "from the width of a hair to the length of a bridge",
+    ),
     row("width_m", "m", 1e-5, 1e3, "the same"),
     row("height_m", "m", 1e-5, 1e3, "the same"),
     row(
@@ -34,14 +40,14 @@ const KEYS: [Range; 8] = [
         "kg·m",
         1e-9,
         1e9,
-        "only ratios to it move anything: where it does not fit, scale all forces with it",
+        "only ratios to it matter: to come into the range, scale all forces with it",
     ),
     row(
         "damping_n_s_per_rad",
         "N·s/rad",
         0.0,
         1e12,
-        "a trillion times what a finger of silicone has",
+        "10¹² times that of a silicone finger",
     ),
     row("stiffness_n_per_rad_n", "N/radⁿ", 0.0, 1e12, "the same"),
     row(
@@ -49,31 +55,31 @@ const KEYS: [Range; 8] = [
         "",
         0.01,
         20.0,
-        "a power of an angle that is still a number; metals, silicones and cords have 0.1 to 10",
+        "θⁿ stays finite; metals, silicones and cords have 0.1 to 10",
     ),
     row(
         "input_gain_n_per_kpa",
         "N/kPa",
         -1e9,
         1e9,
-        "a piston of a square kilometre; below zero, pressure straightens",
+        "that of a piston of a square kilometre; if negative, pressure straightens the actuator",
     ),
 ];
 
 /// Numbers of effects by their unit. Where [the catalogue](model_core::catalogue) is narrower,
 /// it counts.
 const UNITS: [(Unit, Range); 13] = [
-    by_unit(Unit::One, "factors", 1e6, "a millionfold"),
+    by_unit(Unit::One, "factors", 1e6, "a factor of a million"),
     by_unit(
         Unit::Newton,
         "forces",
         1e12,
-        "far beyond any machine, far below what overflows",
+        "far beyond any machine, far below an overflow",
     ),
     by_unit(Unit::NewtonPerRad, "stiffnesses", 1e12, "the same"),
     by_unit(Unit::NewtonPerRad3, "cubic stiffnesses", 1e12, "the same"),
     by_unit(Unit::NewtonSecond2PerRad2, "drags", 1e12, "the same"),
-    by_unit(Unit::Radian, "angles", 1e6, "a motor after 160 000 turns"),
+    by_unit(Unit::Radian, "angles", 1e6, "160 000 turns of a motor"),
     by_unit(
         Unit::RadianPerSecond,
         "rates",
@@ -81,25 +87,30 @@ const UNITS: [(Unit, Range); 13] = [
         "160 000 turns a second",
     ),
     by_unit(Unit::Second, "times", 1e9, "thirty years"),
-    by_unit(Unit::PerSecond, "rates of change", 1e6, "a microsecond"),
+    by_unit(
+        Unit::PerSecond,
+        "rates of change",
+        1e6,
+        "once per microsecond",
+    ),
     by_unit(Unit::Hertz, "frequencies", 1e6, "the same"),
     by_unit(
         Unit::PerRadian,
         "changes with the angle",
         1e6,
-        "a millionfold a radian",
+        "a factor of a million per radian",
     ),
     by_unit(
         Unit::PerKiloPascal,
         "changes with the pressure",
         1e6,
-        "a millionfold a kilopascal",
+        "a factor of a million per kilopascal",
     ),
     by_unit(
         Unit::KiloPascal,
         "pressures",
         1e6,
-        "ten times what a hydraulic pump gives",
+        "ten times that of a hydraulic pump",
     ),
 ];
 
@@ -182,27 +193,6 @@ fn short(number: f64) -> String {
     }
 }
 
-/// The table as `docs/formats.md` shows it.
-pub fn page() -> String {
-    let mut text = String::from("| | unit | smallest | largest | |\n|---|---|---:|---:|---|\n");
-    let keys = KEYS.map(|range| (format!("`{}`", range.of), range));
-    let units = UNITS.map(|(_, range)| (format!("{} of effects", range.of), range));
-    for (of, range) in keys.into_iter().chain(units) {
-        let unit = if range.unit.is_empty() {
-            "–"
-        } else {
-            range.unit
-        };
-        text += &format!(
-            "| {of} | {unit} | {} | {} | {} |\n",
-            short(range.least).replace('-', "−"),
-            short(range.most).replace('-', "−"),
-            range.because
-        );
-    }
-    text
-}
-
 #[cfg(test)]
 mod tests {
     use std::path::Path;
@@ -212,7 +202,28 @@ mod tests {
     use super::*;
     use crate::io::model_file::ModelFile;
     use crate::io::recording::{PASCAL_PER_KPA, Recording};
-    use crate::sim::simulate::{Signal, Start, run, substeps};
+    use crate::sim::simulate::{InitialState, Signal, run, substeps};
+
+    /// The table as `docs/formats.md` shows it.
+    fn page() -> String {
+        let mut text = String::from("| | unit | smallest | largest | |\n|---|---|---:|---:|---|\n");
+        let keys = KEYS.map(|range| (format!("`{}`", range.of), range));
+        let units = UNITS.map(|(_, range)| (format!("{} of effects", range.of), range));
+        for (of, range) in keys.into_iter().chain(units) {
+            let unit = if range.unit.is_empty() {
+                "–"
+            } else {
+                range.unit
+            };
+            text += &format!(
+                "| {of} | {unit} | {} | {} | {} |\n",
+                short(range.least).replace('-', "−"),
+                short(range.most).replace('-', "−"),
+                range.because
+            );
+        }
+        text
+    }
 
     #[test]
     fn the_page_has_the_ranges_of_the_code() {
@@ -289,7 +300,7 @@ mod tests {
             let model = file
                 .unwrap_or_else(|error| panic!("{range:?} {end}: {error}\n{text}"))
                 .model;
-            let start = Start {
+            let start = InitialState {
                 angle: 0.5,
                 rate: 0.0,
             };

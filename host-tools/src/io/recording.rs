@@ -1,10 +1,9 @@
 //! Recordings: reading, checking and writing them.
 //!
 //! A recording is a table with the columns `time_s`, `pressure_kpa` and `angle_deg`;
-//! others are optional and kept. How it stands in a file is the concern of [`crate::io`].
-//! Inside, everything is SI and radians. Whatever is wrong with a file is reported with
-//! its line and column, because a fit on a damaged recording gives a wrong cause with
-//! great confidence.
+//! others are optional and kept. Formats and columns are handled by [`crate::io`]. Inside,
+//! everything is SI and radians. Every problem of a file is reported with its line and
+//! column, because a fit to a damaged recording names a wrong cause with great confidence.
 
 use std::io::Read;
 use std::ops::Range;
@@ -41,9 +40,9 @@ pub struct Recording {
     pub angle: Vec<f64>,
     /// Other columns, as they stand in the file.
     pub extra: Vec<Column>,
-    /// What was said of its columns when it was read, by the user or by the file.
+    /// The layout of its columns, given by the user or by the file.
     pub columns: Columns,
-    /// What the file beside it says.
+    /// Its metadata.
     pub meta: Meta,
 }
 
@@ -420,8 +419,7 @@ pub fn read_all(
     Ok(recordings)
 }
 
-/// Refuses a recording that is given twice: a run that is fitted and judged by
-/// proves nothing.
+/// Refuses a recording that is given twice: validation on a fitted run proves nothing.
 ///
 /// # Errors
 ///
@@ -434,7 +432,7 @@ pub fn check_distinct(fitted: &[PathBuf], held_out: &[PathBuf]) -> Result<(), In
         if seen.contains(&file) {
             return Err(InputError::new(
                 "is given twice",
-                "name each recording once: to be fitted, or with --holdout to judge by",
+                "name each recording once: to be fitted, or with --holdout for validation",
             )
             .in_file(path));
         }

@@ -1,8 +1,8 @@
 //! A board's settings as text, and a model as settings.
 //!
-//! The board keeps 32-bit words by name ([`wire::settings`]). In a file they are
-//! TOML, in the units of the board; a model file is translated, with kilopascals
-//! becoming pascals and effects becoming their numbers.
+//! The board keeps named 32-bit words ([`wire::settings`]). A settings file is TOML in
+//! the units of the board. A model file is translated: kilopascals become pascals, and
+//! effects become their numbers.
 
 use std::fmt::Write;
 use std::path::Path;
@@ -134,7 +134,7 @@ pub fn from_model(file: &ModelFile) -> Result<Vec<Assignment>, InputError> {
     Ok(assignments)
 }
 
-/// What the sensors of a board show at zero, as a diagnosis found it.
+/// Zeros of a board's sensors, from a diagnosis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Zeros {
     /// What the pressure sensor shows without pressure (kPa).

@@ -1,10 +1,9 @@
-//! What others wrote, on its way to a terminal.
+//! Safe output to a terminal.
 //!
-//! A file name, a column's header, a name in a model or a line from a board can hold any
-//! characters. A terminal obeys some of them: they move its cursor, change its title, hide
-//! what was printed before, or write the rest of a line from right to left. So whatever `rig`
-//! says goes through [`print()`] or [`remark`], and these show such characters instead of
-//! sending them. The lints of the library forbid the ways around.
+//! A file name, a column header, a name in a model or a line from a board can contain control
+//! characters: they move the cursor, change the title, hide earlier output, or reverse the
+//! direction of a line. So all output of `rig` goes through [`print()`] or [`remark`], which
+//! print such characters as text. Lints of the library forbid other ways.
 
 use std::borrow::Cow;
 use std::fmt::Write as _;

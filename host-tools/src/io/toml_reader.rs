@@ -1,7 +1,7 @@
-//! The one reader of TOML: sections, keys and numbers, and the place of what is wrong with them.
+//! The reader of all TOML files: sections, keys and numbers, with the place of errors.
 //!
-//! Model, protocol, settings and effects of the user's own are all files that people write by
-//! hand. Whatever is wrong with one is said with file, line, column and what to do.
+//! Models, protocols, settings and the user's effects are files that people write by hand. Every
+//! error in them has file, line, column and advice.
 
 use std::path::Path;
 

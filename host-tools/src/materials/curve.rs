@@ -3,15 +3,14 @@
 //! Tensile tests come as exports of many machines. Two layouts are read: that of
 //! the Soft Robotics Materials Database (a dozen lines about the test, then a
 //! line that starts with `Time (s)`, separated by semicolons) and a plain table
-//! whose first line names its columns. What cannot be understood is refused with
-//! the file, the line and the column, since a curve that was misread still gives
-//! an exponent.
+//! whose first line names its columns. Anything else is refused with the file, the
+//! line and the column, since a misread curve would still give an exponent.
 //!
 //! | column | accepted names |
 //! |---|---|
 //! | strain | `strain`, `engineering strain`, `true strain`; with `%` or `percent` for percent |
 //! | stress | `stress`, `engineering stress`, `true stress`, with `MPa`, `kPa`, `Pa` or `N/mm2` |
-//! | time | `time`; only looked at, never used |
+//! | time | `time`; checked, not used |
 //!
 //! Case, spaces and punctuation in a name do not matter; a name without a
 //! measure means engineering. A missing measure is derived, with ε the

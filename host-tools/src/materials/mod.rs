@@ -1,16 +1,14 @@
-//! What is known of a material before an actuator is moulded from it.
+//! Materials: Ludwick's exponent before an actuator is moulded.
 //!
-//! Three questions are answered here, and `rig materials` prints the answers:
-//! what the paper's table says, which exponent a tensile test gives
-//! ([`fit`]), and which one a data sheet promises ([`predictor`]). The choices
-//! hidden in each answer (stress and strain measure, range, residual, rows of
-//! the table) move the exponent by more than its standard error, so each of
-//! them is an argument and is printed with the result.
+//! `rig materials` has three sources: the paper's table, a tensile test ([`fit`]), and
+//! a data sheet ([`predictor`]). Several choices (stress and strain measure, range,
+//! residual, rows of the table) change the exponent by more than its standard error, so
+//! each of them is an argument and is printed with the result.
 
 pub mod curve;
 pub mod fit;
-pub mod pictures;
-pub mod predictor;
+pub(crate) mod pictures;
+pub(crate) mod predictor;
 
 use model_core::material::{Material, TABLE_I};
 

@@ -1,10 +1,9 @@
-//! The exponent from a data sheet: the paper's least squares, repeated.
+//! The exponent from a data sheet, by the paper's least-squares fit.
 //!
-//! The coefficients that the board and every other tool use are constants of
-//! [`model_core::material`]. Here the fit behind them is done again from the
-//! table, so that they can be checked, and with it what the paper leaves out:
-//! standard errors, and how well the prediction does on a material that it has
-//! not seen.
+//! The coefficients used by the board and every other tool are constants of
+//! [`model_core::material`]. Here their fit is repeated from the table, as a check, and
+//! with two additions to the paper: standard errors, and the error of the prediction for
+//! a material outside the fit.
 
 use model_core::material::{DataSheet, Material, TABLE_I};
 use model_core::power::Exact;

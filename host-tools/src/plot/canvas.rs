@@ -1,9 +1,8 @@
-//! The page that is drawn on, and the SVG that it becomes.
+//! The canvas, and its SVG.
 //!
-//! The rest of the module thinks in pixels with fractions; an SVG that says them all is long.
-//! Tenths of a pixel are finer than a screen shows and are whole numbers, so the page is
-//! measured in them and its view box scales them. A script on a report's page reads values off
-//! the drawing, and finds the same numbers there.
+//! Other code of the module uses fractional pixels, which would make a long SVG. So the SVG uses
+//! integer tenths of a pixel, finer than a screen resolves, and its view box scales them. The
+//! script of a report reads values off the drawing from the same numbers.
 
 use std::fmt::Display;
 

@@ -1,7 +1,7 @@
 //! The data inside a panel.
 //!
-//! Recordings have gaps, run past the limits and hold more samples than pixels.
-//! Here a series becomes the lines, dots and areas that are left to draw.
+//! Recordings have gaps, exceed the limits and have more samples than pixels. Here a
+//! series becomes the lines, dots and areas to draw.
 
 use super::axis::drawable;
 use super::canvas::{Canvas, Stroke};

@@ -1,8 +1,7 @@
-//! Where everything goes on the page.
+//! The layout of the page.
 //!
-//! Headings wrap, panels carry legends of different heights, and axes of one
-//! column have to line up. So all places are settled first, in pixels, and only
-//! then is anything drawn.
+//! Headings wrap, legends have different heights, and the axes of one column have to
+//! line up. So all positions are computed first, in pixels, before anything is drawn.
 
 use super::Figure;
 use super::axis::drawable;

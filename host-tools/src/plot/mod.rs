@@ -1,11 +1,9 @@
 //! Pictures: panels of curves against a shared axis, as SVG.
 //!
-//! Every command that compares a model with a rig draws the same kind of
-//! figure, and a reader compares figures across commands. So the meaning of a
-//! colour ([`Role`]), the way long recordings are thinned and the place of the
-//! legend are decided once, here. A picture is text that this
-//! module writes itself (`canvas`): it needs no font of the system, and a script can read
-//! values off it.
+//! Every command that compares a model with a rig draws the same kind of figure, and readers
+//! compare figures across commands. So the meaning of a colour ([`Role`]), the thinning of long
+//! recordings and the place of the legend are decided here. The module writes the SVG text
+//! itself (`canvas`): it needs no system font, and a script can read values off it.
 //!
 //! The same figure gives the same bytes on every machine.
 //!

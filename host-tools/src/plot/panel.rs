@@ -1,8 +1,7 @@
 //! One panel on the page: its axes, grid, heading and numbers.
 //!
-//! How high the surroundings of a panel are depends on its texts, and the page
-//! has to know that before the panel has a place. So a panel is measured first,
-//! then placed, then drawn.
+//! The height around a panel depends on its texts, and the page needs it before the
+//! panel has a position. So a panel is measured first, then placed, then drawn.
 
 use super::axis::{Axis, drawable};
 use super::canvas::{Anchor, Canvas, Stroke, TextLook, tenths};

@@ -1,8 +1,5 @@
-//! Cutting lines at the edge of a panel.
-//!
-//! The backend does not know where a panel ends. A curve that leaves the limits
-//! of its panel would run across the neighbours, so it is cut here, at the point
-//! where it leaves.
+//! Clips lines at the edge of a panel, so that a curve beyond the limits does not cross
+//! other panels.
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Rectangle {

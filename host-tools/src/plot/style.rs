@@ -1,7 +1,7 @@
-//! What a curve means and how that looks.
+//! Roles and styles of curves.
 //!
-//! A colour has to mean the same in every figure, so callers name the role of a
-//! curve and never a colour.
+//! A colour has the same meaning in every figure, so callers name the role of a curve and
+//! never a colour.
 
 use std::fmt;
 

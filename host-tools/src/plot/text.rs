@@ -1,8 +1,7 @@
-//! How much room a text takes.
+//! Estimates the width of a text.
 //!
-//! The picture is laid out before any reader's font is known, so widths are
-//! estimated from the letters alone. That also keeps the layout the same on
-//! every machine.
+//! The layout does not know the reader's font, so widths are estimated from the letters
+//! alone. That also keeps the layout the same on every machine.
 
 pub(super) const TITLE_PX: f64 = 16.0;
 pub(super) const SUBTITLE_PX: f64 = 12.0;

@@ -1,8 +1,8 @@
 //! Fewer points for the same picture.
 //!
-//! A recording of minutes at a kilohertz has far more samples than the page has
-//! pixels, and a file with all of them is slow to open. What is dropped must not
-//! be seen: a spike of one sample stays.
+//! A recording of minutes at a kilohertz has far more samples than the page has pixels,
+//! and a file with all of them is slow to open. The thinned picture must look the same:
+//! a spike of one sample is kept.
 
 use super::axis::drawable;
 use super::canvas::{pixel, tenths};

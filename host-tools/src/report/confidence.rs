@@ -1,4 +1,4 @@
-//! The 95 % confidence band of the curve that a diagnosis ends with.
+//! The 95 % confidence band of the repaired or refitted curves.
 
 use crate::diagnose::verdict::Answer;
 use crate::diagnose::{Diagnosis, Request};
@@ -13,14 +13,14 @@ use super::pictures::{REFITTED, REPAIRED};
 pub struct Confidence {
     /// The curve that they belong to, by its label.
     pub label: &'static str,
-    /// Half widths (°), a series a run, fitted ones first; or why there are none, as a
-    /// clause.
+    /// Half widths (°), one series per run, fitted runs first; or a clause that says why
+    /// there are none.
     pub half_widths: Result<Vec<Vec<f64>>, String>,
 }
 
 impl Confidence {
-    /// The bands of the repaired curves, or of the refitted ones where that is the answer;
-    /// none where the answer is no curve.
+    /// The bands of the repaired curves, or of the refitted ones if that is the answer; none
+    /// if the answer has no curve.
     pub fn of(request: &Request<'_>, diagnosis: &Diagnosis) -> Option<Self> {
         let label = match diagnosis.answer {
             Answer::EffectFound => REPAIRED,
@@ -40,7 +40,7 @@ impl Confidence {
         Some(Self { label, half_widths })
     }
 
-    /// What the band is, or why there is none, in sentences.
+    /// Sentences that explain the band, or say why there is none.
     pub fn text(&self) -> String {
         let label = self.label;
         match &self.half_widths {
@@ -70,7 +70,7 @@ fn bands(request: &Request<'_>, diagnosis: &Diagnosis) -> Result<Vec<Vec<f64>>, 
     let half_widths = if held_out.is_empty() {
         fitter.band95(fit)?
     } else {
-        // A fit knows zeros and starts of the sessions that it was made to.
+        // A fit has the zeros and initial states of its own sessions.
         let mut placed = fit.clone();
         placed.nuisances = fitter.fit(&fit.model, &[], Effort::Coarse).nuisances;
         fitter.band95(&placed)?

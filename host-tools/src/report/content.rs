@@ -1,7 +1,7 @@
-//! What a diagnosis says, in sentences and rounded numbers.
+//! The content of a diagnosis: sentences and rounded numbers.
 //!
-//! A reader may hold the terminal's lines against the page. So every sentence
-//! and every row that both show is made here, and neither computes its own.
+//! Terminal and page must agree. So every sentence and every row that both show is made
+//! here, and neither computes its own.
 
 use model_core::actuator::ParameterId;
 use model_core::catalogue::Kind;
@@ -13,7 +13,7 @@ use crate::diagnose::budget::{Ended, Part};
 use crate::diagnose::family::Family;
 use crate::diagnose::noise::NoiseFloor;
 use crate::diagnose::policy::Policy;
-use crate::diagnose::selection::{self, Tried};
+use crate::diagnose::selection::{self, FittedStructure};
 use crate::diagnose::verdict::{Answer, Closure, Strength};
 use crate::diagnose::{Diagnosis, Request};
 use crate::estimate::Segment;
@@ -22,31 +22,31 @@ use crate::estimate::statistics::squares_about_mean;
 use crate::io::model_file::{parameter_name, parameter_unit, to_file_units};
 use crate::report::numbers::{degrees, evidence, fit, percent, short, with_ends};
 
-/// Structures of one size that are listed; what is behind them is counted.
+/// Number of structures of one size that are listed; further ones are only counted.
 const TRIED_LISTED: usize = 6;
 
-/// What stands above rivals that explain too little.
+/// Title of rivals that explain too little.
 pub const CLOSEST: &str = "Closest, but not good enough";
 
 /// The share of the error beyond the noise that is gone.
 const EXPLAINED: &str = "error explained";
 
-/// By what it is explained where nothing is named.
+/// The note where nothing is named.
 const UNNAMED: &str = "by a repair without a name";
 
-/// Evidence (Δχ²) from which on a run is expected to separate two rivals.
+/// Evidence (Δχ²) from which a run is expected to separate two rivals.
 const VERY_STRONG: f64 = 20.0;
 
-/// Everything that is said about a diagnosis.
+/// The content of a diagnosis.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Content {
     /// The answer.
     pub answer: Answer,
     /// The verdict in one sentence.
     pub sentence: String,
-    /// What it rests on, and what to do, in two or three sentences.
+    /// Two or three sentences: the evidence, and what to do.
     pub lede: String,
-    /// What ended the search before it was done, and what was not tried, in sentences.
+    /// Sentences about a search that ended early: the cause, and what was not tried.
     pub ended: Option<String>,
     /// The numbers that matter most.
     pub keys: Vec<Key>,
@@ -56,7 +56,7 @@ pub struct Content {
     pub errors: Vec<ErrorRow>,
     /// Whether effects were added to the model.
     pub repaired: bool,
-    /// Whether the model to go on with is another than the one supplied.
+    /// Whether the written model differs from the supplied one.
     pub upload: bool,
     /// How much of the gap the added effects close, as a sentence.
     pub closed: Option<String>,
@@ -66,13 +66,13 @@ pub struct Content {
     pub base: Vec<ParameterRow>,
     /// What the sensors show at zero, as a sentence.
     pub zeros: String,
-    /// Which parameters the recordings do not determine.
+    /// Sentences about parameters that the recordings do not determine.
     pub undetermined: Vec<String>,
-    /// Where the gap lives.
+    /// Sentences about the missing force.
     pub gap: Vec<String>,
     /// Rival explanations, best first.
     pub rivals: Vec<Rival>,
-    /// Which explanation is which curve, where several remain.
+    /// The letters of the curves, where several explanations remain.
     pub lettered: Option<String>,
     /// Structures that were fitted, by their number of effects.
     pub tried: Vec<TriedGroup>,
@@ -80,13 +80,13 @@ pub struct Content {
     pub untried: Vec<Untried>,
     /// Runs that would separate the rivals, best first.
     pub next: Vec<NextRun>,
-    /// Whether the first of them can be expected to.
+    /// Whether the first of them is expected to.
     pub next_suffices: bool,
-    /// What these recordings leave open, in sentences.
+    /// Sentences about what these recordings leave open.
     pub open: Vec<String>,
 }
 
-/// A number with what it is.
+/// A number with its label.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Key {
     /// What it is.
@@ -97,7 +97,7 @@ pub struct Key {
     pub note: String,
 }
 
-/// Something that a person should know about the recordings.
+/// A problem of the recordings.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Notice {
     /// The recording; none if it is about all of them.
@@ -136,19 +136,19 @@ pub struct Effect {
     pub title: &'static str,
     /// Its equation.
     pub equation: String,
-    /// What it is and how it shows.
+    /// Its description.
     pub text: &'static str,
     /// Where it acts.
     pub place: &'static str,
-    /// Probability among the explanations that were tried; none for an effect that
-    /// repairs the model and is not named.
+    /// Probability among the tried explanations; none for an effect that repairs the model
+    /// and is not named.
     pub probability: Option<String>,
     /// Its parameters.
     pub parameters: Vec<ParameterRow>,
 }
 
 impl Effect {
-    /// How sure its name is.
+    /// How certain its name is.
     pub fn standing(&self) -> String {
         self.probability.as_ref().map_or_else(
             || "lowers the error, not named".into(),
@@ -157,7 +157,7 @@ impl Effect {
     }
 }
 
-/// A parameter with what is known about it, in the unit of files.
+/// A parameter with its interval, in the unit of files.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ParameterRow {
     /// Name in files.
@@ -166,7 +166,7 @@ pub struct ParameterRow {
     pub symbol: &'static str,
     /// Unit.
     pub unit: &'static str,
-    /// The value as supplied; none for what was added.
+    /// The value as supplied; none for an added effect.
     pub nominal: Option<String>,
     /// The value now.
     pub value: String,
@@ -187,21 +187,19 @@ impl ParameterRow {
     }
 }
 
-/// A rival explanation; where nothing is explained, one of those that come
-/// closest.
+/// A rival explanation, or if nothing explains enough, one of the closest.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Rival {
     /// Its effects, as in files, joined by " + ".
     pub name: String,
     /// Its effects, as in sentences.
     pub title: String,
-    /// Its probability; none where all of them explain too little, for it is
-    /// relative to the others only.
+    /// Its probability, relative to the others; none where all of them explain too little.
     pub probability: Option<String>,
-    /// Share of the error beyond the noise that it explains on runs that were not fitted,
-    /// over three horizons together, where that was found.
+    /// Share of the error beyond the noise that it explains on held-out runs, over three
+    /// horizons together, if measured.
     pub closed: Option<String>,
-    /// Its information criterion behind the best.
+    /// Difference of its information criterion to the best.
     pub delta_bic: String,
 }
 
@@ -212,7 +210,7 @@ pub struct TriedGroup {
     pub title: String,
     /// The best of them.
     pub rows: Vec<TriedRow>,
-    /// How many more there were, further behind.
+    /// Number of further structures.
     pub more: usize,
 }
 
@@ -225,7 +223,7 @@ pub struct TriedRow {
     pub name: String,
     /// RMS error on fitted runs (°).
     pub fitted: String,
-    /// RMS error on runs that were not fitted (°).
+    /// RMS error on held-out runs (°).
     pub held_out: String,
     /// Share of the refit's error beyond the noise that it explains over whole runs.
     pub explained: String,
@@ -233,23 +231,23 @@ pub struct TriedRow {
     pub delta_bic: String,
     /// Its probability among the structures of its size.
     pub probability: String,
-    /// What became of it.
+    /// Its standing.
     pub standing: Standing,
-    /// Parameters at the edge of the range that was searched.
+    /// Parameters at a bound of their search range.
     pub at_bound: Vec<String>,
 }
 
-/// What became of a structure.
+/// The standing of a structure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Standing {
-    /// It is what is named.
+    /// It is named.
     Named,
-    /// It repairs the model, with more than is named.
+    /// It repairs the model, with more effects than are named.
     Repair,
-    /// The recordings cannot reject it.
+    /// It is not rejected.
     Rival,
-    /// It comes closest, and explains too little.
+    /// It is among the closest, and explains too little.
     Closest,
     /// It was rejected.
     Rejected,
@@ -275,7 +273,7 @@ pub struct NextRun {
     pub seconds: String,
     /// What it separates, as in files.
     pub separates: [String; 2],
-    /// The evidence that it is expected to bring.
+    /// Its expected evidence.
     pub evidence: String,
     /// The command that writes it as a protocol file.
     pub command: String,
@@ -402,8 +400,8 @@ fn in_words(families: &[Family]) -> String {
     kinds.join(" and ")
 }
 
-/// How much of the error beyond the noise the repaired model explains, at which
-/// horizons, and what remains.
+/// The share of the error beyond the noise that the repaired model explains at each
+/// horizon, and what remains.
 fn explained(diagnosis: &Diagnosis, closure: &Closure) -> String {
     let remaining = diagnosis.remaining();
     let goes_with = remaining
@@ -434,33 +432,33 @@ fn explained(diagnosis: &Diagnosis, closure: &Closure) -> String {
     )
 }
 
-/// What the named effects close by themselves, where the repaired model has more.
+/// The closure of the named effects alone, if the repaired model has more.
 fn named_alone(diagnosis: &Diagnosis) -> Option<f64> {
     let named = &diagnosis.named;
     if named.is_empty() || named.len() == diagnosis.repaired.added.len() {
         return None;
     }
-    let is_it = |tried: &&Tried| {
+    let is_it = |tried: &&FittedStructure| {
         tried.kinds.len() == named.len() && tried.kinds.iter().all(|kind| named.contains(kind))
     };
     let (_, closed) = diagnosis.tried.iter().find(is_it)?.held_out?;
     Some(closed)
 }
 
-/// What the repaired model explains over the three horizons together.
+/// The share that the repaired model explains over the three horizons together.
 fn at_horizons(diagnosis: &Diagnosis, closure: &Closure) -> Explained {
     let held_out = &diagnosis.held_out;
     let share = closure.overall.max(0.0);
     Explained::known(share, held_out.repaired_on_board, held_out.floor)
 }
 
-/// What an error (rad) on runs that were not fitted explains of the refit's.
+/// The share of the refit's error that an error (rad) on held-out runs explains.
 fn of_the_refit(diagnosis: &Diagnosis, error: f64) -> Explained {
     let held_out = &diagnosis.held_out;
     Explained::of_whole_runs(held_out.refit, error, held_out.floor)
 }
 
-/// What the sentence rests on, and what to do.
+/// The lede: the evidence for the verdict, and what to do.
 fn lede(diagnosis: &Diagnosis) -> String {
     let held_out = &diagnosis.held_out;
     let [nominal, refit, repaired, floor] = [
@@ -522,7 +520,7 @@ fn lede(diagnosis: &Diagnosis) -> String {
     }
 }
 
-/// What the repaired model leaves, as a clause.
+/// The remaining error of the repaired model, as a clause.
 fn left_over(diagnosis: &Diagnosis) -> &'static str {
     if diagnosis.adequacy.adequate {
         "what is left is noise"
@@ -535,7 +533,7 @@ fn left_over(diagnosis: &Diagnosis) -> &'static str {
 
 /// The structure that closed most of the held-out gap, its error (rad) there,
 /// and the share that it closed.
-fn closed_most(diagnosis: &Diagnosis) -> Option<(&Tried, f64, f64)> {
+fn closed_most(diagnosis: &Diagnosis) -> Option<(&FittedStructure, f64, f64)> {
     diagnosis
         .tried
         .iter()
@@ -565,7 +563,7 @@ fn why_no_name(diagnosis: &Diagnosis) -> String {
     )
 }
 
-/// What a structure that closed so much of the gap lacks for a name.
+/// Why a structure that closed this share of the gap is not named.
 fn shortfall(closed: f64) -> String {
     let needed = Policy::STANDARD.part;
     if closed >= needed {
@@ -581,7 +579,7 @@ fn shortfall(closed: f64) -> String {
     }
 }
 
-/// The rivals, or what comes closest.
+/// The rivals, or the closest structures.
 fn rivals(diagnosis: &Diagnosis) -> Vec<Rival> {
     let explained = diagnosis.answer != Answer::Unexplained;
     diagnosis
@@ -614,7 +612,7 @@ fn lettered(diagnosis: &Diagnosis) -> Option<String> {
     ))
 }
 
-/// What the best of the rivals explains over whole runs.
+/// The share that the best rival explains over whole runs.
 fn likeliest_explains(diagnosis: &Diagnosis) -> Option<Explained> {
     let best = diagnosis.alternatives.first()?;
     let (error, _) = fitted_as(diagnosis, &best.kinds)?.held_out?;
@@ -622,7 +620,7 @@ fn likeliest_explains(diagnosis: &Diagnosis) -> Option<Explained> {
 }
 
 /// The structure that adds these effects, as it was fitted.
-fn fitted_as<'a>(diagnosis: &'a Diagnosis, names: &[String]) -> Option<&'a Tried> {
+fn fitted_as<'a>(diagnosis: &'a Diagnosis, names: &[String]) -> Option<&'a FittedStructure> {
     let mut all = diagnosis.tried.iter();
     all.find(|tried| are_the_same(&tried.kinds, names))
 }
@@ -633,7 +631,7 @@ fn are_the_same(kinds: &[Kind], names: &[String]) -> bool {
     kinds.len() == names.len() && kinds.iter().all(has)
 }
 
-/// What would separate the rivals, as a sentence.
+/// A sentence about the run that would separate the rivals.
 fn what_separates(diagnosis: &Diagnosis) -> &'static str {
     if diagnosis
         .ended
@@ -665,8 +663,7 @@ fn key(label: &str, value: String, note: impl Into<String>) -> Key {
     }
 }
 
-/// Four numbers that carry the verdict: the error, the noise that bounds it,
-/// and two that depend on the answer.
+/// The four key numbers: the error, the noise floor, and two that depend on the answer.
 fn keys(diagnosis: &Diagnosis) -> Vec<Key> {
     let held_out = &diagnosis.held_out;
     let noise = key(
@@ -781,8 +778,8 @@ fn explained_key(explained: Explained, note: &str) -> Key {
     key(EXPLAINED, explained.to_string(), note)
 }
 
-/// What the repaired model explains; over whole runs it stands in the table of what was
-/// tried.
+/// The share that the repaired model explains. The share over whole runs is also in the
+/// table of tried structures.
 fn repair_key(diagnosis: &Diagnosis, note: &str) -> Key {
     let held_out = &diagnosis.held_out;
     let whole = of_the_refit(diagnosis, held_out.repaired_on_board);
@@ -803,7 +800,7 @@ fn probability_key(value: Option<f64>, note: &str) -> Key {
     )
 }
 
-/// What a noise floor of `shown` (rad) consists of.
+/// The sources of a noise floor of `shown` (rad).
 fn noise_note(floor: &NoiseFloor, shown: f64) -> String {
     let source = noise_source(floor);
     if 3.0 * floor.input > shown {
@@ -814,7 +811,7 @@ fn noise_note(floor: &NoiseFloor, shown: f64) -> String {
     }
 }
 
-/// Where the noise floor comes from: the largest of its sources.
+/// The largest source of the noise floor.
 fn noise_source(floor: &NoiseFloor) -> &'static str {
     let is_it = |source: Option<f64>| source.is_some_and(|source| source >= floor.rms);
     if is_it(floor.repeats) {
@@ -828,7 +825,7 @@ fn noise_source(floor: &NoiseFloor) -> &'static str {
     }
 }
 
-/// What is noteworthy about the recordings.
+/// Notices about the recordings.
 fn notices(diagnosis: &Diagnosis) -> Vec<Notice> {
     let floor = &diagnosis.floor;
     let scatter = floor.repeats.filter(|scatter| *scatter > 2.0 * floor.white);
@@ -903,7 +900,7 @@ fn errors(diagnosis: &Diagnosis) -> Vec<ErrorRow> {
     ]
 }
 
-/// How far (rad RMS) the measured angles go from the mean of their own run.
+/// RMS deviation (rad) of the measured angles from the mean of their own run.
 fn spread<'a>(segments: impl Iterator<Item = &'a Segment>) -> f64 {
     let (mut squares, mut samples) = (0.0, 0_usize);
     for segment in segments {
@@ -956,7 +953,7 @@ fn effects(diagnosis: &Diagnosis) -> Vec<Effect> {
                         slot: first + offset,
                         parameter,
                     })
-                    // A table has room for more nodes than it has.
+                    // Unused nodes of a table are not shown.
                     .filter(|&id| fit.model.value(id).is_some())
                     .map(|id| parameter_row(fit, id, None))
                     .collect(),
@@ -1038,7 +1035,7 @@ fn tried(diagnosis: &Diagnosis) -> Vec<TriedGroup> {
     let sizes = diagnosis.tried.iter().map(|tried| tried.kinds.len()).max();
     (0..=sizes.unwrap_or(0))
         .filter_map(|size| {
-            let all: Vec<&Tried> = diagnosis
+            let all: Vec<&FittedStructure> = diagnosis
                 .tried
                 .iter()
                 .filter(|tried| tried.kinds.len() == size)
@@ -1063,7 +1060,7 @@ fn tried(diagnosis: &Diagnosis) -> Vec<TriedGroup> {
         .collect()
 }
 
-fn tried_row(tried: &Tried, diagnosis: &Diagnosis) -> TriedRow {
+fn tried_row(tried: &FittedStructure, diagnosis: &Diagnosis) -> TriedRow {
     let names: Vec<&str> = tried.kinds.iter().map(|kind| kind.name()).collect();
     let (fitted, held_out) = errors_of(tried, diagnosis);
     TriedRow {
@@ -1096,10 +1093,9 @@ fn tried_row(tried: &Tried, diagnosis: &Diagnosis) -> TriedRow {
     }
 }
 
-/// Errors (rad) on fitted runs and on those that were not. Refit and repaired model have
-/// those of the headline: their search may have fitted them at another horizon, or left
-/// out other runs together.
-fn errors_of(tried: &Tried, diagnosis: &Diagnosis) -> (f64, Option<f64>) {
+/// Errors (rad) on fitted and on held-out runs. Refit and repaired model have those of the
+/// headline: the search may have fitted them at another horizon, or in other folds.
+fn errors_of(tried: &FittedStructure, diagnosis: &Diagnosis) -> (f64, Option<f64>) {
     let added = &diagnosis.repaired.added;
     let held_out = &diagnosis.held_out;
     if tried.kinds.is_empty() {
@@ -1116,7 +1112,7 @@ fn errors_of(tried: &Tried, diagnosis: &Diagnosis) -> (f64, Option<f64>) {
 }
 
 /// What became of a structure.
-fn standing(tried: &Tried, diagnosis: &Diagnosis) -> Standing {
+fn standing(tried: &FittedStructure, diagnosis: &Diagnosis) -> Standing {
     let alternatives = &diagnosis.alternatives;
     let listed = alternatives
         .iter()
@@ -1185,7 +1181,7 @@ fn next(request: &Request<'_>, diagnosis: &Diagnosis) -> Vec<NextRun> {
         .collect()
 }
 
-/// What these recordings leave open.
+/// Sentences about what these recordings leave open.
 fn open(diagnosis: &Diagnosis) -> Vec<String> {
     let mut open: Vec<String> = diagnosis.identifiability[0]
         .text
@@ -1229,16 +1225,16 @@ fn open(diagnosis: &Diagnosis) -> Vec<String> {
     open
 }
 
-/// What became of an effect that looks like a named one.
+/// The standing of a look-alike of a named effect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Alike {
-    /// The recordings reject it.
+    /// It is rejected.
     ToldApart,
-    /// They do not.
+    /// It is not rejected.
     NotSeparated,
-    /// The named effect is a special case of it, and leaves as little.
+    /// It generalises the named effect, and leaves no less.
     MoreGeneral,
-    /// It was not fitted to the end in place of the named one.
+    /// It had no final fit in place of the named one.
     NotTried,
 }
 
@@ -1250,7 +1246,7 @@ impl Alike {
         Self::NotTried,
     ];
 
-    /// What is said about all of them.
+    /// The text about all of them.
     fn text(self) -> &'static str {
         match self {
             Self::ToldApart => "These recordings tell what is named from its look-alikes",
@@ -1263,7 +1259,7 @@ impl Alike {
     }
 }
 
-/// What the effects that look like the named ones came to, as sentences.
+/// Sentences about the look-alikes of the named effects.
 fn look_alikes(diagnosis: &Diagnosis) -> Vec<String> {
     let added = &diagnosis.repaired.added;
     let size = judged_size(diagnosis);
@@ -1298,9 +1294,9 @@ fn look_alikes(diagnosis: &Diagnosis) -> Vec<String> {
         .collect()
 }
 
-/// What became of `other`, which looks like `named`, among structures of `size`
-/// effects: the best of those that have it instead decides.
-fn fate(named: Kind, other: Kind, size: usize, tried: &[Tried]) -> Alike {
+/// The standing of `other`, a look-alike of `named`, among structures of `size` effects:
+/// that of the best structure that has it instead.
+fn fate(named: Kind, other: Kind, size: usize, tried: &[FittedStructure]) -> Alike {
     let best = tried
         .iter()
         .filter(|tried| tried.kinds.len() == size)
@@ -1315,8 +1311,8 @@ fn fate(named: Kind, other: Kind, size: usize, tried: &[Tried]) -> Alike {
     }
 }
 
-/// How many effects the structures have among which was chosen: as many as are
-/// named, or more where the named ones are what several have in common.
+/// The size of the structures among which the answer was chosen: the number of named
+/// effects, or more if these are common to several structures.
 fn judged_size(diagnosis: &Diagnosis) -> usize {
     let rival = diagnosis.alternatives.first();
     rival.map_or(diagnosis.repaired.added.len(), |rival| rival.kinds.len())
@@ -1324,7 +1320,7 @@ fn judged_size(diagnosis: &Diagnosis) -> usize {
 
 /// Whether a structure is one of several that are not rejected and have the
 /// named effects in common.
-fn shares_the_named(tried: &Tried, diagnosis: &Diagnosis) -> bool {
+fn shares_the_named(tried: &FittedStructure, diagnosis: &Diagnosis) -> bool {
     let (named, size) = (diagnosis.repaired.added.len(), judged_size(diagnosis));
     diagnosis.answer == Answer::EffectFound
         && size > named
@@ -1333,7 +1329,7 @@ fn shares_the_named(tried: &Tried, diagnosis: &Diagnosis) -> bool {
 }
 
 /// Whether a run is proposed that separates a structure from another.
-fn is_to_be_separated(tried: &Tried, diagnosis: &Diagnosis) -> bool {
+fn is_to_be_separated(tried: &FittedStructure, diagnosis: &Diagnosis) -> bool {
     let mut pairs = diagnosis.proposals.iter().flat_map(|(_, pair)| pair);
     pairs.any(|names| are_the_same(&tried.kinds, names))
 }
@@ -1380,7 +1376,7 @@ fn probability(value: f64) -> String {
     }
 }
 
-/// A word as a shell wants it.
+/// A word quoted for a shell.
 pub(crate) fn quoted(word: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "-_./:=,+@%".contains(c);
     if !word.is_empty() && word.chars().all(plain) {
@@ -1410,12 +1406,12 @@ mod tests {
     #[test]
     fn look_alikes_are_told_apart_only_where_they_were_rejected() {
         use Kind::{BoucWenHysteresis, CoulombFriction, InputBacklash};
-        let tried = |kinds: &[Kind], probability| Tried {
+        let tried = |kinds: &[Kind], probability| FittedStructure {
             kinds: kinds.to_vec(),
             rmse: 0.01,
             held_out: None,
             delta_bic: 0.0,
-            separation: 0.0,
+            vuong_statistic: 0.0,
             probability,
             rejected: probability < 0.05,
             at_bound: Vec::new(),
@@ -1441,7 +1437,7 @@ mod tests {
             white: 0.01,
             repeats: Some(0.015),
             rest: Some(0.02),
-            quantum: 0.001,
+            quantisation_step: 0.001,
             input: 0.001,
             groups: Vec::new(),
         };

@@ -1,34 +1,35 @@
-//! Residual analysis: is what a model leaves white, and does it go with the input?
+//! Residual analysis: is the residual white, and is it correlated with the input?
 //!
-//! A residual ε that is correlated with itself holds something that a model could
-//! have predicted; one that is correlated with earlier inputs u, something that the
-//! dynamics lack (Ljung, System Identification, 2nd edition, §16.6). Estimated are
+//! A residual ε that is correlated with itself contains something that a model could
+//! predict. One that is correlated with earlier inputs u shows missing dynamics (Ljung,
+//! System Identification, 2nd edition, §16.6). The estimates are
 //!
 //! ```text
 //! ρ_ε(τ)  = Σ ε(t) ε(t−τ) / Σ ε²(t)
 //! ρ_εu(τ) = Σ ε(t) u(t−τ) / √(Σ ε²(t) · Σ u²(t))
 //! ```
 //!
-//! over all runs together, with the mean of the input taken away. The mean of the
-//! residual stays: an offset is no noise. Of N samples of white noise, 95 % of the
-//! first lie within ±1.96/√N. The second scatters by √(P/N), P = Σ ρ_ε(k) ρ_u(k): slow
-//! inputs and slow residuals look alike by chance.
+//! over all runs together, with the mean of the input subtracted. The mean of the
+//! residual stays: an offset is no noise. For N samples of white noise, 95 % of the
+//! autocorrelations lie within ±1.96/√N. The standard deviation of the cross-correlation
+//! is √(P/N) with P = Σ ρ_ε(k) ρ_u(k), since slow inputs and slow residuals correlate by
+//! chance.
 
 use crate::estimate::statistics::mean;
 
-/// Between ± so many standard deviations lie 95 % of normal values.
+/// Half width of the 95 % interval of normal values, in standard deviations.
 const NORMAL95: f64 = 1.96;
 
-/// Lags on one side, about, at most: no picture is wider.
+/// Largest number of lags on one side, about: no picture is wider.
 pub const MOST_LAGS: usize = 500;
 
-/// Lags on one side, at least, where a run is long enough.
+/// Least number of lags on one side, if a run is long enough.
 const FEWEST_LAGS: usize = 25;
 
-/// The part of the longest run that a lag may reach: beyond it few pairs are left.
+/// Largest lag, as a share of the longest run: beyond it few pairs are left.
 const REACH: f64 = 0.25;
 
-/// One run with what a model leaves of it.
+/// One run with the residual of a model.
 #[derive(Clone, Copy, Debug)]
 pub struct Run<'a> {
     /// Time of each sample (s), increasing.
@@ -37,7 +38,7 @@ pub struct Run<'a> {
     pub residual: &'a [f64],
     /// The measured input.
     pub input: &'a [f64],
-    /// Whether the residual says nothing, a word a sample.
+    /// For each sample, whether the residual is not usable.
     pub silent: &'a [bool],
 }
 
@@ -48,7 +49,7 @@ pub struct Correlation {
     pub lag: Vec<f64>,
     /// Correlation at each, −1 to 1.
     pub value: Vec<f64>,
-    /// What 95 % of the values stay below in size if nothing is correlated.
+    /// The 95 % bound of the absolute value without any correlation.
     pub band: f64,
 }
 
@@ -86,7 +87,7 @@ impl Correlation {
     }
 }
 
-/// Correlations of what a model leaves.
+/// Correlations of a residual.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Correlations {
     /// Of the residual with itself, from lag zero.
@@ -99,8 +100,8 @@ pub struct Correlations {
 }
 
 impl Correlations {
-    /// Correlates over lags up to `longest` (s); none where there are no samples, or
-    /// nothing is left.
+    /// Correlates over lags up to `longest` (s); none if there are no samples, or the
+    /// residual is zero.
     pub fn of(runs: &[Run<'_>], longest: f64) -> Option<Self> {
         let duration = |run: &Run<'_>| Some(run.time.last()? - run.time.first()?);
         let longest_run = runs.iter().filter_map(duration).fold(0.0, f64::max);
@@ -145,8 +146,8 @@ impl Correlations {
     }
 }
 
-/// The common step (s) of the lags: that of the slowest run, so that no sample is made up,
-/// or a multiple of it, no finer than [`MOST_LAGS`] need.
+/// The common step (s) of the lags: that of the slowest run, so that nothing is
+/// interpolated, or the multiple of it that [`MOST_LAGS`] requires.
 fn step(runs: &[Run<'_>], longest: f64) -> Option<f64> {
     let usual = |run: &Run<'_>| {
         let mut steps: Vec<f64> = run.time.windows(2).map(|pair| pair[1] - pair[0]).collect();
@@ -161,7 +162,7 @@ fn step(runs: &[Run<'_>], longest: f64) -> Option<f64> {
     Some(every * slowest)
 }
 
-/// A run on a regular clock. What is missing is zero, which no sum notices.
+/// A run on a regular clock. Missing samples are zero, which adds nothing to a sum.
 struct Grid {
     residual: Vec<f64>,
     input: Vec<f64>,
@@ -170,8 +171,8 @@ struct Grid {
 }
 
 impl Grid {
-    /// Puts each sample at the nearest tick: means or interpolated values would be
-    /// correlated where the samples are not. The first of several stays.
+    /// Puts each sample at the nearest tick; of several, the first. Means or interpolated
+    /// values would be correlated even if the samples are not.
     fn of(run: &Run<'_>, step: f64) -> Option<Self> {
         let (first, last) = (run.time.first()?, run.time.last()?);
         // Times increase, and a recording with a gap of years is refused before.
@@ -199,8 +200,8 @@ impl Grid {
     }
 }
 
-/// Takes the mean of all runs together from the input: what differs between runs is part of
-/// it.
+/// Subtracts the mean of all runs together from the input: differences between runs are
+/// part of it.
 fn remove_mean(grids: &mut [Grid]) {
     let present = |grid: &Grid| -> Vec<f64> {
         let pairs = grid.input.iter().zip(&grid.present);
@@ -233,8 +234,8 @@ fn normalised(a: &[Vec<f64>], b: &[Vec<f64>], lags: usize) -> Option<Vec<f64>> {
     Some((0..=lags).map(|lag| at(lag) / scale).collect())
 }
 
-/// P = Σ ρ_ε(k) ρ_u(k) over both signs of k, with weights that fall to zero (Bartlett):
-/// the far ones are estimated too badly to be summed. At least that of white noise.
+/// P = Σ ρ_ε(k) ρ_u(k) over both signs of k, with Bartlett weights, since far lags are
+/// estimated poorly. At least that of white noise.
 fn spread(residual: &[f64], input: &[f64]) -> f64 {
     let count = residual.len().min(input.len());
     let both = residual.iter().zip(input).enumerate().skip(1);

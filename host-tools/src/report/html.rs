@@ -1,10 +1,8 @@
-//! The page: one file that needs nothing else, neither a network nor whoever
-//! made it.
+//! The report: one self-contained HTML file.
 //!
-//! Words come from [`super::content`], pictures from [`super::pictures`]; the
-//! template sets them. Everything that stems from a user, down to the names of
-//! files, is escaped by the template engine; only our own drawings, style and
-//! script go in as they are.
+//! The texts come from [`super::content`], the pictures from [`super::pictures`]; the
+//! template arranges them. The template engine escapes all input of a user, down to the
+//! names of files; only our own drawings, style and script are inserted unescaped.
 
 use minijinja::value::Serde;
 use minijinja::{Environment, UndefinedBehavior, Value};
@@ -31,18 +29,17 @@ const TEMPLATE: &str = include_str!("assets/template.html");
 const STYLE: &str = include_str!("assets/style.css");
 const SCRIPT: &str = include_str!("assets/script.js");
 
-/// Runs that are drawn; others stand in the table only.
+/// Number of drawn runs; others are in the table only.
 const RUNS_DRAWN: usize = 12;
 
-/// Features that are drawn besides the time since the last edge: those that
-/// explain most. An even number fills the rows.
+/// Number of drawn features besides the time since the last edge, strongest first. An
+/// even number fills the rows.
 const FEATURES_DRAWN: usize = 4;
 
-/// A feature that explains less than this is not worth a picture, unless it
-/// is one of the first two.
+/// Least share of a drawn feature; the first two are always drawn.
 const FEATURE_WORTH: f64 = 0.1;
 
-/// Below what was tried, where the repaired model is not the best fit to whole runs.
+/// The note where the repaired model is not the best fit to whole runs.
 const HORIZON: &str = "The repaired model was fitted over a horizon shorter than whole runs, where it predicts best what was not fitted. The errors of the others on fitted runs are those of fits over whole runs, which are smaller there.";
 
 /// A picture with its caption.
@@ -65,7 +62,7 @@ struct Map {
     colours: String,
 }
 
-/// What is left, before and after.
+/// The residual, before and after.
 #[derive(Debug, Serialize)]
 struct Left {
     sentence: String,
@@ -104,7 +101,7 @@ struct Switch {
     colour: String,
 }
 
-/// What the template is filled with.
+/// The data of the template.
 #[derive(Debug, Serialize)]
 struct Page<'a> {
     style: &'static str,
@@ -142,8 +139,7 @@ struct Page<'a> {
 ///
 /// # Errors
 ///
-/// If the template and what it is filled with do not fit together, which no diagnosis is
-/// known to cause.
+/// If the template and its data do not match, which no diagnosis is known to cause.
 pub fn page(
     request: &Request<'_>,
     diagnosis: &Diagnosis,
@@ -244,8 +240,8 @@ fn equation(plain: String) -> Value {
     Value::from_safe_string(equation::html(&plain))
 }
 
-/// Sets a text as print would: a number keeps its unit on the line, and a minus
-/// is not a hyphen.
+/// Sets a text typographically: a number stays on one line with its unit, and a minus is
+/// not a hyphen.
 #[allow(clippy::needless_pass_by_value)] // the signature that a filter has
 fn set(text: String) -> String {
     let text = text.replace(" %", "\u{a0}%").replace(" N ", "\u{a0}N ");
@@ -261,8 +257,7 @@ fn set(text: String) -> String {
     set
 }
 
-/// The runs that are drawn, in their order: all of them, or those on which the
-/// refit misses most.
+/// The drawn runs, in order: all of them, or those with the largest error of the refit.
 fn most_telling(views: &[RunView<'_>]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..views.len()).collect();
     order.sort_by(|&a, &b| views[b].rms()[1].total_cmp(&views[a].rms()[1]));
@@ -441,7 +436,7 @@ fn run_row(view: &RunView<'_>) -> RunRow {
     }
 }
 
-/// The files with what became of them: the model, then the recordings.
+/// The files and their roles: the model, then the recordings.
 fn files(left_out: Option<usize>, provenance: &Provenance) -> Vec<Source> {
     let mut files = provenance.files.clone();
     let left_out = left_out.and_then(|recording| {
@@ -454,7 +449,7 @@ fn files(left_out: Option<usize>, provenance: &Provenance) -> Vec<Source> {
     files
 }
 
-/// Where the noise floor comes from.
+/// The sources of the noise floor.
 fn noise(diagnosis: &Diagnosis) -> Vec<[String; 2]> {
     let floor = &diagnosis.floor;
     let mut rows = vec![
@@ -473,8 +468,11 @@ fn noise(diagnosis: &Diagnosis) -> Vec<[String; 2]> {
     if let Some(rest) = floor.rest {
         rows.push(["scatter at rest, about a line".to_owned(), degrees(rest)]);
     }
-    if floor.quantum > 0.0 {
-        rows.push(["step of the converter".to_owned(), degrees(floor.quantum)]);
+    if floor.quantisation_step > 0.0 {
+        rows.push([
+            "step of the converter".to_owned(),
+            degrees(floor.quantisation_step),
+        ]);
     }
     rows.push([
         "left by the noise of the pressure, on top of the floor".to_owned(),

@@ -1,24 +1,22 @@
-//! A diagnosis for people: the summary on the terminal, the picture and the
-//! page.
+//! Reports of a diagnosis: the summary on the terminal, the picture and the HTML page.
 //!
-//! What is said is decided once, in [`content`]: sentences and rounded numbers.
-//! [`terminal`] sets them in lines, [`html`] on a page with [`pictures`]; how
-//! the page was made, down to the hashes of its files, stands in
-//! [`provenance`]. What is left is analysed in [`residuals`] by its [`correlation`], what
-//! the parameters leave open of a curve in [`confidence`]. Shares of the error are set in
-//! [`shares`], equations in [`equation`].
+//! [`content`] makes all sentences and rounded numbers once. [`terminal`] prints them,
+//! [`html`] puts them on a page with [`pictures`], and [`provenance`] adds how the page was
+//! made, with the hashes of its files. [`residuals`] analyses the residual by its
+//! [`correlation`], [`confidence`] gives the band of a curve, [`shares`] the explained share
+//! of the error, and [`equation`] sets equations.
 
-pub mod confidence;
+pub(crate) mod confidence;
 pub mod content;
-pub mod correlation;
-pub mod equation;
+pub(crate) mod correlation;
+pub(crate) mod equation;
 pub mod html;
-pub mod numbers;
+pub(crate) mod numbers;
 pub mod pictures;
 pub mod provenance;
-pub mod residuals;
+pub(crate) mod residuals;
 pub mod runs;
-pub mod shares;
+pub(crate) mod shares;
 pub mod terminal;
 
 use std::path::Path;

@@ -1,12 +1,11 @@
-//! Numbers as people read them: three significant digits.
+//! Numbers for readers: three significant digits.
 //!
-//! More would be read as if they meant something, and the same error with three digits
-//! in one place and four in another looks like two. Files and JSON keep what was
-//! computed.
+//! Further digits mean nothing, and the same error with three digits in one place and four
+//! in another looks like two errors. Files and JSON keep all digits.
 
 /// A share in whole percent.
 pub fn percent(share: f64) -> String {
-    /// Smaller shares are none to a whole percent.
+    /// Shares below this round to 0 %.
     const HALF: f64 = 0.005;
     if !share.is_finite() {
         return "–".into();
@@ -19,7 +18,7 @@ pub fn percent(share: f64) -> String {
     format!("{:.0} %", 100.0 * share).replace('-', "−")
 }
 
-/// Evidence (ΔBIC, Δχ²): whole numbers, of which three digits count.
+/// Evidence (ΔBIC, Δχ²): whole numbers with three significant digits.
 pub fn evidence(value: f64) -> String {
     if value.abs() < 100.0 {
         let whole = if value.abs() < 0.5 { 0.0 } else { value };
@@ -29,9 +28,8 @@ pub fn evidence(value: f64) -> String {
     }
 }
 
-/// The fit of system identification: what share of a signal's spread an error leaves out,
-/// 1 − ‖y − ŷ‖/‖y − ȳ‖, of two RMS values. Three digits near 100 %, where two models differ
-/// behind the point.
+/// The normalised RMS fit of system identification, 1 − ‖y − ŷ‖/‖y − ȳ‖, from two RMS
+/// values. Three digits near 100 %, where models differ by less than 1 %.
 pub fn fit(error: f64, spread: f64) -> String {
     let share = 1.0 - error / spread;
     if !share.is_finite() {
@@ -88,8 +86,8 @@ fn magnitude(value: f64) -> i32 {
     exponent.and_then(Result::ok).unwrap_or(0)
 }
 
-/// Rounds to the last of so many digits of a number of this magnitude; with a power of ten
-/// where zeros would fill the place.
+/// Rounds a number of this magnitude to `count` significant digits, with a power of ten for
+/// very large or small numbers.
 #[allow(clippy::cast_sign_loss)] // not below zero where it is cast
 fn rounded(value: f64, magnitude: i32, count: i32) -> String {
     let decimals = count - 1 - magnitude;

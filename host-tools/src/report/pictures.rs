@@ -1,9 +1,8 @@
 //! The pictures of a report.
 //!
-//! Those of the page are drawn for a narrow column: side by side on a desk and
-//! on paper, one below the other on a phone, with letters that can be read on
-//! either. Below the angle of every run stands the pressure that drove it: whether
-//! an error follows the input is the first thing to look for.
+//! Pictures of the page fit a narrow column: side by side on a desktop and on paper, one
+//! below the other on a phone, with readable text on either. The pressure of every run is
+//! drawn below its angle, since the first question is whether an error follows the input.
 
 use super::content::sentence;
 use super::runs::{RunView, runs};
@@ -23,7 +22,7 @@ pub(super) const COLUMN_PX: f64 = 420.0;
 
 /// Labels of the curves; the page's switches go by them.
 pub const MEASURED: &str = "measured";
-/// What drove the run.
+/// The input.
 pub const PRESSURE: &str = "pressure";
 /// The model as supplied.
 pub const NOMINAL: &str = "nominal";
@@ -36,8 +35,8 @@ pub const REPAIRED: &str = "repaired";
 /// apart.
 pub const RIVALS: [&str; 3] = ["with A", "with B", "with C"];
 
-/// The picture of `--plot`: the fitted and the held-out run with the largest
-/// gap, measured, before and after, and what is left of each below.
+/// The picture of `--plot`: the fitted and the held-out run with the largest error,
+/// measured, before and after, with the residuals below.
 pub fn figure(diagnosis: &Diagnosis) -> Figure {
     let repaired = if diagnosis.repaired.added.is_empty() {
         String::new()
@@ -109,7 +108,7 @@ pub fn figure(diagnosis: &Diagnosis) -> Figure {
     figure
 }
 
-/// The run on which the refit misses most, of those that are wanted.
+/// The selected run with the largest error of the refit.
 fn worst<'v, 'a>(
     all: &'v [RunView<'a>],
     wanted: impl Fn(&RunView<'a>) -> bool,
@@ -161,7 +160,7 @@ pub fn curves_of(diagnosis: &Diagnosis) -> [Vec<&'static str>; 2] {
     curves.map(<[&str]>::to_vec)
 }
 
-/// What the model of the curve with this label misses of a run (°).
+/// The residual (°) of the curve with this label.
 fn residual_of<'r>(run: &'r RunView<'_>, label: &str) -> &'r [f64] {
     match label {
         NOMINAL => &run.nominal,
@@ -201,7 +200,7 @@ pub fn style_of(label: &str) -> Style {
     }
 }
 
-/// The measured pressure of a run: narrow, for its shape says when, and not how much.
+/// The measured pressure of a run, in a low panel: its timing matters here, not its size.
 fn pressure_panel(run: &RunView<'_>) -> Panel {
     let style = Style::new(Role::Measured, Mark::Line);
     Panel::new("time (s)", "pressure (kPa)")
@@ -215,8 +214,8 @@ fn pressure_panel(run: &RunView<'_>) -> Panel {
         ))
 }
 
-/// One run: angles above, the pressure under them, what each model misses below. A curve
-/// may have a band of such half widths (°).
+/// One run: angles above, the pressure under them, residuals below. A curve may have a band
+/// with these half widths (°).
 pub fn run_figure(
     run: &RunView<'_>,
     [above, below]: &[Vec<&'static str>; 2],
@@ -254,7 +253,7 @@ pub fn run_figure(
         .with_panel(errors)
 }
 
-/// Whether a band of such half widths (°) is thinner than the line that it lies behind.
+/// Whether a band with these half widths (°) is thinner than its line.
 pub fn is_thinner_than_its_line(run: &RunView<'_>, half: &[f64]) -> bool {
     let widest = half.iter().copied().fold(0.0, f64::max);
     2.0 * widest / swing(&run.measured) * ROW_HEIGHT_PX < LINE_PX
@@ -296,8 +295,8 @@ pub fn force_figure(gap: &Gap, shown: &[(usize, &str)]) -> Figure {
     column().with_panel(panel)
 }
 
-/// The missing force over one feature: single samples, and the mean with its
-/// scatter.
+/// The missing force over one feature: samples, and the mean with its standard
+/// deviation.
 pub fn feature_figure(feature: &Feature) -> Figure {
     let columns = |of: fn(&(f64, f64)) -> f64| feature.dots.iter().map(of).collect::<Vec<f64>>();
     let at: Vec<f64> = feature.curve.iter().map(|point| point.at).collect();
@@ -306,7 +305,7 @@ pub fn feature_figure(feature: &Feature) -> Figure {
         feature
             .curve
             .iter()
-            .map(|point| point.force + sign * point.scatter)
+            .map(|point| point.force + sign * point.standard_deviation)
             .collect()
     };
     let panel = Panel::new(with_unit(feature.name, feature.unit), "missing force (N)")

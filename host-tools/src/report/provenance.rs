@@ -1,7 +1,7 @@
-//! How a page was made: by which command, from which files.
+//! Provenance of a report: its command and its files.
 //!
-//! A page outlives the folder that it was made in. Whoever finds both later can
-//! tell from the hashes whether they belong together.
+//! A report outlives the folder in which it was made. The hashes show later which files
+//! belong to it.
 
 use std::path::{Path, PathBuf};
 
@@ -15,7 +15,7 @@ use crate::io::recording::meta_beside;
 /// Role of a recording that was fitted.
 pub const FITTED: &str = "fitted";
 
-/// Role of the file that says which run a recording is.
+/// Role of the metadata of a recording.
 pub const METADATA: &str = "metadata";
 
 /// Role of a recording that was held out.
@@ -34,14 +34,14 @@ pub struct Provenance {
     pub command: String,
     /// Version of the tool.
     pub version: &'static str,
-    /// The model, the file of effects, then the recordings, each with its metadata behind it.
+    /// The model, the file of effects, then the recordings, each followed by its metadata.
     pub files: Vec<Source>,
 }
 
-/// A file that was read.
+/// An input file.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Source {
-    /// What it was read for.
+    /// Its role.
     pub role: &'static str,
     /// The path as it was given.
     pub path: String,
@@ -106,7 +106,7 @@ impl Source {
         Ok(files)
     }
 
-    /// Hashes what is in no file.
+    /// Hashes bytes that are in no file.
     pub fn of(role: &'static str, path: String, bytes: &[u8]) -> Self {
         Self {
             role,

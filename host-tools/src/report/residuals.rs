@@ -1,7 +1,5 @@
-//! What is left, before and after the repair: whether it is white, and whether it goes
-//! with the pressure, in a sentence and two panels.
-//!
-//! The numbers come from [`super::correlation`].
+//! The residual before and after the repair: one sentence and two panels on whether it is
+//! white and whether it is correlated with the pressure ([`super::correlation`]).
 
 use super::correlation::{Correlation, Correlations, Run};
 use super::pictures::{COLUMN_PX, NOMINAL, REFITTED, REPAIRED, ROW_HEIGHT_PX, style_of};
@@ -12,21 +10,21 @@ use crate::estimate::filter::Pace;
 use crate::plot::{Figure, Mark, Panel, Role, Series, Style};
 use crate::report::numbers::{percent, short};
 
-/// Lags reach over so many swings: what is correlated for longer is an offset.
+/// Largest lag, in swing periods: a longer correlation is an offset.
 const SWINGS: f64 = 1.0;
 
-/// A correlation below this holds a hundredth of the power, and nothing to repair.
+/// A correlation below this is a hundredth of the power, and not worth a repair.
 const FAINT: f64 = 0.1;
 
-/// How many lags may be outside of the band by chance, in standard deviations of their
-/// number: 99 of 100 white residuals have fewer.
+/// Number of lags outside the band by chance, in standard deviations: 99 of 100 white
+/// residuals have fewer.
 const BY_CHANCE: f64 = 2.33;
 
-/// Neighbouring lags of a slow input are one chance, and the largest of them is looked at:
-/// beyond 1.5 times the band (three standard deviations) it is none.
+/// Multiple of the band beyond which the largest cross-correlation is no chance: three
+/// standard deviations, since the lags of a slow input are not independent.
 const BEYOND_CHANCE: f64 = 1.5;
 
-/// What a model leaves.
+/// The residual of a model.
 #[derive(Clone, Debug)]
 pub struct Left {
     /// Which model, by the label of its curve.
@@ -35,18 +33,18 @@ pub struct Left {
     pub correlations: Correlations,
 }
 
-/// What the models leave, before and after.
+/// The residuals of the models, before and after.
 #[derive(Clone, Debug)]
 pub struct Residuals {
     /// In the order of the steps; one where nothing was changed.
     pub left: Vec<Left>,
-    /// Whether of runs that were kept out of every fit.
+    /// Whether they are of held-out runs.
     pub held_out: bool,
 }
 
 impl Residuals {
-    /// Correlates what is left of the runs that were not fitted, or of those that were
-    /// where there are no others; none where nothing is left.
+    /// Correlates the residuals of the held-out runs, or of the fitted runs if there are no
+    /// others; none if they are zero.
     pub fn of(diagnosis: &Diagnosis, views: &[RunView<'_>]) -> Option<Self> {
         let held_out = views.iter().any(|view| view.held_out);
         let chosen: Vec<&RunView<'_>> = views
@@ -86,7 +84,7 @@ impl Residuals {
         (!left.is_empty()).then_some(Self { left, held_out })
     }
 
-    /// What a reader sees, of the last model, and what it was before.
+    /// A sentence about the last model, and the change from the first.
     pub fn sentence(&self) -> String {
         let Some(last) = self.left.last() else {
             return String::new();
@@ -101,7 +99,7 @@ impl Residuals {
                 Some(goes) if white => format!(", but {goes}."),
                 Some(goes) => format!(", and {goes}."),
                 None if white => ", and does not go with the pressure.".to_owned(),
-                // A slow residual hides what goes with a slow input.
+                // A slow residual hides its correlation with a slow input.
                 None => format!(
                     "; with the pressure it has no more in common ({}) than chance gives signals \
                      as slow as these.",
@@ -116,7 +114,7 @@ impl Residuals {
         format!("{}{and}{before}", itself.text)
     }
 
-    /// What the panels show.
+    /// The caption of the panels.
     pub fn caption(&self) -> String {
         let samples = self.left.last().map_or(0, |left| left.correlations.samples);
         let runs = if self.held_out {
@@ -178,7 +176,7 @@ fn band(of: &Correlation, label: &str, role: Role) -> Series {
     Series::band(label, &ends, &[-of.band; 2], &[of.band; 2], role)
 }
 
-/// How white a residual is.
+/// The whiteness of a residual.
 struct Whiteness {
     is_white: bool,
     text: String,
@@ -221,7 +219,7 @@ fn whiteness(own: &Correlation) -> Whiteness {
     }
 }
 
-/// That the residual goes with the pressure; none where it does not.
+/// A clause that the residual is correlated with the pressure; none if it is not.
 fn going_with(input: &Correlation) -> Option<String> {
     let (lag, peak) = input.peak()?;
     (peak.abs() > BEYOND_CHANCE * input.band && peak.abs() >= FAINT).then(|| {

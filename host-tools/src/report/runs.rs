@@ -1,20 +1,17 @@
-//! Each run before and after: what was measured and what each model makes of
-//! it.
-//!
-//! Fitted and held-out runs come out of a diagnosis in different places. The
-//! pictures and the table want them in one list.
+//! All runs of a diagnosis in one list, with the residuals of each model, for pictures and
+//! tables.
 
 use crate::diagnose::Diagnosis;
 use crate::estimate::Segment;
 use crate::estimate::statistics::rms;
 use crate::io::recording::Recording;
 
-/// One run with what each model misses of it, in degrees.
+/// One run with the residual of each model, in degrees.
 #[derive(Clone, Debug)]
 pub struct RunView<'a> {
     /// The recording.
     pub recording: &'a Recording,
-    /// Whether it was kept out of the fit.
+    /// Whether it is held out.
     pub held_out: bool,
     /// Index among the fitted runs, or among those held out.
     pub index: usize,
@@ -22,7 +19,7 @@ pub struct RunView<'a> {
     pub measured: Vec<f64>,
     /// The measured pressure in kPa, its zero still in it.
     pub pressure: Vec<f64>,
-    /// Whether the measured angle says nothing, a word a sample.
+    /// For each sample, whether the measured angle is not usable.
     pub silent: Vec<bool>,
     /// Simulated minus measured angle of the model as supplied.
     pub nominal: Vec<f64>,
@@ -32,8 +29,7 @@ pub struct RunView<'a> {
     pub repaired: Vec<f64>,
     /// The same of each rival that remains.
     pub rivals: Vec<Vec<f64>>,
-    /// RMS errors of the three while the run was not fitted; none for a run
-    /// that always was.
+    /// RMS errors of the three while the run was left out; none for a run that never was.
     pub not_fitted: Option<[f64; 3]>,
 }
 
@@ -43,8 +39,8 @@ impl RunView<'_> {
         [&self.nominal, &self.refit, &self.repaired].map(|residual| rms(residual))
     }
 
-    /// RMS errors of the three as they are judged by: of a run that was held out, in the
-    /// board's arithmetic.
+    /// RMS errors of the three for the verdict: of a held-out run, in the board's
+    /// arithmetic.
     pub fn errors(&self) -> [f64; 3] {
         match self.not_fitted {
             Some(errors) if self.held_out => errors,
@@ -52,7 +48,7 @@ impl RunView<'_> {
         }
     }
 
-    /// The angle that a model with this residual has.
+    /// The simulated angle of a model with this residual.
     pub fn angle(&self, residual: &[f64]) -> Vec<f64> {
         residual
             .iter()
@@ -62,7 +58,7 @@ impl RunView<'_> {
     }
 }
 
-/// Simulated minus measured angles (rad) of the models, a series a run.
+/// Simulated minus measured angles (rad) of the models, one series per run.
 struct Residuals<'a> {
     nominal: &'a [Vec<f64>],
     refit: &'a [Vec<f64>],

@@ -1,8 +1,9 @@
-//! How much of the error beyond the noise a model explains on runs that were not fitted.
+//! The explained share of the error beyond the noise, on held-out runs.
 //!
-//! One measure in all that people read: the one by which effects are named
-//! ([`measure::closure`]), √(e² − noise²) after over before. An excess that cannot be told
-//! from none counts as the least that can; the share is then a lower bound, and says so.
+//! Reports use one measure everywhere, the one by which effects are named
+//! ([`measure::closure`]): the ratio of √(e² − noise²) after and before. An excess that
+//! cannot be distinguished from zero counts as the least that can; the share is then a lower
+//! bound, and is shown as one.
 
 use std::fmt;
 
@@ -15,7 +16,7 @@ use crate::report::numbers::percent;
 pub struct Explained {
     /// The share, at most 1; negative where the error grew.
     pub share: f64,
-    /// Whether it may be more: what is left cannot be told from noise.
+    /// Whether it is a lower bound: what is left cannot be distinguished from noise.
     pub at_least: bool,
 }
 
@@ -29,7 +30,7 @@ impl Explained {
         }
     }
 
-    /// A share that was measured before, of a model that leaves `after` (rad).
+    /// A share measured before, of a model with the error `after` (rad).
     pub fn known(share: f64, after: f64, noise: f64) -> Self {
         Self {
             share,
@@ -39,13 +40,13 @@ impl Explained {
 }
 
 impl Explained {
-    /// As in a sentence.
+    /// The share in words.
     pub fn in_words(&self) -> String {
         let least = if self.is_bound() { "at least " } else { "" };
         format!("{least}{}", percent(self.share))
     }
 
-    /// Nothing explained is no bound worth a word.
+    /// Whether the bound is worth showing: not if nothing is explained.
     fn is_bound(&self) -> bool {
         self.at_least && self.share > 0.0
     }
@@ -58,7 +59,7 @@ impl fmt::Display for Explained {
     }
 }
 
-/// Whether the excess of an error over the noise cannot be told from none.
+/// Whether the excess of an error over the noise cannot be distinguished from zero.
 fn is_noise(error: f64, noise: f64) -> bool {
     let least = Policy::STANDARD.noise_share * noise;
     error * error - noise * noise <= least * least

@@ -1,16 +1,16 @@
-//! The summary on the terminal: what the page says, in some twenty lines.
+//! The summary on the terminal: the content of the report in some twenty lines.
 
 use super::Outputs;
 use super::content::{Content, Notice, ParameterRow, Rival};
 use crate::diagnose::verdict::Answer;
 
-/// As many lines are read at a glance.
+/// Largest number of lines: one screen.
 const LINES: usize = 25;
 
-/// How the result is kept, where nothing was written.
+/// The hint if nothing was written.
 pub const KEEP: &str = "Add --report report.html or -o repaired.toml to keep the result.";
 
-/// The summary; `seed` and `seconds` stand in its last line.
+/// The summary; `seed` and `seconds` are in its last line.
 pub fn summary(content: &Content, outputs: &Outputs<'_>, seed: u64, seconds: f64) -> String {
     let mut lines = vec![content.sentence.clone()];
     lines.extend(content.ended.clone());
@@ -48,8 +48,7 @@ pub fn summary(content: &Content, outputs: &Outputs<'_>, seed: u64, seconds: f64
     lines.join("\n") + "\n"
 }
 
-/// What is noteworthy about the recordings, in `room` lines or, if there are
-/// more, in two at least.
+/// Notices about the recordings, in at most `room` lines, but at least two.
 fn notes(notices: &[Notice], room: usize) -> Vec<String> {
     let room = room.max(2);
     let shown = if notices.len() > room {
@@ -72,7 +71,7 @@ fn notes(notices: &[Notice], room: usize) -> Vec<String> {
     lines
 }
 
-/// A parameter, before and after, with its unit and how well it is known.
+/// A parameter, before and after, with its unit and interval.
 fn parameter(row: &ParameterRow) -> String {
     let nominal = row
         .nominal
@@ -90,10 +89,10 @@ fn parameter(row: &ParameterRow) -> String {
     )
 }
 
-/// What stands above the base parameters.
+/// The title of the base parameters.
 fn base_title(answer: Answer) -> &'static str {
     if answer == Answer::NoDiscrepancy {
-        "Base parameters, which are kept → what a refit would make of them:"
+        "Base parameters, kept → what a refit gives:"
     } else {
         "Base parameters, nominal → fitted:"
     }
@@ -134,7 +133,7 @@ fn errors(content: &Content) -> Vec<String> {
     std::iter::once(head).chain(rows).collect()
 }
 
-/// Where the gap lives, what else could be, and what to do next.
+/// The missing force, the rivals, and the next experiment.
 fn evidence(content: &Content) -> Vec<String> {
     let mut lines = Vec::new();
     if !content.gap.is_empty() {
@@ -194,7 +193,7 @@ fn next(content: &Content) -> Option<String> {
     })
 }
 
-/// What was written where.
+/// The written files.
 fn written(content: &Content, outputs: &Outputs<'_>) -> Vec<String> {
     let model = match content.answer {
         _ if !content.upload => "Model, unchanged",

@@ -1,5 +1,5 @@
-//! The rig at the other end of the cable: the link, what is recorded, what is watched.
+//! The connection to a rig: link, recording and monitor.
 
 pub mod link;
-pub mod monitor;
-pub mod record;
+pub(crate) mod monitor;
+pub(crate) mod record;

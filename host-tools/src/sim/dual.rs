@@ -1,12 +1,12 @@
-//! Numbers that carry exact derivatives through the shared physics.
+//! Dual numbers: exact derivatives through the shared physics.
 //!
 //! Fits need the derivative of every simulated sample by every parameter. A
 //! [`Dual`] is a value with `N` partial derivatives (forward-mode automatic
 //! differentiation), so that running the model once on duals gives the
 //! simulation and its exact gradient, with no difference step to choose.
 //!
-//! Our own, where a library has the same arithmetic: `num-dual` keeps the derivatives of
-//! a constant as an `Option`, and its branches keep the compiler from vectorising.
+//! The library `num-dual` has the same arithmetic. But it keeps the derivatives of a
+//! constant as an `Option`, whose branches prevent vectorisation.
 
 use std::cmp::Ordering;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};

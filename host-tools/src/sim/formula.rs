@@ -1,8 +1,8 @@
-//! From the text of a formula to a program.
+//! Compiles the text of a formula to a program.
 //!
-//! `a*tanh(w/b) + c*th^3` is read by precedence climbing (Pratt's parser) in one pass
-//! that emits the instructions of a [`Program`] as it goes; what is constant is computed
-//! at once. Fits need derivatives and users a column, which is why it is ours
+//! `a*tanh(w/b) + c*th^3` is parsed by precedence climbing (Pratt parser) in one pass that
+//! emits the instructions of a [`Program`]; constant parts are computed at once. The parser
+//! is our own, because fits need derivatives and errors need columns
 //! (`docs/decisions/0044-effects-by-formula.md`).
 //!
 //! | binds | operators | side |
@@ -12,8 +12,8 @@
 //! | | sign `-` `+` | |
 //! | most | `^` | right |
 //!
-//! A text may come from anywhere: its length, its depth and the results that it keeps
-//! are limited, so that reading it neither takes long nor runs out of stack.
+//! The text is untrusted: its length, its depth and its intermediate results are limited,
+//! so that parsing is fast and cannot exhaust the stack.
 
 use model_core::effects::custom::{Binary, Instruction, MAX_RESULTS, Operand, Program, Unary};
 use model_core::effects::table::Variable;
@@ -35,11 +35,6 @@ pub const VARIABLES: [(&str, Variable); 4] = [
     ("p", Variable::Pressure),
     ("t", Variable::Time),
 ];
-
-/// The unit of a variable in a formula.
-pub fn unit(variable: Variable) -> &'static str {
-    variable.unit().symbol()
-}
 
 const CONSTANTS: [(&str, f64); 1] = [("pi", std::f64::consts::PI)];
 

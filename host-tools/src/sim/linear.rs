@@ -1,9 +1,9 @@
 //! The paper's linear rival.
 //!
-//! The paper judges its model by a second-order linear system, M θ̈ + C θ̇ +
-//! K θ = F. Here it is the model with n = 1, without effects, and with the
-//! stiffness that agrees with the nonlinear one at a chosen angle; a comparison
-//! on recordings refits it first, so that the rival is at its best.
+//! The paper compares its model with a second-order linear system, M θ̈ + C θ̇ +
+//! K θ = F. Here that is the model with n = 1, without effects, and with a stiffness that
+//! agrees with the nonlinear one at a chosen angle. For a comparison on recordings it is
+//! refitted first.
 
 use model_core::actuator::Model;
 use model_core::dynamics::Dynamics;

@@ -1,8 +1,8 @@
-//! Models in motion: simulated over a pressure or a protocol, on plain and on dual numbers.
+//! Simulation over a pressure or a protocol, with plain and with dual numbers.
 
 pub mod dual;
-pub mod formula;
-pub mod linear;
-pub mod protocol;
+pub(crate) mod formula;
+pub(crate) mod linear;
+pub(crate) mod protocol;
 pub mod simulate;
 pub mod simulation;

@@ -1,16 +1,15 @@
-//! Test protocols: set-points over time and the pressure that should reach
-//! them.
+//! Test protocols: set-points over time, and the pressure for them.
 //!
 //! The paper drives the actuator open loop: the model's inverse turns a
 //! set-point into the pressure that holds it, and the syringe pump takes a
 //! moment to build it up. `rig simulate --protocol` and `rig example` use the
 //! same protocols.
 //!
-//! The shapes here have angles and times of their own. What boards play, by name
-//! or from a file, is played by the boards' own player: [`play`].
+//! The shapes here have their own angles and times. Protocols of the board, by name or
+//! from a file, are played by the board's own playback: [`play`].
 
 use model_core::actuator::Model;
-use wire::protocol::{Demand, Playback, Track};
+use wire::protocol::{ControlMode, Playback, Reference};
 
 use crate::io::protocol_file::ProtocolFile;
 use crate::io::recording::PASCAL_PER_KPA;
@@ -135,7 +134,7 @@ impl Protocol {
     }
 }
 
-/// What a board makes of a protocol.
+/// A protocol as played by a board.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Play {
     /// Time (s), from the start of the rest before the first command.
@@ -163,26 +162,26 @@ pub fn play(protocol: &ProtocolFile, inverse: &Model<f64>, rate_hz: u32) -> Play
     let mut in_chamber = 0.0;
     let mut play = Play::default();
     for row in 0.. {
-        let demand = if row < rest {
-            Demand::Release
+        let reference = if row < rest {
+            Reference::Release
         } else {
-            playback.demand(program)
+            playback.reference(program)
         };
-        let (angle, command, lag) = match demand {
-            Demand::Track {
-                track: Track::Pressure,
+        let (angle, command, lag) = match reference {
+            Reference::Track {
+                mode: ControlMode::Pressure,
                 level,
             } => (0.0, f64::from(level) * PASCAL_PER_KPA, PUMP_LAG_S),
-            Demand::Track { level: 0.0, .. } | Demand::Release => (0.0, 0.0, VENT_LAG_S),
-            Demand::Track { level, .. } => {
+            Reference::Track { level: 0.0, .. } | Reference::Release => (0.0, 0.0, VENT_LAG_S),
+            Reference::Track { level, .. } => {
                 let angle = f64::from(level).to_radians();
                 (angle, inverse.holding_pressure(angle), PUMP_LAG_S)
             }
-            Demand::Hold => {
+            Reference::Hold => {
                 let angle = play.setpoint.last().copied().unwrap_or(0.0);
                 (angle, in_chamber, PUMP_LAG_S)
             }
-            Demand::Done => break,
+            Reference::Done => break,
         };
         in_chamber += (command - in_chamber) * (1.0 - (-1.0 / (rate * lag)).exp());
         play.time.push(f64::from(row) / rate);

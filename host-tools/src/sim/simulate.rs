@@ -3,8 +3,8 @@
 //! Between its samples the pressure is interpolated, never held: a recorder
 //! samples a continuous signal, and holding each sample until the next delays
 //! the input by half an interval. On the Silverbox oscillator (a public
-//! benchmark with a band-limited input) even the right model misses by 13 mV
-//! with held samples and by a small part of that with interpolated ones.
+//! benchmark with a band-limited input) even the right model has an error of 13 mV
+//! with held samples, and a small part of that with interpolated ones.
 
 use model_core::actuator::{Model, State};
 use model_core::dynamics::Rates;
@@ -204,7 +204,7 @@ impl<R: Real + FromF64> Input<R> for Around<'_, R> {
 
 /// Where a run starts.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Start<R> {
+pub struct InitialState<R> {
     /// What the sensor shows (rad).
     pub angle: R,
     /// Rate of what the sensor shows (rad/s).
@@ -215,7 +215,7 @@ pub struct Start<R> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Origin<R> {
     /// Where it starts.
-    pub start: Start<R>,
+    pub start: InitialState<R>,
     /// What the pressure sensor shows without pressure (Pa).
     pub pressure_zero: R,
     /// Time on the rig's clock at the first sample (s): drifts run by it.
@@ -487,7 +487,7 @@ pub fn state_at<R: FromF64, P: Power<R>>(
 pub fn run<R: FromF64, P: Power<R>>(
     model: &Model<R, P>,
     signal: &Signal,
-    start: Start<R>,
+    start: InitialState<R>,
     substeps: usize,
 ) -> Trajectory<R> {
     let stepping = Stepping::runge_kutta(substeps);
@@ -563,7 +563,7 @@ mod tests {
         let end = run(
             &model,
             &signal,
-            Start {
+            InitialState {
                 angle: 0.0,
                 rate: 0.0,
             },
@@ -591,7 +591,7 @@ mod tests {
             vec![2.0; 101],
         );
         let uneven = Signal::new(vec![0.0, 0.01, 0.02, 1.0, 1.98, 2.0], vec![2.0; 6]);
-        let start = Start {
+        let start = InitialState {
             angle: 0.1,
             rate: 0.0,
         };
@@ -621,7 +621,7 @@ mod tests {
         ] {
             let model: Model<f64> = Model::new(dynamics, &[friction.unwrap()]).unwrap();
             let origin = Origin {
-                start: Start {
+                start: InitialState {
                     angle: 0.3,
                     rate: 0.0,
                 },
@@ -667,7 +667,7 @@ mod tests {
         let pressure = |t: &f64| 6e4 * (0.4 - 0.5 * (1.7 * t).cos() + 0.3 * (4.1 * t).sin());
         let signal = Signal::new(time.clone(), time.iter().map(pressure).collect());
         let readings = |model: &Model<f64>| {
-            let start = Start {
+            let start = InitialState {
                 angle: 0.3,
                 rate: 0.4,
             };
@@ -682,7 +682,7 @@ mod tests {
                 let value = model.value(id).unwrap();
                 let dual: Model<Dual<1>> = model.map(Dual::constant);
                 let dual = dual.with_value(id, Dual::variable(value, 0, 1.0));
-                let start = Start {
+                let start = InitialState {
                     angle: Dual::constant(0.3),
                     rate: Dual::constant(0.4),
                 };
@@ -729,7 +729,7 @@ mod tests {
         let end = run(
             &model,
             &signal,
-            Start {
+            InitialState {
                 angle: 0.0,
                 rate: 0.0,
             },

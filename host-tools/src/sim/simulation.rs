@@ -1,8 +1,8 @@
-//! A model over a recording or over a protocol.
+//! Simulates a model over a recording or a protocol.
 //!
-//! Over a recording, zeros and start are those with which the model comes nearest to what was
-//! measured, as in every fit. Over a protocol, or a pressure alone, there is nothing to come
-//! near to: the sensors have no zeros, and the actuator starts at rest.
+//! Over a recording, zeros and initial state are estimated, as in every fit. Over a protocol, or
+//! a pressure alone, there is no measured angle: the sensors have no zero errors, and the
+//! actuator starts at rest.
 
 use std::ops::RangeInclusive;
 
@@ -19,7 +19,7 @@ use crate::io::protocol_file::ProtocolFile;
 use crate::io::recording::Recording;
 use crate::sim::linear::linear_rival;
 use crate::sim::protocol::{Play, Protocol, play};
-use crate::sim::simulate::Start;
+use crate::sim::simulate::InitialState;
 
 /// Largest set-points of a protocol (°).
 pub const ANGLES_DEG: RangeInclusive<f64> = 0.1..=360.0;
@@ -188,7 +188,7 @@ impl Drive {
             fitter.compare(model).nuisances[0]
         } else {
             Nuisance {
-                start: Start {
+                start: InitialState {
                     angle: model.reading(&model.at_rest(0.0, 0.0)),
                     rate: 0.0,
                 },

@@ -1,10 +1,9 @@
 //! Simulated recordings with an effect hidden in them.
 //!
-//! A stranger without a rig needs something to diagnose, and the demo needs
-//! data whose answer is known. An example is a nominal model whose parameters
-//! are off by as much as data sheets are, and recordings of a "truth" that has
-//! one effect more, through sensors with noise and a ten-bit converter. Every
-//! file says that it is simulated; the answer is in `truth.toml`.
+//! A user without a rig needs something to diagnose, and the demo needs data with a known
+//! answer. An example is a nominal model, with parameter errors as large as those of data
+//! sheets, and recordings of a "truth" with one further effect, through noisy sensors and a
+//! ten-bit converter. Every file says that it is simulated; the answer is in `truth.toml`.
 
 use std::path::Path;
 
@@ -20,7 +19,7 @@ use crate::io::error::{InputError, write_atomically, write_with_meta};
 use crate::io::model_file::{ModelFile, tidy};
 use crate::io::recording::{Meta, PASCAL_PER_KPA, Recording, to_csv};
 use crate::sim::protocol::Protocol;
-use crate::sim::simulate::{Signal, Start, run, substeps};
+use crate::sim::simulate::{InitialState, Signal, run, substeps};
 
 /// Angle of one count of a ten-bit converter behind a flex sensor (°).
 const ANGLE_COUNT_DEG: f64 = 90.0 / 341.0;
@@ -130,7 +129,7 @@ fn invalid(error: InvalidModel) -> InputError {
     InputError::new(format!("the drawn model {error}"), "choose another seed")
 }
 
-/// Recordings of an actuator, and the model that its owner believes in.
+/// Recordings of an actuator, and its nominal model.
 fn of_truth(
     truth: &Model<f64>,
     text: String,
@@ -174,7 +173,7 @@ fn of_truth(
 /// The models of an actuator for the virtual rig.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RigModels {
-    /// Text of the nominal model file: what its owner believes in.
+    /// Text of the nominal model file.
     pub model: String,
     /// Text of the answer: the actuator with its hidden effect.
     pub truth: String,
@@ -253,7 +252,7 @@ fn obeys(truth: &Model<f64>) -> bool {
     let time: Vec<f64> = (0..=600).map(|k| f64::from(k) * 0.01).collect();
     // From rest without pressure, up within a second.
     let ramp = time.iter().map(|t| pressure * t.min(1.0)).collect();
-    let start = Start {
+    let start = InitialState {
         angle: truth.reading(&truth.at_rest(0.0, 0.0)),
         rate: 0.0,
     };
@@ -449,7 +448,7 @@ fn record(
 ) -> Recording {
     let (time, _, pressure) = protocol.pressure(inverse);
     let signal = Signal::new(time.clone(), pressure.clone());
-    let start = Start {
+    let start = InitialState {
         angle: truth.reading(&truth.at_rest(0.0, 0.0)),
         rate: 0.0,
     };

@@ -1,3 +1,3 @@
-//! Recordings that were never measured, with a known answer.
+//! Simulated recordings with a known answer.
 
 pub mod example;

@@ -13,7 +13,7 @@ use std::{
 use host_tools::{
     export::{Defaults, Language, export},
     io::model_file::ModelFile,
-    sim::simulate::{Grain, Origin, Signal, Start, Stepping, run_from},
+    sim::simulate::{Grain, InitialState, Origin, Signal, Stepping, run_from},
     synth::example::{Hidden, make},
 };
 use model_core::{catalogue::Kind, integrate::Scheme};
@@ -106,7 +106,7 @@ impl Recorded {
         );
         let pressure = self.pressure_kpa.iter().map(|kpa| 1000.0 * kpa).collect();
         let origin = Origin {
-            start: Start {
+            start: InitialState {
                 angle: shown,
                 rate: defaults.start_deg_per_s.to_radians(),
             },

@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //! The actuator: `model_core` in f64, with every effect of the truth.
 //!
-//! The pressure between two steps is taken as a straight line, and a dead time
-//! looks back into a history of it. Steps are divided where the model's own
-//! rates ask for it.
+//! The pressure is linear between two steps, and a dead time uses its history. Steps are
+//! divided if the model's own rates require it.
 
 use host_tools::sim::simulate::substeps;
 use model_core::{
@@ -163,7 +162,7 @@ fn past(history: &[f64], newest: usize, back: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use host_tools::sim::simulate::{Signal, Start, run};
+    use host_tools::sim::simulate::{InitialState, Signal, run};
     use model_core::{
         catalogue::Kind,
         dynamics::Dynamics,
@@ -248,7 +247,7 @@ mod tests {
             // A drifting sensor shows a rate at rest.
             let rest = model.at_rest(0.0, 0.0);
             let later = State { time: DT, ..rest };
-            let start = Start {
+            let start = InitialState {
                 angle: model.reading(&rest),
                 rate: (model.reading(&later) - model.reading(&rest)) / DT,
             };

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-//! What the two sensors put on the converter's inputs.
+//! The voltages of the two sensors at the converter's inputs.
 //!
 //! Pressure, ratiometric (0.5–4.5 V of 5 V for 0–80 psi):
 //!

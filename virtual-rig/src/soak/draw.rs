@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-//! What is drawn: misfortunes and protocols.
+//! Draws faults and protocols.
 
 use rand::{RngExt, seq::IndexedRandom};
 use rand_pcg::Pcg64Mcg;
 use wire::{
     decimal::Hundredths,
     fault::Fault as Latched,
-    protocol::{Named, Segment, Track},
+    protocol::{ControlMode, Named, Segment},
 };
 
 use crate::{board::ResetCause, fault::Fault};
@@ -283,14 +283,14 @@ impl Protocol {
 
 /// A segment within the shipped limits: 110° and 160 kPa may be asked for.
 fn segment(random: &mut Pcg64Mcg, index: u8) -> Segment {
-    let track = [
-        Track::Pressure,
-        Track::AngleOpenLoop,
-        Track::AngleClosedLoop,
+    let mode = [
+        ControlMode::Pressure,
+        ControlMode::AngleOpenLoop,
+        ControlMode::AngleClosedLoop,
     ][random.random_range(0..3)];
     // An actuator of this stiffness is at 90° with 87 kPa: beyond 115 kPa the angle
     // would be the limit, which is a fault with a cause of its own.
-    let highest = if track == Track::Pressure {
+    let highest = if mode == ControlMode::Pressure {
         11_000
     } else {
         10_500
@@ -299,17 +299,17 @@ fn segment(random: &mut Pcg64Mcg, index: u8) -> Segment {
     let duration_ms = random.random_range(20..5_000);
     match random.random_range(0..12) {
         0..4 => Segment::Step {
-            track,
+            mode,
             level: Hundredths(level),
             duration_ms,
         },
         4..7 => Segment::Ramp {
-            track,
+            mode,
             level: Hundredths(level),
             duration_ms,
         },
         7 | 8 => Segment::Multisine {
-            track,
+            mode,
             centre: Hundredths(level),
             amplitude: Hundredths(random.random_range(0..=level.min(highest - level))),
             period_ms: random.random_range(500..8_000),

@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-//! Every line of telemetry, accounted for.
+//! Accounts for every line of telemetry.
 //!
-//! The board numbers its lines and sends one a period, so the lines that came and the
-//! gaps between their numbers are all that it sent. A gap is excused by noise, by a
-//! cable that was unplugged, or by a reset, if one of these was there since the last
-//! line; and its clock has to agree with the simulated one, so that a board that sends
-//! too few lines but numbers them well is found too.
+//! The board numbers its lines and sends one per period, so received lines and gaps in
+//! their numbers are all that it sent. A gap is allowed after noise, an unplugged cable, or
+//! a reset since the last line. The board's clock has to agree with the simulated one, so
+//! that a board that sends too few lines, but numbers them without gaps, is found too.
 
 use wire::telemetry::{PERIOD_MS, Telemetry};
 

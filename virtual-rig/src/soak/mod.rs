@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-//! Simulated hours of an ordinary, unlucky lab: protocols, broken wires, pulled
-//! cables, resets, drawn at random, and promises that are held against the simulated
-//! truth all the while.
+//! The soak test: simulated hours of random protocols, broken wires, pulled cables and
+//! resets, while invariants are checked against the simulated truth.
 //!
-//! A round arms the rig, runs a protocol, breaks something at a random instant of a
-//! random phase, mends it and clears. What must hold, however it was drawn:
+//! A round arms the rig, runs a protocol, injects a fault at a random instant of a random
+//! phase, removes it and clears. The invariants:
 //!
-//! | promise | looked at |
+//! | invariant | checked |
 //! |---|---|
 //! | the true pressure stays below `max.kpa` + 10 % | every 2.5 ms |
 //! | no step later than [`Deadline`] allows after something broke | every step, to the cycle |
@@ -16,17 +15,16 @@
 //! | what is broken is not armed | every line |
 //! | `clear` works once the cause is gone, and the rig can be armed again | every round |
 //!
-//! One fault excuses the first promise: a pressure sensor that is stuck shows the
-//! firmware a pressure that is not there. The firmware finds it by the pump, which
-//! moves without the pressure following, after two windows of the stall watch at
-//! most. So with that fault the plunger may go on for [`STUCK_TRAVEL`] of `max.ul`,
-//! and the pressure rise to what the gas law makes of that. A broken or shorted
-//! pressure sensor lies too, for 50 ms, but gets no excuse: the last good reading
-//! holds, and a pump at full flow compresses 0.25 ml in that time.
+//! The first invariant has one exception: a stuck pressure sensor shows the firmware a
+//! wrong pressure. The firmware detects it as a stall, after two windows of the stall watch
+//! at most. So with that fault the plunger may move by [`STUCK_TRAVEL`] of `max.ul`, and the
+//! pressure may rise by the gas law for that volume. A broken or shorted pressure sensor is
+//! also wrong for 50 ms, but has no exception: the last good reading is held, and a pump at
+//! full flow compresses 0.25 ml in that time.
 //!
-//! A session is a rig of its own: noise, zeros of the sensors and place of the plunger
-//! are drawn from its seed. Session *n* of seed *s* is session 0 of seed *s + n*, which
-//! is how a broken promise is seen again without what was before it.
+//! Each session has a rig of its own: noise, sensor zeros and plunger position are drawn
+//! from its seed. Session *n* of seed *s* is session 0 of seed *s + n*, so that a violation
+//! can be reproduced without the sessions before it.
 
 mod draw;
 mod ledger;

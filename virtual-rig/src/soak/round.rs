@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-//! A round: arm, run, break, mend, clear.
+//! A round: arm, run, inject a fault, remove it, clear.
 
 use rand::{RngExt, seq::IndexedRandom};
 use wire::{

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-//! One rig, someone at the computer, and an eye on both.
+//! One rig with a simulated computer, and the checks on both.
 
 use std::collections::VecDeque;
 

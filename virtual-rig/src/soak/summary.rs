@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-//! What a soak comes to.
+//! The summary of a soak test.
 
 use std::{collections::BTreeMap, fmt, time::Instant};
 

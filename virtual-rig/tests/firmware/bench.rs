@@ -10,7 +10,7 @@ use wire::{
     command::{Command, Request},
     decimal::Hundredths,
     fault::Fault,
-    protocol::{Segment, Track},
+    protocol::{ControlMode, Segment},
     reply::{Refusal, Reply},
     settings::Key,
     state::State,
@@ -179,10 +179,10 @@ impl Bench {
 
     /// Loads one step and makes the rig ready for it.
     #[track_caller]
-    pub fn load(&mut self, track: Track, level: f32) {
+    pub fn load(&mut self, mode: ControlMode, level: f32) {
         self.obey(Command::Load(1));
         let segment = Segment::Step {
-            track,
+            mode,
             level: Hundredths::round(level),
             duration_ms: 200_000,
         };

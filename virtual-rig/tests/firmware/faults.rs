@@ -5,7 +5,7 @@ use virtual_rig::{Fault as Broken, ResetCause};
 use wire::{
     command::Command,
     fault::Fault,
-    protocol::{Named, Track},
+    protocol::{ControlMode, Named},
     reply::Refusal,
     settings::Key,
     state::State,
@@ -208,7 +208,7 @@ fn holding(level: f32, limits: &[(Key, f32)]) -> Option<Bench> {
         bench.set(key, value);
     }
     bench.save();
-    bench.load(Track::Pressure, level);
+    bench.load(ControlMode::Pressure, level);
     bench.obey(Command::Run(None));
     bench.run(6.0);
     let shown = bench.now().pressure_kpa.expect("a pressure").to_f32();
@@ -235,7 +235,7 @@ fn a_pressure_beyond_the_stroke() {
     };
     bench.obey(Command::Stop);
     bench.run(3.0);
-    bench.load(Track::Pressure, 100.0);
+    bench.load(ControlMode::Pressure, 100.0);
     bench.obey(Command::Run(None));
     // 3 s for the stroke, 1 s at its end.
     bench.expect_fault(Fault::Reach, 6.0);
@@ -269,7 +269,7 @@ fn a_flex_sensor_that_has_come_off() {
             return;
         };
         bench.rig.set_fault(Broken::DetachedFlex, true);
-        bench.load(Track::AngleClosedLoop, level);
+        bench.load(ControlMode::AngleClosedLoop, level);
         bench.obey(Command::Run(None));
         bench.until(10.0, "a fault", |bench| bench.fault().is_some());
         assert_eq!(bench.fault(), Some(Fault::Disagreement));

@@ -4,7 +4,7 @@
 use wire::{
     command::Command,
     decimal::Hundredths,
-    protocol::{Named, Segment, Track},
+    protocol::{ControlMode, Named, Segment},
     reply::Refusal,
     settings::Key,
     state::State,
@@ -135,7 +135,7 @@ fn a_protocol_is_downloaded_checked_and_played() {
         return;
     };
     let step = |degrees: i32| Segment::Step {
-        track: Track::AngleClosedLoop,
+        mode: ControlMode::AngleClosedLoop,
         level: Hundredths(degrees * 100),
         duration_ms: 5_000,
     };

@@ -7,7 +7,7 @@ use model_core::dynamics::Dynamics;
 use virtual_rig::Options;
 use wire::{
     command::Command,
-    protocol::Track,
+    protocol::ControlMode,
     settings::{Key, Settings},
 };
 
@@ -60,7 +60,7 @@ pub fn step(degrees: f64, stiffness: f64) -> Option<Response> {
     let config = options.plant.clone();
     let mut bench = Bench::start(options)?;
     #[expect(clippy::cast_possible_truncation)] // Tens of degrees.
-    bench.load(Track::AngleClosedLoop, degrees as f32);
+    bench.load(ControlMode::AngleClosedLoop, degrees as f32);
     let air_ul = config.volume_m3(bench.rig.plant().plunger_mm) * 1e9;
     bench.obey(Command::Run(None));
     let angles_deg = (0..1_000)

@@ -1,4 +1,4 @@
-//! Reading what `rig diagnose` and the black boxes leave behind.
+//! Reads the results of `rig diagnose` and the black-box models.
 
 use crate::{
     json::Value,

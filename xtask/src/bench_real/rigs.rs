@@ -1,4 +1,4 @@
-//! The real rigs: what was recorded, by whom, and what they say of the physics.
+//! The real rigs: recordings, authors, and their statements about the physics.
 
 /// A rig that others recorded.
 #[derive(Debug)]

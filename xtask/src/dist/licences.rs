@@ -1,7 +1,7 @@
 //! The licences of everything that is linked into the archive's programs.
 //!
-//! Most of them ask that their text goes along with a binary. The texts are taken from the
-//! packages as they were built; equal ones are printed once.
+//! Most licences require their text beside a binary. The texts are taken from the packages as
+//! they were built; equal ones are printed once.
 
 use std::{
     collections::{BTreeMap, BTreeSet},

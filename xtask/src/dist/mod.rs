@@ -1,13 +1,13 @@
 //! A release: `rig` that needs nothing installed, with the board's image, as one archive.
 //!
-//! The program is linked statically against musl, so that one file runs on every Linux of
-//! its processor, old or new. Rust's own linker does that, with the musl that comes with Rust's
-//! library; the one library of it that is C, zstd, is compiled against the headers of musl.
-//! The archive is unpacked again and run in a folder with nothing else in it: that is the
-//! proof. Beside it lies the wheel of the Python package, for systems like this one.
+//! The program is linked statically against musl, so that one file runs on every Linux of its
+//! processor, old or new. Rust's own linker does that, with the musl of Rust's standard library;
+//! the only C library, zstd, is compiled against the headers of musl. As a test, the archive is
+//! unpacked and run in an otherwise empty folder. The wheel of the Python package is placed beside
+//! it, for systems like this one.
 //!
-//! The virtual rig is not in the archive. It links simavr, whose licence is the GPL, and
-//! its libraries are not static; whoever wants it builds it from source.
+//! The virtual rig is not in the archive, because it links simavr, which is GPL, and dynamic
+//! libraries. It has to be built from source.
 
 mod licences;
 mod trial;
@@ -23,6 +23,9 @@ use crate::{
     avr, python, setup,
     shell::{self, Outcome, Steps, cargo, has_program, read, root, run, seconds, target_dir},
 };
+
+/// The profile of what is handed out: see the workspace's Cargo.toml.
+pub const PROFILE: &str = "published";
 
 /// What a release is built for unless one asks for others.
 const DEFAULT_TARGET: &str = "x86_64-unknown-linux-musl";
@@ -246,8 +249,8 @@ fn build_command(target: &str) -> Command {
     let linker = format!("CARGO_TARGET_{}_LINKER", name.to_uppercase());
     let mut command = cargo();
     command
-        .args(["build", "--release", "--locked", "-p", "host-tools"])
-        .args(["--bin", "rig", "--target", target])
+        .args(["build", "--profile", PROFILE, "--locked"])
+        .args(["-p", "host-tools", "--bin", "rig", "--target", target])
         .env(linker, "rust-lld")
         .env(format!("CC_{name}"), c_compiler(target))
         // Where the sources are is nobody's business, and differs from build to build.
@@ -268,7 +271,7 @@ fn build(target: &str) -> Outcome<PathBuf> {
     }
     setup::musl_gcc(&c_compiler(target))?;
     run(&mut build_command(target))?;
-    let program = target_dir().join(target).join("release/rig");
+    let program = target_dir().join(target).join(PROFILE).join("rig");
     let bytes = fs::read(&program).map_err(|error| cannot("read", &program, &error))?;
     match asks_for_loader(&bytes) {
         Some(false) => {}

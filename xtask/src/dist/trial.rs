@@ -1,7 +1,7 @@
-//! The archive on a machine with nothing on it.
+//! Tests the archive on an empty machine.
 //!
-//! The machine is an empty folder that becomes the root: no shell, no library, no device,
-//! no variable. A program that runs there needs nothing.
+//! The machine is an empty folder as root: no shell, no library, no device, no variable. A
+//! program that runs there needs nothing.
 
 use std::{
     fs,

@@ -1,7 +1,7 @@
-//! Samples that are in memory already, as arrays of numbers.
+//! Samples from arrays in memory.
 //!
-//! They are checked as those of a file are. A fault is named by the array and the place in
-//! it, counted from 0 as in the languages that have them.
+//! They are checked like those of a file. An error names the array and the index, from 0 as in
+//! the languages that use them.
 
 use super::{LARGEST_NUMBER, Samples, not_usable};
 use crate::io::bounded::Limits;

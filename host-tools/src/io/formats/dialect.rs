@@ -1,10 +1,9 @@
-//! Tables of text: how they are encoded, separated and written, as far as the file shows.
+//! Tables of text, with their encoding, delimiter and number format.
 //!
-//! Spreadsheets, oscilloscopes and scripts all write "CSV", and no two the same: commas,
-//! semicolons or tabs, decimal points or commas, UTF-8, UTF-16 or Latin-1, comments above the
-//! header, a row of units beneath it. All of that can be seen in the file and is read without
-//! a flag. What cannot be seen is not guessed: `1,234` is 1.234 in one country and 1234 in
-//! another, and a file in which nothing tells which is refused.
+//! Spreadsheets, oscilloscopes and scripts all write different "CSV": commas, semicolons or
+//! tabs, decimal points or commas, UTF-8, UTF-16 or Latin-1, comments above the header, a row
+//! of units beneath it. All of that can be recognised and needs no flag. Ambiguous files are
+//! refused: `1,234` is 1.234 in one country and 1234 in another.
 
 use std::borrow::Cow;
 use std::io::{Cursor, Read};

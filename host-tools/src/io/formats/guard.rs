@@ -1,8 +1,7 @@
-//! Libraries that do not expect damaged files.
+//! Guards against decoders that panic on damaged files.
 //!
-//! Some decoders check what a file says of itself by assertions: a length below zero ends
-//! the program. To whoever reads a file that was cut off or overwritten it is a damaged
-//! file, and is said to be one.
+//! Some decoders check a file's contents by assertions: a negative length ends the program.
+//! Here such a panic becomes an error about a damaged file.
 
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};

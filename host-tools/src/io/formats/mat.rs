@@ -1,10 +1,10 @@
 //! MATLAB files as `save(…, '-v7')` and `-v6` write them: version 5 of the format.
 //!
-//! A file is a list of elements, each with a type and a length, most of them packed. Read
-//! are arrays of numbers, alone or as fields of structures: `t`, `run.pressure`, and
+//! A file is a list of elements, each with a type and a length, most of them compressed.
+//! Arrays of numbers are read, alone or as fields of structures: `t`, `run.pressure`, and
 //! `data(:,2)` for a column of a matrix. Everything else (texts, cells, tables, objects) is
-//! passed over. The reader is here because those that exist refuse whole numbers that
-//! MATLAB stores small, know no structures, or unpack without a limit.
+//! skipped. This reader exists because existing ones refuse integers that MATLAB stores in
+//! few bytes, do not read structures, or unpack without a limit.
 
 use std::io::Read;
 use std::path::Path;

@@ -1,17 +1,16 @@
 //! MCAP: the logs of ROS 2 and Foxglove, in which every sensor has a topic and a clock.
 //!
-//! Topics are named where other files have columns: `pressure=/rig/pressure.data` is the
-//! field `data` of the messages on `/rig/pressure`. Read are messages in JSON and those of
-//! ROS 2 (CDR). A topic's times are those at which its messages were logged, from the first
-//! sample on.
+//! Topics take the place of columns: `pressure=/rig/pressure.data` is the field `data` of the
+//! messages on `/rig/pressure`. JSON and ROS 2 (CDR) messages are read. The times of a topic are
+//! the log times of its messages, from the first sample on.
 //!
-//! Sensors on topics of their own are not sampled together. A row is made for every angle:
-//! the pressure is interpolated between the two messages around it, since a pressure that
-//! is held would lag by half an interval and shift every time constant; set-points and
-//! states are held, since they jump. Where the pressure is missing for longer than a few of
-//! its intervals, or has not begun, there are no rows: a gap is read as a gap.
+//! Separate topics are not sampled together, so there is one row per angle. The pressure is
+//! interpolated between the two messages around it, since a held pressure would lag by half an
+//! interval and shift every time constant. Set-points and states are held, since they jump.
+//! Where the pressure is missing for longer than a few of its intervals, or has not begun, there
+//! are no rows.
 //!
-//! What `rig convert` writes has all columns at the same times, and is read back as it was.
+//! Files of `rig convert` have all columns at the same times, and are read back unchanged.
 
 use std::collections::{BTreeMap, HashMap};
 use std::io::{Cursor, Read};

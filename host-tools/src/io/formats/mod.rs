@@ -1,9 +1,9 @@
-//! Recordings as they stand in files: which format, which columns, how numbers are written.
+//! File formats of recordings.
 //!
 //! Laboratories have tables of spreadsheets, MATLAB files, Parquet and logs of robots. One
-//! reader for each makes the same [`Samples`] of them, and none guesses: what a file does
-//! not say itself, in its header or its types, has to be said in a [`Layout`]. Behind this
-//! module a recording is a recording.
+//! reader for each format returns the same [`Samples`], and none guesses: a [`Layout`] has to
+//! give everything that the file's header or types do not. Other modules do not depend on the
+//! format.
 
 mod arrays;
 pub mod dialect;

@@ -1,9 +1,8 @@
-//! Finding the columns of a recording, and what a header that has others may mean.
+//! Finds the columns of a recording, and suggests flags for an unknown header.
 //!
-//! A file is read by the names that were said, and by no others. Where they are not there,
-//! the error has the command line in it that would read the file, as far as the names in
-//! the header tell. It is a guess and said to be one: nobody's pressure is read from a
-//! column that only looks like it.
+//! A file is read by the given names only. If a column is missing, the error suggests the flags
+//! that would read the file, judging by its header. That is only a suggestion: no column is
+//! read because its name looks right.
 
 use crate::io::columns::{Layout, Quantity, Unit};
 use crate::io::error::InputError;

@@ -1,8 +1,7 @@
 //! Parquet: the tables of pandas, polars, DuckDB and R.
 //!
-//! Columns have names and types, so that nothing has to be guessed. Flat columns of numbers
-//! and texts are read; a time that is a time stamp by its type brings its unit along. What
-//! `rig convert` writes has the metadata of the recording in it.
+//! Flat columns of numbers and texts are read, by name and type. The unit of a time column with a
+//! timestamp type is known. Files of `rig convert` contain the metadata of the recording.
 
 use std::path::Path;
 use std::sync::Arc;

@@ -1,8 +1,8 @@
-//! One number out of a ROS 2 message.
+//! Reads one number from a ROS 2 message.
 //!
-//! A message is its fields one after the other, each aligned to its size (CDR); their names
-//! and types stand in the definition that the log carries along. So the way to a field leads
-//! through all before it.
+//! A message is a sequence of fields, each aligned to its size (CDR); the log contains the
+//! definition with their names and types. To find a field, all fields before it have to be
+//! passed.
 
 use std::collections::HashMap;
 

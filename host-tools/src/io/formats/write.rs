@@ -1,8 +1,8 @@
-//! Writing a recording in another format, so that it reads back the same.
+//! Writes a recording in another format, so that it can be read back unchanged.
 //!
-//! A number in binary has no decimals, and a table of text has nothing but them. So the
-//! formats that `rig convert` writes carry along how many each column had, and the metadata
-//! of the recording: back as CSV, every digit is where it was.
+//! A binary number does not keep its number of decimals. So the formats of `rig convert` store
+//! it for each column, with the metadata of the recording: converted back to CSV, every digit
+//! is the same.
 
 use std::collections::BTreeMap;
 use std::io::Write;

@@ -1,4 +1,4 @@
-//! What is asked of a board, in words of the rig.
+//! The operations of a board.
 
 use std::time::{Duration, Instant};
 
@@ -63,11 +63,6 @@ pub struct NotChanged {
 /// The value of a setting that is a number.
 pub fn float(bits: u32) -> f32 {
     f32::from_bits(bits)
-}
-
-/// The bits of a number.
-pub fn setting_bits(number: f32) -> u32 {
-    number.to_bits()
 }
 
 impl Link {

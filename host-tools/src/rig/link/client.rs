@@ -1,4 +1,4 @@
-//! Requests, samples and what was lost on the way.
+//! Requests, samples and counts of lost lines.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};

@@ -1,8 +1,8 @@
-//! One time axis for a recording, whatever the board's clock does.
+//! One time axis for a recording across resets of the board.
 //!
-//! The board counts milliseconds since its reset, and opening a port resets it.
-//! A recording goes on: after a restart the board's time is moved so that it
-//! follows what was recorded, by as much as passed here in between.
+//! The board counts milliseconds since its reset, and opening a port resets it. After a
+//! restart its time is shifted so that it continues the recording, by the time that
+//! passed on the computer's clock.
 
 use std::time::{Duration, Instant};
 

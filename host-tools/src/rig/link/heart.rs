@@ -1,14 +1,14 @@
 //! Keeping an armed board alive.
 //!
-//! The board stops when it hears nothing for a while, by its own clock. A thread of its own
-//! sends the beats: it reads nothing and writes to no disk and no terminal, so none of these
-//! can hold it up, and it asks the system to be run before ordinary programs. A simulated
-//! board's clock can run many times faster than ours, so a beat is due whenever telemetry
-//! shows that the board's time has moved on, and at the latest after some time of ours.
+//! The board stops when it receives nothing for a while, by its own clock. A separate thread
+//! sends the heartbeats. It reads nothing and writes to no disk and no terminal, so none of
+//! these can block it, and it asks the system for priority over ordinary programs. A simulated
+//! board's clock can run many times faster than ours, so a beat is due whenever telemetry shows
+//! that the board's time has advanced, and at the latest after a time on our clock.
 //!
-//! Beats say that the program is alive, not just this thread: they cease when nobody has
-//! looked at the link for a while. And they cease when the board is silent, since every byte
-//! keeps a board that was reset in its bootloader.
+//! Beats show that the program is alive, not just this thread: they stop when the link has not
+//! been used for a while. They also stop when the board is silent, since every byte keeps a
+//! board that was reset in its bootloader.
 
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering::Relaxed};
 use std::sync::{Mutex, PoisonError};

@@ -1,9 +1,9 @@
-//! Which programs have a port open.
+//! Finds programs that have a port open.
 //!
-//! Two programs that read one port get every other byte each, and not all systems keep the
-//! second one out: the superuser may always open it, and a plain `cat` locks nobody out. So
-//! it is looked for before a port is opened. Linux lists the open files of every program in
-//! `/proc`, those of other users for the superuser only; elsewhere nothing is found.
+//! Two programs that read one port each get only part of the bytes, and not every system keeps
+//! the second one out: the superuser may always open a port, and `cat` does not lock it. So this
+//! is checked before a port is opened. Linux lists the open files of every program in `/proc`,
+//! those of other users for the superuser only; on other systems nothing is found.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! From bytes to what a line says.
+//! Parses lines from bytes.
 
 use wire::line::open_bytes;
 use wire::reply::{Refusal, Reply};

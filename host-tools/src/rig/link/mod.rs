@@ -1,10 +1,9 @@
 //! The serial link to a board, real or simulated.
 //!
-//! Three layers, each with one worry. A [`Connector`] opens the port, as often
-//! as the cable is pulled. A thread reads bytes and turns them into [lines](mod@line) with
-//! the time of their arrival, and another keeps an armed board alive. [`Link`] asks and
-//! answers: requests with numbers, time limits and retries, and counts of what
-//! was lost. Everything above sees samples, remarks and replies, never bytes.
+//! It has three layers. A [`Connector`] opens the port, again after a pulled cable. One
+//! thread turns bytes into [lines](mod@line) with their time of arrival, another keeps an
+//! armed board alive. [`Link`] handles requests, with numbers, time limits and retries, and
+//! counts lost lines. Code above sees samples, remarks and replies, never bytes.
 
 mod board;
 mod client;
@@ -16,10 +15,9 @@ pub mod line;
 mod port;
 mod worker;
 
-pub use board::{Board, NotChanged, float, setting_bits};
-pub use client::{Counters, Event, Link, Received, Timing};
-pub use clock::{Break, Clock, Placed};
+pub(crate) use client::{Counters, Received};
+pub use client::{Event, Link, Timing};
+pub(crate) use clock::{Break, Clock};
 pub use error::LinkError;
-pub use heart::Silence;
-pub(crate) use port::PERMISSION_ADVICE;
-pub use port::{BAUD, Channel, Connector, PortFound, SerialConnector, is_pseudo_terminal, ports};
+pub use port::SerialConnector;
+pub(crate) use port::{PERMISSION_ADVICE, PortFound, is_pseudo_terminal, ports};

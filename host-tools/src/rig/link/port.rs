@@ -1,8 +1,8 @@
 //! Finding and opening serial ports.
 //!
-//! A port is opened through a [`Connector`], which can be asked again when the
-//! cable comes back. Reads time out after some milliseconds, so that whoever
-//! reads can look after other things.
+//! A port is opened through a [`Connector`], which can open it again when the cable is
+//! plugged in again. Reads time out after some milliseconds, so that the reader can do
+//! other work.
 
 use std::io::{self, Read, Write};
 use std::path::Path;

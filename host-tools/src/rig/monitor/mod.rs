@@ -1,7 +1,7 @@
-//! What `rig monitor` shows: the last half minute of a rig, and its state.
+//! `rig monitor`: the last half minute of a rig, and its state.
 //!
-//! [`View`] collects what happens; [`draw`] puts it on a screen and decides
-//! nothing. So screens are tested without a terminal.
+//! [`View`] collects the data, and [`draw`] only draws it, so that screens can be tested
+//! without a terminal.
 
 mod screen;
 

@@ -1,8 +1,8 @@
 //! The screen of `rig monitor`.
 //!
-//! Colours are the terminal's own sixteen, and only those that can be read on
-//! dark and on light ground: the foreground, red, green and magenta. Nothing is
-//! said by colour alone.
+//! Colours are from the terminal's own sixteen, and only those that are legible on dark and
+//! light backgrounds: the foreground, red, green and magenta. No information is in the
+//! colour alone.
 
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
@@ -183,7 +183,7 @@ impl Quantity {
 
 fn draw_chart(frame: &mut Frame<'_>, view: &View, quantity: Quantity, area: Rect) {
     let end = view.history.back().map_or(0.0, |moment| moment.time_s);
-    let drawn: Vec<(Trace, Pieces)> = quantity
+    let drawn: Vec<(Trace, CurveSegments)> = quantity
         .traces()
         .iter()
         .filter(|&&trace| view.shows(trace))
@@ -194,16 +194,16 @@ fn draw_chart(frame: &mut Frame<'_>, view: &View, quantity: Quantity, area: Rect
             )
         })
         .collect();
-    let all: Vec<_> = drawn.iter().flat_map(|(_, pieces)| pieces).collect();
+    let all: Vec<_> = drawn.iter().flat_map(|(_, segments)| segments).collect();
     let (low, high) = bounds(&all);
     let mut datasets = Vec::new();
-    for (trace, pieces) in &drawn {
+    for (trace, segments) in &drawn {
         let (style, marker) = match trace {
             Trace::Measured | Trace::Pressure => (MEASURED, Marker::Braille),
             Trace::Predicted => (PREDICTED, Marker::Braille),
             Trace::Setpoint => (GOOD, Marker::Dot),
         };
-        for (number, points) in pieces.iter().enumerate() {
+        for (number, points) in segments.iter().enumerate() {
             let dataset = Dataset::default()
                 .marker(marker)
                 .graph_type(GraphType::Line)
@@ -237,23 +237,23 @@ fn draw_chart(frame: &mut Frame<'_>, view: &View, quantity: Quantity, area: Rect
     frame.render_widget(chart, area);
 }
 
-/// A curve in pieces without a hole.
-type Pieces = Vec<Vec<(f64, f64)>>;
+/// The segments of a curve, without gaps.
+type CurveSegments = Vec<Vec<(f64, f64)>>;
 
 /// The curve of what is picked.
-fn curves(view: &View, end: f64, pick: impl Fn(&Moment) -> Option<f64>) -> Pieces {
-    let mut pieces = Pieces::new();
+fn curves(view: &View, end: f64, pick: impl Fn(&Moment) -> Option<f64>) -> CurveSegments {
+    let mut segments = CurveSegments::new();
     let mut last = f64::NEG_INFINITY;
     for moment in &view.history {
         let Some(value) = pick(moment) else { continue };
         let point = (moment.time_s - end, value);
-        match pieces.last_mut() {
-            Some(piece) if moment.time_s - last <= HOLE_S => piece.push(point),
-            _ => pieces.push(vec![point]),
+        match segments.last_mut() {
+            Some(segment) if moment.time_s - last <= HOLE_S => segment.push(point),
+            _ => segments.push(vec![point]),
         }
         last = moment.time_s;
     }
-    pieces
+    segments
 }
 
 /// Round numbers around everything that is drawn.

@@ -1,10 +1,10 @@
-//! Whether a protocol is within a board's limits.
+//! Checks a protocol against the limits of a board.
 //!
-//! The board checks too. Asked here, the answer names the segment, its line and
-//! the setting, before the plunger is homed.
+//! The board checks too. Here the error names the segment, its line and the setting,
+//! before the plunger is homed.
 
 use wire::decimal::Hundredths;
-use wire::protocol::{Segment, Track};
+use wire::protocol::{ControlMode, Segment};
 use wire::settings::{Key, Settings};
 
 use crate::io::error::InputError;
@@ -25,12 +25,12 @@ pub fn check_limits(
 ) -> Result<Vec<Advice>, InputError> {
     let mut advice = Vec::new();
     for (index, segment) in protocol.segments.iter().enumerate() {
-        let Some(track) = segment.track() else {
+        let Some(mode) = segment.mode() else {
             continue;
         };
-        let (limit_key, unit) = match track {
-            Track::Pressure => (Key::SetpointMaxPressure, "kPa"),
-            Track::AngleOpenLoop | Track::AngleClosedLoop => (Key::SetpointMax, "°"),
+        let (limit_key, unit) = match mode {
+            ControlMode::Pressure => (Key::SetpointMaxPressure, "kPa"),
+            ControlMode::AngleOpenLoop | ControlMode::AngleClosedLoop => (Key::SetpointMax, "°"),
         };
         let limit = settings.number(limit_key);
         let highest = segment.highest().to_f32();
@@ -51,7 +51,7 @@ pub fn check_limits(
                 "keep levels at or above zero",
             ));
         }
-        if track == Track::AngleOpenLoop {
+        if mode == ControlMode::AngleOpenLoop {
             let pressure = holding_pressure_kpa(settings, highest);
             let limit = settings.number(Key::SetpointMaxPressure);
             if pressure > limit {

@@ -1,4 +1,4 @@
-//! What is known about a recording: `NAME.meta.toml`.
+//! The metadata of a recording: `NAME.meta.toml`.
 
 use serde::Serialize;
 

@@ -1,9 +1,8 @@
-//! Recording a rig so that nothing that arrived is lost.
+//! Records a rig without losing received samples.
 //!
-//! Every sample is one line of the file as soon as it is read, written in one
-//! call: whatever ends the program, the file is a recording up to the line
-//! before. What is known about the recording stands beside it from its first
-//! second, and is completed at its end: until then it does not say how much there is.
+//! Every sample is written as one line, in one call, as soon as it is read: however the
+//! program ends, the file is a valid recording up to the last line. The metadata is
+//! written at the beginning and completed at the end; until then it has no counts.
 
 mod limits;
 mod meta;
@@ -14,7 +13,7 @@ use std::path::{Path, PathBuf};
 
 use wire::telemetry::Telemetry;
 
-pub use limits::{Advice, check_limits};
+pub use limits::check_limits;
 pub use meta::{About, Counts, Gap};
 pub use sheet::{COLUMNS, Sheet, line};
 pub use split::{Part, Step, parts, run_path, steps};

@@ -1,4 +1,4 @@
-//! The table of a recording, one line a sample.
+//! The table of a recording, one line per sample.
 
 use std::fmt::Write as _;
 use std::fs::File;

@@ -1,12 +1,12 @@
 //! The runs within a recording: as segments in its metadata, or as files.
 //!
-//! A run is a rest, a step and its release, or whatever else a protocol does
-//! between two times at rest. Runs begin where the telemetry's own set-point says
-//! so, so that lost lines and the delays of the link do not shift them.
+//! A run is a rest, a step and its release, or any other part of a protocol between two
+//! rests. The set-point in the telemetry gives the start of a run, so that lost lines and
+//! delays of the link do not shift it.
 
 use std::path::{Path, PathBuf};
 
-use wire::protocol::{Segment, Track};
+use wire::protocol::{ControlMode, Segment};
 use wire::state::State;
 use wire::telemetry::{PERIOD_MS, Setpoint};
 
@@ -29,8 +29,8 @@ const LEVEL_TOLERANCE: i32 = 2;
 /// One step of a protocol.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Step {
-    /// What is tracked.
-    pub track: Track,
+    /// The control mode.
+    pub mode: ControlMode,
     /// The level (° or kPa).
     pub level: f64,
     /// Which step to this level it is, from 1.
@@ -40,12 +40,12 @@ pub struct Step {
 impl Step {
     /// Its level if that is an angle (°).
     fn degrees(&self) -> Option<f64> {
-        (self.track != Track::Pressure).then_some(self.level)
+        (self.mode != ControlMode::Pressure).then_some(self.level)
     }
 
     /// Its level if that is a pressure (kPa).
     fn kilopascals(&self) -> Option<f64> {
-        (self.track == Track::Pressure).then_some(self.level)
+        (self.mode == ControlMode::Pressure).then_some(self.level)
     }
 }
 
@@ -66,7 +66,7 @@ pub fn parts(protocol: &ProtocolFile) -> Vec<Part> {
     let mut released_ms = RELEASE_MS;
     let mut is_tracking = false;
     for played in protocol.played() {
-        let tracks = played.segment.track().is_some();
+        let tracks = played.segment.mode().is_some();
         match (played.segment, parts.last_mut()) {
             (Segment::Release { duration_ms }, _) => released_ms += i64::from(duration_ms),
             (segment, _) if tracks && released_ms >= RELEASE_MS => {
@@ -97,7 +97,7 @@ pub fn parts(protocol: &ProtocolFile) -> Vec<Part> {
 fn constant(segment: Segment) -> Option<Setpoint> {
     match segment {
         Segment::Step {
-            track: Track::Pressure,
+            mode: ControlMode::Pressure,
             level,
             ..
         } => Some(Setpoint::Pressure(level)),
@@ -107,14 +107,14 @@ fn constant(segment: Segment) -> Option<Setpoint> {
 }
 
 fn first_step(segment: Segment, before: &[Part]) -> Option<Step> {
-    let Segment::Step { track, level, .. } = segment else {
+    let Segment::Step { mode, level, .. } = segment else {
         return None;
     };
     let level = f64::from(level.0) / 100.0;
-    let same = |step: &Step| step.track == track && (step.level - level).abs() < 1e-9;
+    let same = |step: &Step| step.mode == mode && (step.level - level).abs() < 1e-9;
     let repeats = before.iter().filter_map(|part| part.step).filter(same);
     Some(Step {
-        track,
+        mode,
         level,
         repeat: u32::try_from(repeats.count()).map_or(u32::MAX, |count| count.saturating_add(1)),
     })
@@ -133,9 +133,9 @@ pub fn run_path(whole: &Path, step: &Step) -> PathBuf {
     let stem = whole
         .file_stem()
         .map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
-    let unit = match step.track {
-        Track::Pressure => "kpa",
-        Track::AngleOpenLoop | Track::AngleClosedLoop => "",
+    let unit = match step.mode {
+        ControlMode::Pressure => "kpa",
+        ControlMode::AngleOpenLoop | ControlMode::AngleClosedLoop => "",
     };
     whole.with_file_name(format!("{stem}_{}{unit}_{}.csv", step.level, step.repeat))
 }
@@ -425,7 +425,7 @@ mod tests {
 
     fn sixty(repeat: u32) -> Step {
         Step {
-            track: Track::AngleOpenLoop,
+            mode: ControlMode::AngleOpenLoop,
             level: 60.0,
             repeat,
         }
@@ -515,12 +515,12 @@ mod tests {
     fn parts_begin_at_rest() {
         let deg = |level| Hundredths(level * 100);
         let step = |level| Segment::Step {
-            track: Track::Pressure,
+            mode: ControlMode::Pressure,
             level: deg(level),
             duration_ms: 2_000,
         };
         let ramp = Segment::Ramp {
-            track: Track::Pressure,
+            mode: ControlMode::Pressure,
             level: deg(9),
             duration_ms: 1_000,
         };
@@ -562,7 +562,7 @@ mod tests {
         assert_eq!(named, Path::new("out").join("R_60_1.csv"));
         assert_eq!(whole_name(&named, &sixty(1)).unwrap(), "R.csv");
         let step = Step {
-            track: Track::Pressure,
+            mode: ControlMode::Pressure,
             level: 42.5,
             repeat: 2,
         };

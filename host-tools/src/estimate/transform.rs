@@ -1,13 +1,14 @@
-//! How the solver moves a parameter: an unbounded coordinate for a bounded number.
+//! Parameter transforms: an unbounded solver coordinate for a bounded parameter.
 //!
-//! Bounds have a meaning (a damping is not negative), and the solver knows none. So
-//! each parameter is a smooth function of a coordinate that folds back at its bounds.
+//! Parameters have bounds (a damping is not negative), and the solver has none. So each
+//! parameter is a smooth function of an unbounded coordinate, and folds back at its
+//! bounds.
 
 use model_core::actuator::{Model, ParameterId};
 
-/// How a parameter maps to the unbounded coordinate that the solver moves.
+/// The map from the solver's unbounded coordinate u to a parameter p.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Coordinate {
+pub enum ParameterTransform {
     /// No bounds: p = s·u.
     Linear {
         /// s.
@@ -27,7 +28,7 @@ pub enum Coordinate {
         /// h.
         upper: f64,
     },
-    /// Two positive bounds, orders of magnitude apart: the same in ln p.
+    /// Two positive bounds, orders of magnitude apart: as for two bounds, in ln p.
     Logarithmic {
         /// l.
         lower: f64,
@@ -36,8 +37,8 @@ pub enum Coordinate {
     },
 }
 
-impl Coordinate {
-    /// The coordinate of a free parameter.
+impl ParameterTransform {
+    /// The transform of a free parameter.
     pub fn of(nominal: &Model<f64>, model: &Model<f64>, id: ParameterId) -> Self {
         let value = model.value(id).unwrap_or(1.0);
         let scale = if value.abs() > 1e-12 {
@@ -80,7 +81,7 @@ impl Coordinate {
         }
     }
 
-    /// Whether a position is within a thousandth of the end of the range.
+    /// Whether a position is within a thousandth of the range of a bound.
     pub fn is_at_edge(self, u: f64) -> bool {
         match self {
             Self::Linear { .. } => false,
@@ -89,8 +90,8 @@ impl Coordinate {
         }
     }
 
-    /// The coordinate of a value. On a bound the slope is zero and the solver
-    /// could never leave, so starts keep a small distance.
+    /// The coordinate of a value. On a bound the slope is zero and the solver could
+    /// never leave it, so initial guesses keep a small distance.
     pub fn position(self, value: f64) -> f64 {
         const MARGIN: f64 = 2e-5;
         match self {
@@ -114,13 +115,12 @@ impl Coordinate {
 
 /// How far a fit may move a base parameter from its nominal value, as a factor.
 ///
-/// Data sheets are right to a third; a factor of ten allows for a slip of
-/// units and keeps a fit whose structure is wrong from running to infinity
-/// along a flat valley (inertia without influence, all else scaled up).
+/// Data sheets are right to a third. A factor of ten allows for a mistaken unit, and
+/// stops a fit of a wrong structure from running to infinity along an unidentifiable
+/// direction (inertia without influence, everything else scaled up).
 const SEARCH_FACTOR: f64 = 10.0;
 
-/// Where a fit looks for a parameter, in SI units, given the model as it was
-/// before any fit.
+/// The range in which a fit searches a parameter (SI units), given the nominal model.
 fn search_range(nominal: &Model<f64>, model: &Model<f64>, id: ParameterId) -> (f64, f64) {
     let (lower, upper) = bounds(model, id);
     let value = nominal.value(id).unwrap_or(0.0);

@@ -1,8 +1,8 @@
-//! Whether a reading rests, and where.
+//! Detects standstill of a reading, and gives its level.
 //!
 //! A tare while the actuator still creeps or the pressure still falls would be
-//! wrong for the whole day. A reading rests when the spread of its smoothed
-//! samples over the last second is small; what it rests at is their mean, which
+//! wrong for the whole day. A reading stands still if the spread of its smoothed
+//! samples over the last second is small; its level is their mean, which
 //! is far quieter than any one of them. Extremes and sums of blocks stand for
 //! the hundred samples, which would not fit.
 
@@ -44,9 +44,9 @@ impl Block {
     }
 }
 
-/// The memory of one sensor's last second.
+/// The standstill detector of one sensor, over its last second.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Rest {
+pub struct Standstill {
     /// The last complete blocks, the newer first.
     complete: [Option<Block>; BLOCKS as usize],
     current: Option<Block>,
@@ -54,7 +54,7 @@ pub struct Rest {
     samples: u8,
 }
 
-impl Rest {
+impl Standstill {
     /// Takes a sample.
     pub fn update(&mut self, sample: f32) {
         match &mut self.current {
@@ -93,39 +93,39 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_second_of_calm_is_rest_at_its_mean() {
-        let mut rest = Rest::default();
+    fn a_second_of_calm_is_standstill_at_its_mean() {
+        let mut standstill = Standstill::default();
         for n in 0..99_u8 {
-            assert_eq!(rest.level(1.0), None);
-            rest.update(if n % 2 == 0 { 4.8 } else { 5.2 });
+            assert_eq!(standstill.level(1.0), None);
+            standstill.update(if n % 2 == 0 { 4.8 } else { 5.2 });
         }
-        rest.update(5.2);
-        assert!((rest.level(1.0).unwrap() - 5.0).abs() < 1e-5);
-        assert_eq!(rest.level(0.3), None);
+        standstill.update(5.2);
+        assert!((standstill.level(1.0).unwrap() - 5.0).abs() < 1e-5);
+        assert_eq!(standstill.level(0.3), None);
     }
 
     #[test]
     fn a_jolt_is_remembered_for_a_second() {
-        let mut rest = Rest::default();
+        let mut standstill = Standstill::default();
         for _ in 0..130 {
-            rest.update(5.0);
+            standstill.update(5.0);
         }
-        rest.update(9.0);
-        assert_eq!(rest.level(1.0), None, "seen at once");
+        standstill.update(9.0);
+        assert_eq!(standstill.level(1.0), None, "seen at once");
         let mut samples = 0;
-        while rest.level(1.0).is_none() {
-            rest.update(5.0);
+        while standstill.level(1.0).is_none() {
+            standstill.update(5.0);
             samples += 1;
         }
         assert!((100..=150).contains(&samples), "{samples}");
     }
 
     #[test]
-    fn a_slow_drift_is_no_rest() {
-        let mut rest = Rest::default();
+    fn a_slow_drift_is_no_standstill() {
+        let mut standstill = Standstill::default();
         for n in 0..250_u8 {
-            rest.update(f32::from(n) * 0.01);
+            standstill.update(f32::from(n) * 0.01);
         }
-        assert_eq!(rest.level(0.9), None);
+        assert_eq!(standstill.level(0.9), None);
     }
 }

@@ -1,0 +1,83 @@
+//! The numbers of the board and of the desktop as scalars of the model.
+//!
+//! What a scalar has to do is said in [`crate::real`]; numbers that carry
+//! derivatives live beside the fits that need them.
+
+use crate::elementary;
+#[cfg(feature = "std")]
+use crate::power::Exact;
+use crate::power::Minimax;
+use crate::real::Real;
+
+impl Real for f32 {
+    type DefaultPower = Minimax;
+
+    fn from_i16(n: i16) -> Self {
+        Self::from(n)
+    }
+    fn from_f32(x: f32) -> Self {
+        x
+    }
+    // Never the platform's functions: the board and the desktop must agree bit
+    // for bit.
+    fn exp(self) -> Self {
+        elementary::exp(self)
+    }
+    fn tanh(self) -> Self {
+        elementary::tanh(self)
+    }
+    fn sin(self) -> Self {
+        elementary::sin(self)
+    }
+    fn cos(self) -> Self {
+        elementary::cos(self)
+    }
+    fn is_finite(self) -> bool {
+        f32::is_finite(self)
+    }
+    #[cfg(feature = "formula")]
+    #[allow(clippy::cast_possible_truncation)] // Rounding is the point.
+    fn from_double(x: f64) -> Self {
+        x as f32
+    }
+    // The platform's, for no board runs a formula.
+    #[cfg(feature = "formula")]
+    fn ln(self) -> Self {
+        f32::ln(self)
+    }
+}
+
+#[cfg(feature = "std")]
+impl Real for f64 {
+    type DefaultPower = Exact;
+
+    fn from_i16(n: i16) -> Self {
+        Self::from(n)
+    }
+    fn from_f32(x: f32) -> Self {
+        Self::from(x)
+    }
+    fn exp(self) -> Self {
+        f64::exp(self)
+    }
+    fn tanh(self) -> Self {
+        f64::tanh(self)
+    }
+    fn sin(self) -> Self {
+        f64::sin(self)
+    }
+    fn cos(self) -> Self {
+        f64::cos(self)
+    }
+    fn is_finite(self) -> bool {
+        f64::is_finite(self)
+    }
+    #[cfg(feature = "formula")]
+    fn from_double(x: f64) -> Self {
+        x
+    }
+    #[cfg(feature = "formula")]
+    fn ln(self) -> Self {
+        f64::ln(self)
+    }
+}
