@@ -22,17 +22,18 @@ use firmware::io::ResetCause;
 use firmware::plant::Plant;
 use firmware::probe::NoProbe;
 use firmware::store::{Eeprom, Poll, SIZE, Writer};
-use host_tools::rig::link::line::{Text, command_text};
+use host_tools::rig::link::line::command_text;
 use rustix::fs::{Mode, OFlags};
+use rustix::io::ioctl_fionread;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
-use ufmt::uWrite;
 use wire::assemble::{Assembled, Assembler};
 use wire::command::{Command, MAX_LINE, Request};
-use wire::line::{self, Sealed};
+use wire::line;
 use wire::reply::{self, REMARK};
 use wire::settings::{Key, Settings};
 use wire::state::State;
+use wire::testing::{Text, sealed};
 
 /// Version of the firmware, which is that of the workspace.
 pub const FIRMWARE: &str = env!("CARGO_PKG_VERSION");
@@ -47,6 +48,11 @@ const PERIOD: Duration = Duration::from_millis(PERIOD_MS as u64);
 /// Most control periods without looking at the cable: on a busy computer the board's clock
 /// runs slower, and its patience is not used up before it has read what came.
 const MOST_AT_ONCE: u32 = 10;
+
+/// Bytes that wait to be read before the board waits: a dozen lines.
+const MOST_UNREAD: u64 = 1_200;
+/// Longest that a program which reads the cable is not run by a busy computer.
+const SLOW_READER: Duration = Duration::from_secs(2);
 
 /// What hangs on the cable, and what goes wrong; may be changed while it runs.
 #[allow(clippy::struct_excessive_bools)] // Each is one way to misbehave.
@@ -205,7 +211,7 @@ pub fn patient() -> Settings {
 struct Cable {
     master: File,
     /// Kept open: the system reports a terminal that nobody has open as broken.
-    _slave: OwnedFd,
+    slave: OwnedFd,
     assembler: Assembler<MAX_LINE>,
     is_read: bool,
     plugged: Instant,
@@ -229,7 +235,7 @@ impl Cable {
         symlink(name.to_str().unwrap(), port).unwrap();
         Self {
             master: File::from(master),
-            _slave: slave,
+            slave,
             assembler: Assembler::new(),
             is_read: true,
             plugged: Instant::now(),
@@ -245,25 +251,24 @@ impl Cable {
         &bytes[..count]
     }
 
-    /// What nobody reads is lost, as on a real cable. A reader that is only
-    /// slow, because the computer is busy, is waited for once.
-    fn write(&mut self, text: &str) {
+    /// What nobody reads is lost, as on a real cable. A reader that is only slow, because the
+    /// computer is busy, is waited for once: the board's clock stands meanwhile, so that its
+    /// patience is not used up by lines that nobody has seen.
+    fn write(&mut self, text: &str, stop: &AtomicBool) {
         let begun = Instant::now();
         let mut rest = text.as_bytes();
         while !rest.is_empty() {
-            match self.master.write(rest) {
-                Ok(count) => {
-                    rest = &rest[count..];
-                    self.is_read = true;
-                }
-                Err(_) if self.is_read && begun.elapsed() < Duration::from_millis(300) => {
-                    std::thread::sleep(Duration::from_millis(1));
-                }
-                Err(_) => {
-                    self.is_read = false;
-                    return;
-                }
+            let is_seen = ioctl_fionread(&self.slave).unwrap() <= MOST_UNREAD;
+            if is_seen && let Ok(count) = self.master.write(rest) {
+                rest = &rest[count..];
+                self.is_read = true;
+                continue;
             }
+            self.is_read &= begun.elapsed() < SLOW_READER && !stop.load(Ordering::Relaxed);
+            if !self.is_read {
+                return;
+            }
+            std::thread::sleep(Duration::from_millis(1));
         }
     }
 
@@ -302,7 +307,7 @@ impl Cable {
                 continue;
             }
             if let Some(text) = script.babble {
-                cable.write(text);
+                cable.write(text, stop);
                 std::thread::sleep(Duration::from_millis(20));
                 continue;
             }
@@ -317,7 +322,7 @@ impl Cable {
             said += &board.play(elapsed, &mut script);
             script.state = board.app.state();
             drop(script);
-            cable.write(&said);
+            cable.write(&said, stop);
         }
         if cable.is_some() {
             std::fs::remove_file(port).unwrap();
@@ -447,13 +452,4 @@ fn claimed(said: &str, script: &Script) -> String {
     let firmware = script.remark.unwrap_or(FIRMWARE);
     let claim = format!("softrig {firmware} wire {} ", script.version);
     sealed(&text.replace(&own, &claim))
-}
-
-/// A line with its checksum and end.
-fn sealed(text: &str) -> String {
-    let mut out = Text::default();
-    let mut line = Sealed::new(&mut out);
-    let Ok(()) = line.write_str(text);
-    let Ok(()) = line.finish();
-    out.0
 }

@@ -24,7 +24,7 @@ fn a_table_is_taken_from_a_bench() {
         .ok();
     said.says("102.0 counts at rest");
     said.says("45.0    540.0");
-    said.says("the board now shows");
+    said.says("the board now shows 0.1° (668.0 counts) and 0.00 kPa");
     let read = bench.rig("upload --port PORT --read").ok();
     for part in [
         "p.zero     = 102.0",
@@ -71,6 +71,7 @@ fn each_angle_is_measured_when_the_operator_says_so() {
     assert!(said.err.contains("not steady"), "{}", said.err);
     let said = said.ok();
     said.says("90.0    400.0");
+    said.says("the board now shows 90.0° (400.0 counts)");
 }
 
 #[test]

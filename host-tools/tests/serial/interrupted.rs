@@ -33,7 +33,8 @@ fn damaged_and_lost_lines_are_counted_and_leave_gaps() {
     bench.rig("record --port PORT --seconds 10 -o run.csv").ok();
     let meta = bench.meta("run.meta.toml");
     let count = |key: &str| meta[key].as_integer().unwrap();
-    assert!((18..=26).contains(&count("damaged_lines")), "{meta}");
+    // Some that would have been damaged are lost.
+    assert!((17..=26).contains(&count("damaged_lines")), "{meta}");
     // Those that were damaged are missing too.
     assert!((30..=42).contains(&count("dropped_lines")), "{meta}");
     let recording = bench.recording("run.csv");

@@ -150,10 +150,10 @@ fn a_rig_at_rest_is_recorded_without_moving_it() {
 
 #[test]
 fn beats_keep_a_board_alive_whose_clock_runs_ahead() {
-    // Two seconds of its patience are a fifth of a second of ours.
+    // Two seconds of its patience are 0.4 s of ours, and by ours a beat comes every 0.5 s.
     let bench = Bench::with_settings(
         Script {
-            speed: 10,
+            speed: 5,
             ..Script::default()
         },
         &Settings::DEFAULT,
@@ -302,13 +302,7 @@ fn refusals_are_sentences() {
 
 #[test]
 fn a_latched_fault_forbids_to_move_until_it_is_cleared() {
-    let bench = Bench::with_settings(
-        Script {
-            speed: 10,
-            ..Script::default()
-        },
-        &Settings::DEFAULT,
-    );
+    let bench = Bench::new(Script::default());
     let mut child = bench.start("record --port PORT --protocol steps -o first.csv");
     wait_until("it runs", || bench.board.script().state == State::Running);
     child.kill().unwrap();
