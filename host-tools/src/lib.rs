@@ -14,7 +14,7 @@ pub mod export;
 mod first_model;
 pub mod io;
 pub mod materials;
-mod numbers;
+pub mod numbers;
 pub mod plot;
 pub mod report;
 pub mod rig;
