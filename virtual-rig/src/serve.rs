@@ -80,7 +80,7 @@ pub struct ServeArgs {
     /// the bench is ideal
     #[arg(long, value_name = "N")]
     bench_seed: Option<u64>,
-    /// Write the model that the owner of the drawn actuator believes in here
+    /// Write the nominal model of the drawn actuator here
     #[arg(long, value_name = "TOML", requires = "hide")]
     model_out: Option<PathBuf>,
     /// Write the answer, the drawn actuator as it is, here

@@ -423,7 +423,7 @@ pub fn predicted(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Opti
     let starts = starts(file, context.scales, base, kind);
     let best = context
         .subsample
-        .promising(&starts.from_fitted, &free, BEST);
+        .least_predicted(&starts.from_fitted, &free, BEST);
     let sse = best.first()?.0;
     let mut starts_on: Vec<Model<f64>> = best.into_iter().map(|(_, model)| model).collect();
     // Where simulation and measurement are out of phase, whole runs have too many

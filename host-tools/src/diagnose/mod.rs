@@ -309,7 +309,7 @@ fn diagnose_all(
     let file = &file;
     let fitter = Fitter::new(&file.model, &data);
     let mut validator = CrossValidator::new(file, &fitter, floor.input);
-    validator.with_scatter(floor.rms);
+    validator.raise_floor(floor.rms);
     progress.stage("where the gap lives", 0);
     let gap = localise(&refit.fit.model, &data, &refit.fit.nuisances, floor.white);
     progress.stage("validation in the board's arithmetic", 0);
@@ -451,12 +451,12 @@ fn cost_of_zeros(data: &Dataset, fit: &Fit) -> f64 {
 
 /// The runs that separate rivals best, with their names.
 fn propose(
-    believed: &Model<f64>,
+    nominal: &Model<f64>,
     rivals: &[Candidate],
     floor: &NoiseFloor,
 ) -> Vec<(Proposal, [Vec<String>; 2])> {
     let names = |index: usize| selection::names(&rivals[index].added);
-    plan::proposals(believed, rivals, floor.rms, &Limits::default())
+    plan::proposals(nominal, rivals, floor.rms, &Limits::default())
         .into_iter()
         .take(PROPOSALS)
         .map(|proposal| {

@@ -436,7 +436,7 @@ impl<'a> Fitter<'a> {
     }
 
     /// The `count` initial guesses with the least predicted SSE.
-    pub fn promising(
+    pub fn least_predicted(
         &self,
         starts: &[Model<f64>],
         free: &[ParameterId],
@@ -471,8 +471,11 @@ impl<'a> Fitter<'a> {
         effort: Effort,
         checkpoint: &Checkpoint,
     ) -> Option<Fit> {
-        if let (true, Some(ahead)) = (effort.is_long(), self.ahead(starts, free, checkpoint)) {
-            return Some(self.fit_kept(&ahead, free, effort, checkpoint))
+        if let (true, Some(best_after_few_steps)) = (
+            effort.is_long(),
+            self.best_after_few_steps(starts, free, checkpoint),
+        ) {
+            return Some(self.fit_kept(&best_after_few_steps, free, effort, checkpoint))
                 .filter(|fit| fit.sse().is_finite());
         }
         starts
@@ -486,20 +489,20 @@ impl<'a> Fitter<'a> {
 
     /// The position of the initial guess that is best after a few steps; none if there is
     /// only one.
-    fn ahead(
+    fn best_after_few_steps(
         &self,
         starts: &[Model<f64>],
         free: &[ParameterId],
         checkpoint: &Checkpoint,
     ) -> Option<Model<f64>> {
         /// Steps after which the local minimum is chosen.
-        const RACED: Effort = Effort::Steps(4);
+        const COARSE: Effort = Effort::Steps(4);
         if starts.len() < 2 {
             return None;
         }
         starts
             .par_iter()
-            .map(|start| self.fit_kept(start, free, RACED, checkpoint))
+            .map(|start| self.fit_kept(start, free, COARSE, checkpoint))
             .filter(|fit| fit.sse().is_finite())
             .min_by(|a, b| a.sse().total_cmp(&b.sse()))
             .map(|fit| fit.model)

@@ -297,14 +297,14 @@ impl<'a> Problem<'a> {
                 break;
             };
             let cost = normal.cost();
-            let promised = normal.slope().dot(&step);
+            let predicted = normal.slope().dot(&step);
             let before = self.position.clone();
             self.position -= step;
             self.triangulate();
             let moved = self.normal();
             let gain = moved.as_ref().map_or(f64::NAN, |it| cost - it.cost());
-            // Where a step promises nothing and changes nothing, none will.
-            let is_done = gain.abs().max(promised) < tolerance * cost;
+            // If predicted and actual reduction are both negligible, no further step helps.
+            let is_done = gain.abs().max(predicted) < tolerance * cost;
             if let Some(better) = moved.filter(|_| gain > 0.0) {
                 normal = better;
                 damping *= CALMER;

@@ -11,7 +11,7 @@
 //! | pressure at the end of its range, longer | cut: a new block begins after it |
 //! | short gap in time | the pressure is interpolated |
 //! | long gap in time | cut: a new block begins after it |
-//! | clock that jitters | reported; the model is integrated in real time |
+//! | clock that jitters | reported; the model is integrated with the recorded times |
 //! | block too short to show a motion | left out |
 //! | nothing left | refused |
 
@@ -57,7 +57,7 @@ const BRIDGED_INTERVALS: f64 = 3.0;
 const MISSING: f64 = 1.5;
 
 /// The same for a clock that jitters, in standard deviations of its interval.
-const MISSING_SCATTERS: f64 = 4.0;
+const MISSING_DEVIATIONS: f64 = 4.0;
 
 /// Relative standard deviation of the intervals from which jitter is reported.
 const JITTER: f64 = 0.1;
@@ -312,8 +312,8 @@ impl Clock {
         // The median does not see the gaps, of which there are few.
         let mut deviations: Vec<f64> = steps().map(|step| (step / usual - 1.0).abs()).collect();
         // Of normal deviations the median is 0.6745 standard deviations.
-        let scattered = median(&mut deviations) / 0.6745;
-        let even = 1.0 + (MISSING - 1.0).max(MISSING_SCATTERS * scattered);
+        let standard_deviation = median(&mut deviations) / 0.6745;
+        let even = 1.0 + (MISSING - 1.0).max(MISSING_DEVIATIONS * standard_deviation);
         let bridged = BRIDGED_S.max(BRIDGED_INTERVALS * usual);
         let is_gap = |step: f64| step > even * usual;
         // A limit of exactly three intervals is met up to rounding.
@@ -344,7 +344,7 @@ impl Clock {
                 Matter::LongGap,
                 Some(recording),
                 format!(
-                    "{}, the first at {:.2} s, the longest of {:.2} s: too long to follow the motion across, so each part is simulated from a start of its own",
+                    "{}, the first at {:.2} s, the longest of {:.2} s: too long to follow the motion across, so each part is simulated from an initial state of its own",
                     match self.cuts.len() {
                         1 => "a gap in time".to_owned(),
                         count => format!("{count} gaps in time"),
@@ -373,7 +373,7 @@ impl Clock {
                 Matter::Jitter,
                 Some(recording),
                 format!(
-                    "the time between samples scatters by {:.0} %; the model is integrated in real time",
+                    "the time between samples varies by {:.0} %; the model is integrated with the recorded times",
                     100.0 * self.jitter
                 ),
                 "let a timer pace the sampling",
@@ -419,10 +419,10 @@ fn saturated_pressure(recording: &Recording, concerns: &mut Vec<Concern>) -> Sat
             "they are simulated as recorded, and the angle is not fitted from there until {RECOVERY_S} s after"
         ),
         (_, true) => {
-            "what drove the actuator is not known there, so the recording is cut: each part is simulated from a start of its own".to_owned()
+            "the pressure is not known there, so the recording is cut: each part is simulated from an initial state of its own".to_owned()
         }
         _ => format!(
-            "the recording is cut where that lasts {LONG_SATURATION_S} s or longer, and each part simulated from a start of its own; elsewhere the angle is not fitted until {RECOVERY_S} s after"
+            "the recording is cut where that lasts {LONG_SATURATION_S} s or longer, and each part simulated from an initial state of its own; elsewhere the angle is not fitted until {RECOVERY_S} s after"
         ),
     };
     concerns.push(Concern::of(

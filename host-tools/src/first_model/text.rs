@@ -155,7 +155,7 @@ fn fitted_to(evidence: &Evidence, recordings: &[impl AsRef<Path>]) -> String {
         all => format!("{} recordings", all.len()),
     };
     let part = if evidence.subsample {
-        "an excerpt of "
+        "a subsample of "
     } else {
         ""
     };

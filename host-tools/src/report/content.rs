@@ -815,9 +815,9 @@ fn noise_note(floor: &NoiseFloor, shown: f64) -> String {
 fn noise_source(floor: &NoiseFloor) -> &'static str {
     let is_it = |source: Option<f64>| source.is_some_and(|source| source >= floor.rms);
     if is_it(floor.repeats) {
-        "scatter between repeats"
+        "spread between repeats"
     } else if is_it(floor.rest) && floor.white < floor.rms {
-        "scatter at rest"
+        "noise at rest"
     } else if floor.white >= floor.rms {
         "noise of the angle sensor"
     } else {
@@ -828,15 +828,15 @@ fn noise_source(floor: &NoiseFloor) -> &'static str {
 /// Notices about the recordings.
 fn notices(diagnosis: &Diagnosis) -> Vec<Notice> {
     let floor = &diagnosis.floor;
-    let scatter = floor.repeats.filter(|scatter| *scatter > 2.0 * floor.white);
-    let repeats = scatter.map(|scatter| Notice {
+    let spread = floor.repeats.filter(|spread| *spread > 2.0 * floor.white);
+    let repeats = spread.map(|spread| Notice {
         about: None,
         text: format!(
             "the repeats differ by {} among themselves, more than the sensor's noise of {}",
-            degrees(scatter),
+            degrees(spread),
             degrees(floor.white)
         ),
-        advice: "what the rig itself does not repeat counts as noise here".into(),
+        advice: "motion that the rig itself does not repeat counts as noise here".into(),
     });
     let concerns = diagnosis.concerns.iter().map(|concern| Notice {
         about: concern.recording.clone(),
@@ -1441,7 +1441,7 @@ mod tests {
             input: 0.001,
             groups: Vec::new(),
         };
-        assert_eq!(noise_note(&floor, 0.02), "scatter at rest");
+        assert_eq!(noise_note(&floor, 0.02), "noise at rest");
         let floor = NoiseFloor {
             repeats: Some(0.03),
             rms: 0.03,
@@ -1450,7 +1450,7 @@ mod tests {
         };
         assert_eq!(
             noise_note(&floor, 0.036),
-            "scatter between repeats, and the 1.15° that noise of the pressure leaves"
+            "spread between repeats, and the 1.15° that noise of the pressure leaves"
         );
     }
 

@@ -309,7 +309,7 @@ fn features(gap: &Gap) -> Vec<Picture> {
                 format!("Against the {}", feature.name),
                 format!(
                     "It goes with {} of the missing force. Dots: single samples; line and band: \
-                     their mean and scatter.",
+                     their mean and standard deviation.",
                     percent(feature.share)
                 ),
             )
@@ -461,12 +461,12 @@ fn noise(diagnosis: &Diagnosis) -> Vec<[String; 2]> {
     ];
     if let Some(repeats) = floor.repeats {
         rows.push([
-            format!("scatter between repeats ({} groups)", floor.groups.len()),
+            format!("spread between repeats ({} groups)", floor.groups.len()),
             degrees(repeats),
         ]);
     }
     if let Some(rest) = floor.rest {
-        rows.push(["scatter at rest, about a line".to_owned(), degrees(rest)]);
+        rows.push(["noise at rest, about a line".to_owned(), degrees(rest)]);
     }
     if floor.quantisation_step > 0.0 {
         rows.push([

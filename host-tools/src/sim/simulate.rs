@@ -306,8 +306,8 @@ impl Stepping {
         let rates = upper(model.fastest_rate(R::from_f64(angle)));
         let runge_kutta = resolving(rates, interval, grain);
         // Two evaluations a step instead of four.
-        let pays = exponential(rates) < runge_kutta && runge_kutta > 2;
-        let is_exponential = damping * damping > 4.0 * rates[0] && pays;
+        let is_cheaper = exponential(rates) < runge_kutta && runge_kutta > 2;
+        let is_exponential = damping * damping > 4.0 * rates[0] && is_cheaper;
         let needed = |rates| {
             if is_exponential {
                 exponential(rates)
