@@ -263,7 +263,11 @@ pub fn board() -> Outcome {
     for (effect, cycles) in effects {
         row(&format!("  with {effect}"), cycles, step);
     }
-    row("  with the dearest three", ours_of("step_dearest")?, step);
+    row(
+        "  with the three most expensive",
+        ours_of("step_dearest")?,
+        step,
+    );
     row("plain C: one power", pow, pow);
     row("plain C: one RK4 step", step, step);
     // What a model at 1 kHz takes of a processor of 16 MHz.
