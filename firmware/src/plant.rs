@@ -151,7 +151,7 @@ impl Plant {
         Oversampled(sum)
     }
 
-    /// What the board sees at the start of the period that comes.
+    /// The board's inputs at the start of the next period.
     pub fn inputs(&mut self) -> Inputs {
         let pressure = self.pressure_counts.unwrap_or(
             self.setting(Key::PressureZero)

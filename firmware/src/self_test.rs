@@ -105,7 +105,7 @@ fn effect(kind: Kind) -> Option<Slot<f32>> {
 ///
 /// # Errors
 ///
-/// Those of [`with_effect`].
+/// The same as [`with_effect`].
 pub fn with_dearest() -> Result<Model<f32, Minimax>, InvalidModel> {
     let mut slots = [None; MAX_EFFECTS];
     for (slot, kind) in slots.iter_mut().zip(DEAREST) {
@@ -163,7 +163,7 @@ impl SelfTest {
     ///
     /// # Errors
     ///
-    /// Those of the output.
+    /// Errors of the output.
     #[inline(never)]
     pub fn advance<W: uWrite + ?Sized>(
         &mut self,

@@ -24,7 +24,7 @@ pub const FASTEST: f32 = CPU_HZ as f32 / (HIGH_CYCLES as f32 + SHORTEST_GAP as f
 /// The slowest rate that is not a standstill (microsteps/s).
 pub const SLOWEST: f32 = 0.5;
 
-/// What the pulse timer does in the next control period.
+/// The pulse timer's work in the next control period.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Plan {
     /// The pulses push the plunger in.
@@ -59,7 +59,7 @@ impl Planner {
     /// Plans a period towards `target` (microsteps/s, positive compresses) with
     /// at most `acceleration` (microsteps/s²).
     ///
-    /// What is not a number is a standstill.
+    /// A target of NaN is a standstill.
     pub fn plan(&mut self, target: f32, acceleration: f32) -> Plan {
         let from = self.rate;
         // Reversing means to stop first; the next period goes on from there.

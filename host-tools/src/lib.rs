@@ -14,6 +14,7 @@ pub mod export;
 mod first_model;
 pub mod io;
 pub mod materials;
+pub mod numbers;
 pub mod plot;
 pub mod report;
 pub mod rig;

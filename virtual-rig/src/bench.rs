@@ -40,9 +40,9 @@ const STREAM: u64 = 0x62_656e_6368;
 /// The errors of a bench. The default is an ideal one.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Bench {
-    /// What the pressure sensor shows at gauge zero (kPa).
+    /// The zero of the pressure sensor (kPa).
     pub pressure_zero_kpa: f64,
-    /// What the flex sensor shows when the actuator is straight (°).
+    /// The reading of the flex sensor when the actuator is straight (°).
     pub angle_zero_deg: f64,
     /// The angle (°) at which the actuator was let go before power-on.
     pub let_go_deg: f64,

@@ -30,7 +30,7 @@ pub enum State {
 /// A measured stretch of firmware.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Mark {
-    /// What was measured: the value that the firmware wrote to GPIOR0.
+    /// The measured code: the value that the firmware wrote to GPIOR0.
     pub id: u8,
     /// Processor cycles between the opening and the closing write.
     pub cycles: u64,
@@ -103,7 +103,7 @@ pub struct StepperWiring {
     pub highest: i64,
 }
 
-/// What a stepper motor did.
+/// The motion of a stepper motor.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Stepper {
     /// Where it stands (microsteps).
@@ -114,7 +114,7 @@ pub struct Stepper {
     pub lost: u64,
 }
 
-/// What can go wrong while a board is made or runs.
+/// Errors while a board is made or runs.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum BoardError {
@@ -359,7 +359,7 @@ impl Board {
         self.simavr.stall(stalled);
     }
 
-    /// What the stepper did so far.
+    /// The stepper's motion so far.
     pub fn stepper(&self) -> Stepper {
         let crate::simavr::Stepper {
             position,

@@ -152,7 +152,7 @@ impl FromStr for Fault {
 /// A fault with the time at which it happens: `KIND@SECONDS[..SECONDS]`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Planned {
-    /// What happens.
+    /// The fault.
     pub fault: Fault,
     /// When it starts, in seconds of simulated time.
     pub from_s: f64,

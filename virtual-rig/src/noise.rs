@@ -25,7 +25,7 @@ impl Noise {
         Self { random, left: 0 }
     }
 
-    /// What arrives of `bytes`.
+    /// The bytes that arrive of `bytes`.
     pub(crate) fn pass(&mut self, bytes: &[u8]) -> Vec<u8> {
         let mut arrived = Vec::with_capacity(bytes.len());
         for &byte in bytes {

@@ -31,7 +31,7 @@ pub struct Port {
     watch: OwnedFd,
 }
 
-/// What a client did with the port since the last look.
+/// A client's action on the port since the last look.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Change {
     /// Nothing.
@@ -175,7 +175,7 @@ impl Port {
     ///
     /// # Errors
     ///
-    /// Those of the operating system.
+    /// Errors of the operating system.
     pub fn wait_for_bytes(&mut self, time: Duration) -> io::Result<()> {
         self.poll(PollFlags::IN, time).map(drop)
     }

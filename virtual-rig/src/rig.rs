@@ -39,7 +39,7 @@ pub const POWER_CUT_S: f64 = 0.5;
 /// Where the plunger stands at power-on, from the retracted switch (mm).
 const START_MM: std::ops::Range<f64> = 2.0..8.0;
 
-/// What a virtual rig is made of.
+/// Options of a virtual rig.
 #[derive(Clone, Debug)]
 pub struct Options {
     /// Everything that is not the board.
@@ -49,7 +49,7 @@ pub struct Options {
     pub seed: u64,
     /// The EEPROM at the start, 4096 bytes; erased if there is nothing.
     pub eeprom: Option<Vec<u8>>,
-    /// What goes wrong when.
+    /// The faults and their times.
     pub faults: Vec<Planned>,
 }
 
@@ -241,7 +241,7 @@ impl VirtualRig {
     ///
     /// # Errors
     ///
-    /// As [`VirtualRig::run_for`].
+    /// Like [`VirtualRig::run_for`].
     pub fn run_cycles(&mut self, cycles: u64) -> Result<(), BoardError> {
         let end = self.cycle().saturating_add(cycles);
         while self.cycle() < end {
@@ -261,7 +261,7 @@ impl VirtualRig {
     ///
     /// # Errors
     ///
-    /// As [`VirtualRig::run_for`].
+    /// Like [`VirtualRig::run_for`].
     pub fn run_until_line(
         &mut self,
         seconds: f64,

@@ -80,7 +80,7 @@ pub struct ServeArgs {
     /// the bench is ideal
     #[arg(long, value_name = "N")]
     bench_seed: Option<u64>,
-    /// Write the model that the owner of the drawn actuator believes in here
+    /// Write the nominal model of the drawn actuator here
     #[arg(long, value_name = "TOML", requires = "hide")]
     model_out: Option<PathBuf>,
     /// Write the answer, the drawn actuator as it is, here
@@ -546,7 +546,7 @@ mod tests {
         );
     }
 
-    /// Who only has the file finds what the rig has: the actuator, and in the
+    /// The file alone describes the rig: the actuator, and in the
     /// comments the bench.
     #[test]
     fn the_answer_tells_the_bench_and_is_still_a_model_file() {

@@ -14,7 +14,7 @@
 //!
 //! A pure state machine: bytes in, bytes out, the memory behind a trait.
 
-/// What the bootloader writes to and reads from.
+/// The memory that the bootloader writes and reads.
 pub trait Memory {
     /// Reads flash; the range lies within [`FLASH_BYTES`](crate::image::FLASH_BYTES).
     fn read_flash(&mut self, address: u32, length: u32) -> Vec<u8>;
@@ -69,7 +69,7 @@ mod command {
     pub const SPI_MULTI: u8 = 0x1d;
 }
 
-/// What the bootloader wants next.
+/// The bootloader's next step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Phase {
     /// It waits for a first byte, for [`LISTENS_S`].
@@ -105,7 +105,7 @@ impl Bootloader {
         }
     }
 
-    /// What it wants next.
+    /// Its next step.
     pub fn phase(&self) -> Phase {
         self.phase
     }

@@ -17,7 +17,7 @@ use crate::{
     state::State,
 };
 
-/// Conversions of the ADC that a reading of a sensor is the sum of.
+/// Number of ADC conversions that a reading of a sensor sums up.
 pub const OVERSAMPLING: u16 = 16;
 
 /// Checksum of the settings in use, which identifies them in recordings.
@@ -25,7 +25,7 @@ pub const OVERSAMPLING: u16 = 16;
 pub struct SettingsId(pub u16);
 
 impl SettingsId {
-    /// Of these settings.
+    /// Checksum of these settings.
     pub fn of(settings: &Settings) -> Self {
         let mut crc = Crc16::new();
         for word in settings.words() {
@@ -69,7 +69,7 @@ pub struct Identity<'t> {
 }
 
 impl<'t> Identity<'t> {
-    /// Of a board that speaks this version.
+    /// The identity of a board that speaks this version.
     pub const fn new(firmware: &'t str, settings: SettingsId) -> Self {
         Self {
             firmware,
@@ -137,11 +137,11 @@ pub struct Place {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Status {
-    /// What it is doing.
+    /// The board's state.
     pub state: State,
     /// The latched fault.
     pub fault: Option<Fault>,
-    /// What it did not obey.
+    /// Counters of lines that it did not obey.
     pub counters: Counters,
     /// The settings in use.
     pub settings: SettingsId,
@@ -203,13 +203,13 @@ impl uDisplay for Status {
     }
 }
 
-/// The answer to `raw`: what the ADC converts, each the sum of [`OVERSAMPLING`] conversions
-/// of 0 to 1023.
+/// The answer to `raw`: sums of [`OVERSAMPLING`] conversions of the ADC, each conversion
+/// 0 to 1023.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Raw {
-    /// Of the pressure sensor.
+    /// Value of the pressure sensor.
     pub pressure: u16,
-    /// Of the flex sensor.
+    /// Value of the flex sensor.
     pub flex: u16,
 }
 

@@ -30,7 +30,7 @@ pub enum Command {
     Hello,
     /// The computer is alive.
     Beat,
-    /// What can be typed.
+    /// List the commands that can be typed.
     Help,
     /// State, fault with its sentence, counters.
     Status,
@@ -46,7 +46,7 @@ pub enum Command {
     Stop,
     /// Leave the fault state, if its cause is gone.
     Clear,
-    /// What the sensors show now is zero.
+    /// Make the sensors' present readings zero.
     Tare,
     /// A protocol of so many segments follows.
     Load(u8),
@@ -54,7 +54,7 @@ pub enum Command {
     Segment {
         /// Its place.
         index: u8,
-        /// What it is.
+        /// The segment.
         segment: Segment,
     },
     /// Change a setting in the draft.
@@ -101,7 +101,7 @@ const EXACT: Keyword = Keyword::of("exact");
 pub struct Request {
     /// The number; zero for a line without one.
     pub id: u8,
-    /// What is asked.
+    /// The command.
     pub command: Command,
 }
 
@@ -184,7 +184,7 @@ impl Request {
     ///
     /// # Errors
     ///
-    /// Those of the output.
+    /// Errors of the output.
     pub fn write<W: uWrite + ?Sized>(&self, out: &mut W) -> Result<(), W::Error> {
         let mut line = Sealed::new(out);
         uwrite!(line, "{} ", self.id)?;

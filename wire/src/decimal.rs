@@ -187,7 +187,7 @@ fn digits<W: uWrite + ?Sized>(
 /// Places of a number that fits into sixteen bits whatever its digits are.
 const SMALL: u8 = 4;
 
-/// What of a number is written.
+/// The digits of a number that are written.
 struct Digits {
     decimals: u8,
     has_begun: bool,

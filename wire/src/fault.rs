@@ -35,7 +35,7 @@ macro_rules! faults {
                 match self { $( Self::$variant => $name, )+ }
             }
 
-            /// What happened and what to do, for the operator.
+            /// Cause and advice, for the operator.
             pub const fn sentence(self) -> &'static str {
                 match self { $( Self::$variant => $sentence, )+ }
             }

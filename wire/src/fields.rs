@@ -19,7 +19,7 @@ impl<'t> Fields<'t> {
         self.0.is_none()
     }
 
-    /// What is left, as it stands in the line.
+    /// The unread rest of the line.
     pub(crate) fn rest(self) -> &'t [u8] {
         self.0.unwrap_or_default()
     }

@@ -63,7 +63,7 @@ impl<'w, W: uWrite + ?Sized> Sealed<'w, W> {
     ///
     /// # Errors
     ///
-    /// Those of the output.
+    /// Errors of the output.
     pub fn finish(self) -> Result<(), W::Error> {
         self.out.write_str(" *")?;
         for byte in self.crc.value().to_be_bytes() {
@@ -137,11 +137,11 @@ pub fn open(line: &str) -> Result<&str, LineError> {
     line.get(..text.len()).ok_or(LineError::NoChecksum)
 }
 
-/// As [`open`], for bytes that may be anything.
+/// Like [`open`], for bytes that may be anything.
 ///
 /// # Errors
 ///
-/// As [`open`].
+/// Like [`open`].
 pub fn open_bytes(line: &[u8]) -> Result<&[u8], LineError> {
     let (text, [b' ', b'*', digits @ ..]) = trimmed(line)
         .split_last_chunk::<6>()

@@ -154,7 +154,7 @@ impl Segment {
     ///
     /// # Errors
     ///
-    /// Those of the output.
+    /// Errors of the output.
     pub fn write<W: uWrite + ?Sized>(&self, out: &mut W) -> Result<(), W::Error> {
         match *self {
             Self::Step {
@@ -490,7 +490,7 @@ macro_rules! named {
                 match self { $( Self::$variant => $word, )+ }
             }
 
-            /// What it is for, in one line.
+            /// Its purpose, in one line.
             pub const fn title(self) -> &'static str {
                 match self { $( Self::$variant => $title, )+ }
             }

@@ -49,7 +49,7 @@ macro_rules! refusals {
                 Some(match code { $( $code => Self::$variant, )+ _ => return None })
             }
 
-            /// What it means and what to do.
+            /// Its meaning, and advice.
             pub const fn sentence(self) -> &'static str {
                 match self { $( Self::$variant => $sentence, )+ }
             }
@@ -97,7 +97,7 @@ impl core::error::Error for Refusal {}
 pub struct Reply<'t> {
     /// The number of the request.
     pub id: u8,
-    /// What became of it: text, often empty, or why not.
+    /// The outcome: text, often empty, or the reason of the refusal.
     pub outcome: Result<&'t str, Refusal>,
 }
 
@@ -106,7 +106,7 @@ pub struct Reply<'t> {
 ///
 /// # Errors
 ///
-/// Those of the output.
+/// Errors of the output.
 pub fn ok<W: uWrite + ?Sized>(out: &mut W, id: u8) -> Result<Sealed<'_, W>, W::Error> {
     let mut line = Sealed::new(out);
     uwrite!(line, "A: {} ok", id)?;
@@ -117,7 +117,7 @@ pub fn ok<W: uWrite + ?Sized>(out: &mut W, id: u8) -> Result<Sealed<'_, W>, W::E
 ///
 /// # Errors
 ///
-/// Those of the output.
+/// Errors of the output.
 pub fn no<W: uWrite + ?Sized>(out: &mut W, id: u8, refusal: Refusal) -> Result<(), W::Error> {
     let mut line = Sealed::new(out);
     uwrite!(line, "A: {} no {}", id, refusal.code())?;

@@ -101,7 +101,7 @@ macro_rules! scalars {
                 }
             }
 
-            /// What it is, for people.
+            /// Its description for people.
             pub const fn title(self) -> &'static str {
                 match self {
                     $( Self::$variant => $doc, )+
@@ -245,7 +245,7 @@ impl Key {
     ///
     /// # Errors
     ///
-    /// Those of the output.
+    /// Errors of the output.
     pub fn write<W: ufmt::uWrite + ?Sized>(self, out: &mut W) -> Result<(), W::Error> {
         use ufmt::uwrite;
         match self {
@@ -289,7 +289,7 @@ pub enum InvalidSetting {
 }
 
 impl Settings {
-    /// What a board is shipped with.
+    /// The settings of a new board.
     pub const DEFAULT: Self = Self::shipped();
 
     /// All words zero: no settings yet.

@@ -31,7 +31,7 @@ impl<'t> StepReport<'t> {
     ///
     /// # Errors
     ///
-    /// Those of the output.
+    /// Errors of the output.
     pub fn write<W: uWrite + ?Sized>(&self, out: &mut W) -> Result<(), W::Error> {
         let mut line = Sealed::new(out);
         uwrite!(line, "step {}", self.power)?;

@@ -29,7 +29,7 @@ pub const RATE_HZ: u16 = 100;
 /// Milliseconds between lines.
 pub const PERIOD_MS: u16 = 1000 / RATE_HZ;
 
-/// What the actuator is asked for.
+/// The actuator's set-point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Setpoint {
     /// Nothing: the pump rests.
@@ -53,11 +53,11 @@ pub struct Telemetry {
     pub angle_deg: Option<Hundredths>,
     /// Angle that is predicted (°); none while it has no model.
     pub predicted_deg: Option<Hundredths>,
-    /// What is asked for.
+    /// The set-point.
     pub setpoint: Setpoint,
     /// Volume that the pump has displaced from the retracted switch (µl).
     pub volume_ul: i32,
-    /// What the firmware is doing.
+    /// The firmware's state.
     pub state: State,
     /// Code of the latched fault, zero for none; see [`crate::fault::Fault`].
     pub fault: u8,
@@ -70,7 +70,7 @@ impl Telemetry {
     ///
     /// # Errors
     ///
-    /// Those of the output.
+    /// Errors of the output.
     pub fn write<W: uWrite + ?Sized>(&self, out: &mut W) -> Result<(), W::Error> {
         let mut line = Sealed::new(out);
         let sequence = Count(u32::from(self.sequence));

@@ -1,5 +1,5 @@
-//! What tests of this crate and of the firmware share: text in memory, and what random protocols
-//! are made of. No image and no tool is built with it.
+//! Shared by tests of this crate and of the firmware: text in memory, and the parts of random
+//! protocols. No image and no tool is built with it.
 
 extern crate std;
 use core::ops::{Range, RangeInclusive};

@@ -292,7 +292,7 @@ pub fn board() -> Outcome {
     Ok(())
 }
 
-/// What one run of an image left behind.
+/// The results of one run of an image.
 struct Run {
     said: String,
     cycles: Vec<(String, u64)>,

@@ -18,7 +18,7 @@ use crate::{
     shell::{Failure, Outcome, read_within, root, target_dir},
 };
 
-/// What `rig upload` says when the board does not take a model.
+/// The message of `rig upload` when the board refuses a model.
 const REFUSED: &str = "the board still uses its old settings";
 /// How long an upload, or the comparison at the end, may take.
 const SHORT_LIMIT: Duration = Duration::from_secs(180);
@@ -141,7 +141,7 @@ pub fn bench(options: &Options) -> Outcome {
 #[derive(Clone, Debug)]
 struct Row {
     seed: u64,
-    /// What the actuator hides; empty where it only has other parameters.
+    /// The hidden effects; empty where the actuator only has other parameters.
     hidden: Vec<String>,
     /// How it went, or why it did not.
     went: Result<Done, String>,
@@ -165,7 +165,7 @@ impl Done {
     }
 }
 
-/// What became of the repaired model.
+/// The outcome of uploading the repaired model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Uploaded {
     /// The board runs it.
@@ -177,7 +177,7 @@ enum Uploaded {
 }
 
 impl Uploaded {
-    /// What the table adds to the score.
+    /// The words that the table adds to the score.
     fn words(self) -> &'static str {
         match self {
             Self::Yes => "",
@@ -187,10 +187,10 @@ impl Uploaded {
     }
 }
 
-/// What an answer is worth beside the truth.
+/// The score of an answer against the truth.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Score {
-    /// What is hidden, and nothing else, is named.
+    /// The hidden effects, and nothing else, are named.
     Named,
     /// It is one of a few answers that are left open.
     Among,
@@ -261,7 +261,7 @@ impl Row {
         Some(Score::of(&self.hidden, &done.verdict))
     }
 
-    /// What the table shows, cell by cell.
+    /// The cells of the table's row.
     fn cells(&self) -> Vec<String> {
         let hidden = if self.hidden.is_empty() {
             "parameters only".into()
@@ -399,7 +399,7 @@ pub fn reason(failure: &str) -> String {
     }
 }
 
-/// What the rows come to.
+/// The summary of the rows.
 #[derive(Clone, Debug, PartialEq)]
 struct Summary {
     cases: usize,

@@ -96,7 +96,7 @@ pub fn shared() -> PathBuf {
         .join("data/real")
 }
 
-/// What came of one rig.
+/// The results of one rig.
 #[derive(Debug)]
 struct Row {
     rig: &'static Rig,
@@ -356,7 +356,7 @@ impl Bench {
     }
 }
 
-/// What stands below the heading of a picture.
+/// The subtitle of a picture.
 fn subtitle(diagnosed: &Diagnosed, is_repaired: bool) -> String {
     let number = |value: Option<f64>| value.map_or("–".into(), significant);
     let mut text = format!(

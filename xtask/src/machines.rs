@@ -92,8 +92,8 @@ pub fn soak(options: &Soak) -> Outcome {
         .args(["--seed", &options.seed.to_string()]))
 }
 
-/// What makes the compiler count edges and show libFuzzer what is compared. All of it
-/// is there on stable; only sanitizers are not, and code without `unsafe` has little
+/// Flags with which the compiler counts edges and shows libFuzzer all comparisons. All
+/// exist on stable; only sanitizers do not, and code without `unsafe` has little
 /// for them to find.
 const COVERAGE: &str = "--cfg fuzzing -Cpasses=sancov-module \
     -Cllvm-args=-sanitizer-coverage-level=4 \

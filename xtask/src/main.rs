@@ -37,9 +37,9 @@ Usage: cargo xtask <TASK> [OPTIONS]
 
 Tasks:
   setup [--for PURPOSE] [--dry-run]
-                         install what is missing for the demo, for the tests
-                         (the default) or for `cargo run` in firmware/, which
-                         takes ravedude: demo, tests, cargo-run
+                         install what is missing for the demo, the tests (the
+                         default) or `cargo run` in firmware/: demo, tests,
+                         cargo-run
   demo [--seed N] [--effect KIND]
                          simulate, diagnose, repair; says where the picture is
   test [--host-only]     everything that must hold before a change goes in

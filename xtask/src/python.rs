@@ -23,7 +23,7 @@ pub const CRATE: &str = "softrig-python";
 /// How long a package manager may take.
 const INSTALL_LIMIT: Duration = Duration::from_secs(600);
 
-/// What someone does first, on a machine with nothing but NumPy.
+/// A user's first steps, on a machine with nothing but NumPy.
 const FIRST_STEPS: &str = "\
 import softrig
 made = softrig.example(1)

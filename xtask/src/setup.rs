@@ -32,14 +32,14 @@ pub enum Mode {
     DryRun,
 }
 
-/// What things are installed for. Each purpose includes those before it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+/// What things are installed for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Purpose {
     /// The firmware on the virtual rig, which is all that the demo takes.
     Demo,
-    /// All tests.
+    /// All tests, which include the demo's loop.
     Tests,
-    /// `cargo run` in firmware/ on a board, besides `cargo xtask flash`.
+    /// `cargo run` in firmware/, which flashes a board.
     CargoRun,
 }
 
@@ -80,7 +80,7 @@ pub fn parse(words: &[&str]) -> Result<(Purpose, Mode), String> {
 /// Something that a task needs.
 struct Need {
     what: &'static str,
-    purpose: Purpose,
+    purposes: &'static [Purpose],
     present: fn() -> bool,
     /// Debian packages that bring it.
     debian: &'static [&'static str],
@@ -89,31 +89,31 @@ struct Need {
 const NEEDS: &[Need] = &[
     Need {
         what: "a C compiler",
-        purpose: Purpose::Demo,
+        purposes: &[Purpose::Demo, Purpose::Tests, Purpose::CargoRun],
         present: || has_program("cc"),
         debian: &["gcc", "libc6-dev"],
     },
     Need {
         what: "Python 3 with virtual environments, for exported models and the package",
-        purpose: Purpose::Tests,
+        purposes: &[Purpose::Tests],
         present: has_python,
         debian: PYTHON,
     },
     Need {
         what: "pkg-config",
-        purpose: Purpose::Demo,
+        purposes: &[Purpose::Demo, Purpose::Tests, Purpose::CargoRun],
         present: || has_program("pkg-config"),
         debian: &["pkg-config"],
     },
     Need {
         what: "avr-gcc with binutils",
-        purpose: Purpose::Demo,
+        purposes: &[Purpose::Demo, Purpose::Tests, Purpose::CargoRun],
         present: || has_program("avr-gcc") && has_program("avr-nm") && has_program("avr-size"),
         debian: &["gcc-avr", "binutils-avr"],
     },
     Need {
         what: "avr-libc",
-        purpose: Purpose::Demo,
+        purposes: &[Purpose::Demo, Purpose::Tests, Purpose::CargoRun],
         // Without the library avr-gcc answers with the bare name.
         present: || {
             read(Command::new("avr-gcc").args(["-mmcu=atmega2560", "-print-file-name=libm.a"]))
@@ -123,25 +123,25 @@ const NEEDS: &[Need] = &[
     },
     Need {
         what: "simavr with headers",
-        purpose: Purpose::Demo,
+        purposes: &[Purpose::Demo, Purpose::Tests, Purpose::CargoRun],
         present: || read(Command::new("pkg-config").args(["--exists", "simavr >= 1.6"])).is_ok(),
         debian: &["libsimavr-dev", "libelf-dev"],
     },
     Need {
         what: "avrdude",
-        purpose: Purpose::Demo,
+        purposes: &[Purpose::Demo, Purpose::Tests, Purpose::CargoRun],
         present: || has_program("avrdude"),
         debian: &["avrdude"],
     },
     Need {
         what: "Chromium, to look at reports",
-        purpose: Purpose::Tests,
+        purposes: &[Purpose::Tests],
         present: || chromium().is_some(),
         debian: &["chromium"],
     },
     Need {
         what: "libudev with headers, for ravedude",
-        purpose: Purpose::CargoRun,
+        purposes: &[Purpose::CargoRun],
         present: || {
             has_program("ravedude")
                 || read(Command::new("pkg-config").args(["--exists", "libudev"])).is_ok()
@@ -224,8 +224,8 @@ pub fn setup(purpose: Purpose, mode: Mode) -> Outcome {
     let started = Instant::now();
     let missing: Vec<&Need> = missing(purpose).collect();
     let linked = avr::is_linked();
-    let book = purpose >= Purpose::Tests && mdbook().is_none();
-    let runner = purpose >= Purpose::CargoRun && !has_program("ravedude");
+    let book = purpose == Purpose::Tests && mdbook().is_none();
+    let runner = purpose == Purpose::CargoRun && !has_program("ravedude");
     if missing.is_empty() && linked && !book && !runner {
         println!("setup: nothing to do ({})", seconds(started.elapsed()));
         return Ok(());
@@ -303,7 +303,7 @@ pub fn setup(purpose: Purpose, mode: Mode) -> Outcome {
 fn missing(purpose: Purpose) -> impl Iterator<Item = &'static Need> {
     NEEDS
         .iter()
-        .filter(move |need| need.purpose <= purpose && !(need.present)())
+        .filter(move |need| need.purposes.contains(&purpose) && !(need.present)())
 }
 
 /// Builds ravedude, the runner behind `cargo run` in firmware/.

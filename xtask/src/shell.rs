@@ -90,7 +90,7 @@ pub fn run_quietly(command: &mut Command, limit: Duration) -> Outcome {
     read_within(command, limit).map(drop)
 }
 
-/// As [`run_quietly`], and returns what it printed.
+/// Like [`run_quietly`], and returns what it printed.
 pub fn read_within(command: &mut Command, limit: Duration) -> Outcome<String> {
     let mut child = command
         .stdin(Stdio::null())

@@ -74,7 +74,7 @@ const ROWS: [Row; 6] = [
     },
 ];
 
-/// What to do with the golden file.
+/// Whether to compare with the golden file or write it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Golden {
     /// Compare with it.

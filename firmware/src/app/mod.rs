@@ -161,7 +161,7 @@ impl App {
         &self.settings
     }
 
-    /// What the board is doing.
+    /// The board's state.
     pub fn state(&self) -> State {
         self.supervisor.state()
     }
@@ -170,7 +170,7 @@ impl App {
     ///
     /// # Errors
     ///
-    /// Those of the output.
+    /// Errors of the output.
     pub fn banner<W: uWrite + ?Sized>(&self, out: &mut W) -> Result<(), W::Error> {
         let mut line = Sealed::new(out);
         line.write_str(REMARK)?;

@@ -29,10 +29,10 @@ pub(super) struct Seen<'a> {
     pub(super) settings: &'a Settings,
     pub(super) inputs: &'a Inputs,
     pub(super) readings: &'a Readings,
-    /// What was driven in the period before.
+    /// The outputs of the period before.
     pub(super) outputs: &'a Outputs,
     pub(super) state: State,
-    /// What the pump displaced (µl).
+    /// The volume that the pump displaced (µl).
     pub(super) volume: f32,
     /// When a valid line came last (ms).
     pub(super) heard: u32,

@@ -45,7 +45,7 @@ const KNOWN: u16 = 7;
 /// Periods after which a pressure that is off shows in the filtered reading.
 const FILTERED: u16 = 60;
 
-/// What the rig around the board is like.
+/// The condition of the rig around the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum World {
     Well,
@@ -68,7 +68,7 @@ const WORLDS: [World; 7] = [
     World::RetractedEnd,
 ];
 
-/// What passes before a line.
+/// The time that passes before a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Pause {
     None,
@@ -147,7 +147,7 @@ fn lines() -> Vec<String> {
     lines
 }
 
-/// What an onlooker knows.
+/// The knowledge of an observer from outside.
 #[derive(Clone, Debug)]
 struct Oracle {
     /// `arm` was obeyed, and the rig was not at rest since.
@@ -176,7 +176,7 @@ struct Bench {
     oracle: Oracle,
 }
 
-/// What two situations have to have in common.
+/// The fields in which equal situations agree.
 #[derive(Hash)]
 #[allow(clippy::struct_excessive_bools)] // That much is two-valued.
 struct Situation {
@@ -447,7 +447,7 @@ impl Bench {
     }
 }
 
-/// What a search found.
+/// The results of a search.
 #[derive(Debug, Default)]
 struct Found {
     /// How many there are.

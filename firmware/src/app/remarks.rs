@@ -14,7 +14,7 @@ impl App {
     ///
     /// # Errors
     ///
-    /// Those of the output.
+    /// Errors of the output.
     #[inline(never)]
     pub fn report<W: uWrite + ?Sized>(
         &mut self,

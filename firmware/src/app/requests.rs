@@ -34,7 +34,7 @@ impl App {
     ///
     /// # Errors
     ///
-    /// Those of the output.
+    /// Errors of the output.
     #[inline(never)]
     pub fn receive<W: uWrite + ?Sized>(
         &mut self,

@@ -200,7 +200,7 @@ fn a_fault_and_questions_about_it_leave_room_for_telemetry() {
     }
 }
 
-/// What a fault has to lead to, whatever it is.
+/// Every fault has to lead to this.
 fn assert_stopped(rig: &mut Rig, fault: Fault) {
     assert_eq!(rig.app.state(), State::Fault);
     assert_eq!(rig.log.last().unwrap().fault, fault.code());

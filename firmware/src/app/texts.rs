@@ -10,14 +10,14 @@ pub trait Texts {
     ///
     /// # Errors
     ///
-    /// Those of the output.
+    /// Errors of the output.
     fn fault<W: uWrite + ?Sized>(&self, fault: Fault, out: &mut W) -> Result<(), W::Error>;
 
     /// Writes a line of the help, without a line end; whether another follows.
     ///
     /// # Errors
     ///
-    /// Those of the output.
+    /// Errors of the output.
     fn help<W: uWrite + ?Sized>(&self, line: u8, out: &mut W) -> Result<bool, W::Error>;
 }
 

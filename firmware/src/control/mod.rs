@@ -89,7 +89,7 @@ impl Config {
     }
 }
 
-/// What is measured at the start of a period.
+/// The measurements at the start of a period.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Measured {
     /// Gauge pressure (Pa).

@@ -62,7 +62,7 @@ fn within_wires(reading: Oversampled) -> Result<u16, SensorFault> {
     }
 }
 
-/// What a sensor says, in its SI unit.
+/// A sensor's reading, in its SI unit.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Reading {
     /// The reading as it is; during a bad sample or a fault the last good
@@ -86,7 +86,7 @@ impl Reading {
     }
 }
 
-/// What both sensors say.
+/// The readings of both sensors.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Readings {
     /// Gauge pressure (Pa).
@@ -95,16 +95,16 @@ pub struct Readings {
     pub angle: Reading,
 }
 
-/// What the sensors' counts mean; see [`crate::settings::calibration`].
+/// The calibration of the sensors' counts; see [`crate::settings::calibration`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Calibration {
-    /// Of the pressure sensor.
+    /// The pressure sensor's calibration.
     pub pressure: Pressure,
-    /// Of the flex sensor.
+    /// The flex sensor's calibration.
     pub flex: Flex,
 }
 
-/// What one sensor remembers; its values are those before the tare.
+/// The state of one sensor; its values are those before the tare.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Channel {
     debounce: FaultDebounce,
@@ -153,7 +153,7 @@ impl Channel {
     }
 }
 
-/// What the sensors remember from sample to sample.
+/// The sensors' state from sample to sample.
 ///
 /// A new calibration voids all of it, the tare too: start with a new one then.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -190,16 +190,16 @@ impl Sensors {
             && self.angle.standstill.level(ANGLE_REST_RAD).is_some()
     }
 
-    /// Calls what both sensors show now zero, until a reset. The caller sees to
-    /// it that the valve is open.
+    /// Makes the present readings of both sensors zero, until a reset. The caller ensures
+    /// that the valve is open.
     ///
     /// # Errors
     ///
-    /// Nothing is changed then.
+    /// The tare is unchanged then.
     ///
     /// - [`Refusal::NoReading`]: a sensor is at fault.
     /// - [`Refusal::NotAtRest`]: a reading moved within the last second.
-    /// - [`Refusal::OutOfBounds`]: what they show is farther from the
+    /// - [`Refusal::OutOfBounds`]: the readings are farther from the
     ///   calibrated zero than [`LARGEST_PRESSURE_TARE_PA`] or
     ///   [`LARGEST_ANGLE_TARE_RAD`].
     pub fn tare(&mut self) -> Result<(), Refusal> {

@@ -35,7 +35,7 @@ use manifest::Case;
 #[derive(Clone, Debug)]
 pub struct Folder(PathBuf);
 
-/// What became of a case.
+/// The outcome of a case.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Outcome {
     /// It is diagnosed.
@@ -62,12 +62,12 @@ impl Folder {
         self.0.join("repaired.toml")
     }
 
-    /// What may be wrong with the recordings: not complete, rows lost, odd units.
+    /// Warnings about the recordings: not complete, rows lost, odd units.
     pub fn warnings(&self) -> PathBuf {
         self.0.join("warnings.txt")
     }
 
-    /// What the results are of.
+    /// The digest of the inputs.
     pub fn inputs(&self) -> PathBuf {
         self.0.join("inputs.sha256")
     }
@@ -104,7 +104,7 @@ pub struct Settings {
     pub seed: u64,
     /// Effects of the user's own, tried in every case.
     pub own: Option<OwnEffects>,
-    /// What the search of one case may take.
+    /// The time budget of one case's search.
     pub budget: Option<Budget>,
 }
 
@@ -179,7 +179,7 @@ fn inputs(case: &Case, settings: &Settings) -> anyhow::Result<String> {
     Ok(text)
 }
 
-/// What a diagnosis came to, as texts.
+/// The results of a diagnosis, as texts.
 struct Solved {
     verdict: String,
     repaired: String,

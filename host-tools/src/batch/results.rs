@@ -19,7 +19,7 @@ use super::Folder;
 use super::manifest::Case;
 use crate::io::error::write_atomically;
 
-/// What is known of a case.
+/// The results of a case.
 #[derive(Clone, Debug)]
 pub struct Row {
     /// Its name.
@@ -28,7 +28,7 @@ pub struct Row {
     pub status: &'static str,
     /// Why it failed.
     pub error: Option<String>,
-    /// What may be wrong with its recordings, a line a warning.
+    /// Warnings about its recordings, a line each.
     pub warnings: Option<String>,
     /// Its verdict.
     pub verdict: Option<Value>,
@@ -186,7 +186,7 @@ fn columns(rows: &[Row]) -> Vec<(&'static str, Cells)> {
 ///
 /// # Errors
 ///
-/// Those of the library and of the disk.
+/// Errors of the library and of the disk.
 pub fn write(path: &Path, rows: &[Row]) -> anyhow::Result<()> {
     let columns = columns(rows);
     let fields = columns

@@ -12,7 +12,7 @@ use crate::estimate::refit::{NOT_CONVERGED, Refit, refit};
 use crate::io::error::write_atomically;
 use crate::io::model_file::{ModelFile, parameter_unit, to_file_units};
 use crate::io::recording::Recording;
-use crate::report::numbers::{short, with_ends};
+use crate::numbers::{short, with_ends};
 
 /// Fits the free parameters of a model to recordings.
 ///

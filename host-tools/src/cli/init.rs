@@ -21,7 +21,7 @@ use crate::io::ranges::Range;
 use crate::io::recording::{Recording, check_distinct, read_all};
 use crate::io::terminal::{printable_line, remark};
 use crate::materials::{like, named};
-use crate::report::numbers::short;
+use crate::numbers::short;
 
 /// Writes a first model from a recording, or from material and dimensions.
 ///

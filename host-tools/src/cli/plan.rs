@@ -22,7 +22,7 @@ use crate::io::error::{InputError, write_atomically};
 use crate::io::model_file::ModelFile;
 use crate::io::own_effects::OwnEffects;
 use crate::io::recording::Recording;
-use crate::report::numbers::evidence;
+use crate::numbers::evidence;
 use crate::sim::protocol::Protocol;
 
 /// Finds the run that separates two effects, within the limits of the rig, and

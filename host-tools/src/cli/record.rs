@@ -177,7 +177,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
 /// How a recording ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum End {
-    /// As it should.
+    /// As expected.
     Complete,
     /// Someone pressed Ctrl-C.
     Interrupted,

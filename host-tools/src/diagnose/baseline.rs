@@ -150,10 +150,10 @@ mod tests {
     use model_core::catalogue::Kind;
     use std::path::Path;
 
-    /// What the pressure sensor shows without pressure (Pa).
+    /// The zero of the pressure sensor (Pa).
     const PRESSURE_ZERO: f64 = 300.0;
 
-    /// What a deviation of a zero counts where it is weighed.
+    /// The weight of a zero's deviation.
     const WEIGHT: f64 = 30.0;
 
     fn example(hidden: Hidden) -> (ModelFile, Dataset) {

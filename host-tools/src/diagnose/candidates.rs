@@ -409,7 +409,7 @@ impl Predicted {
 }
 
 /// The predicted SSE of one further effect, by a score test at each of its initial guesses.
-/// None if the model is full, or cannot be simulated with the effect.
+/// `None` if the model is full, or cannot be simulated with the effect.
 pub fn predicted(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Option<Predicted> {
     /// Number of initial guesses to keep.
     const BEST: usize = 2;
@@ -423,7 +423,7 @@ pub fn predicted(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Opti
     let starts = starts(file, context.scales, base, kind);
     let best = context
         .subsample
-        .promising(&starts.from_fitted, &free, BEST);
+        .least_predicted(&starts.from_fitted, &free, BEST);
     let sse = best.first()?.0;
     let mut starts_on: Vec<Model<f64>> = best.into_iter().map(|(_, model)| model).collect();
     // Where simulation and measurement are out of phase, whole runs have too many

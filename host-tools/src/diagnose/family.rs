@@ -26,9 +26,9 @@ pub enum Family {
     StiffnessShape,
     /// A shift of a zero.
     Offset,
-    /// What the tube does to the pressure.
+    /// The tube's effect on the pressure.
     InputPath,
-    /// What the sensor does to the angle.
+    /// The sensor's effect on the angle.
     SensorPath,
     /// A force of a frequency of its own.
     Periodic,

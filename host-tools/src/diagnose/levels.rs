@@ -97,7 +97,7 @@ impl<'a> Levels<'a> {
         self.horizons.get(place).copied().flatten()
     }
 
-    /// None if there is no time for a structure with these effects added.
+    /// `None` if there is no time for a structure with these effects added.
     pub(super) fn has_time_for(&self, added: &[Kind]) -> Option<()> {
         let part = Part::of(added);
         self.context.progress.has_time_for(part).then_some(())
@@ -202,13 +202,13 @@ impl<'a> Levels<'a> {
         let _fit = self.context.progress.fit();
         let free = free_parameters(self.context.file, &added);
         let fitter = self.fitter(task.level);
-        let start = self.promising(&fitter, task.base, task.kind, task.level)?;
+        let start = self.initial_guess(&fitter, task.base, task.kind, task.level)?;
         let fit = fitter.fit_kept(&start, &free, SCREENED, self.context.checkpoint);
         let sse = fit.sse();
         sse.is_finite().then_some((sse, fit.model))
     }
 
-    fn promising(
+    fn initial_guess(
         &self,
         fitter: &Fitter<'_>,
         base: &Estimate,
@@ -219,7 +219,7 @@ impl<'a> Levels<'a> {
         let free = free_parameters(self.context.file, &added);
         let from = Candidate::of(base.added.clone(), base.fits[level].clone());
         let starts = starts_from(&self.context, &from, kind);
-        let best = fitter.promising(&starts, &free, 1);
+        let best = fitter.least_predicted(&starts, &free, 1);
         best.into_iter().next().map(|(_, model)| model)
     }
 
@@ -241,7 +241,7 @@ impl<'a> Levels<'a> {
             from.extend(fits.last().map(|shorter| shorter.model));
             let needs_own = from.is_empty() || level == self.output_error();
             if let (true, None, Some(base), Some(&kind)) = (needs_own, start, base, added.last()) {
-                from.extend(self.promising(&fitter, base, kind, level));
+                from.extend(self.initial_guess(&fitter, base, kind, level));
             }
             if from.is_empty() {
                 from.extend(starts.iter().flatten().next());

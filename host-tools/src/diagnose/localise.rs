@@ -15,7 +15,7 @@ use super::smoother::{ForceSeries, Smoother};
 use crate::estimate::statistics::{mean, noise_by_differences, rms};
 use crate::estimate::{Dataset, Nuisance};
 use crate::io::recording::Recording;
-use crate::report::numbers::{percent, short};
+use crate::numbers::{percent, short};
 
 /// Bins of a feature, each with as many samples.
 const BINS: usize = 16;

@@ -56,10 +56,11 @@ use crate::estimate::assemble::assemble;
 use crate::estimate::checkpoint::Checkpoint;
 use crate::estimate::fit::{Fit, Fitter};
 use crate::io::error::InputError;
-use crate::io::model_file::{ModelFile, tidy, to_file_units};
+use crate::io::model_file::{ModelFile, to_file_units};
 use crate::io::own_effects::OwnEffects;
 use crate::io::recording::Recording;
 use crate::io::settings_file::from_model;
+use crate::numbers::tidy;
 use baseline::Baseline;
 pub use budget::Budget;
 use budget::{Ended, Part};
@@ -173,11 +174,11 @@ pub fn diagnose(request: &Request<'_>, progress: &Progress) -> Result<Diagnosis,
     diagnose_from(request, &Checkpoint::default(), progress)
 }
 
-/// As [`diagnose`], with the kept fits of an interrupted run.
+/// Like [`diagnose`], with the kept fits of an interrupted run.
 ///
 /// # Errors
 ///
-/// As [`diagnose`].
+/// Like [`diagnose`].
 pub fn diagnose_from(
     request: &Request<'_>,
     checkpoint: &Checkpoint,
@@ -308,7 +309,7 @@ fn diagnose_all(
     let file = &file;
     let fitter = Fitter::new(&file.model, &data);
     let mut validator = CrossValidator::new(file, &fitter, floor.input);
-    validator.with_scatter(floor.rms);
+    validator.raise_floor(floor.rms);
     progress.stage("where the gap lives", 0);
     let gap = localise(&refit.fit.model, &data, &refit.fit.nuisances, floor.white);
     progress.stage("validation in the board's arithmetic", 0);
@@ -450,12 +451,12 @@ fn cost_of_zeros(data: &Dataset, fit: &Fit) -> f64 {
 
 /// The runs that separate rivals best, with their names.
 fn propose(
-    believed: &Model<f64>,
+    nominal: &Model<f64>,
     rivals: &[Candidate],
     floor: &NoiseFloor,
 ) -> Vec<(Proposal, [Vec<String>; 2])> {
     let names = |index: usize| selection::names(&rivals[index].added);
-    plan::proposals(believed, rivals, floor.rms, &Limits::default())
+    plan::proposals(nominal, rivals, floor.rms, &Limits::default())
         .into_iter()
         .take(PROPOSALS)
         .map(|proposal| {

@@ -291,7 +291,7 @@ mod tests {
         }
     }
 
-    /// What a model that explains nothing leaves.
+    /// The residuals of a model that explains nothing: the angles themselves.
     fn angles(recordings: &[Recording]) -> Vec<Vec<f64>> {
         recordings
             .iter()

@@ -67,7 +67,7 @@ pub struct Proposal {
 /// Ranks runs that separate `rivals`, best first, by the evidence about the pair that a
 /// run separates least. `noise` is the standard deviation of the measured angle (rad).
 pub fn proposals(
-    believed: &Model<f64>,
+    nominal: &Model<f64>,
     rivals: &[Candidate],
     noise: f64,
     limits: &Limits,
@@ -78,11 +78,11 @@ pub fn proposals(
     let mut proposals: Vec<Proposal> = protocols(limits)
         .into_par_iter()
         .filter_map(|protocol| {
-            let recording = drive(&protocol, believed, limits)?;
+            let recording = drive(&protocol, nominal, limits)?;
             let prior = Prior::of(&recording);
             let runs: Vec<Run> = rivals
                 .iter()
-                .map(|rival| Run::of(rival, believed, &recording, &prior, noise))
+                .map(|rival| Run::of(rival, nominal, &recording, &prior, noise))
                 .collect::<Option<_>>()?;
             let mut worst: Option<((usize, usize), f64)> = None;
             for a in 0..rivals.len() {
@@ -129,7 +129,7 @@ impl Run {
     /// The run of a rival under the pressure of `recording`; none without samples.
     fn of(
         rival: &Candidate,
-        believed: &Model<f64>,
+        nominal: &Model<f64>,
         recording: &Recording,
         prior: &Prior,
         noise: f64,
@@ -161,7 +161,7 @@ impl Run {
         Some(Self {
             shown: shown(&rest),
             start: rest.start.angle,
-            by_parameters: Fitter::new(believed, &data).derivatives(&rival.fit),
+            by_parameters: Fitter::new(nominal, &data).derivatives(&rival.fit),
             by_nuisance: DMatrix::from_columns(&[by_pressure_zero, by_angle_zero, by_start]),
             zero_deviation,
             start_deviation,
@@ -216,8 +216,8 @@ fn missed(truth: &Run, rival: &Run, candidate: &Candidate, noise: f64) -> f64 {
 
 /// The pressure of a protocol played by a board, as a recording without measured angles;
 /// none if it exceeds the limits.
-fn drive(protocol: &ProtocolFile, believed: &Model<f64>, limits: &Limits) -> Option<Recording> {
-    let play = play(protocol, believed, RATE_HZ);
+fn drive(protocol: &ProtocolFile, nominal: &Model<f64>, limits: &Limits) -> Option<Recording> {
+    let play = play(protocol, nominal, RATE_HZ);
     let within = |command: &f64| command.abs() <= limits.highest_kpa * PASCAL_PER_KPA;
     play.command.iter().all(within).then_some(Recording {
         name: protocol.name.clone(),
@@ -405,7 +405,7 @@ mod tests {
     use model_core::catalogue::Kind;
     use model_core::dynamics::Dynamics;
 
-    fn believed() -> Model<f64> {
+    fn nominal() -> Model<f64> {
         Model::new(
             Dynamics {
                 inertia: 0.25,
@@ -439,19 +439,19 @@ mod tests {
             highest_kpa: 1.0,
             ..limits
         };
-        assert!(drive(&list[0], &believed(), &too_little).is_none());
+        assert!(drive(&list[0], &nominal(), &too_little).is_none());
     }
 
     /// A rival by its effects, of which nothing is known but their values.
     fn with(kind: Kind, values: &[f64]) -> Candidate {
-        let dynamics = *believed().dynamics();
+        let dynamics = *nominal().dynamics();
         let model = Model::new(dynamics, &[kind.build(values).unwrap()]).unwrap();
         let none = Dataset::default();
         let fitter = Fitter::new(&model, &none);
         Candidate::of(vec![kind], fitter.compare(&model))
     }
 
-    /// What zeros follow in every fit is no evidence, whatever the run.
+    /// The zeros of every fit follow an offset, so it is no evidence in any run.
     #[test]
     fn an_offset_of_a_sensor_is_no_evidence() {
         let rivals = |offset_rad: f64| {
@@ -461,7 +461,7 @@ mod tests {
                 with(Kind::SensorOffset, &[offset_rad]),
             ]
         };
-        let list = proposals(&believed(), &rivals(0.02), 0.007, &Limits::default());
+        let list = proposals(&nominal(), &rivals(0.02), 0.007, &Limits::default());
         assert!(list.len() > 10);
         for proposal in &list {
             // 0.02 rad are 0.57 of the zero's standard deviation of 2 degrees, which is
@@ -473,7 +473,7 @@ mod tests {
         let friction = with(Kind::CoulombFriction, &[0.2, 0.02]);
         let of = |offset: f64| {
             let pair = [friction.clone(), with(Kind::SensorOffset, &[offset])];
-            proposals(&believed(), &pair, 0.007, &Limits::default())[0].evidence
+            proposals(&nominal(), &pair, 0.007, &Limits::default())[0].evidence
         };
         let (without, beside) = (of(0.0), of(0.02));
         assert!(without > 50.0, "{without}");
@@ -488,7 +488,7 @@ mod tests {
             with(Kind::CoulombFriction, &[0.4, 0.02]),
             with(Kind::BoucWenHysteresis, &[0.4, 0.06, 0.5]),
         ];
-        let list = proposals(&believed(), &rivals, 0.007, &Limits::default());
+        let list = proposals(&nominal(), &rivals, 0.007, &Limits::default());
         let evidence = |name: &str| {
             list.iter()
                 .find(|proposal| proposal.protocol.name == name)

@@ -24,7 +24,7 @@ use super::family::{Family, title};
 use super::measure::Measured;
 use super::policy::Policy;
 use super::selection::names;
-use crate::report::numbers::{degrees, percent};
+use crate::numbers::{degrees, percent};
 
 /// Counts the work of a diagnosis. Any thread may report.
 #[derive(Debug)]
@@ -47,7 +47,7 @@ pub struct Stopped;
 ///
 /// # Panics
 ///
-/// As the work does.
+/// If the work panics.
 pub fn stoppable<T>(work: impl FnOnce() -> T) -> Result<T, Stopped> {
     // Unfinished data of the work are dropped with it.
     catch_unwind(AssertUnwindSafe(work)).map_err(|cause| match cause.downcast::<Stopped>() {

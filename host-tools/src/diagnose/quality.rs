@@ -60,7 +60,7 @@ pub fn examine(recordings: &[Recording], floor: &NoiseFloor) -> Result<Vec<Conce
         concerns.push(Concern::of(
             Matter::NoRepeats,
             None,
-            "no run was repeated, so what the rig itself does not repeat is not known; the noise is taken from the scatter of neighbouring samples".into(),
+            "no run was repeated, so the repeatability of the rig is not known; the noise is estimated from neighbouring samples".into(),
             "record each run twice or more",
         ));
     }

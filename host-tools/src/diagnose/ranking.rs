@@ -278,9 +278,9 @@ pub fn vuong_statistic(best: &Fit, rival: &Fit) -> f64 {
     }
     let total: f64 = sums.iter().sum();
     let average = total / sums.len().max(1) as f64;
-    let scatter: f64 = sums.iter().map(|sum| (sum - average).powi(2)).sum();
-    if scatter > 0.0 {
-        total / scatter.sqrt()
+    let squares: f64 = sums.iter().map(|sum| (sum - average).powi(2)).sum();
+    if squares > 0.0 {
+        total / squares.sqrt()
     } else {
         0.0
     }

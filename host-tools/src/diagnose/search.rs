@@ -101,7 +101,7 @@ fn selected(mut baseline: Baseline, options: Options<'_>) -> Searched {
         .min_by(|a, b| a.fit.sse().total_cmp(&b.fit.sse()));
     if let Some(best) = best {
         baseline.floor = baseline.floor.with_repeats(&best.fit.residuals);
-        validator.with_scatter(baseline.floor.rms);
+        validator.raise_floor(baseline.floor.rms);
     }
     options.progress.stage("selection by validation", 0);
     if let Some(answer) = baseline.quiet(&validator) {
@@ -226,7 +226,7 @@ impl Grading {
             let file = &baseline.file;
             let fitter = Fitter::new(&file.model, &baseline.data);
             let mut validator = CrossValidator::new(file, &fitter, baseline.floor.input);
-            validator.with_scatter(baseline.floor.rms);
+            validator.raise_floor(baseline.floor.rms);
             let material = Material::of(&fitter, &baseline.refit);
             let fitters = material.fitters(&fitter);
             let context = fitters.context(file, &material, options);

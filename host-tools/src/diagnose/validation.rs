@@ -226,8 +226,8 @@ impl<'a> CrossValidator<'a> {
     }
 
     /// Raises the floor (rad) to one that includes the rig's repeatability.
-    pub fn with_scatter(&mut self, scatter: f64) {
-        self.floor = self.floor.max(scatter);
+    pub fn raise_floor(&mut self, rms: f64) {
+        self.floor = self.floor.max(rms);
     }
 
     /// RMS error (rad) of a fitted structure on held-out runs.

@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::estimate::Dataset;
 use crate::estimate::fit::Fit;
-use crate::io::model_file::tidy;
 use crate::io::recording::PASCAL_PER_KPA;
+use crate::numbers::tidy;
 
 /// The schema number of this structure.
 pub const SCHEMA: u32 = 1;

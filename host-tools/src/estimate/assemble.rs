@@ -227,7 +227,7 @@ fn used_once(whole: &Recording, pieces: usize) -> Concern {
     }
 }
 
-/// What a segment is called, and whether it is fitted.
+/// The name of a segment, and whether it is fitted.
 #[derive(Clone, Debug)]
 struct About {
     name: String,
@@ -495,7 +495,7 @@ mod tests {
     const INTERVAL_S: f64 = 0.01;
     const PIECE_S: f64 = 3.0;
 
-    /// So many seconds of an actuator that swings, from this time of its session,
+    /// This many seconds of a swinging actuator, from this time of its session,
     /// on a time axis that begins at zero.
     fn swinging(name: &str, from_s: f64, seconds: f64) -> Recording {
         // A small positive number.

@@ -238,7 +238,7 @@ impl<'a> Fitter<'a> {
         self.fit_kept(start, free, effort, &Checkpoint::default())
     }
 
-    /// As [`Fitter::fit`], or the fit that `checkpoint` has kept.
+    /// Like [`Fitter::fit`], or the fit that `checkpoint` has kept.
     pub fn fit_kept(
         &self,
         start: &Model<f64>,
@@ -324,7 +324,7 @@ impl<'a> Fitter<'a> {
         }
     }
 
-    /// As [`Fitter::validate`], but keeps the guesses of zeros and initial states where a
+    /// Like [`Fitter::validate`], but keeps the guesses of zeros and initial states where a
     /// session is fitted in part: a few segments hardly change them.
     pub fn validate_near(&self, model: &Model<f64>) -> Validation {
         let held_out = |index: &usize| !self.data.ranges(*index, false).is_empty();
@@ -381,7 +381,7 @@ impl<'a> Fitter<'a> {
         self.fit(model, &[], Effort::Full)
     }
 
-    /// As [`Fitter::compare`], by a few steps from nearly right zeros and initial states.
+    /// Like [`Fitter::compare`], by a few steps from nearly right zeros and initial states.
     /// For errors only: the result has no standard errors.
     pub fn compare_near(&self, model: &Model<f64>, nuisances: &[Nuisance]) -> Fit {
         const NEAR: Effort = Effort::Steps(3);
@@ -436,7 +436,7 @@ impl<'a> Fitter<'a> {
     }
 
     /// The `count` initial guesses with the least predicted SSE.
-    pub fn promising(
+    pub fn least_predicted(
         &self,
         starts: &[Model<f64>],
         free: &[ParameterId],
@@ -463,7 +463,7 @@ impl<'a> Fitter<'a> {
         self.best_of_kept(starts, free, effort, &Checkpoint::default())
     }
 
-    /// As [`Fitter::best_of`], with the fits that `checkpoint` has kept.
+    /// Like [`Fitter::best_of`], with the fits that `checkpoint` has kept.
     pub fn best_of_kept(
         &self,
         starts: &[Model<f64>],
@@ -471,8 +471,11 @@ impl<'a> Fitter<'a> {
         effort: Effort,
         checkpoint: &Checkpoint,
     ) -> Option<Fit> {
-        if let (true, Some(ahead)) = (effort.is_long(), self.ahead(starts, free, checkpoint)) {
-            return Some(self.fit_kept(&ahead, free, effort, checkpoint))
+        if let (true, Some(best_after_few_steps)) = (
+            effort.is_long(),
+            self.best_after_few_steps(starts, free, checkpoint),
+        ) {
+            return Some(self.fit_kept(&best_after_few_steps, free, effort, checkpoint))
                 .filter(|fit| fit.sse().is_finite());
         }
         starts
@@ -486,20 +489,20 @@ impl<'a> Fitter<'a> {
 
     /// The position of the initial guess that is best after a few steps; none if there is
     /// only one.
-    fn ahead(
+    fn best_after_few_steps(
         &self,
         starts: &[Model<f64>],
         free: &[ParameterId],
         checkpoint: &Checkpoint,
     ) -> Option<Model<f64>> {
         /// Steps after which the local minimum is chosen.
-        const RACED: Effort = Effort::Steps(4);
+        const COARSE: Effort = Effort::Steps(4);
         if starts.len() < 2 {
             return None;
         }
         starts
             .par_iter()
-            .map(|start| self.fit_kept(start, free, RACED, checkpoint))
+            .map(|start| self.fit_kept(start, free, COARSE, checkpoint))
             .filter(|fit| fit.sse().is_finite())
             .min_by(|a, b| a.sse().total_cmp(&b.sse()))
             .map(|fit| fit.model)

@@ -70,9 +70,9 @@ pub const ZEROS: Range<usize> = 0..2;
 /// The unknowns of one session.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Nuisance {
-    /// What the pressure sensor shows without pressure (Pa).
+    /// The zero of the pressure sensor (Pa).
     pub pressure_zero: f64,
-    /// What the angle sensor shows at 0 rad (rad).
+    /// The zero of the angle sensor (rad).
     pub angle_zero: f64,
     /// The measured angle and its rate at the first sample.
     pub start: InitialState<f64>,
@@ -255,7 +255,7 @@ pub struct Shared {
 }
 
 impl Shared {
-    /// Of `sessions` sessions whose zeros depart from the common one by `apart`, in
+    /// Zeros of `sessions` sessions that deviate from the common one by `apart`, in
     /// standard deviations.
     pub fn new(sessions: usize, apart: f64) -> Self {
         let sessions = sessions as f64;

@@ -61,7 +61,7 @@ impl Effort {
 /// Which samples of a session are compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Compared {
-    /// Those that are fitted; sessions without any take no part.
+    /// Fitted samples; sessions without any take no part.
     Fitted,
     /// Only sessions that hold something out: their fitted samples, or all if
     /// there are none.
@@ -297,14 +297,14 @@ impl<'a> Problem<'a> {
                 break;
             };
             let cost = normal.cost();
-            let promised = normal.slope().dot(&step);
+            let predicted = normal.slope().dot(&step);
             let before = self.position.clone();
             self.position -= step;
             self.triangulate();
             let moved = self.normal();
             let gain = moved.as_ref().map_or(f64::NAN, |it| cost - it.cost());
-            // Where a step promises nothing and changes nothing, none will.
-            let is_done = gain.abs().max(promised) < tolerance * cost;
+            // If predicted and actual reduction are both negligible, no further step helps.
+            let is_done = gain.abs().max(predicted) < tolerance * cost;
             if let Some(better) = moved.filter(|_| gain > 0.0) {
                 normal = better;
                 damping *= CALMER;

@@ -21,7 +21,7 @@ pub struct Motion {
 }
 
 /// The motion at sample `at`, from a parabola through the samples `from..to`.
-/// None if they do not determine one.
+/// `None` if they do not determine one.
 pub fn motion(recording: &Recording, from: usize, to: usize, at: usize) -> Option<Motion> {
     let origin = *recording.time.get(at)?;
     let mut normal = Matrix3::<f64>::zeros();

@@ -11,7 +11,7 @@
 //! | pressure at the end of its range, longer | cut: a new block begins after it |
 //! | short gap in time | the pressure is interpolated |
 //! | long gap in time | cut: a new block begins after it |
-//! | clock that jitters | reported; the model is integrated in real time |
+//! | clock that jitters | reported; the model is integrated with the recorded times |
 //! | block too short to show a motion | left out |
 //! | nothing left | refused |
 
@@ -57,7 +57,7 @@ const BRIDGED_INTERVALS: f64 = 3.0;
 const MISSING: f64 = 1.5;
 
 /// The same for a clock that jitters, in standard deviations of its interval.
-const MISSING_SCATTERS: f64 = 4.0;
+const MISSING_DEVIATIONS: f64 = 4.0;
 
 /// Relative standard deviation of the intervals from which jitter is reported.
 const JITTER: f64 = 0.1;
@@ -82,7 +82,7 @@ const LEAST_PRESSURE_SCATTER: f64 = 50.0;
 /// Least standard deviation (rad) that counts, a twentieth of a degree.
 const LEAST_ANGLE_SCATTER: f64 = 8.7e-4;
 
-/// What a concern is about.
+/// The subject of a concern.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Matter {
@@ -102,7 +102,7 @@ pub enum Matter {
     SaturatedPressure,
     /// Samples are missing, and the pressure is interpolated.
     DroppedSamples,
-    /// So many samples are missing that the recording is cut there.
+    /// Missing samples, so many that the recording is cut there.
     LongGap,
     /// Samples are not evenly spaced.
     Jitter,
@@ -119,13 +119,13 @@ pub enum Matter {
 /// A problem of the recordings, and how it is handled.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Concern {
-    /// What it is about.
+    /// Its subject.
     pub matter: Matter,
     /// The recording; none if it is about all of them.
     pub recording: Option<String>,
-    /// What was found and how it is handled.
+    /// The finding, and how it is handled.
     pub text: String,
-    /// What to do about it.
+    /// Advice for the user.
     pub advice: String,
 }
 
@@ -165,7 +165,7 @@ pub struct Usable {
     /// pressure just before): simulated, not fitted. Ranges in order, separate from each
     /// other, each within a block.
     pub unfitted: Vec<Range<usize>>,
-    /// What was found and how it is handled.
+    /// The findings, and how they are handled.
     pub concerns: Vec<Concern>,
 }
 
@@ -312,8 +312,8 @@ impl Clock {
         // The median does not see the gaps, of which there are few.
         let mut deviations: Vec<f64> = steps().map(|step| (step / usual - 1.0).abs()).collect();
         // Of normal deviations the median is 0.6745 standard deviations.
-        let scattered = median(&mut deviations) / 0.6745;
-        let even = 1.0 + (MISSING - 1.0).max(MISSING_SCATTERS * scattered);
+        let standard_deviation = median(&mut deviations) / 0.6745;
+        let even = 1.0 + (MISSING - 1.0).max(MISSING_DEVIATIONS * standard_deviation);
         let bridged = BRIDGED_S.max(BRIDGED_INTERVALS * usual);
         let is_gap = |step: f64| step > even * usual;
         // A limit of exactly three intervals is met up to rounding.
@@ -344,7 +344,7 @@ impl Clock {
                 Matter::LongGap,
                 Some(recording),
                 format!(
-                    "{}, the first at {:.2} s, the longest of {:.2} s: too long to follow the motion across, so each part is simulated from a start of its own",
+                    "{}, the first at {:.2} s, the longest of {:.2} s: too long to follow the motion across, so each part is simulated from an initial state of its own",
                     match self.cuts.len() {
                         1 => "a gap in time".to_owned(),
                         count => format!("{count} gaps in time"),
@@ -373,7 +373,7 @@ impl Clock {
                 Matter::Jitter,
                 Some(recording),
                 format!(
-                    "the time between samples scatters by {:.0} %; the model is integrated in real time",
+                    "the time between samples varies by {:.0} %; the model is integrated with the recorded times",
                     100.0 * self.jitter
                 ),
                 "let a timer pace the sampling",
@@ -419,10 +419,10 @@ fn saturated_pressure(recording: &Recording, concerns: &mut Vec<Concern>) -> Sat
             "they are simulated as recorded, and the angle is not fitted from there until {RECOVERY_S} s after"
         ),
         (_, true) => {
-            "what drove the actuator is not known there, so the recording is cut: each part is simulated from a start of its own".to_owned()
+            "the pressure is not known there, so the recording is cut: each part is simulated from an initial state of its own".to_owned()
         }
         _ => format!(
-            "the recording is cut where that lasts {LONG_SATURATION_S} s or longer, and each part simulated from a start of its own; elsewhere the angle is not fitted until {RECOVERY_S} s after"
+            "the recording is cut where that lasts {LONG_SATURATION_S} s or longer, and each part simulated from an initial state of its own; elsewhere the angle is not fitted until {RECOVERY_S} s after"
         ),
     };
     concerns.push(Concern::of(
@@ -591,7 +591,7 @@ mod tests {
         }
     }
 
-    /// Without the samples that do not pass.
+    /// The recording without the samples that do not pass.
     fn keep(recording: &Recording, passes: impl Fn(usize) -> bool) -> Recording {
         let pick = |values: &[f64]| -> Vec<f64> {
             let kept = values.iter().enumerate().filter(|(k, _)| passes(*k));

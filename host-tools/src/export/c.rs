@@ -1,10 +1,10 @@
 //! C99, for a workstation or a microcontroller.
 
-use super::print::{Lines, Syntax, indented};
+use super::print::{Lines, Syntax, common_name, indented};
 use super::trace::Unary;
 use super::{ExportError, Source, aligned};
 
-/// What the functions of a file are filled into.
+/// The template of a file.
 const TEMPLATE: &str = include_str!("c.jinja");
 
 struct C<'a>(&'a Source<'a>);
@@ -13,7 +13,7 @@ struct C<'a>(&'a Source<'a>);
 ///
 /// # Errors
 ///
-/// Those of the template.
+/// Errors of the template.
 pub(super) fn export(source: &Source) -> Result<String, ExportError> {
     let syntax = C(source);
     let comment = source
@@ -74,26 +74,17 @@ impl Syntax for C<'_> {
     fn nan(&self) -> &'static str {
         "NAN"
     }
-    fn unary(&self, function: Unary, x: &str) -> String {
-        let name = match function {
-            Unary::Negate => "-",
+    fn name(&self, function: Unary) -> &'static str {
+        match function {
             Unary::Absolute => "fabs",
-            Unary::Exp => "exp",
-            Unary::Log => "log",
-            Unary::Tanh => "tanh",
-            Unary::Sin => "sin",
-            Unary::Cos => "cos",
-        };
-        format!("{name}({x})")
+            other => common_name(other),
+        }
     }
     fn max(&self, x: &str, y: &str) -> String {
         format!("fmax({x}, {y})")
     }
     fn power(&self, x: &str, y: &str) -> String {
         format!("pow({x}, {y})")
-    }
-    fn signed_power(&self, x: &str, y: &str) -> String {
-        format!("signed_power({x}, {y})")
     }
     fn select(&self, condition: &str, yes: &str, no: &str) -> Option<String> {
         Some(format!("({condition} ? {yes} : {no})"))

@@ -1,10 +1,10 @@
 //! A MATLAB function, which GNU Octave runs as well.
 
-use super::print::{Lines, Syntax, indented};
+use super::print::{Lines, Syntax, common_name, indented};
 use super::trace::Unary;
 use super::{ExportError, Source, aligned};
 
-/// What the functions of a file are filled into.
+/// The template of a file.
 const TEMPLATE: &str = include_str!("matlab.jinja");
 
 struct Matlab<'a>(&'a Source<'a>);
@@ -13,7 +13,7 @@ struct Matlab<'a>(&'a Source<'a>);
 ///
 /// # Errors
 ///
-/// Those of the template.
+/// Errors of the template.
 pub(super) fn export(source: &Source) -> Result<String, ExportError> {
     let name = &source.name;
     let how = [
@@ -72,24 +72,12 @@ impl Syntax for Matlab<'_> {
     fn nan(&self) -> &'static str {
         "NaN"
     }
-    fn unary(&self, function: Unary, x: &str) -> String {
-        let name = match function {
-            Unary::Negate => "-",
-            Unary::Absolute => "abs",
-            Unary::Exp => "exp",
+    fn name(&self, function: Unary) -> &'static str {
+        match function {
             // Elsewhere a number of two parts.
             Unary::Log => "reallog",
-            Unary::Tanh => "tanh",
-            Unary::Sin => "sin",
-            Unary::Cos => "cos",
-        };
-        format!("{name}({x})")
-    }
-    fn power(&self, x: &str, y: &str) -> String {
-        self.signed_power(x, y)
-    }
-    fn signed_power(&self, x: &str, y: &str) -> String {
-        format!("signed_power({x}, {y})")
+            other => common_name(other),
+        }
     }
     fn select(&self, _condition: &str, _yes: &str, _no: &str) -> Option<String> {
         None

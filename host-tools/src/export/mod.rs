@@ -22,13 +22,14 @@ use model_core::catalogue::Effect;
 use serde::Serialize;
 
 use self::physics::Physics;
-use self::print::{Printer, Syntax, number};
+use self::print::{Printer, Syntax};
 use self::trace::{Binary, Expression, Id, TooManyBranches, Unary};
 use crate::io::model_file::{ModelFile, node_in_file};
 use crate::io::terminal::printable_line;
+use crate::numbers::exact;
 use crate::sim::simulate;
 
-/// What every exported file says in its header.
+/// The first words in the header of every exported file.
 pub const WRITTEN_BY: &str = "Written by `rig export`";
 
 /// What a model can be written in.
@@ -48,7 +49,7 @@ impl Language {
     /// Every language.
     pub const ALL: [Self; 4] = [Self::C, Self::Python, Self::Modelica, Self::Matlab];
 
-    /// What a file's name ends in.
+    /// The extension of a file.
     pub const fn extension(self) -> &'static str {
         match self {
             Self::C => "c",
@@ -62,13 +63,13 @@ impl Language {
 /// Where runs of an exported model start if nothing else is said, and how finely they step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Defaults {
-    /// What the sensor shows at first (°); none for that of an actuator at rest at 0.
+    /// The sensor's first reading (°); none for an actuator at rest at 0.
     pub start_deg: Option<f64>,
     /// Its rate (°/s).
     pub start_deg_per_s: f64,
-    /// What the pressure sensor shows without pressure (kPa).
+    /// The zero of the pressure sensor (kPa).
     pub pressure_zero_kpa: f64,
-    /// What the angle sensor shows at 0° (°).
+    /// The zero of the angle sensor (°).
     pub angle_zero_deg: f64,
     /// Steps are fine enough for angles up to this one (°).
     pub largest_angle_deg: f64,
@@ -136,7 +137,7 @@ pub fn identifier(name: &str) -> String {
     found
 }
 
-/// What a file is written of.
+/// The source of an exported file.
 struct Source<'a> {
     file: &'a ModelFile,
     physics: Physics,
@@ -159,7 +160,7 @@ struct Numbers {
     largest_angle_deg: String,
 }
 
-/// What a template of a language with steps is filled with.
+/// The values for the template of a language with steps.
 #[derive(Serialize)]
 struct Filling<'a> {
     name: &'a str,
@@ -175,7 +176,7 @@ struct Filling<'a> {
     note: Option<String>,
     fastest: String,
     decay: String,
-    /// What gives `width`, `saturated` and `signs` of the frictions a value.
+    /// Code that sets `width`, `saturated` and `signs` of the frictions.
     friction: Option<String>,
     delay: Option<String>,
     shown_at_rest: String,
@@ -311,7 +312,7 @@ impl Source<'_> {
             }),
             delay: physics.delay.map(|delay| self.expression(syntax, delay)),
             shown_at_rest: self.expression(syntax, physics.shown_at_rest),
-            start_deg: defaults.start_deg.map(number),
+            start_deg: defaults.start_deg.map(exact),
             about_defaults: if defaults.start_deg.is_some() {
                 "Start and zeros with which the model comes nearest to a recording."
             } else {
@@ -329,14 +330,14 @@ impl Source<'_> {
             },
             n: Numbers {
                 most_substeps: simulate::MOST_SUBSTEPS,
-                angle_a_step: number(simulate::Grain::Fine.angle_a_step()),
-                slow: number(simulate::SLOW),
-                longest_gap: number(simulate::LONGEST_GAP),
-                diverged: number(simulate::DIVERGED),
-                start_deg_per_s: number(defaults.start_deg_per_s),
-                pressure_zero_kpa: number(defaults.pressure_zero_kpa),
-                angle_zero_deg: number(defaults.angle_zero_deg),
-                largest_angle_deg: number(defaults.largest_angle_deg),
+                angle_a_step: exact(simulate::Grain::Fine.angle_a_step()),
+                slow: exact(simulate::SLOW),
+                longest_gap: exact(simulate::LONGEST_GAP),
+                diverged: exact(simulate::DIVERGED),
+                start_deg_per_s: exact(defaults.start_deg_per_s),
+                pressure_zero_kpa: exact(defaults.pressure_zero_kpa),
+                angle_zero_deg: exact(defaults.angle_zero_deg),
+                largest_angle_deg: exact(defaults.largest_angle_deg),
             },
         };
         let mut environment = environment()?;
@@ -371,7 +372,7 @@ impl Source<'_> {
                 let nodes = table
                     .nodes()
                     .iter()
-                    .map(|&node| number(node_in_file(of, node)));
+                    .map(|&node| exact(node_in_file(of, node)));
                 let nodes: Vec<String> = nodes.collect();
                 lines.push(format!(
                     "    of the {}, nodes at {} {}",

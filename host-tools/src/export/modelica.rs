@@ -10,12 +10,13 @@ use std::cell::RefCell;
 use serde::Serialize;
 
 use super::physics::{Constant, Memory, PRESSURE};
-use super::print::{Lines, Printer, Syntax, number};
-use super::trace::{Binary, Expression, Id, Relation, Unary};
+use super::print::{Lines, Printer, Syntax};
+use super::trace::{Binary, Expression, Id, Relation};
 use super::{ExportError, Source, environment};
 use crate::io::terminal::printable_line;
+use crate::numbers::exact;
 
-/// What the equations of a file are filled into.
+/// The template of a file.
 const TEMPLATE: &str = include_str!("modelica.jinja");
 
 /// How to use the file.
@@ -26,7 +27,7 @@ const USE: &[&str] = &[
     "the samples of a recording, where rig takes a cubic through them.",
 ];
 
-/// What the template is filled with.
+/// The values for the template.
 #[derive(Serialize)]
 struct Filling<'a> {
     name: &'a str,
@@ -49,7 +50,7 @@ struct Filling<'a> {
 
 struct Modelica<'a> {
     source: &'a Source<'a>,
-    /// What was defined beside the targets.
+    /// Definitions of shared subexpressions.
     defined: RefCell<Vec<String>>,
     /// Memories are meant as they were before an event.
     before: bool,
@@ -65,7 +66,7 @@ fn is_noted(memory: &Memory) -> bool {
 ///
 /// # Errors
 ///
-/// Those of the template.
+/// Errors of the template.
 pub(super) fn export(source: &Source) -> Result<String, ExportError> {
     let physics = &source.physics;
     let syntax = |before| Modelica {
@@ -126,11 +127,11 @@ pub(super) fn export(source: &Source) -> Result<String, ExportError> {
                 let rest = source.expression(&syntax(false), physics.shown_at_rest);
                 format!("({rest}) * degrees")
             },
-            number,
+            exact,
         ),
-        start_deg_per_s: number(defaults.start_deg_per_s),
-        pressure_zero_kpa: number(defaults.pressure_zero_kpa),
-        angle_zero_deg: number(defaults.angle_zero_deg),
+        start_deg_per_s: exact(defaults.start_deg_per_s),
+        pressure_zero_kpa: exact(defaults.pressure_zero_kpa),
+        angle_zero_deg: exact(defaults.angle_zero_deg),
         memories: physics
             .memories
             .iter()
@@ -190,21 +191,6 @@ impl Syntax for Modelica<'_> {
     /// Modelica has none: a solver stops at the root of a negative number.
     fn nan(&self) -> &'static str {
         "sqrt(-1.0)"
-    }
-    fn unary(&self, function: Unary, x: &str) -> String {
-        let name = match function {
-            Unary::Negate => "-",
-            Unary::Absolute => "abs",
-            Unary::Exp => "exp",
-            Unary::Log => "log",
-            Unary::Tanh => "tanh",
-            Unary::Sin => "sin",
-            Unary::Cos => "cos",
-        };
-        format!("{name}({x})")
-    }
-    fn power(&self, x: &str, y: &str) -> String {
-        self.signed_power(x, y)
     }
     fn signed_power(&self, x: &str, y: &str) -> String {
         format!("signedPower({x}, {y})")

@@ -12,10 +12,10 @@ use model_core::effects::{Hidden, Instant, Mechanism, Unit};
 use model_core::input::{FromFn, Held};
 use model_core::real::Real;
 
-use super::print::number;
 use super::trace::{Binary, Expression, Id, Tape, TooManyBranches, Traced, Written};
 use crate::io::model_file::{parameter_name, parameter_unit};
 use crate::io::recording::PASCAL_PER_KPA;
+use crate::numbers::exact;
 
 /// A parameter of the model.
 #[derive(Clone, Debug)]
@@ -24,7 +24,7 @@ pub struct Constant {
     pub name: String,
     /// The number in the unit of the model file.
     pub in_file: f64,
-    /// What the number is multiplied by, or divided by, for SI units.
+    /// The factor or divisor of the number for SI units.
     pub scale: Scale,
     /// Its symbol in the equation.
     pub symbol: &'static str,
@@ -64,7 +64,7 @@ impl Constant {
 
     /// The same as an expression with the number of the model file in it.
     pub fn text(&self) -> String {
-        let in_file = number(self.in_file);
+        let in_file = exact(self.in_file);
         match self.scale {
             Scale::Same => in_file,
             Scale::Times1000 => format!("{in_file} * 1000.0"),
@@ -73,29 +73,29 @@ impl Constant {
     }
 }
 
-/// What an effect remembers: a hidden state.
+/// A hidden state of an effect.
 #[derive(Clone, Debug)]
 pub struct Memory {
     /// Its name.
     pub name: String,
-    /// What it is, and of which effect.
+    /// A description, with the effect's name.
     pub about: String,
     /// Its rate; none for a memory of events.
     pub rate: Option<Id>,
-    /// What it becomes after a step; none where nothing is noted.
+    /// Its update after a step; none for a memory without updates.
     pub noted: Option<Id>,
-    /// What it is at the start of a run.
+    /// Its initial value in a run.
     pub start: Id,
 }
 
-/// What the frictions of a model need of the step length.
+/// What the frictions of a model require of the step length.
 #[derive(Clone, Copy, Debug)]
 pub struct Friction {
     /// The width of the smoothed sign (rad/s).
     pub width: Id,
     /// The rate from which all of them slide (rad/s).
     pub saturated: Id,
-    /// What they add to the fastest rate (1/s).
+    /// Their contribution to the fastest rate (1/s).
     pub relaxation: Id,
 }
 
@@ -106,22 +106,22 @@ pub struct Physics {
     pub tape: Tape,
     /// The parameters.
     pub constants: Vec<Constant>,
-    /// What the effects remember.
+    /// The hidden states of the effects.
     pub memories: Vec<Memory>,
     /// θ̈ (rad/s²), of [`TIME`], [`ANGLE`], [`RATE`], [`PRESSURE`] and the memories.
     pub acceleration: Id,
-    /// What the sensor shows (rad), of the same but the pressure.
+    /// The sensor's reading (rad), of the same variables without the pressure.
     pub reading: Id,
     /// Angle and rate behind what the sensor shows first: of [`START_ANGLE`],
     /// [`START_RATE`] and [`PRESSURE`].
     pub start: [Id; 2],
-    /// What the sensor shows (rad) of an actuator that has rested at 0 rad.
+    /// The sensor's reading (rad) for an actuator that has rested at 0 rad.
     pub shown_at_rest: Id,
     /// Stiffness over inertia (1/s²) and relaxation (1/s) for angles up to [`ANGLE`].
     pub fastest: [Id; 2],
     /// Damping over inertia (1/s).
     pub decay: Id,
-    /// Of the frictions, if there are any.
+    /// Requirements of the frictions, if there are any.
     pub friction: Option<Friction>,
     /// By how much the pressure comes late (s), if it does.
     pub delay: Option<Id>,
@@ -137,7 +137,7 @@ pub const ANGLE: &str = "angle";
 pub const RATE: &str = "rate";
 /// The gauge pressure p (Pa), late by the dead time.
 pub const PRESSURE: &str = "pressure";
-/// What the sensor shows at the start (rad).
+/// The sensor's reading at the start (rad).
 pub const START_ANGLE: &str = "start_angle";
 /// Its rate (rad/s).
 pub const START_RATE: &str = "start_rate";
@@ -216,10 +216,10 @@ impl Physics {
     }
 }
 
-/// What a model computes of a state and a pressure.
+/// The expressions of a model, of a state and a pressure.
 struct Traces {
     acceleration: Id,
-    /// Of the hidden states, a place each.
+    /// The rates of the hidden states.
     rates: Vec<Id>,
     /// The hidden states before and after a step is noted.
     before: Vec<Id>,
@@ -665,8 +665,8 @@ mod tests {
         ]));
     }
 
-    /// What Modelica relies on: of a memory that is integrated, nothing is noted but turns
-    /// that are taken off.
+    /// Modelica relies on this: the only update of an integrated memory takes whole
+    /// turns off.
     #[test]
     fn only_turns_are_integrated_and_noted() {
         for &kind in Kind::NAMES {

@@ -7,9 +7,23 @@ use std::collections::HashMap;
 
 use super::physics::Physics;
 use super::trace::{Binary, Condition, Expression, Id, Relation, Tape, Unary};
+use crate::numbers::exact;
 
 /// Lines are broken at their sums beyond so many characters.
 const WIDTH: usize = 96;
+
+/// What most languages call a function.
+pub fn common_name(function: Unary) -> &'static str {
+    match function {
+        Unary::Negate => "-",
+        Unary::Absolute => "abs",
+        Unary::Exp => "exp",
+        Unary::Log => "log",
+        Unary::Tanh => "tanh",
+        Unary::Sin => "sin",
+        Unary::Cos => "cos",
+    }
+}
 
 /// How a language writes what it does not share with the others.
 pub trait Syntax {
@@ -23,18 +37,28 @@ pub trait Syntax {
     fn rate_place(&self, _state: usize) -> String {
         String::new()
     }
-    /// What is not a number.
+    /// The language's NaN.
     fn nan(&self) -> &'static str;
     /// A function of one number, other than a minus sign.
-    fn unary(&self, function: Unary, x: &str) -> String;
+    fn unary(&self, function: Unary, x: &str) -> String {
+        format!("{}({x})", self.name(function))
+    }
+    /// What a function is called.
+    fn name(&self, function: Unary) -> &'static str {
+        common_name(function)
+    }
     /// The larger of two numbers.
     fn max(&self, x: &str, y: &str) -> String {
         format!("max({x}, {y})")
     }
     /// xʸ for x ≥ 0.
-    fn power(&self, x: &str, y: &str) -> String;
+    fn power(&self, x: &str, y: &str) -> String {
+        self.signed_power(x, y)
+    }
     /// sign(x)·|x|ʸ.
-    fn signed_power(&self, x: &str, y: &str) -> String;
+    fn signed_power(&self, x: &str, y: &str) -> String {
+        format!("signed_power({x}, {y})")
+    }
     /// A comparison.
     fn condition(&self, relation: Relation, left: &str, right: &str) -> String {
         let sign = match relation {
@@ -96,7 +120,7 @@ pub struct Printer<'a, S> {
     /// Names of the parts that were computed before.
     names: HashMap<Id, String>,
     labels: &'a [(Id, String)],
-    /// What names of parts without one begin with.
+    /// The prefix of generated names.
     prefix: &'static str,
     /// Names that a part must not be of if it is to be computed before.
     in_place: &'static [&'static str],
@@ -105,7 +129,7 @@ pub struct Printer<'a, S> {
 }
 
 impl<'a, S: Syntax> Printer<'a, S> {
-    /// Of the expressions of a model.
+    /// For the expressions of a model.
     pub fn new(physics: &'a Physics, syntax: &'a S) -> Self {
         Self {
             tape: &physics.tape,
@@ -290,7 +314,7 @@ impl<'a, S: Syntax> Printer<'a, S> {
                 if value.is_nan() {
                     (self.syntax.nan().to_owned(), Atom)
                 } else {
-                    (number(value), tightness)
+                    (exact(value), tightness)
                 }
             }
             Expression::Symbol(symbol) => (self.syntax.symbol(&self.tape.name(symbol)), Atom),
@@ -327,11 +351,6 @@ impl<'a, S: Syntax> Printer<'a, S> {
             (text, _) => text,
         }
     }
-}
-
-/// A number with as many digits as tell it from all others.
-pub fn number(value: f64) -> String {
-    format!("{value:?}")
 }
 
 /// Lines one step further to the right.

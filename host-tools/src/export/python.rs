@@ -1,10 +1,10 @@
 //! Python 3, without packages.
 
-use super::print::{Lines, Syntax, indented};
+use super::print::{Lines, Syntax, common_name, indented};
 use super::trace::Unary;
 use super::{ExportError, Source, aligned};
 
-/// What the functions of a file are filled into.
+/// The template of a file.
 const TEMPLATE: &str = include_str!("python.jinja");
 
 /// How to use the file.
@@ -21,7 +21,7 @@ struct Python<'a>(&'a Source<'a>);
 ///
 /// # Errors
 ///
-/// Those of the template.
+/// Errors of the template.
 pub(super) fn export(source: &Source) -> Result<String, ExportError> {
     let header: String = source
         .header(USE)
@@ -63,23 +63,12 @@ impl Syntax for Python<'_> {
     fn nan(&self) -> &'static str {
         "math.nan"
     }
-    fn unary(&self, function: Unary, x: &str) -> String {
-        let name = match function {
-            Unary::Negate => "-",
-            Unary::Absolute => "abs",
-            Unary::Exp => "exp",
+    fn name(&self, function: Unary) -> &'static str {
+        match function {
             Unary::Log => "math.log",
             Unary::Tanh => "math.tanh",
-            Unary::Sin => "sin",
-            Unary::Cos => "cos",
-        };
-        format!("{name}({x})")
-    }
-    fn power(&self, x: &str, y: &str) -> String {
-        format!("signed_power({x}, {y})")
-    }
-    fn signed_power(&self, x: &str, y: &str) -> String {
-        format!("signed_power({x}, {y})")
+            other => common_name(other),
+        }
     }
     fn select(&self, condition: &str, yes: &str, no: &str) -> Option<String> {
         Some(format!("({yes} if {condition} else {no})"))

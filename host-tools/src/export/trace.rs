@@ -83,7 +83,7 @@ pub struct Condition {
     pub right: Id,
 }
 
-/// What stands at a place of a tape.
+/// An entry of a tape.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Expression {
     /// A number, by its bits: numbers that are equal have one place.
@@ -135,9 +135,9 @@ pub struct Tape {
 /// Answers to the comparisons of one run of a function.
 #[derive(Debug, Default)]
 struct Run {
-    /// What to answer at first; beyond it the answer is yes.
+    /// The first answers; all later answers are yes.
     given: Vec<bool>,
-    /// What was asked and answered.
+    /// The conditions asked, with their answers.
     asked: Vec<(Condition, bool)>,
 }
 
@@ -157,7 +157,7 @@ impl Tape {
         Ref::map(self.symbols.borrow(), |symbols| symbols[symbol].as_str())
     }
 
-    /// What stands at a place.
+    /// The entry at a place.
     pub fn get(&self, id: Id) -> Expression {
         self.expressions.borrow()[id.0]
     }
@@ -214,7 +214,7 @@ impl Tape {
     ///
     /// # Errors
     ///
-    /// Those of [`Tape::explore`].
+    /// The same as [`Tape::explore`].
     pub fn single<'t>(
         &'t self,
         mut function: impl FnMut() -> Traced<'t>,
@@ -360,7 +360,7 @@ impl Tape {
 pub enum Traced<'t> {
     /// A number of the source.
     Literal(f64),
-    /// What stands at this place.
+    /// The expression at this place.
     On(&'t Tape, Id),
 }
 
@@ -620,7 +620,7 @@ impl<'t> Power<Traced<'t>> for Written {
 
 #[cfg(test)]
 impl Tape {
-    /// What all expressions come to, to compare them with what they were made of.
+    /// The values of all expressions, to compare them with the traced function.
     pub(super) fn values(&self, of: impl Fn(&str) -> f64) -> Vec<f64> {
         let mut values: Vec<f64> = Vec::new();
         for expression in self.expressions.borrow().iter() {
@@ -662,7 +662,7 @@ impl Tape {
         values
     }
 
-    /// What one of them comes to.
+    /// The value of one of them.
     pub(super) fn value(&self, id: Id, of: impl Fn(&str) -> f64) -> f64 {
         self.values(of)[id.0]
     }

@@ -43,18 +43,18 @@ const EXPONENTS: [f64; 4] = [1.0, 1.5, 2.0, 2.5];
 /// Exponents that a plateau may suggest.
 const PLAUSIBLE: std::ops::RangeInclusive<f64> = 0.4..=5.0;
 
-/// Starts of each exponent that are raced.
-const PROMISING: usize = 3;
+/// Initial guesses of each exponent that get a coarse fit.
+const COARSE_FITS: usize = 3;
 
-/// Of these, how many are fitted to the end.
+/// The number of these that are fitted to the end.
 const FINALISTS: usize = 3;
 
-/// Steps of a fit that choose among them.
-const RACED: Effort = Effort::Steps(6);
+/// Steps of a coarse fit.
+const COARSE: Effort = Effort::Steps(6);
 
-/// A fitted exponent has to shrink the RMS error below this share of what a given one
-/// leaves.
-const PAYS: f64 = 0.95;
+/// A fitted exponent has to reduce the RMS error below this share of that with a given
+/// exponent.
+const WORTHWHILE: f64 = 0.95;
 
 /// The least exponent that is fitted: halfway from Hooke's law to the least of Table I.
 const LEAST_OF_A_MATERIAL: f64 = 1.25;
@@ -122,7 +122,7 @@ pub enum Origin {
     Guess(&'static str),
 }
 
-/// What is known of the actuator itself.
+/// Geometry and material of the actuator.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Geometry {
     /// A row of the table of materials.
@@ -164,9 +164,9 @@ pub struct FirstModel {
     pub model: Model<f64>,
     /// Where each base parameter comes from, in the order of [`BASE`].
     pub origins: [Origin; 5],
-    /// What a refit may move.
+    /// The parameters that a refit estimates.
     pub free: Vec<ParameterId>,
-    /// What is known of the actuator.
+    /// Geometry and material of the actuator, where known.
     pub geometry: Option<Geometry>,
     /// How well it follows the recordings, if there are any.
     pub evidence: Option<Evidence>,
@@ -293,11 +293,11 @@ pub fn from_recordings(
     {
         *near = given;
     }
-    let raced: Vec<Raced> = exponents
+    let coarse_fits: Vec<CoarseFit> = exponents
         .iter()
-        .flat_map(|&exponent| identifier.race(&levels, exponent))
+        .flat_map(|&exponent| identifier.coarse_fits_with(&levels, exponent))
         .collect();
-    let chosen = identifier.choose(&raced, given).ok_or_else(|| {
+    let chosen = identifier.choose(&coarse_fits, given).ok_or_else(|| {
         InputError::new(
             "no plain model can be simulated over the recording",
             "check time, pressure and angle: see the flags under \"If the columns mean something else\"",
@@ -408,12 +408,12 @@ fn about_mean(data: &Dataset) -> f64 {
     (squares / data.samples().max(1) as f64).sqrt()
 }
 
-/// A start after a few steps.
+/// A fit of a few steps from an initial guess.
 #[derive(Clone, Copy, Debug)]
-struct Raced {
+struct CoarseFit {
     exponent: f64,
     model: Model<f64>,
-    strain: u8,
+    implausibility: u8,
     /// Mean square error (rad²).
     error: f64,
 }
@@ -452,8 +452,8 @@ impl Identifier<'_> {
         free
     }
 
-    /// The best of the starts with an exponent.
-    fn race(self, levels: &[statics::Level], exponent: f64) -> Vec<Raced> {
+    /// Coarse fits from the best initial guesses with an exponent.
+    fn coarse_fits_with(self, levels: &[statics::Level], exponent: f64) -> Vec<CoarseFit> {
         let free = self.free(false);
         let starts = starts::of(self.data, levels, exponent);
         let mut ranked: Vec<(f64, Model<f64>)> = starts
@@ -471,25 +471,25 @@ impl Identifier<'_> {
             })
             .collect();
         ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
-        ranked.truncate(PROMISING);
+        ranked.truncate(COARSE_FITS);
         ranked
             .into_par_iter()
             .filter_map(|(_, start)| {
                 let part = subsample(self.data, &start);
-                let fit = Fitter::new(&start, &part).fit(&start, &free, RACED);
+                let fit = Fitter::new(&start, &part).fit(&start, &free, COARSE);
                 let error = fit.sse() / fit.samples().max(1) as f64;
-                error.is_finite().then(|| Raced {
+                error.is_finite().then(|| CoarseFit {
                     exponent,
                     model: fit.model,
-                    strain: self.strain(&fit, &part),
+                    implausibility: self.implausibility(&fit, &part),
                     error,
                 })
             })
             .collect()
     }
 
-    /// Whether a model comes to rest as fast as the recordings show: a slow one can take
-    /// the place of a static curve that is none of a power law.
+    /// Whether a model settles as fast as the recordings do: a slow one can imitate a
+    /// static curve that is not a power law.
     fn settles(self, model: &Model<f64>) -> bool {
         let dynamics = model.dynamics();
         let angles = self.data.fitted().flat_map(|it| &it.recording.angle);
@@ -504,8 +504,8 @@ impl Identifier<'_> {
             .is_none_or(|settling| dynamics.damping <= SETTLED * settling * slope)
     }
 
-    /// How far a fit is from what can be: zeros that are none, a rest that comes too late.
-    fn strain(self, fit: &Fit, data: &Dataset) -> u8 {
+    /// A class from 0, plausible, to 2: sensor zeros far off, or too slow a settling.
+    fn implausibility(self, fit: &Fit, data: &Dataset) -> u8 {
         let sessions = data.sessions().iter().zip(&fit.nuisances);
         let farthest = sessions.fold(0.0, |farthest: f64, (session, found)| {
             let [pressure, angle] = [0, 1].map(|k| session.prior().departures(found)[k].abs());
@@ -524,16 +524,19 @@ impl Identifier<'_> {
         }
     }
 
-    /// Fits with the exponent free, given, and one; prefers a fitted exponent only where
-    /// it pays.
-    fn choose(self, raced: &[Raced], given: Option<f64>) -> Option<Chosen> {
-        let order =
-            |a: &&Raced, b: &&Raced| a.strain.cmp(&b.strain).then(a.error.total_cmp(&b.error));
+    /// Fits with the exponent free, given, and one; takes a fitted exponent only where it
+    /// reduces the error enough.
+    fn choose(self, coarse_fits: &[CoarseFit], given: Option<f64>) -> Option<Chosen> {
+        let order = |a: &&CoarseFit, b: &&CoarseFit| {
+            a.implausibility
+                .cmp(&b.implausibility)
+                .then(a.error.total_cmp(&b.error))
+        };
         let best = |wanted: Option<f64>| -> Option<Fit> {
-            let mut starts: Vec<&Raced> = raced.iter().collect();
+            let mut starts: Vec<&CoarseFit> = coarse_fits.iter().collect();
             if let Some(wanted) = wanted {
-                let off = |it: &Raced| (it.exponent - wanted).abs();
-                let nearest = raced.iter().map(off).fold(f64::INFINITY, f64::min);
+                let off = |it: &CoarseFit| (it.exponent - wanted).abs();
+                let nearest = coarse_fits.iter().map(off).fold(f64::INFINITY, f64::min);
                 starts.retain(|it| off(it) <= nearest);
             }
             starts.sort_by(order);
@@ -544,7 +547,7 @@ impl Identifier<'_> {
                     let exponent = wanted.unwrap_or(start.exponent);
                     let start = start.model.with_value(ParameterId::Exponent, exponent);
                     let fit = self.fit(&start, wanted.is_none())?;
-                    Some((self.strain(&fit, self.data), fit))
+                    Some((self.implausibility(&fit, self.data), fit))
                 })
                 .min_by(|a, b| a.0.cmp(&b.0).then(a.1.sse().total_cmp(&b.1.sse())))
                 .map(|(_, fit)| fit)
@@ -555,8 +558,9 @@ impl Identifier<'_> {
         };
         match (best(None).filter(is_a_materials), held) {
             (Some(fit), Some((held, _)))
-                if self.strain(&fit, self.data) <= self.strain(&held, self.data)
-                    && fit.rmse() < PAYS * held.rmse() =>
+                if self.implausibility(&fit, self.data)
+                    <= self.implausibility(&held, self.data)
+                    && fit.rmse() < WORTHWHILE * held.rmse() =>
             {
                 Some((fit, Exponent::Fitted))
             }
@@ -569,8 +573,8 @@ impl Identifier<'_> {
         })
     }
 
-    /// A fit to everything; once more from where it ended if that is the edge of the range
-    /// about its start.
+    /// A fit to all data; repeated from its result if that lies on the edge of the range
+    /// about the initial guess.
     fn fit(self, start: &Model<f64>, with_exponent: bool) -> Option<Fit> {
         /// Each time up to ten times the value before.
         const TIMES: usize = 3;

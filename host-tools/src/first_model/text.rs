@@ -6,8 +6,9 @@ use model_core::actuator::ParameterId;
 use toml_edit::Value;
 
 use super::{BASE, Evidence, FirstModel, Geometry, Origin, beam_stiffness};
-use crate::io::model_file::{parameter_name, parameter_unit, tidy, to_file_units};
+use crate::io::model_file::{parameter_name, parameter_unit, to_file_units};
 use crate::io::terminal::printable_line;
+use crate::numbers::{four_digits, tidy};
 
 /// Key in `[dynamics]` and what the parameter is, in the order of [`BASE`].
 const KEYS: [(&str, &str); 5] = [
@@ -29,7 +30,7 @@ impl Origin {
     pub fn sentence(&self, unit: &str) -> String {
         match self {
             Self::Fitted(Some((low, high))) => {
-                let range = format!("{} to {} {unit}", short(*low), short(*high));
+                let range = format!("{} to {} {unit}", four_digits(*low), four_digits(*high));
                 format!("fitted; 95 % interval {}", range.trim())
             }
             Self::Fitted(None) => "fitted, but hardly determined by the recordings".into(),
@@ -60,17 +61,6 @@ impl Origin {
             Self::Convention(_) => "convention",
             Self::Guess(_) => "guess",
         }
-    }
-}
-
-/// Four significant digits, without zeros at the end.
-pub fn short(value: f64) -> String {
-    let rounded: f64 = format!("{value:.3e}").parse().unwrap_or(value);
-    let size = rounded.abs();
-    if rounded != 0.0 && !(1e-4..1e6).contains(&size) {
-        format!("{rounded:e}")
-    } else {
-        rounded.to_string()
     }
 }
 
@@ -123,7 +113,7 @@ impl FirstModel {
     }
 }
 
-/// What to do with the model, a line each.
+/// The next steps with the model, a line each.
 pub fn next_steps(recordings: &[impl AsRef<Path>], path: &Path) -> Vec<String> {
     let model = word(path);
     let files: Vec<String> = recordings.iter().map(|it| word(it.as_ref())).collect();
@@ -165,15 +155,15 @@ fn fitted_to(evidence: &Evidence, recordings: &[impl AsRef<Path>]) -> String {
         all => format!("{} recordings", all.len()),
     };
     let part = if evidence.subsample {
-        "an excerpt of "
+        "a subsample of "
     } else {
         ""
     };
     format!(
         "Fitted to {part}{of}: {} samples, RMS error {}°, of {}° about the mean.",
         evidence.samples,
-        short(evidence.rms.to_degrees()),
-        short(evidence.about_mean.to_degrees())
+        four_digits(evidence.rms.to_degrees()),
+        four_digits(evidence.about_mean.to_degrees())
     )
 }
 
@@ -189,7 +179,7 @@ fn actuator(geometry: &Geometry, fitted: bool) -> String {
         text += &format!(
             "# The beam formula gives {} N/rad^n. The stiffness below is per unit of the inertia\n\
              # that is there by convention, so that the two cannot be compared.\n",
-            short(beam)
+            four_digits(beam)
         );
     }
     text + &format!(
@@ -218,18 +208,5 @@ mod tests {
         assert!((file.model.dynamics().stiffness / 0.094 - 1.0).abs() < 0.01);
         // What is guessed says so.
         assert_eq!(text.matches("GUESS").count(), 4, "{text}");
-    }
-
-    #[test]
-    fn numbers_are_short() {
-        for (value, text) in [
-            (0.0, "0"),
-            (0.123_456, "0.1235"),
-            (209_872.4, "209900"),
-            (2.17e-5, "2.17e-5"),
-            (-63.4, "-63.4"),
-        ] {
-            assert_eq!(short(value), text);
-        }
     }
 }

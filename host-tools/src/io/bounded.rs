@@ -17,7 +17,7 @@ const TEXT_BYTES: u64 = 64 * MIB;
 /// Bytes in a mebibyte.
 const MIB: u64 = 1 << 20;
 
-/// What a recording may hold.
+/// The largest recording that is read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
     /// Bytes of text, after unpacking.
@@ -31,7 +31,7 @@ pub struct Limits {
 }
 
 impl Limits {
-    /// Of a recording: a rig at 100 Hz for eleven hours, or one at 1 kHz for more than an
+    /// For a recording: a rig at 100 Hz for eleven hours, or one at 1 kHz for more than an
     /// hour, with the ten columns of `rig record` and a hundred bytes a row.
     pub const RECORDING: Self = Self {
         bytes: 512 * MIB,
@@ -108,7 +108,7 @@ impl<R: Read> Bounded<R> {
         self.last == Some(b'\n')
     }
 
-    /// What was too much, if that ended the reading.
+    /// The error, if a limit ended the reading.
     pub fn fault(&self) -> Option<InputError> {
         let mebibytes = |bytes: u64| bytes as f64 / MIB as f64;
         Some(match self.beyond? {
@@ -181,7 +181,7 @@ pub fn read_bytes(path: &Path) -> Result<Vec<u8>, InputError> {
 ///
 /// # Errors
 ///
-/// As [`read_bytes`], and if it is no text in UTF-8.
+/// Like [`read_bytes`], and if it is no text in UTF-8.
 pub fn read_text(path: &Path) -> Result<String, InputError> {
     String::from_utf8(read_bytes(path)?).map_err(|_| not_text(path))
 }

@@ -27,14 +27,14 @@ pub fn air(kpa: f64) -> Result<f64, String> {
     ))
 }
 
-/// What a recording cannot be without.
+/// A quantity that every recording has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Quantity {
     /// When a sample was taken.
     Time,
-    /// Of the actuator, against the air.
+    /// The gauge pressure in the actuator.
     Pressure,
-    /// Of bending.
+    /// The bending angle.
     Angle,
 }
 
@@ -163,11 +163,11 @@ impl AngleUnit {
 /// A unit of any of the three.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unit {
-    /// Of the time.
+    /// Unit of the time.
     Time(TimeUnit),
-    /// Of the pressure.
+    /// Unit of the pressure.
     Pressure(PressureUnit),
-    /// Of the angle.
+    /// Unit of the angle.
     Angle(AngleUnit),
 }
 
@@ -287,7 +287,7 @@ impl Columns {
         }
     }
 
-    /// What is said here, and elsewhere where nothing is said here.
+    /// These settings; `other` fills in what is missing.
     pub fn or(self, other: Self) -> Self {
         Self {
             time: self.time.or(other.time),
@@ -443,7 +443,7 @@ impl Names {
         Ok(names)
     }
 
-    /// What is said here, and elsewhere where nothing is said here.
+    /// These settings; `other` fills in what is missing.
     pub fn or(&self, other: &Self) -> Self {
         let mut both = other.clone();
         for (mine, theirs) in self.required.iter().zip(&mut both.required) {
@@ -464,12 +464,12 @@ impl Names {
 pub struct Layout {
     /// The names of the columns.
     pub names: Names,
-    /// What they hold.
+    /// Their units and meaning.
     pub columns: Columns,
 }
 
 impl Layout {
-    /// What is said here, and elsewhere where nothing is said here.
+    /// These settings; `other` fills in what is missing.
     pub fn or(&self, other: &Self) -> Self {
         Self {
             names: self.names.or(&other.names),

@@ -307,7 +307,7 @@ pub fn write_with_meta(
 ///
 /// # Errors
 ///
-/// As [`write_with_meta`].
+/// Like [`write_with_meta`].
 pub fn replace_with_meta(rows: Pending, meta: Pending) -> Result<File, InputError> {
     if let Place::Beside(_, target) = &meta.place
         && let Err(error) = std::fs::remove_file(target)

@@ -22,6 +22,7 @@ use crate::io::ranges::Range;
 use crate::io::recording::PASCAL_PER_KPA;
 use crate::io::toml_reader::Reader;
 use crate::materials::{like, named};
+use crate::numbers::tidy;
 
 /// The schema number that this version reads and writes.
 pub(crate) const SCHEMA: i64 = 1;
@@ -90,7 +91,7 @@ impl ModelFile {
     ///
     /// # Errors
     ///
-    /// As [`ModelFile::read`].
+    /// Like [`ModelFile::read`].
     pub fn parse(text: &str, path: &Path) -> Result<Self, InputError> {
         ModelReader {
             toml: Reader { text, path },
@@ -292,12 +293,6 @@ fn to_file(id: ParameterId, value: f64) -> f64 {
     } else {
         value
     }
-}
-
-/// Seven significant digits: more than any fit supports, as many as the board
-/// can hold.
-pub fn tidy(value: f64) -> f64 {
-    format!("{value:.6e}").parse().unwrap_or(value)
 }
 
 /// Replaces a number and keeps the comment beside it.
@@ -887,7 +882,7 @@ fn material_span(root: &Table) -> Option<std::ops::Range<usize>> {
     root.get("actuator")?.get("material")?.span()
 }
 
-/// What to write in place of a material that is not in the table.
+/// Advice for a material that is not in the table.
 fn material_to_write(name: &str) -> String {
     let near = like(name);
     if near.is_empty() {

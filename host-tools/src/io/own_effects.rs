@@ -31,9 +31,10 @@ use toml_edit::{InlineTable, Item, Table, TableLike, Value};
 
 use crate::diagnose::family::Family;
 use crate::io::error::InputError;
-use crate::io::model_file::{ModelFile, SCHEMA, replace_number, tidy, twice};
+use crate::io::model_file::{ModelFile, SCHEMA, replace_number, twice};
 use crate::io::recording::PASCAL_PER_KPA;
 use crate::io::toml_reader::Reader;
+use crate::numbers::tidy;
 use crate::sim::formula;
 
 /// The kind of an effect with a formula, in files.
@@ -51,12 +52,12 @@ const LONGEST_NAME: usize = 40;
 /// The largest number that a parameter may have, as the forces of other effects.
 const LARGEST: f64 = 1e12;
 
-/// What a report says of an effect with a formula, beside the formula.
+/// The report's text about an effect with a formula.
 const TEXT: &str = "An effect by a formula of your own, in which th is the bending angle (rad), \
                     w its rate (rad/s), p the gauge pressure in the chamber (kPa) and t the time \
                     in the session (s).";
 
-/// What a file of effects holds: what `rig diagnose` tries beside the catalogue.
+/// A file of effects, which `rig diagnose` tries beside the catalogue.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct OwnEffects {
     /// Where it was read from.
@@ -91,7 +92,7 @@ impl OwnEffects {
     ///
     /// # Errors
     ///
-    /// As [`OwnEffects::read`].
+    /// Like [`OwnEffects::read`].
     pub fn parse(text: &str, path: &Path) -> Result<Self, InputError> {
         Ok(Self {
             path: path.to_owned(),
@@ -196,7 +197,7 @@ pub fn refuse_on_board(file: &ModelFile) -> Result<(), InputError> {
     }
 }
 
-/// What a section is read for.
+/// The purpose of a section.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Role {
     /// A part of a model: its values are those of the model.

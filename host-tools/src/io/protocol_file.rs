@@ -25,11 +25,11 @@ const SCHEMA: i64 = 1;
 pub struct ProtocolFile {
     /// Name for recordings.
     pub name: String,
-    /// What it is for, in one line; may be empty.
+    /// Its purpose, in one line; may be empty.
     pub title: String,
     /// The protocol that the board knows by name, if it is one.
     pub named: Option<Named>,
-    /// What is played.
+    /// Its segments, in order.
     pub segments: Vec<Segment>,
     /// Where it was read from.
     pub path: Option<PathBuf>,
@@ -44,7 +44,7 @@ pub struct Played {
     pub index: usize,
     /// When it begins (ms).
     pub start_ms: u32,
-    /// What it is; never a repeat.
+    /// The segment; never a repeat.
     pub segment: Segment,
 }
 
@@ -111,7 +111,7 @@ impl ProtocolFile {
     ///
     /// # Errors
     ///
-    /// As [`ProtocolFile::read`].
+    /// Like [`ProtocolFile::read`].
     pub fn parse(text: &str, path: &Path) -> Result<Self, InputError> {
         ProtocolReader {
             toml: Reader { text, path },
@@ -471,22 +471,13 @@ impl ProtocolReader<'_> {
     }
 
     fn number(&self, table: &Table, key: &str) -> Result<f64, InputError> {
-        let item = table.get(key).ok_or_else(|| {
+        self.toml.number(table, key)?.ok_or_else(|| {
             self.toml.fail_at(
                 table.span(),
                 format!("the segment has no {key}"),
                 format!("add `{key} = …` to it"),
             )
-        })?;
-        item.as_float()
-            .or_else(|| item.as_integer().map(|whole| whole as f64))
-            .ok_or_else(|| {
-                self.toml.fail_at(
-                    item.span(),
-                    format!("{key} is not a number"),
-                    "write a number without quotes and without a unit",
-                )
-            })
+        })
     }
 
     fn level(&self, table: &Table, key: &str) -> Result<Hundredths, InputError> {

@@ -9,6 +9,8 @@ use std::fmt;
 
 use model_core::effects::{Parameter, Unit};
 
+use crate::numbers::bound;
+
 /// The range of a number.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Range {
@@ -130,18 +132,18 @@ const fn row(
     }
 }
 
-/// Of both signs.
+/// A symmetric range of both signs.
 const fn by_unit(unit: Unit, of: &'static str, most: f64, because: &'static str) -> (Unit, Range) {
     (unit, row(of, unit.symbol(), -most, most, because))
 }
 
 impl Range {
-    /// Of a key in `[actuator]` or `[dynamics]`; none of another.
+    /// The range of a key in `[actuator]` or `[dynamics]`; none for other keys.
     pub fn of_key(key: &str) -> Option<Self> {
         KEYS.into_iter().find(|range| range.of == key)
     }
 
-    /// Of the numbers of effects in this unit.
+    /// The range of effects' parameters in this unit.
     pub fn of_unit(unit: Unit) -> Self {
         UNITS
             .into_iter()
@@ -150,7 +152,7 @@ impl Range {
             .map_or(row("", "", -1e6, 1e6, ""), |(_, range)| range)
     }
 
-    /// Of a parameter of an effect: its own bounds, as far as it has any.
+    /// The range of a parameter of an effect: its own bounds, where it has any.
     pub fn of_parameter(parameter: &Parameter) -> Self {
         let wide = Self::of_unit(parameter.unit);
         let bound = |si: f32| parameter.unit.from_si(f64::from(si));
@@ -166,7 +168,7 @@ impl Range {
         (self.least..=self.most).contains(&number)
     }
 
-    /// What to do about a number that may not.
+    /// The advice for a number out of range.
     pub fn advice(&self) -> String {
         format!("give a value {self}")
     }
@@ -174,22 +176,12 @@ impl Range {
 
 impl fmt::Display for Range {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "from {} to {}", short(self.least), short(self.most))?;
+        write!(f, "from {} to {}", bound(self.least), bound(self.most))?;
         if self.unit.is_empty() {
             Ok(())
         } else {
             write!(f, " {}", self.unit)
         }
-    }
-}
-
-/// Without rows of zeros.
-fn short(number: f64) -> String {
-    let size = number.abs();
-    if size >= 1e5 || (size > 0.0 && size < 1e-3) {
-        format!("{number:e}")
-    } else {
-        number.to_string()
     }
 }
 
@@ -217,8 +209,8 @@ mod tests {
             };
             text += &format!(
                 "| {of} | {unit} | {} | {} | {} |\n",
-                short(range.least).replace('-', "−"),
-                short(range.most).replace('-', "−"),
+                bound(range.least).replace('-', "−"),
+                bound(range.most).replace('-', "−"),
                 range.because
             );
         }

@@ -120,9 +120,9 @@ pub struct SegmentMeta {
 /// How well the zeros of the sensors are known, as standard deviations.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize, Serialize)]
 pub struct CalibrationMeta {
-    /// Of the pressure sensor's zero (kPa).
+    /// Standard deviation of the pressure sensor's zero (kPa).
     pub pressure_zero_sd_kpa: Option<f64>,
-    /// Of the angle sensor's zero (°).
+    /// Standard deviation of the angle sensor's zero (°).
     pub angle_zero_sd_deg: Option<f64>,
 }
 
@@ -177,11 +177,11 @@ impl Recording {
         Self::read_as(path, &Layout::default())
     }
 
-    /// As [`Recording::read`], of a file that has the recording in other columns or units.
+    /// Like [`Recording::read`], for a file with the recording in other columns or units.
     ///
     /// # Errors
     ///
-    /// As [`Recording::read`].
+    /// Like [`Recording::read`].
     pub fn read_as(path: &Path, layout: &Layout) -> Result<(Self, Vec<String>), InputError> {
         Self::assemble(formats::read(path, layout)?, path)
     }
@@ -221,16 +221,16 @@ impl Recording {
     ///
     /// # Errors
     ///
-    /// As [`Recording::read`].
+    /// Like [`Recording::read`].
     pub fn parse(text: &str, path: &Path) -> Result<(Self, Vec<String>), InputError> {
         Self::parse_as(text, path, &Layout::default())
     }
 
-    /// As [`Recording::parse`], of a text that has the recording in other columns or units.
+    /// Like [`Recording::parse`], for a text with the recording in other columns or units.
     ///
     /// # Errors
     ///
-    /// As [`Recording::read`].
+    /// Like [`Recording::read`].
     pub fn parse_as(
         text: &str,
         path: &Path,
@@ -239,12 +239,12 @@ impl Recording {
         Self::parse_from(text.as_bytes(), path, layout, Limits::RECORDING)
     }
 
-    /// As [`Recording::parse_as`], of a text that is read as far as `limits` allow and never
+    /// Like [`Recording::parse_as`], for a text that is read as far as `limits` allow and never
     /// held whole.
     ///
     /// # Errors
     ///
-    /// As [`Recording::read`], and if there is more than `limits` allow.
+    /// Like [`Recording::read`], and if there is more than `limits` allow.
     pub fn parse_from(
         text: impl Read,
         path: &Path,
@@ -261,7 +261,7 @@ impl Recording {
     ///
     /// # Errors
     ///
-    /// As [`Recording::read`].
+    /// Like [`Recording::read`].
     pub fn parse_bytes(
         bytes: &[u8],
         path: &Path,
@@ -471,7 +471,7 @@ fn rounded(time: f64) -> f64 {
     (time * 1e6).round() / 1e6
 }
 
-/// What the names of recordings end in; a packed one has `.gz` behind it.
+/// The extensions of recordings; a packed one has `.gz` appended.
 const ENDINGS: [&str; 6] = [".csv", ".tsv", ".txt", ".parquet", ".mat", ".mcap"];
 
 /// The name of a recording: that of its file without folder and ending.
@@ -524,7 +524,7 @@ fn whole<'de, D: serde::Deserializer<'de>, T: TryFrom<u64>>(
     }
 }
 
-/// What a reader of TOML says of types, in words for those who wrote the file.
+/// A TOML parser's message about types, in words for the author of the file.
 fn in_words(message: &str) -> String {
     let mut text = message.trim().replace('\n', ", ");
     for (rust, words) in [

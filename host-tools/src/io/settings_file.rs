@@ -137,9 +137,9 @@ pub fn from_model(file: &ModelFile) -> Result<Vec<Assignment>, InputError> {
 /// Zeros of a board's sensors, from a diagnosis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Zeros {
-    /// What the pressure sensor shows without pressure (kPa).
+    /// The zero of the pressure sensor (kPa).
     pub pressure_kpa: f64,
-    /// What the angle sensor shows at 0° (°).
+    /// The zero of the angle sensor (°).
     pub angle_deg: f64,
 }
 
@@ -180,7 +180,7 @@ impl Zeros {
     }
 
     /// The settings with which a board that has `settings` shows zero at zero.
-    /// Those that `wanted` sets already go on from there.
+    /// Zeros that `wanted` sets already are corrected further.
     ///
     /// # Errors
     ///
@@ -241,7 +241,7 @@ pub fn read(path: &Path) -> Result<Vec<Assignment>, InputError> {
 ///
 /// # Errors
 ///
-/// As [`read`].
+/// Like [`read`].
 pub fn parse(text: &str, path: &Path) -> Result<Vec<Assignment>, InputError> {
     let toml = Reader { text, path };
     let document = toml.parse()?;

@@ -46,7 +46,7 @@ pub fn printable(text: &str) -> Cow<'_, str> {
     shown(text, true)
 }
 
-/// What others wrote, on one line: a line end in it would look like the end of our sentence.
+/// Foreign text on one line: a line end in it would look like the end of our sentence.
 pub fn printable_line(text: &str) -> Cow<'_, str> {
     shown(text, false)
 }
@@ -65,7 +65,7 @@ pub fn print(text: &str) -> std::io::Result<()> {
 ///
 /// # Errors
 ///
-/// As [`print()`].
+/// Like [`print()`].
 pub fn print_own(text: &str) -> std::io::Result<()> {
     let mut out = std::io::stdout().lock();
     out.write_all(text.as_bytes())?;

@@ -7,8 +7,8 @@ use super::curve::TensileCurve;
 use super::fit::{CurveFit, selected};
 use super::predictor::{LeaveOneOut, PredictorFit};
 use super::table_row;
+use crate::numbers::short;
 use crate::plot::{Figure, Mark, Panel, Role, Series, Style};
-use crate::report::numbers::short;
 
 /// Samples of a tensile curve that are drawn: dots that can be told apart.
 const DOTS: usize = 60;

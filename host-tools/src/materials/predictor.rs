@@ -135,7 +135,7 @@ impl PredictorFit {
     pub fn predict(&self, data_sheet: &DataSheet<f64>) -> Prediction {
         let x = regressors(data_sheet);
         let exponent = Vector3::from(self.coefficients).dot(&x);
-        // The new material scatters as much as those of the fit.
+        // The new material has the same residual variance as those of the fit.
         let standard_error =
             self.residual_deviation * (1.0 + (self.inverse_normal_matrix * x).dot(&x)).sqrt();
         let half_width = self.critical_t() * standard_error;

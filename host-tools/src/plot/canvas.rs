@@ -59,7 +59,7 @@ impl Stroke {
     }
 }
 
-/// What a drawing is made for.
+/// The medium of a drawing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Medium {
     /// A file of its own: a white page of a fixed size.

@@ -58,7 +58,7 @@ pub struct Series {
     pub upper: Vec<f64>,
     /// How it looks.
     pub style: Style,
-    /// What a script may know it by besides its label, such as the number of a
+    /// A key for scripts besides its label, such as the number of a
     /// run; may be empty.
     pub key: String,
 }
@@ -110,7 +110,7 @@ pub struct Cell {
     pub y: (f64, f64),
     /// Its value, −1 to 1 on the scale of the map.
     pub shade: f64,
-    /// What it says in words.
+    /// Its text.
     pub text: String,
 }
 
@@ -121,7 +121,7 @@ pub struct Note {
     pub x: f64,
     /// Ordinate of the point.
     pub y: f64,
-    /// What stands there.
+    /// Its text.
     pub text: String,
 }
 

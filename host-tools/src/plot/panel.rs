@@ -168,7 +168,7 @@ impl Placed {
         });
     }
 
-    /// What a script needs to read values off the panel.
+    /// The attributes from which a script reads values off the panel.
     fn attributes(&self, panel: &Panel) -> [(&'static str, String); 6] {
         let Rectangle {
             left,

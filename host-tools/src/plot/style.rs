@@ -16,7 +16,7 @@ impl fmt::Display for Colour {
     }
 }
 
-/// What a curve stands for; it decides the colour.
+/// The role of a curve; it decides the colour.
 ///
 /// The hues are those of Okabe and Ito, which readers with the common colour
 /// deficiencies can tell apart.
@@ -134,7 +134,7 @@ pub enum Mark {
 /// Colour and mark of a series.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Style {
-    /// What the series stands for.
+    /// The role of the series.
     pub role: Role,
     /// How it is drawn.
     pub mark: Mark,

@@ -20,7 +20,7 @@ use crate::estimate::Segment;
 use crate::estimate::fit::Fit;
 use crate::estimate::statistics::squares_about_mean;
 use crate::io::model_file::{parameter_name, parameter_unit, to_file_units};
-use crate::report::numbers::{degrees, evidence, fit, percent, short, with_ends};
+use crate::numbers::{degrees, evidence, fit, percent, short, with_ends};
 
 /// Number of structures of one size that are listed; further ones are only counted.
 const TRIED_LISTED: usize = 6;
@@ -50,7 +50,7 @@ pub struct Content {
     pub ended: Option<String>,
     /// The numbers that matter most.
     pub keys: Vec<Key>,
-    /// What is noteworthy about the recordings.
+    /// Notices about the recordings.
     pub notices: Vec<Notice>,
     /// Errors on fitted runs, and on runs that were not fitted.
     pub errors: Vec<ErrorRow>,
@@ -64,7 +64,7 @@ pub struct Content {
     pub effects: Vec<Effect>,
     /// The parameters that the model had before.
     pub base: Vec<ParameterRow>,
-    /// What the sensors show at zero, as a sentence.
+    /// The sensors' zeros, as a sentence.
     pub zeros: String,
     /// Sentences about parameters that the recordings do not determine.
     pub undetermined: Vec<String>,
@@ -89,7 +89,7 @@ pub struct Content {
 /// A number with its label.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Key {
-    /// What it is.
+    /// Its name.
     pub label: String,
     /// The number with its unit.
     pub value: String,
@@ -102,9 +102,9 @@ pub struct Key {
 pub struct Notice {
     /// The recording; none if it is about all of them.
     pub about: Option<String>,
-    /// What was found.
+    /// The finding.
     pub text: String,
-    /// What to do about it.
+    /// The advice.
     pub advice: String,
 }
 
@@ -121,7 +121,7 @@ pub struct ErrorRow {
     pub refit: String,
     /// With the named effects.
     pub repaired: String,
-    /// What noise alone leaves.
+    /// The noise floor.
     pub floor: String,
     /// Fit (normalised RMS) of the three models.
     pub fits: [String; 3],
@@ -267,11 +267,11 @@ pub struct Untried {
 pub struct NextRun {
     /// Name of the protocol.
     pub protocol: String,
-    /// What it is.
+    /// Its title.
     pub title: String,
     /// How long it lasts (s).
     pub seconds: String,
-    /// What it separates, as in files.
+    /// The two effects that it separates, by the names of files.
     pub separates: [String; 2],
     /// Its expected evidence.
     pub evidence: String,
@@ -316,7 +316,7 @@ impl Content {
         !matches!(self.answer, Answer::NoDiscrepancy | Answer::ParametersOnly)
     }
 
-    /// What the rivals are.
+    /// The title of the section of rivals.
     pub fn rivals_title(&self) -> &'static str {
         if self.answer == Answer::Unexplained {
             CLOSEST
@@ -815,9 +815,9 @@ fn noise_note(floor: &NoiseFloor, shown: f64) -> String {
 fn noise_source(floor: &NoiseFloor) -> &'static str {
     let is_it = |source: Option<f64>| source.is_some_and(|source| source >= floor.rms);
     if is_it(floor.repeats) {
-        "scatter between repeats"
+        "spread between repeats"
     } else if is_it(floor.rest) && floor.white < floor.rms {
-        "scatter at rest"
+        "noise at rest"
     } else if floor.white >= floor.rms {
         "noise of the angle sensor"
     } else {
@@ -828,15 +828,15 @@ fn noise_source(floor: &NoiseFloor) -> &'static str {
 /// Notices about the recordings.
 fn notices(diagnosis: &Diagnosis) -> Vec<Notice> {
     let floor = &diagnosis.floor;
-    let scatter = floor.repeats.filter(|scatter| *scatter > 2.0 * floor.white);
-    let repeats = scatter.map(|scatter| Notice {
+    let spread = floor.repeats.filter(|spread| *spread > 2.0 * floor.white);
+    let repeats = spread.map(|spread| Notice {
         about: None,
         text: format!(
             "the repeats differ by {} among themselves, more than the sensor's noise of {}",
-            degrees(scatter),
+            degrees(spread),
             degrees(floor.white)
         ),
-        advice: "what the rig itself does not repeat counts as noise here".into(),
+        advice: "motion that the rig itself does not repeat counts as noise here".into(),
     });
     let concerns = diagnosis.concerns.iter().map(|concern| Notice {
         about: concern.recording.clone(),
@@ -1111,7 +1111,7 @@ fn errors_of(tried: &FittedStructure, diagnosis: &Diagnosis) -> (f64, Option<f64
     }
 }
 
-/// What became of a structure.
+/// How the diagnosis judged a structure.
 fn standing(tried: &FittedStructure, diagnosis: &Diagnosis) -> Standing {
     let alternatives = &diagnosis.alternatives;
     let listed = alternatives
@@ -1441,7 +1441,7 @@ mod tests {
             input: 0.001,
             groups: Vec::new(),
         };
-        assert_eq!(noise_note(&floor, 0.02), "scatter at rest");
+        assert_eq!(noise_note(&floor, 0.02), "noise at rest");
         let floor = NoiseFloor {
             repeats: Some(0.03),
             rms: 0.03,
@@ -1450,7 +1450,7 @@ mod tests {
         };
         assert_eq!(
             noise_note(&floor, 0.036),
-            "scatter between repeats, and the 1.15° that noise of the pressure leaves"
+            "spread between repeats, and the 1.15° that noise of the pressure leaves"
         );
     }
 

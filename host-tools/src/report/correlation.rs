@@ -90,9 +90,9 @@ impl Correlation {
 /// Correlations of a residual.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Correlations {
-    /// Of the residual with itself, from lag zero.
+    /// Autocorrelation of the residual, from lag zero.
     pub own: Correlation,
-    /// Of the residual with the input a lag before, lags of both signs; none where the
+    /// Cross-correlation of input and residual, lags of both signs; none where the
     /// input never changes.
     pub with_input: Option<Correlation>,
     /// Samples that were used.

@@ -68,7 +68,7 @@ fn is_dot(letter: char) -> bool {
     matches!(letter, '\u{307}' | '\u{308}')
 }
 
-/// What a raised or lowered digit is, and in which element it stands.
+/// The plain digit and HTML element of a superscript or subscript.
 fn level(letter: char) -> Option<(&'static str, char)> {
     const RAISED: &str = "⁰¹²³⁴⁵⁶⁷⁸⁹";
     const LOWERED: &str = "₀₁₂₃₄₅₆₇₈₉";
@@ -91,7 +91,7 @@ fn taken<'t>(text: &mut &'t str, wanted: impl Fn(char) -> bool) -> &'t str {
     head
 }
 
-/// What stands in braces, or else one letter; `text` goes on behind it.
+/// The text in braces, or else one letter; `text` advances past it.
 fn group<'t>(text: &mut &'t str) -> &'t str {
     let braced = text.strip_prefix('{').and_then(|it| it.split_once('}'));
     let (inside, after) =
@@ -162,7 +162,7 @@ mod tests {
             .replace("&amp;", "&")
     }
 
-    /// What equations say without the signs that only say how they are set.
+    /// An equation without its typographic signs.
     fn bare(plain: &str) -> String {
         plain
             .chars()

@@ -22,8 +22,8 @@ use crate::diagnose::localise::{Feature, Gap, SINCE_LAST_EDGE};
 use crate::diagnose::verdict::Answer;
 use crate::diagnose::{Diagnosis, Request};
 use crate::estimate::statistics::{median, squares_about_mean};
+use crate::numbers::{degrees, fit, percent, short};
 use crate::plot::{Figure, Mark, css_colour, diverging, to_inline_svg};
-use crate::report::numbers::{degrees, fit, percent, short};
 
 const TEMPLATE: &str = include_str!("assets/template.html");
 const STYLE: &str = include_str!("assets/style.css");
@@ -119,7 +119,7 @@ struct Page<'a> {
     legend: Vec<Legend>,
     run_switches: Vec<Switch>,
     runs: Vec<Picture>,
-    /// What the band behind a curve is, or why there is none.
+    /// Explains the band behind a curve, or why there is none.
     confidence: Option<String>,
     /// Why the errors on fitted runs are not all of one kind.
     horizon: Option<&'static str>,
@@ -309,7 +309,7 @@ fn features(gap: &Gap) -> Vec<Picture> {
                 format!("Against the {}", feature.name),
                 format!(
                     "It goes with {} of the missing force. Dots: single samples; line and band: \
-                     their mean and scatter.",
+                     their mean and standard deviation.",
                     percent(feature.share)
                 ),
             )
@@ -461,12 +461,12 @@ fn noise(diagnosis: &Diagnosis) -> Vec<[String; 2]> {
     ];
     if let Some(repeats) = floor.repeats {
         rows.push([
-            format!("scatter between repeats ({} groups)", floor.groups.len()),
+            format!("spread between repeats ({} groups)", floor.groups.len()),
             degrees(repeats),
         ]);
     }
     if let Some(rest) = floor.rest {
-        rows.push(["scatter at rest, about a line".to_owned(), degrees(rest)]);
+        rows.push(["noise at rest, about a line".to_owned(), degrees(rest)]);
     }
     if floor.quantisation_step > 0.0 {
         rows.push([

@@ -11,7 +11,6 @@ pub mod content;
 pub(crate) mod correlation;
 pub(crate) mod equation;
 pub mod html;
-pub(crate) mod numbers;
 pub mod pictures;
 pub mod provenance;
 pub(crate) mod residuals;

@@ -7,8 +7,8 @@ use super::runs::RunView;
 use crate::diagnose::Diagnosis;
 use crate::diagnose::verdict::Answer;
 use crate::estimate::filter::Pace;
+use crate::numbers::{percent, short};
 use crate::plot::{Figure, Mark, Panel, Role, Series, Style};
-use crate::report::numbers::{percent, short};
 
 /// Largest lag, in swing periods: a longer correlation is an offset.
 const SWINGS: f64 = 1.0;

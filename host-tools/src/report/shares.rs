@@ -9,7 +9,7 @@ use std::fmt;
 
 use crate::diagnose::measure;
 use crate::diagnose::policy::Policy;
-use crate::report::numbers::percent;
+use crate::numbers::percent;
 
 /// A share of the error beyond the noise.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -56,7 +56,7 @@ const FUNCTIONS_OF_TWO: [(&str, Binary); 3] = [
     ("max", Binary::Max),
 ];
 
-/// What people write for what a formula calls otherwise.
+/// Common names that a formula does not know, with the names to use.
 const OTHERWISE: [(&str, &str); 12] = [
     ("theta", "th"),
     ("angle", "th"),
@@ -77,9 +77,9 @@ const OTHERWISE: [(&str, &str); 12] = [
 pub struct Fault {
     /// Where, as a byte of the text; its length at its end.
     pub at: usize,
-    /// What is there.
+    /// The text found there.
     pub found: String,
-    /// What to do.
+    /// Advice.
     pub advice: String,
 }
 
@@ -186,7 +186,7 @@ pub fn is_name(text: &str) -> bool {
         && letters.all(|letter| letter.is_ascii_alphanumeric() || letter == '_')
 }
 
-/// What a formula means by a name that is not a parameter.
+/// The meaning of a name that is not a parameter.
 pub fn meaning(name: &str) -> Option<&'static str> {
     if VARIABLES.iter().any(|(known, _)| *known == name) {
         Some("a variable")
@@ -893,7 +893,7 @@ mod tests {
             }
         }
 
-        /// What fits rely on: exact derivatives, beside differences.
+        /// Fits rely on exact derivatives; compared with finite differences.
         #[test]
         fn derivatives_agree_with_differences(
             which in 0..11_usize,

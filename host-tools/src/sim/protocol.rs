@@ -109,7 +109,7 @@ impl Protocol {
     }
 
     /// Times (s), set-points (rad) and the pressure (Pa) that `inverse`, the
-    /// model that the controller believes in, would command for them.
+    /// nominal model, would command for them.
     pub fn pressure(&self, inverse: &Model<f64>) -> (Vec<f64>, Vec<f64>, Vec<f64>) {
         // A run is some thousand samples.
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]

@@ -192,7 +192,7 @@ struct Around<'a, R> {
     start: usize,
     /// Time from the sample to the start of the step (s).
     begin: R,
-    /// What the sensor shows without pressure (Pa).
+    /// The zero of the pressure sensor (Pa).
     zero: R,
 }
 
@@ -205,18 +205,18 @@ impl<R: Real + FromF64> Input<R> for Around<'_, R> {
 /// Where a run starts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct InitialState<R> {
-    /// What the sensor shows (rad).
+    /// The sensor's reading (rad).
     pub angle: R,
     /// Rate of what the sensor shows (rad/s).
     pub rate: R,
 }
 
-/// What a simulation has to be told beside model and pressure.
+/// Initial state and zero of a simulation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Origin<R> {
     /// Where it starts.
     pub start: InitialState<R>,
-    /// What the pressure sensor shows without pressure (Pa).
+    /// The zero of the pressure sensor (Pa).
     pub pressure_zero: R,
     /// Time on the rig's clock at the first sample (s): drifts run by it.
     pub clock: R,
@@ -225,7 +225,7 @@ pub struct Origin<R> {
 /// A simulated run, one entry a sample of the recording.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trajectory<R> {
-    /// What the sensor shows (rad).
+    /// The sensor's reading (rad).
     pub reading: Vec<R>,
     /// Whether the run left all bounds; the rest is then held.
     pub diverged: bool,
@@ -278,7 +278,7 @@ impl Grain {
 }
 
 impl Stepping {
-    /// So many Runge–Kutta steps in every interval.
+    /// A fixed number of Runge–Kutta steps in every interval.
     pub const fn runge_kutta(substeps: usize) -> Self {
         Self {
             scheme: Scheme::Rk4,
@@ -306,8 +306,8 @@ impl Stepping {
         let rates = upper(model.fastest_rate(R::from_f64(angle)));
         let runge_kutta = resolving(rates, interval, grain);
         // Two evaluations a step instead of four.
-        let pays = exponential(rates) < runge_kutta && runge_kutta > 2;
-        let is_exponential = damping * damping > 4.0 * rates[0] && pays;
+        let is_cheaper = exponential(rates) < runge_kutta && runge_kutta > 2;
+        let is_exponential = damping * damping > 4.0 * rates[0] && is_cheaper;
         let needed = |rates| {
             if is_exponential {
                 exponential(rates)
@@ -357,7 +357,7 @@ fn resolving([stiffness, relaxation]: [f64; 2], interval: f64, grain: Grain) -> 
     count(oscillation.max(relaxation * interval / 2.0))
 }
 
-/// So many steps, at least one and at most [`MOST_SUBSTEPS`].
+/// This many steps, at least one and at most [`MOST_SUBSTEPS`].
 fn count(needed: f64) -> usize {
     if needed.is_finite() {
         // Both ends of the clamp fit in a usize.
@@ -499,7 +499,7 @@ pub fn run<R: FromF64, P: Power<R>>(
     run_from(model, signal, origin, stepping)
 }
 
-/// As [`run`], with a zero of the pressure sensor and a clock.
+/// Like [`run`], with a zero of the pressure sensor and a clock.
 pub fn run_from<R: FromF64, P: Power<R>>(
     model: &Model<R, P>,
     signal: &Signal,
@@ -652,7 +652,7 @@ mod tests {
         }
     }
 
-    /// What every fit relies on: dual numbers give the slope of the simulation
+    /// Every fit relies on this: dual numbers give the slope of the simulation
     /// by each parameter of each effect, also across the corners of those that
     /// have some.
     #[test]

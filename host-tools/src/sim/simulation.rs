@@ -66,7 +66,7 @@ impl Arithmetic {
     }
 }
 
-/// What a model is simulated over.
+/// The input of a simulation.
 #[derive(Clone, Debug)]
 pub struct Drive {
     /// Time and pressure, and the angle if it was measured: zeros if not.

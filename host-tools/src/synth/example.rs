@@ -16,8 +16,9 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 
 use crate::io::error::{InputError, write_atomically, write_with_meta};
-use crate::io::model_file::{ModelFile, tidy};
+use crate::io::model_file::ModelFile;
 use crate::io::recording::{Meta, PASCAL_PER_KPA, Recording, to_csv};
+use crate::numbers::tidy;
 use crate::sim::protocol::Protocol;
 use crate::sim::simulate::{InitialState, Signal, run, substeps};
 
@@ -34,19 +35,19 @@ const REPEATS: u32 = 3;
 /// idle and homes before it.
 const RIG_SESSION_S: f64 = 100.0;
 
-/// What an example hides.
+/// The hidden effect of an example.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Hidden {
     /// One effect, drawn from the seed.
     Drawn,
     /// This effect.
     Effect(Kind),
-    /// Nothing but wrong parameters.
+    /// No hidden effect, only wrong parameters.
     Nothing,
 }
 
 impl Hidden {
-    /// What a name asks for: an effect, `none`, or one drawn if nothing is named.
+    /// Reads a name: an effect, `none`, or one drawn if there is no name.
     ///
     /// # Errors
     ///
@@ -118,7 +119,7 @@ pub fn make(hidden: Hidden, noise_deg: f64, seed: u64) -> Result<Example, InputE
 ///
 /// # Errors
 ///
-/// As [`make`].
+/// Like [`make`].
 pub fn of_actuator(truth: &ModelFile, noise_deg: f64, seed: u64) -> Result<Example, InputError> {
     let mut random = Pcg64Mcg::seed_from_u64(seed);
     let text = truth.text_with(&truth.model, "");
@@ -283,7 +284,7 @@ impl Example {
     ///
     /// # Errors
     ///
-    /// None that an example is known to cause.
+    /// No example is known to cause one.
     pub fn as_read(&self) -> Result<Vec<Recording>, InputError> {
         let read = |(file, recording, meta): &(String, Recording, String)| {
             let path = Path::new(file);
@@ -587,7 +588,7 @@ mod tests {
         assert_eq!(kinds.len(), Kind::NAMES.len(), "{kinds:?}");
     }
 
-    /// What a seed's truth hides when it is to be of a kind.
+    /// The model and hidden effect of a seed, for a kind.
     fn hidden(seed: u64, kind: Kind) -> (Model<f64>, model_core::catalogue::Effect<f64>) {
         let models = rig_models(seed, Some(kind)).unwrap();
         let truth = ModelFile::parse(&models.truth, Path::new("truth.toml")).unwrap();
@@ -615,7 +616,7 @@ mod tests {
         assert!(same > 10, "{same} of 20");
     }
 
-    /// What a drift does in the session that it is drawn for is noticeable and
+    /// The change by a drift in its session is noticeable and
     /// leaves an actuator: seed 201 once lost all of its stiffness half-way.
     #[test]
     fn drifts_come_as_far_as_stated_and_stay_in_reach() {

@@ -18,7 +18,7 @@ const RESOLVED_RAD: f64 = 4.0;
 /// A bend beyond which the silicone lies on itself (rad).
 const FARTHEST_RAD: f64 = 5.0;
 
-/// What an actuator did before power-on: it was held at an angle without
+/// An actuator's history before power-on: it was held at an angle without
 /// pressure, and let go. The default is one that rests straight.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LetGo {

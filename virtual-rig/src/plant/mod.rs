@@ -34,11 +34,11 @@ pub struct PlantConfig {
     pub pressure_sensor: PressureSensor,
     /// The flex sensor.
     pub flex_sensor: FlexSensor,
-    /// What the actuator did before power-on.
+    /// The actuator's history before power-on.
     pub let_go: LetGo,
 }
 
-/// What the board does to the plant, and what is broken, during one step.
+/// The board's outputs to the plant, and the active faults, during one step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Inputs {
     /// Where the plunger stands, in mm from the retracted switch.

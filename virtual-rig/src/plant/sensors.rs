@@ -35,7 +35,7 @@ pub struct Voltage {
     pub noise_rms_millivolts: f64,
 }
 
-/// What is wrong with a sensor or its wiring.
+/// A fault of a sensor or its wiring.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum SensorFault {
     /// Nothing.
@@ -160,7 +160,7 @@ impl FlexSensor {
     }
 }
 
-/// What the flex sensor remembers.
+/// The state of the flex sensor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FlexState {
     forgotten: f64,

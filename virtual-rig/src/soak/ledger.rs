@@ -21,11 +21,11 @@ pub(super) struct Ledger {
     offset_s: Option<f64>,
     /// Resets until the last line.
     resets: u64,
-    /// What the cable was like at any time since the last line.
+    /// Conditions of the cable at any time since the last line.
     noisy: bool,
     unplugged: bool,
     torn: bool,
-    /// What it is like now: noisy, unplugged.
+    /// Its conditions now: noisy, unplugged.
     present: (bool, bool),
 }
 

@@ -43,7 +43,7 @@ pub use summary::Summary;
 /// Simulated length of a session (s), to the end of the round that it falls into.
 pub const SESSION_S: f64 = 600.0;
 
-/// What to do, and how it is told.
+/// Options of a soak test.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
     /// Seed of the first session.
@@ -61,9 +61,9 @@ pub struct Violation {
     pub seed: u64,
     /// Simulated time in that session (s).
     pub time_s: f64,
-    /// What should not have been.
+    /// The violation.
     pub what: String,
-    /// What was drawn for the round.
+    /// The random draw of the round.
     pub round: String,
     /// How things really were.
     pub truth: String,

@@ -81,7 +81,7 @@ pub(super) struct Session<'s> {
     tell: &'s mut dyn FnMut(&Summary),
     seed: u64,
     plant: PlantConfig,
-    /// What was drawn for the round, for a report.
+    /// The random draw of the round, for a report.
     pub(super) round: String,
     ledger: Ledger,
     lines: VecDeque<String>,
@@ -92,9 +92,9 @@ pub(super) struct Session<'s> {
     beat_at_s: f64,
     /// When the last line ended that an unbroken cable carried (s).
     last_line_s: f64,
-    /// What lasts, and since when (s).
+    /// Lasting faults, and since when (s).
     lasting: Vec<(Misfortune, f64)>,
-    /// What happened since the rig was last known to be well.
+    /// Events since the rig was last known to be healthy.
     recent: Vec<Misfortune>,
     stops: Vec<Stop>,
     last_edge_s: f64,

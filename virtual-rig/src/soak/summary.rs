@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, fmt, time::Instant};
 
 use super::draw::Misfortune;
 
-/// What happened of one kind.
+/// Counts of one kind of event.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Tally {
     /// How often it was drawn.

@@ -19,7 +19,7 @@ const HEADINGS: [&str; 13] = [
     "repaired / refit",
     "ARX",
     "NARX",
-    "NARX, start free",
+    "NARX, free initial state",
     "diagnosis, s (CPU)",
     "ARX + NARX, s (CPU)",
 ];
@@ -31,7 +31,7 @@ const SAME: f64 = 1e-3;
 const TEXT_COLUMNS: usize = 3;
 
 impl Row {
-    /// What the table shows, cell by cell.
+    /// The cells of the table's row.
     fn cells(&self) -> [String; HEADINGS.len()] {
         let number = |value: Option<f64>| value.map_or("–".into(), significant);
         let control = if self.rig.is_control {
@@ -139,7 +139,7 @@ fn anchor(title: &str) -> String {
     kept.collect::<String>().to_lowercase().replace(' ', "-")
 }
 
-/// What the rows come to.
+/// The summary of the rows.
 pub fn summary(rows: &[Row]) -> String {
     let count = |control: bool, holds: fn(&Diagnosed) -> bool| {
         let rows = || rows.iter().filter(move |row| row.rig.is_control == control);
@@ -163,9 +163,9 @@ pub fn summary(rows: &[Row]) -> String {
     let better = pairs.iter().filter(|(ours, theirs)| ours <= theirs).count();
     format!(
         "An effect or a family is named for {} rigs with something known and for {} controls;\n\
-         {} controls are said to lack nothing. The model that `-o` writes predicts at least as\n\
-         well as the best of the black boxes, taken with hindsight and with or without a free\n\
-         start, on {better} of {}.",
+         {} controls are diagnosed without a discrepancy. The model that `-o` writes predicts at\n\
+         least as well as the best of the black boxes on {better} of {}. That one is chosen with\n\
+         hindsight, with or without a free initial state.",
         count(false, Diagnosed::names_something),
         count(true, Diagnosed::names_something),
         count(true, Diagnosed::lacks_nothing),
@@ -174,19 +174,19 @@ pub fn summary(rows: &[Row]) -> String {
 }
 
 const INTRODUCTION: &str = "\
-Eight rigs that others recorded, most of them no soft actuators: the question is whether
-`rig diagnose` says of unknown hardware what its authors say, and whether the model that it
-writes predicts runs that it was not fitted to. The recordings are not part of this
-repository. They are looked for in `data/real` of the folder `../shared`, or of the one that
-`SOFTRIG_SHARED` names; what a run leaves behind is in `target/real/NAME`.
+Eight rigs that others recorded; most of them are not soft actuators. The benchmark asks two
+questions. Does `rig diagnose` find in unknown hardware what its authors report? And does the
+model that it writes predict the validation recordings? The recordings are not part of this
+repository. They are read from `data/real` in the folder `../shared`, or in the folder that
+`SOFTRIG_SHARED` names. The output files of a run are in `target/real/NAME`.
 
 Each rig is diagnosed with the linear model that one would write down first. In a *control*
-little or nothing is missing, and a name is the error.
+little or nothing is missing, and naming an effect is an error.
 ";
 
 const READING: &str = "\
 - **nominal, refit, repaired**: RMS error on the validation recordings, in the unit of the
-  column `angle_deg`, which is no degree for every rig (the axis of each picture says what it is). They
+  column `angle_deg`, which is not a degree for every rig (see the axis of each picture). They
   come from the JSON of `rig diagnose`. Without a repair, the repaired model is the refit.
 - **closure**: the share of the gap that the repair explains (`closure.overall` of the JSON,
   where that is there, else `adequacy.holdout_gap_closed`).
@@ -194,16 +194,16 @@ const READING: &str = "\
   six past outputs and inputs, chosen by the BIC of the one-step error; NARX is a polynomial
   of degree up to three, with its terms chosen by forward selection and cross-validation on
   the free-run error, and refined on that error. Both are judged by free-run simulation from
-  measured initial samples, as many as the model's order. They know no physics, and name none.
-- **NARX, start free**: `rig` estimates the zeros of both sensors and the start on each
-  validation recording. A black box that starts from noisy samples may not. In this column
-  it may: the same zeros with the same priors, and a free angle and rate at the start.
+  measured initial samples, as many as the model's order. They contain no physics, and name none.
+- **NARX, free initial state**: `rig` estimates the zeros of both sensors and the initial state on each
+  validation recording. The black boxes of the other columns start from noisy samples instead.
+  In this column NARX gets the same zeros with the same priors, and a free initial angle and rate.
 - `rig` leaves out samples at which a sensor is at the end of its range; the black boxes are
-  judged at every sample. Recordings of several sampling rates are brought to the slowest of the
-  fitted ones for the black boxes, and may be slowed down further by two or four; their
-  errors are taken at the times of the recorded samples all the same.
-- **diagnosis, ARX + NARX, s (CPU)**: seconds from start to end, and processor seconds, of the diagnosis and of
-  choosing, fitting and judging each black box, on the machine that wrote this page.
+  judged at every sample. For the black boxes, recordings of several sampling rates are resampled
+  to the slowest fitted one, and may be decimated further by two or four. Their errors are still
+  computed at the times of the recorded samples.
+- **diagnosis, ARX + NARX, s (CPU)**: wall-clock seconds, and processor seconds in brackets, of the diagnosis
+  and of choosing, fitting and judging each black box, on the machine that wrote this page.
 - Each picture shows the validation run on which the refit misses most.
 ";
 

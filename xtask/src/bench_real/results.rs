@@ -8,7 +8,7 @@ use crate::{
 /// Rivals that are listed of an answer that is left open.
 const MOST_RIVALS: usize = 3;
 
-/// What a diagnosis says, as far as the table shows it. All but the verdict may be
+/// The results of a diagnosis that the table shows. All but the verdict may be
 /// absent: older and newer versions of `rig` write other fields.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Diagnosed {
@@ -24,13 +24,13 @@ pub struct Diagnosed {
     pub refit: Option<f64>,
     /// The same, with the repair.
     pub repaired: Option<f64>,
-    /// What the repair is, where it is no named effect: its kind and variables.
+    /// The repair, where it is not a named effect: its kind and variables.
     pub repair: Option<(String, Vec<String>)>,
-    /// What remains after the repair.
+    /// The discrepancy that remains after the repair.
     pub remaining: Option<Remaining>,
 }
 
-/// What a repair leaves.
+/// The remaining discrepancy.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Remaining {
     /// RMS error (°).
@@ -162,7 +162,7 @@ impl Diagnosed {
     }
 }
 
-/// What the Python script says of one black box.
+/// The Python script's results for one black box.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BlackBox {
     /// Held-out RMS error (°) of the free run from measured samples; none if it diverges.

@@ -9,11 +9,11 @@ pub struct Rig {
     pub title: &'static str,
     /// Whether little or nothing is missing, so that a name is an error.
     pub is_control: bool,
-    /// What is known or published about the missing physics, for the table.
+    /// Known or published facts about the missing physics, for the table.
     pub known: &'static str,
-    /// What the column `angle_deg` holds, as the label of an axis.
+    /// The quantity in the column `angle_deg`, as the label of an axis.
     pub quantity: &'static str,
-    /// What was recorded, and what its authors say of the physics.
+    /// The recorded rig, and its authors' description of the physics.
     pub about: &'static str,
     /// Authors and the source with its commit.
     pub source: &'static str,
@@ -28,7 +28,7 @@ pub struct Rig {
 /// Which recordings are fitted, and which validate.
 #[derive(Debug)]
 pub enum Split {
-    /// Those in `recordings/`, and those in `holdout/`.
+    /// Fitted files in `recordings/`, held-out files in `holdout/`.
     Folders,
     /// Files in `recordings/` by the start of their names.
     Names {

@@ -30,7 +30,7 @@ const ALLOWED: [&str; 9] = [
     "MPL-2.0",
 ];
 
-/// What the board's image is linked with, and where Debian keeps its licence.
+/// Libraries in the board's image, and where Debian keeps their licences.
 const OF_THE_IMAGE: [(&str, &str); 2] = [
     ("avr-libc", "/usr/share/doc/avr-libc/copyright"),
     ("libgcc", "/usr/share/doc/gcc-avr/copyright"),

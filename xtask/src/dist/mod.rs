@@ -27,7 +27,7 @@ use crate::{
 /// The profile of what is handed out: see the workspace's Cargo.toml.
 pub const PROFILE: &str = "published";
 
-/// What a release is built for unless one asks for others.
+/// The default target of a release.
 const DEFAULT_TARGET: &str = "x86_64-unknown-linux-musl";
 
 /// Targets of a static build. Only the first was tried.
@@ -45,7 +45,7 @@ const TEXTS: [&str; 4] = ["README.md", "CHANGELOG.md", "LICENSE-MIT", "LICENSE-A
 /// Name of the list of checksums, in an archive and beside the archives.
 const CHECKSUMS: &str = "SHA256SUMS";
 
-/// What to build.
+/// Options of a release build.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Options {
     /// Target triples.

@@ -19,10 +19,10 @@ use crate::io::columns::{Columns, Layout, Quantity, Unit};
 use crate::io::error::InputError;
 use crate::io::recording::Column;
 
-/// What separates columns, the likeliest first where the header does not tell.
+/// The delimiters, the likeliest first where the header does not tell.
 const DELIMITERS: [u8; 3] = [b'\t', b';', b','];
 
-/// What begins a comment above the header.
+/// The characters that begin a comment above the header.
 const COMMENTS: [char; 2] = ['#', '%'];
 
 /// Bytes that are looked at in one go for the header.
@@ -253,7 +253,7 @@ impl<'a, R: Read> Rows<'a, R> {
         self.reader.get_ref().rest.ends_with_line()
     }
 
-    /// What a failure to read comes from: a limit, the disk, or the text.
+    /// The cause of a failed read: a limit, the disk, or the text.
     fn fault(&self, error: csv::Error) -> InputError {
         let line = self.above + self.reader.position().line();
         if let Some(fault) = self.reader.get_ref().rest.fault() {
@@ -472,7 +472,7 @@ fn units_row(
     Ok(Some((said, remarks.join(", "))))
 }
 
-/// What stands before the decimals.
+/// The decimal sign.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Sign {
     Point,

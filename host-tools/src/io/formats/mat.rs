@@ -68,7 +68,7 @@ enum Fault {
 
 const ENDS_EARLY: Fault = Fault::Damaged("it ends in the middle of a variable");
 
-/// What was found so far.
+/// The state of the reader.
 struct File {
     is_big_endian: bool,
     /// Bytes that may still be unpacked.

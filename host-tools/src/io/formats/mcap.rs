@@ -65,7 +65,7 @@ pub fn read(
     sheet.samples(path, layout, limits, "topic")
 }
 
-/// What is read from a topic.
+/// The samples of a topic.
 #[derive(Debug, Default)]
 struct Series {
     /// When, in nanoseconds on the clock of the log.
@@ -94,7 +94,7 @@ enum Encoding {
     Ros(Definition),
 }
 
-/// What is kept of a file that `rig convert` wrote.
+/// The contents of a file that `rig convert` wrote.
 #[derive(Debug)]
 struct Own {
     kept: Kept,
@@ -237,7 +237,7 @@ impl Log {
         }
     }
 
-    /// What is read of a channel.
+    /// The columns that a channel provides.
     fn sources_in(&self, channel: &mcap::records::Channel) -> Result<Vec<Source>, InputError> {
         let mut sources = Vec::new();
         for (column, (_, called)) in self.wanted.iter().enumerate() {
@@ -434,7 +434,7 @@ fn path_in(topic: &str, called: &str) -> Option<Vec<String>> {
     Some(fields.split('.').map(str::to_owned).collect())
 }
 
-/// What a message holds.
+/// The value in a message.
 fn datum(source: &Source, data: &[u8]) -> Result<Datum, InputError> {
     let fields = |fields: &[&str]| {
         let shown = if fields.is_empty() {
@@ -599,7 +599,7 @@ fn fault(path: &Path, error: &McapError) -> InputError {
 ///
 /// # Errors
 ///
-/// Those of the library; times that are not a nanosecond apart.
+/// Errors of the library; times less than a nanosecond apart.
 pub(super) fn write(sheet: &Sheet, about: &Meta) -> anyhow::Result<Vec<u8>> {
     let Some((_, Values::Numbers(seconds, _))) = sheet.columns.first() else {
         anyhow::bail!("there is no time");
@@ -688,7 +688,7 @@ fn at_ns(begin_ns: u64, seconds: f64) -> u64 {
     begin_ns.saturating_add_signed(since)
 }
 
-/// What a column holds, for those who look at the schema.
+/// The description of a column in the schema.
 fn described(name: &str) -> &'static str {
     match name {
         "pressure_kpa" => "gauge pressure (kPa)",

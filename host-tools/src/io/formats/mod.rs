@@ -50,11 +50,11 @@ pub struct Samples {
     pub decimals: [Decimals; 3],
     /// Other columns, as text.
     pub extra: Vec<Column>,
-    /// What was said of the columns, by the user or by the file.
+    /// Units and meaning of the columns, as the user or the file gives them.
     pub columns: Columns,
     /// Metadata that the file holds itself, as TOML.
     pub meta: Option<String>,
-    /// What may be meant but is unusual.
+    /// Warnings about unusual contents.
     pub warnings: Vec<String>,
     angle_asked: bool,
     pressure_asked: bool,
@@ -204,11 +204,11 @@ pub fn read(path: &Path, layout: &Layout) -> Result<Samples, InputError> {
     read_from(&start, whole, path, layout, limits)
 }
 
-/// As [`read`], of bytes in memory; `path` is only named in messages.
+/// Like [`read`], for bytes in memory; `path` is only named in messages.
 ///
 /// # Errors
 ///
-/// As [`read`].
+/// Like [`read`].
 pub fn read_bytes(bytes: &[u8], path: &Path, layout: &Layout) -> Result<Samples, InputError> {
     let limits = Limits::RECORDING;
     if is_parquet(bytes) {
@@ -263,9 +263,9 @@ pub(crate) struct Sheet {
     pub columns: Vec<(String, Values)>,
     /// Metadata that the file holds, as TOML.
     pub meta: Option<String>,
-    /// What may be meant but is unusual.
+    /// Warnings about unusual contents.
     pub warnings: Vec<String>,
-    /// Units that the types of the columns say.
+    /// Units that the columns' types imply.
     pub columns_say: Columns,
 }
 
@@ -391,7 +391,7 @@ impl Sheet {
 }
 
 impl Samples {
-    /// What is converted has other decimals than the file.
+    /// Forgets the decimals of converted columns: they differ from the file's.
     fn forget_converted_decimals(&mut self) {
         let said = self.columns;
         for quantity in Quantity::ALL {

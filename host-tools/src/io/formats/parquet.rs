@@ -225,7 +225,7 @@ fn cells<T: DataType, V: Clone>(
 ///
 /// # Errors
 ///
-/// Those of the library.
+/// Errors of the library.
 pub(super) fn write(table: &Sheet) -> anyhow::Result<Vec<u8>> {
     let fields = table
         .columns

@@ -27,7 +27,7 @@ pub enum Format {
 }
 
 impl Format {
-    /// What the names of such files end in.
+    /// The extension of such files.
     pub fn ending(self) -> &'static str {
         match self {
             Self::Csv => "csv",
@@ -51,7 +51,7 @@ impl Format {
     }
 }
 
-/// What a binary file carries along of a recording, besides its numbers.
+/// The parts of a recording that a binary file keeps besides its numbers.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Kept {
     /// Its metadata, as TOML.
@@ -105,7 +105,7 @@ impl Kept {
 ///
 /// # Errors
 ///
-/// Those of the libraries.
+/// Errors of the libraries.
 pub fn bytes(samples: Samples, meta: Option<String>, format: Format) -> anyhow::Result<Vec<u8>> {
     let about: Meta = meta
         .as_deref()

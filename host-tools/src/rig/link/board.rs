@@ -20,7 +20,7 @@ const HOMING: Duration = Duration::from_secs(60);
 /// All settings are in EEPROM after this at the latest: 3.3 ms a byte.
 const SAVING: Duration = Duration::from_secs(6);
 
-/// Who a board is; [`Identity`], to keep.
+/// A board's identity: an owned [`Identity`].
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Board {
     /// Version of the firmware.
@@ -56,7 +56,7 @@ impl From<Identity<'_>> for Board {
 pub struct NotChanged {
     /// Whether the board uses the new settings already.
     pub accepted: bool,
-    /// What happened.
+    /// The error of the link.
     pub source: LinkError,
 }
 

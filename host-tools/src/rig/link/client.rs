@@ -54,7 +54,7 @@ pub struct Received {
     pub dropped: u16,
 }
 
-/// What happens on a link.
+/// An event on a link.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Event {
     /// A sample.
@@ -67,7 +67,7 @@ pub enum Event {
     Lost(String),
 }
 
-/// What arrived so far, and what did not.
+/// Counts of lines received and lost so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
     /// Samples.
@@ -139,7 +139,7 @@ impl Link {
     ///
     /// # Errors
     ///
-    /// As [`Link::open`]; try again later.
+    /// Like [`Link::open`]; try again later.
     pub fn reconnect(&mut self) -> Result<(), LinkError> {
         self.connect()
     }
@@ -149,12 +149,12 @@ impl Link {
         self.connector.name()
     }
 
-    /// Who the board is.
+    /// The board's identity.
     pub fn board(&self) -> &Board {
         &self.board
     }
 
-    /// What arrived so far.
+    /// The counts so far.
     pub fn counters(&self) -> Counters {
         self.counters
     }
@@ -169,7 +169,7 @@ impl Link {
         self.last.as_ref()
     }
 
-    /// What happened next, if it happens within `wait`.
+    /// The next event, if one happens within `wait`.
     pub fn next_event(&mut self, wait: Duration) -> Option<Event> {
         if let Some(event) = self.backlog.pop_front() {
             return Some(event);
@@ -204,7 +204,7 @@ impl Link {
     ///
     /// # Errors
     ///
-    /// As [`Link::request`].
+    /// Like [`Link::request`].
     pub fn request_with(
         &mut self,
         command: Command,

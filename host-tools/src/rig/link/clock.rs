@@ -44,7 +44,7 @@ pub struct Break {
     /// Whether the board restarted in between, so that the length is by the
     /// computer's clock.
     pub restarted: bool,
-    /// What has been added to the board's time since (ms).
+    /// The offset that has been added to the board's time since (ms).
     pub offset_ms: i64,
 }
 

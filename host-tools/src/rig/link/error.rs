@@ -1,4 +1,4 @@
-//! What can go wrong between `rig` and a board, and what to do about it.
+//! Errors of the link between `rig` and a board, with advice.
 
 use wire::fault::Fault;
 use wire::reply::{Refusal, VERSION};
@@ -33,7 +33,7 @@ pub enum LinkError {
     NotSoftrig {
         /// The port.
         port: String,
-        /// What was heard.
+        /// The text received.
         heard: String,
     },
     /// The firmware speaks another version of the protocol.
@@ -58,7 +58,7 @@ pub enum LinkError {
     NoReply {
         /// The port.
         port: String,
-        /// What was asked.
+        /// The request.
         command: String,
         /// How often.
         attempts: u8,
@@ -68,7 +68,7 @@ pub enum LinkError {
     Refused {
         /// The port.
         port: String,
-        /// What was asked.
+        /// The request.
         command: String,
         /// Why not.
         refusal: Refusal,
@@ -83,9 +83,9 @@ pub enum LinkError {
     Unexpected {
         /// The port.
         port: String,
-        /// What was asked.
+        /// The request.
         command: String,
-        /// What was answered.
+        /// The answer.
         reply: String,
     },
     /// The connection broke.
@@ -93,7 +93,7 @@ pub enum LinkError {
     Lost {
         /// The port.
         port: String,
-        /// What the system said.
+        /// The system's message.
         reason: String,
     },
     /// The board stopped by itself.
@@ -109,7 +109,7 @@ pub enum LinkError {
     ComputerLost {
         /// The port.
         port: String,
-        /// What was sent, and when.
+        /// Times of the heartbeats around it.
         silence: Silence,
     },
     /// The board did not reach a state in time.
@@ -117,9 +117,9 @@ pub enum LinkError {
     Late {
         /// The port.
         port: String,
-        /// What did not happen.
+        /// The event that did not happen.
         what: String,
-        /// What to do.
+        /// Advice.
         advice: String,
     },
 }

@@ -25,7 +25,7 @@ const LEASE_MS: u64 = 30_000;
 /// sends a hundred lines a second.
 const SILENT_MS: u64 = 3_000;
 
-/// What a link knows, for whoever sends the beats.
+/// The state of a link, for the thread that sends the heartbeats.
 #[derive(Debug)]
 pub(super) struct Heart {
     started: Instant,
@@ -86,7 +86,7 @@ impl Heart {
         self.read_ms.load(Relaxed) > then
     }
 
-    /// What the board says of itself; whether a beat may be due by its clock.
+    /// Stores the board's state; returns whether a heartbeat may be due by its clock.
     pub(super) fn note(&self, armed: bool, device_ms: u32) {
         self.armed.store(armed, Relaxed);
         self.device_ms.store(device_ms, Relaxed);
@@ -159,7 +159,7 @@ pub struct Silence {
 }
 
 impl std::fmt::Display for Silence {
-    /// What happened and what to do, after "fault 8 (computer lost): ".
+    /// Cause and advice, to follow "fault 8 (computer lost): ".
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let patience = self.patience.as_secs_f64();
         let longest = self.longest.as_secs_f64();
@@ -191,7 +191,7 @@ impl std::fmt::Display for Silence {
     }
 }
 
-/// What is known at a moment; times are by the link's clock (ms).
+/// A snapshot of the heart's state; times are by the link's clock (ms).
 #[derive(Clone, Copy, Debug)]
 struct Seen {
     now_ms: u64,

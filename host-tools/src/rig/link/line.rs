@@ -80,7 +80,7 @@ impl ufmt::uWrite for Text {
     }
 }
 
-/// What a request looks like on the wire, with its end.
+/// The line of a request on the wire, with its line end.
 pub fn request_text(request: &wire::command::Request) -> String {
     let mut text = Text::default();
     let Ok(()) = request.write(&mut text);

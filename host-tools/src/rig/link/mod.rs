@@ -1,6 +1,6 @@
 //! The serial link to a board, real or simulated.
 //!
-//! It has three layers. A [`Connector`] opens the port, again after a pulled cable. One
+//! It has three layers. A `Connector` opens the port, again after a pulled cable. One
 //! thread turns bytes into [lines](mod@line) with their time of arrival, another keeps an
 //! armed board alive. [`Link`] handles requests, with numbers, time limits and retries, and
 //! counts lost lines. Code above sees samples, remarks and replies, never bytes.

@@ -190,7 +190,7 @@ fn busy(name: &str, holders: &[Holder]) -> InputError {
     InputError::new(found, advice).in_file(Path::new(name))
 }
 
-/// What to do without the right to open a port.
+/// Advice for a user without the right to open a port.
 pub(crate) const PERMISSION_ADVICE: &str = "join the group that owns serial ports: `sudo usermod -aG dialout $USER` (on Arch: uucp), then log out and in";
 
 /// Names the ports that could have been meant.
@@ -215,11 +215,11 @@ fn ports_advice() -> String {
 /// A serial port of this computer.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct PortFound {
-    /// What to give as `--port`.
+    /// The value for `--port`.
     pub name: String,
-    /// What the device calls itself.
+    /// The device's own name.
     pub product: Option<String>,
-    /// Who made it.
+    /// Its manufacturer.
     pub manufacturer: Option<String>,
     /// USB vendor, four hexadecimal digits.
     pub vendor_id: Option<String>,

@@ -21,7 +21,7 @@ pub(super) const BEAT_ID: u8 = 255;
 /// Time in which the port is read again, if the computer has time.
 const SOON: Duration = Duration::from_millis(10);
 
-/// What the thread passes on.
+/// A message from the reading thread.
 #[derive(Debug)]
 pub(super) enum FromBoard {
     /// A line and when it arrived.

@@ -31,7 +31,7 @@ pub enum Trace {
     Measured,
     /// The angle that the board's model predicts.
     Predicted,
-    /// What the protocol asks for, an angle or a pressure.
+    /// The set-point of the protocol, an angle or a pressure.
     Setpoint,
     /// The pressure.
     Pressure,
@@ -61,7 +61,7 @@ impl Trace {
         Self::ALL.into_iter().find(|trace| trace.key() == key)
     }
 
-    /// What it is called.
+    /// Its name.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Measured => "measured",
@@ -82,7 +82,7 @@ struct Moment {
     setpoint: Setpoint,
 }
 
-/// What is known of the model beside the rig.
+/// How well the model agrees with the rig.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Agreement {
     /// Prediction and measurement disagreed for too long.
@@ -217,7 +217,7 @@ impl View {
         !self.hidden.contains(&trace)
     }
 
-    /// What the model is worth at the moment: with an open sensor it is not known.
+    /// The model's agreement at the moment; unknown with an open sensor.
     fn agreement(&self) -> Agreement {
         let Some(sample) = self.last else {
             return Agreement::Unknown;

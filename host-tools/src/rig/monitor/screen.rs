@@ -84,7 +84,7 @@ fn wrapped(text: &str, width: u16) -> usize {
     rows
 }
 
-/// What can be pressed; a key and its meaning stay together.
+/// The help line of keys; a key and its meaning stay on one line.
 fn keys_line(view: &View) -> Line<'static> {
     let traces = Trace::ALL.map(|trace| {
         let mark = if view.shows(trace) { '●' } else { '○' };
@@ -145,7 +145,7 @@ fn draw_charts(frame: &mut Frame<'_>, view: &View, area: Rect) {
     draw_chart(frame, view, Quantity::Pressure, below);
 }
 
-/// What one chart shows.
+/// The quantity of a chart.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Quantity {
     Angle,
@@ -507,7 +507,7 @@ mod tests {
         assert_screen("waiting.txt", &text);
     }
 
-    /// What stands on a screen, word by word.
+    /// The words of a screen.
     fn words(text: &str) -> Vec<&str> {
         text.split_whitespace().collect()
     }

@@ -5,7 +5,7 @@ use serde::Serialize;
 use crate::io::recording::SegmentMeta;
 use crate::rig::link::{Break, Counters};
 
-/// What is written beside a recording. Readers take what
+/// The metadata written beside a recording. Readers use the fields that
 /// [`Meta`](crate::io::recording::Meta) lists.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct About {
@@ -46,11 +46,11 @@ pub struct About {
     /// Whether the protocol was played to its end, or all that was asked for
     /// recorded.
     pub complete: bool,
-    /// What arrived and what did not. Not known while it is recorded: whatever ends the
-    /// program then, nothing wrong is left beside the rows.
+    /// Lines received and lost. Unknown while it is recorded, so that nothing wrong is left
+    /// beside the rows if the program is killed then.
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
     pub counts: Option<Counts>,
-    /// What was played, as it was sent to the board.
+    /// The protocol, as it was sent to the board.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub segments: Vec<String>,
     /// The files that single runs were written to.
@@ -70,7 +70,7 @@ pub struct About {
     pub gap: Vec<Gap>,
 }
 
-/// What arrived and what did not.
+/// Lines received and lost.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Counts {
     /// Rows of the recording.
@@ -104,7 +104,7 @@ pub struct Gap {
     /// Whether the board restarted in between; then the gap's length is by the
     /// computer's clock.
     pub restarted: bool,
-    /// What is added to the board's time from here on (s).
+    /// The offset that is added to the board's time from here on (s).
     pub clock_offset_s: f64,
 }
 

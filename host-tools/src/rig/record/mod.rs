@@ -34,9 +34,9 @@ pub struct Row {
 #[derive(Debug)]
 pub struct Recorder {
     path: PathBuf,
-    /// What stands beside the recording.
+    /// The recording's metadata.
     pub about: About,
-    /// What arrived; beside the recording at its end.
+    /// Lines received and lost; part of the metadata at the end.
     pub counts: Counts,
     sheet: Sheet,
     /// Rows that are no recording because a sensor had no reading.
@@ -107,7 +107,7 @@ impl Recorder {
     ///
     /// # Errors
     ///
-    /// What could not.
+    /// The error of a write that failed.
     pub fn check(&self) -> Result<(), InputError> {
         // It stays: rows after those that are missing would look like one recording.
         self.failure.clone().map_or(Ok(()), Err)

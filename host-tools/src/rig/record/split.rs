@@ -49,7 +49,7 @@ impl Step {
     }
 }
 
-/// What a protocol plays from one time at rest to the next.
+/// A part of a protocol from one time at rest to the next.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Part {
     /// The step, where it is one step with its release.
@@ -153,7 +153,7 @@ pub(super) struct Run<'r> {
 }
 
 impl Run<'_> {
-    /// As it stands in the metadata of the recording.
+    /// The form in the metadata of the recording.
     pub(super) fn segment(&self) -> Option<SegmentMeta> {
         let seconds = |ms: i64| ms as f64 / 1000.0;
         Some(SegmentMeta {
@@ -226,14 +226,14 @@ fn onsets(rows: &[Row]) -> Vec<usize> {
         .collect()
 }
 
-/// What an onset of the set-point is in the protocol.
+/// The place of an onset of the set-point in the protocol.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Place {
     /// The beginning of the part with this index.
     Begins(usize),
     /// Within a part, after a hold.
     Within,
-    /// Nothing that the protocol asks for.
+    /// The onset is not in the protocol.
     Nowhere,
 }
 

@@ -1,7 +1,14 @@
-//! Numbers for readers: three significant digits.
+//! How numbers are written, by who reads them.
 //!
-//! Further digits mean nothing, and the same error with three digits in one place and four
-//! in another looks like two errors. Files and JSON keep all digits.
+//! | reader | function | digits |
+//! |---|---|---|
+//! | sentences, tables, plots, the report | [`short`], [`degrees`], [`with_ends`] | three significant: further ones mean nothing, and one error with three digits here and four there looks like two |
+//! | | [`percent`], [`evidence`] | whole |
+//! | | [`fit`] | whole percent, tenths above 90 % |
+//! | a proposed model file | [`four_digits`] | four significant |
+//! | a fitted model file, the verdict's JSON | [`tidy`] | seven significant |
+//! | limits in errors and documents | [`bound`] | all of them |
+//! | exported programs | [`exact`] | all that tell it from its neighbours |
 
 /// A share in whole percent.
 pub fn percent(share: f64) -> String {
@@ -68,7 +75,7 @@ pub fn with_ends(value: f64, [low, high]: [f64; 2]) -> (String, [String; 2]) {
     (at(value, count), [at(low, count), at(high, count)])
 }
 
-/// So many significant digits.
+/// This number of significant digits.
 fn digits(value: f64, count: i32) -> String {
     if !value.is_finite() {
         return "–".into();
@@ -101,6 +108,38 @@ fn rounded(value: f64, magnitude: i32, count: i32) -> String {
         format!("{:.0}", (value / unit).round() * unit)
     };
     text.replace('-', "−")
+}
+
+/// Four significant digits, without zeros at the end.
+pub fn four_digits(value: f64) -> String {
+    let rounded: f64 = format!("{value:.3e}").parse().unwrap_or(value);
+    let size = rounded.abs();
+    if rounded != 0.0 && !(1e-4..1e6).contains(&size) {
+        format!("{rounded:e}")
+    } else {
+        rounded.to_string()
+    }
+}
+
+/// The number at seven significant digits: more than any fit supports, as many as the
+/// board can hold.
+pub fn tidy(value: f64) -> f64 {
+    format!("{value:.6e}").parse().unwrap_or(value)
+}
+
+/// All digits, with a power of ten instead of rows of zeros.
+pub fn bound(number: f64) -> String {
+    let size = number.abs();
+    if size >= 1e5 || (size > 0.0 && size < 1e-3) {
+        format!("{number:e}")
+    } else {
+        number.to_string()
+    }
+}
+
+/// As many digits as tell the number from all others.
+pub fn exact(value: f64) -> String {
+    format!("{value:?}")
 }
 
 #[cfg(test)]
@@ -153,5 +192,18 @@ mod tests {
         assert_eq!(said(1.2534, [1.2491, 1.2582]), "1.25 1.25 1.26");
         assert_eq!(said(1.0002, [0.9999, 1.0005]), "1.0002 0.9999 1.0005");
         assert_eq!(said(0.01, [0.0, 0.02]), "0.0100 0 0.0200");
+    }
+
+    #[test]
+    fn proposed_numbers_have_four_digits() {
+        for (value, text) in [
+            (0.0, "0"),
+            (0.123_456, "0.1235"),
+            (209_872.4, "209900"),
+            (2.17e-5, "2.17e-5"),
+            (-63.4, "-63.4"),
+        ] {
+            assert_eq!(four_digits(value), text);
+        }
     }
 }
