@@ -147,7 +147,7 @@ fn slips_of_the_command_line_are_refused_with_a_remedy() {
         ),
         (
             "--length-mm 94 --width-mm 30 --height-mm 24",
-            &["without a material", "--material"],
+            &["dimensions need a material", "--material"],
         ),
         ("--length-mm 94 --length-m 0.094", &["cannot be used with"]),
         ("--length-mm 0", &["from 0.01 to 1000000 mm"]),
