@@ -42,8 +42,7 @@ _Array: TypeAlias = NDArray[np.float64]
 _Recordings: TypeAlias = Recording | Iterable[Recording]
 
 class InputError(ValueError):
-    """A fault in a file or an argument. As a text: where it is, what was found, and what to
-    do about it."""
+    """A fault in a file or an argument. Its text gives the place, the finding and advice."""
 
     file: str | None
     """The file, if the fault is in one."""
@@ -52,15 +51,15 @@ class InputError(ValueError):
     column: str | None
     """Name of a column, or a position from 1 in a text."""
     found: str
-    """What was found."""
+    """The finding."""
     advice: str
     """What to do about it."""
 
 class InputWarning(UserWarning):
-    """Something unusual about a recording that may be meant."""
+    """Something unusual about a recording that may be intended."""
 
 class _Names(TypedDict, total=False):
-    """The columns of a file that hold the recording, where they have other names."""
+    """The names of a file's columns, where they differ from the standard ones."""
 
     time: str
     pressure: str
@@ -74,22 +73,23 @@ class _Names(TypedDict, total=False):
     seq: str
 
 class _Units(TypedDict, total=False):
-    """Units, as ``rig --units`` takes them; also as people write them, such as ``"sec"``."""
+    """Units as in ``rig --units``; common spellings such as ``"sec"`` are accepted too."""
 
     time: Literal["s", "ms", "us", "ns", "min"] | str
     pressure: Literal["kpa", "psi", "bar", "mbar", "mpa", "pa", "mmhg"] | str
     angle: Literal["deg", "rad"] | str
 
 class _Meaning(TypedDict, total=False):
-    """What columns hold, if not s, kPa (gauge) and °: the flags of ``rig``."""
+    """Units and meaning of columns that are not in s, kPa (gauge) and °, like the flags of
+    ``rig``."""
 
     units: _Units | None
     absolute_pressure: bool | float
-    """True takes off the air at sea level, a number so many kPa."""
+    """True subtracts the atmospheric pressure at sea level, a number that many kPa."""
     flip_angle: bool
-    """The angle counts the other way round."""
+    """The angle has the opposite sign."""
     exchange_columns: bool
-    """Pressure and angle stand in each other's column."""
+    """The columns of pressure and angle are exchanged."""
 
 @final
 class Recording:
@@ -116,7 +116,7 @@ class Recording:
         metadata: Mapping[str, Any] | None = None,
         **meaning: Unpack[_Meaning],
     ) -> Recording:
-        """Makes a recording of a frame. The names of its columns can be given; the time may
+        """Makes a recording from a frame. The names of its columns can be given; the time may
         be its index. Other columns are kept."""
 
     @property
@@ -127,15 +127,15 @@ class Recording:
     def angle_deg(self) -> _Array: ...
     @property
     def name(self) -> str:
-        """Name: of a file without its folder and extension."""
+        """The name; for a file, its name without folder and extension."""
 
     @property
     def path(self) -> PathLike[str] | None:
-        """The file that it was read from; None if it is of arrays."""
+        """The file that it was read from; None if it was made from arrays."""
 
     @property
     def metadata(self) -> dict[str, Any]:
-        """What is known about it, with the keys of ``NAME.meta.toml``."""
+        """Its metadata, with the keys of ``NAME.meta.toml``."""
 
     @property
     def duration_s(self) -> float: ...
@@ -163,19 +163,19 @@ def read(
 ) -> list[Recording]:
     """Reads a recording, or several.
 
-    ``columns`` and ``units`` say where the recording stands in a file with other columns:
-    ``{"time": "t", "pressure": "p_psi"}`` and ``{"time": "ms", "pressure": "psi"}``. What
-    they leave open, ``model`` says, as its file may in the section ``[recording]``."""
+    ``columns`` and ``units`` describe a file with other columns:
+    ``{"time": "t", "pressure": "p_psi"}`` and ``{"time": "ms", "pressure": "psi"}``. The
+    section ``[recording]`` of ``model`` fills in what they leave open."""
 
 @final
 class Model:
-    """A model: its parameters, what a fit may move, and the text of its file."""
+    """A model: its parameters, the free ones among them, and the text of its file."""
 
     @staticmethod
     def read(path: _Path) -> Model: ...
     @staticmethod
     def from_toml(text: str, *, name: str = "model.toml") -> Model:
-        """Parses the text of a model file; ``name`` is named in messages."""
+        """Parses the text of a model file; messages refer to it by ``name``."""
 
     def to_toml(self) -> str:
         """The text of the model file, with its comments."""
@@ -189,12 +189,12 @@ class Model:
     def name(self) -> str: ...
     @property
     def path(self) -> PathLike[str] | None:
-        """The file that it was read from; None if it is of a text."""
+        """The file that it was read from; None if it was made from a text."""
 
     @property
     def parameters(self) -> dict[str, float]:
-        """All parameters in the units that their keys say, those of an effect behind its
-        kind: ``coulomb_friction.force_n``."""
+        """All parameters in the units of their keys. The kind of an effect precedes its
+        parameters: ``coulomb_friction.force_n``."""
 
     @property
     def units(self) -> dict[str, str]:
@@ -202,7 +202,7 @@ class Model:
 
     @property
     def free(self) -> list[str]:
-        """Keys of the parameters that a fit may move."""
+        """Keys of the free parameters, which a fit estimates."""
 
     @property
     def effects(self) -> list[str]:
@@ -229,7 +229,7 @@ class Simulation:
     def pressure_kpa(self) -> _Array: ...
     @property
     def angle_deg(self) -> _Array:
-        """The simulated angle, as the sensor would show it."""
+        """The simulated reading of the angle sensor."""
 
     @property
     def measured_deg(self) -> _Array | None:
@@ -260,12 +260,12 @@ def simulate(
 ) -> Simulation:
     """Simulates a model over a recording, over a pressure, or over a protocol.
 
-    Over a recording, zeros and start are those with which the model comes nearest to it.
-    Over ``time_s`` and ``pressure_kpa``, or over a protocol, it starts at rest."""
+    Over a recording, zeros and initial state are fitted to it. Over ``time_s`` and
+    ``pressure_kpa``, or over a protocol, the simulation starts at rest."""
 
 @final
 class Parameter:
-    """A parameter that was free, in the unit of model files."""
+    """A free parameter, in the unit of model files."""
 
     @property
     def unit(self) -> str: ...
@@ -279,7 +279,7 @@ class Parameter:
 
 @final
 class FitRun:
-    """A run of a fit: what was measured, and what the model makes of it."""
+    """A run of a fit: measured and simulated angles."""
 
     @property
     def name(self) -> str: ...
@@ -291,13 +291,13 @@ class FitRun:
     def measured_deg(self) -> _Array: ...
     @property
     def nominal_deg(self) -> _Array:
-        """The angle of the model as it was given."""
+        """The angle of the nominal model."""
 
     @property
     def fitted_deg(self) -> _Array: ...
     @property
     def residual_deg(self) -> _Array:
-        """The fitted angle less the measured one."""
+        """The fitted minus the measured angle."""
 
     @property
     def rmse_deg(self) -> float: ...
@@ -305,13 +305,13 @@ class FitRun:
 
 @final
 class Fit:
-    """A fitted model beside the one that it began with."""
+    """A fitted model, with the nominal one."""
 
     @property
     def model(self) -> Model: ...
     @property
     def parameters(self) -> dict[str, Parameter]:
-        """The parameters that were free, by their keys in files."""
+        """The free parameters, by their keys in files."""
 
     @property
     def converged(self) -> bool: ...
@@ -321,11 +321,11 @@ class Fit:
     def nominal_rmse_deg(self) -> float: ...
     @property
     def pressure_zero_kpa(self) -> list[float]:
-        """What the pressure sensor shows without pressure, a number a session."""
+        """The zero of the pressure sensor, a number for each session."""
 
     @property
     def angle_zero_deg(self) -> list[float]:
-        """What the angle sensor shows at 0°, a number a session."""
+        """The zero of the angle sensor, a number for each session."""
 
     @property
     def runs(self) -> list[FitRun]: ...
@@ -335,11 +335,11 @@ def fit(model: Model, recordings: _Recordings, *, threads: int | None = None) ->
 
 @final
 class Progress:
-    """How far a diagnosis is. As a text it is one line that says all of it."""
+    """The progress of a diagnosis. Its text is one line."""
 
     @property
     def line(self) -> str:
-        """All of it in one line."""
+        """The progress in one line."""
 
     @property
     def stage(self) -> str: ...
@@ -359,7 +359,7 @@ class Progress:
     def elapsed_s(self) -> float: ...
     @property
     def remaining_s(self) -> float | None:
-        """How long the present step still takes; None if that cannot be said yet."""
+        """Estimated remaining time of the present step; None while it is unknown."""
 
     @property
     def best(self) -> str | None:
@@ -426,8 +426,8 @@ class _Experiment:
     expected_delta_chi2: float
 
 class _Verdict:
-    """The verdict with the names of the JSON; ``rig schema`` says what each means. What
-    stands under ``where`` in the JSON, a keyword of Python, is here ``places``."""
+    """The verdict with the names of the JSON, which ``rig schema`` explains. The JSON's
+    ``where`` is called ``places`` here."""
 
     schema: int
     verdict: _Answer
@@ -454,13 +454,13 @@ class _Verdict:
 
 @final
 class Run:
-    """A run of a diagnosis: what was measured, and what each model makes of it."""
+    """A run of a diagnosis: the measured angle, and the angle of each model."""
 
     @property
     def name(self) -> str: ...
     @property
     def held_out(self) -> bool:
-        """Whether it was kept out of the fit."""
+        """Whether it was held out of the fit for validation."""
 
     @property
     def time_s(self) -> _Array: ...
@@ -470,7 +470,7 @@ class Run:
     def measured_deg(self) -> _Array: ...
     @property
     def nominal_deg(self) -> _Array:
-        """The angle of the model as it was given."""
+        """The angle of the nominal model."""
 
     @property
     def refit_deg(self) -> _Array:
@@ -482,7 +482,7 @@ class Run:
 
     @property
     def nominal_residual_deg(self) -> _Array:
-        """Simulated less measured angle of the model as it was given."""
+        """Simulated minus measured angle, for the nominal model."""
 
     @property
     def refit_residual_deg(self) -> _Array: ...
@@ -491,7 +491,7 @@ class Run:
     @property
     def missing_force_n(self) -> _Array | None:
         """The force that the refitted model lacks, positive where it acts against growing
-        angles; None for a run that was held out."""
+        angles; None for a held-out run."""
 
     @property
     def missing_force_sd_n(self) -> _Array | None:
@@ -499,14 +499,14 @@ class Run:
 
     @property
     def compared(self) -> NDArray[np.bool_]:
-        """Whether the measured angle of each sample was compared: not where the sensor was
-        at the end of its range."""
+        """Whether each sample's measured angle was compared. Samples with the sensor at the
+        end of its range are not."""
 
     def to_pandas(self) -> pd.DataFrame: ...
 
 @final
 class Diagnosis:
-    """What a diagnosis found. As a text it is the summary that ``rig diagnose`` prints."""
+    """The result of a diagnosis. Its text is the summary that ``rig diagnose`` prints."""
 
     @property
     def answer(self) -> _Answer: ...
@@ -516,11 +516,11 @@ class Diagnosis:
 
     @property
     def effects(self) -> list[str]:
-        """Kinds of the effects that are named, as in model files."""
+        """Kinds of the named effects, as in model files."""
 
     @property
     def notes(self) -> list[str]:
-        """What is noteworthy about the recordings."""
+        """Notes on the recordings."""
 
     @property
     def verdict(self) -> _Verdict: ...
@@ -529,7 +529,7 @@ class Diagnosis:
 
     @property
     def model(self) -> Model:
-        """The model to go on with: repaired, refitted, or as it was."""
+        """The model to go on with: repaired, refitted, or nominal."""
 
     @property
     def runs(self) -> tuple[Run, ...]:
@@ -539,7 +539,7 @@ class Diagnosis:
         """Writes the report: one HTML page that needs no network."""
 
     def plot(self, path: _Path) -> None:
-        """Draws measured, before and after, and what is left, as SVG."""
+        """Draws measured and simulated angles, before and after, and residuals, as SVG."""
 
     def _repr_html_(self) -> str: ...
 
@@ -558,14 +558,14 @@ def diagnose(
     """Diagnoses a model against recordings: which effect does it lack?
 
     Without ``holdout`` the runs are left out in turn for validation. ``progress`` is called a
-    few times a second; ``print`` will do. ``resume`` is a folder in which finished fits are
-    kept, and from which they are taken up. ``effects`` is a file of effects with formulas of
-    your own, which are tried beside those that are known. After ``budget_s`` seconds the
-    search ends with an answer on what was tried until then."""
+    few times a second; ``print`` will do. ``resume`` is a folder that keeps finished fits, so
+    that an interrupted diagnosis can go on. ``effects`` is a file of your own effects by
+    formula, which are tried beside the catalogue. After ``budget_s`` seconds the search ends
+    with an answer from what was tried until then."""
 
 @final
 class Example:
-    """Simulated recordings of an actuator that hides something."""
+    """Simulated recordings of an actuator with a hidden effect."""
 
     @property
     def model(self) -> Model:
@@ -582,7 +582,7 @@ class Example:
         does."""
 
 def example(seed: int = 1, *, effect: str | None = None, noise_deg: float = 0.4) -> Example:
-    """Simulates recordings with an effect hidden in them.
+    """Simulates recordings of an actuator with a hidden effect.
 
     The seed decides the actuator, the noise and the hidden effect, unless one is named;
-    "none" hides nothing but wrong parameters."""
+    "none" hides no effect, only wrong parameters."""
