@@ -218,7 +218,7 @@ impl Args {
         let Some(material) = material else {
             if dimensions.is_some() {
                 return Err(InputError::new(
-                    "dimensions are given without a material",
+                    "dimensions need a material",
                     "add --material with a name of `rig materials list`, or leave the dimensions out",
                 ));
             }
