@@ -52,7 +52,7 @@ fn settings_that_the_board_refuses_change_nothing() {
         &[
             "still uses its old settings",
             "refused `save`",
-            "do not fit together",
+            "do not fit together: set.kpa and set.deg may not exceed max.kpa",
         ],
     );
     assert_eq!(bench.board.script().heard.last().unwrap(), "discard");
