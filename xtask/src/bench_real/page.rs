@@ -164,8 +164,8 @@ pub fn summary(rows: &[Row]) -> String {
     format!(
         "An effect or a family is named for {} rigs with something known and for {} controls;\n\
          {} controls are diagnosed without a discrepancy. The model that `-o` writes predicts at\n\
-         least as well as the best of the black boxes on {better} of {}. That one is chosen with\n\
-         hindsight, with or without a free initial state.",
+         least as well as the best of the black boxes, chosen with hindsight and with or without\n\
+         a free initial state, on {better} of {}.",
         count(false, Diagnosed::names_something),
         count(true, Diagnosed::names_something),
         count(true, Diagnosed::lacks_nothing),
