@@ -97,7 +97,7 @@ pub fn demo(drawn: &Drawn) -> Outcome {
     )?;
     let board = board.ok_or("the virtual rig is gone")?;
     steps.step(
-        "upload the model that the owner believes in, and record",
+        "upload the nominal model, and record",
         || {
             run(&mut upload_model(&programs, &board, &folder))?;
             run(&mut record(&programs, &board, &folder, "before"))

@@ -197,7 +197,7 @@ impl Drop for Board {
     }
 }
 
-/// Uploads the model that the owner believes in.
+/// Uploads the nominal model, which lacks what the actuator hides.
 pub fn upload_model(programs: &Programs, board: &Board, folder: &Folder) -> Command {
     let mut command = programs.rig();
     command
