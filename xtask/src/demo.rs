@@ -96,13 +96,10 @@ pub fn demo(drawn: &Drawn) -> Outcome {
         },
     )?;
     let board = board.ok_or("the virtual rig is gone")?;
-    steps.step(
-        "upload the nominal model, and record",
-        || {
-            run(&mut upload_model(&programs, &board, &folder))?;
-            run(&mut record(&programs, &board, &folder, "before"))
-        },
-    )?;
+    steps.step("upload the nominal model, and record", || {
+        run(&mut upload_model(&programs, &board, &folder))?;
+        run(&mut record(&programs, &board, &folder, "before"))
+    })?;
     steps.step("find out what the model is missing", || {
         run(diagnose(&programs, &folder)
             .arg("--report")
