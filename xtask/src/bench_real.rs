@@ -360,7 +360,7 @@ impl Bench {
 fn subtitle(diagnosed: &Diagnosed, is_repaired: bool) -> String {
     let number = |value: Option<f64>| value.map_or("–".into(), significant);
     let mut text = format!(
-        "RMS error on all runs that were not fitted: {} refitted",
+        "RMS error on all validation runs: {} refitted",
         number(diagnosed.refit)
     );
     if is_repaired {

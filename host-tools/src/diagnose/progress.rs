@@ -319,7 +319,7 @@ impl fmt::Display for Best {
         match self.explains {
             Some(share) => write!(
                 f,
-                " on runs that were not fitted, explains {}",
+                " on validation runs, explains {}",
                 percent(share.max(0.0))
             ),
             None => f.write_str(" on fitted runs, not yet validated"),
@@ -562,7 +562,7 @@ mod tests {
             "27 effects at several horizons: screening; 12 of 54 fits (63 in all), \
              3 min 20 s so far, this step about 80 s more; \
              best so far: dry friction + stiffness shape (coulomb_friction + gravity), \
-             leaves 0.390° of 1.21° on runs that were not fitted, explains 71 %"
+             leaves 0.390° of 1.21° on validation runs, explains 71 %"
         );
         let begun = State {
             stage: "refit of the nominal structure".into(),

@@ -52,7 +52,7 @@ pub struct Content {
     pub keys: Vec<Key>,
     /// Notices about the recordings.
     pub notices: Vec<Notice>,
-    /// Errors on fitted runs, and on runs that were not fitted.
+    /// Errors on fitted runs and on validation runs.
     pub errors: Vec<ErrorRow>,
     /// Whether effects were added to the model.
     pub repaired: bool,
@@ -419,7 +419,7 @@ fn explained(diagnosis: &Diagnosis, closure: &Closure) -> String {
         },
     );
     format!(
-        "On runs that were not fitted {what} explains {} of the error beyond the noise ({} over \
+        "On validation runs {what} explains {} of the error beyond the noise ({} over \
          a quarter of a swing, {} over two and a half, {} over whole runs{alone}); {} remain, {} \
          times the noise{goes_with}: {}.",
         at_horizons(diagnosis, closure).in_words(),
@@ -470,16 +470,16 @@ fn lede(diagnosis: &Diagnosis) -> String {
     .map(degrees);
     match diagnosis.answer {
         Answer::NoDiscrepancy => format!(
-            "On runs that were not fitted, simulation and measurement differ by {nominal}, where \
+            "On validation runs, simulation and measurement differ by {nominal}, where \
              noise alone leaves {floor}. There is nothing to repair: keep the model as it is."
         ),
         Answer::ParametersOnly => format!(
-            "With the parameters refitted, the error on runs that were not fitted falls from \
+            "With the parameters refitted, the error on validation runs falls from \
              {nominal} to {refit}, where noise alone leaves {floor}. Use the refitted model; no \
              physics has to be added."
         ),
         Answer::EffectFound => format!(
-            "On runs that were not fitted, refitting alone leaves {refit}. With {} it is \
+            "On validation runs, refitting alone leaves {refit}. With {} it is \
              {repaired}, where noise alone leaves {floor}: {}.",
             if diagnosis.repaired.added.len() == 1 {
                 "the effect added"
@@ -489,7 +489,7 @@ fn lede(diagnosis: &Diagnosis) -> String {
             left_over(diagnosis)
         ),
         Answer::CannotTell if diagnosis.is_open() => format!(
-            "Refitting the parameters leaves {refit} on runs that were not fitted, where noise \
+            "Refitting the parameters leaves {refit} on validation runs, where noise \
              alone leaves {floor}. {}",
             if diagnosis.repaired.added.is_empty() {
                 "Nothing that was tried until then predicts better.".into()
@@ -501,18 +501,18 @@ fn lede(diagnosis: &Diagnosis) -> String {
             }
         ),
         Answer::CannotTell if diagnosis.alternatives.len() == 1 => format!(
-            "Refitting the parameters leaves {refit} on runs that were not fitted, where noise \
+            "Refitting the parameters leaves {refit} on validation runs, where noise \
              alone leaves {floor}. One effect explains a little of that, with much evidence; most \
              of it is something else."
         ),
         Answer::CannotTell => format!(
-            "Refitting the parameters leaves {refit} on runs that were not fitted, where noise \
+            "Refitting the parameters leaves {refit} on validation runs, where noise \
              alone leaves {floor}. Several explanations close that gap, and these recordings \
              speak for none of them clearly. {}",
             what_separates(diagnosis)
         ),
         Answer::Unexplained => format!(
-            "Refitting the parameters leaves {refit} on runs that were not fitted, where noise \
+            "Refitting the parameters leaves {refit} on validation runs, where noise \
              alone leaves {floor}. {}Instead of a name, this page shows the missing force \
              itself: how large it is, and when.",
             why_no_name(diagnosis)
@@ -568,8 +568,7 @@ fn shortfall(closed: f64) -> String {
     let needed = Policy::STANDARD.part;
     if closed >= needed {
         "That share would do for a name, but the rest of the evidence does not: what it gains \
-         over simpler explanations could be chance, or is too little on runs that were not \
-         fitted."
+         over simpler explanations could be chance, or is too little on validation runs."
             .into()
     } else {
         format!(
@@ -743,7 +742,7 @@ fn keys(diagnosis: &Diagnosis) -> Vec<Key> {
     vec![error_key(diagnosis), noise, third, fourth]
 }
 
-/// The error on runs that were not fitted, before and after.
+/// The error on validation runs, before and after.
 fn error_key(diagnosis: &Diagnosis) -> Key {
     let held_out = &diagnosis.held_out;
     let from_to = |from: f64, to: f64| format!("{} → {}", short(from.to_degrees()), degrees(to));
@@ -771,7 +770,7 @@ fn error_key(diagnosis: &Diagnosis) -> Key {
             "RMS, nominal → refitted".into(),
         ),
     };
-    key("error on runs not fitted", value, note)
+    key("error on validation runs", value, note)
 }
 
 fn explained_key(explained: Explained, note: &str) -> Key {
@@ -872,7 +871,7 @@ fn errors(diagnosis: &Diagnosis) -> Vec<ErrorRow> {
     let (name, runs) = if held_out.in_turn {
         ("left out in turn", fitted)
     } else {
-        ("held out", held_out.runs.len())
+        ("validation", held_out.runs.len())
     };
     vec![
         row(

@@ -40,7 +40,7 @@ const FEATURES_DRAWN: usize = 4;
 const FEATURE_WORTH: f64 = 0.1;
 
 /// The note where the repaired model is not the best fit to whole runs.
-const HORIZON: &str = "The repaired model was fitted over a horizon shorter than whole runs, where it predicts best what was not fitted. The errors of the others on fitted runs are those of fits over whole runs, which are smaller there.";
+const HORIZON: &str = "The repaired model was fitted over a horizon shorter than whole runs, where it predicts validation runs best. The errors of the others on fitted runs are those of fits over whole runs, which are smaller there.";
 
 /// A picture with its caption.
 #[derive(Debug, Serialize)]
@@ -393,7 +393,7 @@ fn run_picture(
         )
     });
     let role = if view.held_out {
-        "not fitted"
+        "validation"
     } else {
         "fitted"
     };
@@ -424,7 +424,11 @@ fn run_row(view: &RunView<'_>) -> RunRow {
     let spread = (squares_about_mean(measured) / measured.len().max(1) as f64).sqrt();
     RunRow {
         name: view.recording.name.clone(),
-        role: if view.held_out { "held out" } else { "fitted" },
+        role: if view.held_out {
+            "validation"
+        } else {
+            "fitted"
+        },
         seconds: short(view.recording.duration()),
         samples: view.recording.len(),
         errors: view.errors().map(short),

@@ -47,7 +47,7 @@ pub fn figure(diagnosis: &Diagnosis) -> Figure {
         )
     };
     let gap = format!(
-        "RMS error on runs that were not fitted: {} refitted, {repaired}{} noise",
+        "RMS error on validation runs: {} refitted, {repaired}{} noise",
         degrees(diagnosis.held_out.refit),
         degrees(diagnosis.held_out.floor)
     );
@@ -79,7 +79,7 @@ pub fn figure(diagnosis: &Diagnosis) -> Figure {
         }
     };
     for run in &drawn {
-        let title = if run.held_out { "not fitted" } else { "fitted" };
+        let title = if run.held_out { "validation" } else { "fitted" };
         let time = &run.recording.time;
         let mut panel = Panel::new("time (s)", "angle (°)")
             .with_title(format!("{} ({title})", run.recording.name))

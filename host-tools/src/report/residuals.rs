@@ -118,7 +118,7 @@ impl Residuals {
     pub fn caption(&self) -> String {
         let samples = self.left.last().map_or(0, |left| left.correlations.samples);
         let runs = if self.held_out {
-            "the runs that were not fitted"
+            "the validation runs"
         } else {
             "the fitted runs"
         };

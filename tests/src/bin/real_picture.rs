@@ -159,7 +159,7 @@ fn figure(
     let mut models = vec![("refitted", Style::BEFORE, refit)];
     models.extend(repaired.map(|run| ("repaired", Style::AFTER, run)));
     let mut angles = Panel::new("", args.quantity.clone())
-        .with_title(format!("{} (not fitted{part})", refit.name))
+        .with_title(format!("{} (validation{part})", refit.name))
         .with_weight(2.0)
         .with_series(Series::new(
             "measured",

@@ -268,7 +268,7 @@ fn section(row: &Row) -> String {
     if row.diagnosis.is_ok() {
         let _ = write!(
             text,
-            "\n![{}: a run that was not fitted, measured and simulated](images/real_{}.svg)\n",
+            "\n![{}: a validation run, measured and simulated](images/real_{}.svg)\n",
             rig.title, rig.name
         );
     }
