@@ -7,9 +7,9 @@ use host_tools::diagnose::Progress;
 use host_tools::diagnose::verdict::Zeros;
 use host_tools::estimate::fit as fits;
 use host_tools::estimate::refit::{NOT_CONVERGED, Refit, refit};
-use host_tools::estimate::statistics::rms;
 use host_tools::io::model_file::{parameter_unit, parameters, to_file_units};
 use host_tools::numbers::tidy;
+use host_tools::statistics::rms;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 

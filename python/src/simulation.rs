@@ -1,11 +1,11 @@
 //! `softrig.simulate`.
 
 use host_tools::diagnose::Progress;
-use host_tools::estimate::statistics::rms;
+use host_tools::estimate::simulation::{ANGLES_DEG, Arithmetic, Drive, HOLDS_S, in_range};
 use host_tools::io::columns::Columns;
 use host_tools::io::error::InputError as Fault;
 use host_tools::io::recording;
-use host_tools::sim::simulation::{ANGLES_DEG, Arithmetic, Drive, HOLDS_S, in_range};
+use host_tools::statistics::rms;
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 

@@ -7,9 +7,9 @@
 //! [`softrig_tests::shared`].
 
 use host_tools::diagnose::Diagnosis;
-use host_tools::diagnose::unit_errors::refuse;
 use host_tools::diagnose::verdict::Answer;
 use host_tools::estimate::assemble::assemble;
+use host_tools::estimate::unit_errors::refuse;
 use softrig_tests::{Case, named, shared};
 
 /// The least that the right effect has to shrink the held-out error, against

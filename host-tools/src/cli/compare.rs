@@ -16,13 +16,13 @@ use crate::diagnose::noise::NoiseFloor;
 use crate::estimate::Dataset;
 use crate::estimate::assemble::assemble;
 use crate::estimate::fit::{Effort, Fitter};
-use crate::estimate::statistics::{mean, rms, squares_about_mean};
 use crate::io::columns::Layout;
 use crate::io::error::{InputError, write_atomically};
 use crate::io::model_file::ModelFile;
 use crate::io::recording::{Recording, read_all};
 use crate::plot::{Figure, Mark, Panel, Role, Series, Style, write_svg};
 use crate::sim::linear::linear_rival;
+use crate::statistics::{mean, rms, squares_about_mean};
 
 /// Compares models with recordings: RMS error for each set-point, against the
 /// mean of the repeats.

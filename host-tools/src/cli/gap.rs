@@ -12,11 +12,11 @@ use clap::Parser;
 use super::input::InputArgs;
 use super::output::{self, FileKind, Output};
 use crate::estimate::assemble::{Group, grouped};
-use crate::estimate::statistics::rms;
 use crate::io::columns::Layout;
 use crate::io::error::InputError;
 use crate::io::recording::{Recording, SegmentMeta, check_distinct, read_all};
 use crate::plot::{Figure, Panel, Series, Style, write_svg};
+use crate::statistics::rms;
 
 /// Shows the gap between the angle that the board predicts and the angle that
 /// it measures, before and after an upload.

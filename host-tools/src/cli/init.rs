@@ -16,11 +16,11 @@ use crate::first_model::{
     BASE, FirstModel, Geometry, authors_actuator, from_geometry, from_recordings, next_steps,
 };
 use crate::io::error::{InputError, is_stream, write_atomically};
+use crate::io::material_name::{like, named};
 use crate::io::model_file::{ModelFile, parameter_name, parameter_unit, to_file_units};
 use crate::io::ranges::Range;
 use crate::io::recording::{Recording, check_distinct, read_all};
 use crate::io::terminal::{printable_line, remark};
-use crate::materials::{like, named};
 use crate::numbers::short;
 
 /// Writes a first model from a recording, or from material and dimensions.

@@ -11,10 +11,10 @@ use model_core::prepared::{self, BUDGET_CYCLES, Unsteppable};
 use wire::settings::{Key, Settings};
 use wire::state::State;
 
+use crate::diagnose::verdict::read_zeros;
 use crate::io::error::InputError;
 use crate::io::model_file::ModelFile;
-use crate::io::settings_file::{self, Assignment, shown};
-use crate::rig::link::line::key_text;
+use crate::io::settings_file::{self, Assignment, key_text, shown};
 use crate::rig::link::{Link, SerialConnector, Timing};
 
 /// Writes a model or settings to a board, and reads everything back.
@@ -80,11 +80,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
             wanted.push((key, bits));
         }
     }
-    let zeros = args
-        .zeros
-        .as_deref()
-        .map(settings_file::Zeros::read)
-        .transpose()?;
+    let zeros = args.zeros.as_deref().map(read_zeros).transpose()?;
     let mut link = Link::open(SerialConnector::new(&args.port), Timing::default())?;
     let settings = read_settings(&mut link)?;
     if let (Some(zeros), Some(path)) = (zeros, &args.zeros) {

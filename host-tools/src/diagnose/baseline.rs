@@ -14,9 +14,9 @@ use super::verdict::Answer;
 use super::{Progress, Request};
 use crate::estimate::Dataset;
 use crate::estimate::fit::{Effort, Fit, Fitter};
-use crate::estimate::statistics::{correlation_time, rms};
 use crate::io::error::InputError;
 use crate::io::model_file::ModelFile;
+use crate::statistics::{correlation_time, rms};
 
 /// The model before any effect is added.
 #[derive(Clone, Debug)]

@@ -19,7 +19,7 @@ use rand_pcg::Pcg64Mcg;
 
 use super::candidates::Candidate;
 use crate::estimate::fit::{Fit, Fitter};
-use crate::estimate::statistics::independent_block;
+use crate::statistics::independent_block;
 
 /// Number of draws.
 const DRAWS: usize = 499;

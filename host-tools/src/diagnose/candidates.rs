@@ -223,7 +223,7 @@ fn spectral_lines(fitter: &Fitter<'_>, refit: &Fit) -> Vec<f64> {
             let from = k.saturating_sub(AROUND);
             let mut around: Vec<f64> = power[from..(k + AROUND).min(count)].to_vec();
             (
-                power[k] / crate::estimate::statistics::median(&mut around).max(f64::MIN_POSITIVE),
+                power[k] / crate::statistics::median(&mut around).max(f64::MIN_POSITIVE),
                 k,
             )
         })

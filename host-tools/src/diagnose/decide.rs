@@ -20,10 +20,10 @@
 
 use model_core::catalogue::Kind;
 
-use super::family::Family;
 use super::policy::Policy;
 use super::ranking::is_special_case;
 pub use super::verdict::{Closure, Strength};
+use crate::family::Family;
 
 /// The measurements of one structure.
 #[derive(Clone, Debug, PartialEq)]

@@ -12,10 +12,10 @@ use std::ops::Range;
 use model_core::actuator::Model;
 
 use super::smoother::{ForceSeries, Smoother};
-use crate::estimate::statistics::{mean, noise_by_differences, rms};
 use crate::estimate::{Dataset, Nuisance};
 use crate::io::recording::Recording;
 use crate::numbers::{percent, short};
+use crate::statistics::{mean, noise_by_differences, rms};
 
 /// Bins of a feature, each with as many samples.
 const BINS: usize = 16;

@@ -16,10 +16,8 @@ use super::policy::Exact;
 use crate::estimate::Session;
 use crate::estimate::fit::{Fit, Fitter};
 use crate::estimate::nuisance::rest_at_start;
-use crate::estimate::statistics::{
-    coloured_rms, mean, noise_by_differences, quantisation_step, rms,
-};
 use crate::io::recording::{Meta, Recording};
+use crate::statistics::{coloured_rms, mean, noise_by_differences, quantisation_step, rms};
 
 /// The noise floor and its sources.
 #[derive(Clone, Debug, PartialEq)]

@@ -20,10 +20,10 @@ use model_core::catalogue::Kind;
 
 use super::budget::{Budget, Ended, Part};
 use super::candidates::Candidate;
-use super::family::{Family, title};
 use super::measure::Measured;
 use super::policy::Policy;
 use super::selection::names;
+use crate::family::{Family, title};
 use crate::numbers::{degrees, percent};
 
 /// Counts the work of a diagnosis. Any thread may report.

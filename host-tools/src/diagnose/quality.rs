@@ -9,7 +9,7 @@
 //! | too short to leave a part out | refused |
 //! | no motion in any recording, or hardly any samples | refused |
 //! | no motion in one of them | reported |
-//! | units mixed up, columns exchanged | refused, with the flags that mend it ([`super::unit_errors`]) |
+//! | units mixed up, columns exchanged | refused, with the flags that mend it ([`crate::estimate::unit_errors`]) |
 //! | sensor at the end of its range, gaps, jitter, a reset | unusable samples are left out and reported ([`crate::estimate::usable`]) |
 //! | another actuator among the recordings | left out, and named |
 //! | no repeats, short runs | reported |
@@ -21,10 +21,10 @@ use super::candidates::Candidate;
 use super::noise::NoiseFloor;
 use crate::estimate::Dataset;
 use crate::estimate::fit::{Effort, Fitter};
-use crate::estimate::statistics::{median, moves, swing};
 use crate::io::error::InputError;
 use crate::io::model_file::{ModelFile, parameter_name};
 use crate::io::recording::Recording;
+use crate::statistics::{median, moves, swing};
 
 pub use crate::estimate::usable::{Concern, Matter};
 
@@ -237,7 +237,7 @@ pub fn slow_effects(candidate: &Candidate, data: &Dataset) -> Vec<Concern> {
 }
 
 #[cfg(test)]
-pub(super) mod tests {
+pub(crate) mod tests {
     use std::path::Path;
 
     use rand::{RngExt, SeedableRng};

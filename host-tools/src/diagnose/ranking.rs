@@ -15,7 +15,7 @@ use super::candidates::{Candidate, Scales};
 use super::noise::{NoiseFloor, adequate};
 use super::policy::Exact;
 use crate::estimate::fit::Fit;
-use crate::estimate::statistics::independent_block;
+use crate::statistics::independent_block;
 
 /// The context of scores.
 #[derive(Clone, Copy, Debug)]

@@ -15,12 +15,12 @@ use rayon::prelude::*;
 use super::bootstrap::chance;
 use super::candidates::{Candidate, FitContext, released};
 use super::decide::Strength;
-use super::family::Family;
 use super::noise::{NoiseFloor, adequate};
 use super::policy::Exact;
 use super::ranking::{NestedComparison, Ranked, Scoring, required_evidence};
 use super::validation::CrossValidator;
 use super::verdict::{Alternative, Answer};
+use crate::family::Family;
 
 /// The multiple of the noise that a structure may leave before it has to close more of
 /// the gap.

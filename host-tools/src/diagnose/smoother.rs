@@ -327,9 +327,9 @@ mod tests {
             .collect();
         let inner = &errors[50..1_450];
         assert!(
-            crate::estimate::statistics::rms(inner) < 0.06,
+            crate::statistics::rms(inner) < 0.06,
             "{}",
-            crate::estimate::statistics::rms(inner)
+            crate::statistics::rms(inner)
         );
         let covered = inner
             .iter()

@@ -1,13 +1,17 @@
 //! The verdict as data: what `--json` writes, and its schema.
 
 use std::fmt;
+use std::path::Path;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::estimate::Dataset;
 use crate::estimate::fit::Fit;
+use crate::io::bounded::read_text;
+use crate::io::error::InputError;
 use crate::io::recording::PASCAL_PER_KPA;
+use crate::io::settings_file::Zeros as BoardZeros;
 use crate::numbers::tidy;
 
 /// The schema number of this structure.
@@ -244,6 +248,41 @@ impl Zeros {
             angle_zero_deg,
         }
     }
+}
+
+/// Reads the zeros of the last session from the file of a verdict, for a board.
+///
+/// # Errors
+///
+/// Says why the file has none.
+pub fn read_zeros(path: &Path) -> Result<BoardZeros, InputError> {
+    #[derive(Deserialize)]
+    struct Written {
+        nuisance: Option<Zeros>,
+    }
+    let text = read_text(path)?;
+    let verdict: Written = serde_json::from_str(&text).map_err(|error| {
+        let mut fault = InputError::new(
+            format!("is not a verdict: {error}"),
+            "give the file that `rig diagnose --json` wrote",
+        )
+        .in_file(path);
+        fault.line = Some(error.line() as u64);
+        fault
+    })?;
+    let last = verdict.nuisance.and_then(|zeros| {
+        Some(BoardZeros {
+            pressure_kpa: *zeros.pressure_zero_kpa.last()?,
+            angle_deg: *zeros.angle_zero_deg.last()?,
+        })
+    });
+    last.ok_or_else(|| {
+        InputError::new(
+            "has no zeros",
+            "diagnose again with this version of `rig`, or leave --zeros away",
+        )
+        .in_file(path)
+    })
 }
 
 /// One line: the zeros of one session, or the range over several. Empty if there are none.

@@ -11,7 +11,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use super::dataset::{Dataset, Mark, Session};
-use crate::diagnose::quality::{Concern, Matter};
+use crate::estimate::usable::{Concern, Matter};
 use crate::estimate::usable::{Usable, usable};
 use crate::io::error::InputError;
 use crate::io::recording::{Column, Recording, stem};

@@ -242,7 +242,7 @@ impl Dataset {
     pub fn of(recordings: &[Recording]) -> Self {
         let mut this = Self::default();
         for recording in recordings {
-            let silent = crate::estimate::statistics::clipped(&recording.angle);
+            let silent = crate::statistics::clipped(&recording.angle);
             let mark = Mark {
                 range: 0..recording.len(),
                 about: recording.clone(),
@@ -471,7 +471,7 @@ impl Dataset {
 mod tests {
     use super::*;
     use crate::estimate::fit::{Effort, Fitter};
-    use crate::estimate::statistics::rms;
+    use crate::statistics::rms;
     use model_core::actuator::ParameterId;
     use model_core::catalogue::{Effect, Kind};
     use model_core::dynamics::Dynamics;

@@ -15,8 +15,8 @@
 //! third of a second and longer the pressure is as measured. A pressure whose fast part
 //! is not white has no separable noise and is left unchanged.
 
-use crate::estimate::statistics::{median, noise_by_order};
 use crate::io::recording::Recording;
+use crate::statistics::{median, noise_by_order};
 
 /// Half widths of the windows, in samples. A parabola goes through three samples
 /// as they are, so windows begin with five.
@@ -140,7 +140,7 @@ fn weight(half: usize, offset: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::estimate::statistics::{mean, rms};
+    use crate::statistics::{mean, rms};
     use rand::SeedableRng;
     use rand_distr::{Distribution, StandardNormal};
 

@@ -30,9 +30,9 @@ use nalgebra::{Matrix3, Vector3};
 use super::dataset::{Dataset, Session};
 use super::nuisance::Nuisance;
 use crate::estimate::smooth::motions;
-use crate::estimate::statistics::{mean, rms, robust_deviation};
 use crate::sim::dual::Dual;
 use crate::sim::simulate::{Origin, advance, is_lost, state_at};
+use crate::statistics::{mean, rms, robust_deviation};
 
 /// Time and rate scales of the recorded motion, for the initial covariance of the filter.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -21,7 +21,7 @@ use super::nuisance::Nuisance;
 use super::problem::{Compared, Problem};
 use super::transform::{ParameterTransform, bounds};
 use crate::estimate::checkpoint::{Checkpoint, Ended, fingerprint};
-use crate::estimate::statistics::{correlation_time, rms};
+use crate::statistics::{correlation_time, rms};
 
 /// The result of a fit.
 #[derive(Clone, Debug)]

@@ -10,7 +10,7 @@
 
 use nalgebra::{DMatrix, DMatrixView, DVector, DVectorView};
 
-use crate::estimate::statistics::independent_block;
+use crate::statistics::independent_block;
 
 /// Curvature and gradient of the sum of squares of each recording, in the solver's
 /// coordinates.

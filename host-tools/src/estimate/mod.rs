@@ -15,7 +15,8 @@
 //! - [`information`] is the covariance of the parameters, [`band`] that of the simulated
 //!   curves.
 //! - [`subsample`] takes parts of the data that are enough to rank candidates.
-//! - [`mod@refit`] fits a model file.
+//! - [`unit_errors`] refuses columns in implausible units.
+//! - [`mod@refit`] fits a model file, [`simulation`] simulates one over a recording.
 
 pub mod assemble;
 pub(crate) mod band;
@@ -30,10 +31,11 @@ mod normal;
 pub(crate) mod nuisance;
 mod problem;
 pub mod refit;
+pub mod simulation;
 pub(crate) mod smooth;
-pub mod statistics;
 pub(crate) mod subsample;
 mod transform;
+pub mod unit_errors;
 pub(crate) mod usable;
 
 pub use dataset::{Dataset, Segment, Session};

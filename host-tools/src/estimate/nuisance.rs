@@ -33,11 +33,11 @@
 use std::ops::Range;
 
 use crate::estimate::smooth::motion;
-use crate::estimate::statistics::{
-    mean, moves, noise_by_differences, quantisation_step, standard_deviation, swing,
-};
 use crate::io::recording::{PASCAL_PER_KPA, Recording};
 use crate::sim::simulate::InitialState;
+use crate::statistics::{
+    mean, moves, noise_by_differences, quantisation_step, standard_deviation, swing,
+};
 
 /// Standard deviation of the pressure's zero where the metadata has no
 /// calibration (Pa): the offset of an 80 psi sensor after a tare.

@@ -18,9 +18,9 @@ use super::normal::{Normal, SharedRow};
 use super::nuisance::{Nuisance, Prior, Shared, UNKNOWNS, ZEROS, wall};
 use super::transform::ParameterTransform;
 use super::{Dataset, Session};
-use crate::estimate::statistics::{correlation_time, mean};
 use crate::sim::dual::Dual;
 use crate::sim::simulate::{InitialState, Origin, run_from};
+use crate::statistics::{correlation_time, mean};
 
 /// Number of sessions from which the library's dense decomposition, cubic in their number,
 /// costs more than simulating them.

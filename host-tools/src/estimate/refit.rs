@@ -3,8 +3,8 @@
 use super::assemble::assemble;
 use super::dataset::Dataset;
 use super::fit::{Effort, Fit, Fitter};
-use crate::diagnose::quality::Concern;
-use crate::diagnose::unit_errors;
+use crate::estimate::unit_errors;
+use crate::estimate::usable::Concern;
 use crate::io::error::InputError;
 use crate::io::model_file::ModelFile;
 use crate::io::recording::Recording;

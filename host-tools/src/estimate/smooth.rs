@@ -6,8 +6,8 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::estimate::statistics::noise_by_differences;
 use crate::io::recording::Recording;
+use crate::statistics::noise_by_differences;
 
 /// The motion at an instant.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -17,9 +17,9 @@
 
 use std::ops::Range;
 
-use crate::estimate::statistics::{clipped, median, rms, standard_deviation};
 use crate::io::error::InputError;
 use crate::io::recording::{PASCAL_PER_KPA, Recording};
+use crate::statistics::{clipped, median, rms, standard_deviation};
 
 /// Fewest samples that show a motion. A block with fewer is dropped, and a
 /// recording with fewer usable samples is refused.

@@ -26,11 +26,11 @@ use crate::estimate::Dataset;
 use crate::estimate::fit::{Effort, Fit, Fitter};
 use crate::estimate::nuisance::FARTHEST;
 use crate::estimate::smooth::motions;
-use crate::estimate::statistics::{moves, squares_about_mean};
 use crate::estimate::subsample::subsample;
 use crate::io::error::InputError;
 use crate::io::model_file::to_file_units;
 use crate::io::recording::{PASCAL_PER_KPA, Recording};
+use crate::statistics::{moves, squares_about_mean};
 use rayon::prelude::*;
 
 /// Samples beyond which a subsample is fitted, to answer within seconds.

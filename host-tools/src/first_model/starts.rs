@@ -79,7 +79,7 @@ fn regression(recordings: &[Recording], exponent: f64, half: usize) -> Option<Mo
             let Some(found) = motion(recording, from, to, at) else {
                 continue;
             };
-            let pressure = crate::estimate::statistics::mean(&recording.pressure[from..to]);
+            let pressure = crate::statistics::mean(&recording.pressure[from..to]);
             let row = Vector4::new(
                 -found.rate,
                 -signed_power(found.angle, exponent),
@@ -132,7 +132,7 @@ fn grid(
         .iter()
         .flat_map(|recording| recording.angle.iter().copied())
         .collect();
-    let typical = crate::estimate::statistics::rms(&angles);
+    let typical = crate::statistics::rms(&angles);
     if fastest.is_nan() || fastest <= slowest || typical <= 0.0 {
         return Vec::new();
     }

@@ -5,8 +5,8 @@
 //! two levels. They contain no inertia and damping, and creep and friction appear as
 //! stiffness: they are initial guesses only.
 
-use crate::estimate::statistics::{mean, median, moves, noise_by_differences, swing};
 use crate::io::recording::Recording;
+use crate::statistics::{mean, median, moves, noise_by_differences, swing};
 
 /// A level at which a recording stood still.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -17,11 +17,11 @@ use toml_edit::{Array, ArrayOfTables, DocumentMut, Item, Table, Value};
 
 use crate::io::columns::{self, Layout};
 use crate::io::error::{InputError, line_of};
+use crate::io::material_name::{like, named};
 use crate::io::own_effects::{self, Role};
 use crate::io::ranges::Range;
 use crate::io::recording::PASCAL_PER_KPA;
 use crate::io::toml_reader::Reader;
-use crate::materials::{like, named};
 use crate::numbers::tidy;
 
 /// The schema number that this version reads and writes.

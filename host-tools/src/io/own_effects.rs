@@ -29,13 +29,13 @@ use model_core::effects::table::Variable;
 use model_core::effects::{Info, Instant, Parameter, Place, Unit};
 use toml_edit::{InlineTable, Item, Table, TableLike, Value};
 
-use crate::diagnose::family::Family;
+use crate::family::Family;
 use crate::io::error::InputError;
+use crate::io::formula;
 use crate::io::model_file::{ModelFile, SCHEMA, replace_number, twice};
 use crate::io::recording::PASCAL_PER_KPA;
 use crate::io::toml_reader::Reader;
 use crate::numbers::tidy;
-use crate::sim::formula;
 
 /// The kind of an effect with a formula, in files.
 pub const KIND: &str = "custom";

@@ -344,7 +344,7 @@ impl Recording {
     /// The usual time between samples (s): the median.
     pub fn interval(&self) -> f64 {
         let mut steps: Vec<f64> = self.time.windows(2).map(|pair| pair[1] - pair[0]).collect();
-        crate::estimate::statistics::median(&mut steps)
+        crate::statistics::median(&mut steps)
     }
 
     /// A range of the samples, under the same name.

@@ -18,7 +18,7 @@ use crate::io::error::InputError;
 use crate::io::model_file::ModelFile;
 use crate::io::own_effects::refuse_on_board;
 use crate::io::toml_reader::Reader;
-use crate::rig::link::line::key_text;
+use crate::io::wire_text::Text;
 
 /// The largest share of a number that rounding may change: ten times what it changes of
 /// a number that single precision can hold.
@@ -144,41 +144,6 @@ pub struct Zeros {
 }
 
 impl Zeros {
-    /// Reads the zeros of the last session from a verdict.
-    ///
-    /// # Errors
-    ///
-    /// Says why the file has none.
-    pub fn read(path: &Path) -> Result<Self, InputError> {
-        #[derive(serde::Deserialize)]
-        struct Verdict {
-            nuisance: Option<crate::diagnose::verdict::Zeros>,
-        }
-        let text = crate::io::bounded::read_text(path)?;
-        let verdict: Verdict = serde_json::from_str(&text).map_err(|error| {
-            let mut fault = InputError::new(
-                format!("is not a verdict: {error}"),
-                "give the file that `rig diagnose --json` wrote",
-            )
-            .in_file(path);
-            fault.line = Some(error.line() as u64);
-            fault
-        })?;
-        let last = verdict.nuisance.and_then(|zeros| {
-            Some(Self {
-                pressure_kpa: *zeros.pressure_zero_kpa.last()?,
-                angle_deg: *zeros.angle_zero_deg.last()?,
-            })
-        });
-        last.ok_or_else(|| {
-            InputError::new(
-                "has no zeros",
-                "diagnose again with this version of `rig`, or leave --zeros away",
-            )
-            .in_file(path)
-        })
-    }
-
     /// The settings with which a board that has `settings` shows zero at zero.
     /// Zeros that `wanted` sets already are corrected further.
     ///
@@ -414,6 +379,13 @@ pub fn to_text(settings: &Settings, about: &str) -> String {
         );
     }
     text
+}
+
+/// The word of a setting.
+pub fn key_text(key: Key) -> String {
+    let mut text = Text::default();
+    let Ok(()) = key.write(&mut text);
+    text.0
 }
 
 #[cfg(test)]

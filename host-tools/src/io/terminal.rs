@@ -78,6 +78,16 @@ pub fn remark(text: &str) {
     let _ = writeln!(std::io::stderr().lock(), "{}", printable(text));
 }
 
+/// A word quoted for a shell.
+pub(crate) fn quoted(word: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./:=,+@%".contains(c);
+    if !word.is_empty() && word.chars().all(plain) {
+        word.to_owned()
+    } else {
+        format!("'{}'", word.replace('\'', "'\\''"))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -104,5 +114,13 @@ mod tests {
             prop_assert!(!printable_line(&text).chars().any(is_obeyed));
             prop_assert!(printable(&text).chars().all(|c| c == '\n' || !is_obeyed(c)));
         }
+    }
+
+    #[test]
+    fn a_command_can_be_typed_as_it_stands() {
+        assert_eq!(quoted("runs/a-1.csv"), "runs/a-1.csv");
+        assert_eq!(quoted("my run's.csv"), "'my run'\\''s.csv'");
+        assert_eq!(quoted("<b>"), "'<b>'");
+        assert_eq!(quoted(""), "''");
     }
 }

@@ -10,7 +10,6 @@ use serde::Serialize;
 
 use super::shares::Explained;
 use crate::diagnose::budget::{Ended, Part};
-use crate::diagnose::family::Family;
 use crate::diagnose::noise::NoiseFloor;
 use crate::diagnose::policy::Policy;
 use crate::diagnose::selection::{self, FittedStructure};
@@ -18,9 +17,11 @@ use crate::diagnose::verdict::{Answer, Closure, Strength};
 use crate::diagnose::{Diagnosis, Request};
 use crate::estimate::Segment;
 use crate::estimate::fit::Fit;
-use crate::estimate::statistics::squares_about_mean;
+use crate::family::Family;
 use crate::io::model_file::{parameter_name, parameter_unit, to_file_units};
+use crate::io::terminal::quoted;
 use crate::numbers::{degrees, evidence, fit, percent, short, with_ends};
+use crate::statistics::squares_about_mean;
 
 /// Number of structures of one size that are listed; further ones are only counted.
 const TRIED_LISTED: usize = 6;
@@ -1375,16 +1376,6 @@ fn probability(value: f64) -> String {
     }
 }
 
-/// A word quoted for a shell.
-pub(crate) fn quoted(word: &str) -> String {
-    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./:=,+@%".contains(c);
-    if !word.is_empty() && word.chars().all(plain) {
-        word.to_owned()
-    } else {
-        format!("'{}'", word.replace('\'', "'\\''"))
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -1451,13 +1442,5 @@ mod tests {
             noise_note(&floor, 0.036),
             "spread between repeats, and the 1.15° that noise of the pressure leaves"
         );
-    }
-
-    #[test]
-    fn a_command_can_be_typed_as_it_stands() {
-        assert_eq!(quoted("runs/a-1.csv"), "runs/a-1.csv");
-        assert_eq!(quoted("my run's.csv"), "'my run'\\''s.csv'");
-        assert_eq!(quoted("<b>"), "'<b>'");
-        assert_eq!(quoted(""), "''");
     }
 }

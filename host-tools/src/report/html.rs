@@ -21,9 +21,9 @@ use super::runs::{RunView, runs};
 use crate::diagnose::localise::{Feature, Gap, SINCE_LAST_EDGE};
 use crate::diagnose::verdict::Answer;
 use crate::diagnose::{Diagnosis, Request};
-use crate::estimate::statistics::{median, squares_about_mean};
 use crate::numbers::{degrees, fit, percent, short};
 use crate::plot::{Figure, Mark, css_colour, diverging, to_inline_svg};
+use crate::statistics::{median, squares_about_mean};
 
 const TEMPLATE: &str = include_str!("assets/template.html");
 const STYLE: &str = include_str!("assets/style.css");

@@ -10,9 +10,9 @@ use crate::diagnose::Diagnosis;
 use crate::diagnose::localise::{Feature, ForceMap, Gap, MapAxis};
 use crate::diagnose::noise::NoiseFloor;
 use crate::diagnose::verdict::Answer;
-use crate::estimate::statistics::{rms, swing};
 use crate::numbers::{degrees, short};
 use crate::plot::{Cell, Figure, LINE_PX, Mark, Panel, Role, Series, Style};
+use crate::statistics::{rms, swing};
 
 /// Height of a row of panels: low enough for a picture in a README.
 pub(super) const ROW_HEIGHT_PX: f64 = 150.0;

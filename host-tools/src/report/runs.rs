@@ -3,8 +3,8 @@
 
 use crate::diagnose::Diagnosis;
 use crate::estimate::Segment;
-use crate::estimate::statistics::rms;
 use crate::io::recording::Recording;
+use crate::statistics::rms;
 
 /// One run with the residual of each model, in degrees.
 #[derive(Clone, Debug)]

@@ -1,8 +1,6 @@
 //! Simulation over a pressure or a protocol, with plain and with dual numbers.
 
 pub mod dual;
-pub(crate) mod formula;
 pub(crate) mod linear;
 pub(crate) mod protocol;
 pub mod simulate;
-pub mod simulation;

@@ -52,7 +52,7 @@ impl Signal {
         let slope = slopes(&time, &value);
         let mut steps: Vec<f64> = time.windows(2).map(|pair| pair[1] - pair[0]).collect();
         Self {
-            interval: crate::estimate::statistics::median(&mut steps),
+            interval: crate::statistics::median(&mut steps),
             time,
             value,
             slope,

@@ -115,7 +115,7 @@ impl Simulated {
     }
 
     fn rms(&self) -> f64 {
-        host_tools::estimate::statistics::rms(&self.error())
+        host_tools::statistics::rms(&self.error())
     }
 
     /// The samples to draw: all, or those few periods in which the model misses most.

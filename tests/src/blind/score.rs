@@ -448,7 +448,7 @@ pub struct Figures {
 
 fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
     let mut values: Vec<f64> = values.collect();
-    (!values.is_empty()).then(|| host_tools::estimate::statistics::median(&mut values))
+    (!values.is_empty()).then(|| host_tools::statistics::median(&mut values))
 }
 
 impl Figures {

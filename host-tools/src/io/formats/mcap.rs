@@ -550,7 +550,7 @@ fn usual_interval(times: &[u64]) -> f64 {
         .windows(2)
         .map(|pair| (pair[1] - pair[0]) as f64)
         .collect();
-    crate::estimate::statistics::median(&mut steps)
+    crate::statistics::median(&mut steps)
 }
 
 /// The value at a time, from the messages around it; none outside and in gaps.

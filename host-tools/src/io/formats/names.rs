@@ -6,7 +6,7 @@
 
 use crate::io::columns::{Layout, Quantity, Unit};
 use crate::io::error::InputError;
-use crate::report::content::quoted;
+use crate::io::terminal::quoted;
 
 /// Whole names, and words in longer ones.
 const WORDS: [&[&str]; 3] = [

@@ -289,7 +289,7 @@ impl Link {
                 return Err(self.late(
                     &format!(
                         "{} was written as {bits:08x} and read back as {read_back:08x}",
-                        super::line::key_text(key)
+                        crate::io::settings_file::key_text(key)
                     ),
                     "upload again; if it happens again the EEPROM is worn out",
                 ));

@@ -1,5 +1,6 @@
 //! Parses lines from bytes.
 
+pub use crate::io::wire_text::Text;
 use wire::line::open_bytes;
 use wire::reply::{Refusal, Reply};
 use wire::telemetry::{Telemetry, TelemetryError};
@@ -61,25 +62,6 @@ impl Incoming {
     }
 }
 
-/// Text that the formatter of the wire can write to.
-#[derive(Debug, Default)]
-pub struct Text(pub String);
-
-impl ufmt::uWrite for Text {
-    type Error = core::convert::Infallible;
-
-    fn write_str(&mut self, text: &str) -> Result<(), Self::Error> {
-        self.0.push_str(text);
-        Ok(())
-    }
-
-    // The one of the trait takes the address of memory that was never set.
-    fn write_char(&mut self, character: char) -> Result<(), Self::Error> {
-        self.0.push(character);
-        Ok(())
-    }
-}
-
 /// The line of a request on the wire, with its line end.
 pub fn request_text(request: &wire::command::Request) -> String {
     let mut text = Text::default();
@@ -94,13 +76,6 @@ pub fn command_text(command: wire::command::Command) -> String {
         .strip_prefix("0 ")
         .and_then(|rest| rest.rsplit_once(" *"))
         .map_or_else(|| sealed.clone(), |(text, _)| text.to_owned())
-}
-
-/// The word of a setting.
-pub fn key_text(key: wire::settings::Key) -> String {
-    let mut text = Text::default();
-    let Ok(()) = key.write(&mut text);
-    text.0
 }
 
 #[cfg(test)]

@@ -9,7 +9,7 @@ use wire::settings::{Key, Settings};
 
 use crate::io::error::InputError;
 use crate::io::protocol_file::ProtocolFile;
-use crate::rig::link::line::key_text;
+use crate::io::settings_file::key_text;
 
 /// Something to know that does not forbid the run.
 pub type Advice = String;

@@ -14,11 +14,11 @@ use model_core::dynamics::Dynamics;
 
 use crate::estimate::Dataset;
 use crate::estimate::fit::{Effort, Fitter};
-use crate::estimate::statistics::{mean, median, rms};
 use crate::io::columns::{ATMOSPHERE_KPA, AngleUnit, Columns, PressureUnit, TimeUnit};
 use crate::io::error::InputError;
 use crate::io::model_file::ModelFile;
 use crate::io::recording::{PASCAL_PER_KPA, Recording};
+use crate::statistics::{mean, median, rms};
 
 /// Below this relative error of the nominal model the columns are right. Psi make the
 /// pressure 6.9 times smaller and, with the exponent of silicone (2.4), the angle 2.3
@@ -477,7 +477,7 @@ fn miss(file: &ModelFile, recording: &Recording) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::quality::tests::example;
+    use crate::diagnose::quality::tests::example;
     use super::*;
 
     /// The model with a parameter multiplied.
