@@ -5,7 +5,7 @@
 //! are beside that algorithm. `docs/safety.md` has the resulting figures, measured in the
 //! simulator.
 
-use crate::control::RAD_PER_DEG;
+use crate::units::RAD_PER_DEG;
 
 // ---- Time ----
 

@@ -31,4 +31,5 @@ pub mod settings;
 pub mod stall;
 pub mod stepper;
 pub mod store;
+pub mod units;
 pub mod wiring;

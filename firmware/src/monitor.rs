@@ -15,10 +15,7 @@ use wire::{
     settings::{Key, Settings},
 };
 
-use crate::{
-    control::{DEG_PER_RAD, angle::Expected},
-    design::PERIOD_S,
-};
+use crate::{control::angle::Expected, design::PERIOD_S, units::DEG_PER_RAD};
 
 /// The readings of a telemetry line, as they are sent.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -5,10 +5,13 @@
 //! | sentences, tables, plots, the report | [`short`], [`degrees`], [`with_ends`] | three significant: further ones mean nothing, and one error with three digits here and four there looks like two |
 //! | | [`percent`], [`evidence`] | whole |
 //! | | [`fit`] | whole percent, tenths above 90 % |
+//! | progress, budgets | [`duration`], [`spelled`] | whole seconds; as a user gave it |
 //! | a proposed model file | [`four_digits`] | four significant |
 //! | a fitted model file, the verdict's JSON | [`tidy`] | seven significant |
 //! | limits in errors and documents | [`bound`] | all of them |
 //! | exported programs | [`exact`] | all that tell it from its neighbours |
+
+use std::time::Duration;
 
 /// A share in whole percent.
 pub fn percent(share: f64) -> String {
@@ -142,6 +145,29 @@ pub fn exact(value: f64) -> String {
     format!("{value:?}")
 }
 
+/// Whole seconds, with minutes and hours where there are any: 42 s, 3 min 20 s.
+pub fn duration(time: Duration) -> String {
+    let seconds = time.as_secs();
+    match (seconds / 3600, seconds / 60 % 60, seconds % 60) {
+        (0, 0, seconds) => format!("{seconds} s"),
+        (0, minutes, seconds) => format!("{minutes} min {seconds} s"),
+        (hours, minutes, _) => format!("{hours} h {minutes} min"),
+    }
+}
+
+/// A time as a user gives it: 1 ms, 0.5 s, 30 s, 2 min.
+pub fn spelled(time: Duration) -> String {
+    if time < Duration::from_millis(100) {
+        format!("{} ms", time.as_secs_f64() * 1e3)
+    } else if time < Duration::from_secs(60) {
+        format!("{} s", time.as_secs_f64())
+    } else {
+        let text = duration(time);
+        let text = text.trim_end_matches(" 0 s");
+        text.trim_end_matches(" 0 min").to_owned()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -204,6 +230,20 @@ mod tests {
             (-63.4, "-63.4"),
         ] {
             assert_eq!(four_digits(value), text);
+        }
+    }
+
+    #[test]
+    fn a_budget_is_spelled_as_it_was_given() {
+        for (time, text) in [
+            (Duration::from_millis(1), "1 ms"),
+            (Duration::from_millis(500), "0.5 s"),
+            (Duration::from_secs(30), "30 s"),
+            (Duration::from_secs(120), "2 min"),
+            (Duration::from_secs(90), "1 min 30 s"),
+            (Duration::from_secs(7200), "2 h"),
+        ] {
+            assert_eq!(spelled(time), text);
         }
     }
 }

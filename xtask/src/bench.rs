@@ -2,7 +2,6 @@
 //! diagnosis.
 
 use std::{
-    ffi::OsString,
     fs,
     path::{Path, PathBuf},
     process::{Command, Stdio},
@@ -10,14 +9,14 @@ use std::{
 };
 
 use crate::{
-    avr, bench_real, setup,
-    shell::{Outcome, cargo, has_program, read, root, run, run_quietly, seconds, target_dir, text},
+    avr, bench_real,
+    shell::{Outcome, cargo, has_program, read, root, run, seconds, target_dir, text},
     simulator::virtual_rig,
+    venv,
 };
 
 /// The rival's versions, so that figures can be had again.
 const PYTHON_PACKAGES: [&str; 3] = ["numpy", "scipy", "numba"];
-const PYTHON_LIMIT: std::time::Duration = std::time::Duration::from_secs(600);
 
 /// Runs the host's simulation beside SciPy's and Numba's on the same problems.
 pub fn host() -> Outcome {
@@ -179,46 +178,11 @@ fn pinned(program: &Path) -> Command {
 
 /// A Python with SciPy, in a folder of its own.
 fn python(folder: &Path) -> Outcome<PathBuf> {
-    virtual_environment(
+    venv::virtual_environment(
         &folder.join("python"),
         "import numba, numpy, scipy.integrate",
         &PYTHON_PACKAGES.map(Into::into),
     )
-}
-
-/// A Python that can do `imports`, in a folder of its own: packages are installed into it
-/// by `pip install` with these words, unless they are there.
-pub fn virtual_environment(
-    folder: &Path,
-    imports: &str,
-    packages: &[OsString],
-) -> Outcome<PathBuf> {
-    let python = folder.join("bin/python");
-    let works = || read(Command::new(&python).args(["-c", imports])).is_ok();
-    if works() {
-        return Ok(python);
-    }
-    setup::python()?;
-    println!("installing Python packages into {}", folder.display());
-    run_quietly(
-        Command::new("python3").args(["-m", "venv"]).arg(folder),
-        PYTHON_LIMIT,
-    )?;
-    run_quietly(
-        Command::new(&python)
-            .args(["-m", "pip", "install", "--quiet", "--only-binary", ":all:"])
-            .args(packages),
-        PYTHON_LIMIT,
-    )?;
-    if works() {
-        Ok(python)
-    } else {
-        Err(format!(
-            "the Python packages were installed, but `{imports}` fails in {}",
-            folder.display()
-        )
-        .into())
-    }
 }
 
 /// Counts the cycles of the firmware's inner loops, beside plain C.

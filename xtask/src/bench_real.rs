@@ -15,11 +15,11 @@ use std::{
 };
 
 use crate::{
-    bench,
     bench_loop::reason,
     json::Value,
     rig_loop::effect_kinds,
     shell::{Failure, Outcome, cargo, read_within, root, run, target_dir},
+    venv,
 };
 use page::{page, plain_table, summary};
 use results::{BlackBox, Diagnosed, Seconds, significant};
@@ -193,7 +193,7 @@ impl Bench {
             "import numpy; assert f'numpy=={{numpy.__version__}} ' in open({:?}).read()",
             requirements.display().to_string()
         );
-        let python = bench::virtual_environment(
+        let python = venv::virtual_environment(
             &out.join("python"),
             &imports,
             &[

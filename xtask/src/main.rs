@@ -22,6 +22,7 @@ mod shell;
 mod simulator;
 mod size;
 mod test;
+mod venv;
 
 use std::{env, process::ExitCode};
 

@@ -12,8 +12,9 @@ use std::{
 };
 
 use crate::{
-    bench, dist,
+    dist,
     shell::{Outcome, cargo, root, run, run_quietly, target_dir},
+    venv,
 };
 
 /// The package whose dependencies ask for more features than the rest of the workspace, so
@@ -124,7 +125,7 @@ fn bare(folder: &Path, wheel: &Path) -> Outcome {
     let _ = fs::remove_dir_all(folder);
     let constraints = requirements("tests.txt").into_os_string();
     let packages = ["--constraint".into(), constraints, wheel.into()];
-    let python = bench::virtual_environment(folder, "import softrig", &packages)?;
+    let python = venv::virtual_environment(folder, "import softrig", &packages)?;
     run_quietly(
         Command::new(python).args(["-W", "error", "-c", FIRST_STEPS]),
         INSTALL_LIMIT,
@@ -141,7 +142,7 @@ fn environment(folder: &Path, requirements: &Path) -> Outcome<PathBuf> {
         requirements.display().to_string()
     );
     let packages: [OsString; 2] = ["--requirement".into(), requirements.into()];
-    bench::virtual_environment(folder, &has_them, &packages)
+    venv::virtual_environment(folder, &has_them, &packages)
 }
 
 fn install(python: &Path, wheel: &Path, options: &[&str]) -> Outcome {

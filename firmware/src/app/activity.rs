@@ -15,12 +15,13 @@ use wire::{
 use model_core::predictor::Predictor;
 
 use crate::{
-    control::{self, Controller, DEG_PER_RAD, KPA_PER_PA, Measured, limit},
+    control::{self, Controller, Measured, limit},
     design::VENTING_PERIODS,
     homing::{self, Homing},
     io::{Outputs, Pump, Valve},
     monitor::Monitor,
     runner::{Memory, Runner},
+    units::{DEG_PER_RAD, KPA_PER_PA},
 };
 
 /// Tolerance (microsteps) of the start position.

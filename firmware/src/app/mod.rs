@@ -32,7 +32,7 @@ use wire::{
 };
 
 use crate::{
-    control::{DEG_PER_RAD, KPA_PER_PA, Measured, RAD_PER_DEG},
+    control::Measured,
     homing,
     io::{Inputs, Outputs, Pump, ResetCause, Valve},
     monitor::{Monitor, Seen},
@@ -42,6 +42,7 @@ use crate::{
     sensing::{Calibration, Readings, Sensors},
     settings::{calibration, model},
     store::{Eeprom, Loaded, load},
+    units::{DEG_PER_RAD, KPA_PER_PA, RAD_PER_DEG},
 };
 
 use activity::{Activity, Play, PlayInputs};

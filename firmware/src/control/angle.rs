@@ -29,12 +29,10 @@
 use crate::{
     design::{DISAGREEMENT_PERIODS, DISAGREEMENT_RAD, PERIOD_S},
     sensing::filter::LowPass,
+    units::RAD_PER_DEG,
 };
 
-use super::{
-    RAD_PER_DEG,
-    limit::{size, within},
-};
+use super::limit::{size, within};
 
 /// Gains of the angle loop.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -18,17 +18,10 @@ use wire::{
 use limit::{Range, Setpoint};
 
 use crate::design::{LARGEST_AT_REST_PA, PERIOD_S};
+use crate::units::{KPA_PER_PA, PA_PER_KPA, RAD_PER_DEG};
 
 /// Pressure (Pa) of the air around.
 pub const ATMOSPHERE_PA: f32 = 101_325.0;
-/// Pascal in a kilopascal.
-pub const PA_PER_KPA: f32 = 1_000.0;
-/// Kilopascal in a pascal: products are cheaper than quotients.
-pub const KPA_PER_PA: f32 = 1e-3;
-/// Radians in a degree.
-pub const RAD_PER_DEG: f32 = core::f32::consts::PI / 180.0;
-/// Degrees in a radian.
-pub const DEG_PER_RAD: f32 = 180.0 / core::f32::consts::PI;
 
 /// Largest product of bandwidth and dead time (rad) with which the angle loop controls the
 /// prediction: a phase of 57° at its corner.

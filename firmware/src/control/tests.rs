@@ -2,6 +2,7 @@ extern crate std;
 use std::{collections::VecDeque, vec::Vec};
 
 use super::*;
+use crate::units::DEG_PER_RAD;
 use crate::{
     io::{Outputs, Pump, Valve},
     plant::{Plant, dynamics},

@@ -10,8 +10,8 @@ use std::time::Duration;
 
 use model_core::catalogue::Kind;
 
-use super::progress::spelled;
 use super::verdict::Answer;
+use crate::numbers::spelled;
 
 /// The budget of a search.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

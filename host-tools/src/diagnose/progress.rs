@@ -24,6 +24,7 @@ use super::measure::Measured;
 use super::policy::Policy;
 use super::selection::names;
 use crate::family::{Family, title};
+use crate::numbers::duration;
 use crate::numbers::{degrees, percent};
 
 /// Counts the work of a diagnosis. Any thread may report.
@@ -374,29 +375,6 @@ impl fmt::Display for State {
     }
 }
 
-/// Whole seconds, with minutes and hours where there are any: 42 s, 3 min 20 s.
-fn duration(time: Duration) -> String {
-    let seconds = time.as_secs();
-    match (seconds / 3600, seconds / 60 % 60, seconds % 60) {
-        (0, 0, seconds) => format!("{seconds} s"),
-        (0, minutes, seconds) => format!("{minutes} min {seconds} s"),
-        (hours, minutes, _) => format!("{hours} h {minutes} min"),
-    }
-}
-
-/// A time as a user gives it: 1 ms, 0.5 s, 30 s, 2 min.
-pub(super) fn spelled(time: Duration) -> String {
-    if time < Duration::from_millis(100) {
-        format!("{} ms", time.as_secs_f64() * 1e3)
-    } else if time < Duration::from_secs(60) {
-        format!("{} s", time.as_secs_f64())
-    } else {
-        let text = duration(time);
-        let text = text.trim_end_matches(" 0 s");
-        text.trim_end_matches(" 0 min").to_owned()
-    }
-}
-
 /// A rounded estimate: 7 s, 40 s, 3 min.
 fn about(time: Duration) -> String {
     let in_units = |unit: u64| Duration::from_secs((time.as_secs() + unit / 2) / unit * unit);
@@ -490,20 +468,6 @@ mod tests {
         let none = Progress::within(Some(Budget::Time(Duration::ZERO)));
         assert!(!none.has_time_for(Part::Table));
         assert!(Progress::within(None).has_time_for(Part::Table));
-    }
-
-    #[test]
-    fn a_budget_is_spelled_as_it_was_given() {
-        for (time, text) in [
-            (Duration::from_millis(1), "1 ms"),
-            (Duration::from_millis(500), "0.5 s"),
-            (Duration::from_secs(30), "30 s"),
-            (Duration::from_secs(120), "2 min"),
-            (Duration::from_secs(90), "1 min 30 s"),
-            (Duration::from_secs(7200), "2 h"),
-        ] {
-            assert_eq!(spelled(time), text);
-        }
     }
 
     #[test]

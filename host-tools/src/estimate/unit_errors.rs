@@ -477,8 +477,8 @@ fn miss(file: &ModelFile, recording: &Recording) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use crate::diagnose::quality::tests::example;
     use super::*;
+    use crate::diagnose::quality::tests::example;
 
     /// The model with a parameter multiplied.
     fn times(file: &ModelFile, id: ParameterId, factor: f64) -> ModelFile {
