@@ -114,7 +114,7 @@ mod tests {
                 548.7,
             ),
             (
-                "RMS error on all validation runs: 16.4 refitted, 0.710 repaired",
+                "RMS error on all runs that were not fitted: 16.4 refitted, 0.710 repaired",
                 Weight::Regular,
                 566.3,
             ),
