@@ -12,7 +12,6 @@ use std::{
 };
 
 use crate::{
-    dist,
     shell::{Outcome, cargo, root, run, run_quietly, target_dir},
     venv,
 };
@@ -102,7 +101,7 @@ fn build(profile: Profile, out: &Path) -> Outcome<PathBuf> {
         .arg(out);
     match profile {
         Profile::Dev => command.args(["--profile", "dev"]),
-        Profile::Release => command.args(["--profile", dist::PROFILE, "--strip"]),
+        Profile::Release => command.args(["--release", "--strip"]),
     };
     run(&mut command)?;
     match wheels(out).as_slice() {

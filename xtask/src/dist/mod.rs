@@ -24,9 +24,6 @@ use crate::{
     shell::{self, Outcome, Steps, cargo, has_program, read, root, run, seconds, target_dir},
 };
 
-/// The profile of what is handed out: see the workspace's Cargo.toml.
-pub const PROFILE: &str = "published";
-
 /// The default target of a release.
 const DEFAULT_TARGET: &str = "x86_64-unknown-linux-musl";
 
@@ -249,8 +246,8 @@ fn build_command(target: &str) -> Command {
     let linker = format!("CARGO_TARGET_{}_LINKER", name.to_uppercase());
     let mut command = cargo();
     command
-        .args(["build", "--profile", PROFILE, "--locked"])
-        .args(["-p", "host-tools", "--bin", "rig", "--target", target])
+        .args(["build", "--release", "--locked", "-p", "host-tools"])
+        .args(["--bin", "rig", "--target", target])
         .env(linker, "rust-lld")
         .env(format!("CC_{name}"), c_compiler(target))
         // Where the sources are is nobody's business, and differs from build to build.
@@ -271,7 +268,7 @@ fn build(target: &str) -> Outcome<PathBuf> {
     }
     setup::musl_gcc(&c_compiler(target))?;
     run(&mut build_command(target))?;
-    let program = target_dir().join(target).join(PROFILE).join("rig");
+    let program = target_dir().join(target).join("release/rig");
     let bytes = fs::read(&program).map_err(|error| cannot("read", &program, &error))?;
     match asks_for_loader(&bytes) {
         Some(false) => {}
