@@ -286,7 +286,7 @@ mod tests {
         integrate::{Scheme, step},
     };
     use std::vec::Vec;
-    use wire::testing::Text;
+    use wire::text::Text;
 
     #[derive(Default)]
     struct Recorder(Vec<Option<u8>>);

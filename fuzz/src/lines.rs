@@ -1,25 +1,18 @@
 //! Lines of the cable.
 
-use host_tools::rig::link::line::{Text, request_text};
+use host_tools::rig::link::line::request_text;
 use ufmt::uWrite;
 use wire::{
     assemble::{Assembled, Assembler},
     command::{Command, MAX_LINE, Rejection, Request},
-    line::{LineError, Sealed, open_bytes},
+    line::{LineError, open_bytes},
     reply::{self, Reply},
     telemetry::{Telemetry, TelemetryError},
+    text::{Text, sealed},
 };
 
-/// The text with a right checksum: no fuzzer finds one by trying.
-fn sealed(text: &str) -> String {
-    let mut out = Text::default();
-    let mut line = Sealed::new(&mut out);
-    let Ok(()) = line.write_str(text);
-    let Ok(()) = line.finish();
-    out.0
-}
-
-/// Runs a check on the bytes as they are, and on every line of them with a checksum.
+/// Runs a check on the bytes as they are, and on every line of them with a checksum, which no
+/// fuzzer finds by trying.
 fn as_is_and_sealed(bytes: &[u8], check: impl Fn(&[u8])) {
     check(bytes);
     for line in String::from_utf8_lossy(bytes).lines() {

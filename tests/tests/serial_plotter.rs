@@ -6,7 +6,6 @@
 
 use firmware::app::HELP;
 use firmware::self_test::DONE;
-use host_tools::rig::link::line::Text;
 use wire::checksum::Crc16;
 use wire::decimal::Hundredths;
 use wire::fault::Fault;
@@ -14,6 +13,7 @@ use wire::reply::{self, REMARK, Refusal};
 use wire::state::State;
 use wire::step_report::StepReport;
 use wire::telemetry::{Setpoint, Telemetry};
+use wire::text::Text;
 
 /// The curves to which a line adds a point, with the point. As
 /// `src/msgAggregatorWorker.ts` of arduino/arduino-serial-plotter-webapp has it: names and

@@ -309,7 +309,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::testing::Text;
+    use crate::text::Text;
 
     fn text(answer: &impl uDisplay) -> String {
         let mut out = Text::default();

@@ -266,7 +266,7 @@ mod tests {
     use super::*;
     use crate::decimal::Hundredths;
     use crate::protocol::ControlMode;
-    use crate::testing::{Text, sealed};
+    use crate::text::{Text, sealed};
     use proptest::prelude::*;
     use std::{string::String, vec, vec::Vec};
 

@@ -267,7 +267,7 @@ pub(crate) const fn digit(nibble: u8) -> char {
 mod tests {
     extern crate std;
     use super::{Hundredths, Thousandths, Word};
-    use crate::testing::Text;
+    use crate::text::Text;
     use std::{format, string::String};
     use ufmt::uwrite;
 

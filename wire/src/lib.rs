@@ -26,3 +26,5 @@ pub mod telemetry;
 #[cfg(any(test, feature = "testing"))]
 #[doc(hidden)]
 pub mod testing;
+#[cfg(any(test, feature = "std"))]
+pub mod text;

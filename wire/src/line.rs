@@ -180,7 +180,7 @@ pub(crate) fn trimmed(mut line: &[u8]) -> &[u8] {
 mod tests {
     extern crate std;
     use super::{LineError, open};
-    use crate::testing::sealed;
+    use crate::text::sealed;
     use proptest::prelude::*;
     use std::{string::String, vec::Vec};
 

@@ -593,7 +593,7 @@ impl Named {
 mod tests {
     extern crate std;
     use super::*;
-    use crate::testing::{self, Text};
+    use crate::{testing, text::Text};
     use proptest::prelude::*;
     use std::vec::Vec;
 

@@ -156,7 +156,7 @@ impl<'t> Reply<'t> {
 mod tests {
     extern crate std;
     use super::*;
-    use crate::testing::{Text, sealed};
+    use crate::text::{Text, sealed};
 
     #[test]
     fn replies_are_read_back() {

@@ -392,7 +392,7 @@ pub const fn effect_id(name: &str) -> u16 {
 mod tests {
     extern crate std;
     use super::*;
-    use crate::testing::Text;
+    use crate::text::Text;
     use std::vec::Vec;
 
     #[test]

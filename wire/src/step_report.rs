@@ -120,7 +120,7 @@ mod tests {
     use super::{StepReport, StepReportError};
     use crate::{
         line::LineError,
-        testing::{Text, sealed},
+        text::{Text, sealed},
     };
     use proptest::prelude::*;
 

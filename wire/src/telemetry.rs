@@ -213,7 +213,7 @@ impl core::error::Error for TelemetryError {
 mod tests {
     extern crate std;
     use super::*;
-    use crate::testing::Text;
+    use crate::text::Text;
     use proptest::prelude::*;
     use std::string::String;
 
@@ -285,7 +285,7 @@ mod tests {
 
     #[test]
     fn a_sealed_line_of_another_kind_is_told_apart() {
-        let sealed = crate::testing::sealed;
+        let sealed = crate::text::sealed;
         assert_eq!(
             Telemetry::parse(sealed("# hello").as_bytes()),
             Err(TelemetryError::OtherLine)

@@ -27,7 +27,7 @@ use wire::{
     command::{Command, MAX_LINE, Request},
     protocol::Segment,
     reply::Reply,
-    testing::Text,
+    text::Text,
 };
 
 use super::*;

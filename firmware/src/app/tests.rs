@@ -14,7 +14,8 @@ use wire::{
     line,
     protocol::{ControlMode, Named},
     reply::{Refusal, Reply},
-    testing::{Text, sealed, segments},
+    testing::segments,
+    text::{Text, sealed},
 };
 
 use super::*;

@@ -17,7 +17,7 @@ use super::output::{self, FileKind, Output};
 use crate::io::error::InputError;
 use crate::io::protocol_file::{ProtocolFile, describe};
 use crate::io::terminal::printable_line;
-use crate::rig::link::line::{Text, command_text};
+use crate::rig::link::line::command_text;
 use crate::rig::link::{Event, Link, LinkError, SerialConnector, Timing, is_pseudo_terminal};
 use crate::rig::record::{
     About, Part, Recorder, Step, check_limits, meta_path, parts, run_path, steps,
@@ -555,7 +555,7 @@ fn about(link: &Link, port: &str, protocol: Option<&ProtocolFile>) -> About {
         segments: segments
             .iter()
             .map(|segment| {
-                let mut text = Text::default();
+                let mut text = wire::text::Text::default();
                 let Ok(()) = segment.write(&mut text);
                 text.0
             })

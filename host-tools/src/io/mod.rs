@@ -19,4 +19,3 @@ pub mod recording;
 pub(crate) mod settings_file;
 pub mod terminal;
 mod toml_reader;
-pub(crate) mod wire_text;

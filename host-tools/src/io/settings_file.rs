@@ -13,12 +13,12 @@ use model_core::effects::Unit;
 use model_core::effects::table::Variable;
 use toml_edit::{Item, Value};
 use wire::settings::{EFFECT_PARAMETERS, EFFECTS, Key, Settings, effect_id};
+use wire::text::Text;
 
 use crate::io::error::InputError;
 use crate::io::model_file::ModelFile;
 use crate::io::own_effects::refuse_on_board;
 use crate::io::toml_reader::Reader;
-use crate::io::wire_text::Text;
 
 /// The largest share of a number that rounding may change: ten times what it changes of
 /// a number that single precision can hold.

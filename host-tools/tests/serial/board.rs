@@ -33,7 +33,7 @@ use wire::line;
 use wire::reply::{self, REMARK};
 use wire::settings::{Key, Settings};
 use wire::state::State;
-use wire::testing::{Text, sealed};
+use wire::text::{Text, sealed};
 
 /// Version of the firmware, which is that of the workspace.
 pub const FIRMWARE: &str = env!("CARGO_PKG_VERSION");

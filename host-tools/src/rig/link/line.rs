@@ -1,9 +1,9 @@
 //! Parses lines from bytes.
 
-pub use crate::io::wire_text::Text;
 use wire::line::open_bytes;
 use wire::reply::{Refusal, Reply};
 use wire::telemetry::{Telemetry, TelemetryError};
+use wire::text::Text;
 
 /// The longest line that is read; the board's are far shorter.
 pub const MAX_LINE: usize = 256;
@@ -82,14 +82,9 @@ pub fn command_text(command: wire::command::Command) -> String {
 mod tests {
     use super::*;
     use wire::command::Command;
-    use wire::line::Sealed;
 
     fn sealed(text: &str) -> Vec<u8> {
-        let mut out = Text::default();
-        let mut line = Sealed::new(&mut out);
-        let Ok(()) = ufmt::uWrite::write_str(&mut line, text);
-        let Ok(()) = line.finish();
-        out.0.into_bytes()
+        wire::text::sealed(text).into_bytes()
     }
 
     #[test]
