@@ -50,18 +50,19 @@ impl Baseline {
         progress.stage("refit of the nominal structure", 0);
         let nominal = &request.file.model;
         let fitter = Fitter::new(nominal, data);
-        let (refit, file, identified) = identifiability::refit(request.file, &fitter);
-        if !refit.fit.sse().is_finite() {
-            return Err(InputError::new(
-                "the model cannot be simulated over these recordings: it diverges",
-                "check units and signs of its parameters",
-            )
-            .in_file(&file.path));
-        }
+        let (refit, file, identified) = identifiability::refit(request.file, &fitter)
+            .filter(|(refit, ..)| refit.fit.sse().is_finite())
+            .ok_or_else(|| {
+                InputError::new(
+                    "the model cannot be simulated over these recordings: it diverges",
+                    "check units and signs of its parameters",
+                )
+                .in_file(&request.file.path)
+            })?;
         let data = with_guesses(data, &refit.fit);
         let guessed = Fitter::new(nominal, &data);
         Ok(Self {
-            floor: floor.clone().with_input(&guessed, &refit.fit, request.seed),
+            floor: floor.clone().with_input(&guessed, &refit.fit),
             nominal: fitter.compare(nominal),
             refit,
             file,

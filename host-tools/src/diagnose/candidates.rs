@@ -9,6 +9,7 @@ use model_core::catalogue::{Effect, Kind};
 use model_core::effects::{Mechanism, Parameter, Place, Unit};
 
 use super::Progress;
+use super::missing_force::Guesses;
 use crate::estimate::checkpoint::Checkpoint;
 use crate::estimate::filter::Level;
 use crate::estimate::fit::{Effort, Fit, Fitter};
@@ -141,6 +142,31 @@ impl Scales {
             Unit::One | Unit::Radian | Unit::Hertz | Unit::Given(_) => None,
             Unit::PerRadian => Some(3.0 / self.angle),
             _ => Some(self.size(row)),
+        }
+    }
+
+    /// Largest angle (rad).
+    pub const fn angle(&self) -> f64 {
+        self.angle
+    }
+
+    /// Largest force of spring or drive (N).
+    pub const fn force(&self) -> f64 {
+        self.force
+    }
+
+    /// Values of a parameter at which fits of an effect start, in SI units.
+    pub fn starts_of(&self, kind: Kind, row: &Parameter) -> Vec<f64> {
+        match row.held {
+            Some(held) => vec![held_value(row, held, self)],
+            None if row.unit == Unit::Hertz => self.lines.clone(),
+            None => row
+                .starts
+                .iter()
+                .map(|start| f64::from(*start) * self.size(row))
+                // A very small delay is a guess as well.
+                .chain((kind.info().place == Place::Input).then_some(self.interval))
+                .collect(),
         }
     }
 
@@ -373,6 +399,8 @@ pub struct FitContext<'a> {
     pub subsample: &'a Fitter<'a>,
     /// Scales of forces, angles and rates.
     pub scales: &'a Scales,
+    /// What the missing force suggests.
+    pub guesses: &'a Guesses,
     /// Kept fits, also of an interrupted run.
     pub checkpoint: &'a Checkpoint,
     /// Counts the fits.
@@ -420,7 +448,7 @@ pub fn predicted(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Opti
     let mut added = base.added.clone();
     added.push(kind);
     let free = free_parameters(file, &added);
-    let starts = starts(file, context.scales, base, kind);
+    let starts = starts(context, base, kind);
     let best = context
         .subsample
         .least_predicted(&starts.from_fitted, &free, BEST);
@@ -494,25 +522,16 @@ pub fn final_fit(context: &FitContext<'_>, candidate: &Candidate) -> Candidate {
 
 /// Initial guesses of the fitted `base` with `kind` added.
 pub fn starts_from(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Vec<Model<f64>> {
-    starts(context.file, context.scales, base, kind).from_fitted
+    starts(context, base, kind).from_fitted
 }
 
 /// Initial guesses of `base` with `kind` added: every combination of the catalogue's
-/// values, with the base parameters as fitted without the effect and as nominal.
-fn starts(file: &ModelFile, scales: &Scales, base: &Candidate, kind: Kind) -> Starts {
+/// values, with the base parameters as fitted without the effect and as nominal, and what
+/// the missing force suggests.
+fn starts(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Starts {
     let mut values: Vec<Vec<f64>> = vec![Vec::new()];
     for row in kind.parameters() {
-        let choices: Vec<f64> = match row.held {
-            Some(held) => vec![held_value(row, held, scales)],
-            None if row.unit == Unit::Hertz => scales.lines.clone(),
-            None => row
-                .starts
-                .iter()
-                .map(|start| f64::from(*start) * scales.size(row))
-                // A very small delay is a guess as well.
-                .chain((kind.info().place == Place::Input).then_some(scales.interval))
-                .collect(),
-        };
+        let choices = context.scales.starts_of(kind, row);
         values = values
             .into_iter()
             .flat_map(|head| {
@@ -525,7 +544,7 @@ fn starts(file: &ModelFile, scales: &Scales, base: &Candidate, kind: Kind) -> St
             .collect();
     }
     let fitted = *base.fit.model.dynamics();
-    let nominal = *file.model.dynamics();
+    let nominal = *context.file.model.dynamics();
     let mut starts = Starts::default();
     for values in &values {
         let Some(effect) = kind.build(values) else {
@@ -534,6 +553,12 @@ fn starts(file: &ModelFile, scales: &Scales, base: &Candidate, kind: Kind) -> St
         let effects: Vec<_> = base.fit.model.effects().chain([effect]).collect();
         starts.from_fitted.extend(Model::new(fitted, &effects));
         starts.from_nominal.extend(Model::new(nominal, &effects));
+    }
+    for guess in context.guesses.of_kind(kind) {
+        let effects: Vec<_> = base.fit.model.effects().chain([guess.effect]).collect();
+        let is_alone = base.added.is_empty();
+        let dynamics = if is_alone { guess.base } else { fitted };
+        starts.from_fitted.extend(Model::new(dynamics, &effects));
     }
     starts
 }

@@ -13,6 +13,7 @@ use model_core::actuator::ParameterId;
 
 use super::candidates::Candidate;
 use crate::estimate::fit::{Effort, Fit, Fitter, UnidentifiableDirection};
+use crate::estimate::identify::{EXPONENTS, identify};
 use crate::io::model_file::{ModelFile, parameter_name};
 
 /// Relative standard error from which a direction counts as undetermined.
@@ -83,13 +84,24 @@ impl Identifiability {
     }
 }
 
-/// Fits the nominal structure and holds, one by one, undetermined parameters. Returns the
-/// fit, and the model file with the parameters that are still free.
-pub fn refit(file: &ModelFile, fitter: &Fitter<'_>) -> (Candidate, ModelFile, Identifiability) {
+/// Identifies the nominal structure and holds, one by one, undetermined parameters. Returns
+/// the fit, and the model file as fitted, with the parameters that are still free. None if
+/// the model cannot be simulated.
+pub fn refit(
+    file: &ModelFile,
+    fitter: &Fitter<'_>,
+) -> Option<(Candidate, ModelFile, Identifiability)> {
     let mut file = file.clone();
-    let mut held = Vec::new();
+    let identified = identify(&file.model, &file.free, &EXPONENTS, fitter.data)?;
+    let mut held: Vec<ParameterId> = file
+        .free
+        .iter()
+        .copied()
+        .filter(|id| !identified.fit.free.contains(id))
+        .collect();
+    file.free.clone_from(&identified.fit.free);
+    let mut fit = identified.fit;
     loop {
-        let fit = fitter.fit(&file.model, &file.free, Effort::Full);
         let undetermined = Identifiability::of(&fit, &held)
             .unidentifiable
             .into_iter()
@@ -99,11 +111,15 @@ pub fn refit(file: &ModelFile, fitter: &Fitter<'_>) -> (Candidate, ModelFile, Id
             Some(id) if file.free.len() > 1 => {
                 file.free.retain(|&free| free != id);
                 held.push(id);
+                let nominal = file.model.value(id);
+                let start = nominal.map_or(fit.model, |value| fit.model.with_value(id, value));
+                fit = fitter.fit(&start, &file.free, Effort::Full);
             }
             _ => {
                 let found = Identifiability::of(&fit, &held);
+                file.model = fit.model;
                 let refit = Candidate::of(Vec::new(), fit);
-                return (refit, file, found);
+                return Some((refit, file, found));
             }
         }
     }
@@ -142,7 +158,7 @@ mod tests {
             .collect();
         let data = Dataset::of(&recordings);
         let fitter = Fitter::new(&file.model, &data);
-        let (refit, without, found) = refit(&file, &fitter);
+        let (refit, without, found) = refit(&file, &fitter).unwrap();
         assert_eq!(found.held, [ParameterId::Inertia]);
         assert!(!without.free.contains(&ParameterId::Inertia));
         assert!(found.text[0].starts_with("inertia is held"));

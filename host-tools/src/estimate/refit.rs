@@ -2,7 +2,8 @@
 
 use super::assemble::assemble;
 use super::dataset::Dataset;
-use super::fit::{Effort, Fit, Fitter};
+use super::fit::{Fit, Fitter};
+use super::identify::{EXPONENTS, identify};
 use crate::estimate::unit_errors;
 use crate::estimate::usable::Concern;
 use crate::io::error::InputError;
@@ -36,7 +37,8 @@ pub fn refit(file: &ModelFile, recordings: &[Recording]) -> Result<Refit, InputE
     let assembled = assemble(recordings, &[])?;
     let fitter = Fitter::new(&file.model, &assembled.data);
     let nominal = fitter.compare(&file.model);
-    let fitted = fitter.fit(&file.model, &file.free, Effort::Full);
+    let fitted = identify(&file.model, &file.free, &EXPONENTS, &assembled.data)
+        .map_or_else(|| nominal.clone(), |identified| identified.fit);
     Ok(Refit {
         data: assembled.data,
         concerns: assembled.concerns,
