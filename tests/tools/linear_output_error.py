@@ -66,9 +66,10 @@ ABOUT = (
     "by tests/tools/linear_output_error.py, which says how: second order a'' = -c a' - k a + g p + d "
     "(c_per_s, k_per_s2, gain_deg_per_s2_kpa, offset_deg_per_s2), first order tau a' + a = g p + d "
     "(tau_s, gain_deg_per_kpa, offset_deg; without tau_s the integrator a' = g p + d). Initial states "
-    "are free per recording. null: not part of the fit. about_mean_deg is about one mean of all "
-    "samples, about_own_means_deg about that of each recording. Under `simulated`: recordings that "
-    "--simulate writes, with the truth they were made from."
+    "are free per recording. null: not part of the fit. Where the fast pole is far beyond the sampling "
+    "rate, only the ratios of c, k, gain and offset count: the rig is of first order. about_mean_deg "
+    "is about one mean of all samples, about_own_means_deg about that of each recording. Under "
+    "`simulated`: recordings that --simulate writes, with the truth they were made from."
 )
 
 STARTS = 20
@@ -393,9 +394,9 @@ def fit_first_order(rig):
 def fit_second_order(rig, first_rate, offset_each=False):
     """(sum of squares, c, k) with the smallest error."""
     error = lambda c, k: residual(rig, second_order(rig, c, k), offset_each)  # noqa: E731
-    slowest, fastest = 0.01 / rig.longest, 1e3 / rig.interval
+    slowest, fastest = 0.01 / rig.longest, 1e5 / rig.interval
     c_range, k_range = np.log([slowest / 100, fastest]), np.log([slowest**2, fastest**2])
-    c_grid = np.linspace(*c_range, 80)
+    c_grid = np.linspace(*c_range, 100)
     ends = lambda *ranges: np.array(ranges, float).T  # noqa: E731
     found = []
 
@@ -413,7 +414,7 @@ def fit_second_order(rig, first_rate, offset_each=False):
             starts.append((math.log(fastest), math.log(fastest * first_rate)))
         squares, x = search(residuals, starts, *ends(c_range, k_range))
         found.append((squares, math.exp(x[0]), math.exp(x[1])))
-        along([2 * math.log(peak) for peak in spectral_peaks(rig)] + list(np.linspace(*k_range, 160)),
+        along([2 * math.log(peak) for peak in spectral_peaks(rig)] + list(np.linspace(*k_range, 200)),
               lambda x: error(0.0, math.exp(x[0])), k_range, lambda k: (0.0, k))
         held = 0.0
     along(c_grid, lambda x: error(math.exp(x[0]), held), c_range, lambda c: (c, held))
@@ -450,7 +451,7 @@ def fit_rig(folder):
         "k_per_s2": k,
         "gain_deg_per_s2_kpa": gain,
         "offset_deg_per_s2": offset,
-        "poles_per_s": [[float(pole.real), float(pole.imag)] for pole in pair],
+        "poles_per_s": [[float(pole.real) + 0.0, float(pole.imag) + 0.0] for pole in pair],
         "first_order": {
             "tau_s": 1 / rate if rate else None,
             "gain_deg_per_kpa" if rate else "gain_deg_per_s_kpa": per(first_gain),

@@ -10,7 +10,7 @@ use super::input::InputArgs;
 use super::output::{self, FileKind, Output};
 use crate::diagnose::Progress;
 use crate::diagnose::candidates::{Candidate, FitContext, Scales, added, typical};
-use crate::diagnose::identifiability;
+use crate::diagnose::identifiability::{self, Refitted};
 use crate::diagnose::missing_force::Guesses;
 use crate::diagnose::noise::NoiseFloor;
 use crate::diagnose::plan::{Limits, proposals};
@@ -248,9 +248,9 @@ fn fitted(
     recordings: &[Recording],
     pair: &[Vec<Kind>; 2],
 ) -> Result<Vec<Candidate>, InputError> {
-    let data = assemble(recordings, &[])?.data;
+    let data = assemble(recordings, &[])?.data.knowing(&file.within);
     let given = Fitter::new(&file.model, &data);
-    let (refit, file, _) = identifiability::refit(file, &given).ok_or_else(|| {
+    let Refitted { refit, file, .. } = identifiability::refit(file, &given).ok_or_else(|| {
         InputError::new(
             "the model cannot be simulated over these recordings: it diverges",
             "check units and signs of its parameters",

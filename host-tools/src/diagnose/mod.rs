@@ -184,7 +184,8 @@ pub fn diagnose_from(
     checkpoint: &Checkpoint,
     progress: &Progress,
 ) -> Result<Diagnosis, InputError> {
-    let assembled = assemble(request.recordings, request.holdout)?;
+    let mut assembled = assemble(request.recordings, request.holdout)?;
+    assembled.data = assembled.data.knowing(&request.file.within);
     let fitted = assembled.data.indices(true).len();
     if fitted == 0 || (fitted < 2 && assembled.data.indices(false).is_empty()) {
         return Err(InputError::new(
@@ -305,7 +306,9 @@ fn diagnose_all(
         refit,
         identified,
         floor,
+        remarks,
     } = baseline;
+    concerns.extend(remarks);
     let file = &file;
     let fitter = Fitter::new(&file.model, &data);
     let mut validator = CrossValidator::new(file, &fitter, floor.input);
@@ -345,7 +348,7 @@ fn diagnose_all(
         localise(&fit.model, &data, &fit.nuisances, floor.white)
     });
     let identifiability = [
-        Identifiability::of(&found.repaired.fit, &identified.held),
+        Identifiability::of(&found.repaired.fit, &identified.held, identified.order),
         identified,
     ];
     let validation = Validations::of(&fitter, &refit, &found);

@@ -13,6 +13,7 @@ use model_core::power::Power;
 
 use super::nuisance::{Nuisance, Prior};
 use crate::estimate::denoise;
+use crate::io::model_file::KnownRange;
 use crate::io::recording::Recording;
 use crate::sim::simulate::{FromF64, Grain, InitialState, Origin, Signal, Stepping, run_from};
 
@@ -274,6 +275,8 @@ pub struct Dataset {
     segments: Vec<Arc<Segment>>,
     /// Whether each segment is fitted.
     fitted: Vec<bool>,
+    /// What is known of base parameters beside the recordings.
+    known: Vec<KnownRange>,
 }
 
 impl Dataset {
@@ -434,6 +437,19 @@ impl Dataset {
                     ..session.clone()
                 })
         })
+    }
+
+    /// The same data, with what is known of base parameters beside it.
+    pub fn knowing(self, known: &[KnownRange]) -> Self {
+        Self {
+            known: known.to_vec(),
+            ..self
+        }
+    }
+
+    /// What is known of base parameters beside the recordings.
+    pub fn known_ranges(&self) -> &[KnownRange] {
+        &self.known
     }
 
     /// The same data with the measured angles moved by `by` (rad).

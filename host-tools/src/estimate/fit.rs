@@ -78,6 +78,13 @@ impl Fit {
         self.sse() + self.penalty
     }
 
+    /// Whether a free parameter at a bound came out as nothing, next to the size that its
+    /// range has.
+    pub fn is_nothing(&self, index: usize) -> bool {
+        self.transforms[index].to_value(self.position[index]).abs()
+            < 1e-2 * self.transforms[index].scale()
+    }
+
     /// Number of samples.
     pub fn samples(&self) -> usize {
         self.residuals.iter().map(Vec::len).sum()

@@ -980,3 +980,106 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
         Some(jacobian)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use model_core::catalogue::{Effect, Kind};
+    use model_core::dynamics::Dynamics;
+    use model_core::effects::table::{Table, Variable};
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::estimate::filter::Pace;
+    use crate::io::recording::Recording;
+
+    const BASE: [ParameterId; 5] = [
+        ParameterId::Inertia,
+        ParameterId::Damping,
+        ParameterId::Stiffness,
+        ParameterId::Exponent,
+        ParameterId::InputGain,
+    ];
+
+    fn pulled_and_let_go() -> Dataset {
+        let time: Vec<f64> = (0..60).map(|k| f64::from(k) * 0.02).collect();
+        Dataset::of(&[Recording {
+            pressure: time
+                .iter()
+                .map(|t| if *t < 0.6 { 15e3 * t } else { 0.0 })
+                .collect(),
+            angle: time.iter().map(|t| 0.3 * (2.0 * t).sin()).collect(),
+            time,
+            ..Recording::default()
+        }])
+    }
+
+    /// A model with these effects at their first start, and a table.
+    fn model(kinds: &[Kind], nodes: usize) -> Model<f64> {
+        let dynamics = Dynamics {
+            inertia: 0.3,
+            damping: 0.9,
+            stiffness: 2.5,
+            exponent: 1.6,
+            input_gain: 1e-4,
+        };
+        let effect = |kind: &Kind| {
+            let values: Vec<f64> = kind
+                .parameters()
+                .iter()
+                .map(|row| {
+                    let size = if row.unit == model_core::effects::Unit::KiloPascal {
+                        1e3
+                    } else {
+                        1.0
+                    };
+                    f64::from(row.held.or(row.starts.first().copied()).unwrap_or(1.0)) * size
+                })
+                .collect();
+            kind.build(&values)
+        };
+        let mut effects: Vec<Effect<f64>> = kinds.iter().filter_map(effect).collect();
+        if nodes > 1 {
+            let at: Vec<f64> = (0..nodes).map(|k| k as f64 / nodes as f64 - 0.4).collect();
+            let table = Table::new(Variable::Angle, &at, &vec![0.01; nodes]).unwrap();
+            effects.push(Effect::Table(table));
+        }
+        Model::new(dynamics, &effects).unwrap()
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(48))]
+        /// However many parameters are free, the derivative by each is that of a problem
+        /// in which it is free alone. Twenty unknowns are more than one pass has room for.
+        #[test]
+        fn any_number_of_parameters_is_free(
+            base in proptest::sample::subsequence(BASE.to_vec(), 1..=5),
+            kinds in proptest::sample::subsequence(Kind::NAMES.to_vec(), 0..=2),
+            nodes in 0usize..=16,
+            at_level in proptest::bool::ANY,
+        ) {
+            let (data, model) = (pulled_and_let_go(), model(&kinds, nodes));
+            let effects: Vec<Effect<f64>> = model.effects().collect();
+            let of_effects = effects.iter().enumerate().flat_map(|(slot, effect)| {
+                (0..effect.parameters().len())
+                    .map(move |parameter| ParameterId::Effect { slot, parameter })
+            });
+            let free: Vec<ParameterId> = base.into_iter().chain(of_effects).collect();
+            let level = Level {
+                intensity: 1.0,
+                noise: 0.01,
+                pace: Pace::of(&data),
+                outlier: None,
+            };
+            let fitter = Fitter::new(&model, &data).at(at_level.then_some(&level));
+            let nuisances = [data.sessions()[0].guess()];
+            let linearised = |free: &[ParameterId]| fitter.linearised(&model, free, &nuisances);
+            let (_, together) = linearised(&free).unwrap();
+            prop_assert_eq!(together.ncols(), free.len() + UNKNOWNS);
+            for (column, &id) in free.iter().enumerate() {
+                let (_, alone) = linearised(&[id]).unwrap();
+                let apart = (together.column(column) - alone.column(0)).norm();
+                prop_assert!(apart <= 1e-9 * (1.0 + alone.column(0).norm()), "{id:?}: {apart}");
+            }
+        }
+    }
+}

@@ -11,6 +11,7 @@
 use model_core::actuator::{Model, ParameterId};
 
 use super::Dataset;
+use crate::io::model_file::KnownRange;
 
 /// The map from the solver's unbounded coordinate u to a parameter p.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -68,7 +69,7 @@ pub enum ParameterTransform {
 /// K ≤ 50 M/(h² n aⁿ⁻¹)     as is, at that damping, a fifth of an interval the spring's C/K
 /// |g| ≤ 10 K aⁿ/P    of the largest K
 /// ```
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Limits {
     /// Shortest interval between samples (s).
     interval: f64,
@@ -78,6 +79,8 @@ pub struct Limits {
     angle: f64,
     /// Largest pressure (Pa).
     pressure: f64,
+    /// What is known beside the recordings.
+    known: Vec<KnownRange>,
 }
 
 /// Intervals between samples that the inertia's time constant M/C may be short of one.
@@ -108,6 +111,7 @@ impl Limits {
             pressure: sessions()
                 .map(|session| session.largest_pressure())
                 .fold(0.0, f64::max),
+            known: data.known_ranges().to_vec(),
         }
     }
 
@@ -153,6 +157,11 @@ impl Limits {
 impl ParameterTransform {
     /// The transform of a free parameter.
     pub fn of(limits: &Limits, model: &Model<f64>, id: ParameterId) -> Self {
+        if let Some(&KnownRange { lower, upper, .. }) =
+            limits.known.iter().find(|known| known.id == id)
+        {
+            return Self::Between { lower, upper };
+        }
         let reach = limits.reach(model, id);
         match (id, reach) {
             (ParameterId::Damping | ParameterId::Stiffness, Some((scale, reach))) => {
@@ -209,6 +218,17 @@ impl ParameterTransform {
             }
             Self::Wide { scale, reach } => scale * (reach * u.sin()).sinh() * reach * u.cos(),
             Self::Signed { scale, reach } => scale * (reach * u.sin()).cosh() * reach * u.cos(),
+        }
+    }
+
+    /// The size of a typical value.
+    pub fn scale(self) -> f64 {
+        match self {
+            Self::Linear { scale }
+            | Self::Above { scale, .. }
+            | Self::Wide { scale, .. }
+            | Self::Signed { scale, .. } => scale,
+            Self::Between { lower, upper } | Self::Logarithmic { lower, upper } => upper - lower,
         }
     }
 

@@ -11,6 +11,7 @@
 //! determines only the ratios of C, K and g. There the damping is held at a value beside
 //! which the inertia vanishes ([`Order::First`]), and the others keep their meaning.
 
+mod remarks;
 pub mod rest;
 mod starts;
 pub mod statics;
@@ -22,7 +23,6 @@ use rayon::prelude::*;
 use super::Dataset;
 use super::fit::{Effort, Fit, Fitter};
 use super::subsample::reduced;
-use super::transform::FASTEST_INERTIA;
 use crate::io::recording::PASCAL_PER_KPA;
 
 /// Exponents that are tried where it is free: Hooke's law, and what silicones have.
@@ -32,7 +32,7 @@ pub const EXPONENTS: [f64; 4] = [1.0, 1.5, 2.0, 2.5];
 const RANKED: Effort = Effort::Steps(2);
 
 /// Starts that are fitted on the subsample.
-const CHOSEN: usize = 8;
+const CHOSEN: usize = 10;
 
 /// Steps of these fits.
 const COARSE: Effort = Effort::Steps(12);
@@ -40,29 +40,37 @@ const COARSE: Effort = Effort::Steps(12);
 /// Minima that are fitted to all data.
 const FINALISTS: usize = 3;
 
-/// Relative difference of parameters below which two minima are one.
-const SAME: f64 = 0.05;
+/// Two fits are one if their curves differ by at most this share of their error.
+const SAME: f64 = 0.1;
+
+/// Two starts lead to one minimum if their curves differ by at most this share of their
+/// error.
+const SAME_START: f64 = 0.3;
+
+/// Exponents nearer than this are one.
+const SAME_EXPONENT: f64 = 0.05;
 
 /// Relative cost by which a minimum may exceed the least and still be as good.
 const AS_GOOD: f64 = 0.02;
 
 /// Time constants of the inertia (intervals between samples) that are tried where it does not
 /// show, the mildest first.
-const INVISIBLE_INERTIA: [f64; 3] = [1.0, 0.3, 1.0 / FASTEST_INERTIA];
+const INVISIBLE_INERTIA: [f64; 3] = [1.0, 0.5, 0.25];
 
 /// Largest time constant of the inertia, in intervals between samples, that may be none.
 const HARDLY_VISIBLE: f64 = 3.0;
 
 /// χ² that the inertia has to be worth, and the largest share of the cost that this may be.
 const WORTH: f64 = 4.0;
-const LARGEST_WORTH: f64 = 0.005;
+const LARGEST_WORTH: f64 = 0.02;
 
 /// How many derivatives of the angle the recordings show.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Order {
     /// The inertia does not show: C θ̇ + K sign(θ)|θ|ⁿ = g p.
     First,
     /// It does, or it was not asked.
+    #[default]
     Second,
 }
 
@@ -112,8 +120,7 @@ impl Identifier<'_> {
     fn best(self, exponents: &[f64]) -> Option<Identified> {
         let part = reduced(self.data);
         let mut minima = self.coarse(&part, exponents);
-        distinct(&mut minima);
-        minima.truncate(FINALISTS);
+        distinct(&mut minima, SAME, FINALISTS);
         let fitter = Fitter::new(self.model, self.data);
         let mut fits: Vec<Fit> = minima
             .into_par_iter()
@@ -121,7 +128,7 @@ impl Identifier<'_> {
             .filter(|fit| fit.cost().is_finite())
             .collect();
         fits.sort_by(|a, b| a.cost().total_cmp(&b.cost()));
-        distinct(&mut fits);
+        distinct(&mut fits, SAME, FINALISTS);
         let mut fits = fits.into_iter();
         let fit = fits.next()?;
         let twin = fits
@@ -158,7 +165,7 @@ impl Identifier<'_> {
             .filter(|fit| fit.cost().is_finite())
             .collect();
         ranked.sort_by(|a, b| a.cost().total_cmp(&b.cost()));
-        ranked.truncate(CHOSEN);
+        distinct(&mut ranked, SAME_START, CHOSEN);
         let mut chosen: Vec<Model<f64>> = ranked.into_iter().map(|fit| fit.model).collect();
         chosen.push(*self.model);
         let mut found: Vec<Fit> = chosen
@@ -177,7 +184,7 @@ impl Identifier<'_> {
         if self.is_free(ParameterId::Exponent) {
             tried.extend(exponents);
             tried.sort_by(f64::total_cmp);
-            tried.dedup_by(|a, b| (*a - *b).abs() < SAME);
+            tried.dedup_by(|a, b| (*a - *b).abs() < SAME_EXPONENT);
         }
         let recordings = part.recordings(true);
         let levels: Vec<statics::Level> = recordings.iter().flat_map(statics::plateaus).collect();
@@ -251,22 +258,26 @@ impl Identifier<'_> {
     }
 }
 
-/// Keeps one of the fits, the best first, that ended in the same minimum.
-fn distinct(fits: &mut Vec<Fit>) {
+/// Keeps up to `most` of the fits, the best first, whose curves differ by more than a share
+/// of their error.
+fn distinct(fits: &mut Vec<Fit>, share: f64, most: usize) {
     let mut kept: Vec<Fit> = Vec::new();
     for fit in fits.drain(..) {
-        if !kept.iter().any(|other| is_same(&fit, other)) {
+        if kept.len() < most && !kept.iter().any(|other| is_same(&fit, other, share)) {
             kept.push(fit);
         }
     }
     *fits = kept;
 }
 
-fn is_same(a: &Fit, b: &Fit) -> bool {
-    a.free.iter().all(|&id| {
-        let [a, b] = [a, b].map(|fit| fit.model.value(id).unwrap_or_default());
-        (a - b).abs() <= SAME * a.abs().max(b.abs())
-    })
+fn is_same(a: &Fit, b: &Fit, share: f64) -> bool {
+    let pairs = a
+        .residuals
+        .iter()
+        .flatten()
+        .zip(b.residuals.iter().flatten());
+    let apart: f64 = pairs.map(|(a, b)| (a - b).powi(2)).sum();
+    apart <= share * share * a.sse().min(b.sse())
 }
 
 /// A gain where the input never acts: any will do.

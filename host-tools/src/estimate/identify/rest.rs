@@ -38,7 +38,8 @@ pub fn resting_angle(data: &Dataset) -> Option<f64> {
         return None;
     }
     let part = reduced(data);
-    let as_it_is = cost(&part, &[])?.0;
+    // With zeros that may not move: they would hide a part of it.
+    let as_it_is = cost(&part.calibrated().calibrated(), &[])?.0;
     let (left, more) = cost(&part.shifted(-guess), &[Kind::SensorOffset])?;
     let rest = guess + more;
     (left < LEAVES * as_it_is && is_far(rest)).then_some(rest)

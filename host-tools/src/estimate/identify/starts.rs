@@ -46,6 +46,13 @@ const FASTEST: f64 = 0.2;
 /// Lines of the spectrum.
 const LINES: usize = 3;
 
+/// Frequencies of the spectrum for each that the longest recording resolves.
+const FINER: f64 = 4.0;
+
+/// Starts beside a line, in steps of the spectrum: a swing that slows down as it grows has
+/// its line where it is smallest.
+const BESIDE_LINES: [f64; 5] = [-1.0, -0.5, 0.0, 0.5, 1.0];
+
 /// Dynamics of unit inertia: only ratios to it move anything.
 pub const fn unit(damping: f64, stiffness: f64, exponent: f64, input_gain: f64) -> Dynamics<f64> {
     Dynamics {
@@ -176,8 +183,12 @@ fn grid(
     for frequency in spaced(slowest, fastest, FREQUENCIES) {
         starts.extend(RATIOS.map(|ratio| swing(frequency, ratio)));
     }
-    for frequency in lines(recordings, fastest) {
-        starts.extend(RATIOS_OF_LINES.map(|ratio| swing(frequency, ratio)));
+    let resolution = TAU / (FINER * longest);
+    for line in lines(recordings, resolution, fastest) {
+        for offset in BESIDE_LINES {
+            let frequency = line + offset * resolution;
+            starts.extend(RATIOS_OF_LINES.map(|ratio| swing(frequency, ratio)));
+        }
     }
     // The inertia's time constant is one interval.
     let damping = 1.0 / interval;
@@ -194,22 +205,15 @@ fn spaced(from: f64, to: f64, count: i32) -> impl Iterator<Item = f64> {
     })
 }
 
-/// The strongest lines (rad/s) in the spectra of the angles about their means, up to
-/// `fastest`.
-fn lines(recordings: &[Recording], fastest: f64) -> Vec<f64> {
-    /// Frequencies a line that the longest recording resolves.
-    const FINER: f64 = 2.0;
+/// The strongest lines (rad/s) in the spectra of the angles about their means, every `step`
+/// up to `fastest`.
+fn lines(recordings: &[Recording], step: f64, fastest: f64) -> Vec<f64> {
     /// Most frequencies.
     const MOST: f64 = 2_000.0;
     /// Most samples of a recording.
     const SAMPLES: usize = 2_000;
     /// Least distance of two lines, as a share of either.
     const APART: f64 = 0.1;
-    let longest = recordings
-        .iter()
-        .map(Recording::duration)
-        .fold(0.0, f64::max);
-    let step = TAU / (FINER * longest);
     // At most some thousand.
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     let count = (fastest / step).min(MOST) as usize;
