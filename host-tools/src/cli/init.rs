@@ -290,7 +290,7 @@ fn identify(args: &Args, known: &Known) -> anyhow::Result<FirstModel> {
     }
     let spinner = super::spinner();
     spinner.set_message("identifying the parameters");
-    let first = from_recordings(&recordings, &assembled.data, known.geometry);
+    let first = from_recordings(&assembled.data, known.geometry);
     spinner.finish_and_clear();
     Ok(first?)
 }

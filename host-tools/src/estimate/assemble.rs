@@ -664,14 +664,15 @@ mod tests {
         assert_eq!(
             segments(&data),
             [
-                (0, 0..300, "run_60_2"),
-                (0, 300..600, "run_60_3"),
-                (0, 600..900, "run_60_4"),
-                (1, 0..400, "b"),
-            ]
+                (0, 0..400, "b"),
+                (1, 0..300, "run_60_2"),
+                (1, 300..600, "run_60_3"),
+                (1, 600..900, "run_60_4"),
+            ],
+            "by the order of their paths"
         );
-        assert_clocks(&data, &[5.0 + PIECE_S, 0.0]);
-        let joined = data.sessions()[0].recording();
+        assert_clocks(&data, &[0.0, 5.0 + PIECE_S]);
+        let joined = data.sessions()[1].recording();
         assert_eq!(joined.name, "run");
         let whole = session();
         for (k, (time, angle)) in joined.time.iter().zip(&joined.angle).enumerate() {

@@ -1032,14 +1032,15 @@ mod tests {
                     } else {
                         1.0
                     };
-                    f64::from(row.held.or(row.starts.first().copied()).unwrap_or(1.0)) * size
+                    let start = row.held.or(row.starts.first().copied()).unwrap_or(1.0);
+                    (f64::from(start) * size).clamp(f64::from(row.lower), f64::from(row.upper))
                 })
                 .collect();
             kind.build(&values)
         };
         let mut effects: Vec<Effect<f64>> = kinds.iter().filter_map(effect).collect();
         if nodes > 1 {
-            let at: Vec<f64> = (0..nodes).map(|k| k as f64 / nodes as f64 - 0.4).collect();
+            let at: Vec<f32> = (0..nodes).map(|k| k as f32 / nodes as f32 - 0.4).collect();
             let table = Table::new(Variable::Angle, &at, &vec![0.01; nodes]).unwrap();
             effects.push(Effect::Table(table));
         }

@@ -8,7 +8,7 @@ use super::dataset::{Dataset, Mark, Session};
 use super::nuisance::Nuisance;
 use crate::estimate::smooth::{half_window, motion};
 use crate::io::recording::Recording;
-use crate::sim::simulate::{Grain, InitialState, Stepping};
+use crate::sim::simulate::{InitialState, substeps};
 use crate::statistics::{noise_by_differences, squares_about_mean};
 
 /// Cuts the fitted segments into short segments that each start from the measured motion
@@ -193,13 +193,10 @@ fn coarsest(session: &Session, model: &Model<f64>) -> usize {
     const EDGE_S: f64 = 0.05;
     /// Largest stride: enough for a recording at 10 kHz.
     const MOST: u16 = 500;
-    let interval = |thin: u16| f64::from(thin) * session.interval();
     (1..=MOST)
-        .take_while(|&thin| interval(thin) <= EDGE_S)
-        // Of an overdamped model a longer step may be one when a shorter was two.
-        .filter(|&thin| {
-            let angle = session.largest_angle();
-            Stepping::of(model, interval(thin), angle, Grain::Fine).substeps() == 1
+        .take_while(|&thin| {
+            let interval = f64::from(thin) * session.interval();
+            interval <= EDGE_S && substeps(model, interval, session.largest_angle()) == 1
         })
         .last()
         .map_or(1, usize::from)

@@ -230,7 +230,6 @@ pub fn beam_stiffness(geometry: &Geometry) -> Option<f64> {
 /// Refuses recordings of which nothing can be used, or that no plain model can be simulated
 /// over.
 pub fn from_recordings(
-    recordings: &[Recording],
     data: &Dataset,
     geometry: Option<Geometry>,
 ) -> Result<FirstModel, InputError> {
@@ -244,7 +243,11 @@ pub fn from_recordings(
             data
         },
     );
-    let levels: Vec<_> = recordings.iter().flat_map(statics::plateaus).collect();
+    let levels: Vec<_> = all
+        .recordings(true)
+        .iter()
+        .flat_map(statics::plateaus)
+        .collect();
     let given = geometry.map(|geometry| geometry.material.exponent::<f64>());
     let Chosen {
         identified,

@@ -287,11 +287,6 @@ impl Stepping {
         }
     }
 
-    /// Steps of each usual interval between samples.
-    pub const fn substeps(&self) -> usize {
-        self.substeps
-    }
-
     /// Runge–Kutta steps for an interval of `interval` seconds and angles up to `angle`
     /// (rad), see [`substeps`]; or exponential ones where the damping is so strong that
     /// those would be too many. An exponential step carries the damping exactly and has

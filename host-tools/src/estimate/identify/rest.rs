@@ -94,3 +94,53 @@ fn cost(part: &Dataset, effects: &[Kind]) -> Option<(f64, f64)> {
     let best = identifier.coarse(part, &[]).into_iter().next()?;
     Some((best.cost(), best.model.value(offset).unwrap_or_default()))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::io::recording::Recording;
+
+    /// A finger of first order that bends against the pressure, by 1° for 1 kPa, and rests
+    /// at an angle (°).
+    fn finger(rest_deg: f64) -> Dataset {
+        let time: Vec<f64> = (0..900).map(|k| f64::from(k) * 0.05).collect();
+        let mut angle = 0.0;
+        let mut recording = Recording::default();
+        for t in time {
+            let pressure = if (t / 9.0).fract() < 0.5 { 0.0 } else { 80e3 };
+            angle += 0.05 * (-(pressure / 1e3_f64).to_radians() - angle);
+            recording.time.push(t);
+            recording.pressure.push(pressure);
+            recording.angle.push(angle + rest_deg.to_radians());
+        }
+        Dataset::of(&[recording])
+    }
+
+    #[test]
+    fn an_angle_that_rests_far_from_zero_is_found() {
+        for rest_deg in [116.0, -90.0] {
+            let found = resting_angle(&finger(rest_deg)).unwrap().to_degrees();
+            assert!((found - rest_deg).abs() < 2.0, "{found}° for {rest_deg}°");
+        }
+    }
+
+    #[test]
+    fn what_a_zero_or_an_effect_explains_is_left_to_them() {
+        for rest_deg in [0.0, 5.0, -15.0] {
+            assert_eq!(resting_angle(&finger(rest_deg)), None, "{rest_deg}°");
+        }
+    }
+
+    /// A decay to zero has a mean far from it.
+    #[test]
+    fn a_decay_rests_at_zero() {
+        let time: Vec<f64> = (0..600).map(|k| f64::from(k) * 0.05).collect();
+        let decay = Recording {
+            angle: time.iter().map(|t| 2.0 * (-t / 20.0).exp()).collect(),
+            pressure: vec![0.0; time.len()],
+            time,
+            ..Recording::default()
+        };
+        assert_eq!(resting_angle(&Dataset::of(&[decay])), None);
+    }
+}
