@@ -2,6 +2,7 @@
 //! the project lies, and a diagnosis without a command line around it.
 
 pub mod blind;
+pub mod invariance;
 pub mod reports;
 
 use std::path::{Path, PathBuf};

@@ -121,6 +121,26 @@ pub fn blind(options: &[&str]) -> Outcome {
         .args(options))
 }
 
+/// Asks the same question otherwise. The options are those of the program in the tests
+/// crate; `--rig` takes another `rig` than the one of this source.
+pub fn invariance(options: &[&str]) -> Outcome {
+    let mut build = cargo();
+    build.args(["build", "-q", "--release", "--locked"]);
+    build.args(["-p", "softrig-tests", "--bin", "invariance"]);
+    if !options.iter().any(|option| option.starts_with("--rig")) {
+        build.args(["-p", "host-tools", "--bin", "rig"]);
+    }
+    run(&mut build)?;
+    run(Command::new(target_dir().join("release/invariance"))
+        .arg("--rig")
+        .arg(target_dir().join("release/rig"))
+        .arg("--keep")
+        .arg(target_dir().join("invariance"))
+        .arg("--loops")
+        .arg(target_dir().join("loop"))
+        .args(options))
+}
+
 /// Times diagnoses of up to a thousand recordings; `--docs` draws the picture.
 pub fn many(docs: bool) -> Outcome {
     run(cargo()

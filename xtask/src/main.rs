@@ -65,6 +65,10 @@ Tasks:
                          the demo's loop for many actuators, drawn from seeds A
                          to B (both included) or a list 1,5,9; --jobs at a time
                          (half the cores); --docs writes docs/loop.md
+  bench invariance [OPTIONS]
+                         the same question asked otherwise (another seed, order,
+                         first model, …): is the answer the same? Needs no labels;
+                         --help lists the options
   bench real [--only NAME,…] [--docs] [--rig PROGRAM]
                          recordings of eight real rigs: the diagnosis beside
                          black boxes; --docs writes docs/real.md; --rig takes
@@ -90,6 +94,7 @@ Examples:
   cargo xtask test --host-only
   cargo xtask bench board
   cargo xtask bench loop --seeds 201..212
+  cargo xtask bench invariance --sets rigs,real --ways seed,init
   cargo xtask bench real --only pendulum,silverbox
   cargo xtask soak --hours 8 --seed 7
   cargo xtask fuzz --minutes 30
@@ -136,6 +141,7 @@ fn main() -> ExitCode {
         ["bench", "many"] => bench::many(false),
         ["bench", "many", "--docs"] => bench::many(true),
         ["bench", "blind", options @ ..] => bench::blind(options),
+        ["bench", "invariance", options @ ..] => bench::invariance(options),
         ["bench", "loop", words @ ..] => match bench_loop::Options::parse(words) {
             Ok(options) => bench_loop::bench(&options),
             Err(problem) => return usage(&problem),

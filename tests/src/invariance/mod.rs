@@ -1,0 +1,18 @@
+//! Invariance: the same question, asked otherwise, should get the same answer.
+//!
+//! A benchmark with known answers needs labels, and labels of real rigs are rare and are
+//! opinions. Whether an answer depends on the random seed, on the order of the files or on
+//! the first guess can be seen on any recording. `cargo xtask bench invariance` asks every
+//! case as it is, then in the other [`ways`], and counts how often the answer stays.
+//!
+//! [`cases`] finds the cases, [`ways`] says how a question is changed, [`pose`] writes the
+//! changed files, [`ask`] runs `rig` and keeps what it said, [`answer`] compares two answers,
+//! [`known`] scores them where somebody knows the truth, and [`tables`] prints.
+
+pub mod answer;
+pub mod ask;
+pub mod cases;
+pub mod known;
+pub mod pose;
+pub mod tables;
+pub mod ways;
