@@ -1027,13 +1027,13 @@ mod tests {
                 .parameters()
                 .iter()
                 .map(|row| {
-                    let size = if row.unit == model_core::effects::Unit::KiloPascal {
-                        1e3
-                    } else {
-                        1.0
-                    };
                     let start = row.held.or(row.starts.first().copied()).unwrap_or(1.0);
-                    (f64::from(start) * size).clamp(f64::from(row.lower), f64::from(row.upper))
+                    // At a bound a problem begins a little inside.
+                    if row.lower < start && start < row.upper {
+                        f64::from(start)
+                    } else {
+                        0.5 * (f64::from(row.lower) + f64::from(row.upper))
+                    }
                 })
                 .collect();
             kind.build(&values)

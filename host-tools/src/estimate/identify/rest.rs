@@ -38,9 +38,10 @@ pub fn resting_angle(data: &Dataset) -> Option<f64> {
         return None;
     }
     let part = reduced(data);
-    // With zeros that may not move: they would hide a part of it.
-    let as_it_is = cost(&part.calibrated().calibrated(), &[])?.0;
-    let (left, more) = cost(&part.shifted(-guess), &[Kind::SensorOffset])?;
+    // With zeros that may not move: they would take a part of it.
+    let held = |data: &Dataset| data.calibrated().calibrated();
+    let as_it_is = cost(&held(&part), &[])?.0;
+    let (left, more) = cost(&held(&part.shifted(-guess)), &[Kind::SensorOffset])?;
     let rest = guess + more;
     (left < LEAVES * as_it_is && is_far(rest)).then_some(rest)
 }
