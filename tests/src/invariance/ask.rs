@@ -37,6 +37,8 @@ pub enum Reply {
     Silent(String),
     /// It took too long.
     TooLong,
+    /// Somebody ended the program: that says nothing about the question, and is not kept.
+    Ended,
     /// It cannot be asked in this way.
     LeftOut(String),
 }
@@ -108,8 +110,10 @@ impl Rig {
             reply,
             seconds: clock.elapsed().as_secs_f64(),
         };
-        let text = serde_json::to_string_pretty(&asked).map_err(|error| error.to_string())?;
-        write(&kept, &text)?;
+        if asked.reply != Reply::Ended {
+            let text = serde_json::to_string_pretty(&asked).map_err(|error| error.to_string())?;
+            write(&kept, &text)?;
+        }
         Ok(asked)
     }
 
@@ -138,6 +142,8 @@ impl Rig {
             .and_then(|text| Answer::of(&serde_json::from_str(&text).ok()?));
         Ok(match answer {
             Some(answer) => Reply::Answered(answer),
+            // By a signal.
+            None if status.code().is_none() => Reply::Ended,
             None => Reply::Silent(reason(&complaints, status)),
         })
     }
@@ -358,6 +364,7 @@ impl Asked {
             Reply::Answered(answer) => answer.to_string(),
             Reply::Silent(why) => format!("no answer ({why})"),
             Reply::TooLong => "no answer (took too long)".into(),
+            Reply::Ended => "no answer (was ended; the next run asks again)".into(),
             Reply::LeftOut(why) => format!("left out ({why})"),
         }
     }
@@ -395,6 +402,7 @@ while [ $# -gt 0 ]; do
     --json) shift; json="$1" ;;
     --seed) shift; seed="$1" ;;
     */slow.csv) exec sleep 30 ;;
+    */killed.csv) kill $$ ;;
     */bad.csv) echo "warning: odd" >&2; echo "error: $1: is bad" >&2; exit 2 ;;
   esac
   shift
@@ -477,6 +485,15 @@ echo "{\"verdict\": \"effect_found\", \"effects\": [{\"kind\": \"$kind\"}], \"rm
             .unwrap();
         assert_eq!(asked.reply, Reply::Silent("error: bad.csv: is bad".into()));
         assert_eq!(likeness(&asked, Way::Seed, &asked), None);
+        fs::remove_dir_all(folder).unwrap();
+
+        let (folder, rig, set) = stand_in("killed", "killed.csv", Duration::from_secs(60));
+        for count in 1..3 {
+            let asked = rig.ask(&set.cases[0], Way::Plain, &folder.join("keep"));
+            assert_eq!(asked.unwrap().reply, Reply::Ended);
+            let asked = fs::read_to_string(folder.join("count")).unwrap();
+            assert_eq!(asked.len(), count);
+        }
         fs::remove_dir_all(folder).unwrap();
 
         let (folder, rig, set) = stand_in("slow", "slow.csv", Duration::from_millis(100));
