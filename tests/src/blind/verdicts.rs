@@ -224,6 +224,18 @@ pub fn diagnose_all(
         }
         Ok(())
     };
+    at_once(jobs, work)
+}
+
+/// Runs `work` on so many threads at once, one at least.
+///
+/// # Errors
+///
+/// The first of their errors, once all are done.
+pub fn at_once<E: Send>(
+    jobs: usize,
+    work: impl Fn() -> Result<(), E> + Copy + Send + Sync,
+) -> Result<(), E> {
     std::thread::scope(|scope| {
         let workers: Vec<_> = (0..jobs.max(1)).map(|_| scope.spawn(work)).collect();
         workers

@@ -16,7 +16,7 @@ use super::cases::{Case, CaseSet};
 use super::pose::{Posed, Question, pose, text_of, write};
 use super::ways::Way;
 use crate::blind::cases::stable_hash;
-use crate::blind::verdicts::remaining;
+use crate::blind::verdicts::{at_once, remaining};
 
 /// Kept answers of another version of the ways are asked for again.
 const VERSION: u32 = 1;
@@ -327,15 +327,7 @@ pub fn ask_all(
             replies.lock().unwrap_or_else(PoisonError::into_inner)[index] = Some(asked);
         }
     };
-    thread::scope(|scope| {
-        let workers: Vec<_> = (0..jobs.max(1)).map(|_| scope.spawn(work)).collect();
-        workers
-            .into_iter()
-            .try_for_each(|worker| match worker.join() {
-                Ok(result) => result,
-                Err(panic) => std::panic::resume_unwind(panic),
-            })
-    })?;
+    at_once(jobs, work)?;
     let replies = replies.into_inner().unwrap_or_else(PoisonError::into_inner);
     let mut replies = replies.into_iter().flatten();
     Ok(sets

@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use clap::ValueEnum;
 
 use super::known::{self, Known, Labels};
+use super::pose::text_of;
 use super::ways::{columns_of, model_file};
 use crate::blind::bench;
 use crate::blind::cases::stable_hash;
@@ -176,9 +177,7 @@ impl Case {
     /// What is missing.
     pub fn read(folder: &Path, known: Option<&Known>) -> Result<Self, String> {
         let model = folder.join("model.toml");
-        let text = fs::read_to_string(&model)
-            .map_err(|error| format!("cannot read {}: {error}", model.display()))?;
-        let file = model_file(&text, &model)?;
+        let file = model_file(&text_of(&model)?, &model)?;
         let mut recordings = Vec::new();
         for name in FITTED {
             recordings.extend(recordings_in(&folder.join(name))?);

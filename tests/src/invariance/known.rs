@@ -10,6 +10,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use super::answer::{Answer, Kinds};
+use super::pose::text_of;
 use crate::blind::bench::cases::Plan;
 use crate::blind::cases::Hidden;
 
@@ -166,10 +167,6 @@ pub fn of_truth(model: &Path) -> Option<Known> {
     };
     let truth = kinds(&model.with_file_name("truth.toml"))?;
     Some(Known::exactly(&truth - &kinds(model)?))
-}
-
-fn text_of(path: &Path) -> Result<String, String> {
-    fs::read_to_string(path).map_err(|error| format!("cannot read {}: {error}", path.display()))
 }
 
 #[cfg(test)]
