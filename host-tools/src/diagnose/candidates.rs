@@ -144,6 +144,21 @@ impl Scales {
         }
     }
 
+    /// Values of a parameter at which fits of an effect start, in SI units.
+    fn starts_of(&self, kind: Kind, row: &Parameter) -> Vec<f64> {
+        match row.held {
+            Some(held) => vec![held_value(row, held, self)],
+            None if row.unit == Unit::Hertz => self.lines.clone(),
+            None => row
+                .starts
+                .iter()
+                .map(|start| f64::from(*start) * self.size(row))
+                // A very small delay is a guess as well.
+                .chain((kind.info().place == Place::Input).then_some(self.interval))
+                .collect(),
+        }
+    }
+
     /// The natural scale of a parameter in SI units, which its initial guesses multiply.
     pub fn size(&self, row: &Parameter) -> f64 {
         match row.unit {
@@ -420,7 +435,7 @@ pub fn predicted(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Opti
     let mut added = base.added.clone();
     added.push(kind);
     let free = free_parameters(file, &added);
-    let starts = starts(file, context.scales, base, kind);
+    let starts = starts(context, base, kind);
     let best = context
         .subsample
         .least_predicted(&starts.from_fitted, &free, BEST);
@@ -494,25 +509,15 @@ pub fn final_fit(context: &FitContext<'_>, candidate: &Candidate) -> Candidate {
 
 /// Initial guesses of the fitted `base` with `kind` added.
 pub fn starts_from(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Vec<Model<f64>> {
-    starts(context.file, context.scales, base, kind).from_fitted
+    starts(context, base, kind).from_fitted
 }
 
 /// Initial guesses of `base` with `kind` added: every combination of the catalogue's
 /// values, with the base parameters as fitted without the effect and as nominal.
-fn starts(file: &ModelFile, scales: &Scales, base: &Candidate, kind: Kind) -> Starts {
+fn starts(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Starts {
     let mut values: Vec<Vec<f64>> = vec![Vec::new()];
     for row in kind.parameters() {
-        let choices: Vec<f64> = match row.held {
-            Some(held) => vec![held_value(row, held, scales)],
-            None if row.unit == Unit::Hertz => scales.lines.clone(),
-            None => row
-                .starts
-                .iter()
-                .map(|start| f64::from(*start) * scales.size(row))
-                // A very small delay is a guess as well.
-                .chain((kind.info().place == Place::Input).then_some(scales.interval))
-                .collect(),
-        };
+        let choices = context.scales.starts_of(kind, row);
         values = values
             .into_iter()
             .flat_map(|head| {
@@ -525,7 +530,7 @@ fn starts(file: &ModelFile, scales: &Scales, base: &Candidate, kind: Kind) -> St
             .collect();
     }
     let fitted = *base.fit.model.dynamics();
-    let nominal = *file.model.dynamics();
+    let nominal = *context.file.model.dynamics();
     let mut starts = Starts::default();
     for values in &values {
         let Some(effect) = kind.build(values) else {

@@ -69,7 +69,8 @@ pub fn search(baseline: Baseline, options: Options<'_>) -> Searched {
 fn selected(mut baseline: Baseline, options: Options<'_>) -> Searched {
     let (file, data) = (baseline.file.clone(), baseline.data.clone());
     let fitter = Fitter::new(&file.model, &data);
-    let mut validator = CrossValidator::new(&file, &fitter, baseline.floor.input);
+    let mut validator =
+        CrossValidator::new(&file, &fitter, baseline.floor.input).beside(baseline.nominal.model);
     if let Some(answer) = baseline.quiet(&validator) {
         return Searched::nothing(answer, Vec::new(), baseline);
     }
