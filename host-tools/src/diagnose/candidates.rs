@@ -6,11 +6,13 @@
 
 use model_core::actuator::{MAX_EFFECTS, Model, ParameterId};
 use model_core::catalogue::{Effect, Kind};
+use model_core::dynamics::Dynamics;
 use model_core::effects::{Mechanism, Parameter, Place, Unit};
 
 use super::Progress;
 use crate::estimate::checkpoint::Checkpoint;
 use crate::estimate::filter::Level;
+use crate::estimate::identify::HARDLY_VISIBLE;
 use crate::estimate::fit::{Effort, Fit, Fitter};
 use crate::estimate::smooth::motions;
 use crate::io::model_file::{ModelFile, parameter_name};
@@ -142,6 +144,25 @@ impl Scales {
             Unit::PerRadian => Some(3.0 / self.angle),
             _ => Some(self.size(row)),
         }
+    }
+
+    /// The dynamics of the same time constant C/K at critical damping, C²/(4 K) = M, where
+    /// the inertia does not show in `fitted`; none where it does.
+    ///
+    /// A missing force can make a swing look like a creep: the refit then ends where the
+    /// inertia does not show, and with the right effect no fit finds the way back.
+    fn swinging(&self, fitted: &Dynamics<f64>) -> Option<Dynamics<f64>> {
+        let damping = fitted.damping;
+        let slope = fitted.stiffness * self.angle.powf(fitted.exponent - 1.0);
+        let critical = 4.0 * fitted.inertia * slope / damping;
+        let is_hidden = fitted.inertia < HARDLY_VISIBLE * self.interval * damping;
+        let times = critical / damping;
+        (is_hidden && times > 0.0 && times < 1.0).then(|| Dynamics {
+            damping: critical,
+            stiffness: times * fitted.stiffness,
+            input_gain: times * fitted.input_gain,
+            ..*fitted
+        })
     }
 
     /// Values of a parameter at which fits of an effect start, in SI units.
@@ -441,6 +462,10 @@ pub fn predicted(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Opti
         .least_predicted(&starts.from_fitted, &free, BEST);
     let sse = best.first()?.0;
     let mut starts_on: Vec<Model<f64>> = best.into_iter().map(|(_, model)| model).collect();
+    let swinging = context
+        .subsample
+        .least_predicted(&starts.from_swinging, &free, 1);
+    starts_on.extend(swinging.into_iter().map(|(_, model)| model));
     // Where simulation and measurement are out of phase, whole runs have too many
     // local minima: short segments give the initial guesses.
     if let Some(short_segments) = context.short_segments
@@ -531,6 +556,7 @@ fn starts(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Starts {
     }
     let fitted = *base.fit.model.dynamics();
     let nominal = *context.file.model.dynamics();
+    let swinging = context.scales.swinging(&fitted);
     let mut starts = Starts::default();
     for values in &values {
         let Some(effect) = kind.build(values) else {
@@ -539,6 +565,19 @@ fn starts(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Starts {
         let effects: Vec<_> = base.fit.model.effects().chain([effect]).collect();
         starts.from_fitted.extend(Model::new(fitted, &effects));
         starts.from_nominal.extend(Model::new(nominal, &effects));
+        starts.from_swinging.extend(swinging.and_then(|dynamics| {
+            // All forces count in proportion to the stiffness.
+            let times = dynamics.stiffness / fitted.stiffness;
+            let values: Vec<f64> = kind
+                .parameters()
+                .iter()
+                .zip(values)
+                .map(|(row, value)| value * if row.unit.is_force() { times } else { 1.0 })
+                .collect();
+            let added = kind.build(&values)?;
+            let effects: Vec<_> = base.fit.model.effects().chain([added]).collect();
+            Model::new(dynamics, &effects).ok()
+        }));
     }
     starts
 }
@@ -550,6 +589,8 @@ struct Starts {
     from_fitted: Vec<Model<f64>>,
     /// With the base parameters as nominal.
     from_nominal: Vec<Model<f64>>,
+    /// With base parameters beside which the inertia shows, where it does not as fitted.
+    from_swinging: Vec<Model<f64>>,
 }
 
 impl Starts {

@@ -124,10 +124,10 @@ pub fn refit(file: &ModelFile, fitter: &Fitter<'_>) -> Option<Refitted> {
         .free
         .iter()
         .copied()
-        .filter(|id| !identified.fit.free.contains(id))
+        .filter(|id| !identified.released.free.contains(id))
         .collect();
-    file.free.clone_from(&identified.fit.free);
-    let mut fit = identified.fit;
+    file.free.clone_from(&identified.released.free);
+    let mut fit = identified.released;
     loop {
         let undetermined = Identifiability::of(&fit, &held, order)
             .unidentifiable

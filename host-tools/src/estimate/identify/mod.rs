@@ -58,7 +58,7 @@ const AS_GOOD: f64 = 0.02;
 const INVISIBLE_INERTIA: [f64; 3] = [1.0, 0.5, 0.25];
 
 /// Largest time constant of the inertia, in intervals between samples, that may be none.
-const HARDLY_VISIBLE: f64 = 3.0;
+pub const HARDLY_VISIBLE: f64 = 3.0;
 
 /// χ² that the inertia has to be worth, and the largest share of the cost that this may be.
 const WORTH: f64 = 4.0;
@@ -79,6 +79,8 @@ pub enum Order {
 pub struct Identified {
     /// The best fit to all data.
     pub fit: Fit,
+    /// The best fit with all of the free parameters, whether or not the inertia shows.
+    pub released: Fit,
     /// Whether the inertia shows. Where it does not, the damping is not among the free
     /// parameters of the fit.
     pub order: Order,
@@ -136,12 +138,14 @@ impl Identifier<'_> {
             .filter(|other| other.cost() < (1.0 + AS_GOOD) * fit.cost())
             .map(|other| other.model);
         Some(match self.first_order(&fit) {
-            Some(fit) => Identified {
-                fit,
+            Some(held) => Identified {
+                fit: held,
+                released: fit,
                 order: Order::First,
                 twin: None,
             },
             None => Identified {
+                released: fit.clone(),
                 fit,
                 order: Order::Second,
                 twin,
