@@ -28,15 +28,16 @@ const AS_GOOD: f64 = 1.02;
 /// How much the errors of fits from different first models may differ.
 const SAME: f64 = 1.01;
 
-/// Rigs whose line has what the base model lacks, and their share of its error: an offset
-/// beyond the zeros of sensors (an effect), a start that a hand decides, or a pressure
-/// whose noise the fit takes away and the line keeps.
+/// Rigs whose line has what the base model lacks, and their share of its error, rounded up:
+/// a constant force beyond the zeros of sensors (an effect; beside `soft_arm_onset` and
+/// `cavatappi_long` the best line has no spring at all), a start that a hand decides, or a
+/// pressure whose noise the fit takes away and the line keeps.
 const BEYOND_THE_BASE_MODEL: [(&str, f64); 8] = [
     ("real/hydraulic_cylinder", 1.08),
     ("real/silicone_beam", 1.12),
-    ("real/soft_arm_onset", 1.06),
+    ("real/soft_arm_onset", 1.12),
     ("real/soft_chamber_pump", 1.34),
-    ("rigs/cavatappi_long", 1.45),
+    ("rigs/cavatappi_long", 1.46),
     ("rigs/cdip", 1.05),
     ("rigs/qiao_step20", 1.06),
     ("rigs/rlc_step", 1.37),
@@ -130,24 +131,26 @@ fn no_line_is_better_and_no_first_model_decides() {
 }
 
 /// A linear rig θ̈ = −c θ̇ − k θ + g p with a white noise of the angle (rad), in steps of a
-/// hundredth of its sampling interval.
+/// hundredth of its sampling interval; and the RMS of the noise as drawn (rad).
 fn simulated(
     [c, k, g]: [f64; 3],
     noise: f64,
     interval: f64,
     pressures: impl Fn(f64) -> f64,
     start: f64,
-) -> Recording {
+) -> (Recording, f64) {
     const STEPS: u32 = 100;
     let mut random = rand_pcg::Pcg64Mcg::seed_from_u64(11);
     let (mut angle, mut rate) = (start, 0.0);
     let mut recording = Recording::default();
+    let mut squares = 0.0;
     for sample in 0..1_500 {
         let time = f64::from(sample) * interval;
         let drawn: f64 = StandardNormal.sample(&mut random);
         recording.time.push(time);
         recording.pressure.push(pressures(time));
         recording.angle.push(angle + noise * drawn);
+        squares += (noise * drawn).powi(2);
         let step = interval / f64::from(STEPS);
         for part in 0..STEPS {
             let p = pressures(time + f64::from(part) * step);
@@ -156,7 +159,8 @@ fn simulated(
             angle += step * rate;
         }
     }
-    recording
+    let rms = (squares / recording.time.len() as f64).sqrt();
+    (recording, rms)
 }
 
 #[test]
@@ -171,7 +175,7 @@ fn rigs_of_every_kind_are_identified_from_any_first_model() {
         }
     };
     // c (1/s), k (1/s²), g (rad/(s²·Pa)), noise (rad), interval (s).
-    let rigs: [(&str, Recording, Order); 6] = [
+    let rigs: [(&str, (Recording, f64), Order); 6] = [
         (
             "a slow silicone arm",
             simulated([1e4, 1e4, 0.2], 2e-3, 0.5, steps(2e4, 150.0), 0.0),
@@ -203,8 +207,7 @@ fn rigs_of_every_kind_are_identified_from_any_first_model() {
             Order::Second,
         ),
     ];
-    let noise = [2e-3, 1e-3, 2e-3, 1e-3, 2e-3, 2e-3];
-    for ((name, recording, order), noise) in rigs.into_iter().zip(noise) {
+    for (name, (recording, noise), order) in rigs {
         let data = Dataset::of(std::slice::from_ref(&recording));
         let mut free = vec![ParameterId::Damping, ParameterId::Stiffness];
         if recording.pressure.iter().any(|p| *p != 0.0) {
@@ -223,8 +226,12 @@ fn rigs_of_every_kind_are_identified_from_any_first_model() {
             let guess = Model::new(dynamics, &[]).unwrap();
             let found = identify(&guess, &free, &[], &data).unwrap();
             let left = found.fit.rmse() / noise;
-            assert!(left < AS_GOOD, "{name}: {left} times the noise, {found:?}");
-            assert_eq!(found.order, order, "{name}");
+            let model = found.fit.model.dynamics();
+            assert!(
+                left < AS_GOOD,
+                "{name} from {guess:?}: {left} times the noise, {model:?}"
+            );
+            assert_eq!(found.order, order, "{name} from {guess:?}: {model:?}");
         }
         let first = from_recordings(&data, None).unwrap();
         let left = first.evidence.unwrap().rms / noise;
