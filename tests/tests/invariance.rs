@@ -149,7 +149,10 @@ fn the_same_question_asked_otherwise_gets_the_same_answer() {
     let figures = Figures::of(&set, &replies, &ways);
     eprintln!("{}", figures.text());
     for (way, counts) in &figures.ways {
-        let open = OPEN.iter().filter(|(known, _)| known.name() == *way).count();
+        let open = OPEN
+            .iter()
+            .filter(|(known, _)| known.name() == *way)
+            .count();
         assert!(counts.count(Likeness::Contradicting) <= open, "{way}");
         if EXACT.iter().any(|exact| exact.name() == *way) {
             assert!(counts.count(Likeness::Same) + open >= counts.of, "{way}");

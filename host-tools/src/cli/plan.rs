@@ -11,6 +11,7 @@ use super::output::{self, FileKind, Output};
 use crate::diagnose::Progress;
 use crate::diagnose::candidates::{Candidate, FitContext, Scales, added, typical};
 use crate::diagnose::identifiability::{self, Refitted};
+use crate::diagnose::missing_force::Guesses;
 use crate::diagnose::noise::NoiseFloor;
 use crate::diagnose::plan::{Limits, proposals};
 use crate::diagnose::selection::names;
@@ -265,6 +266,7 @@ fn fitted(
         short_segments: None,
         subsample: &Fitter::new(&file.model, &subsample),
         scales: &scales,
+        guesses: &Guesses::default(),
         checkpoint: &Checkpoint::default(),
         progress: &Progress::default(),
     };

@@ -10,10 +10,11 @@ use model_core::dynamics::Dynamics;
 use model_core::effects::{Mechanism, Parameter, Place, Unit};
 
 use super::Progress;
+use super::missing_force::Guesses;
 use crate::estimate::checkpoint::Checkpoint;
 use crate::estimate::filter::Level;
-use crate::estimate::identify::HARDLY_VISIBLE;
 use crate::estimate::fit::{Effort, Fit, Fitter};
+use crate::estimate::identify::HARDLY_VISIBLE;
 use crate::estimate::smooth::motions;
 use crate::io::model_file::{ModelFile, parameter_name};
 
@@ -165,8 +166,18 @@ impl Scales {
         })
     }
 
+    /// Largest angle (rad).
+    pub const fn angle(&self) -> f64 {
+        self.angle
+    }
+
+    /// Largest force of spring or drive (N).
+    pub const fn force(&self) -> f64 {
+        self.force
+    }
+
     /// Values of a parameter at which fits of an effect start, in SI units.
-    fn starts_of(&self, kind: Kind, row: &Parameter) -> Vec<f64> {
+    pub fn starts_of(&self, kind: Kind, row: &Parameter) -> Vec<f64> {
         match row.held {
             Some(held) => vec![held_value(row, held, self)],
             None if row.unit == Unit::Hertz => self.lines.clone(),
@@ -409,6 +420,8 @@ pub struct FitContext<'a> {
     pub subsample: &'a Fitter<'a>,
     /// Scales of forces, angles and rates.
     pub scales: &'a Scales,
+    /// What the missing force suggests.
+    pub guesses: &'a Guesses,
     /// Kept fits, also of an interrupted run.
     pub checkpoint: &'a Checkpoint,
     /// Counts the fits.
@@ -538,7 +551,8 @@ pub fn starts_from(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Ve
 }
 
 /// Initial guesses of `base` with `kind` added: every combination of the catalogue's
-/// values, with the base parameters as fitted without the effect and as nominal.
+/// values, with the base parameters as fitted without the effect and as nominal, and what
+/// the missing force suggests.
 fn starts(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Starts {
     let mut values: Vec<Vec<f64>> = vec![Vec::new()];
     for row in kind.parameters() {
@@ -578,6 +592,12 @@ fn starts(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Starts {
             let effects: Vec<_> = base.fit.model.effects().chain([added]).collect();
             Model::new(dynamics, &effects).ok()
         }));
+    }
+    for guess in context.guesses.of_kind(kind) {
+        let effects: Vec<_> = base.fit.model.effects().chain([guess.effect]).collect();
+        let is_alone = base.added.is_empty();
+        let dynamics = if is_alone { guess.base } else { fitted };
+        starts.from_fitted.extend(Model::new(dynamics, &effects));
     }
     starts
 }

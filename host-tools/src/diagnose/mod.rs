@@ -30,6 +30,7 @@ pub(crate) mod identifiability;
 pub(crate) mod levels;
 pub(crate) mod localise;
 pub(crate) mod measure;
+pub(crate) mod missing_force;
 pub(crate) mod noise;
 pub(crate) mod pairs;
 pub mod plan;

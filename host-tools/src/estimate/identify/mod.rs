@@ -246,8 +246,12 @@ impl Identifier<'_> {
             .collect();
         let worth = WORTH * fit.correlation_time() / fit.samples().max(1) as f64;
         let most = (1.0 + worth.min(LARGEST_WORTH)) * fit.cost();
-        INVISIBLE_INERTIA.into_iter().find_map(|intervals| {
-            let damping = dynamics.inertia / (intervals * interval);
+        let invisible =
+            INVISIBLE_INERTIA.map(|intervals| dynamics.inertia / (intervals * interval));
+        // A fast rig may need a faster inertia yet, and the fit has found one.
+        let strongest = invisible.into_iter().fold(0.0, f64::max);
+        let found = (dynamics.damping > strongest).then_some(dynamics.damping);
+        invisible.into_iter().chain(found).find_map(|damping| {
             let times = damping / dynamics.damping;
             let scaled = Dynamics {
                 damping,
