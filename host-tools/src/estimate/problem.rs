@@ -16,7 +16,7 @@ use super::fit::{Effort, Fit, Fitter};
 use super::information::{Information, Recorded, without_nuisance};
 use super::normal::{Normal, SharedRow};
 use super::nuisance::{Nuisance, Prior, Shared, UNKNOWNS, ZEROS, wall};
-use super::transform::ParameterTransform;
+use super::transform::{Limits, ParameterTransform};
 use super::{Dataset, Session};
 use crate::sim::dual::Dual;
 use crate::sim::simulate::{InitialState, Origin, run_from};
@@ -117,6 +117,22 @@ struct Linear {
     log_variance: f64,
 }
 
+/// The variable at a place among all, as a dual number of a block of them; a constant if it
+/// is not of the block, or `is_free` is false.
+fn variable<const N: usize>(
+    value: f64,
+    place: usize,
+    slope: f64,
+    block: &Range<usize>,
+    is_free: bool,
+) -> Dual<N> {
+    if is_free && block.contains(&place) {
+        Dual::variable(value, place - block.start, slope)
+    } else {
+        Dual::constant(value)
+    }
+}
+
 /// The least-squares problem in the solver's coordinates: the free parameters,
 /// then zeros and initial state of every session.
 ///
@@ -151,9 +167,10 @@ impl<'a> Problem<'a> {
         compared: Compared,
     ) -> Self {
         let data = fitter.data;
+        let limits = Limits::of(data);
         let transforms: Vec<ParameterTransform> = free
             .iter()
-            .map(|&id| ParameterTransform::of(fitter.nominal, model, id))
+            .map(|&id| ParameterTransform::of(&limits, model, id))
             .collect();
         let mut position: Vec<f64> = free
             .iter()
@@ -537,34 +554,27 @@ impl<'a> Problem<'a> {
         series
     }
 
-    /// One session by the filter, with each row divided by √S of its innovation.
+    /// One session by the filter, with each row divided by √S of its innovation: the
+    /// columns of one block of variables.
     fn filtered<const N: usize>(
         &self,
         model: &Model<Dual<N>>,
         part: &Part<'_>,
         level: &Level,
-    ) -> Linear {
+        block: &Range<usize>,
+        linear: &mut Linear,
+    ) {
         let session = part.session;
         let free = self.free.len();
         let nuisance = self.nuisance(part);
-        let zero = match part.own {
-            Some(_) => Dual::variable(nuisance.pressure_zero, free, 1.0),
-            None => Dual::constant(nuisance.pressure_zero),
-        };
-        let columns = free + if part.own.is_some() { UNKNOWNS } else { 0 };
-        let mut jacobian = DMatrix::zeros(part.rows(), columns);
-        let mut residual = DVector::zeros(part.rows());
-        let mut log_variance = 0.0;
-        let Some(passed) = pass(model, session, &nuisance, zero, level, free + 1) else {
-            residual.fill(f64::INFINITY);
-            return Linear {
-                jacobian,
-                residual,
-                log_variance,
-            };
+        let zero = variable(nuisance.pressure_zero, free, 1.0, block, part.own.is_some());
+        let Some(passed) = pass(model, session, &nuisance, zero, level, block.len()) else {
+            linear.residual.fill(f64::INFINITY);
+            return;
         };
         let slopes = session.prior().deviations();
         let silent = |sample: usize| session.silent().iter().any(|range| range.contains(&sample));
+        let mut log_variance = 0.0;
         for (row, sample) in part.ranges.iter().cloned().flatten().enumerate() {
             let Innovation { error, variance } = passed[sample];
             log_variance += variance.ln();
@@ -574,46 +584,33 @@ impl<'a> Problem<'a> {
             let spread = variance.sqrt();
             let [counted, slope] = level.counted(error.value() / spread);
             let partials = error.partials();
-            residual[row] = counted;
-            for column in 0..free {
-                jacobian[(row, column)] = partials[column] * slope / spread;
-            }
-            if part.own.is_some() {
+            linear.residual[row] = counted;
+            for (partial, column) in partials.iter().zip(block.clone()) {
                 // The filter estimates the initial state. The zero of the angle stays at
                 // the value of the refit: only the spring would show it.
-                jacobian[(row, free)] = partials[free] * slopes[0] * slope / spread;
+                let unit = if column == free { slopes[0] } else { 1.0 };
+                if column < linear.jacobian.ncols() {
+                    linear.jacobian[(row, column)] = partial * unit * slope / spread;
+                }
             }
         }
-        Linear {
-            jacobian,
-            residual,
-            log_variance,
-        }
+        linear.log_variance = log_variance;
     }
 
-    /// One session on dual numbers with `N` derivatives: at least the free
+    /// One session by simulation: the columns of one block of variables, which are the free
     /// parameters, the pressure zero and the initial state.
-    fn linear<const N: usize>(&self, model: &Model<f64>, part: &Part<'_>) -> Linear {
+    fn simulated<const N: usize>(
+        &self,
+        model: &Model<Dual<N>>,
+        part: &Part<'_>,
+        block: &Range<usize>,
+        linear: &mut Linear,
+    ) {
         let session = part.session;
-        let mut dual: Model<Dual<N>> = model.map(Dual::constant);
-        for (column, ((&id, transform), &u)) in self
-            .free
-            .iter()
-            .zip(&self.transforms)
-            .zip(&self.position)
-            .enumerate()
-        {
-            let value = transform.to_value(u);
-            dual = dual.with_value(id, Dual::variable(value, column, transform.slope(u)));
-        }
-        if let Some(level) = &self.level {
-            return self.filtered(&dual, part, level);
-        }
         let free = self.free.len();
         let nuisance = self.nuisance(part);
-        let unknown = |value: f64, column: usize| match part.own {
-            Some(_) => Dual::variable(value, free + column, 1.0),
-            None => Dual::constant(value),
+        let unknown = |value: f64, offset: usize| {
+            variable(value, free + offset, 1.0, block, part.own.is_some())
         };
         let origin = Origin {
             start: InitialState {
@@ -623,12 +620,9 @@ impl<'a> Problem<'a> {
             pressure_zero: unknown(nuisance.pressure_zero, 0),
             clock: Dual::constant(session.clock()),
         };
-        let stepping = session.stepping(model);
-        let reading = run_from(&dual, session.signal(), origin, stepping).reading;
-        let columns = free + if part.own.is_some() { UNKNOWNS } else { 0 };
+        let plain: Model<f64> = model.map(|value| value.value());
+        let reading = run_from(model, session.signal(), origin, session.stepping(&plain)).reading;
         let slopes = session.prior().deviations();
-        let mut jacobian = DMatrix::zeros(part.rows(), columns);
-        let mut residual = DVector::zeros(part.rows());
         let measured = &session.recording().angle;
         let silent = |sample: usize| session.silent().iter().any(|range| range.contains(&sample));
         for (row, sample) in part.ranges.iter().cloned().flatten().enumerate() {
@@ -636,36 +630,83 @@ impl<'a> Problem<'a> {
                 continue;
             }
             let partials = reading[sample].partials();
-            residual[row] = reading[sample].value() + nuisance.angle_zero - measured[sample];
-            for column in 0..free {
-                jacobian[(row, column)] = partials[column];
-            }
-            if part.own.is_some() {
-                let by_start = partials[free + 1];
-                // The zero of the angle moves the reading and the initial angle.
-                let own = [partials[free], 1.0 - by_start, by_start, partials[free + 2]];
-                for (column, (by, slope)) in own.into_iter().zip(slopes).enumerate() {
-                    jacobian[(row, free + column)] = by * slope;
+            linear.residual[row] = reading[sample].value() + nuisance.angle_zero - measured[sample];
+            for (by, variable) in partials.into_iter().zip(block.clone()) {
+                let jacobian = &mut linear.jacobian;
+                if variable < free {
+                    jacobian[(row, variable)] = by;
+                } else if part.own.is_some() {
+                    match variable - free {
+                        0 => jacobian[(row, free)] = by * slopes[0],
+                        1 => {
+                            // The zero of the angle moves the reading and the initial angle.
+                            jacobian[(row, free + 1)] = (1.0 - by) * slopes[1];
+                            jacobian[(row, free + 2)] = by * slopes[2];
+                        }
+                        _ => jacobian[(row, free + 3)] = by * slopes[3],
+                    }
                 }
             }
         }
-        Linear {
-            jacobian,
-            residual,
-            log_variance: 0.0,
+    }
+
+    /// One session on dual numbers with `N` derivatives, of which those of `block` are
+    /// variables.
+    fn filled<const N: usize>(
+        &self,
+        model: &Model<f64>,
+        part: &Part<'_>,
+        block: &Range<usize>,
+        linear: &mut Linear,
+    ) {
+        let mut dual: Model<Dual<N>> = model.map(Dual::constant);
+        for (column, ((&id, transform), &u)) in self
+            .free
+            .iter()
+            .zip(&self.transforms)
+            .zip(&self.position)
+            .enumerate()
+        {
+            let value = transform.to_value(u);
+            dual = dual.with_value(id, variable(value, column, transform.slope(u), block, true));
+        }
+        match &self.level {
+            Some(level) => self.filtered(&dual, part, level, block, linear),
+            None => self.simulated(&dual, part, block, linear),
         }
     }
 
-    /// One session, with the derivatives in the smallest array size that suffices.
+    /// One session. Derivatives are taken in blocks, each by the smallest dual number that
+    /// has room for it, so that any number of unknowns can be free.
     fn linear_of(&self, model: &Model<f64>, part: &Part<'_>) -> Linear {
-        match self.free.len() + 3 {
-            0..=4 => self.linear::<4>(model, part),
-            5..=6 => self.linear::<6>(model, part),
-            7..=8 => self.linear::<8>(model, part),
-            9..=12 => self.linear::<12>(model, part),
-            // Five base parameters and three effects of four each.
-            _ => self.linear::<20>(model, part),
+        /// Most derivatives of one pass: three base parameters and three effects of four
+        /// each, with zeros and start.
+        const MOST: usize = 20;
+        let own = if part.own.is_some() { UNKNOWNS } else { 0 };
+        let mut linear = Linear {
+            jacobian: DMatrix::zeros(part.rows(), self.free.len() + own),
+            residual: DVector::zeros(part.rows()),
+            log_variance: 0.0,
+        };
+        // The zero of the pressure; and the initial state, which a filter estimates: it needs
+        // two derivatives of its own instead.
+        let (variables, kept) = match self.level {
+            Some(_) => (self.free.len() + 1, 2),
+            None => (self.free.len() + 3, 0),
+        };
+        let mut first = 0;
+        while first < variables {
+            let block = first..variables.min(first + MOST - kept);
+            first = block.end;
+            match block.len() + kept {
+                0..=4 => self.filled::<4>(model, part, &block, &mut linear),
+                5..=6 => self.filled::<6>(model, part, &block, &mut linear),
+                7..=8 => self.filled::<8>(model, part, &block, &mut linear),
+                9..=12 => self.filled::<12>(model, part, &block, &mut linear),
+                _ => self.filled::<MOST>(model, part, &block, &mut linear),
+            }
         }
+        linear
     }
 
     /// The geometric mean of √S over the rows of all sessions, by which innovations are
@@ -817,10 +858,12 @@ impl<'a> Problem<'a> {
                 })
             })
             .collect();
+        let rows = self.prior_rows();
+        let penalty = rows.iter().flatten().flatten().map(|row| row * row).sum();
         let departure = self
             .parts
             .iter()
-            .zip(self.prior_rows())
+            .zip(rows)
             .filter_map(|(part, rows)| Some((part.session.prior(), rows?)))
             .flat_map(|(prior, rows)| {
                 let each = rows.into_iter().enumerate();
@@ -833,6 +876,7 @@ impl<'a> Problem<'a> {
             model: self.model(),
             nuisances: self.nuisances(),
             departure,
+            penalty,
             free: self.free,
             residuals,
             standard_errors,
@@ -934,5 +978,109 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
             first += UNKNOWNS;
         }
         Some(jacobian)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use model_core::catalogue::{Effect, Kind};
+    use model_core::dynamics::Dynamics;
+    use model_core::effects::table::{Table, Variable};
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::estimate::filter::Pace;
+    use crate::io::recording::Recording;
+
+    const BASE: [ParameterId; 5] = [
+        ParameterId::Inertia,
+        ParameterId::Damping,
+        ParameterId::Stiffness,
+        ParameterId::Exponent,
+        ParameterId::InputGain,
+    ];
+
+    fn pulled_and_let_go() -> Dataset {
+        let time: Vec<f64> = (0..60).map(|k| f64::from(k) * 0.02).collect();
+        Dataset::of(&[Recording {
+            pressure: time
+                .iter()
+                .map(|t| if *t < 0.6 { 15e3 * t } else { 0.0 })
+                .collect(),
+            angle: time.iter().map(|t| 0.3 * (2.0 * t).sin()).collect(),
+            time,
+            ..Recording::default()
+        }])
+    }
+
+    /// A model with these effects at their first start, and a table.
+    fn model(kinds: &[Kind], nodes: usize) -> Model<f64> {
+        let dynamics = Dynamics {
+            inertia: 0.3,
+            damping: 0.9,
+            stiffness: 2.5,
+            exponent: 1.6,
+            input_gain: 1e-4,
+        };
+        let effect = |kind: &Kind| {
+            let values: Vec<f64> = kind
+                .parameters()
+                .iter()
+                .map(|row| {
+                    let start = row.held.or(row.starts.first().copied()).unwrap_or(1.0);
+                    // At a bound a problem begins a little inside.
+                    if row.lower < start && start < row.upper {
+                        f64::from(start)
+                    } else {
+                        0.5 * (f64::from(row.lower) + f64::from(row.upper))
+                    }
+                })
+                .collect();
+            kind.build(&values)
+        };
+        let mut effects: Vec<Effect<f64>> = kinds.iter().filter_map(effect).collect();
+        if nodes > 1 {
+            let at: Vec<f32> = (0..nodes).map(|k| k as f32 / nodes as f32 - 0.4).collect();
+            let table = Table::new(Variable::Angle, &at, &vec![0.01; nodes]).unwrap();
+            effects.push(Effect::Table(table));
+        }
+        Model::new(dynamics, &effects).unwrap()
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(48))]
+        /// However many parameters are free, the derivative by each is that of a problem
+        /// in which it is free alone. Twenty unknowns are more than one pass has room for.
+        #[test]
+        fn any_number_of_parameters_is_free(
+            base in proptest::sample::subsequence(BASE.to_vec(), 1..=5),
+            kinds in proptest::sample::subsequence(Kind::NAMES.to_vec(), 0..=2),
+            nodes in 0usize..=16,
+            at_level in proptest::bool::ANY,
+        ) {
+            let (data, model) = (pulled_and_let_go(), model(&kinds, nodes));
+            let effects: Vec<Effect<f64>> = model.effects().collect();
+            let of_effects = effects.iter().enumerate().flat_map(|(slot, effect)| {
+                (0..effect.parameters().len())
+                    .map(move |parameter| ParameterId::Effect { slot, parameter })
+            });
+            let free: Vec<ParameterId> = base.into_iter().chain(of_effects).collect();
+            let level = Level {
+                intensity: 1.0,
+                noise: 0.01,
+                pace: Pace::of(&data),
+                outlier: None,
+            };
+            let fitter = Fitter::new(&model, &data).at(at_level.then_some(&level));
+            let nuisances = [data.sessions()[0].guess()];
+            let linearised = |free: &[ParameterId]| fitter.linearised(&model, free, &nuisances);
+            let (_, together) = linearised(&free).unwrap();
+            prop_assert_eq!(together.ncols(), free.len() + UNKNOWNS);
+            for (column, &id) in free.iter().enumerate() {
+                let (_, alone) = linearised(&[id]).unwrap();
+                let apart = (together.column(column) - alone.column(0)).norm();
+                prop_assert!(apart <= 1e-9 * (1.0 + alone.column(0).norm()), "{id:?}: {apart}");
+            }
+        }
     }
 }
