@@ -7,6 +7,7 @@
 //! the same kinds are made here, and the noise that was added is what a fit may leave.
 
 use std::collections::BTreeMap;
+use std::f64::consts::PI;
 use std::path::Path;
 
 use host_tools::estimate::Dataset;
@@ -17,6 +18,7 @@ use host_tools::io::model_file::ModelFile;
 use host_tools::io::recording::Recording;
 use model_core::actuator::{Model, ParameterId};
 use model_core::dynamics::Dynamics;
+use nalgebra::{Matrix4, Vector4};
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use serde::Deserialize;
@@ -130,8 +132,9 @@ fn no_line_is_better_and_no_first_model_decides() {
     assert!(said.is_empty(), "{}", said.join("\n"));
 }
 
-/// A linear rig θ̈ = −c θ̇ − k θ + g p with a white noise of the angle (rad), in steps of a
-/// hundredth of its sampling interval; and the RMS of the noise as drawn (rad).
+/// A linear rig θ̈ = −c θ̇ − k θ + g p with a white noise of the angle (rad), exact for a pressure
+/// that is a straight line over a twentieth of the sampling interval; and the RMS of the noise as
+/// drawn (rad).
 fn simulated(
     [c, k, g]: [f64; 3],
     noise: f64,
@@ -139,9 +142,19 @@ fn simulated(
     pressures: impl Fn(f64) -> f64,
     start: f64,
 ) -> (Recording, f64) {
-    const STEPS: u32 = 100;
+    const STEPS: u32 = 20;
+    // Angle, its rate, pressure and the pressure's slope.
+    #[rustfmt::skip]
+    let rates = Matrix4::new(
+        0.0, 1.0, 0.0, 0.0,
+         -k,  -c,   g, 0.0,
+        0.0, 0.0, 0.0, 1.0,
+        0.0, 0.0, 0.0, 0.0,
+    );
+    let step = interval / f64::from(STEPS);
+    let step_later = (rates * step).exp();
     let mut random = rand_pcg::Pcg64Mcg::seed_from_u64(11);
-    let (mut angle, mut rate) = (start, 0.0);
+    let mut state = Vector4::new(start, 0.0, 0.0, 0.0);
     let mut recording = Recording::default();
     let mut squares = 0.0;
     for sample in 0..1_500 {
@@ -149,14 +162,13 @@ fn simulated(
         let drawn: f64 = StandardNormal.sample(&mut random);
         recording.time.push(time);
         recording.pressure.push(pressures(time));
-        recording.angle.push(angle + noise * drawn);
+        recording.angle.push(state[0] + noise * drawn);
         squares += (noise * drawn).powi(2);
-        let step = interval / f64::from(STEPS);
         for part in 0..STEPS {
-            let p = pressures(time + f64::from(part) * step);
-            // Implicit in the damping, which may be strong.
-            rate = (rate + step * (g * p - k * angle)) / (1.0 + step * c);
-            angle += step * rate;
+            let begin = time + f64::from(part) * step;
+            state[2] = pressures(begin);
+            state[3] = (pressures(begin + step) - state[2]) / step;
+            state = step_later * state;
         }
     }
     let rms = (squares / recording.time.len() as f64).sqrt();
@@ -168,9 +180,9 @@ fn rigs_of_every_kind_are_identified_from_any_first_model() {
     let steps = |height: f64, every: f64| {
         move |t: f64| {
             let level = (t / every).floor() % 3.0;
-            // A valve opens within a fiftieth of the time, which ends at a sample: between
-            // samples the pressure is taken as a straight line.
-            let into = (50.0 * (t / every).fract()).min(1.0);
+            // A valve opens within a tenth of the time, smoothly: what a pressure with corners
+            // does between samples, no recording shows.
+            let into = 0.5 - 0.5 * (PI * (10.0 * (t / every).fract()).min(1.0)).cos();
             let before = (level + 2.0) % 3.0;
             height * (before + (level - before) * into)
         }
