@@ -37,7 +37,7 @@ const SAME: f64 = 1.01;
 const BEYOND_THE_BASE_MODEL: [(&str, f64); 8] = [
     ("real/hydraulic_cylinder", 1.08),
     ("real/silicone_beam", 1.12),
-    ("real/soft_arm_onset", 1.12),
+    ("real/soft_arm_onset", 1.13),
     ("real/soft_chamber_pump", 1.34),
     ("rigs/cavatappi_long", 1.46),
     ("rigs/cdip", 1.05),

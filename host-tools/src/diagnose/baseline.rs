@@ -99,8 +99,7 @@ impl Baseline {
         let weight = left / self.floor.white * correlation_time(&residuals).sqrt();
         let data = self.data.weighing_zeros(weight.max(1.0));
         let fitter = Fitter::new(&self.file.model, &data);
-        let starts = [self.refit.fit.model, self.file.model];
-        let fit = fitter.best_of(&starts, &self.file.free, Effort::Full)?;
+        let fit = fitter.fit(&self.refit.fit.model, &self.file.free, Effort::Full);
         let refit = Candidate::of(Vec::new(), fit);
         Some(Self {
             nominal: fitter.compare(&self.nominal.model),

@@ -158,7 +158,7 @@ impl Scales {
         let critical = 4.0 * fitted.inertia * slope / damping;
         let is_hidden = fitted.inertia < HARDLY_VISIBLE * self.interval * damping;
         let times = critical / damping;
-        (is_hidden && times > 0.0 && times < 1.0).then(|| Dynamics {
+        (is_hidden && times > 0.0 && times < 1.0).then_some(Dynamics {
             damping: critical,
             stiffness: times * fitted.stiffness,
             input_gain: times * fitted.input_gain,
@@ -472,24 +472,19 @@ pub fn predicted(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Opti
     let starts = starts(context, base, kind);
     let best = context
         .subsample
-        .least_predicted(&starts.from_fitted, &free, BEST);
+        .least_predicted(&starts.as_fitted, &free, BEST);
     let sse = best.first()?.0;
     let mut starts_on: Vec<Model<f64>> = best.into_iter().map(|(_, model)| model).collect();
     let swinging = context
         .subsample
-        .least_predicted(&starts.from_swinging, &free, 1);
+        .least_predicted(&starts.swinging, &free, 1);
     starts_on.extend(swinging.into_iter().map(|(_, model)| model));
     // Where simulation and measurement are out of phase, whole runs have too many
     // local minima: short segments give the initial guesses.
     if let Some(short_segments) = context.short_segments
         && !added.iter().any(|kind| remembers(*kind))
     {
-        let anywhere = if base.added.is_empty() {
-            starts.all()
-        } else {
-            starts.from_fitted.clone()
-        };
-        let near = short_segments.best_of(&anywhere, &free, Effort::Coarse);
+        let near = short_segments.best_of(&starts.as_fitted, &free, Effort::Coarse);
         starts_on.extend(near.map(|fit| fit.model));
     }
     Some(Predicted {
@@ -547,12 +542,12 @@ pub fn final_fit(context: &FitContext<'_>, candidate: &Candidate) -> Candidate {
 
 /// Initial guesses of the fitted `base` with `kind` added.
 pub fn starts_from(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Vec<Model<f64>> {
-    starts(context, base, kind).from_fitted
+    starts(context, base, kind).as_fitted
 }
 
 /// Initial guesses of `base` with `kind` added: every combination of the catalogue's
-/// values, with the base parameters as fitted without the effect and as nominal, and what
-/// the missing force suggests.
+/// values, with the base parameters as fitted without the effect, and what the missing force
+/// suggests.
 fn starts(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Starts {
     let mut values: Vec<Vec<f64>> = vec![Vec::new()];
     for row in kind.parameters() {
@@ -569,7 +564,6 @@ fn starts(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Starts {
             .collect();
     }
     let fitted = *base.fit.model.dynamics();
-    let nominal = *context.file.model.dynamics();
     let swinging = context.scales.swinging(&fitted);
     let mut starts = Starts::default();
     for values in &values {
@@ -577,9 +571,8 @@ fn starts(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Starts {
             continue;
         };
         let effects: Vec<_> = base.fit.model.effects().chain([effect]).collect();
-        starts.from_fitted.extend(Model::new(fitted, &effects));
-        starts.from_nominal.extend(Model::new(nominal, &effects));
-        starts.from_swinging.extend(swinging.and_then(|dynamics| {
+        starts.as_fitted.extend(Model::new(fitted, &effects));
+        starts.swinging.extend(swinging.and_then(|dynamics| {
             // All forces count in proportion to the stiffness.
             let times = dynamics.stiffness / fitted.stiffness;
             let values: Vec<f64> = kind
@@ -597,7 +590,7 @@ fn starts(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Starts {
         let effects: Vec<_> = base.fit.model.effects().chain([guess.effect]).collect();
         let is_alone = base.added.is_empty();
         let dynamics = if is_alone { guess.base } else { fitted };
-        starts.from_fitted.extend(Model::new(dynamics, &effects));
+        starts.as_fitted.extend(Model::new(dynamics, &effects));
     }
     starts
 }
@@ -606,21 +599,9 @@ fn starts(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Starts {
 #[derive(Clone, Debug, Default)]
 struct Starts {
     /// With the base parameters as fitted without the effect.
-    from_fitted: Vec<Model<f64>>,
-    /// With the base parameters as nominal.
-    from_nominal: Vec<Model<f64>>,
+    as_fitted: Vec<Model<f64>>,
     /// With base parameters beside which the inertia shows, where it does not as fitted.
-    from_swinging: Vec<Model<f64>>,
-}
-
-impl Starts {
-    fn all(&self) -> Vec<Model<f64>> {
-        self.from_fitted
-            .iter()
-            .chain(&self.from_nominal)
-            .copied()
-            .collect()
-    }
+    swinging: Vec<Model<f64>>,
 }
 
 /// The value at which a parameter is held: the catalogue's. But a smoothed sign function

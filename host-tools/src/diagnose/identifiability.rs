@@ -57,11 +57,8 @@ impl Identifiability {
         let mut text = Vec::new();
         for &id in held {
             let name = name(id);
-            text.push(match (id, order) {
-                (ParameterId::Damping, Order::First) => format!(
-                    "the motion is of first order: {name} is held at a value beside which the inertia does not show, and the others count in proportion to it"
-                ),
-                (ParameterId::Inertia, _) => format!(
+            text.push(match id {
+                ParameterId::Inertia => format!(
                     "{name} is held at its nominal value: together with the others nothing in these recordings determines it"
                 ),
                 _ => format!(
@@ -69,7 +66,16 @@ impl Identifiability {
                 ),
             });
         }
-        for direction in &unidentifiable {
+        if order == Order::First {
+            text.push(
+                "without an effect the motion is of first order: the inertia does not show, and only the ratios of damping, stiffness and gain count".to_owned(),
+            );
+        }
+        let is_the_scale = |direction: &UnidentifiableDirection| {
+            let mut ids = direction.shares.iter().map(|&(id, _)| id);
+            order == Order::First && ids.any(|id| id == ParameterId::Damping)
+        };
+        for direction in unidentifiable.iter().filter(|it| !is_the_scale(it)) {
             let names: Vec<String> = direction.shares.iter().map(|&(id, _)| name(id)).collect();
             text.push(match names.as_slice() {
                 [only] => format!("{only} is hardly determined by these recordings"),

@@ -499,7 +499,7 @@ impl<'a> Fitter<'a> {
             .collect::<Vec<_>>()
             .into_iter()
             .filter(|fit| fit.sse().is_finite())
-            .min_by(|a, b| a.sse().total_cmp(&b.sse()))
+            .min_by(|a, b| a.cost().total_cmp(&b.cost()))
     }
 
     /// The position of the initial guess that is best after a few steps; none if there is
@@ -519,7 +519,7 @@ impl<'a> Fitter<'a> {
             .par_iter()
             .map(|start| self.fit_kept(start, free, COARSE, checkpoint))
             .filter(|fit| fit.sse().is_finite())
-            .min_by(|a, b| a.sse().total_cmp(&b.sse()))
+            .min_by(|a, b| a.cost().total_cmp(&b.cost()))
             .map(|fit| fit.model)
     }
 }

@@ -24,6 +24,7 @@ pub(crate) mod band;
 pub mod checkpoint;
 pub(crate) mod dataset;
 pub(crate) mod denoise;
+mod descent;
 pub(crate) mod filter;
 pub mod fit;
 pub(crate) mod horizon;

@@ -1,16 +1,15 @@
 //! The least-squares problem behind every fit.
 //!
 //! It turns sessions into residuals and derivatives, adds the priors of their zeros and
-//! initial states, and hands both to the library's solver. [`super::fit`] uses it.
+//! initial states, and hands both to the solver ([`super::descent`]). [`super::fit`] uses it.
 
 use std::ops::Range;
 
-use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use model_core::actuator::{Model, ParameterId};
-use nalgebra::storage::Owned;
-use nalgebra::{DMatrix, DVector, Dyn};
+use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
+use super::descent::{Bounded, descend};
 use super::filter::{Innovation, Level, normalised, pass};
 use super::fit::{Effort, Fit, Fitter};
 use super::information::{Information, Recorded, without_nuisance};
@@ -22,39 +21,16 @@ use crate::sim::dual::Dual;
 use crate::sim::simulate::{InitialState, Origin, run_from};
 use crate::statistics::{correlation_time, mean};
 
-/// Number of sessions from which the library's dense decomposition, cubic in their number,
-/// costs more than simulating them.
-const MANY_SESSIONS: usize = 32;
-
-/// Relative gain of a step below which a short fit, or a fit to many sessions, is done:
-/// the error changes by half of it.
-const SLOW: f64 = 1e-4;
-
 impl Effort {
     /// Most evaluations of a fit, and the relative gain below which it is done. A fit that
     /// still moves after so many evaluations is in a valley so flat that its end does not
     /// matter.
-    fn patience(self) -> (usize, f64) {
+    const fn patience(self) -> (usize, f64) {
         match self {
-            Self::Steps(_) | Self::Coarse => (25, 1e-3),
+            Self::Steps(steps) => (steps, 1e-4),
+            Self::Coarse => (25, 1e-3),
             Self::Full => (120, 1e-5),
         }
-    }
-
-    /// The solver for `unknowns` unknowns, by which the library counts evaluations.
-    fn solver(self, unknowns: usize) -> LevenbergMarquardt<f64> {
-        let (evaluations, tolerance) = self.patience();
-        let solver = LevenbergMarquardt::new().with_gtol(0.0);
-        // The step bound is the first step relative to the size of the
-        // coordinates. The solver's default of 100 leaps over the valley that
-        // a start was chosen for.
-        match self {
-            Self::Steps(_) | Self::Coarse => solver.with_stepbound(1.0),
-            Self::Full => solver.with_stepbound(0.1),
-        }
-        .with_patience(evaluations.div_ceil(unknowns + 1).max(1))
-        .with_ftol(tolerance)
-        .with_xtol(tolerance)
     }
 }
 
@@ -276,68 +252,9 @@ impl<'a> Problem<'a> {
         if self.unknowns() == 0 {
             return (self, true);
         }
-        if let Effort::Steps(steps) = effort {
-            return (self.descended(steps, SLOW).0, false);
-        }
-        let sessions = self.parts.iter().filter(|part| part.own.is_some()).count();
-        if sessions > MANY_SESSIONS {
-            let (evaluations, tolerance) = effort.patience();
-            return self.descended(evaluations, tolerance.max(SLOW));
-        }
-        self.triangulate();
-        let mut solver = effort.solver(self.unknowns());
-        if self.free.is_empty() {
-            // Zeros and initial states alone are nearly linear: full steps.
-            solver = solver.with_stepbound(100.0);
-        }
-        let (solved, report) = solver.minimize(self);
-        (solved, report.termination.was_successful())
-    }
-
-    /// Makes at most `steps` damped Gauss–Newton steps (Levenberg, 1944), until one gains
-    /// less than the share `tolerance` of the cost; also returns whether that was reached.
-    /// The library's solver cannot be stopped after a few steps, since it counts
-    /// evaluations by the number of unknowns, and it is cubic in the number of sessions.
-    fn descended(mut self, steps: usize, tolerance: f64) -> (Self, bool) {
-        /// Damping of the first step, relative to the curvature.
-        const FIRST: f64 = 1e-3;
-        /// Factors of the damping after a good step, and after a bad one.
-        const CALMER: f64 = 0.1;
-        const STRONGER: f64 = 10.0;
-        self.triangulate();
-        let mut damping = FIRST;
-        let Some(mut normal) = self.normal() else {
-            return (self, false);
-        };
-        for _ in 0..steps {
-            let Some(step) = normal.step(damping) else {
-                break;
-            };
-            let cost = normal.cost();
-            let predicted = normal.slope().dot(&step);
-            let before = self.position.clone();
-            self.position -= step;
-            self.triangulate();
-            let moved = self.normal();
-            let gain = moved.as_ref().map_or(f64::NAN, |it| cost - it.cost());
-            // If predicted and actual reduction are both negligible, no further step helps.
-            let is_done = gain.abs().max(predicted) < tolerance * cost;
-            if let Some(better) = moved.filter(|_| gain > 0.0) {
-                normal = better;
-                damping *= CALMER;
-                if gain < tolerance * cost {
-                    return (self, true);
-                }
-            } else {
-                self.position = before;
-                damping *= STRONGER;
-                if is_done {
-                    self.triangulate();
-                    return (self, true);
-                }
-            }
-        }
-        (self, false)
+        let (evaluations, tolerance) = effort.patience();
+        let is_done = descend(&mut self, evaluations, tolerance);
+        (self, is_done)
     }
 
     /// The normal equations at this position; none if the model cannot be simulated.
@@ -924,60 +841,20 @@ impl<'a> Problem<'a> {
     }
 }
 
-impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
-    type ResidualStorage = Owned<f64, Dyn>;
-    type JacobianStorage = Owned<f64, Dyn, Dyn>;
-    type ParameterStorage = Owned<f64, Dyn>;
-
-    fn set_params(&mut self, position: &DVector<f64>) {
-        self.position.copy_from(position);
-        self.triangulate();
-    }
-
-    fn params(&self) -> DVector<f64> {
+impl Bounded for Problem<'_> {
+    fn position(&self) -> DVector<f64> {
         self.position.clone()
     }
 
-    fn residuals(&self) -> Option<DVector<f64>> {
-        let mut all = Vec::new();
-        for (triangle, rows) in self.triangles.as_ref()?.iter().zip(self.prior_rows()) {
-            all.extend(triangle.column(triangle.ncols() - 1).iter());
-            all.extend(rows.into_iter().flatten());
-        }
-        Some(DVector::from_vec(all))
+    fn bounds(&self) -> Vec<[f64; 2]> {
+        let bounds = |transform: &ParameterTransform| transform.bounds();
+        self.transforms.iter().map(bounds).collect()
     }
 
-    fn jacobian(&self) -> Option<DMatrix<f64>> {
-        let triangles = self.triangles.as_ref()?;
-        let free = self.free.len();
-        let own_rows = |part: &Part<'_>| if part.own.is_some() { UNKNOWNS } else { 0 };
-        let rows = triangles
-            .iter()
-            .zip(&self.parts)
-            .map(|(triangle, part)| triangle.nrows() + own_rows(part))
-            .sum();
-        let mut jacobian = DMatrix::zeros(rows, self.unknowns());
-        let mut first = 0;
-        for (triangle, part) in triangles.iter().zip(&self.parts) {
-            let height = triangle.nrows();
-            jacobian
-                .view_mut((first, 0), (height, free))
-                .copy_from(&triangle.columns(0, free));
-            first += height;
-            let Some(own) = part.own else { continue };
-            jacobian
-                .view_mut((first - height, own), (height, UNKNOWNS))
-                .copy_from(&triangle.columns(free, UNKNOWNS));
-            for by in &self.parts {
-                let Some(column) = by.own else { continue };
-                for unknown in 0..UNKNOWNS {
-                    jacobian[(first + unknown, column + unknown)] =
-                        self.prior_slope(part, by, unknown);
-                }
-            }
-            first += UNKNOWNS;
-        }
-        Some(jacobian)
+    fn move_to(&mut self, position: &DVector<f64>) -> Option<Normal> {
+        self.position.copy_from(position);
+        self.triangulate();
+        self.normal()
     }
 }
 

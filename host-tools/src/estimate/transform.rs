@@ -1,8 +1,8 @@
-//! Parameter transforms: an unbounded solver coordinate for a bounded parameter.
+//! Parameter transforms: the solver's coordinate of a parameter.
 //!
-//! Parameters have bounds (a damping is not negative), and the solver has none. So each
-//! parameter is a smooth function of an unbounded coordinate, and folds back at its
-//! bounds.
+//! Each parameter is an increasing function of its coordinate, in which a step of a tenth is
+//! a noticeable one wherever it begins. Bounds (a damping is not negative) are bounds of the
+//! coordinate, which the solver keeps ([`super::descent`]).
 //!
 //! Base parameters may be orders of magnitude from the initial guess, so their coordinates
 //! are linear near it and logarithmic beyond. Their bounds come from the recordings
@@ -13,7 +13,7 @@ use model_core::actuator::{Model, ParameterId};
 use super::Dataset;
 use crate::io::model_file::KnownRange;
 
-/// The map from the solver's unbounded coordinate u to a parameter p.
+/// The map from the solver's coordinate u to a parameter p.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ParameterTransform {
     /// No bounds: p = s·u.
@@ -21,35 +21,35 @@ pub enum ParameterTransform {
         /// s.
         scale: f64,
     },
-    /// A lower bound: p = l + s(√(u² + 1) − 1).
+    /// A lower bound: p = l + s·u.
     Above {
         /// l.
         lower: f64,
         /// s.
         scale: f64,
     },
-    /// Two bounds: p = l + (h − l)(1 + sin u)/2.
+    /// Two bounds: p = l + (h − l)·u.
     Between {
         /// l.
         lower: f64,
         /// h.
         upper: f64,
     },
-    /// Two positive bounds, orders of magnitude apart: as for two bounds, in ln p.
+    /// Two positive bounds, orders of magnitude apart: p = l (h/l)ᵘ.
     Logarithmic {
         /// l.
         lower: f64,
         /// h.
         upper: f64,
     },
-    /// From zero to an upper bound far away: p = s(cosh(w sin u) − 1).
+    /// From zero to an upper bound far away: p = s sinh u, u ≤ w.
     Wide {
         /// s.
         scale: f64,
         /// w.
         reach: f64,
     },
-    /// Either sign up to a bound far away: p = s sinh(w sin u).
+    /// Either sign up to a bound far away: p = s sinh u, |u| ≤ w.
     Signed {
         /// s.
         scale: f64,
@@ -192,32 +192,37 @@ impl ParameterTransform {
         }
     }
 
-    /// The value at `u`.
+    /// The least and the largest u.
+    pub const fn bounds(self) -> [f64; 2] {
+        match self {
+            Self::Linear { .. } => [f64::NEG_INFINITY, f64::INFINITY],
+            Self::Above { .. } => [0.0, f64::INFINITY],
+            Self::Between { .. } | Self::Logarithmic { .. } => [0.0, 1.0],
+            Self::Wide { reach, .. } => [0.0, reach],
+            Self::Signed { reach, .. } => [-reach, reach],
+        }
+    }
+
+    /// The value at `u`, or at the bound that `u` is beyond.
     pub fn to_value(self, u: f64) -> f64 {
+        let [least, most] = self.bounds();
+        let u = u.max(least).min(most);
         match self {
             Self::Linear { scale } => scale * u,
-            Self::Above { lower, scale } => lower + scale * ((u * u + 1.0).sqrt() - 1.0),
-            Self::Between { lower, upper } => lower + (upper - lower) * 0.5 * (1.0 + u.sin()),
-            Self::Logarithmic { lower, upper } => {
-                lower * ((upper / lower).ln() * 0.5 * (1.0 + u.sin())).exp()
-            }
-            // 2 sinh²(x/2) = cosh x − 1 without its loss of digits.
-            Self::Wide { scale, reach } => 2.0 * scale * (0.5 * reach * u.sin()).sinh().powi(2),
-            Self::Signed { scale, reach } => scale * (reach * u.sin()).sinh(),
+            Self::Above { lower, scale } => lower + scale * u,
+            Self::Between { lower, upper } => lower + (upper - lower) * u,
+            Self::Logarithmic { lower, upper } => lower * (upper / lower).powf(u),
+            Self::Wide { scale, .. } | Self::Signed { scale, .. } => scale * u.sinh(),
         }
     }
 
     /// dp/du at `u`.
     pub fn slope(self, u: f64) -> f64 {
         match self {
-            Self::Linear { scale } => scale,
-            Self::Above { scale, .. } => scale * u / (u * u + 1.0).sqrt(),
-            Self::Between { lower, upper } => (upper - lower) * 0.5 * u.cos(),
-            Self::Logarithmic { lower, upper } => {
-                self.to_value(u) * (upper / lower).ln() * 0.5 * u.cos()
-            }
-            Self::Wide { scale, reach } => scale * (reach * u.sin()).sinh() * reach * u.cos(),
-            Self::Signed { scale, reach } => scale * (reach * u.sin()).cosh() * reach * u.cos(),
+            Self::Linear { scale } | Self::Above { scale, .. } => scale,
+            Self::Between { lower, upper } => upper - lower,
+            Self::Logarithmic { lower, upper } => self.to_value(u) * (upper / lower).ln(),
+            Self::Wide { scale, .. } | Self::Signed { scale, .. } => scale * u.cosh(),
         }
     }
 
@@ -234,45 +239,25 @@ impl ParameterTransform {
 
     /// Whether a position is within a thousandth of the range of a bound.
     pub fn is_at_edge(self, u: f64) -> bool {
-        match self {
-            Self::Linear { .. } => false,
-            Self::Above { .. } => u.abs() < 0.045,
-            Self::Between { .. } | Self::Logarithmic { .. } | Self::Signed { .. } => {
-                u.sin().abs() > 0.998
-            }
-            Self::Wide { reach, .. } => u.sin().abs() > 0.998 || (reach * u.sin()).abs() < 0.045,
-        }
+        const NEAR: f64 = 1e-3;
+        let [least, most] = self.bounds();
+        let range = (most - least).min(1.0);
+        u < least + NEAR * range || u > most - NEAR * range
     }
 
-    /// The coordinate of a value. On a bound the slope is zero and the solver could
-    /// never leave it, so initial guesses keep a small distance.
+    /// The coordinate of a value.
     pub fn position(self, value: f64) -> f64 {
-        const MARGIN: f64 = 2e-5;
-        match self {
+        let u = match self {
             Self::Linear { scale } => value / scale,
-            Self::Above { lower, scale } => {
-                let ratio = ((value - lower) / scale).max(MARGIN) + 1.0;
-                (ratio * ratio - 1.0).sqrt()
-            }
-            Self::Between { lower, upper } => {
-                let share = ((value - lower) / (upper - lower)).clamp(MARGIN, 1.0 - MARGIN);
-                (2.0 * share - 1.0).asin()
-            }
+            Self::Above { lower, scale } => (value - lower) / scale,
+            Self::Between { lower, upper } => (value - lower) / (upper - lower),
             Self::Logarithmic { lower, upper } => {
-                let share =
-                    ((value / lower).ln() / (upper / lower).ln()).clamp(MARGIN, 1.0 - MARGIN);
-                (2.0 * share - 1.0).asin()
+                (value.max(lower) / lower).ln() / (upper / lower).ln()
             }
-            Self::Wide { scale, reach } => {
-                let ratio = (value / scale).max(MARGIN);
-                (2.0 * (0.5 * ratio).sqrt().asinh() / reach)
-                    .min(1.0 - MARGIN)
-                    .asin()
-            }
-            Self::Signed { scale, reach } => ((value / scale).asinh() / reach)
-                .clamp(MARGIN - 1.0, 1.0 - MARGIN)
-                .asin(),
-        }
+            Self::Wide { scale, .. } | Self::Signed { scale, .. } => (value / scale).asinh(),
+        };
+        let [least, most] = self.bounds();
+        u.max(least).min(most)
     }
 }
 
