@@ -12,7 +12,7 @@ pub mod diagnose;
 pub mod estimate;
 pub mod export;
 mod family;
-mod first_model;
+pub mod first_model;
 pub mod io;
 pub mod materials;
 pub mod numbers;

@@ -381,11 +381,12 @@ fn columns_of(py: Python<'_>, given: Option<&Bound<'_, PyDict>>) -> PyResult<Col
                 }
             }
             "absolute_pressure" => columns.air_kpa = air(py, &value)?,
+            "angle_zero_deg" => columns.angle_zero_deg = Some(value.extract()?),
             "flip_angle" => columns.flip_angle = value.extract()?,
             "exchange_columns" => columns.exchange = value.extract()?,
             _ => {
                 return Err(PyTypeError::new_err(format!(
-                    "unexpected keyword argument {key:?}; what columns hold is said with units, absolute_pressure, flip_angle and exchange_columns"
+                    "unexpected keyword argument {key:?}; what columns hold is said with units, absolute_pressure, angle_zero_deg, flip_angle and exchange_columns"
                 )));
             }
         }

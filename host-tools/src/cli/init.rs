@@ -12,6 +12,7 @@ use model_core::material::{Material, TABLE_I};
 use super::input::InputArgs;
 use super::output::{self, FileKind, Output};
 use crate::estimate::assemble::assemble;
+use crate::estimate::identify::Order;
 use crate::first_model::{
     BASE, FirstModel, Geometry, authors_actuator, from_geometry, from_recordings, next_steps,
 };
@@ -290,7 +291,7 @@ fn identify(args: &Args, known: &Known) -> anyhow::Result<FirstModel> {
     }
     let spinner = super::spinner();
     spinner.set_message("identifying the parameters");
-    let first = from_recordings(&recordings, &assembled.data, known.geometry);
+    let first = from_recordings(&assembled.data, known.geometry);
     spinner.finish_and_clear();
     Ok(first?)
 }
@@ -358,6 +359,9 @@ fn summary(first: &FirstModel) -> String {
         short(evidence.rms.to_degrees()),
         short(evidence.about_mean.to_degrees())
     );
+    if evidence.order == Order::First {
+        text += "The motion is of first order: the inertia does not show, and only the ratios of damping, stiffness and gain count.\n";
+    }
     if evidence.explains_little() {
         super::warn(
             "this model explains little of the motion: something large is missing, which `rig diagnose` looks for; or the columns hold something else (see the flags under \"If the columns mean something else\"); or this is no rig of second order with one input",

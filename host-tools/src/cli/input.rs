@@ -56,6 +56,9 @@ pub struct InputArgs {
         conflicts_with = "units"
     )]
     angle_in: Option<AngleUnit>,
+    /// The angle at rest, in degrees: subtracted, before any change of its sign
+    #[arg(long, value_name = "DEG", allow_hyphen_values = true, value_parser = finite)]
+    angle_zero: Option<f64>,
     /// Change the sign of the angle
     #[arg(long)]
     flip_angle: bool,
@@ -72,6 +75,7 @@ impl InputArgs {
             pressure: self.pressure_in,
             air_kpa: self.absolute_pressure,
             angle: self.angle_in,
+            angle_zero_deg: self.angle_zero,
             flip_angle: self.flip_angle,
             exchange: self.exchange_columns,
         };
@@ -87,6 +91,14 @@ impl InputArgs {
                 .fold(said, |earlier, later| later.or(earlier)),
         }
     }
+}
+
+fn finite(text: &str) -> Result<f64, String> {
+    let number: Result<f64, _> = text.trim().parse();
+    number
+        .ok()
+        .filter(|number| number.is_finite())
+        .ok_or_else(|| "give a number of degrees".into())
 }
 
 fn air(text: &str) -> Result<f64, String> {

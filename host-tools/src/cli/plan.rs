@@ -10,12 +10,14 @@ use super::input::InputArgs;
 use super::output::{self, FileKind, Output};
 use crate::diagnose::Progress;
 use crate::diagnose::candidates::{Candidate, FitContext, Scales, added, typical};
+use crate::diagnose::identifiability::{self, Refitted};
+use crate::diagnose::missing_force::Guesses;
 use crate::diagnose::noise::NoiseFloor;
 use crate::diagnose::plan::{Limits, proposals};
 use crate::diagnose::selection::names;
 use crate::estimate::assemble::assemble;
 use crate::estimate::checkpoint::Checkpoint;
-use crate::estimate::fit::{Effort, Fitter};
+use crate::estimate::fit::Fitter;
 use crate::estimate::subsample::subsample;
 use crate::estimate::{Dataset, Nuisance};
 use crate::io::error::{InputError, write_atomically};
@@ -246,20 +248,25 @@ fn fitted(
     recordings: &[Recording],
     pair: &[Vec<Kind>; 2],
 ) -> Result<Vec<Candidate>, InputError> {
-    let data = assemble(recordings, &[])?.data;
+    let data = assemble(recordings, &[])?.data.knowing(&file.within);
+    let given = Fitter::new(&file.model, &data);
+    let Refitted { refit, file, .. } = identifiability::refit(file, &given).ok_or_else(|| {
+        InputError::new(
+            "the model cannot be simulated over these recordings: it diverges",
+            "check units and signs of its parameters",
+        )
+        .in_file(&file.path)
+    })?;
     let fitter = Fitter::new(&file.model, &data);
-    let refit = Candidate::of(
-        Vec::new(),
-        fitter.fit(&file.model, &file.free, Effort::Full),
-    );
     let subsample = subsample(&data.guessing(&refit.fit.nuisances), &refit.fit.model);
     let scales = Scales::of(&fitter, &refit.fit);
     let context = FitContext {
-        file,
+        file: &file,
         fitter: &fitter,
         short_segments: None,
         subsample: &Fitter::new(&file.model, &subsample),
         scales: &scales,
+        guesses: &Guesses::default(),
         checkpoint: &Checkpoint::default(),
         progress: &Progress::default(),
     };

@@ -6,7 +6,7 @@
 use model_core::actuator::Model;
 
 use super::candidates::Candidate;
-use super::identifiability::{self, Identifiability};
+use super::identifiability::{self, Identifiability, Refitted};
 use super::noise::{NoiseFloor, adequate};
 use super::policy::Exact;
 use super::validation::CrossValidator;
@@ -14,6 +14,7 @@ use super::verdict::Answer;
 use super::{Progress, Request};
 use crate::estimate::Dataset;
 use crate::estimate::fit::{Effort, Fit, Fitter};
+use crate::estimate::usable::Concern;
 use crate::io::error::InputError;
 use crate::io::model_file::ModelFile;
 use crate::statistics::{correlation_time, rms};
@@ -31,6 +32,8 @@ pub struct Baseline {
     pub refit: Candidate,
     /// Which of its parameters the recordings determine.
     pub identified: Identifiability,
+    /// What a person should know of the refit.
+    pub remarks: Vec<Concern>,
     /// The noise floor, with the error from noise of the pressure.
     pub floor: NoiseFloor,
 }
@@ -50,22 +53,29 @@ impl Baseline {
         progress.stage("refit of the nominal structure", 0);
         let nominal = &request.file.model;
         let fitter = Fitter::new(nominal, data);
-        let (refit, file, identified) = identifiability::refit(request.file, &fitter);
-        if !refit.fit.sse().is_finite() {
-            return Err(InputError::new(
-                "the model cannot be simulated over these recordings: it diverges",
-                "check units and signs of its parameters",
-            )
-            .in_file(&file.path));
-        }
+        let Refitted {
+            refit,
+            file,
+            identified,
+            remarks,
+        } = identifiability::refit(request.file, &fitter)
+            .filter(|it| it.refit.fit.sse().is_finite())
+            .ok_or_else(|| {
+                InputError::new(
+                    "the model cannot be simulated over these recordings: it diverges",
+                    "check units and signs of its parameters",
+                )
+                .in_file(&request.file.path)
+            })?;
         let data = with_guesses(data, &refit.fit);
         let guessed = Fitter::new(nominal, &data);
         Ok(Self {
-            floor: floor.clone().with_input(&guessed, &refit.fit, request.seed),
+            floor: floor.clone().with_input(&guessed, &refit.fit),
             nominal: fitter.compare(nominal),
             refit,
             file,
             identified,
+            remarks,
             data,
         })
     }
@@ -89,8 +99,7 @@ impl Baseline {
         let weight = left / self.floor.white * correlation_time(&residuals).sqrt();
         let data = self.data.weighing_zeros(weight.max(1.0));
         let fitter = Fitter::new(&self.file.model, &data);
-        let starts = [self.refit.fit.model, self.file.model];
-        let fit = fitter.best_of(&starts, &self.file.free, Effort::Full)?;
+        let fit = fitter.fit(&self.refit.fit.model, &self.file.free, Effort::Full);
         let refit = Candidate::of(Vec::new(), fit);
         Some(Self {
             nominal: fitter.compare(&self.nominal.model),

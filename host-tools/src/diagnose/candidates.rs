@@ -6,12 +6,15 @@
 
 use model_core::actuator::{MAX_EFFECTS, Model, ParameterId};
 use model_core::catalogue::{Effect, Kind};
+use model_core::dynamics::Dynamics;
 use model_core::effects::{Mechanism, Parameter, Place, Unit};
 
 use super::Progress;
+use super::missing_force::Guesses;
 use crate::estimate::checkpoint::Checkpoint;
 use crate::estimate::filter::Level;
 use crate::estimate::fit::{Effort, Fit, Fitter};
+use crate::estimate::identify::HARDLY_VISIBLE;
 use crate::estimate::smooth::motions;
 use crate::io::model_file::{ModelFile, parameter_name};
 
@@ -141,6 +144,50 @@ impl Scales {
             Unit::One | Unit::Radian | Unit::Hertz | Unit::Given(_) => None,
             Unit::PerRadian => Some(3.0 / self.angle),
             _ => Some(self.size(row)),
+        }
+    }
+
+    /// The dynamics of the same time constant C/K at critical damping, C²/(4 K) = M, where
+    /// the inertia does not show in `fitted`; none where it does.
+    ///
+    /// A missing force can make a swing look like a creep: the refit then ends where the
+    /// inertia does not show, and with the right effect no fit finds the way back.
+    fn swinging(&self, fitted: &Dynamics<f64>) -> Option<Dynamics<f64>> {
+        let damping = fitted.damping;
+        let slope = fitted.stiffness * self.angle.powf(fitted.exponent - 1.0);
+        let critical = 4.0 * fitted.inertia * slope / damping;
+        let is_hidden = fitted.inertia < HARDLY_VISIBLE * self.interval * damping;
+        let times = critical / damping;
+        (is_hidden && times > 0.0 && times < 1.0).then_some(Dynamics {
+            damping: critical,
+            stiffness: times * fitted.stiffness,
+            input_gain: times * fitted.input_gain,
+            ..*fitted
+        })
+    }
+
+    /// Largest angle (rad).
+    pub const fn angle(&self) -> f64 {
+        self.angle
+    }
+
+    /// Largest force of spring or drive (N).
+    pub const fn force(&self) -> f64 {
+        self.force
+    }
+
+    /// Values of a parameter at which fits of an effect start, in SI units.
+    pub fn starts_of(&self, kind: Kind, row: &Parameter) -> Vec<f64> {
+        match row.held {
+            Some(held) => vec![held_value(row, held, self)],
+            None if row.unit == Unit::Hertz => self.lines.clone(),
+            None => row
+                .starts
+                .iter()
+                .map(|start| f64::from(*start) * self.size(row))
+                // A very small delay is a guess as well.
+                .chain((kind.info().place == Place::Input).then_some(self.interval))
+                .collect(),
         }
     }
 
@@ -373,6 +420,8 @@ pub struct FitContext<'a> {
     pub subsample: &'a Fitter<'a>,
     /// Scales of forces, angles and rates.
     pub scales: &'a Scales,
+    /// What the missing force suggests.
+    pub guesses: &'a Guesses,
     /// Kept fits, also of an interrupted run.
     pub checkpoint: &'a Checkpoint,
     /// Counts the fits.
@@ -420,23 +469,22 @@ pub fn predicted(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Opti
     let mut added = base.added.clone();
     added.push(kind);
     let free = free_parameters(file, &added);
-    let starts = starts(file, context.scales, base, kind);
+    let starts = starts(context, base, kind);
     let best = context
         .subsample
-        .least_predicted(&starts.from_fitted, &free, BEST);
+        .least_predicted(&starts.as_fitted, &free, BEST);
     let sse = best.first()?.0;
     let mut starts_on: Vec<Model<f64>> = best.into_iter().map(|(_, model)| model).collect();
+    let swinging = context
+        .subsample
+        .least_predicted(&starts.swinging, &free, 1);
+    starts_on.extend(swinging.into_iter().map(|(_, model)| model));
     // Where simulation and measurement are out of phase, whole runs have too many
     // local minima: short segments give the initial guesses.
     if let Some(short_segments) = context.short_segments
         && !added.iter().any(|kind| remembers(*kind))
     {
-        let anywhere = if base.added.is_empty() {
-            starts.all()
-        } else {
-            starts.from_fitted.clone()
-        };
-        let near = short_segments.best_of(&anywhere, &free, Effort::Coarse);
+        let near = short_segments.best_of(&starts.as_fitted, &free, Effort::Coarse);
         starts_on.extend(near.map(|fit| fit.model));
     }
     Some(Predicted {
@@ -494,25 +542,16 @@ pub fn final_fit(context: &FitContext<'_>, candidate: &Candidate) -> Candidate {
 
 /// Initial guesses of the fitted `base` with `kind` added.
 pub fn starts_from(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Vec<Model<f64>> {
-    starts(context.file, context.scales, base, kind).from_fitted
+    starts(context, base, kind).as_fitted
 }
 
 /// Initial guesses of `base` with `kind` added: every combination of the catalogue's
-/// values, with the base parameters as fitted without the effect and as nominal.
-fn starts(file: &ModelFile, scales: &Scales, base: &Candidate, kind: Kind) -> Starts {
+/// values, with the base parameters as fitted without the effect, and what the missing force
+/// suggests.
+fn starts(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Starts {
     let mut values: Vec<Vec<f64>> = vec![Vec::new()];
     for row in kind.parameters() {
-        let choices: Vec<f64> = match row.held {
-            Some(held) => vec![held_value(row, held, scales)],
-            None if row.unit == Unit::Hertz => scales.lines.clone(),
-            None => row
-                .starts
-                .iter()
-                .map(|start| f64::from(*start) * scales.size(row))
-                // A very small delay is a guess as well.
-                .chain((kind.info().place == Place::Input).then_some(scales.interval))
-                .collect(),
-        };
+        let choices = context.scales.starts_of(kind, row);
         values = values
             .into_iter()
             .flat_map(|head| {
@@ -525,15 +564,33 @@ fn starts(file: &ModelFile, scales: &Scales, base: &Candidate, kind: Kind) -> St
             .collect();
     }
     let fitted = *base.fit.model.dynamics();
-    let nominal = *file.model.dynamics();
+    let swinging = context.scales.swinging(&fitted);
     let mut starts = Starts::default();
     for values in &values {
         let Some(effect) = kind.build(values) else {
             continue;
         };
         let effects: Vec<_> = base.fit.model.effects().chain([effect]).collect();
-        starts.from_fitted.extend(Model::new(fitted, &effects));
-        starts.from_nominal.extend(Model::new(nominal, &effects));
+        starts.as_fitted.extend(Model::new(fitted, &effects));
+        starts.swinging.extend(swinging.and_then(|dynamics| {
+            // All forces count in proportion to the stiffness.
+            let times = dynamics.stiffness / fitted.stiffness;
+            let values: Vec<f64> = kind
+                .parameters()
+                .iter()
+                .zip(values)
+                .map(|(row, value)| value * if row.unit.is_force() { times } else { 1.0 })
+                .collect();
+            let added = kind.build(&values)?;
+            let effects: Vec<_> = base.fit.model.effects().chain([added]).collect();
+            Model::new(dynamics, &effects).ok()
+        }));
+    }
+    for guess in context.guesses.of_kind(kind) {
+        let effects: Vec<_> = base.fit.model.effects().chain([guess.effect]).collect();
+        let is_alone = base.added.is_empty();
+        let dynamics = if is_alone { guess.base } else { fitted };
+        starts.as_fitted.extend(Model::new(dynamics, &effects));
     }
     starts
 }
@@ -542,19 +599,9 @@ fn starts(file: &ModelFile, scales: &Scales, base: &Candidate, kind: Kind) -> St
 #[derive(Clone, Debug, Default)]
 struct Starts {
     /// With the base parameters as fitted without the effect.
-    from_fitted: Vec<Model<f64>>,
-    /// With the base parameters as nominal.
-    from_nominal: Vec<Model<f64>>,
-}
-
-impl Starts {
-    fn all(&self) -> Vec<Model<f64>> {
-        self.from_fitted
-            .iter()
-            .chain(&self.from_nominal)
-            .copied()
-            .collect()
-    }
+    as_fitted: Vec<Model<f64>>,
+    /// With base parameters beside which the inertia shows, where it does not as fitted.
+    swinging: Vec<Model<f64>>,
 }
 
 /// The value at which a parameter is held: the catalogue's. But a smoothed sign function

@@ -3,8 +3,7 @@
 //! The Jacobian of the simulated angle by *relative* changes of the parameters has a small
 //! singular value for each practically unidentifiable direction, and that direction is
 //! reported. Where nothing at all determines it (the scale of the inertia, if everything
-//! is free), one of its parameters is held at its nominal value, which is reported too: a
-//! fit would only return its initial guess.
+//! is free), one of its parameters is held, which is reported too.
 //!
 //! Two quantities are never identifiable and not tried: the gain of the angle sensor,
 //! which stiffness, damping and input gain absorb, and the scale of the inertia.
@@ -13,6 +12,8 @@ use model_core::actuator::ParameterId;
 
 use super::candidates::Candidate;
 use crate::estimate::fit::{Effort, Fit, Fitter, UnidentifiableDirection};
+use crate::estimate::identify::{EXPONENTS, Order, identify};
+use crate::estimate::usable::Concern;
 use crate::io::model_file::{ModelFile, parameter_name};
 
 /// Relative standard error from which a direction counts as undetermined.
@@ -25,16 +26,18 @@ pub struct Identifiability {
     pub unidentifiable: Vec<UnidentifiableDirection>,
     /// Parameters that ended at a bound of their search range.
     pub at_bound: Vec<ParameterId>,
-    /// Parameters that were held at their nominal value because the recordings do not
-    /// determine them beside the others.
+    /// Parameters that were held because the recordings do not determine them beside the
+    /// others.
     pub held: Vec<ParameterId>,
+    /// Whether the inertia shows.
+    pub order: Order,
     /// All of it in sentences.
     pub text: Vec<String>,
 }
 
 impl Identifiability {
     /// Examines a final fit, in which `held` were not free.
-    pub fn of(fit: &Fit, held: &[ParameterId]) -> Self {
+    pub fn of(fit: &Fit, held: &[ParameterId], order: Order) -> Self {
         let at_bound: Vec<ParameterId> = fit
             .free
             .iter()
@@ -53,12 +56,26 @@ impl Identifiability {
         let name = |id: ParameterId| parameter_name(&fit.model, id);
         let mut text = Vec::new();
         for &id in held {
-            text.push(format!(
-                "{} is held at its nominal value: together with the others nothing in these recordings determines it",
-                name(id)
-            ));
+            let name = name(id);
+            text.push(match id {
+                ParameterId::Inertia => format!(
+                    "{name} is held at its nominal value: together with the others nothing in these recordings determines it"
+                ),
+                _ => format!(
+                    "{name} is held as first fitted: together with the others nothing in these recordings determines it"
+                ),
+            });
         }
-        for direction in &unidentifiable {
+        if order == Order::First {
+            text.push(
+                "without an effect the motion is of first order: the inertia does not show, and only the ratios of damping, stiffness and gain count".to_owned(),
+            );
+        }
+        let is_the_scale = |direction: &UnidentifiableDirection| {
+            let mut ids = direction.shares.iter().map(|&(id, _)| id);
+            order == Order::First && ids.any(|id| id == ParameterId::Damping)
+        };
+        for direction in unidentifiable.iter().filter(|it| !is_the_scale(it)) {
             let names: Vec<String> = direction.shares.iter().map(|&(id, _)| name(id)).collect();
             text.push(match names.as_slice() {
                 [only] => format!("{only} is hardly determined by these recordings"),
@@ -68,29 +85,57 @@ impl Identifiability {
                 ),
             });
         }
-        for &id in &at_bound {
-            text.push(format!(
-                "{} ended at the edge of the range that was searched",
-                name(id)
-            ));
+        for (index, &id) in fit.free.iter().enumerate() {
+            if !at_bound.contains(&id) {
+                continue;
+            }
+            let name = name(id);
+            text.push(if fit.is_nothing(index) {
+                format!("{name} ended at nothing: these recordings show none of it")
+            } else {
+                format!("{name} ended at the edge of the range that was searched")
+            });
         }
         Self {
             unidentifiable,
             at_bound,
             held: held.to_vec(),
+            order,
             text,
         }
     }
 }
 
-/// Fits the nominal structure and holds, one by one, undetermined parameters. Returns the
-/// fit, and the model file with the parameters that are still free.
-pub fn refit(file: &ModelFile, fitter: &Fitter<'_>) -> (Candidate, ModelFile, Identifiability) {
+/// The nominal structure as the recordings identify it.
+#[derive(Clone, Debug)]
+pub struct Refitted {
+    /// The fit.
+    pub refit: Candidate,
+    /// The model file as fitted, with the parameters that are still free.
+    pub file: ModelFile,
+    /// What the recordings determine.
+    pub identified: Identifiability,
+    /// What a person should know.
+    pub remarks: Vec<Concern>,
+}
+
+/// Identifies the nominal structure and holds, one by one, undetermined parameters. None
+/// if the model cannot be simulated.
+pub fn refit(file: &ModelFile, fitter: &Fitter<'_>) -> Option<Refitted> {
     let mut file = file.clone();
-    let mut held = Vec::new();
+    let identified = identify(&file.model, &file.free, &EXPONENTS, fitter.data)?;
+    let remarks = identified.remarks(&file.model, fitter.data);
+    let order = identified.order;
+    let mut held: Vec<ParameterId> = file
+        .free
+        .iter()
+        .copied()
+        .filter(|id| !identified.released.free.contains(id))
+        .collect();
+    file.free.clone_from(&identified.released.free);
+    let mut fit = identified.released;
     loop {
-        let fit = fitter.fit(&file.model, &file.free, Effort::Full);
-        let undetermined = Identifiability::of(&fit, &held)
+        let undetermined = Identifiability::of(&fit, &held, order)
             .unidentifiable
             .into_iter()
             .filter(|direction| direction.standard_error > NOTHING_DETERMINES)
@@ -99,11 +144,21 @@ pub fn refit(file: &ModelFile, fitter: &Fitter<'_>) -> (Candidate, ModelFile, Id
             Some(id) if file.free.len() > 1 => {
                 file.free.retain(|&free| free != id);
                 held.push(id);
+                // The file's inertia scales everything; nothing else in it is better known.
+                let start = match file.model.value(id) {
+                    Some(value) if id == ParameterId::Inertia => fit.model.with_value(id, value),
+                    _ => fit.model,
+                };
+                fit = fitter.fit(&start, &file.free, Effort::Full);
             }
             _ => {
-                let found = Identifiability::of(&fit, &held);
-                let refit = Candidate::of(Vec::new(), fit);
-                return (refit, file, found);
+                file.model = fit.model;
+                return Some(Refitted {
+                    identified: Identifiability::of(&fit, &held, order),
+                    refit: Candidate::of(Vec::new(), fit),
+                    file,
+                    remarks,
+                });
             }
         }
     }
@@ -142,7 +197,12 @@ mod tests {
             .collect();
         let data = Dataset::of(&recordings);
         let fitter = Fitter::new(&file.model, &data);
-        let (refit, without, found) = refit(&file, &fitter);
+        let Refitted {
+            refit,
+            file: without,
+            identified: found,
+            ..
+        } = refit(&file, &fitter).unwrap();
         assert_eq!(found.held, [ParameterId::Inertia]);
         assert!(!without.free.contains(&ParameterId::Inertia));
         assert!(found.text[0].starts_with("inertia is held"));

@@ -184,7 +184,15 @@ impl<'a> Levels<'a> {
         }
         for candidate in coarse.iter().take(KEPT) {
             let model = &candidate.fit.model;
-            keep(candidate.added.clone(), None, self.output_error(), model);
+            let extends = |base: &Estimate| {
+                candidate.added.len() == base.added.len() + 1
+                    && candidate.added.starts_with(&base.added)
+            };
+            let base = bases
+                .iter()
+                .map(|(base, _)| *base)
+                .find(|base| extends(base));
+            keep(candidate.added.clone(), base, self.output_error(), model);
         }
         let fits = chosen.len() * self.horizons.len();
         self.context.progress.step("fits", fits);
@@ -239,8 +247,8 @@ impl<'a> Levels<'a> {
             let fitter = self.fitter(level);
             let mut from: Vec<Model<f64>> = start.iter().copied().collect();
             from.extend(fits.last().map(|shorter| shorter.model));
-            let needs_own = from.is_empty() || level == self.output_error();
-            if let (true, None, Some(base), Some(&kind)) = (needs_own, start, base, added.last()) {
+            // A start from the base as fitted here: no structure may end above what it extends.
+            if let (Some(base), Some(&kind)) = (base, added.last()) {
                 from.extend(self.initial_guess(&fitter, base, kind, level));
             }
             if from.is_empty() {

@@ -30,6 +30,7 @@ pub(crate) mod identifiability;
 pub(crate) mod levels;
 pub(crate) mod localise;
 pub(crate) mod measure;
+pub(crate) mod missing_force;
 pub(crate) mod noise;
 pub(crate) mod pairs;
 pub mod plan;
@@ -183,7 +184,8 @@ pub fn diagnose_from(
     checkpoint: &Checkpoint,
     progress: &Progress,
 ) -> Result<Diagnosis, InputError> {
-    let assembled = assemble(request.recordings, request.holdout)?;
+    let mut assembled = assemble(request.recordings, request.holdout)?;
+    assembled.data = assembled.data.knowing(&request.file.within);
     let fitted = assembled.data.indices(true).len();
     if fitted == 0 || (fitted < 2 && assembled.data.indices(false).is_empty()) {
         return Err(InputError::new(
@@ -304,10 +306,12 @@ fn diagnose_all(
         refit,
         identified,
         floor,
+        remarks,
     } = baseline;
+    concerns.extend(remarks);
     let file = &file;
     let fitter = Fitter::new(&file.model, &data);
-    let mut validator = CrossValidator::new(file, &fitter, floor.input);
+    let mut validator = CrossValidator::new(file, &fitter, floor.input).beside(nominal.model);
     validator.raise_floor(floor.rms);
     progress.stage("where the gap lives", 0);
     let gap = localise(&refit.fit.model, &data, &refit.fit.nuisances, floor.white);
@@ -344,10 +348,10 @@ fn diagnose_all(
         localise(&fit.model, &data, &fit.nuisances, floor.white)
     });
     let identifiability = [
-        Identifiability::of(&found.repaired.fit, &identified.held),
+        Identifiability::of(&found.repaired.fit, &identified.held, identified.order),
         identified,
     ];
-    let validation = Validations::of(&fitter, &refit, &found);
+    let validation = Validations::of(&fitter, &nominal.model, &refit, &found);
     let diagnosis = Diagnosis {
         answer: found.answer,
         concerns,
@@ -415,13 +419,13 @@ pub struct Validations {
 }
 
 impl Validations {
-    fn of(fitter: &Fitter<'_>, refit: &Candidate, found: &Selection) -> Self {
+    fn of(fitter: &Fitter<'_>, nominal: &Model<f64>, refit: &Candidate, found: &Selection) -> Self {
         if fitter.data.held_out().next().is_none() {
             return Self::default();
         }
         let of = |model: &Model<f64>| fitter.validate(model).residuals;
         Self {
-            nominal: of(fitter.nominal),
+            nominal: of(nominal),
             refit: of(&refit.fit.model),
             repaired: of(&found.repaired.fit.model),
             rivals: found

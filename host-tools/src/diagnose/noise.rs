@@ -8,16 +8,22 @@
 //! differ without any noise. The simulation error from noise of the measured pressure is
 //! kept separately.
 
+use std::ops::Range;
+
+use model_core::actuator::Model;
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
+use rayon::prelude::*;
 
 use super::policy::Exact;
 use crate::estimate::Session;
 use crate::estimate::fit::{Fit, Fitter};
-use crate::estimate::nuisance::rest_at_start;
+use crate::estimate::nuisance::{Nuisance, rest_at_start};
 use crate::io::recording::{Meta, Recording};
-use crate::statistics::{coloured_rms, mean, noise_by_differences, quantisation_step, rms};
+use crate::statistics::{
+    coloured_rms, mean, noise_by_differences, quantisation_step, rms, standard_deviation,
+};
 
 /// The noise floor and its sources.
 #[derive(Clone, Debug, PartialEq)]
@@ -85,58 +91,105 @@ impl NoiseFloor {
         }
     }
 
-    /// Adds the error from noise of the measured pressure: the difference between a
-    /// simulation by the recorded pressure and one with the same white noise added again.
+    /// Adds the error from noise of the measured pressure: the difference between
+    /// simulations by the recorded pressure and by one with the same white noise added again.
     ///
     /// Fits use the measured pressure without its fastest part
     /// ([`crate::estimate::denoise`]), so even a right model has this error. It is
     /// correlated, because the actuator filters it.
-    pub fn with_input(self, fitter: &Fitter<'_>, fit: &Fit, seed: u64) -> Self {
-        let mut random = Pcg64Mcg::seed_from_u64(seed);
-        let data = fitter.data;
-        let pressures: Vec<Vec<f64>> = data
+    ///
+    /// The noise is drawn until the RMS is known to [`INPUT_ACCURACY`], always in the same
+    /// way: the floor steers the whole search, and the answer must not depend on a draw.
+    pub fn with_input(self, fitter: &Fitter<'_>, fit: &Fit) -> Self {
+        let calm: Vec<Calm<'_>> = fitter
+            .data
             .sessions()
             .iter()
-            .map(|session| {
-                let mut pressure = session.recording().pressure.clone();
-                let noise = noise_by_differences(&pressure);
-                for pressure in &mut pressure {
-                    let draw: f64 = StandardNormal.sample(&mut random);
-                    *pressure += noise * draw;
-                }
-                pressure
-            })
-            .collect();
-        let noisy = data.with_pressures(&pressures);
-        let differences: Vec<f64> = data
-            .sessions()
-            .iter()
-            .zip(noisy.sessions())
             .zip(&fit.nuisances)
             .enumerate()
-            .flat_map(|(index, ((calm, noisy), nuisance))| {
-                let ranges = data.fitted_ranges(index);
-                let simulated = |session: &Session| {
-                    if ranges.is_empty() {
+            .map(|(index, (session, nuisance))| {
+                let ranges = fitter.data.fitted_ranges(index);
+                Calm {
+                    session,
+                    nuisance,
+                    noise: noise_by_differences(&session.recording().pressure),
+                    simulated: if ranges.is_empty() {
                         Vec::new()
                     } else {
                         session.simulate(&fit.model, nuisance)
-                    }
-                };
-                let (calm, noisy) = (simulated(calm), simulated(noisy));
-                ranges
-                    .into_iter()
-                    .flatten()
-                    .map(move |k| calm[k] - noisy[k])
-                    .collect::<Vec<_>>()
+                    },
+                    ranges,
+                }
             })
+            .filter(|calm| !calm.ranges.is_empty() && calm.noise > 0.0)
             .collect();
+        let samples: usize = calm.iter().map(Calm::samples).sum();
+        let mut squares: Vec<f64> = Vec::new();
+        while squares.len() < MOST_DRAWS && samples > 0 {
+            let batch = squares.len()..squares.len() + BATCH;
+            squares.par_extend(batch.into_par_iter().map(|draw| {
+                let sum: f64 = calm.iter().map(|it| it.squares(&fit.model, draw)).sum();
+                sum / fitter.data.samples().max(1) as f64
+            }));
+            let error = standard_deviation(&squares) / (squares.len() as f64).sqrt();
+            // Of a sum of squares with the floor, what is far smaller does not count.
+            let known = mean(&squares).max(INPUT_ACCURACY * self.rms * self.rms);
+            let is_beyond = mean(&squares) - 3.0 * error > self.rms * self.rms;
+            if is_beyond || error <= 2.0 * INPUT_ACCURACY * known {
+                break;
+            }
+        }
         // Differences mistake a fast pressure for noise, so the allowance is at most the
         // floor itself.
         Self {
-            input: rms(&differences).min(self.rms),
+            input: mean(&squares).sqrt().min(self.rms),
             ..self
         }
+    }
+}
+
+/// Relative accuracy of the RMS error from noise of the pressure.
+const INPUT_ACCURACY: f64 = 0.01;
+
+/// Draws of the noise that are made at once, and at most.
+const BATCH: usize = 8;
+const MOST_DRAWS: usize = 400;
+
+/// A session with its simulation by the recorded pressure.
+struct Calm<'a> {
+    session: &'a Session,
+    nuisance: &'a Nuisance,
+    /// White noise of the pressure (Pa).
+    noise: f64,
+    ranges: Vec<Range<usize>>,
+    simulated: Vec<f64>,
+}
+
+impl Calm<'_> {
+    fn samples(&self) -> usize {
+        self.ranges.iter().map(ExactSizeIterator::len).sum()
+    }
+
+    /// Sum of squares (rad²) over the fitted samples of the difference that a draw of the
+    /// noise makes. Every session has the same draws, whatever its place among the others.
+    fn squares(&self, model: &Model<f64>, draw: usize) -> f64 {
+        let mut random = Pcg64Mcg::seed_from_u64(draw as u64);
+        let pressure = self
+            .session
+            .recording()
+            .pressure
+            .iter()
+            .map(|pressure| {
+                let drawn: f64 = StandardNormal.sample(&mut random);
+                pressure + self.noise * drawn
+            })
+            .collect();
+        let noisy = self.session.clone().with_pressure(pressure);
+        let noisy = noisy.simulate(model, self.nuisance);
+        let samples = self.ranges.iter().cloned().flatten();
+        samples
+            .map(|k| (self.simulated[k] - noisy[k]).powi(2))
+            .sum()
     }
 }
 

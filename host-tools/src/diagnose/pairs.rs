@@ -228,6 +228,7 @@ mod tests {
 
     use super::super::Progress;
     use super::super::candidates::Scales;
+    use super::super::missing_force::Guesses;
     use super::*;
     use crate::estimate::Dataset;
     use crate::estimate::checkpoint::Checkpoint;
@@ -291,6 +292,7 @@ mod tests {
             short_segments: None,
             subsample: &fitter,
             scales: &Scales::of(&fitter, &base.fit),
+            guesses: &Guesses::default(),
             checkpoint: &Checkpoint::default(),
             progress: &Progress::default(),
         };

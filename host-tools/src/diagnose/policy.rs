@@ -80,7 +80,7 @@ policy! {
     /// A residual counts as noise if its RMS stays below this factor of the noise floor.
     rms_factor: 1.08, "noise floor", "set on clean simulated recordings";
     /// Factor on the error from noise of the measured pressure.
-    input_factor: 1.5, "–", "one draw of the noise represents all";
+    input_factor: 1.5, "–", "how well differences know the noise";
     /// Final fits of single effects are made if the best coarse fit leaves at most this
     /// multiple of the noise.
     may_settle: 3.0, "noise", "set on clean simulated recordings";
@@ -116,7 +116,7 @@ policy! {
     /// share of the squared gap.
     imitated: 0.08, "–", "the same effect by another formula";
     /// Largest probability that noise alone gains as much as a larger structure.
-    chance: 0.01, "–", "one in a hundred; 499 draws show it";
+    chance: 0.01, "–", "one in a hundred; 9 999 draws show it";
     /// Least share of the gap on held-out segments that one effect closes.
     closes: 0.75, "–", "known effects closed 77 % and more, unknown ones 72 % at most";
     /// Least share of that gap that several effects close.

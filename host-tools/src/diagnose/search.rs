@@ -9,6 +9,7 @@ use super::baseline::{Baseline, in_step};
 use super::budget::{self, Part};
 use super::candidates::{Candidate, FitContext, Scales, Untried, applicable, final_fit};
 use super::grade::{Graded, graded};
+use super::missing_force::Guesses;
 use super::noise::NoiseFloor;
 use super::policy::Policy;
 use super::selection::{Selection, Selector, names};
@@ -69,14 +70,16 @@ pub fn search(baseline: Baseline, options: Options<'_>) -> Searched {
 fn selected(mut baseline: Baseline, options: Options<'_>) -> Searched {
     let (file, data) = (baseline.file.clone(), baseline.data.clone());
     let fitter = Fitter::new(&file.model, &data);
-    let mut validator = CrossValidator::new(&file, &fitter, baseline.floor.input);
+    let mut validator =
+        CrossValidator::new(&file, &fitter, baseline.floor.input).beside(baseline.nominal.model);
     if let Some(answer) = baseline.quiet(&validator) {
         return Searched::nothing(answer, Vec::new(), baseline);
     }
     let (kinds, untried) = applicable(&file.model, options.own, &fitter);
     let material = Material::of(&fitter, &baseline.refit);
+    let guesses = material.guesses(&fitter, &baseline, &kinds);
     let fitters = material.fitters(&fitter);
-    let context = fitters.context(&file, &material, options);
+    let context = fitters.context(&file, &material, &guesses, options);
     let Singles { coarse, mut pool } = singles(
         &context,
         &baseline.floor,
@@ -86,7 +89,7 @@ fn selected(mut baseline: Baseline, options: Options<'_>) -> Searched {
     );
     let is_open = !settles(&pool, &baseline.floor);
     let mut graded = (is_open && options.progress.has_time_for(Part::Horizons))
-        .then(|| Grading::of(&baseline, &kinds, &coarse, &pool, options))
+        .then(|| Grading::of(&baseline, &kinds, &coarse, &pool, &guesses, options))
         .flatten();
     if let Some(Grading { graded, .. }) = &graded
         && graded.may_leave_noise(&baseline.floor)
@@ -109,7 +112,7 @@ fn selected(mut baseline: Baseline, options: Options<'_>) -> Searched {
     }
     let hopeless = |it: &Grading| !it.graded.may_leave_noise(&baseline.floor);
     if let Some(graded) = graded.take_if(|it| hopeless(it)) {
-        return graded.searched(untried, baseline.floor, options);
+        return graded.searched(untried, baseline.floor, &guesses, options);
     }
     let mut found = Selector {
         context,
@@ -124,7 +127,7 @@ fn selected(mut baseline: Baseline, options: Options<'_>) -> Searched {
         answer => answer != Answer::Unexplained,
     };
     match graded {
-        Some(graded) if !settled => graded.searched(untried, baseline.floor, options),
+        Some(graded) if !settled => graded.searched(untried, baseline.floor, &guesses, options),
         _ => {
             if !settled && !options.progress.undone().is_empty() {
                 let best = best_so_far(&context, &validator, &baseline.refit, &pool, &coarse);
@@ -189,6 +192,7 @@ impl Grading {
         kinds: &[Kind],
         coarse: &[Candidate],
         pool: &[Candidate],
+        guesses: &Guesses,
         options: Options<'_>,
     ) -> Option<Self> {
         let mut singles = if pool.len() > 1 { &pool[1..] } else { coarse }.to_vec();
@@ -204,7 +208,7 @@ impl Grading {
             let material = Material::of(&fitter, &baseline.refit);
             let fitters = material.fitters(&fitter);
             graded(
-                &fitters.context(file, &material, options),
+                &fitters.context(file, &material, guesses, options),
                 &validator,
                 &baseline.floor,
                 kinds,
@@ -217,7 +221,13 @@ impl Grading {
     }
 
     /// The selection by grades, over this noise floor.
-    fn searched(self, untried: Vec<Untried>, floor: NoiseFloor, options: Options<'_>) -> Searched {
+    fn searched(
+        self,
+        untried: Vec<Untried>,
+        floor: NoiseFloor,
+        guesses: &Guesses,
+        options: Options<'_>,
+    ) -> Searched {
         let baseline = Baseline {
             floor,
             ..self.baseline
@@ -229,7 +239,7 @@ impl Grading {
             validator.raise_floor(baseline.floor.rms);
             let material = Material::of(&fitter, &baseline.refit);
             let fitters = material.fitters(&fitter);
-            let context = fitters.context(file, &material, options);
+            let context = fitters.context(file, &material, guesses, options);
             self.graded.selection(&context, &validator, &baseline.refit)
         };
         Searched {
@@ -255,6 +265,12 @@ impl Material {
             subsample: subsample(fitter.data, &refit.fit.model),
             scales: Scales::of(fitter, &refit.fit),
         }
+    }
+
+    /// What the missing force of the refit suggests.
+    fn guesses(&self, fitter: &Fitter<'_>, baseline: &Baseline, kinds: &[Kind]) -> Guesses {
+        let noise = baseline.floor.white;
+        Guesses::of(fitter, &baseline.refit.fit, noise, kinds, &self.scales)
     }
 
     fn fitters<'a>(&'a self, whole: &'a Fitter<'a>) -> Fitters<'a> {
@@ -284,6 +300,7 @@ impl<'a> Fitters<'a> {
         &'a self,
         file: &'a ModelFile,
         material: &'a Material,
+        guesses: &'a Guesses,
         options: Options<'a>,
     ) -> FitContext<'a> {
         FitContext {
@@ -292,6 +309,7 @@ impl<'a> Fitters<'a> {
             short_segments: self.short_segments.as_ref(),
             subsample: &self.subsample,
             scales: &material.scales,
+            guesses,
             checkpoint: options.checkpoint,
             progress: options.progress,
         }

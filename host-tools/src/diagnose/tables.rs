@@ -139,6 +139,7 @@ mod tests {
     use super::*;
     use crate::diagnose::Progress;
     use crate::diagnose::candidates::Scales;
+    use crate::diagnose::missing_force::Guesses;
     use crate::estimate::Dataset;
     use crate::estimate::checkpoint::Checkpoint;
     use crate::io::model_file::ModelFile;
@@ -164,6 +165,7 @@ mod tests {
             );
             let scales = Scales::of(&fitter, &refit.fit);
             let context = FitContext {
+                guesses: &Guesses::default(),
                 file: &file,
                 fitter: &fitter,
                 short_segments: None,

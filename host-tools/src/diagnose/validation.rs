@@ -167,6 +167,8 @@ pub struct CrossValidator<'a> {
     /// The data with its held-out segments; if there are none, the fitted ones are left out
     /// in turn.
     fitter: &'a Fitter<'a>,
+    /// The model as supplied.
+    supplied: Model<f64>,
     /// Fitted segments of each fold, by index; empty if some segments are held out.
     folds: Vec<Vec<usize>>,
     /// Noise floor of the held-out segments (rad).
@@ -213,11 +215,17 @@ impl<'a> CrossValidator<'a> {
         Self {
             file,
             fitter,
+            supplied: file.model,
             folds,
             floor: floor.rms.hypot(input),
             only_repeats,
             memo: Mutex::default(),
         }
+    }
+
+    /// The same beside the model as supplied, where the file's was refitted.
+    pub fn beside(self, supplied: Model<f64>) -> Self {
+        Self { supplied, ..self }
     }
 
     /// The fitter to the data with its held-out segments.
@@ -330,8 +338,7 @@ impl<'a> CrossValidator<'a> {
     /// Squared errors of the supplied model on each segment; its zeros and initial states
     /// are estimated without that segment as well.
     fn nominal_squares(&self) -> Vec<f64> {
-        let model = &self.file.model;
-        self.over_folds(|fitter, _| squares(&fitter.validate(model).residuals))
+        self.over_folds(|fitter, _| squares(&fitter.validate(&self.supplied).residuals))
     }
 
     /// Collects the squared errors of each held-out segment.

@@ -11,6 +11,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use super::dataset::{Dataset, Mark, Session};
+use crate::estimate::identify::rest::resting_angle;
 use crate::estimate::usable::{Concern, Matter};
 use crate::estimate::usable::{Usable, usable};
 use crate::io::error::InputError;
@@ -54,12 +55,17 @@ type Span = Range<f64>;
 ///
 /// Refuses a recording of which nothing can be used.
 pub fn assemble(fitted: &[Recording], held_out: &[Recording]) -> Result<Assembled, InputError> {
+    // The order in which files are named decides nothing.
+    let by_path = |recordings: &'_ [Recording]| {
+        let mut order: Vec<usize> = (0..recordings.len()).collect();
+        order.sort_by(|&a, &b| recordings[a].path.cmp(&recordings[b].path));
+        order
+    };
+    let [first, then] = [by_path(fitted), by_path(held_out)];
     let files = || {
-        let role = |fit: bool| move |recording| (recording, fit);
-        fitted
-            .iter()
-            .map(role(true))
-            .chain(held_out.iter().map(role(false)))
+        let fitted = first.iter().map(|&index| (&fitted[index], true));
+        let held_out = then.iter().map(|&index| (&held_out[index], false));
+        fitted.chain(held_out)
     };
     let groups = grouped(files());
     let clocks = Clocks::of(files().map(|(recording, _)| recording));
@@ -68,7 +74,29 @@ pub fn assemble(fitted: &[Recording], held_out: &[Recording]) -> Result<Assemble
     for group in &groups {
         add(&mut all, group, &clocks, alone)?;
     }
+    let was_said = |recording: &Recording| recording.columns.angle_zero_deg.is_some();
+    if !fitted.iter().any(was_said)
+        && let Some(rest) = resting_angle(&all.data)
+    {
+        let zero_deg = rest.to_degrees().round();
+        all.data = all.data.shifted(-zero_deg.to_radians());
+        all.concerns.push(far_from_zero(zero_deg));
+    }
     Ok(all)
+}
+
+/// The angle (°) at which the actuator rests was subtracted.
+fn far_from_zero(zero: f64) -> Concern {
+    Concern::of(
+        Matter::FarFromZero,
+        None,
+        format!(
+            "without pressure the angle rests at {zero}°, far from zero, where the model's spring pulls it: {zero}° are subtracted"
+        ),
+        &format!(
+            "add --angle-zero={zero} to every command, or angle_zero_deg = {zero} to [recording] in the model file, so that all of them do"
+        ),
+    )
 }
 
 /// Groups files by session, from their metadata.
@@ -636,14 +664,15 @@ mod tests {
         assert_eq!(
             segments(&data),
             [
-                (0, 0..300, "run_60_2"),
-                (0, 300..600, "run_60_3"),
-                (0, 600..900, "run_60_4"),
-                (1, 0..400, "b"),
-            ]
+                (0, 0..400, "b"),
+                (1, 0..300, "run_60_2"),
+                (1, 300..600, "run_60_3"),
+                (1, 600..900, "run_60_4"),
+            ],
+            "by the order of their paths"
         );
-        assert_clocks(&data, &[5.0 + PIECE_S, 0.0]);
-        let joined = data.sessions()[0].recording();
+        assert_clocks(&data, &[0.0, 5.0 + PIECE_S]);
+        let joined = data.sessions()[1].recording();
         assert_eq!(joined.name, "run");
         let whole = session();
         for (k, (time, angle)) in joined.time.iter().zip(&joined.angle).enumerate() {

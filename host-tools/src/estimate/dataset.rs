@@ -13,6 +13,7 @@ use model_core::power::Power;
 
 use super::nuisance::{Nuisance, Prior};
 use crate::estimate::denoise;
+use crate::io::model_file::KnownRange;
 use crate::io::recording::Recording;
 use crate::sim::simulate::{FromF64, Grain, InitialState, Origin, Signal, Stepping, run_from};
 
@@ -31,7 +32,10 @@ pub struct Session {
     /// Time on the rig's clock at the first sample (s).
     clock: f64,
     interval: f64,
+    /// The usual time between samples as they were recorded (s).
+    sampled_every: f64,
     largest_angle: f64,
+    largest_pressure: f64,
     /// Samples whose angle is not usable.
     silent: Vec<Range<usize>>,
     /// Step length of simulations.
@@ -43,6 +47,10 @@ impl Session {
     /// finds the initial state. The angle is not usable in `silent`.
     pub fn new(recording: Recording, clock: f64, silent: Vec<Range<usize>>) -> Self {
         let prior = Prior::of(&recording);
+        let largest = |values: &[f64]| {
+            let values = values.iter();
+            values.fold(0.0, |largest: f64, value| value.abs().max(largest))
+        };
         Self {
             signal: Arc::new(Signal::new(
                 recording.time.clone(),
@@ -53,10 +61,9 @@ impl Session {
             estimated: true,
             clock,
             interval: recording.interval(),
-            largest_angle: recording
-                .angle
-                .iter()
-                .fold(0.0, |largest_angle, angle| angle.abs().max(largest_angle)),
+            sampled_every: recording.interval(),
+            largest_angle: largest(&recording.angle),
+            largest_pressure: largest(&recording.pressure),
             silent,
             recording: Arc::new(recording),
             grain: Grain::Fine,
@@ -67,6 +74,30 @@ impl Session {
     pub fn coarse(self) -> Self {
         Self {
             grain: Grain::Coarse,
+            ..self
+        }
+    }
+
+    /// The same session with another measured pressure (Pa).
+    pub fn with_pressure(self, pressure: Vec<f64>) -> Self {
+        let recording = Recording {
+            pressure,
+            ..Recording::clone(&self.recording)
+        };
+        Self {
+            signal: Arc::new(Signal::new(
+                recording.time.clone(),
+                denoise::pressure(&recording),
+            )),
+            recording: Arc::new(recording),
+            ..self
+        }
+    }
+
+    /// The same session as a part of one that was sampled every so many seconds.
+    pub fn sampled(self, every: f64) -> Self {
+        Self {
+            sampled_every: every,
             ..self
         }
     }
@@ -122,6 +153,16 @@ impl Session {
     /// The usual time between samples (s).
     pub fn interval(&self) -> f64 {
         self.interval
+    }
+
+    /// The usual time between samples (s) of the recording, however it is thinned.
+    pub fn sampled_every(&self) -> f64 {
+        self.sampled_every
+    }
+
+    /// Largest pressure measured (Pa), of either sign.
+    pub fn largest_pressure(&self) -> f64 {
+        self.largest_pressure
     }
 
     /// Largest angle measured (rad), which bounds the step length.
@@ -234,6 +275,8 @@ pub struct Dataset {
     segments: Vec<Arc<Segment>>,
     /// Whether each segment is fitted.
     fitted: Vec<bool>,
+    /// What is known of base parameters beside the recordings.
+    known: Vec<KnownRange>,
 }
 
 impl Dataset {
@@ -396,20 +439,44 @@ impl Dataset {
         })
     }
 
-    /// The same data with other pressures (Pa), one series per session.
-    pub fn with_pressures(&self, pressures: &[Vec<f64>]) -> Self {
-        self.mapped(|index, session| {
-            let mut recording = Recording::clone(&session.recording);
-            recording.pressure.clone_from(pressures.get(index)?);
+    /// The same data, with what is known of base parameters beside it.
+    pub fn knowing(self, known: &[KnownRange]) -> Self {
+        Self {
+            known: known.to_vec(),
+            ..self
+        }
+    }
+
+    /// What is known of base parameters beside the recordings.
+    pub fn known_ranges(&self) -> &[KnownRange] {
+        &self.known
+    }
+
+    /// The same data with the measured angles moved by `by` (rad).
+    pub fn shifted(&self, by: f64) -> Self {
+        let moved = |recording: &Recording| Recording {
+            angle: recording.angle.iter().map(|angle| angle + by).collect(),
+            ..recording.clone()
+        };
+        let mut shifted = self.mapped(|_, session| {
+            let fresh = Session::new(
+                moved(&session.recording),
+                session.clock,
+                session.silent.clone(),
+            );
             Some(Session {
-                signal: Arc::new(Signal::new(
-                    recording.time.clone(),
-                    denoise::pressure(&recording),
-                )),
-                recording: Arc::new(recording),
-                ..session.clone()
+                sampled_every: session.sampled_every,
+                grain: session.grain,
+                ..fresh
             })
-        })
+        });
+        for segment in &mut shifted.segments {
+            *segment = Arc::new(Segment {
+                recording: moved(&segment.recording),
+                ..Segment::clone(segment)
+            });
+        }
+        shifted
     }
 
     /// The same data with the zeros taken to be calibrated: their prior standard

@@ -35,6 +35,8 @@ pub struct Fit {
     /// Penalty of zeros and initial states: minus twice the log of their prior density,
     /// relative to its maximum.
     pub departure: f64,
+    /// The same in rad², as it enters the objective, with the soft bounds of the zeros.
+    pub penalty: f64,
     /// Simulated minus measured angle (rad), one series per fitted segment.
     pub residuals: Vec<Vec<f64>>,
     /// Standard error of each free parameter, in SI units; infinite for a
@@ -68,6 +70,19 @@ impl Fit {
             .flatten()
             .map(|residual| residual * residual)
             .sum()
+    }
+
+    /// What the fit minimises (rad²): the sum of squares with the penalty of zeros and
+    /// initial states.
+    pub fn cost(&self) -> f64 {
+        self.sse() + self.penalty
+    }
+
+    /// Whether a free parameter at a bound came out as nothing, next to the size that its
+    /// range has.
+    pub fn is_nothing(&self, index: usize) -> bool {
+        self.transforms[index].to_value(self.position[index]).abs()
+            < 1e-2 * self.transforms[index].scale()
     }
 
     /// Number of samples.
@@ -484,7 +499,7 @@ impl<'a> Fitter<'a> {
             .collect::<Vec<_>>()
             .into_iter()
             .filter(|fit| fit.sse().is_finite())
-            .min_by(|a, b| a.sse().total_cmp(&b.sse()))
+            .min_by(|a, b| a.cost().total_cmp(&b.cost()))
     }
 
     /// The position of the initial guess that is best after a few steps; none if there is
@@ -504,7 +519,7 @@ impl<'a> Fitter<'a> {
             .par_iter()
             .map(|start| self.fit_kept(start, free, COARSE, checkpoint))
             .filter(|fit| fit.sse().is_finite())
-            .min_by(|a, b| a.sse().total_cmp(&b.sse()))
+            .min_by(|a, b| a.cost().total_cmp(&b.cost()))
             .map(|fit| fit.model)
     }
 }

@@ -12,6 +12,7 @@
 //! - [`fit`] estimates the parameters: a least-squares `problem` in coordinates of
 //!   `transform`, by the `normal` equations where there are many sessions.
 //! - [`filter`] fits at shorter prediction horizons, [`horizon`] measures errors there.
+//! - [`identify`] fits the base model from every start that recordings suggest.
 //! - [`information`] is the covariance of the parameters, [`band`] that of the simulated
 //!   curves.
 //! - [`subsample`] takes parts of the data that are enough to rank candidates.
@@ -23,9 +24,11 @@ pub(crate) mod band;
 pub mod checkpoint;
 pub(crate) mod dataset;
 pub(crate) mod denoise;
+mod descent;
 pub(crate) mod filter;
 pub mod fit;
 pub(crate) mod horizon;
+pub mod identify;
 pub(crate) mod information;
 mod normal;
 pub(crate) mod nuisance;

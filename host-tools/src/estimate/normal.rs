@@ -12,6 +12,7 @@ use nalgebra::{DMatrix, DVector, SMatrix};
 use super::nuisance::UNKNOWNS;
 
 /// The block of one session.
+#[derive(Clone)]
 struct Own {
     /// Index of its first unknown.
     first: usize,
@@ -23,6 +24,7 @@ struct Own {
 
 /// Rows of priors `r_k = … + b_k Σ z`, one a session that shares the zero `z`: their
 /// derivative by it is `diag(a) + b eᵀ`, with e = 1 for all that share.
+#[derive(Clone)]
 struct Mean {
     /// Indices of the unknowns.
     places: Vec<usize>,
@@ -45,6 +47,7 @@ pub struct SharedRow {
 }
 
 /// `JᵀJ δ = Jᵀr` of free parameters, which come first, and of the sessions' unknowns.
+#[derive(Clone)]
 pub struct Normal {
     free: DMatrix<f64>,
     slope: DVector<f64>,
@@ -128,6 +131,40 @@ impl Normal {
     /// Jᵀr.
     pub fn slope(&self) -> &DVector<f64> {
         &self.slope
+    }
+
+    /// Decides that the free parameter at `place` moves by `by`: the others are solved for
+    /// beside that, and the step's own entry is left to the caller.
+    pub fn fix(&mut self, place: usize, by: f64) {
+        let count = self.free.nrows();
+        let mut top = self.slope.rows_mut(0, count);
+        top -= self.free.column(place) * by;
+        for own in &mut self.sessions {
+            let mut rows = self.slope.rows_mut(own.first, UNKNOWNS);
+            rows -= own.border.column(place) * by;
+            own.border.column_mut(place).fill(0.0);
+        }
+        self.free.column_mut(place).fill(0.0);
+        self.free.row_mut(place).fill(0.0);
+        self.slope[place] = 0.0;
+    }
+
+    /// What r·r loses by a step −δ if the residuals are linear: 2 δᵀJᵀr − |J δ|².
+    pub fn predicted_gain(&self, step: &DVector<f64>) -> f64 {
+        let count = self.free.nrows();
+        let top = step.rows(0, count).into_owned();
+        let mut squares = top.dot(&(&self.free * &top));
+        for own in &self.sessions {
+            let alone = step.fixed_rows::<UNKNOWNS>(own.first).into_owned();
+            squares += alone.dot(&(own.square * alone)) + 2.0 * alone.dot(&(&own.border * &top));
+        }
+        for mean in &self.means {
+            let pairs = || mean.places.iter().zip(&mean.both);
+            let sum: f64 = mean.places.iter().map(|&place| step[place]).sum();
+            let by_both: f64 = pairs().map(|(&place, both)| both * step[place]).sum();
+            squares += 2.0 * by_both * sum + mean.square * sum * sum;
+        }
+        2.0 * self.slope.dot(step) - squares
     }
 
     /// The diagonal of JᵀJ.
@@ -289,6 +326,9 @@ mod tests {
             let slope = jacobian.tr_mul(&residual);
             prop_assert!((normal.slope() - &slope).norm() <= 1e-12 * (1.0 + slope.norm()));
             prop_assert!((normal.cost() - residual.norm_squared()).abs() <= 1e-12 * normal.cost());
+            let moved = normal.cost() - (&residual - &jacobian * &slope).norm_squared();
+            let predicted = normal.predicted_gain(&slope);
+            prop_assert!((predicted - moved).abs() <= 1e-9 * (normal.cost() + moved.abs()));
             let expected = whole.clone().lu().solve(&slope).unwrap();
             let found = normal.step(damping).unwrap();
             // Both solve the equations; how near the steps are depends on the matrix.

@@ -1,60 +1,36 @@
 //! The least-squares problem behind every fit.
 //!
 //! It turns sessions into residuals and derivatives, adds the priors of their zeros and
-//! initial states, and hands both to the library's solver. [`super::fit`] uses it.
+//! initial states, and hands both to the solver ([`super::descent`]). [`super::fit`] uses it.
 
 use std::ops::Range;
 
-use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use model_core::actuator::{Model, ParameterId};
-use nalgebra::storage::Owned;
-use nalgebra::{DMatrix, DVector, Dyn};
+use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
+use super::descent::{Bounded, descend};
 use super::filter::{Innovation, Level, normalised, pass};
 use super::fit::{Effort, Fit, Fitter};
 use super::information::{Information, Recorded, without_nuisance};
 use super::normal::{Normal, SharedRow};
 use super::nuisance::{Nuisance, Prior, Shared, UNKNOWNS, ZEROS, wall};
-use super::transform::ParameterTransform;
+use super::transform::{Limits, ParameterTransform};
 use super::{Dataset, Session};
 use crate::sim::dual::Dual;
 use crate::sim::simulate::{InitialState, Origin, run_from};
 use crate::statistics::{correlation_time, mean};
 
-/// Number of sessions from which the library's dense decomposition, cubic in their number,
-/// costs more than simulating them.
-const MANY_SESSIONS: usize = 32;
-
-/// Relative gain of a step below which a short fit, or a fit to many sessions, is done:
-/// the error changes by half of it.
-const SLOW: f64 = 1e-4;
-
 impl Effort {
     /// Most evaluations of a fit, and the relative gain below which it is done. A fit that
     /// still moves after so many evaluations is in a valley so flat that its end does not
     /// matter.
-    fn patience(self) -> (usize, f64) {
+    const fn patience(self) -> (usize, f64) {
         match self {
-            Self::Steps(_) | Self::Coarse => (25, 1e-3),
+            Self::Steps(steps) => (steps, 1e-4),
+            Self::Coarse => (25, 1e-3),
             Self::Full => (120, 1e-5),
         }
-    }
-
-    /// The solver for `unknowns` unknowns, by which the library counts evaluations.
-    fn solver(self, unknowns: usize) -> LevenbergMarquardt<f64> {
-        let (evaluations, tolerance) = self.patience();
-        let solver = LevenbergMarquardt::new().with_gtol(0.0);
-        // The step bound is the first step relative to the size of the
-        // coordinates. The solver's default of 100 leaps over the valley that
-        // a start was chosen for.
-        match self {
-            Self::Steps(_) | Self::Coarse => solver.with_stepbound(1.0),
-            Self::Full => solver.with_stepbound(0.1),
-        }
-        .with_patience(evaluations.div_ceil(unknowns + 1).max(1))
-        .with_ftol(tolerance)
-        .with_xtol(tolerance)
     }
 }
 
@@ -117,6 +93,22 @@ struct Linear {
     log_variance: f64,
 }
 
+/// The variable at a place among all, as a dual number of a block of them; a constant if it
+/// is not of the block, or `is_free` is false.
+fn variable<const N: usize>(
+    value: f64,
+    place: usize,
+    slope: f64,
+    block: &Range<usize>,
+    is_free: bool,
+) -> Dual<N> {
+    if is_free && block.contains(&place) {
+        Dual::variable(value, place - block.start, slope)
+    } else {
+        Dual::constant(value)
+    }
+}
+
 /// The least-squares problem in the solver's coordinates: the free parameters,
 /// then zeros and initial state of every session.
 ///
@@ -151,9 +143,10 @@ impl<'a> Problem<'a> {
         compared: Compared,
     ) -> Self {
         let data = fitter.data;
+        let limits = Limits::of(data);
         let transforms: Vec<ParameterTransform> = free
             .iter()
-            .map(|&id| ParameterTransform::of(fitter.nominal, model, id))
+            .map(|&id| ParameterTransform::of(&limits, model, id))
             .collect();
         let mut position: Vec<f64> = free
             .iter()
@@ -259,68 +252,9 @@ impl<'a> Problem<'a> {
         if self.unknowns() == 0 {
             return (self, true);
         }
-        if let Effort::Steps(steps) = effort {
-            return (self.descended(steps, SLOW).0, false);
-        }
-        let sessions = self.parts.iter().filter(|part| part.own.is_some()).count();
-        if sessions > MANY_SESSIONS {
-            let (evaluations, tolerance) = effort.patience();
-            return self.descended(evaluations, tolerance.max(SLOW));
-        }
-        self.triangulate();
-        let mut solver = effort.solver(self.unknowns());
-        if self.free.is_empty() {
-            // Zeros and initial states alone are nearly linear: full steps.
-            solver = solver.with_stepbound(100.0);
-        }
-        let (solved, report) = solver.minimize(self);
-        (solved, report.termination.was_successful())
-    }
-
-    /// Makes at most `steps` damped Gauss–Newton steps (Levenberg, 1944), until one gains
-    /// less than the share `tolerance` of the cost; also returns whether that was reached.
-    /// The library's solver cannot be stopped after a few steps, since it counts
-    /// evaluations by the number of unknowns, and it is cubic in the number of sessions.
-    fn descended(mut self, steps: usize, tolerance: f64) -> (Self, bool) {
-        /// Damping of the first step, relative to the curvature.
-        const FIRST: f64 = 1e-3;
-        /// Factors of the damping after a good step, and after a bad one.
-        const CALMER: f64 = 0.1;
-        const STRONGER: f64 = 10.0;
-        self.triangulate();
-        let mut damping = FIRST;
-        let Some(mut normal) = self.normal() else {
-            return (self, false);
-        };
-        for _ in 0..steps {
-            let Some(step) = normal.step(damping) else {
-                break;
-            };
-            let cost = normal.cost();
-            let predicted = normal.slope().dot(&step);
-            let before = self.position.clone();
-            self.position -= step;
-            self.triangulate();
-            let moved = self.normal();
-            let gain = moved.as_ref().map_or(f64::NAN, |it| cost - it.cost());
-            // If predicted and actual reduction are both negligible, no further step helps.
-            let is_done = gain.abs().max(predicted) < tolerance * cost;
-            if let Some(better) = moved.filter(|_| gain > 0.0) {
-                normal = better;
-                damping *= CALMER;
-                if gain < tolerance * cost {
-                    return (self, true);
-                }
-            } else {
-                self.position = before;
-                damping *= STRONGER;
-                if is_done {
-                    self.triangulate();
-                    return (self, true);
-                }
-            }
-        }
-        (self, false)
+        let (evaluations, tolerance) = effort.patience();
+        let is_done = descend(&mut self, evaluations, tolerance);
+        (self, is_done)
     }
 
     /// The normal equations at this position; none if the model cannot be simulated.
@@ -537,34 +471,27 @@ impl<'a> Problem<'a> {
         series
     }
 
-    /// One session by the filter, with each row divided by √S of its innovation.
+    /// One session by the filter, with each row divided by √S of its innovation: the
+    /// columns of one block of variables.
     fn filtered<const N: usize>(
         &self,
         model: &Model<Dual<N>>,
         part: &Part<'_>,
         level: &Level,
-    ) -> Linear {
+        block: &Range<usize>,
+        linear: &mut Linear,
+    ) {
         let session = part.session;
         let free = self.free.len();
         let nuisance = self.nuisance(part);
-        let zero = match part.own {
-            Some(_) => Dual::variable(nuisance.pressure_zero, free, 1.0),
-            None => Dual::constant(nuisance.pressure_zero),
-        };
-        let columns = free + if part.own.is_some() { UNKNOWNS } else { 0 };
-        let mut jacobian = DMatrix::zeros(part.rows(), columns);
-        let mut residual = DVector::zeros(part.rows());
-        let mut log_variance = 0.0;
-        let Some(passed) = pass(model, session, &nuisance, zero, level, free + 1) else {
-            residual.fill(f64::INFINITY);
-            return Linear {
-                jacobian,
-                residual,
-                log_variance,
-            };
+        let zero = variable(nuisance.pressure_zero, free, 1.0, block, part.own.is_some());
+        let Some(passed) = pass(model, session, &nuisance, zero, level, block.len()) else {
+            linear.residual.fill(f64::INFINITY);
+            return;
         };
         let slopes = session.prior().deviations();
         let silent = |sample: usize| session.silent().iter().any(|range| range.contains(&sample));
+        let mut log_variance = 0.0;
         for (row, sample) in part.ranges.iter().cloned().flatten().enumerate() {
             let Innovation { error, variance } = passed[sample];
             log_variance += variance.ln();
@@ -574,46 +501,33 @@ impl<'a> Problem<'a> {
             let spread = variance.sqrt();
             let [counted, slope] = level.counted(error.value() / spread);
             let partials = error.partials();
-            residual[row] = counted;
-            for column in 0..free {
-                jacobian[(row, column)] = partials[column] * slope / spread;
-            }
-            if part.own.is_some() {
+            linear.residual[row] = counted;
+            for (partial, column) in partials.iter().zip(block.clone()) {
                 // The filter estimates the initial state. The zero of the angle stays at
                 // the value of the refit: only the spring would show it.
-                jacobian[(row, free)] = partials[free] * slopes[0] * slope / spread;
+                let unit = if column == free { slopes[0] } else { 1.0 };
+                if column < linear.jacobian.ncols() {
+                    linear.jacobian[(row, column)] = partial * unit * slope / spread;
+                }
             }
         }
-        Linear {
-            jacobian,
-            residual,
-            log_variance,
-        }
+        linear.log_variance = log_variance;
     }
 
-    /// One session on dual numbers with `N` derivatives: at least the free
+    /// One session by simulation: the columns of one block of variables, which are the free
     /// parameters, the pressure zero and the initial state.
-    fn linear<const N: usize>(&self, model: &Model<f64>, part: &Part<'_>) -> Linear {
+    fn simulated<const N: usize>(
+        &self,
+        model: &Model<Dual<N>>,
+        part: &Part<'_>,
+        block: &Range<usize>,
+        linear: &mut Linear,
+    ) {
         let session = part.session;
-        let mut dual: Model<Dual<N>> = model.map(Dual::constant);
-        for (column, ((&id, transform), &u)) in self
-            .free
-            .iter()
-            .zip(&self.transforms)
-            .zip(&self.position)
-            .enumerate()
-        {
-            let value = transform.to_value(u);
-            dual = dual.with_value(id, Dual::variable(value, column, transform.slope(u)));
-        }
-        if let Some(level) = &self.level {
-            return self.filtered(&dual, part, level);
-        }
         let free = self.free.len();
         let nuisance = self.nuisance(part);
-        let unknown = |value: f64, column: usize| match part.own {
-            Some(_) => Dual::variable(value, free + column, 1.0),
-            None => Dual::constant(value),
+        let unknown = |value: f64, offset: usize| {
+            variable(value, free + offset, 1.0, block, part.own.is_some())
         };
         let origin = Origin {
             start: InitialState {
@@ -623,12 +537,9 @@ impl<'a> Problem<'a> {
             pressure_zero: unknown(nuisance.pressure_zero, 0),
             clock: Dual::constant(session.clock()),
         };
-        let stepping = session.stepping(model);
-        let reading = run_from(&dual, session.signal(), origin, stepping).reading;
-        let columns = free + if part.own.is_some() { UNKNOWNS } else { 0 };
+        let plain: Model<f64> = model.map(|value| value.value());
+        let reading = run_from(model, session.signal(), origin, session.stepping(&plain)).reading;
         let slopes = session.prior().deviations();
-        let mut jacobian = DMatrix::zeros(part.rows(), columns);
-        let mut residual = DVector::zeros(part.rows());
         let measured = &session.recording().angle;
         let silent = |sample: usize| session.silent().iter().any(|range| range.contains(&sample));
         for (row, sample) in part.ranges.iter().cloned().flatten().enumerate() {
@@ -636,36 +547,83 @@ impl<'a> Problem<'a> {
                 continue;
             }
             let partials = reading[sample].partials();
-            residual[row] = reading[sample].value() + nuisance.angle_zero - measured[sample];
-            for column in 0..free {
-                jacobian[(row, column)] = partials[column];
-            }
-            if part.own.is_some() {
-                let by_start = partials[free + 1];
-                // The zero of the angle moves the reading and the initial angle.
-                let own = [partials[free], 1.0 - by_start, by_start, partials[free + 2]];
-                for (column, (by, slope)) in own.into_iter().zip(slopes).enumerate() {
-                    jacobian[(row, free + column)] = by * slope;
+            linear.residual[row] = reading[sample].value() + nuisance.angle_zero - measured[sample];
+            for (by, variable) in partials.into_iter().zip(block.clone()) {
+                let jacobian = &mut linear.jacobian;
+                if variable < free {
+                    jacobian[(row, variable)] = by;
+                } else if part.own.is_some() {
+                    match variable - free {
+                        0 => jacobian[(row, free)] = by * slopes[0],
+                        1 => {
+                            // The zero of the angle moves the reading and the initial angle.
+                            jacobian[(row, free + 1)] = (1.0 - by) * slopes[1];
+                            jacobian[(row, free + 2)] = by * slopes[2];
+                        }
+                        _ => jacobian[(row, free + 3)] = by * slopes[3],
+                    }
                 }
             }
         }
-        Linear {
-            jacobian,
-            residual,
-            log_variance: 0.0,
+    }
+
+    /// One session on dual numbers with `N` derivatives, of which those of `block` are
+    /// variables.
+    fn filled<const N: usize>(
+        &self,
+        model: &Model<f64>,
+        part: &Part<'_>,
+        block: &Range<usize>,
+        linear: &mut Linear,
+    ) {
+        let mut dual: Model<Dual<N>> = model.map(Dual::constant);
+        for (column, ((&id, transform), &u)) in self
+            .free
+            .iter()
+            .zip(&self.transforms)
+            .zip(&self.position)
+            .enumerate()
+        {
+            let value = transform.to_value(u);
+            dual = dual.with_value(id, variable(value, column, transform.slope(u), block, true));
+        }
+        match &self.level {
+            Some(level) => self.filtered(&dual, part, level, block, linear),
+            None => self.simulated(&dual, part, block, linear),
         }
     }
 
-    /// One session, with the derivatives in the smallest array size that suffices.
+    /// One session. Derivatives are taken in blocks, each by the smallest dual number that
+    /// has room for it, so that any number of unknowns can be free.
     fn linear_of(&self, model: &Model<f64>, part: &Part<'_>) -> Linear {
-        match self.free.len() + 3 {
-            0..=4 => self.linear::<4>(model, part),
-            5..=6 => self.linear::<6>(model, part),
-            7..=8 => self.linear::<8>(model, part),
-            9..=12 => self.linear::<12>(model, part),
-            // Five base parameters and three effects of four each.
-            _ => self.linear::<20>(model, part),
+        /// Most derivatives of one pass: three base parameters and three effects of four
+        /// each, with zeros and start.
+        const MOST: usize = 20;
+        let own = if part.own.is_some() { UNKNOWNS } else { 0 };
+        let mut linear = Linear {
+            jacobian: DMatrix::zeros(part.rows(), self.free.len() + own),
+            residual: DVector::zeros(part.rows()),
+            log_variance: 0.0,
+        };
+        // The zero of the pressure; and the initial state, which a filter estimates: it needs
+        // two derivatives of its own instead.
+        let (variables, kept) = match self.level {
+            Some(_) => (self.free.len() + 1, 2),
+            None => (self.free.len() + 3, 0),
+        };
+        let mut first = 0;
+        while first < variables {
+            let block = first..variables.min(first + MOST - kept);
+            first = block.end;
+            match block.len() + kept {
+                0..=4 => self.filled::<4>(model, part, &block, &mut linear),
+                5..=6 => self.filled::<6>(model, part, &block, &mut linear),
+                7..=8 => self.filled::<8>(model, part, &block, &mut linear),
+                9..=12 => self.filled::<12>(model, part, &block, &mut linear),
+                _ => self.filled::<MOST>(model, part, &block, &mut linear),
+            }
         }
+        linear
     }
 
     /// The geometric mean of √S over the rows of all sessions, by which innovations are
@@ -817,10 +775,12 @@ impl<'a> Problem<'a> {
                 })
             })
             .collect();
+        let rows = self.prior_rows();
+        let penalty = rows.iter().flatten().flatten().map(|row| row * row).sum();
         let departure = self
             .parts
             .iter()
-            .zip(self.prior_rows())
+            .zip(rows)
             .filter_map(|(part, rows)| Some((part.session.prior(), rows?)))
             .flat_map(|(prior, rows)| {
                 let each = rows.into_iter().enumerate();
@@ -833,6 +793,7 @@ impl<'a> Problem<'a> {
             model: self.model(),
             nuisances: self.nuisances(),
             departure,
+            penalty,
             free: self.free,
             residuals,
             standard_errors,
@@ -880,59 +841,123 @@ impl<'a> Problem<'a> {
     }
 }
 
-impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
-    type ResidualStorage = Owned<f64, Dyn>;
-    type JacobianStorage = Owned<f64, Dyn, Dyn>;
-    type ParameterStorage = Owned<f64, Dyn>;
-
-    fn set_params(&mut self, position: &DVector<f64>) {
-        self.position.copy_from(position);
-        self.triangulate();
-    }
-
-    fn params(&self) -> DVector<f64> {
+impl Bounded for Problem<'_> {
+    fn position(&self) -> DVector<f64> {
         self.position.clone()
     }
 
-    fn residuals(&self) -> Option<DVector<f64>> {
-        let mut all = Vec::new();
-        for (triangle, rows) in self.triangles.as_ref()?.iter().zip(self.prior_rows()) {
-            all.extend(triangle.column(triangle.ncols() - 1).iter());
-            all.extend(rows.into_iter().flatten());
-        }
-        Some(DVector::from_vec(all))
+    fn bounds(&self) -> Vec<[f64; 2]> {
+        let bounds = |transform: &ParameterTransform| transform.bounds();
+        self.transforms.iter().map(bounds).collect()
     }
 
-    fn jacobian(&self) -> Option<DMatrix<f64>> {
-        let triangles = self.triangles.as_ref()?;
-        let free = self.free.len();
-        let own_rows = |part: &Part<'_>| if part.own.is_some() { UNKNOWNS } else { 0 };
-        let rows = triangles
-            .iter()
-            .zip(&self.parts)
-            .map(|(triangle, part)| triangle.nrows() + own_rows(part))
-            .sum();
-        let mut jacobian = DMatrix::zeros(rows, self.unknowns());
-        let mut first = 0;
-        for (triangle, part) in triangles.iter().zip(&self.parts) {
-            let height = triangle.nrows();
-            jacobian
-                .view_mut((first, 0), (height, free))
-                .copy_from(&triangle.columns(0, free));
-            first += height;
-            let Some(own) = part.own else { continue };
-            jacobian
-                .view_mut((first - height, own), (height, UNKNOWNS))
-                .copy_from(&triangle.columns(free, UNKNOWNS));
-            for by in &self.parts {
-                let Some(column) = by.own else { continue };
-                for unknown in 0..UNKNOWNS {
-                    jacobian[(first + unknown, column + unknown)] =
-                        self.prior_slope(part, by, unknown);
-                }
-            }
-            first += UNKNOWNS;
+    fn move_to(&mut self, position: &DVector<f64>) -> Option<Normal> {
+        self.position.copy_from(position);
+        self.triangulate();
+        self.normal()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use model_core::catalogue::{Effect, Kind};
+    use model_core::dynamics::Dynamics;
+    use model_core::effects::table::{Table, Variable};
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::estimate::filter::Pace;
+    use crate::io::recording::Recording;
+
+    const BASE: [ParameterId; 5] = [
+        ParameterId::Inertia,
+        ParameterId::Damping,
+        ParameterId::Stiffness,
+        ParameterId::Exponent,
+        ParameterId::InputGain,
+    ];
+
+    fn pulled_and_let_go() -> Dataset {
+        let time: Vec<f64> = (0..60).map(|k| f64::from(k) * 0.02).collect();
+        Dataset::of(&[Recording {
+            pressure: time
+                .iter()
+                .map(|t| if *t < 0.6 { 15e3 * t } else { 0.0 })
+                .collect(),
+            angle: time.iter().map(|t| 0.3 * (2.0 * t).sin()).collect(),
+            time,
+            ..Recording::default()
+        }])
+    }
+
+    /// A model with these effects at their first start, and a table.
+    fn model(kinds: &[Kind], nodes: usize) -> Model<f64> {
+        let dynamics = Dynamics {
+            inertia: 0.3,
+            damping: 0.9,
+            stiffness: 2.5,
+            exponent: 1.6,
+            input_gain: 1e-4,
+        };
+        let effect = |kind: &Kind| {
+            let values: Vec<f64> = kind
+                .parameters()
+                .iter()
+                .map(|row| {
+                    let start = row.held.or(row.starts.first().copied()).unwrap_or(1.0);
+                    // At a bound a problem begins a little inside.
+                    if row.lower < start && start < row.upper {
+                        f64::from(start)
+                    } else {
+                        0.5 * (f64::from(row.lower) + f64::from(row.upper))
+                    }
+                })
+                .collect();
+            kind.build(&values)
+        };
+        let mut effects: Vec<Effect<f64>> = kinds.iter().filter_map(effect).collect();
+        if nodes > 1 {
+            let at: Vec<f32> = (0..nodes).map(|k| k as f32 / nodes as f32 - 0.4).collect();
+            let table = Table::new(Variable::Angle, &at, &vec![0.01; nodes]).unwrap();
+            effects.push(Effect::Table(table));
         }
-        Some(jacobian)
+        Model::new(dynamics, &effects).unwrap()
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(48))]
+        /// However many parameters are free, the derivative by each is that of a problem
+        /// in which it is free alone. Twenty unknowns are more than one pass has room for.
+        #[test]
+        fn any_number_of_parameters_is_free(
+            base in proptest::sample::subsequence(BASE.to_vec(), 1..=5),
+            kinds in proptest::sample::subsequence(Kind::NAMES.to_vec(), 0..=2),
+            nodes in 0usize..=16,
+            at_level in proptest::bool::ANY,
+        ) {
+            let (data, model) = (pulled_and_let_go(), model(&kinds, nodes));
+            let effects: Vec<Effect<f64>> = model.effects().collect();
+            let of_effects = effects.iter().enumerate().flat_map(|(slot, effect)| {
+                (0..effect.parameters().len())
+                    .map(move |parameter| ParameterId::Effect { slot, parameter })
+            });
+            let free: Vec<ParameterId> = base.into_iter().chain(of_effects).collect();
+            let level = Level {
+                intensity: 1.0,
+                noise: 0.01,
+                pace: Pace::of(&data),
+                outlier: None,
+            };
+            let fitter = Fitter::new(&model, &data).at(at_level.then_some(&level));
+            let nuisances = [data.sessions()[0].guess()];
+            let linearised = |free: &[ParameterId]| fitter.linearised(&model, free, &nuisances);
+            let (_, together) = linearised(&free).unwrap();
+            prop_assert_eq!(together.ncols(), free.len() + UNKNOWNS);
+            for (column, &id) in free.iter().enumerate() {
+                let (_, alone) = linearised(&[id]).unwrap();
+                let apart = (together.column(column) - alone.column(0)).norm();
+                prop_assert!(apart <= 1e-9 * (1.0 + alone.column(0).norm()), "{id:?}: {apart}");
+            }
+        }
     }
 }

@@ -2,7 +2,8 @@
 
 use super::assemble::assemble;
 use super::dataset::Dataset;
-use super::fit::{Effort, Fit, Fitter};
+use super::fit::{Fit, Fitter};
+use super::identify::{EXPONENTS, identify};
 use crate::estimate::unit_errors;
 use crate::estimate::usable::Concern;
 use crate::io::error::InputError;
@@ -33,13 +34,21 @@ pub struct Refit {
 /// Refuses recordings that cannot be used, and columns in implausible units.
 pub fn refit(file: &ModelFile, recordings: &[Recording]) -> Result<Refit, InputError> {
     unit_errors::refuse(file, recordings)?;
-    let assembled = assemble(recordings, &[])?;
+    let mut assembled = assemble(recordings, &[])?;
+    assembled.data = assembled.data.knowing(&file.within);
     let fitter = Fitter::new(&file.model, &assembled.data);
     let nominal = fitter.compare(&file.model);
-    let fitted = fitter.fit(&file.model, &file.free, Effort::Full);
+    let mut concerns = assembled.concerns;
+    let fitted = match identify(&file.model, &file.free, &EXPONENTS, &assembled.data) {
+        Some(identified) => {
+            concerns.extend(identified.remarks(&file.model, &assembled.data));
+            identified.fit
+        }
+        None => nominal.clone(),
+    };
     Ok(Refit {
         data: assembled.data,
-        concerns: assembled.concerns,
+        concerns,
         nominal,
         fitted,
     })

@@ -9,6 +9,7 @@ use super::nuisance::Nuisance;
 use crate::estimate::smooth::{half_window, motion};
 use crate::io::recording::Recording;
 use crate::sim::simulate::{InitialState, substeps};
+use crate::statistics::{noise_by_differences, squares_about_mean};
 
 /// Cuts the fitted segments into short segments that each start from the measured motion
 /// (multiple shooting), for initial guesses.
@@ -50,7 +51,8 @@ pub fn short_segments(data: &Dataset, nominal: &Model<f64>) -> Dataset {
                 };
                 let clock = session.clock() + recording.time[begin] - session.recording().time[0];
                 let first = segment.range.start + begin;
-                short_segments.push((cut(session, first..first + length, 1), clock, known));
+                let piece = cut(session, first..first + length, 1);
+                short_segments.push((piece, clock, known, session.sampled_every()));
             }
             begin += length;
         }
@@ -58,51 +60,76 @@ pub fn short_segments(data: &Dataset, nominal: &Model<f64>) -> Dataset {
     let samples: usize = short_segments.iter().map(|(piece, ..)| piece.len()).sum();
     let stride = samples.div_ceil(ENOUGH).max(1);
     let mut found = Dataset::default();
-    for (piece, clock, known) in short_segments.into_iter().step_by(stride) {
+    for (piece, clock, known, every) in short_segments.into_iter().step_by(stride) {
         let mark = whole(&piece, true);
-        let session = Session::new(piece, clock, Vec::new()).knowing(known);
+        let session = Session::new(piece, clock, Vec::new())
+            .sampled(every)
+            .knowing(known);
         found.push(session, vec![mark]);
     }
-    found
+    found.knowing(data.known_ranges())
 }
 
 /// A subsample of the sessions, to rank initial guesses and candidates before the best
 /// are fitted to everything.
 ///
 /// All sessions are thinned as far as the motion of `model` allows. If that is still too
-/// much, sessions are taken at even distances in the list. A session that is too long is
-/// cut at its end, so that its history is kept.
+/// much, sessions are taken at even distances in the list.
 pub fn subsample(data: &Dataset, model: &Model<f64>) -> Dataset {
     /// Enough samples to rank.
     const ENOUGH: usize = 3_000;
+    let enough = samples_of_fitted_sessions(data).div_ceil(ENOUGH).max(1);
+    taken(data, ENOUGH, |session| enough.min(coarsest(session, model)))
+}
+
+/// A part of the data on which very different models can be ranked: thinned as far as the
+/// recorded motion allows, whatever a model makes of it.
+pub fn reduced(data: &Dataset) -> Dataset {
+    /// Enough samples to tell models apart.
+    const ENOUGH: usize = 5_000;
+    let enough = samples_of_fitted_sessions(data).div_ceil(ENOUGH);
+    if enough <= 1 {
+        return data.clone();
+    }
+    taken(data, ENOUGH, |session| {
+        redundant(session.recording(), enough)
+    })
+}
+
+fn samples_of_fitted_sessions(data: &Dataset) -> usize {
+    data.sessions()
+        .iter()
+        .enumerate()
+        .filter(|(index, _)| !data.fitted_ranges(*index).is_empty())
+        .map(|(_, session)| session.recording().len())
+        .sum()
+}
+
+/// Sessions at even distances in the list, each thinned, up to `most` samples. A session that
+/// is too long is cut at its end, so that its history is kept.
+fn taken(data: &Dataset, most: usize, thinning: impl Fn(&Session) -> usize) -> Dataset {
     /// Fewest samples of a further session.
     const FEWEST: usize = 100;
     let sessions = data.sessions();
-    let with_fit: Vec<usize> = (0..sessions.len())
+    let with_fit: Vec<(usize, usize)> = (0..sessions.len())
         .filter(|&index| !data.fitted_ranges(index).is_empty())
+        .map(|index| (index, thinning(&sessions[index])))
         .collect();
-    let all: usize = with_fit
-        .iter()
-        .map(|&index| sessions[index].recording().len())
-        .sum();
-    let enough = all.div_ceil(ENOUGH).max(1);
-    let thinning = |session: &Session| enough.min(coarsest(session, model));
     let thinned: usize = with_fit
         .iter()
-        .map(|&index| sessions[index].recording().len() / thinning(&sessions[index]))
+        .map(|&(index, thin)| sessions[index].recording().len() / thin)
         .sum();
-    let stride = thinned.div_ceil(ENOUGH).max(1);
-    let mut order: Vec<(usize, usize)> = with_fit.iter().copied().enumerate().collect();
+    let stride = thinned.div_ceil(most).max(1);
+    let mut order: Vec<(usize, (usize, usize))> = with_fit.into_iter().enumerate().collect();
     order.sort_by_key(|(place, _)| (place % stride, *place));
     let mut found = Dataset::default();
-    let mut room = ENOUGH;
-    for (_, index) in order {
+    let mut room = most;
+    for (_, (index, thin)) in order {
         let session = &sessions[index];
         let length = session.recording().len();
         if room < FEWEST.min(length) {
             break;
         }
-        let thin = thinning(session);
         let end = length.min(room * thin);
         let thinned = cut(session, 0..end, thin);
         let kept = |range: Range<usize>| {
@@ -124,11 +151,39 @@ pub fn subsample(data: &Dataset, model: &Model<f64>) -> Dataset {
             continue;
         }
         room = room.saturating_sub(thinned.len());
-        let mut part = Session::new(thinned, session.clock(), silent).coarse();
+        let mut part = Session::new(thinned, session.clock(), silent)
+            .sampled(session.sampled_every())
+            .coarse();
         part = part.guessing(session.guess(), &session.prior().thinned(thin));
         found.push(part, marks);
     }
-    found
+    found.knowing(data.known_ranges())
+}
+
+/// The largest stride up to `most` at which straight lines through the samples that are left
+/// meet those between.
+fn redundant(recording: &Recording, most: usize) -> usize {
+    /// Largest RMS error, as a share of the RMS of the signal about its mean.
+    const SHARE: f64 = 0.01;
+    let meets = |signal: &[f64], stride: usize| {
+        let allowed = (SHARE * SHARE) * squares_about_mean(signal)
+            + noise_by_differences(signal).powi(2) * 1.5 * signal.len() as f64;
+        let missed: f64 = signal
+            .chunks(stride)
+            .zip(signal.iter().skip(stride).step_by(stride))
+            .flat_map(|(chunk, next)| {
+                chunk.iter().enumerate().map(move |(k, value)| {
+                    let share = k as f64 / stride as f64;
+                    (chunk[0] + share * (next - chunk[0]) - value).powi(2)
+                })
+            })
+            .sum();
+        missed <= allowed
+    };
+    (2..=most)
+        .take_while(|&stride| meets(&recording.angle, stride) && meets(&recording.pressure, stride))
+        .last()
+        .unwrap_or(1)
 }
 
 /// The largest stride that still shows the motion: one integration step spans it, and

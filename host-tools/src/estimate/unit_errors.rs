@@ -1,7 +1,6 @@
 //! Detects columns that do not hold what their header says.
 //!
-//! A wrong unit, absolute pressure, an angle of the opposite sign, or exchanged columns
-//! make a model error that no effect explains, and a diagnosis would look for one all the
+//! A wrong unit, absolute pressure, or exchanged columns make a model error that no effect explains, and a diagnosis would look for one all the
 //! same. The nominal model shows such errors: data sheets are right to a third, so it
 //! agrees far better once the columns are read as they were meant. Two errors show
 //! without a simulation: times in milliseconds, with which a simulation would take hours,
@@ -30,12 +29,6 @@ const RIGHT: f64 = 0.35;
 
 /// Largest ratio of the error after rereading to the one before.
 const BETTER: f64 = 0.5;
-
-/// Relative error from which the sign may be wrong: an angle at rest has an error of one.
-const OPPOSITE: f64 = 1.2;
-
-/// Largest relative error after the sign is changed: no missing effect reverses a motion.
-const RIGHT_WAY: f64 = 0.6;
 
 /// Intervals between samples below this (s) are taken for seconds.
 const SLOW_SAMPLING_S: f64 = 1.0;
@@ -163,10 +156,7 @@ fn convincing(
         .into_iter()
         .filter(is_possible)
         .map(|unit_error| (undone(file, &unit_error, recording), unit_error))
-        .filter(|(miss, unit_error)| {
-            let opposite = unit_error.flip_angle && as_it_is >= OPPOSITE;
-            *miss < BETTER * as_it_is && *miss < if opposite { RIGHT_WAY } else { RIGHT }
-        })
+        .filter(|(miss, _)| *miss < BETTER * as_it_is && *miss < RIGHT)
         .filter(|(_, unit_error)| {
             unit_error.air_kpa.is_none() || could_be_absolute(unit_error, recording)
         })
@@ -176,7 +166,32 @@ fn convincing(
         })
         .min_by(|a, b| a.0.total_cmp(&b.0))
         .map(|(_, unit_error)| unit_error)
-        .filter(|_| !agrees_refitted(file, recording))
+        .filter(|unit_error| {
+            is_believed(file, &read_again(unit_error, start_of(recording)))
+                && !agrees_refitted(file, recording)
+        })
+}
+
+/// Whether the model of the file is right enough to say what a column holds: fitted to the
+/// reread recording, no parameter moves far. A model that is wrong itself may agree with a
+/// wrong unit by chance.
+fn is_believed(file: &ModelFile, reread: &Recording) -> bool {
+    /// Largest factor; the smallest unit error makes 6.9.
+    const NEAR: f64 = 2.0;
+    let data = Dataset::of(std::slice::from_ref(reread)).calibrated();
+    let fit = Fitter::new(&file.model, &data).fit(&file.model, &file.free, Effort::Coarse);
+    factors(&file.model, &fit.model)
+        .iter()
+        .all(|factor| (1.0 / NEAR..NEAR).contains(factor))
+}
+
+/// By how much damping and input gain of a fit differ from the file's, by the inertia.
+fn factors(given: &Model<f64>, fitted: &Model<f64>) -> [f64; 2] {
+    let factor = |of: fn(&Dynamics<f64>) -> f64| {
+        let by_inertia = |model: &Model<f64>| of(model.dynamics()) / model.dynamics().inertia;
+        by_inertia(fitted) / by_inertia(given)
+    };
+    [factor(|d| d.damping), factor(|d| d.input_gain)]
 }
 
 /// Whether the refitted model agrees with the unchanged recording, without the large change
@@ -188,12 +203,8 @@ fn agrees_refitted(file: &ModelFile, recording: &Recording) -> bool {
     let start = start_of(recording);
     let data = Dataset::of(std::slice::from_ref(&start)).calibrated();
     let fit = Fitter::new(&file.model, &data).fit(&file.model, &file.free, Effort::Coarse);
-    let leaps = |of: fn(&Dynamics<f64>) -> f64| {
-        let by_inertia = |model: &Model<f64>| of(model.dynamics()) / model.dynamics().inertia;
-        let factor = by_inertia(&fit.model) / by_inertia(&file.model);
-        !(1.0 / LEAP..LEAP).contains(&factor)
-    };
-    fit.rmse() < RIGHT * rms(&start.angle) && !leaps(|d| d.input_gain) && !leaps(|d| d.damping)
+    let leaps = |factor: &f64| !(1.0 / LEAP..LEAP).contains(factor);
+    fit.rmse() < RIGHT * rms(&start.angle) && !factors(&file.model, &fit.model).iter().any(leaps)
 }
 
 /// Whether a pressure, reread in this unit, could be absolute.
@@ -230,12 +241,6 @@ fn possible_errors(recording: &Recording) -> Vec<Columns> {
     if said.angle.is_none() {
         possible_errors.push(Columns {
             angle: Some(AngleUnit::Rad),
-            ..nothing
-        });
-    }
-    if !said.flip_angle {
-        possible_errors.push(Columns {
-            flip_angle: true,
             ..nothing
         });
     }
@@ -380,13 +385,6 @@ fn refused(unit_error: &Columns, whole: &str, first: &Recording) -> InputError {
                 "the units look mixed up: the model agrees with {whole} only if angle_deg is read as radians"
             ),
             "--units angle=deg if the column is right",
-        )
-    } else if unit_error.flip_angle {
-        (
-            format!(
-                "the angle looks as if it counted the other way round: the model agrees with {whole} only if angle_deg changes its sign"
-            ),
-            "correct the model",
         )
     } else {
         (
@@ -545,7 +543,6 @@ mod tests {
         assert_refused(|_, p, _| *p /= 1e3, &["--units pressure=mpa", every]);
         assert_refused(|_, p, _| *p *= 1e3, &["--units pressure=pa,", every]);
         assert_refused(|_, _, a| *a = a.to_radians(), &["--units angle=rad", every]);
-        assert_refused(|_, _, a| *a = -*a, &["--flip-angle", every]);
         assert_refused(
             |_, p, _| *p = (*p + 101_325.0) / 6.894_757,
             &["--units pressure=psi --absolute-pressure", every],

@@ -96,6 +96,14 @@ pub enum Matter {
     ConstantPressure,
     /// The angle of a recording never changes.
     NoMotion,
+    /// The angle rests far from zero.
+    FarFromZero,
+    /// The fitted gain has the other sign than the model file's.
+    OppositeGain,
+    /// Recordings begin while the actuator moves.
+    InMotion,
+    /// Another minimum of the fit is as good.
+    TwoMinima,
     /// The angle sensor is at the end of its range.
     SaturatedAngle,
     /// The pressure sensor is at the end of its range.

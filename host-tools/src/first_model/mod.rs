@@ -10,8 +10,6 @@
 //! else. It works for any second-order rig with one input, whatever the columns hold: a
 //! pendulum under a torque, a motor under a voltage.
 
-mod starts;
-pub mod statics;
 mod text;
 
 pub use text::next_steps;
@@ -23,34 +21,21 @@ use model_core::material::Material;
 use model_core::power::Exact;
 
 use crate::estimate::Dataset;
-use crate::estimate::fit::{Effort, Fit, Fitter};
-use crate::estimate::nuisance::FARTHEST;
+use crate::estimate::fit::Fit;
+use crate::estimate::identify::{
+    EXPONENTS, Identified, NO_INPUT_GAIN, Order, identify, is_driven, statics,
+};
 use crate::estimate::smooth::motions;
-use crate::estimate::subsample::subsample;
 use crate::io::error::InputError;
 use crate::io::model_file::to_file_units;
-use crate::io::recording::{PASCAL_PER_KPA, Recording};
-use crate::statistics::{moves, squares_about_mean};
-use rayon::prelude::*;
+use crate::io::recording::Recording;
+use crate::statistics::squares_about_mean;
 
 /// Samples beyond which a subsample is fitted, to answer within seconds.
 const MOST_SAMPLES: usize = 60_000;
 
-/// Exponents that are tried beside those of statics and material: Hooke's law, and what
-/// silicones have.
-const EXPONENTS: [f64; 4] = [1.0, 1.5, 2.0, 2.5];
-
 /// Exponents that a plateau may suggest.
 const PLAUSIBLE: std::ops::RangeInclusive<f64> = 0.4..=5.0;
-
-/// Initial guesses of each exponent that get a coarse fit.
-const COARSE_FITS: usize = 3;
-
-/// The number of these that are fitted to the end.
-const FINALISTS: usize = 3;
-
-/// Steps of a coarse fit.
-const COARSE: Effort = Effort::Steps(6);
 
 /// A fitted exponent has to reduce the RMS error below this share of that with a given
 /// exponent.
@@ -62,16 +47,6 @@ const LEAST_OF_A_MATERIAL: f64 = 1.25;
 /// A parameter whose 95 % interval reaches further than this share of it to either side is
 /// hardly determined.
 const VAGUE: f64 = 0.8;
-
-/// A zero that is further from its mean than this, in standard deviations, is none: fits
-/// have a wall there.
-const BEYOND_ZERO: f64 = 1.1 * FARTHEST;
-
-/// One that is so far has taken the place of the motion.
-const FAR_BEYOND_ZERO: f64 = 2.0 * FARTHEST;
-
-/// The slowest time constant, as a share of the time that a rig takes to come to rest.
-const SETTLED: f64 = 0.5;
 
 /// Below this share of the largest acceleration a force is none.
 const NO_FORCE: f64 = 1e-3;
@@ -148,6 +123,8 @@ pub struct Evidence {
     pub subsample: bool,
     /// Whether the pressure acts at all.
     pub driven: bool,
+    /// Whether the inertia shows.
+    pub order: Order,
 }
 
 impl Evidence {
@@ -253,7 +230,6 @@ pub fn beam_stiffness(geometry: &Geometry) -> Option<f64> {
 /// Refuses recordings of which nothing can be used, or that no plain model can be simulated
 /// over.
 pub fn from_recordings(
-    recordings: &[Recording],
     data: &Dataset,
     geometry: Option<Geometry>,
 ) -> Result<FirstModel, InputError> {
@@ -267,47 +243,27 @@ pub fn from_recordings(
             data
         },
     );
-    let plateaus: Vec<_> = recordings.iter().map(statics::plateaus).collect();
-    let settling = plateaus
+    let levels: Vec<_> = all
+        .recordings(true)
         .iter()
-        .filter_map(|list| statics::settling(list))
-        .reduce(f64::max);
-    let levels: Vec<_> = plateaus.into_iter().flatten().map(|it| it.level).collect();
-    let driven = recordings
-        .iter()
-        .any(|recording| recording.pressure.iter().any(|pressure| *pressure != 0.0));
-    let given = geometry.map(|geometry| geometry.material.exponent::<f64>());
-    let identifier = Identifier {
-        data,
-        driven,
-        settling,
-    };
-
-    let mut exponents = EXPONENTS.to_vec();
-    exponents.extend(given);
-    exponents.extend(statics::exponent(&levels).filter(|n| PLAUSIBLE.contains(n)));
-    exponents.sort_by(f64::total_cmp);
-    exponents.dedup_by(|a, b| (*a - *b).abs() < 0.05);
-    if let Some(given) = given
-        && let Some(near) = exponents.iter_mut().find(|n| (**n - given).abs() < 0.05)
-    {
-        *near = given;
-    }
-    let coarse_fits: Vec<CoarseFit> = exponents
-        .iter()
-        .flat_map(|&exponent| identifier.coarse_fits_with(&levels, exponent))
+        .flat_map(statics::plateaus)
         .collect();
-    let chosen = identifier.choose(&coarse_fits, given).ok_or_else(|| {
+    let given = geometry.map(|geometry| geometry.material.exponent::<f64>());
+    let Chosen {
+        identified,
+        exponent,
+    } = Chosen::of(data, &levels, given).ok_or_else(|| {
         InputError::new(
             "no plain model can be simulated over the recording",
             "check time, pressure and angle: see the flags under \"If the columns mean something else\"",
         )
     })?;
-    let Chosen { fit, exponent } = chosen;
-    let (rms, about_mean) = (fit.rmse(), about_mean(data));
+    let (fit, driven) = (identified.fit, is_driven(data));
     let mut origins = [
         Origin::Convention("only ratios to it move anything"),
-        Origin::Fitted(None),
+        Origin::Convention(
+            "the motion is of first order, and with this damping the inertia does not show",
+        ),
         Origin::Fitted(None),
         match exponent {
             Exponent::Fitted => Origin::Fitted(None),
@@ -318,42 +274,34 @@ pub fn from_recordings(
                 "Hooke's law, since the recordings show no exponent that a material has",
             ),
         },
-        if driven {
-            Origin::Fitted(None)
-        } else {
-            Origin::Convention("the input never acts")
-        },
+        Origin::Convention("the input never acts"),
     ];
-    let mut model = fit.model;
     for (index, &id) in fit.free.iter().enumerate() {
         let place = BASE.iter().position(|base| *base == id).unwrap_or(0);
-        if let Some(least) = least_seen(&fit.model, id, data)
-            && fit.model.value(id).is_some_and(|value| value < least)
-        {
-            // A fit from zero would never leave it.
-            model = model.with_value(id, least);
-            origins[place] = Origin::Nothing;
-            continue;
-        }
         let value = fit.model.value(id).unwrap_or_default();
-        let interval = fit.interval95(index).filter(|(low, high)| {
-            (high - low).is_finite()
-                && !fit.at_bound(index)
-                && (high - low) / 2.0 < VAGUE * value.abs()
-        });
-        let in_file = |value| to_file_units(&fit.model, id, value);
-        origins[place] = Origin::Fitted(interval.map(|(low, high)| (in_file(low), in_file(high))));
+        origins[place] = if least_seen(&fit.model, id, data).is_some_and(|least| value < least) {
+            Origin::Nothing
+        } else {
+            let interval = fit.interval95(index).filter(|(low, high)| {
+                (high - low).is_finite()
+                    && !fit.at_bound(index)
+                    && (high - low) / 2.0 < VAGUE * value.abs()
+            });
+            let in_file = |value| to_file_units(&fit.model, id, value);
+            Origin::Fitted(interval.map(|(low, high)| (in_file(low), in_file(high))))
+        };
     }
     Ok(FirstModel {
-        model,
+        model: fit.model,
         origins,
         evidence: Some(Evidence {
-            rms,
-            about_mean,
+            rms: fit.rmse(),
+            about_mean: about_mean(data),
             levels: statics::distinct(&levels),
             samples: fit.samples(),
             subsample: all.samples() > data.samples(),
             driven,
+            order: identified.order,
         }),
         free: fit.free,
         geometry,
@@ -408,16 +356,6 @@ fn about_mean(data: &Dataset) -> f64 {
     (squares / data.samples().max(1) as f64).sqrt()
 }
 
-/// A fit of a few steps from an initial guess.
-#[derive(Clone, Copy, Debug)]
-struct CoarseFit {
-    exponent: f64,
-    model: Model<f64>,
-    implausibility: u8,
-    /// Mean square error (rad²).
-    error: f64,
-}
-
 /// Which exponent a fit ended with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Exponent {
@@ -426,213 +364,48 @@ enum Exponent {
     Hooke,
 }
 
+/// A model with the exponent that was chosen for it.
 struct Chosen {
-    fit: Fit,
+    identified: Identified,
     exponent: Exponent,
 }
 
-/// Fits plain models to one set of data.
-#[derive(Clone, Copy, Debug)]
-struct Identifier<'a> {
-    data: &'a Dataset,
-    driven: bool,
-    /// Longest time (s) between two plateaus.
-    settling: Option<f64>,
-}
-
-impl Identifier<'_> {
-    fn free(self, with_exponent: bool) -> Vec<ParameterId> {
+impl Chosen {
+    /// Identifies the model with the exponent held, at the `given` one or at one, and with
+    /// the exponent free. Takes a fitted exponent only where it reduces the error enough.
+    fn of(data: &Dataset, levels: &[statics::Level], given: Option<f64>) -> Option<Self> {
+        let start = |exponent: f64| {
+            let dynamics = Dynamics {
+                inertia: 1.0,
+                damping: 1.0,
+                stiffness: 1.0,
+                exponent,
+                input_gain: NO_INPUT_GAIN,
+            };
+            Model::new(dynamics, &[]).ok()
+        };
         let mut free = vec![ParameterId::Damping, ParameterId::Stiffness];
-        if with_exponent {
-            free.push(ParameterId::Exponent);
-        }
-        if self.driven {
+        if is_driven(data) {
             free.push(ParameterId::InputGain);
         }
-        free
-    }
-
-    /// Coarse fits from the best initial guesses with an exponent.
-    fn coarse_fits_with(self, levels: &[statics::Level], exponent: f64) -> Vec<CoarseFit> {
-        let free = self.free(false);
-        let starts = starts::of(self.data, levels, exponent);
-        let mut ranked: Vec<(f64, Model<f64>)> = starts
-            .par_iter()
-            .filter_map(|start| {
-                let start = if self.driven {
-                    *start
-                } else {
-                    start.with_value(ParameterId::InputGain, 1.0 / PASCAL_PER_KPA)
-                };
-                let part = subsample(self.data, &start);
-                let sse = Fitter::new(&start, &part).predicted_sse(&start, &free);
-                let error = sse / part.samples().max(1) as f64;
-                (error.is_finite() && self.settles(&start)).then_some((error, start))
-            })
-            .collect();
-        ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
-        ranked.truncate(COARSE_FITS);
-        ranked
-            .into_par_iter()
-            .filter_map(|(_, start)| {
-                let part = subsample(self.data, &start);
-                let fit = Fitter::new(&start, &part).fit(&start, &free, COARSE);
-                let error = fit.sse() / fit.samples().max(1) as f64;
-                error.is_finite().then(|| CoarseFit {
-                    exponent,
-                    model: fit.model,
-                    implausibility: self.implausibility(&fit, &part),
-                    error,
-                })
-            })
-            .collect()
-    }
-
-    /// Whether a model settles as fast as the recordings do: a slow one can imitate a
-    /// static curve that is not a power law.
-    fn settles(self, model: &Model<f64>) -> bool {
-        let dynamics = model.dynamics();
-        let angles = self.data.fitted().flat_map(|it| &it.recording.angle);
-        let (squares, count) = angles.fold((0.0, 0_usize), |(sum, count), angle| {
-            (sum + angle * angle, count + 1)
-        });
-        let typical = (squares / count.max(1) as f64)
-            .sqrt()
-            .max(f64::MIN_POSITIVE);
-        let slope = dynamics.exponent * dynamics.stiffness * typical.powf(dynamics.exponent - 1.0);
-        self.settling
-            .is_none_or(|settling| dynamics.damping <= SETTLED * settling * slope)
-    }
-
-    /// A class from 0, plausible, to 2: sensor zeros far off, or too slow a settling.
-    fn implausibility(self, fit: &Fit, data: &Dataset) -> u8 {
-        let sessions = data.sessions().iter().zip(&fit.nuisances);
-        let farthest = sessions.fold(0.0, |farthest: f64, (session, found)| {
-            let [pressure, angle] = [0, 1].map(|k| session.prior().departures(found)[k].abs());
-            // An input that never moves has no zero.
-            let pressure = if moves(&session.recording().pressure) {
-                pressure
-            } else {
-                0.0
-            };
-            farthest.max(pressure).max(angle)
-        });
-        if !self.settles(&fit.model) || farthest > FAR_BEYOND_ZERO {
-            2
-        } else {
-            u8::from(farthest > BEYOND_ZERO)
-        }
-    }
-
-    /// Fits with the exponent free, given, and one; takes a fitted exponent only where it
-    /// reduces the error enough.
-    fn choose(self, coarse_fits: &[CoarseFit], given: Option<f64>) -> Option<Chosen> {
-        let order = |a: &&CoarseFit, b: &&CoarseFit| {
-            a.implausibility
-                .cmp(&b.implausibility)
-                .then(a.error.total_cmp(&b.error))
-        };
-        let best = |wanted: Option<f64>| -> Option<Fit> {
-            let mut starts: Vec<&CoarseFit> = coarse_fits.iter().collect();
-            if let Some(wanted) = wanted {
-                let off = |it: &CoarseFit| (it.exponent - wanted).abs();
-                let nearest = coarse_fits.iter().map(off).fold(f64::INFINITY, f64::min);
-                starts.retain(|it| off(it) <= nearest);
+        let held = identify(&start(given.unwrap_or(1.0))?, &free, &[], data);
+        free.insert(2, ParameterId::Exponent);
+        let suggested = statics::exponent(levels).filter(|n| PLAUSIBLE.contains(n));
+        let exponents: Vec<f64> = EXPONENTS.into_iter().chain(suggested).collect();
+        let fitted = identify(&start(given.unwrap_or(1.0))?, &free, &exponents, data)
+            .filter(|identified| is_a_materials(&identified.fit));
+        let held_as = given.map_or(Exponent::Hooke, |_| Exponent::Given);
+        let (identified, exponent) = match (fitted, held) {
+            (Some(fitted), Some(held)) if fitted.fit.rmse() < WORTHWHILE * held.fit.rmse() => {
+                (fitted, Exponent::Fitted)
             }
-            starts.sort_by(order);
-            starts
-                .into_iter()
-                .take(FINALISTS)
-                .filter_map(|start| {
-                    let exponent = wanted.unwrap_or(start.exponent);
-                    let start = start.model.with_value(ParameterId::Exponent, exponent);
-                    let fit = self.fit(&start, wanted.is_none())?;
-                    Some((self.implausibility(&fit, self.data), fit))
-                })
-                .min_by(|a, b| a.0.cmp(&b.0).then(a.1.sse().total_cmp(&b.1.sse())))
-                .map(|(_, fit)| fit)
+            (_, Some(held)) => (held, held_as),
+            (fitted, None) => (fitted?, Exponent::Fitted),
         };
-        let held = match given {
-            Some(given) => best(Some(given)).map(|fit| (fit, Exponent::Given)),
-            None => best(Some(1.0)).map(|fit| (fit, Exponent::Hooke)),
-        };
-        match (best(None).filter(is_a_materials), held) {
-            (Some(fit), Some((held, _)))
-                if self.implausibility(&fit, self.data)
-                    <= self.implausibility(&held, self.data)
-                    && fit.rmse() < WORTHWHILE * held.rmse() =>
-            {
-                Some((fit, Exponent::Fitted))
-            }
-            (_, Some(held)) => Some(held),
-            (fitted, None) => fitted.map(|fit| (fit, Exponent::Fitted)),
-        }
-        .map(|(fit, exponent)| Chosen {
-            fit: self.tamed(fit),
+        Some(Self {
+            identified,
             exponent,
         })
-    }
-
-    /// A fit to all data; repeated from its result if that lies on the edge of the range
-    /// about the initial guess.
-    fn fit(self, start: &Model<f64>, with_exponent: bool) -> Option<Fit> {
-        /// Each time up to ten times the value before.
-        const TIMES: usize = 3;
-        let free = self.free(with_exponent);
-        let mut fit = Fitter::new(start, self.data).fit(start, &free, Effort::Full);
-        for _ in 1..TIMES {
-            if !fit.sse().is_finite() || !(0..free.len()).any(|index| fit.at_bound(index)) {
-                break;
-            }
-            let from = fit.model;
-            let next = Fitter::new(&from, self.data).fit(&from, &free, Effort::Full);
-            if next.sse().is_nan() || next.sse() >= 0.999 * fit.sse() {
-                break;
-            }
-            fit = next;
-        }
-        fit.sse().is_finite().then_some(fit)
-    }
-
-    /// A fit without a motion that is faster than the sampling, where that says as much.
-    ///
-    /// Where the inertia does not show, damping and stiffness can grow together without end.
-    /// Simulations of that take for ever.
-    fn tamed(self, fit: Fit) -> Fit {
-        /// Share by which the sum of squares may grow.
-        const GROWS: f64 = 1.05;
-        /// Multiples of the sampling's angular frequency.
-        const TIMES: [f64; 3] = [1.0, 5.0, 25.0];
-        let interval = self
-            .data
-            .sessions()
-            .iter()
-            .map(|session| session.interval())
-            .fold(f64::INFINITY, f64::min);
-        let fastest = std::f64::consts::TAU / interval;
-        let dynamics = fit.model.dynamics();
-        if dynamics.damping <= fastest || interval.is_nan() {
-            return fit;
-        }
-        for fastest in TIMES.map(|times| times * fastest) {
-            let share = fastest / dynamics.damping;
-            let slower = Dynamics {
-                damping: dynamics.damping * share,
-                stiffness: dynamics.stiffness * share,
-                input_gain: dynamics.input_gain * share,
-                ..*dynamics
-            };
-            let Some(slower) = Model::new(slower, &[]).ok().filter(|_| share < 1.0) else {
-                continue;
-            };
-            let fitter = Fitter::new(&slower, self.data);
-            // A few steps: to the end it would run away again.
-            let tamed = fitter.fit(&slower, &fit.free, Effort::Steps(2));
-            if tamed.sse() <= GROWS * fit.sse() {
-                return fitter.informed(&tamed);
-            }
-        }
-        fit
     }
 }
 

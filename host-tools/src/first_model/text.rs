@@ -35,8 +35,7 @@ impl Origin {
             }
             Self::Fitted(None) => "fitted, but hardly determined by the recordings".into(),
             Self::Nothing => {
-                "the recordings show no such force: next to nothing, for a refit to begin with"
-                    .into()
+                "fitted; next to nothing: the recordings hardly show such a force".into()
             }
             Self::Table(material) => format!(
                 "table of materials, {}: measured on strips, good to about 0.3",
@@ -55,7 +54,7 @@ impl Origin {
         match self {
             Self::Fitted(Some(_)) => "fitted",
             Self::Fitted(None) => "fitted, hardly determined",
-            Self::Nothing => "none seen in the recordings",
+            Self::Nothing => "hardly any seen in the recordings",
             Self::Table(_) => "table of materials",
             Self::Beam => "beam formula",
             Self::Convention(_) => "convention",

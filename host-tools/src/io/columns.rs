@@ -242,6 +242,8 @@ pub struct Columns {
     pub air_kpa: Option<f64>,
     /// Unit of the angle.
     pub angle: Option<AngleUnit>,
+    /// The angle at rest (°), which is subtracted.
+    pub angle_zero_deg: Option<f64>,
     /// The angle counts the other way round.
     pub flip_angle: bool,
     /// Pressure and angle stand in each other's column.
@@ -257,7 +259,8 @@ impl Columns {
         let time = time * self.time.map_or(1.0, TimeUnit::seconds);
         let pressure = pressure * self.pressure.map_or(1.0, PressureUnit::kilopascals)
             - self.air_kpa.unwrap_or(0.0);
-        let angle = angle * self.angle.map_or(1.0, AngleUnit::degrees);
+        let angle =
+            angle * self.angle.map_or(1.0, AngleUnit::degrees) - self.angle_zero_deg.unwrap_or(0.0);
         [time, pressure, if self.flip_angle { -angle } else { angle }]
     }
 
@@ -294,6 +297,7 @@ impl Columns {
             pressure: self.pressure.or(other.pressure),
             air_kpa: self.air_kpa.or(other.air_kpa),
             angle: self.angle.or(other.angle),
+            angle_zero_deg: self.angle_zero_deg.or(other.angle_zero_deg),
             flip_angle: self.flip_angle || other.flip_angle,
             exchange: self.exchange || other.exchange,
         }
@@ -315,6 +319,9 @@ impl Columns {
             } else {
                 format!("--absolute-pressure={air}")
             });
+        }
+        if let Some(zero) = self.angle_zero_deg {
+            flags.push(format!("--angle-zero={zero}"));
         }
         if self.flip_angle {
             flags.push("--flip-angle".to_owned());

@@ -54,6 +54,9 @@ pub struct ModelFile {
     pub model: Model<f64>,
     /// The free parameters of a refit.
     pub free: Vec<ParameterId>,
+    /// Ranges (SI units) of free base parameters of which the file says how well it knows
+    /// them; the others may have any value.
+    pub within: Vec<KnownRange>,
     /// The material section, if there is one.
     pub actuator: Option<ActuatorSection>,
     /// The layout of this rig's recordings.
@@ -61,6 +64,17 @@ pub struct ModelFile {
     /// Warnings that change no number, each with its place and advice.
     pub warnings: Vec<String>,
     text: String,
+}
+
+/// The range in which a base parameter is known to lie, in SI units.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct KnownRange {
+    /// The parameter.
+    pub id: ParameterId,
+    /// Smallest value.
+    pub lower: f64,
+    /// Largest value.
+    pub upper: f64,
 }
 
 /// Material and dimensions of the actuator.
@@ -392,12 +406,14 @@ impl ModelReader<'_> {
             .map_err(|error| self.invalid(error, dynamics_table, &effect_tables))?;
         self.check_ranges(&model, dynamics_table, &effect_tables)?;
         let free = self.free(root, &model)?;
+        let within = self.within(root, &model)?;
         let warnings = self.unknown_material(root, actuator.as_ref());
         Ok(ModelFile {
             name,
             path: self.toml.path.to_owned(),
             model,
             free,
+            within,
             actuator,
             recording: self.recording(root)?,
             warnings: warnings.into_iter().collect(),
@@ -465,7 +481,13 @@ impl ModelReader<'_> {
         self.toml.known_keys(
             table,
             "[recording]",
-            &["columns", "units", "absolute_pressure_kpa", "flip_angle"],
+            &[
+                "columns",
+                "units",
+                "absolute_pressure_kpa",
+                "angle_zero_deg",
+                "flip_angle",
+            ],
         )?;
         self.entries(table, "columns", "pressure = \"p_psi\"", |key, column| {
             layout.names.set(key, column)
@@ -482,6 +504,7 @@ impl ModelReader<'_> {
             })?;
             layout.columns.air_kpa = Some(kpa);
         }
+        layout.columns.angle_zero_deg = self.toml.number(table, "angle_zero_deg")?;
         if let Some(item) = table.get("flip_angle") {
             layout.columns.flip_angle = item.as_bool().ok_or_else(|| {
                 self.toml.fail_at(
@@ -804,11 +827,60 @@ impl ModelReader<'_> {
         )
     }
 
+    /// What `[fit] within` says of base parameters: tolerances relative to their values.
+    fn within(&self, root: &Table, model: &Model<f64>) -> Result<Vec<KnownRange>, InputError> {
+        const ADVICE: &str = "write how far a parameter may be from its value: within = { stiffness = 0.3 } for 30 %";
+        let mut known = Vec::new();
+        let Some(item) = self
+            .toml
+            .table(root, "fit")?
+            .and_then(|it| it.get("within"))
+        else {
+            return Ok(known);
+        };
+        let table = item.as_table_like().ok_or_else(|| {
+            self.toml
+                .fail_at(item.span(), "within is not a table", ADVICE)
+        })?;
+        for (name, item) in table.iter() {
+            let (id, ..) = BASE
+                .iter()
+                .find(|(_, base, _)| *base == name)
+                .ok_or_else(|| {
+                    let names: Vec<&str> = BASE.iter().map(|(_, name, _)| *name).collect();
+                    self.toml.fail_at(
+                        item.span(),
+                        format!("within names {name}, which is no base parameter"),
+                        format!("use any of: {}", names.join(", ")),
+                    )
+                })?;
+            let tolerance = item
+                .as_float()
+                .or_else(|| item.as_integer().map(|whole| whole as f64))
+                .filter(|it| *it > 0.0 && it.is_finite())
+                .ok_or_else(|| {
+                    self.toml.fail_at(
+                        item.span(),
+                        format!("the tolerance of {name} is no number above zero"),
+                        ADVICE,
+                    )
+                })?;
+            let value = model.value(*id).unwrap_or_default();
+            let by = tolerance * value.abs();
+            known.push(KnownRange {
+                id: *id,
+                lower: value - by,
+                upper: value + by,
+            });
+        }
+        Ok(known)
+    }
+
     fn free(&self, root: &Table, model: &Model<f64>) -> Result<Vec<ParameterId>, InputError> {
         let Some(table) = self.toml.table(root, "fit")? else {
             return Ok(FREE_BY_DEFAULT.to_vec());
         };
-        self.toml.known_keys(table, "[fit]", &["free"])?;
+        self.toml.known_keys(table, "[fit]", &["free", "within"])?;
         let Some(item) = table.get("free") else {
             return Ok(FREE_BY_DEFAULT.to_vec());
         };

@@ -1,6 +1,6 @@
 //! Recordings whose columns or numbers are damaged or mean something else.
 
-use predicates::str::{is_empty, is_match};
+use predicates::str::{contains, is_empty, is_match};
 
 use super::common::{Bench, HEADER, clean_recording, compressed, stdout};
 use super::hostile::harmless;
@@ -262,15 +262,20 @@ fn rewritten(text: &str, change: impl Fn([f64; 3]) -> [f64; 3]) -> String {
 /// Flags of the command line, and a file of other columns that they mend.
 type Mended = (&'static str, fn([f64; 3]) -> [f64; 3]);
 
-const MENDED: [Mended; 8] = [
+const MENDED: [Mended; 7] = [
     ("--units time=ms", |[t, p, a]| [t * 1e3, p, a]),
     ("--units pressure=psi", |[t, p, a]| [t, p / 6.894_757, a]),
     ("--units pressure=bar", |[t, p, a]| [t, p / 100.0, a]),
     ("--absolute-pressure", |[t, p, a]| [t, p + 101.325, a]),
     ("--absolute-pressure=95", |[t, p, a]| [t, p + 95.0, a]),
     ("--units angle=rad", |[t, p, a]| [t, p, a.to_radians()]),
-    ("--flip-angle", |[t, p, a]| [t, p, -a]),
     ("--exchange-columns", |[t, p, a]| [t, a, p]),
+];
+
+/// The same of columns with which a fit goes on, and says so.
+const SAID: [Mended; 2] = [
+    ("--flip-angle", |[t, p, a]| [t, p, -a]),
+    ("--angle-zero=116", |[t, p, a]| [t, p, a + 116.0]),
 ];
 
 #[test]
@@ -281,7 +286,7 @@ fn flags_mend_what_columns_hold() {
     bench.put("right.csv", &right);
     let error = |line: &str| printed_error(&bench.line(line).assert().success());
     let expected = error(&format!("{simulate} right.csv"));
-    for (flags, change) in MENDED {
+    for (flags, change) in MENDED.into_iter().chain(SAID) {
         bench.put("other.csv", rewritten(&right, change));
         let found = error(&format!("{simulate} other.csv {flags}"));
         assert!(
@@ -311,6 +316,23 @@ fn a_fit_and_a_diagnosis_refuse_other_columns_at_once_and_name_the_flags() {
     }
 }
 
+/// A sign and an offset are plain once the model is fitted.
+#[test]
+fn a_fit_goes_on_where_sign_or_rest_are_plain_and_names_the_flag() {
+    let bench = Bench::with_example("none", "0.2");
+    let right = bench.text("demo/recordings/step60_1.csv");
+    for (flags, change) in SAID {
+        bench.put("a.csv", rewritten(&right, change));
+        // The rest is known to a degree or so.
+        let flag = flags.trim_end_matches(char::is_numeric);
+        bench
+            .line("fit --model demo/model.toml a.csv")
+            .assert()
+            .success()
+            .stderr(contains(flag));
+    }
+}
+
 #[test]
 fn every_command_that_fits_takes_the_flags() {
     let bench = Bench::empty();
@@ -326,6 +348,7 @@ fn every_command_that_fits_takes_the_flags() {
             "--columns",
             "--units",
             "--absolute-pressure",
+            "--angle-zero",
             "--flip-angle",
             "--exchange-columns",
         ] {

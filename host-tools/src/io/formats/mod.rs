@@ -400,7 +400,8 @@ impl Samples {
                 .unit(quantity)
                 .is_some_and(|it| !it.is_promised())
                 || said.exchange
-                || (quantity == Quantity::Pressure && said.air_kpa.is_some());
+                || (quantity == Quantity::Pressure && said.air_kpa.is_some())
+                || (quantity == Quantity::Angle && said.angle_zero_deg.is_some());
             if converted {
                 self.decimals[quantity as usize] = Decimals::Various;
             }

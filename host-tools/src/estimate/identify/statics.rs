@@ -17,17 +17,6 @@ pub struct Level {
     pub angle: f64,
 }
 
-/// A level with the time for which it was held.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Plateau {
-    /// The level.
-    pub level: Level,
-    /// From when on (s).
-    pub from: f64,
-    /// Until when (s).
-    pub to: f64,
-}
-
 /// Blocks into which a recording is cut to look for plateaus.
 const BLOCKS: f64 = 40.0;
 
@@ -40,9 +29,9 @@ const STILL: f64 = 0.015;
 /// Two levels nearer than this share of the largest angle are one.
 const APART: f64 = 0.1;
 
-/// The plateaus of a recording: at least two blocks in a row in which both signals stand
-/// still. None where nothing moves, which shows no relation.
-pub fn plateaus(recording: &Recording) -> Vec<Plateau> {
+/// The levels of a recording's plateaus: at least two blocks in a row in which both signals
+/// stand still. None where nothing moves, which shows no relation.
+pub fn plateaus(recording: &Recording) -> Vec<Level> {
     if !moves(&recording.angle) {
         return Vec::new();
     }
@@ -71,31 +60,14 @@ pub fn plateaus(recording: &Recording) -> Vec<Plateau> {
         if blocks >= 2 {
             // What is left of the motion before it is in its first half.
             let half = (begin + blocks / 2) * length..(begin + blocks) * length;
-            found.push(Plateau {
-                level: Level {
-                    pressure: median(&mut recording.pressure[half.clone()].to_vec()),
-                    angle: median(&mut recording.angle[half.clone()].to_vec()),
-                },
-                from: recording.time[begin * length],
-                to: recording.time[half.end - 1],
+            found.push(Level {
+                pressure: median(&mut recording.pressure[half.clone()].to_vec()),
+                angle: median(&mut recording.angle[half].to_vec()),
             });
         }
         begin += blocks.max(1);
     }
     found
-}
-
-/// The longest time from one plateau to the next at another level: how long it takes at
-/// most to come to rest. None without two levels.
-pub fn settling(plateaus: &[Plateau]) -> Option<f64> {
-    let largest = plateaus
-        .iter()
-        .fold(0.0, |most: f64, at| most.max(at.level.angle.abs()));
-    plateaus
-        .windows(2)
-        .filter(|pair| (pair[1].level.angle - pair[0].level.angle).abs() > APART * largest)
-        .map(|pair| pair[1].from - pair[0].to)
-        .reduce(f64::max)
 }
 
 /// sign(θ)|θ|ⁿ.
@@ -169,11 +141,7 @@ mod tests {
 
     #[test]
     fn plateaus_give_exponent_and_ratio() {
-        let found = plateaus(&staircase());
-        let levels: Vec<Level> = found.iter().map(|it| it.level).collect();
-        // Ten blocks a level; the way takes a few.
-        assert!(settling(&found).unwrap() < 1.2, "{found:?}");
-        assert_eq!(settling(&found[..1]), None);
+        let levels = plateaus(&staircase());
         assert_eq!(distinct(&levels), 3, "{levels:?}");
         assert!((exponent(&levels).unwrap() - 2.0).abs() < 0.05);
         assert!((ratio(&levels, 2.0).unwrap() / 30e3 - 1.0).abs() < 0.03);
