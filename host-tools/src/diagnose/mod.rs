@@ -51,7 +51,7 @@ use model_core::catalogue::Kind;
 use model_core::effects::table::Variable;
 
 use crate::estimate::Dataset;
-use crate::estimate::assemble::assemble;
+use crate::estimate::assemble::as_read;
 use crate::estimate::checkpoint::Checkpoint;
 use crate::estimate::fit::{Fit, Fitter};
 use crate::estimate::unit_errors;
@@ -184,8 +184,7 @@ pub fn diagnose_from(
     checkpoint: &Checkpoint,
     progress: &Progress,
 ) -> Result<Diagnosis, InputError> {
-    let mut assembled = assemble(request.recordings, request.holdout)?;
-    assembled.data = assembled.data.knowing(&request.file.within);
+    let mut assembled = as_read(request.recordings, request.holdout)?;
     let fitted = assembled.data.indices(true).len();
     if fitted == 0 || (fitted < 2 && assembled.data.indices(false).is_empty()) {
         return Err(InputError::new(
@@ -193,6 +192,9 @@ pub fn diagnose_from(
             "record more, or name some with --holdout: a cause that was fitted and tested on the same run proves nothing",
         ));
     }
+    refuse_implausible(request.file, &assembled.data)?;
+    assembled = assembled.from_rest(request.recordings);
+    assembled.data = assembled.data.knowing(&request.file.within);
     let mut found = diagnose_zeros(request, &assembled.data, checkpoint, progress)?;
     let mut odd_concern = None;
     let mut left_out = None;
@@ -285,7 +287,7 @@ fn diagnose_all(
     progress: &Progress,
 ) -> Result<Found, InputError> {
     progress.stage("quality of the recordings", 0);
-    let (floor, mut concerns) = examined(request.file, data)?;
+    let (floor, mut concerns) = examined(data)?;
     let baseline = Baseline::of(request, data, &floor, progress)?;
     progress.refitted(baseline.refit.fit.rmse());
     let options = Options {
@@ -383,8 +385,21 @@ fn diagnose_all(
     Ok(Found { diagnosis, outlier })
 }
 
+/// Refuses recordings without motion, and columns that do not hold what their header says.
+/// The angle is as read: one that is counted from its rest hides what the pressure rests at.
+fn refuse_implausible(file: &ModelFile, data: &Dataset) -> Result<(), InputError> {
+    quality::refuse_without_motion(&data.recordings(true))?;
+    // By whole sessions: a segment in which hardly anything moves looks undriven.
+    let sessions: Vec<Recording> = data
+        .sessions()
+        .iter()
+        .map(|session| session.recording().clone())
+        .collect();
+    unit_errors::refuse(file, &sessions)
+}
+
 /// Examines fitted and held-out recordings. Returns the noise floor and the concerns.
-fn examined(file: &ModelFile, data: &Dataset) -> Result<(NoiseFloor, Vec<Concern>), InputError> {
+fn examined(data: &Dataset) -> Result<(NoiseFloor, Vec<Concern>), InputError> {
     let recordings = data.recordings(true);
     let floor = NoiseFloor::of(&recordings);
     let mut concerns = quality::examine(&recordings, &floor)?;
@@ -394,13 +409,6 @@ fn examined(file: &ModelFile, data: &Dataset) -> Result<(NoiseFloor, Vec<Concern
         // Missing repeats or short runs matter for fitted recordings only.
         concerns.extend(found.into_iter().filter(|it| it.recording.is_some()));
     }
-    // By whole sessions: a segment in which hardly anything moves looks undriven.
-    let sessions: Vec<Recording> = data
-        .sessions()
-        .iter()
-        .map(|session| session.recording().clone())
-        .collect();
-    unit_errors::refuse(file, &sessions)?;
     Ok((floor, concerns))
 }
 

@@ -94,7 +94,7 @@ fn angles(recording: &Recording) -> String {
 
 /// Refuses recordings without any motion, with which every model agrees. A run without
 /// motion among others shows that its pressure was too small, and is kept.
-fn refuse_without_motion(recordings: &[Recording]) -> Result<(), InputError> {
+pub fn refuse_without_motion(recordings: &[Recording]) -> Result<(), InputError> {
     match recordings.first() {
         Some(first) if !recordings.iter().any(|it| moves(&it.angle)) => Err(InputError::new(
             format!("holds no motion: {}", angles(first)),

@@ -49,12 +49,22 @@ pub struct Group<'a> {
 /// A stretch of time in a session, in seconds on its own axis.
 type Span = Range<f64>;
 
-/// Assembles sessions from fitted and held-out recordings.
+/// Assembles sessions from fitted and held-out recordings, with the angle counted from its
+/// rest.
 ///
 /// # Errors
 ///
 /// Refuses a recording of which nothing can be used.
 pub fn assemble(fitted: &[Recording], held_out: &[Recording]) -> Result<Assembled, InputError> {
+    Ok(as_read(fitted, held_out)?.from_rest(fitted))
+}
+
+/// Assembles sessions with the angle as the columns say.
+///
+/// # Errors
+///
+/// Refuses a recording of which nothing can be used.
+pub fn as_read(fitted: &[Recording], held_out: &[Recording]) -> Result<Assembled, InputError> {
     // The order in which files are named decides nothing.
     let by_path = |recordings: &'_ [Recording]| {
         let mut order: Vec<usize> = (0..recordings.len()).collect();
@@ -74,15 +84,24 @@ pub fn assemble(fitted: &[Recording], held_out: &[Recording]) -> Result<Assemble
     for group in &groups {
         add(&mut all, group, &clocks, alone)?;
     }
-    let was_said = |recording: &Recording| recording.columns.angle_zero_deg.is_some();
-    if !fitted.iter().any(was_said)
-        && let Some(rest) = resting_angle(&all.data)
-    {
-        let zero_deg = rest.to_degrees().round();
-        all.data = all.data.shifted(-zero_deg.to_radians());
-        all.concerns.push(far_from_zero(zero_deg));
-    }
     Ok(all)
+}
+
+impl Assembled {
+    /// Counts the angle from where it rests, if that is far from zero and no flag says where
+    /// zero is.
+    #[must_use]
+    pub fn from_rest(mut self, fitted: &[Recording]) -> Self {
+        let was_said = |recording: &Recording| recording.columns.angle_zero_deg.is_some();
+        if !fitted.iter().any(was_said)
+            && let Some(rest) = resting_angle(&self.data)
+        {
+            let zero_deg = rest.to_degrees().round();
+            self.data = self.data.shifted(-zero_deg.to_radians());
+            self.concerns.push(far_from_zero(zero_deg));
+        }
+        self
+    }
 }
 
 /// The angle (°) at which the actuator rests was subtracted.
