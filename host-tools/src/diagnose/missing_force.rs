@@ -13,6 +13,7 @@
 //! which least squares give. The effect's other parameters (an angle, a time constant) are
 //! tried over a grid in the scales of the recordings.
 
+use model_core::actuator::Model;
 use model_core::catalogue::{Effect, Kind};
 use model_core::dynamics::Dynamics;
 use model_core::effects::{Instant, Mechanism, Parameter, Place, Rest, Unit};
@@ -22,6 +23,7 @@ use rayon::prelude::*;
 use super::candidates::Scales;
 use super::smoother::Smoother;
 use crate::estimate::fit::{Fit, Fitter};
+use crate::estimate::nuisance::Nuisance;
 
 /// Samples of the motion that are enough for a guess.
 const ENOUGH: usize = 2_000;
@@ -60,7 +62,13 @@ impl Guesses {
         kinds: &[Kind],
         scales: &Scales,
     ) -> Self {
-        let missing = MissingForce::of(fitter, refit, noise, scales.force());
+        let missing = MissingForce::of(
+            fitter,
+            &refit.model,
+            &refit.nuisances,
+            noise,
+            scales.force(),
+        );
         Self {
             each: kinds
                 .iter()
@@ -69,7 +77,30 @@ impl Guesses {
         }
     }
 
-    /// The guesses of an effect, the best first.
+    /// The same and more: how every effect could stand in for the fitted ones in `others`. What
+    /// is missing beside the base parameters of a fit shows better what has to be added to them
+    /// than what is missing beside the refit, whose parameters already make up for a part.
+    pub fn standing_in(
+        mut self,
+        fitter: &Fitter<'_>,
+        others: &[Fit],
+        noise: f64,
+        scales: &Scales,
+    ) -> Self {
+        let own: Vec<_> = fitter.nominal.effects().collect();
+        for other in others {
+            let Ok(model) = Model::new(*other.model.dynamics(), &own) else {
+                continue;
+            };
+            let missing = MissingForce::of(fitter, &model, &other.nuisances, noise, scales.force());
+            for (kind, guesses) in &mut self.each {
+                guesses.extend(missing.guesses(*kind, scales));
+            }
+        }
+        self
+    }
+
+    /// The guesses of an effect, the best of each missing force first.
     pub fn of_kind(&self, kind: Kind) -> &[Guess] {
         self.each
             .iter()
@@ -89,7 +120,7 @@ struct Sample {
     missing: f64,
 }
 
-/// The missing force of a refit along the motion of each session.
+/// The missing force of a model along the motion of each session.
 #[derive(Clone, Debug)]
 pub struct MissingForce {
     sessions: Vec<Vec<Sample>>,
@@ -110,11 +141,17 @@ pub struct Guess {
 }
 
 impl MissingForce {
-    /// Of a refit; `noise` is that of the angle (rad).
-    pub fn of(fitter: &Fitter<'_>, refit: &Fit, noise: f64, force: f64) -> Self {
+    /// Of a model; `noise` is that of the angle (rad).
+    pub fn of(
+        fitter: &Fitter<'_>,
+        model: &Model<f64>,
+        nuisances: &[Nuisance],
+        noise: f64,
+        force: f64,
+    ) -> Self {
         let data = fitter.data;
         let smoother = Smoother {
-            model: &refit.model,
+            model,
             noise: noise.max(1e-6),
             force,
         };
@@ -122,7 +159,7 @@ impl MissingForce {
         let fitted: Vec<_> = data
             .sessions()
             .iter()
-            .zip(&refit.nuisances)
+            .zip(nuisances)
             .enumerate()
             .filter(|(index, _)| !data.fitted_ranges(*index).is_empty())
             .collect();
@@ -151,7 +188,7 @@ impl MissingForce {
         let mut this = Self {
             sessions,
             left_by_base: f64::INFINITY,
-            base: *refit.model.dynamics(),
+            base: *model.dynamics(),
         };
         this.left_by_base = this
             .solved(&[], None)

@@ -18,9 +18,12 @@ use super::validation::CrossValidator;
 use super::verdict::{Alternative, Answer};
 use crate::estimate::Dataset;
 use crate::estimate::checkpoint::Checkpoint;
-use crate::estimate::fit::Fitter;
+use crate::estimate::fit::{Fit, Fitter};
 use crate::estimate::subsample::{short_segments, subsample};
 use crate::io::model_file::ModelFile;
+
+/// The best single effects that others are tried in place of.
+const LEADERS: usize = 2;
 
 /// Options of a search.
 #[derive(Clone, Copy)]
@@ -88,6 +91,19 @@ fn selected(mut baseline: Baseline, options: Options<'_>) -> Searched {
         options.progress,
     );
     let is_open = !settles(&pool, &baseline.floor);
+    let leaders: Vec<Fit> = coarse
+        .iter()
+        .take(LEADERS)
+        .map(|it| it.fit.clone())
+        .collect();
+    let guesses = if is_open {
+        let noise = baseline.floor.white;
+        guesses
+            .clone()
+            .standing_in(context.subsample, &leaders, noise, context.scales)
+    } else {
+        guesses.clone()
+    };
     let mut graded = (is_open && options.progress.has_time_for(Part::Horizons))
         .then(|| Grading::of(&baseline, &kinds, &coarse, &pool, &guesses, options))
         .flatten();
