@@ -11,6 +11,7 @@ use model_core::effects::{Mechanism, Parameter, Place, Unit};
 
 use super::Progress;
 use super::missing_force::Guesses;
+use super::needs::Shown;
 use crate::estimate::checkpoint::Checkpoint;
 use crate::estimate::filter::Level;
 use crate::estimate::fit::{Effort, Fit, Fitter};
@@ -362,11 +363,7 @@ pub fn applicable(
     own: &[Kind],
     fitter: &Fitter<'_>,
 ) -> (Vec<Kind>, Vec<Untried>) {
-    let constant_input = fitter.data.fitted().all(|segment| {
-        let pressure = &segment.recording.pressure;
-        let first = pressure.first().copied().unwrap_or(0.0);
-        pressure.iter().all(|p| (p - first).abs() < 1.0)
-    });
+    let shown = Shown::by(fitter.data);
     let mut tried = Vec::new();
     let mut untried = Vec::new();
     for &kind in Kind::NAMES.iter().chain(own) {
@@ -376,10 +373,10 @@ pub fn applicable(
                 kind,
                 reason: "the model has it already",
             });
-        } else if constant_input && kind.info().place == Place::Input {
+        } else if let Some(need) = shown.unmet(kind, kind.info().place == Place::Input) {
             untried.push(Untried {
                 kind,
-                reason: "the pressure never changes in these recordings",
+                reason: need.unmet(),
             });
         } else {
             tried.push(kind);

@@ -31,6 +31,7 @@ pub(crate) mod levels;
 pub(crate) mod localise;
 pub(crate) mod measure;
 pub(crate) mod missing_force;
+pub(crate) mod needs;
 pub(crate) mod noise;
 pub(crate) mod pairs;
 pub mod plan;

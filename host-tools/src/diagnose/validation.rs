@@ -10,7 +10,7 @@
 //! refitted only where that cannot be trusted.
 
 use std::collections::BTreeMap;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use model_core::actuator::{Model, ParameterId};
 use model_core::catalogue::Kind;
@@ -22,7 +22,7 @@ use super::policy::Exact;
 use crate::estimate::Segment;
 use crate::estimate::fit::{Effort, Fitter, Validation};
 use crate::estimate::horizon::{Squares, block_errors};
-use crate::io::model_file::ModelFile;
+use crate::io::model_file::{ModelFile, parameters};
 
 /// Fewest different runs. With fewer, leaving one out would ask for extrapolation, and
 /// repeats are left out one by one.
@@ -152,14 +152,46 @@ impl Squared for f64 {
     }
 }
 
+impl Squared for Vec<f64> {
+    fn sum(&self) -> f64 {
+        self.iter().map(|residual| residual * residual).sum()
+    }
+}
+
 impl Squared for [Squares; 3] {
     fn sum(&self) -> f64 {
         self[2].sum
     }
 }
 
-/// A structure as fitted: the key of a held-out error.
-type Key = (Vec<Kind>, Vec<ParameterId>, Option<u64>);
+/// Residuals (rad), one series for each held-out segment.
+pub type Residuals = Arc<[Vec<f64>]>;
+
+/// A structure as fitted: the key of its held-out residuals. Two fits of one structure
+/// predict differently.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct Key {
+    added: Vec<Kind>,
+    free: Vec<ParameterId>,
+    values: Vec<u64>,
+    level: Option<u64>,
+}
+
+impl Key {
+    fn of(candidate: &Candidate) -> Self {
+        let fit = &candidate.fit;
+        Self {
+            added: candidate.added.clone(),
+            free: fit.free.clone(),
+            values: parameters(&fit.model)
+                .into_iter()
+                .filter_map(|(id, _)| fit.model.value(id))
+                .map(f64::to_bits)
+                .collect(),
+            level: candidate.level.map(|level| level.intensity.to_bits()),
+        }
+    }
+}
 
 /// Validates structures on held-out segments.
 pub struct CrossValidator<'a> {
@@ -175,8 +207,8 @@ pub struct CrossValidator<'a> {
     floor: f64,
     /// Whether every held-out segment repeats a fitted one.
     only_repeats: bool,
-    /// Squared errors of each segment found before: several steps need the same ones.
-    memo: Mutex<BTreeMap<Key, Vec<f64>>>,
+    /// Residuals of each segment found before: several steps need the same ones.
+    memo: Mutex<BTreeMap<Key, Residuals>>,
 }
 
 impl<'a> CrossValidator<'a> {
@@ -245,18 +277,19 @@ impl<'a> CrossValidator<'a> {
 
     /// Sum of squared errors of a fitted structure on each run.
     fn squares_of(&self, candidate: &Candidate) -> Vec<f64> {
-        let key = (
-            candidate.added.clone(),
-            candidate.fit.free.clone(),
-            candidate.level.map(|level| level.intensity.to_bits()),
-        );
+        squares(&self.residuals_of(candidate))
+    }
+
+    /// Residuals (rad) of a fitted structure on each held-out run.
+    pub fn residuals_of(&self, candidate: &Candidate) -> Residuals {
+        let key = Key::of(candidate);
         let memo = || self.memo.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(known) = memo().get(&key) {
             return known.clone();
         }
-        let found = self.collect(candidate, |fitter, model| {
-            squares(&fitter.validate(model).residuals)
-        });
+        let found: Residuals = self
+            .collect(candidate, |fitter, model| fitter.validate(model).residuals)
+            .into();
         memo().insert(key, found.clone());
         found
     }
@@ -522,7 +555,35 @@ fn board_squares(fitter: &Fitter<'_>, model: &Model<f64>) -> Vec<f64> {
 
 #[cfg(test)]
 mod tests {
-    use super::{folds, share_closed};
+    use super::*;
+    use crate::io::recording::Recording;
+    use crate::synth::example::{Hidden, make};
+    use std::path::Path;
+
+    /// What was found for one fit of a structure says nothing of another.
+    #[test]
+    fn two_fits_of_one_structure_have_their_own_errors() {
+        let example = make(Hidden::Effect(Kind::CubicStiffness), 0.05, 3).unwrap();
+        let file = ModelFile::parse(&example.model, Path::new("model.toml")).unwrap();
+        let recordings: Vec<Recording> = example
+            .recordings
+            .into_iter()
+            .map(|it| it.1)
+            .take(6)
+            .collect();
+        let data = crate::estimate::Dataset::of(&recordings);
+        let fitter = Fitter::new(&file.model, &data);
+        let fit = |from: &Model<f64>| Candidate::of(Vec::new(), fitter.compare(from));
+        let right = fit(&file.model);
+        let off = fit(&file.model.with_value(ParameterId::Stiffness, 100.0));
+        let errors = |first: &Candidate, then: &Candidate| {
+            let validator = CrossValidator::new(&file, &fitter, 0.0);
+            [first, then].map(|it| validator.residuals_of(it).concat())
+        };
+        let [a, b] = errors(&right, &off);
+        let [c, d] = errors(&off, &right);
+        assert_eq!([&a, &b], [&d, &c]);
+    }
 
     #[test]
     fn repeats_are_left_out_together_unless_too_few_runs_differ() {

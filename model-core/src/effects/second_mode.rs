@@ -38,13 +38,14 @@ parameters! {
             default: None,
             starts: &[2.0, 5.0, 12.0],
         },
-        /// Damping ratio ζ₂.
+        /// Damping ratio ζ₂. Beyond ½ nothing is seen to swing: such a pair of lags
+        /// imitates any curve.
         damping_ratio: Parameter {
             key: "damping_ratio",
             symbol: "ζ₂",
             unit: Unit::One,
             lower: 0.0,
-            upper: 2.0,
+            upper: 0.5,
             held: None,
             default: None,
             starts: &[0.08],
