@@ -28,6 +28,9 @@ const SCREENED: Effort = Effort::Steps(2);
 /// Steps of a fit at a level.
 const FITTED: Effort = Effort::Steps(8);
 
+/// Two fits have found one minimum if their costs differ by at most this share.
+const AGREES: f64 = 0.01;
+
 /// Steps by output error, whose residual gives the evidence.
 const FITTED_BY_OUTPUT_ERROR: Effort = Effort::Steps(25);
 
@@ -268,11 +271,45 @@ impl<'a> Levels<'a> {
     }
 
     /// A structure fitted to everything at one level, with the information about its
-    /// parameters, from the fit to the subsample.
+    /// parameters: from its fit to the subsample there and, until two starts agree, from
+    /// those at the other levels.
     pub fn candidate(&self, estimate: &Estimate, level: usize) -> Candidate {
         let _fit = self.context.progress.fit();
+        let mut nearest: Vec<usize> = (0..estimate.fits.len()).collect();
+        nearest.sort_by_key(|other| other.abs_diff(level));
+        // What is added to nothing was converged before.
+        let most = if estimate.added.is_empty() {
+            1
+        } else {
+            nearest.len()
+        };
+        let mut fits: Vec<Fit> = Vec::new();
+        for other in nearest.into_iter().take(most) {
+            let fit = self.finished(&estimate.fits[other], level);
+            let agrees = |known: &Fit| {
+                (known.cost() - fit.cost()).abs() <= AGREES * known.cost().min(fit.cost())
+            };
+            let is_settled = fits.iter().any(agrees);
+            fits.push(fit);
+            if is_settled {
+                break;
+            }
+        }
+        let best = fits
+            .into_iter()
+            .min_by(|a, b| a.cost().total_cmp(&b.cost()))
+            .unwrap_or_else(|| estimate.fits[level].clone());
         let chosen = self.level(level);
-        let start = &estimate.fits[level];
+        Candidate {
+            added: estimate.added.clone(),
+            fit: self.context.fitter.at(chosen.as_ref()).informed(&best),
+            level: chosen,
+        }
+    }
+
+    /// A fit to everything at one level, from a fit to the subsample.
+    fn finished(&self, start: &Fit, level: usize) -> Fit {
+        let chosen = self.level(level);
         let data = self.context.fitter.data;
         let guessed = (start.nuisances.len() == data.sessions().len())
             .then(|| data.guessing(&start.nuisances));
@@ -281,7 +318,7 @@ impl<'a> Levels<'a> {
             ..self.context.fitter.at(chosen.as_ref())
         };
         let kept = self.context.checkpoint;
-        let mut fit = fitter.fit_kept(&start.model, &start.free, FITTED, kept);
+        let fit = fitter.fit_kept(&start.model, &start.free, FITTED, kept);
         let whole = self.context.fitter;
         let thinned = self.context.subsample.data.samples() < data.samples();
         // At a short horizon thinned samples are different data: the better simulation counts.
@@ -289,13 +326,9 @@ impl<'a> Levels<'a> {
             && thinned
             && whole.compare(&start.model).sse() < whole.compare(&fit.model).sse()
         {
-            fit = fitter.fit(&start.model, &start.free, Effort::Steps(0));
+            return fitter.fit(&start.model, &start.free, Effort::Steps(0));
         }
-        Candidate {
-            added: estimate.added.clone(),
-            fit: fitter.informed(&fit),
-            level: chosen,
-        }
+        fit
     }
 }
 

@@ -116,6 +116,7 @@ mod tests {
     use crate::io::recording::Recording;
     use rand::{RngExt, SeedableRng};
     use rand_pcg::Pcg64Mcg;
+    use std::slice::from_ref;
 
     /// A pressure (kPa), and an angle that follows it.
     fn run(pressure: impl Fn(f64) -> f64) -> Recording {
@@ -144,21 +145,21 @@ mod tests {
             Kind::MullinsSoftening,
         ] {
             assert_eq!(
-                unmet(&[fills.clone()], kind),
+                unmet(from_ref(&fills), kind),
                 Some(Need::Return),
                 "{kind:?}"
             );
             assert_eq!(unmet(&[fills.clone(), triangle.clone()], kind), None);
         }
         let play = Kind::InputBacklash;
-        assert_eq!(unmet(&[fills.clone()], play), Some(Need::Reversal));
+        assert_eq!(unmet(from_ref(&fills), play), Some(Need::Reversal));
         assert_eq!(unmet(&[triangle], play), None);
         for kind in [
             Kind::MaxwellBranch,
             Kind::CubicStiffness,
             Kind::PneumaticLag,
         ] {
-            assert_eq!(unmet(&[fills.clone()], kind), None, "{kind:?}");
+            assert_eq!(unmet(from_ref(&fills), kind), None, "{kind:?}");
         }
     }
 
