@@ -4,7 +4,8 @@
 //! drift and the largest angle so far carry over within it, and cutting it would lose
 //! them.
 //!
-//! - [`assemble`] makes sessions from files; [`usable`] finds their usable samples.
+//! - [`assemble`] makes sessions from files; [`usable`] finds their usable samples,
+//!   [`let_go`] where a hand let go of the actuator.
 //! - [`dataset`] holds sessions and their segments, which are used for repeats, plots and
 //!   cross-validation.
 //! - [`nuisance`]: the unknowns of each session that every fit estimates beside the model,
@@ -30,6 +31,7 @@ pub mod fit;
 pub(crate) mod horizon;
 pub mod identify;
 pub(crate) mod information;
+pub(crate) mod let_go;
 mod normal;
 pub(crate) mod nuisance;
 mod problem;

@@ -105,8 +105,8 @@ fn samples_of_fitted_sessions(data: &Dataset) -> usize {
         .sum()
 }
 
-/// Sessions at even distances in the list, each thinned, up to `most` samples. A session that
-/// is too long is cut at its end, so that its history is kept.
+/// Sessions at even distances in the list, each thinned, up to `most` samples. Of a session
+/// that is too long, [`shown`] is taken.
 fn taken(data: &Dataset, most: usize, thinning: impl Fn(&Session) -> usize) -> Dataset {
     /// Fewest samples of a further session.
     const FEWEST: usize = 100;
@@ -126,38 +126,83 @@ fn taken(data: &Dataset, most: usize, thinning: impl Fn(&Session) -> usize) -> D
     let mut room = most;
     for (_, (index, thin)) in order {
         let session = &sessions[index];
-        let length = session.recording().len();
-        if room < FEWEST.min(length) {
+        if room < FEWEST.min(session.recording().len()) {
             break;
         }
-        let end = length.min(room * thin);
-        let thinned = cut(session, 0..end, thin);
-        let kept = |range: Range<usize>| {
-            range.start.min(end).div_ceil(thin)..range.end.min(end).div_ceil(thin)
-        };
-        let silent = session.silent().iter().cloned().map(kept).collect();
-        let marks: Vec<Mark> = data
-            .fitted_ranges(index)
-            .into_iter()
-            .map(kept)
-            .filter(|range| !range.is_empty())
-            .map(|range| Mark {
-                range,
-                about: Recording::default(),
-                fitted: true,
-            })
-            .collect();
-        if marks.is_empty() {
-            continue;
+        let fitted = data.fitted_ranges(index);
+        for range in shown(session, &fitted, room * thin) {
+            if let Some((part, marks)) = part(session, &fitted, range, thin) {
+                room = room.saturating_sub(part.recording().len());
+                found.push(part, marks);
+            }
         }
-        room = room.saturating_sub(thinned.len());
-        let mut part = Session::new(thinned, session.clock(), silent)
-            .sampled(session.sampled_every())
-            .coarse();
-        part = part.guessing(session.guess(), &session.prior().thinned(thin));
-        found.push(part, marks);
     }
     found.knowing(data.known_ranges())
+}
+
+/// The parts of a session that are taken if there is room for so many of its samples: its
+/// beginning, with the history of what has one, and the surroundings of the largest fitted
+/// angle, which what stiffens or stops shows in. The second begins anew.
+fn shown(session: &Session, fitted: &[Range<usize>], room: usize) -> Vec<Range<usize>> {
+    let angle = &session.recording().angle;
+    if angle.len() <= room {
+        return std::iter::once(0..angle.len()).collect();
+    }
+    let farthest = fitted
+        .iter()
+        .cloned()
+        .flatten()
+        .max_by(|&a, &b| angle[a].abs().total_cmp(&angle[b].abs()))
+        .unwrap_or(0);
+    if farthest < room {
+        return std::iter::once(0..room).collect();
+    }
+    let half = room / 2;
+    // The way there is as telling as what follows.
+    let begin = farthest.saturating_sub(half / 2).max(half);
+    let end = (begin + half).min(angle.len());
+    vec![0..half, (end - half).max(half)..end]
+}
+
+/// A part of a session, thinned, with its fitted ranges; none where nothing of it is fitted.
+fn part(
+    session: &Session,
+    fitted: &[Range<usize>],
+    samples: Range<usize>,
+    thin: usize,
+) -> Option<(Session, Vec<Mark>)> {
+    let place =
+        |sample: usize| (sample.clamp(samples.start, samples.end) - samples.start).div_ceil(thin);
+    let kept = |range: Range<usize>| place(range.start)..place(range.end);
+    let marks: Vec<Mark> = fitted
+        .iter()
+        .cloned()
+        .map(kept)
+        .filter(|range| !range.is_empty())
+        .map(|range| Mark {
+            range,
+            about: Recording::default(),
+            fitted: true,
+        })
+        .collect();
+    if marks.is_empty() {
+        return None;
+    }
+    let silent = session.silent().iter().cloned().map(kept).collect();
+    let recording = session.recording();
+    let clock = session.clock() + recording.time[samples.start] - recording.time[0];
+    let is_first = samples.start == 0;
+    let part = Session::new(cut(session, samples, thin), clock, silent)
+        .sampled(session.sampled_every())
+        .coarse();
+    let (mut guess, mut prior) = (session.guess(), session.prior().thinned(thin));
+    if !is_first {
+        let anew = part.prior();
+        guess.start = anew.mean.start;
+        prior.mean.start = anew.mean.start;
+        prior.deviation.start = anew.deviation.start;
+    }
+    Some((part.guessing(guess, &prior), marks))
 }
 
 /// The largest stride up to `most` at which straight lines through the samples that are left
@@ -222,5 +267,63 @@ fn whole(recording: &Recording, fitted: bool) -> Mark {
         range: 0..recording.len(),
         about: Recording::default(),
         fitted,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Steps that grow, 200 s at 100 Hz: the largest comes last.
+    fn steps() -> Recording {
+        let time: Vec<f64> = (0..20_000).map(|k| 0.01 * f64::from(k)).collect();
+        let level = |t: f64| {
+            if t % 20.0 < 10.0 {
+                (t / 20.0).ceil()
+            } else {
+                0.0
+            }
+        };
+        Recording {
+            pressure: time.iter().map(|&t| 1e4 * level(t)).collect(),
+            angle: time.iter().map(|&t| 0.1 * level(t)).collect(),
+            time,
+            ..Recording::default()
+        }
+    }
+
+    #[test]
+    fn the_largest_angle_of_a_long_session_is_shown() {
+        let recording = steps();
+        let largest = recording.angle.iter().copied().fold(0.0, f64::max);
+        let data = Dataset::of(&[recording]);
+        let session = &data.sessions()[0];
+        let enough = 3_000;
+        let part = taken(&data, enough, |_| 1);
+        let samples: usize = part.sessions().iter().map(|it| it.recording().len()).sum();
+        assert!(samples <= enough, "{samples}");
+        let found = part.sessions().iter().map(|it| it.largest_angle());
+        assert!((found.fold(0.0, f64::max) - largest).abs() < 1e-9);
+        // The first part has the history, the second its own start and the rig's clock.
+        let [first, second] = part.sessions() else {
+            panic!("{} parts", part.sessions().len());
+        };
+        assert_eq!(first.guess(), session.guess());
+        let begins = second.recording().time[0];
+        assert!((second.clock() - session.clock() - begins).abs() < 1e-9);
+        let at = session.recording().time.partition_point(|t| *t < begins);
+        let there = session.recording().angle[at];
+        assert!((second.guess().start.angle - there).abs() < 0.05);
+    }
+
+    #[test]
+    fn a_session_that_fits_is_whole() {
+        let data = Dataset::of(&[steps()]);
+        let whole = taken(&data, 20_000, |_| 1);
+        assert_eq!(whole.sessions().len(), 1);
+        assert_eq!(whole.sessions()[0].recording().len(), 20_000);
+        let thinned = taken(&data, 2_000, |_| 10);
+        assert_eq!(thinned.sessions().len(), 1);
+        assert_eq!(thinned.sessions()[0].recording().len(), 2_000);
     }
 }

@@ -17,6 +17,7 @@
 
 use std::ops::Range;
 
+use super::let_go::{Handled, handled};
 use crate::io::error::InputError;
 use crate::io::recording::{PASCAL_PER_KPA, Recording};
 use crate::statistics::{clipped, median, rms, standard_deviation};
@@ -102,6 +103,8 @@ pub enum Matter {
     OppositeGain,
     /// Recordings begin while the actuator moves.
     InMotion,
+    /// The actuator moves although the pressure stays.
+    Handled,
     /// Another minimum of the fit is as good.
     TwoMinima,
     /// The angle sensor is at the end of its range.
@@ -185,7 +188,7 @@ pub struct Usable {
 /// says why the others are not.
 pub fn usable(recording: &Recording) -> Result<Usable, InputError> {
     let mut concerns = Vec::new();
-    let first = after_reset(recording, &mut concerns);
+    let first = after_reset(recording, &mut concerns).max(let_go(recording, &mut concerns));
     let clock = Clock::of(recording);
     clock.describe(recording, &mut concerns);
     let pressure = saturated_pressure(recording, &mut concerns);
@@ -299,6 +302,25 @@ fn after_reset(recording: &Recording, concerns: &mut Vec<Concern>) -> usize {
         "record with the present firmware, or delete those rows",
     ));
     count
+}
+
+/// The first sample after a hand has let go of the actuator, if one moved it.
+fn let_go(recording: &Recording, concerns: &mut Vec<Concern>) -> usize {
+    let Some(Handled { taken, released }) = handled(recording) else {
+        return 0;
+    };
+    let since = |sample: usize| recording.time[sample] - recording.time[0];
+    concerns.push(Concern::of(
+        Matter::Handled,
+        Some(recording),
+        format!(
+            "the actuator rests for {:.2} s and then moves although the pressure stays, as if by hand; used from {:.2} s on",
+            since(taken),
+            since(released)
+        ),
+        "begin a recording after the release, or record the force",
+    ));
+    released
 }
 
 /// The sampling of a recording.
