@@ -105,8 +105,8 @@ fn samples_of_fitted_sessions(data: &Dataset) -> usize {
         .sum()
 }
 
-/// Sessions at even distances in the list, each thinned, up to `most` samples. Of a session
-/// that is too long, [`shown`] is taken.
+/// The session with the largest angle, and others at even distances in the list, each
+/// thinned, up to `most` samples. Of a session that is too long, [`shown`] is taken.
 fn taken(data: &Dataset, most: usize, thinning: impl Fn(&Session) -> usize) -> Dataset {
     /// Fewest samples of a further session.
     const FEWEST: usize = 100;
@@ -120,9 +120,14 @@ fn taken(data: &Dataset, most: usize, thinning: impl Fn(&Session) -> usize) -> D
         .map(|&(index, thin)| sessions[index].recording().len() / thin)
         .sum();
     let stride = thinned.div_ceil(most).max(1);
+    // What stiffens or stops shows only at large angles, maybe in a single session.
+    let farthest = with_fit.iter().map(|&(index, _)| index).max_by(|&a, &b| {
+        let angle = |index: usize| sessions[index].largest_angle();
+        angle(a).total_cmp(&angle(b))
+    });
     let mut order: Vec<(usize, (usize, usize))> = with_fit.into_iter().enumerate().collect();
-    order.sort_by_key(|(place, _)| (place % stride, *place));
-    let mut found = Dataset::default();
+    order.sort_by_key(|&(place, (index, _))| (Some(index) != farthest, place % stride, place));
+    let mut parts = Vec::new();
     let mut room = most;
     for (_, (index, thin)) in order {
         let session = &sessions[index];
@@ -133,9 +138,15 @@ fn taken(data: &Dataset, most: usize, thinning: impl Fn(&Session) -> usize) -> D
         for range in shown(session, &fitted, room * thin) {
             if let Some((part, marks)) = part(session, &fitted, range, thin) {
                 room = room.saturating_sub(part.recording().len());
-                found.push(part, marks);
+                parts.push((index, part, marks));
             }
         }
+    }
+    // Zeros of a fit go back to the sessions by their order.
+    parts.sort_by_key(|(index, ..)| *index);
+    let mut found = Dataset::default();
+    for (_, part, marks) in parts {
+        found.push(part, marks);
     }
     found.knowing(data.known_ranges())
 }
@@ -314,6 +325,32 @@ mod tests {
         let at = session.recording().time.partition_point(|t| *t < begins);
         let there = session.recording().angle[at];
         assert!((second.guess().start.angle - there).abs() < 0.05);
+    }
+
+    #[test]
+    fn the_session_with_the_largest_angle_is_among_those_taken() {
+        let of_size = |size: f64| {
+            let mut recording = steps();
+            recording.angle.iter_mut().for_each(|angle| *angle *= size);
+            recording
+        };
+        let sizes = [1.0, 1.0, 1.0, 1.0, 1.0, 2.0, 1.0, 1.0];
+        let data = Dataset::of(&sizes.map(of_size));
+        let part = taken(&data, 5_000, |_| 10);
+        assert!(part.sessions().len() < sizes.len());
+        let largest = |data: &Dataset| {
+            let angles = data.sessions().iter().map(|it| it.largest_angle());
+            angles.fold(0.0, f64::max)
+        };
+        assert!((largest(&part) - largest(&data)).abs() < 1e-9);
+        // Where all are taken, a fit's zeros go back to them by their order.
+        let angles = |data: &Dataset| -> Vec<f64> {
+            data.sessions()
+                .iter()
+                .map(|it| it.largest_angle())
+                .collect()
+        };
+        assert_eq!(angles(&taken(&data, 20_000, |_| 10)), angles(&data));
     }
 
     #[test]
