@@ -546,20 +546,7 @@ pub fn starts_from(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Ve
 /// values, with the base parameters as fitted without the effect, and what the missing force
 /// suggests.
 fn starts(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Starts {
-    let mut values: Vec<Vec<f64>> = vec![Vec::new()];
-    for row in kind.parameters() {
-        let choices = context.scales.starts_of(kind, row);
-        values = values
-            .into_iter()
-            .flat_map(|head| {
-                choices.iter().map(move |choice| {
-                    let mut all = head.clone();
-                    all.push(*choice);
-                    all
-                })
-            })
-            .collect();
-    }
+    let values = combinations(kind, |row| context.scales.starts_of(kind, row));
     let fitted = *base.fit.model.dynamics();
     let swinging = context.scales.swinging(&fitted);
     let mut starts = Starts::default();
@@ -590,6 +577,25 @@ fn starts(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Starts {
         starts.as_fitted.extend(Model::new(dynamics, &effects));
     }
     starts
+}
+
+/// Every combination of the choices for each parameter of an effect.
+pub fn combinations(kind: Kind, choices: impl Fn(&Parameter) -> Vec<f64>) -> Vec<Vec<f64>> {
+    let mut values: Vec<Vec<f64>> = vec![Vec::new()];
+    for row in kind.parameters() {
+        let choices = choices(row);
+        values = values
+            .into_iter()
+            .flat_map(|head| {
+                choices.iter().map(move |choice| {
+                    let mut all = head.clone();
+                    all.push(*choice);
+                    all
+                })
+            })
+            .collect();
+    }
+    values
 }
 
 /// Initial guesses of a fit.

@@ -20,7 +20,7 @@ use model_core::effects::{Instant, Mechanism, Parameter, Place, Rest, Unit};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::candidates::Scales;
+use super::candidates::{Scales, combinations};
 use super::smoother::Smoother;
 use crate::estimate::fit::{Fit, Fitter};
 use crate::estimate::nuisance::Nuisance;
@@ -80,10 +80,10 @@ impl Guesses {
     /// The same and more: how every effect could stand in for the fitted ones in `others`. What
     /// is missing beside the base parameters of a fit shows better what has to be added to them
     /// than what is missing beside the refit, whose parameters already make up for a part.
-    pub fn standing_in(
+    pub fn standing_in<'a>(
         mut self,
         fitter: &Fitter<'_>,
-        others: &[Fit],
+        others: impl IntoIterator<Item = &'a Fit>,
         noise: f64,
         scales: &Scales,
     ) -> Self {
@@ -204,7 +204,7 @@ impl MissingForce {
         if kind.info().place == Place::Sensor {
             return Vec::new();
         }
-        let mut found: Vec<Guess> = grid(kind, scales)
+        let mut found: Vec<Guess> = combinations(kind, |row| choices(kind, row, scales))
             .into_par_iter()
             .filter_map(|values| self.guess(kind, &values))
             .filter(|guess| guess.leaves.is_finite())
@@ -390,25 +390,7 @@ fn resistance(dynamics: &Dynamics<f64>, at: &Instant<f64>) -> f64 {
     dynamics.damping * at.rate + dynamics.stiffness * spring
 }
 
-/// Values of an effect's parameters over the scales of the recordings. Forces have any size.
-fn grid(kind: Kind, scales: &Scales) -> Vec<Vec<f64>> {
-    let mut values: Vec<Vec<f64>> = vec![Vec::new()];
-    for row in kind.parameters() {
-        let choices = choices(kind, row, scales);
-        values = values
-            .into_iter()
-            .flat_map(|head| {
-                choices.iter().map(move |choice| {
-                    let mut all = head.clone();
-                    all.push(*choice);
-                    all
-                })
-            })
-            .collect();
-    }
-    values
-}
-
+/// Values of a parameter over the scales of the recordings. Forces have any size.
 fn choices(kind: Kind, row: &Parameter, scales: &Scales) -> Vec<f64> {
     let nominal = scales.starts_of(kind, row);
     if row.held.is_some() || row.unit.is_force() {

@@ -11,6 +11,7 @@
 //! | no motion in one of them | reported |
 //! | units mixed up, columns exchanged | refused, with the flags that mend it ([`crate::estimate::unit_errors`]) |
 //! | sensor at the end of its range, gaps, jitter, a reset | unusable samples are left out and reported ([`crate::estimate::usable`]) |
+//! | moved by hand at first | used from the release on ([`crate::estimate::let_go`]) |
 //! | another actuator among the recordings | left out, and named |
 //! | no repeats, short runs | reported |
 

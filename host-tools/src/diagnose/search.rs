@@ -18,7 +18,7 @@ use super::validation::CrossValidator;
 use super::verdict::{Alternative, Answer};
 use crate::estimate::Dataset;
 use crate::estimate::checkpoint::Checkpoint;
-use crate::estimate::fit::{Fit, Fitter};
+use crate::estimate::fit::Fitter;
 use crate::estimate::subsample::{short_segments, subsample};
 use crate::io::model_file::ModelFile;
 
@@ -91,21 +91,16 @@ fn selected(mut baseline: Baseline, options: Options<'_>) -> Searched {
         options.progress,
     );
     let is_open = !settles(&pool, &baseline.floor);
-    let leaders: Vec<Fit> = coarse
-        .iter()
-        .take(LEADERS)
-        .map(|it| it.fit.clone())
-        .collect();
-    let guesses = if is_open {
-        let noise = baseline.floor.white;
-        guesses
-            .clone()
-            .standing_in(context.subsample, &leaders, noise, context.scales)
-    } else {
-        guesses.clone()
-    };
     let mut graded = (is_open && options.progress.has_time_for(Part::Horizons))
-        .then(|| Grading::of(&baseline, &kinds, &coarse, &pool, &guesses, options))
+        .then(|| {
+            let leaders = coarse.iter().take(LEADERS).map(|it| &it.fit);
+            let noise = baseline.floor.white;
+            let guesses =
+                guesses
+                    .clone()
+                    .standing_in(context.subsample, leaders, noise, context.scales);
+            Grading::of(&baseline, &kinds, &coarse, &pool, guesses, options)
+        })
         .flatten();
     if let Some(Grading { graded, .. }) = &graded
         && graded.may_leave_noise(&baseline.floor)
@@ -128,7 +123,7 @@ fn selected(mut baseline: Baseline, options: Options<'_>) -> Searched {
     }
     let hopeless = |it: &Grading| !it.graded.may_leave_noise(&baseline.floor);
     if let Some(graded) = graded.take_if(|it| hopeless(it)) {
-        return graded.searched(untried, baseline.floor, &guesses, options);
+        return graded.searched(untried, baseline.floor, options);
     }
     let mut found = Selector {
         context,
@@ -143,7 +138,7 @@ fn selected(mut baseline: Baseline, options: Options<'_>) -> Searched {
         answer => answer != Answer::Unexplained,
     };
     match graded {
-        Some(graded) if !settled => graded.searched(untried, baseline.floor, &guesses, options),
+        Some(graded) if !settled => graded.searched(untried, baseline.floor, options),
         _ => {
             if !settled && !options.progress.undone().is_empty() {
                 let best = best_so_far(&context, &validator, &baseline.refit, &pool, &coarse);
@@ -200,6 +195,7 @@ fn as_far_as_tried(found: Selection, undone: &BTreeSet<Part>) -> Selection {
 struct Grading {
     graded: Graded,
     baseline: Baseline,
+    guesses: Guesses,
 }
 
 impl Grading {
@@ -208,7 +204,7 @@ impl Grading {
         kinds: &[Kind],
         coarse: &[Candidate],
         pool: &[Candidate],
-        guesses: &Guesses,
+        guesses: Guesses,
         options: Options<'_>,
     ) -> Option<Self> {
         let mut singles = if pool.len() > 1 { &pool[1..] } else { coarse }.to_vec();
@@ -224,7 +220,7 @@ impl Grading {
             let material = Material::of(&fitter, &baseline.refit);
             let fitters = material.fitters(&fitter);
             graded(
-                &fitters.context(file, &material, guesses, options),
+                &fitters.context(file, &material, &guesses, options),
                 &validator,
                 &baseline.floor,
                 kinds,
@@ -233,17 +229,15 @@ impl Grading {
                 options.progress,
             )?
         };
-        Some(Self { graded, baseline })
+        Some(Self {
+            graded,
+            baseline,
+            guesses,
+        })
     }
 
     /// The selection by grades, over this noise floor.
-    fn searched(
-        self,
-        untried: Vec<Untried>,
-        floor: NoiseFloor,
-        guesses: &Guesses,
-        options: Options<'_>,
-    ) -> Searched {
+    fn searched(self, untried: Vec<Untried>, floor: NoiseFloor, options: Options<'_>) -> Searched {
         let baseline = Baseline {
             floor,
             ..self.baseline
@@ -255,7 +249,7 @@ impl Grading {
             validator.raise_floor(baseline.floor.rms);
             let material = Material::of(&fitter, &baseline.refit);
             let fitters = material.fitters(&fitter);
-            let context = fitters.context(file, &material, guesses, options);
+            let context = fitters.context(file, &material, &self.guesses, options);
             self.graded.selection(&context, &validator, &baseline.refit)
         };
         Searched {
