@@ -436,6 +436,7 @@ class _Verdict:
     effects: list[_NamedEffect]
     alternatives: list[_Alternative]
     adequacy: _Adequacy
+    tolerance_deg: float
     closure: _Closure | None
     remaining: _Remaining
     repair: _Repair | None

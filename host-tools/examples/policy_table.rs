@@ -5,13 +5,13 @@
 
 use std::fmt::Write as _;
 
-use host_tools::diagnose::policy::{Exact, Policy, Row};
+use host_tools::diagnose::policy::{Policy, Row, Search};
 
 /// The head of a table in the page.
 const HEAD: &str = "   |---|---:|---|---|---|\n";
 
 /// The tables, in the order of the page.
-const TABLES: [&[Row]; 2] = [Policy::ROWS, Exact::ROWS];
+const TABLES: [&[Row]; 2] = [Search::ROWS, Policy::ROWS];
 
 fn main() -> std::io::Result<()> {
     if let Some(path) = std::env::args().nth(1) {
@@ -40,9 +40,9 @@ fn table(rows: &[Row]) -> String {
     text
 }
 
-/// Three decimals at most.
+/// Four decimals at most.
 fn short(value: f64) -> String {
-    let text = format!("{value:.3}");
+    let text = format!("{value:.4}");
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 

@@ -100,6 +100,11 @@ pub struct Args {
     /// a batch, the time of each case
     #[arg(long, value_name = "TIME", value_parser = humantime::parse_duration)]
     budget: Option<Duration>,
+    /// What a model may be off without it mattering, in degrees. Where less is left, nothing is
+    /// said to be missing. Without it `tolerance_deg` of the metadata counts, or 1 % of the range
+    /// of the angle
+    #[arg(long, value_name = "DEG", value_parser = positive)]
+    tolerance: Option<f64>,
     /// Random seed
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -118,6 +123,14 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         (None, Some(model), _) => run_one(args, model),
         // The command line was checked for it.
         _ => anyhow::bail!("name a model, or a batch and where its results go"),
+    }
+}
+
+/// Reads a number above zero.
+fn positive(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(value) if f64::is_finite(value) && value > 0.0 => Ok(value),
+        _ => Err("give a number of degrees above zero, such as 0.5".into()),
     }
 }
 
@@ -220,7 +233,12 @@ fn run_one(args: &Args, model: &PathBuf) -> anyhow::Result<()> {
     )?;
     check_distinct(&args.recordings, &args.holdout)?;
     let layout = args.input.layout();
-    let (file, recordings) = super::read(model, &args.recordings, &layout)?;
+    let (file, mut recordings) = super::read(model, &args.recordings, &layout)?;
+    if args.tolerance.is_some() {
+        for recording in &mut recordings {
+            recording.meta.tolerance_deg = args.tolerance;
+        }
+    }
     let layout = layout.or(&file.recording);
     let own = match &args.effects {
         Some(path) => Some(OwnEffects::read(path, &file.model)?),

@@ -7,17 +7,19 @@ use model_core::actuator::Model;
 
 use super::candidates::Candidate;
 use super::identifiability::{self, Identifiability, Refitted};
+use super::measure::excess;
 use super::noise::{NoiseFloor, adequate};
-use super::policy::Exact;
+use super::policy::{Policy, Search};
 use super::validation::CrossValidator;
 use super::verdict::Answer;
 use super::{Progress, Request};
 use crate::estimate::Dataset;
 use crate::estimate::fit::{Effort, Fit, Fitter};
+use crate::estimate::identify::{EXPONENTS, identify};
 use crate::estimate::usable::Concern;
 use crate::io::error::InputError;
 use crate::io::model_file::ModelFile;
-use crate::statistics::{correlation_time, rms};
+use crate::statistics::{correlation_time, rms, swing};
 
 /// The model before any effect is added.
 #[derive(Clone, Debug)]
@@ -88,18 +90,24 @@ impl Baseline {
             .residuals;
         let left = rms(&residuals.concat());
         if left
-            <= Exact::STANDARD.rms_factor
+            <= Search::STANDARD.rms_factor
                 * self
                     .floor
                     .rms
-                    .hypot(Exact::STANDARD.input_factor * self.floor.input)
+                    .hypot(Search::STANDARD.input_factor * self.floor.input)
         {
             return None;
         }
         let weight = left / self.floor.white * correlation_time(&residuals).sqrt();
         let data = self.data.weighing_zeros(weight.max(1.0));
         let fitter = Fitter::new(&self.file.model, &data);
-        let fit = fitter.fit(&self.refit.fit.model, &self.file.free, Effort::Full);
+        let free = &self.file.free;
+        let near = fitter.fit(&self.refit.fit.model, free, Effort::Full);
+        // Zeros that may not move any more ask for another base model.
+        let fit = identify(&self.refit.fit.model, free, &EXPONENTS, &data)
+            .map(|it| it.released)
+            .filter(|anew| anew.cost() < near.cost())
+            .unwrap_or(near);
         let refit = Candidate::of(Vec::new(), fit);
         Some(Self {
             nominal: fitter.compare(&self.nominal.model),
@@ -114,19 +122,48 @@ impl Baseline {
         if adequate(&self.nominal, &self.floor) {
             return Some(Answer::NoDiscrepancy);
         }
-        // Parameters that do not help on held-out segments were not off.
-        let helps = || {
-            validator.error_of(&self.refit)
-                < Exact::STANDARD.first_leaves * validator.nominal_error()
-        };
-        adequate(&self.refit.fit, &self.floor).then(|| {
-            if helps() {
-                Answer::ParametersOnly
-            } else {
-                Answer::NoDiscrepancy
-            }
-        })
+        adequate(&self.refit.fit, &self.floor).then(|| self.without_an_effect(validator))
     }
+
+    /// The answer if nothing that no effect explains matters: the refit leaves less than the
+    /// tolerance beyond the noise, fitted and held out.
+    pub fn immaterial(&self, validator: &CrossValidator<'_>) -> Option<Answer> {
+        let noise = self.floor.rms.hypot(self.floor.input);
+        let errors = [self.refit.fit.rmse(), validator.error_of(&self.refit)];
+        let tolerance = tolerance(&self.data);
+        errors
+            .into_iter()
+            .all(|error| excess(error, noise, &Policy::STANDARD) <= tolerance)
+            .then(|| self.without_an_effect(validator))
+    }
+
+    /// Whether the parameters were off: those that do not help on held-out segments were not.
+    fn without_an_effect(&self, validator: &CrossValidator<'_>) -> Answer {
+        let most = Search::STANDARD.first_leaves * validator.nominal_error();
+        if validator.error_of(&self.refit) < most {
+            Answer::ParametersOnly
+        } else {
+            Answer::NoDiscrepancy
+        }
+    }
+}
+
+/// What a model may be off without it mattering (rad): as the metadata say, or a share of the
+/// range of the angle.
+pub fn tolerance(data: &Dataset) -> f64 {
+    let said = data
+        .sessions()
+        .iter()
+        .filter_map(|session| session.recording().meta.tolerance_deg)
+        .reduce(f64::min);
+    let angles = || -> Vec<f64> {
+        let all = data.sessions().iter();
+        all.flat_map(|it| it.recording().angle.clone()).collect()
+    };
+    said.map_or_else(
+        || Policy::STANDARD.tolerance * swing(&angles()),
+        f64::to_radians,
+    )
 }
 
 /// The data with the zeros and initial states of a fit, unless the fit is so poor

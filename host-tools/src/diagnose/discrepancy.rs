@@ -7,8 +7,8 @@
 //! unknown variance and correlation time, plus white noise. Its likelihood comes from a
 //! scalar Kalman filter in steady state.
 
-/// Grid of the ratio of the discrepancy's variance to that of the noise.
-const RATIOS: [f64; 10] = [0.0, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 1000.0];
+/// Grid of the ratio of the discrepancy's variance to that of the noise, beside none.
+const RATIOS: [f64; 9] = [0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 1000.0];
 
 /// Grid of the correlation time (samples).
 const TIMES: [f64; 9] = [1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0, 10_000.0];
@@ -17,41 +17,87 @@ const TIMES: [f64; 9] = [1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0, 10_
 /// Ornstein–Uhlenbeck process and white noise, at the maximum-likelihood ratio and
 /// correlation time, with the noise profiled out.
 pub fn deviance(residuals: &[Vec<f64>]) -> f64 {
-    let count = residuals.iter().map(Vec::len).sum::<usize>();
-    if count == 0 {
-        return f64::INFINITY;
-    }
-    let mut best = f64::INFINITY;
-    for ratio in RATIOS {
-        for time in TIMES {
-            best = best.min(at(residuals, ratio, time, count as f64));
-            if ratio <= 0.0 {
-                break;
-            }
-        }
-    }
-    best
+    most_likely(residuals).map_or(f64::INFINITY, |(_, deviance)| deviance)
 }
 
-/// −2 log L at one ratio of the variances and one correlation time (samples).
-fn at(residuals: &[Vec<f64>], ratio: f64, time: f64, count: f64) -> f64 {
-    let decay = (-1.0 / time).exp();
-    let growth = ratio * (1.0 - decay * decay);
-    let mut squares = 0.0;
-    let mut log_variance = 0.0;
-    for series in residuals {
-        let (mut level, mut variance) = (0.0, ratio);
-        for residual in series {
+/// The log density of every sample, given those before it in its segment, under the most
+/// likely process.
+pub fn log_densities(residuals: &[Vec<f64>]) -> Vec<f64> {
+    let Some((process, _)) = most_likely(residuals) else {
+        return Vec::new();
+    };
+    let (errors, spreads): (Vec<f64>, Vec<f64>) = residuals
+        .iter()
+        .flat_map(|series| process.innovations(series))
+        .unzip();
+    let scaled = errors
+        .iter()
+        .zip(&spreads)
+        .map(|(error, spread)| error * error / spread);
+    let noise = (scaled.clone().sum::<f64>() / errors.len() as f64).max(f64::MIN_POSITIVE);
+    scaled
+        .zip(&spreads)
+        .map(|(square, spread)| -0.5 * ((noise * spread).ln() + square / noise))
+        .collect()
+}
+
+/// The process with the least deviance, and that.
+fn most_likely(residuals: &[Vec<f64>]) -> Option<(Process, f64)> {
+    let count = residuals.iter().map(Vec::len).sum::<usize>();
+    if count == 0 {
+        return None;
+    }
+    let white = std::iter::once(Process {
+        ratio: 0.0,
+        time: 1.0,
+    });
+    let coloured = RATIOS
+        .into_iter()
+        .flat_map(|ratio| TIMES.map(|time| Process { ratio, time }));
+    white
+        .chain(coloured)
+        .map(|process| (process, process.deviance(residuals, count as f64)))
+        .min_by(|a, b| a.1.total_cmp(&b.1))
+}
+
+/// An Ornstein–Uhlenbeck process beside white noise.
+#[derive(Clone, Copy, Debug)]
+struct Process {
+    /// Ratio of its variance to that of the noise.
+    ratio: f64,
+    /// Correlation time (samples).
+    time: f64,
+}
+
+impl Process {
+    /// What every sample of a series adds to those before it, and the variance of that in
+    /// units of the noise.
+    fn innovations(self, series: &[f64]) -> impl Iterator<Item = (f64, f64)> {
+        let decay = (-1.0 / self.time).exp();
+        let growth = self.ratio * (1.0 - decay * decay);
+        let (mut level, mut variance) = (0.0, self.ratio);
+        series.iter().map(move |residual| {
             let spread = variance + 1.0;
             let error = residual - level;
-            squares += error * error / spread;
-            log_variance += spread.ln();
             let gain = variance / spread;
             level = decay * (level + gain * error);
             variance = decay * decay * variance * (1.0 - gain) + growth;
-        }
+            (error, spread)
+        })
     }
-    count * (squares.max(f64::MIN_POSITIVE) / count).ln() + log_variance
+
+    /// −2 log L.
+    fn deviance(self, residuals: &[Vec<f64>], count: f64) -> f64 {
+        let mut squares = 0.0;
+        let mut log_variance = 0.0;
+        for series in residuals {
+            for (error, spread) in self.innovations(series) {
+                squares += error * error / spread;
+                log_variance += spread.ln();
+            }
+        }
+        count * (squares.max(f64::MIN_POSITIVE) / count).ln() + log_variance
+    }
 }
 
 #[cfg(test)]
@@ -74,8 +120,19 @@ mod tests {
         let y = DVector::from_vec(series.clone());
         let squares = y.dot(&covariance.clone().cholesky().unwrap().solve(&y));
         let expected = n as f64 * (squares / n as f64).ln() + covariance.determinant().ln();
-        let found = at(&[series], ratio, time, n as f64);
+        let process = Process { ratio, time };
+        let found = process.deviance(&[series], n as f64);
         assert!((found - expected).abs() < 1e-9, "{found}, not {expected}");
+    }
+
+    /// The densities of the samples make up that of the series.
+    #[test]
+    fn densities_add_up_to_the_deviance() {
+        let series = vec![vec![0.3, -0.1, 0.4, 0.9, 0.2, -0.7], vec![0.1, 0.2, 0.3]];
+        let total: f64 = log_densities(&series).iter().sum();
+        // The deviance leaves out the constant of the profiled noise.
+        let expected = deviance(&series) + 9.0;
+        assert!((-2.0 * total - expected).abs() < 1e-9);
     }
 
     /// A sine fitted to a random walk gains much in squares and little here.

@@ -1,38 +1,69 @@
-//! Measures structures for [`super::decide`]: closure and evidence.
+//! Measures structures: their errors on fitted and on held-out segments.
 //!
 //! *Closure* is the share of the error that a structure removes on held-out segments, at
 //! three horizons. Of the levels at which it was fitted, the one with the least error on
-//! the fitted segments counts. *Evidence* is the log-likelihood ratio under a model of the
-//! remaining error: a discrepancy process ([`super::discrepancy`]) or a random-walk force,
-//! whichever gives more.
+//! the fitted segments counts. *Evidence* decides which structures are worth a final fit: the
+//! log-likelihood ratio under a model of the remaining error, a discrepancy process
+//! ([`super::discrepancy`]) or a random-walk force, whichever gives more.
 
 use rayon::prelude::*;
 
 use super::candidates::Candidate;
-use super::decide::{Closure, Scored};
 use super::discrepancy;
 use super::levels::{Estimate, Levels};
 use super::policy::Policy;
-use super::validation::{CrossValidator, Errors, at_horizons};
+use super::validation::{CrossValidator, Errors, Predicted, Residuals, at_horizons};
+use super::verdict::Closure;
 use crate::estimate::filter::Pace;
 use crate::estimate::fit::{Fit, Fitter};
 use crate::estimate::horizon::block_errors;
 
-/// A structure with its measurements and its best fit.
+/// A structure as fitted, and how it does.
+#[derive(Clone, Debug)]
+pub struct Row {
+    /// The structure.
+    pub candidate: Candidate,
+    /// RMS errors on fitted segments (rad).
+    pub fitted: Errors,
+    /// RMS errors on held-out segments (rad).
+    pub held_out: Errors,
+    /// Residuals of simulations over whole held-out segments.
+    pub residuals: Residuals,
+}
+
+impl Row {
+    /// Measures a structure on all data of a validator.
+    pub fn of(validator: &CrossValidator<'_>, candidate: Candidate) -> Self {
+        let fitter = validator.fitter();
+        let horizons = horizons(&Pace::of(fitter.data));
+        let Predicted { errors, residuals } = validator.predicted(&candidate, horizons);
+        Self {
+            fitted: fitted_errors(fitter, &candidate.fit, horizons),
+            held_out: errors,
+            residuals,
+            candidate,
+        }
+    }
+}
+
+/// A structure of the search, with its best fit.
 #[derive(Clone, Debug)]
 pub struct Measured {
-    /// The measurements.
-    pub scored: Scored,
     /// The structure as fitted at every level.
     pub estimate: Estimate,
     /// Index of the level that counts.
     pub level: usize,
     /// Share of the error that it leaves on the fitted subsample.
     pub leaves_on_subsample: f64,
+    /// Share of the error that it leaves over three horizons, fitted and held-out segments
+    /// together.
+    pub leaves: f64,
+    /// Evidence against the refit: twice the logarithm of a Bayes factor.
+    pub evidence: f64,
+    /// Share of the error that it removes on held-out segments.
+    pub closure: Closure,
     /// The final fit at that level.
-    pub candidate: Candidate,
-    /// Errors on held-out segments (rad).
-    pub held_out: Errors,
+    pub row: Row,
 }
 
 /// The nominal structure, with which others are compared.
@@ -63,8 +94,6 @@ pub struct MeasureContext<'a> {
     pub levels: &'a Levels<'a>,
     /// The subsample, on which levels are chosen.
     pub subsample: &'a Fitter<'a>,
-    /// All data.
-    pub fitter: &'a Fitter<'a>,
     /// Cross-validation on held-out segments.
     pub validator: &'a CrossValidator<'a>,
     /// Noise of the angle (rad).
@@ -88,12 +117,13 @@ impl MeasureContext<'_> {
             let candidate = self.levels.candidate(&estimate, level);
             least(
                 &mut held_out,
-                self.validator.errors_over(&candidate, self.horizons()),
+                self.validator.predicted(&candidate, self.horizons()).errors,
             );
-            least(&mut fitted[0], self.fitted_errors(self.subsample, fit));
+            let horizons = self.horizons();
+            least(&mut fitted[0], fitted_errors(self.subsample, fit, horizons));
             least(
                 &mut fitted[1],
-                self.fitted_errors(self.fitter, &candidate.fit),
+                fitted_errors(self.validator.fitter(), &candidate.fit, horizons),
             );
         }
         let [on_subsample, fitted] = fitted;
@@ -118,6 +148,8 @@ impl MeasureContext<'_> {
     ) -> Vec<Measured> {
         /// Number of each.
         const MEASURED: usize = 5;
+        /// Those with less evidence leave at most this multiple of the least error.
+        const COMPARABLE: f64 = 1.5;
         let progress = self.levels.context.progress;
         progress.step("evidence", 0);
         let mut coarse: Vec<CoarseMeasure> = estimates
@@ -133,7 +165,7 @@ impl MeasureContext<'_> {
             .map(|row| row.leaves)
             .fold(f64::INFINITY, f64::min);
         others.truncate(MEASURED);
-        others.retain(|row| row.leaves <= self.policy.comparable * ahead);
+        others.retain(|row| row.leaves <= COMPARABLE * ahead);
         coarse.extend(others);
         progress.step("validation", coarse.len());
         coarse
@@ -147,7 +179,8 @@ impl MeasureContext<'_> {
         self.levels.has_time_for(&estimate.added)?;
         let (level, leaves) = (0..estimate.fits.len())
             .map(|level| {
-                let errors = self.fitted_errors(self.subsample, &estimate.fits[level]);
+                let fit = &estimate.fits[level];
+                let errors = fitted_errors(self.subsample, fit, self.horizons());
                 (
                     level,
                     mean_share(&self.shares(&errors, &baseline.on_subsample)),
@@ -176,43 +209,23 @@ impl MeasureContext<'_> {
             leaves: leaves_on_subsample,
         } = coarse;
         self.levels.has_time_for(&estimate.added)?;
-        let candidate = self.levels.candidate(&estimate, level);
-        let fitted = self.fitted_errors(self.fitter, &candidate.fit);
-        let held_out = self.validator.errors_over(&candidate, self.horizons());
-        let shares = self.shares(&held_out, &baseline.held_out);
-        let left = mean_share(&self.shares(&fitted, &baseline.fitted));
+        let row = Row::of(self.validator, self.levels.candidate(&estimate, level));
+        let shares = self.shares(&row.held_out, &baseline.held_out);
+        let left = mean_share(&self.shares(&row.fitted, &baseline.fitted));
         let left_out = mean_share(&shares);
         (left.is_finite() && left_out.is_finite()).then(|| Measured {
-            scored: Scored {
-                kinds: estimate.set(),
-                closure: of_shares(shares),
-                leaves: (left * left_out).sqrt(),
-                evidence,
-                parameters: candidate.fit.free.len(),
-                degenerate: candidate.is_degenerate(),
-            },
+            closure: of_shares(shares),
+            leaves: (left * left_out).sqrt(),
+            evidence,
             estimate,
             level,
             leaves_on_subsample,
-            candidate,
-            held_out,
+            row,
         })
     }
 
     fn horizons(&self) -> [f64; 2] {
         horizons(&self.levels.pace)
-    }
-
-    /// Errors on the fitted segments, with zeros and initial states refitted.
-    fn fitted_errors(&self, fitter: &Fitter<'_>, fit: &Fit) -> Errors {
-        let model = &fit.model;
-        let compared = fitter.compare_near(model, &fit.nuisances);
-        let data = fitter.data;
-        Errors::of(&at_horizons(
-            &compared.residuals,
-            self.horizons(),
-            |horizon| block_errors(model, data, &compared.nuisances, horizon, true),
-        ))
     }
 
     fn shares(&self, errors: &Errors, before: &[f64; 3]) -> [f64; 3] {
@@ -235,6 +248,16 @@ impl MeasureContext<'_> {
     }
 }
 
+/// Errors on the fitted segments, with zeros and initial states refitted.
+fn fitted_errors(fitter: &Fitter<'_>, fit: &Fit, horizons: [f64; 2]) -> Errors {
+    let model = &fit.model;
+    let compared = fitter.compare_near(model, &fit.nuisances);
+    let data = fitter.data;
+    Errors::of(&at_horizons(&compared.residuals, horizons, |horizon| {
+        block_errors(model, data, &compared.nuisances, horizon, true)
+    }))
+}
+
 /// The two shorter horizons (s): a quarter of a swing, and two and a half.
 fn horizons(pace: &Pace) -> [f64; 2] {
     const SWINGS: [f64; 2] = [0.25, 2.5];
@@ -245,7 +268,8 @@ fn horizons(pace: &Pace) -> [f64; 2] {
 /// segments.
 pub fn closed(validator: &CrossValidator<'_>, before: &Candidate, after: &Candidate) -> Closure {
     let horizons = horizons(&Pace::of(validator.fitter().data));
-    let [before, after] = [before, after].map(|it| validator.errors_over(it, horizons).values());
+    let [before, after] =
+        [before, after].map(|it| validator.predicted(it, horizons).errors.values());
     closure(&before, &after, validator.floor())
 }
 
@@ -256,9 +280,16 @@ pub fn closure(before: &[f64; 3], after: &[f64; 3], noise: f64) -> Closure {
 
 /// The remaining share of the excess error at each horizon.
 fn shares(before: &[f64; 3], after: &[f64; 3], noise: f64, policy: &Policy) -> [f64; 3] {
+    std::array::from_fn(|horizon| {
+        excess(after[horizon], noise, policy) / excess(before[horizon], noise, policy)
+    })
+}
+
+/// An error beyond the noise (rad); what cannot be distinguished from none counts as the
+/// least that could be.
+pub fn excess(error: f64, noise: f64, policy: &Policy) -> f64 {
     let least = policy.noise_share * noise;
-    let excess = |error: f64| (error * error - noise * noise).max(least * least).sqrt();
-    std::array::from_fn(|horizon| excess(after[horizon]) / excess(before[horizon]))
+    (error * error - noise * noise).max(least * least).sqrt()
 }
 
 fn of_shares(shares: [f64; 3]) -> Closure {

@@ -9,9 +9,8 @@
 //! 4. If the residual of the refit cannot be distinguished from noise, the diagnosis ends.
 //! 5. [`mod@localise`] shows which feature the missing force goes with, by a [`smoother`].
 //! 6. [`mod@search`] fits the [`candidates`] of the catalogue, alone and in [`pairs`].
-//! 7. [`ranking`] orders structures and keeps rivals that cannot be rejected,
-//!    [`mod@bootstrap`] tests them against chance, and [`validation`] tests them on
-//!    held-out runs.
+//! 7. [`validation`] tests structures on held-out runs, [`draws`] show how sure a difference
+//!    is, [`doubts`] what keeps a structure from being named, and [`mod@decide`] decides.
 //! 8. [`selection`] gives the answer, written as a [`verdict`].
 //! 9. [`plan`] proposes the run that separates the rivals.
 //!
@@ -20,11 +19,12 @@
 //! A false name is worse than "cannot tell".
 
 pub(crate) mod baseline;
-pub(crate) mod bootstrap;
 pub mod budget;
 pub mod candidates;
 pub(crate) mod decide;
 pub(crate) mod discrepancy;
+pub(crate) mod doubts;
+pub(crate) mod draws;
 pub(crate) mod grade;
 pub(crate) mod identifiability;
 pub(crate) mod levels;
@@ -38,7 +38,6 @@ pub mod plan;
 pub mod policy;
 pub mod progress;
 pub(crate) mod quality;
-pub(crate) mod ranking;
 pub(crate) mod search;
 pub(crate) mod selection;
 pub(crate) mod singles;
@@ -134,6 +133,10 @@ pub struct Diagnosis {
     /// The variable, if a family is named for its variable alone: a table over it follows
     /// the missing force, and no formula does.
     pub shape: Option<Variable>,
+    /// What a model may be off without it mattering (rad).
+    pub tolerance: f64,
+    /// Whether more than noise is left, and less than the tolerance.
+    pub immaterial: bool,
     /// Closure of the repaired model at three horizons; none where nothing is added.
     pub closure: Option<Closure>,
     /// The missing force of the repaired model, and its features.
@@ -263,7 +266,9 @@ fn diagnose_zeros(
         diagnosis.answer,
         Answer::NoDiscrepancy | Answer::ParametersOnly
     );
-    let effect = ranking::required_evidence(1, Kind::NAMES.len() + request.own_kinds().len());
+    // The best of so many effects, by as much as is very strong evidence for one.
+    let choices = (Kind::NAMES.len() + request.own_kinds().len()) as f64;
+    let effect = policy::Search::STANDARD.effect_evidence + 2.0 * choices.ln();
     if !quiet
         || cost_of_zeros(&diagnosis.data, &diagnosis.refit) < effect
         || !progress.has_time_for(Part::Calibrated)
@@ -368,6 +373,8 @@ fn diagnose_all(
         strength: found.strength,
         families: found.families,
         shape: found.shape,
+        tolerance: baseline::tolerance(&data),
+        immaterial: found.immaterial,
         closure,
         gap_left,
         held_out,
@@ -555,6 +562,7 @@ impl Diagnosis {
             effects: self.named_effects(),
             alternatives: self.alternatives.clone(),
             adequacy: self.adequacy,
+            tolerance_deg: degrees(self.tolerance),
             closure: self.closure.map(|closure| Closure {
                 short: tidy(closure.short),
                 medium: tidy(closure.medium),
@@ -623,6 +631,12 @@ impl Diagnosis {
                 .filter(|feature| feature.share >= SAYS_SOMETHING)
                 .map(|feature| feature.name.to_owned()),
         }
+    }
+
+    /// What the refitted model leaves beyond the noise on held-out segments (rad).
+    pub fn beyond_noise(&self) -> f64 {
+        let HeldOut { refit, floor, .. } = self.held_out;
+        (refit * refit - floor * floor).max(0.0).sqrt()
     }
 
     /// The repair without a name.

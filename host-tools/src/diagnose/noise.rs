@@ -16,7 +16,7 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 
-use super::policy::Exact;
+use super::policy::Search;
 use crate::estimate::Session;
 use crate::estimate::fit::{Fit, Fitter};
 use crate::estimate::nuisance::{Nuisance, rest_at_start};
@@ -314,9 +314,9 @@ fn pure_error(residuals: &[Vec<f64>], groups: &[Vec<usize>]) -> Option<f64> {
 /// Whether a residual cannot be distinguished from noise.
 pub fn adequate(fit: &Fit, floor: &NoiseFloor) -> bool {
     let coloured = coloured_rms(&fit.residuals);
-    let input = Exact::STANDARD.input_factor * floor.input;
-    coloured <= (Exact::STANDARD.coloured_share * floor.rms).hypot(input)
-        && fit.rmse() <= (Exact::STANDARD.rms_factor * floor.rms).hypot(input)
+    let input = Search::STANDARD.input_factor * floor.input;
+    coloured <= (Search::STANDARD.coloured_share * floor.rms).hypot(input)
+        && fit.rmse() <= (Search::STANDARD.rms_factor * floor.rms).hypot(input)
 }
 
 #[cfg(test)]

@@ -2,17 +2,18 @@
 
 use std::collections::BTreeSet;
 
+use model_core::actuator::MAX_EFFECTS;
 use model_core::catalogue::Kind;
+use rayon::prelude::*;
 
 use super::Progress;
 use super::baseline::{Baseline, in_step};
 use super::budget::{self, Part};
 use super::candidates::{Candidate, FitContext, Scales, Untried, applicable, final_fit};
 use super::grade::{Graded, graded};
+use super::measure::Row;
 use super::missing_force::Guesses;
-use super::noise::NoiseFloor;
-use super::policy::Policy;
-use super::selection::{Selection, Selector, names};
+use super::selection::{Fitted, Rows, Selection, names};
 use super::singles::{Singles, settles, singles};
 use super::validation::CrossValidator;
 use super::verdict::{Alternative, Answer};
@@ -60,10 +61,10 @@ impl Searched {
 
 /// Searches the structures that add effects to the refit, and selects among them.
 ///
-/// Single effects are fitted by output error. If one leaves only noise, exact formulas
-/// decide. If none does, the error of the best one shows how much no formula explains:
-/// zeros are weighed against that, and structures are graded. If the budget ends the
-/// search, the answer claims no more than the finished parts support.
+/// Single effects are fitted by output error. If none leaves only noise, the error of the
+/// best one shows how much no formula explains: zeros are weighed against that, and
+/// structures are fitted at several horizons, and combined. If the budget ends the search,
+/// the answer claims no more than the finished parts support.
 pub fn search(baseline: Baseline, options: Options<'_>) -> Searched {
     let mut searched = selected(baseline, options);
     searched.found = as_far_as_tried(searched.found, &options.progress.undone());
@@ -91,7 +92,7 @@ fn selected(mut baseline: Baseline, options: Options<'_>) -> Searched {
         options.progress,
     );
     let is_open = !settles(&pool, &baseline.floor);
-    let mut graded = (is_open && options.progress.has_time_for(Part::Horizons))
+    let graded = (is_open && options.progress.has_time_for(Part::Horizons))
         .then(|| {
             let leaders = coarse.iter().take(LEADERS).map(|it| &it.fit);
             let noise = baseline.floor.white;
@@ -121,54 +122,100 @@ fn selected(mut baseline: Baseline, options: Options<'_>) -> Searched {
     if let Some(answer) = baseline.quiet(&validator) {
         return Searched::nothing(answer, untried, baseline);
     }
-    let hopeless = |it: &Grading| !it.graded.may_leave_noise(&baseline.floor);
-    if let Some(graded) = graded.take_if(|it| hopeless(it)) {
-        return graded.searched(untried, baseline.floor, options);
+    if pool.len() == 1 && graded.is_none() {
+        pool.extend(best_so_far(&context, &coarse));
     }
-    let mut found = Selector {
-        context,
-        validator: &validator,
-        floor: &baseline.floor,
-        kinds: &kinds,
-        seed: options.seed,
+    let finished = rows(&validator, &pool);
+    if let Some(Grading {
+        graded,
+        baseline: weighed,
+        guesses,
+    }) = graded
+    {
+        let baseline = Baseline {
+            floor: baseline.floor,
+            ..weighed
+        };
+        let found = {
+            let file = &baseline.file;
+            let fitter = Fitter::new(&file.model, &baseline.data);
+            let mut validator = CrossValidator::new(file, &fitter, baseline.floor.input);
+            validator.raise_floor(baseline.floor.rms);
+            let material = Material::of(&fitter, &baseline.refit);
+            let fitters = material.fitters(&fitter);
+            let context = fitters.context(file, &material, &guesses, options);
+            let measured = Fitted {
+                refit: Row::of(&validator, baseline.refit.clone()),
+                rows: graded.measured.into_iter().map(|it| it.row).collect(),
+            };
+            let rows = Rows::of(
+                measured,
+                Some(finished),
+                &validator,
+                &baseline.floor,
+                options.seed,
+            );
+            or_immaterial(rows.selection(&context, &validator), &baseline, &validator)
+        };
+        return Searched {
+            found,
+            untried,
+            baseline,
+        };
     }
-    .selection(&baseline.refit, &pool);
-    let settled = match found.answer {
-        Answer::CannotTell => settles(&pool, &baseline.floor),
-        answer => answer != Answer::Unexplained,
-    };
-    match graded {
-        Some(graded) if !settled => graded.searched(untried, baseline.floor, options),
-        _ => {
-            if !settled && !options.progress.undone().is_empty() {
-                let best = best_so_far(&context, &validator, &baseline.refit, &pool, &coarse);
-                found.repaired = best.unwrap_or(found.repaired);
-            }
-            Searched {
-                found,
-                untried,
-                baseline,
-            }
-        }
+    let rows = Rows::of(finished, None, &validator, &baseline.floor, options.seed);
+    let found = rows.selection(&context, &validator);
+    Searched {
+        found: or_immaterial(found, &baseline, &validator),
+        untried,
+        baseline,
     }
 }
 
-/// The single effect with the least error, if it predicts held-out segments better than the
-/// refit: the result of a search that ended early.
-fn best_so_far(
-    context: &FitContext<'_>,
+/// The selection, or that nothing matters where little is left and nothing explains it.
+fn or_immaterial(
+    found: Selection,
+    baseline: &Baseline,
     validator: &CrossValidator<'_>,
-    refit: &Candidate,
-    pool: &[Candidate],
-    coarse: &[Candidate],
-) -> Option<Candidate> {
-    let finished = pool.iter().skip(1);
-    let best = match finished.min_by(|a, b| a.fit.sse().total_cmp(&b.fit.sse())) {
-        Some(best) => best.clone(),
-        None => final_fit(context, coarse.first()?),
-    };
-    let most = Policy::STANDARD.worth_writing * validator.error_of(refit);
-    (validator.error_of(&best) <= most).then_some(best)
+) -> Selection {
+    if found.answer != Answer::Unexplained {
+        return found;
+    }
+    match baseline.immaterial(validator) {
+        Some(answer) => Selection {
+            tried: found.tried,
+            best: found.best,
+            immaterial: true,
+            ..Selection::nothing(answer, &baseline.refit)
+        },
+        None => found,
+    }
+}
+
+/// The refit and the best final fits, measured: fits that leave far more than the best are not
+/// worth a cross-validation.
+fn rows(validator: &CrossValidator<'_>, pool: &[Candidate]) -> Fitted {
+    /// Number of structures of each size.
+    const MEASURED: usize = 6;
+    let mut measured = Vec::new();
+    for size in 1..=MAX_EFFECTS {
+        let of_size = pool.iter().filter(|it| it.added.len() == size);
+        let mut of_size: Vec<&Candidate> = of_size.collect();
+        of_size.sort_by(|a, b| a.fit.sse().total_cmp(&b.fit.sse()));
+        measured.extend(of_size.into_iter().take(MEASURED));
+    }
+    Fitted {
+        refit: Row::of(validator, pool[0].clone()),
+        rows: measured
+            .into_par_iter()
+            .map(|candidate| Row::of(validator, candidate.clone()))
+            .collect(),
+    }
+}
+
+/// The single effect with the least error, for a search that ended early.
+fn best_so_far(context: &FitContext<'_>, coarse: &[Candidate]) -> Option<Candidate> {
+    Some(final_fit(context, coarse.first()?))
 }
 
 /// Limits a selection to what the finished parts support: an effect that would have been
@@ -234,29 +281,6 @@ impl Grading {
             baseline,
             guesses,
         })
-    }
-
-    /// The selection by grades, over this noise floor.
-    fn searched(self, untried: Vec<Untried>, floor: NoiseFloor, options: Options<'_>) -> Searched {
-        let baseline = Baseline {
-            floor,
-            ..self.baseline
-        };
-        let found = {
-            let file = &baseline.file;
-            let fitter = Fitter::new(&file.model, &baseline.data);
-            let mut validator = CrossValidator::new(file, &fitter, baseline.floor.input);
-            validator.raise_floor(baseline.floor.rms);
-            let material = Material::of(&fitter, &baseline.refit);
-            let fitters = material.fitters(&fitter);
-            let context = fitters.context(file, &material, &self.guesses, options);
-            self.graded.selection(&context, &validator, &baseline.refit)
-        };
-        Searched {
-            found,
-            untried,
-            baseline,
-        }
     }
 }
 

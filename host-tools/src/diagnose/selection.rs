@@ -1,56 +1,36 @@
-//! Selects the answer: named, cannot tell, unexplained, or only the parameters.
+//! The answer of a search: its rows, the decision from them, and what is written.
 //!
-//! Two questions decide, in this order. Does the structure hold on held-out runs: how
-//! much of the gap between refit and noise does it close? And is it better than every
-//! rival by more than correlated residuals can feign? A ranking of rivals alone would name
-//! something on any data.
+//! Every structure that was fitted to all data is a row, whatever led to it. The decision
+//! ([`super::decide`]) sees their errors; the repaired model is the best predictor among
+//! those that hold what is named.
 
-use std::collections::BTreeSet;
-
-use model_core::actuator::MAX_EFFECTS;
 use model_core::catalogue::Kind;
 use model_core::effects::table::Variable;
 use rayon::prelude::*;
 
-use super::bootstrap::chance;
-use super::candidates::{Candidate, FitContext, released};
-use super::decide::Strength;
-use super::noise::{NoiseFloor, adequate};
-use super::policy::Exact;
-use super::ranking::{NestedComparison, Ranked, Scoring, required_evidence};
+use super::budget::{Part, tried_sizes};
+use super::candidates::{Candidate, FitContext, final_fit, released};
+use super::decide::{
+    Decision, Scored, as_far_as_tried, decide, is_special_case, probabilities, shaped,
+};
+use super::discrepancy::log_densities;
+use super::doubts::Doubt;
+use super::draws::Draws;
+use super::measure::{Row, closed, closure, excess};
+use super::noise::NoiseFloor;
+use super::policy::Policy;
+use super::tables;
 use super::validation::CrossValidator;
-use super::verdict::{Alternative, Answer};
+use super::verdict::{Alternative, Answer, Strength};
 use crate::family::Family;
+use crate::io::recording::Recording;
+use crate::statistics::swing;
 
-/// The multiple of the noise that a structure may leave before it has to close more of
-/// the gap.
-fn left_allowed(effects: usize, only_repeats: bool) -> f64 {
-    if only_repeats {
-        Exact::STANDARD.leaves_on_repeats
-    } else if effects > 1 {
-        Exact::STANDARD.leaves_several
-    } else {
-        Exact::STANDARD.leaves
-    }
-}
-
-/// The share of the held-out gap that `effects` effects have to close to be named, if
-/// they leave `left` times the noise.
-fn share_needed(effects: usize, left: f64, only_repeats: bool) -> f64 {
-    if left > left_allowed(effects, only_repeats) {
-        Exact::STANDARD.closes_large
-    } else if effects > 1 {
-        Exact::STANDARD.closes_several
-    } else {
-        Exact::STANDARD.closes
-    }
-}
-
-/// Number of rivals that are shown.
+/// Number of rivals that are shown beside a name.
 pub const RIVALS_SHOWN: usize = 3;
 
-/// Number of rivals in the bootstrap test.
-const RIVALS_DRAWN: usize = 8;
+/// Number of rivals of an answer set that are shown.
+const SET_SHOWN: usize = 5;
 
 /// Number of rivals for which a run is planned.
 pub const RIVALS_PLANNED: usize = 3;
@@ -62,13 +42,12 @@ pub struct FittedStructure {
     pub kinds: Vec<Kind>,
     /// RMS residual (rad).
     pub rmse: f64,
-    /// RMS error on held-out runs (rad), and the share of the held-out gap that it closes;
-    /// none for structures far behind.
+    /// RMS error on held-out runs (rad), and the share of the error beyond the noise that it
+    /// closes there, over three horizons.
     pub held_out: Option<(f64, f64)>,
-    /// Difference of the information criterion to the best of its size.
+    /// How much less likely the held-out segments are than under the best of its size:
+    /// twice the logarithm of the ratio of the densities.
     pub delta_bic: f64,
-    /// Vuong statistic against the best of its size.
-    pub vuong_statistic: f64,
     /// Probability among the structures of its size.
     pub probability: f64,
     /// Whether it is rejected against the best of its size.
@@ -91,6 +70,8 @@ pub struct Selection {
     /// The variable, if a family is named for its variable alone: a table over it follows
     /// the missing force, and no formula does.
     pub shape: Option<Variable>,
+    /// Whether more than noise is left, and it does not matter.
+    pub immaterial: bool,
     /// The model that predicts held-out segments best, named or not; the refit where none
     /// is better.
     pub repaired: Candidate,
@@ -115,6 +96,7 @@ impl Selection {
             strength: None,
             families: Vec::new(),
             shape: None,
+            immaterial: false,
             repaired: refit.clone(),
             probability: Vec::new(),
             alternatives: Vec::new(),
@@ -130,270 +112,393 @@ pub fn names(kinds: &[Kind]) -> Vec<String> {
     kinds.iter().map(|kind| kind.name().to_owned()).collect()
 }
 
-/// The context of a selection.
-pub struct Selector<'a> {
-    /// The context of the fits.
-    pub context: FitContext<'a>,
-    /// The held-out runs.
-    pub validator: &'a CrossValidator<'a>,
-    /// The noise floor.
-    pub floor: &'a NoiseFloor,
-    /// The tried effects.
-    pub kinds: &'a [Kind],
-    /// Random seed.
-    pub seed: u64,
+/// Structures that were fitted under the same conditions, and the refit that they improve on.
+pub struct Fitted {
+    /// The refit.
+    pub refit: Row,
+    /// Structures with effects.
+    pub rows: Vec<Row>,
 }
 
-impl Selector<'_> {
-    /// Selects from a pool of structures, of which the first is the refit.
-    pub fn selection(&self, refit: &Candidate, pool: &[Candidate]) -> Selection {
-        let scoring = Scoring::of(pool, self.context.scales, self.floor);
-        let ranked: Vec<Vec<Ranked>> = (0..=MAX_EFFECTS)
-            .map(|size| scoring.rank(pool, size))
-            .collect();
-        // The errors of the report, found in parallel and kept.
-        ranked
+/// Rows with what the decision reads of them.
+pub struct Rows {
+    refit: Candidate,
+    /// The first is that refit.
+    rows: Vec<Row>,
+    scored: Vec<Scored>,
+    /// The refit that each row improves on.
+    refits: Vec<usize>,
+}
+
+impl Rows {
+    /// Of several fits of one structure, the one that leaves least is kept. The refit of
+    /// `first` is the one that all are held against in the draws.
+    pub fn of(
+        first: Fitted,
+        others: Option<Fitted>,
+        validator: &CrossValidator<'_>,
+        floor: &NoiseFloor,
+        seed: u64,
+    ) -> Self {
+        let policy = &Policy::STANDARD;
+        let noise = floor.rms.hypot(floor.input);
+        let floor_held_out = validator.floor().max(noise);
+        let beyond = |error: f64| excess(error, noise, policy);
+        let mut all: Vec<(Row, f64, f64)> = Vec::new();
+        let mut refits = Vec::new();
+        let refit = first.refit.candidate.clone();
+        for Fitted { refit, rows } in std::iter::once(first).chain(others) {
+            let own = all.len();
+            let before = [refit.fitted.full, refit.held_out.full];
+            all.push((refit, 1.0, 1.0));
+            refits.push(own);
+            for row in rows {
+                let after = [row.fitted.full, row.held_out.full];
+                let [fitted, held_out] =
+                    std::array::from_fn(|place| beyond(after[place]) / beyond(before[place]));
+                let same = all
+                    .iter()
+                    .position(|(it, ..)| it.candidate.set() == row.candidate.set());
+                match same {
+                    Some(place) if all[place].1 * all[place].2 <= fitted * held_out => {}
+                    Some(place) => {
+                        all[place] = (row, fitted, held_out);
+                        refits[place] = own;
+                    }
+                    None => {
+                        all.push((row, fitted, held_out));
+                        refits.push(own);
+                    }
+                }
+            }
+        }
+        let data = validator.fitter().data;
+        let segments: Vec<Recording> = data.recordings(validator.in_turn());
+        let best = all
             .iter()
-            .flat_map(|ranked| ranked.iter().take(RIVALS_SHOWN))
-            .collect::<Vec<_>>()
+            .map(|(row, ..)| row)
+            .min_by(|a, b| a.held_out.full.total_cmp(&b.held_out.full));
+        let angles: Vec<f64> = segments.iter().flat_map(|it| &it.angle).copied().collect();
+        let accuracy = (policy.accuracy * swing(&angles)).max(f64::MIN_POSITIVE);
+        let draws = best.map(|best| Draws::of(&segments, &best.residuals, seed));
+        let scored = all
             .par_iter()
-            .for_each(|entry| {
-                self.validator.error_of(&pool[entry.index]);
-            });
-        let best = pool
-            .iter()
-            .min_by(|a, b| a.fit.sse().total_cmp(&b.fit.sse()))
-            .cloned();
-        let tried = ranked
-            .iter()
-            .flat_map(|ranked| ranked.iter().enumerate())
-            .map(|(place, entry)| self.tried(refit, &pool[entry.index], entry, place))
-            .collect();
-        Selection {
-            tried,
-            best,
-            ..self.decide(refit, pool, &scoring, &ranked)
-        }
-    }
-
-    fn tried(
-        &self,
-        refit: &Candidate,
-        candidate: &Candidate,
-        entry: &Ranked,
-        place: usize,
-    ) -> FittedStructure {
-        let fit = &candidate.fit;
-        FittedStructure {
-            kinds: candidate.added.clone(),
-            rmse: fit.rmse(),
-            held_out: (place < RIVALS_SHOWN).then(|| {
-                (
-                    self.validator.error_of(candidate),
-                    self.validator.gap_closed(refit, candidate),
-                )
-            }),
-            delta_bic: entry.delta,
-            vuong_statistic: entry.vuong_statistic,
-            probability: entry.probability,
-            rejected: entry.rejected,
-            at_bound: candidate.at_bound(),
-        }
-    }
-
-    /// Whether a structure closes enough of the gap to be named.
-    fn explains(&self, refit: &Candidate, candidate: &Candidate) -> bool {
-        let left = self.validator.error_of(candidate) / self.validator.floor();
-        let needed = share_needed(
-            candidate.added.len(),
-            left,
-            self.validator.has_only_repeats(),
-        );
-        self.validator.gap_closed(refit, candidate) >= needed
-    }
-
-    /// Decides from the ranks of the structures of each size.
-    fn decide(
-        &self,
-        refit: &Candidate,
-        pool: &[Candidate],
-        scoring: &Scoring<'_>,
-        ranked: &[Vec<Ranked>],
-    ) -> Selection {
-        let chosen = self.choose(refit, pool, scoring, ranked);
-        let size = pool[chosen].added.len();
-        let ranked = &ranked[size.max(1)];
-        let alternative = |entry: &Ranked| Alternative {
-            kinds: names(&pool[entry.index].added),
-            probability: entry.probability,
-            delta_bic: entry.delta,
-        };
-        if size == 0
-            && refit.fit.rmse()
-                <= Exact::STANDARD.rms_factor * self.floor.white.hypot(self.floor.input)
-        {
-            // A trace of correlation within the sensor noise that no effect explains.
-            return Selection::nothing(Answer::ParametersOnly, refit);
-        }
-        if size == 0 || !self.explains(refit, &pool[chosen]) {
-            return Selection {
-                alternatives: ranked.iter().take(RIVALS_SHOWN).map(alternative).collect(),
-                ..Selection::nothing(Answer::Unexplained, refit)
-            };
-        }
-        let closed = self.validator.gap_closed(refit, &pool[chosen]);
-        let surviving: Vec<&Ranked> = ranked
-            .iter()
-            .filter(|entry| !entry.rejected)
-            .filter(|entry| {
-                let rival = &pool[entry.index];
-                closed - self.validator.gap_closed(refit, rival) < Exact::STANDARD.falls_short
-                    || self.explains(refit, rival)
+            .map(|(row, fitted, held_out)| {
+                let in_draws = |values: &dyn Fn(&Draws) -> Vec<f64>| {
+                    draws.as_ref().map(values).unwrap_or_default()
+                };
+                let densities = log_densities(&row.residuals);
+                let errors = in_draws(&|draws| draws.errors(&row.residuals));
+                Scored {
+                    kinds: row.candidate.set(),
+                    fitted: *fitted,
+                    held_out: *held_out,
+                    doubt: Doubt::of(&row.candidate, data),
+                    degenerate: row.candidate.is_degenerate(),
+                    rms: row.held_out.full / accuracy,
+                    at_noise: row.held_out.full <= policy.at_noise * floor_held_out,
+                    density: in_draws(&|draws| draws.sums(&densities)),
+                    error: errors.into_iter().map(beyond).collect(),
+                }
             })
             .collect();
-        let probability_of = |kind: Kind| {
-            ranked
-                .iter()
-                .filter(|entry| pool[entry.index].added.contains(&kind))
-                .map(|entry| entry.probability)
-                .sum::<f64>()
+        Self {
+            refit,
+            rows: all.into_iter().map(|(row, ..)| row).collect(),
+            scored,
+            refits,
+        }
+    }
+
+    /// The selection: the named effects, and the model that predicts held-out segments
+    /// best.
+    pub fn selection(&self, context: &FitContext<'_>, validator: &CrossValidator<'_>) -> Selection {
+        let policy = &Policy::STANDARD;
+        let tried = tried_sizes(&context.progress.undone());
+        let mut decision =
+            as_far_as_tried(decide(&self.scored, policy), &self.scored, tried, policy);
+        let first = match &decision {
+            Decision::Named { structure, .. } => Some(*structure),
+            Decision::CannotTell { rivals, .. } => rivals.first().copied(),
+            Decision::Unexplained { .. } => None,
         };
-        let rivals: Vec<Candidate> = if surviving.len() > 1 {
-            surviving
-                .iter()
-                .take(RIVALS_PLANNED)
-                .map(|entry| pool[entry.index].clone())
-                .collect()
-        } else {
-            Vec::new()
+        context
+            .progress
+            .stage("validation of the augmented model", 0);
+        let Repaired {
+            candidate: repaired,
+            table_leaves,
+        } = self.repaired(context, validator, first);
+        let shape = first
+            .filter(|_| repaired.added.len() == 2)
+            .and_then(|row| tables::own_variable(*self.scored[row].kinds.first()?))
+            .filter(|&own| repaired.fit.model.table().is_some_and(|it| it.of() == own));
+        if let Some(left) = table_leaves.filter(|_| shape.is_some()) {
+            decision = shaped(decision, &self.scored, left, policy);
+        }
+        let size = first.map_or(1, |row| self.scored[row].kinds.len());
+        let best = self
+            .rows
+            .iter()
+            .min_by(|a, b| a.fitted.full.total_cmp(&b.fitted.full));
+        let base = Selection {
+            tried: self.tried(&decision, validator.floor()),
+            best: best.map(|row| row.candidate.clone()),
+            ..Selection::nothing(Answer::Unexplained, &repaired)
         };
-        let named = if surviving.len() == 1 {
-            Some(pool[chosen].clone())
-        } else {
-            self.common_core(pool, &surviving, scoring)
-                .filter(|core| self.explains(refit, core))
-        };
-        let Some(named) = named else {
-            let families = Family::of_all(&pool[chosen].added);
-            let one = surviving
-                .iter()
-                .all(|entry| Family::of_all(&pool[entry.index].added) == families);
-            return Selection {
-                alternatives: surviving.iter().map(|entry| alternative(entry)).collect(),
+        match decision {
+            Decision::Named {
+                structure,
+                strength,
+            } => {
+                let named = self.scored[structure].kinds.clone();
+                Selection {
+                    answer: Answer::EffectFound,
+                    probability: self.inclusion(&named),
+                    alternatives: self
+                        .of_size(size)
+                        .into_iter()
+                        .filter(|(row, _)| *row != structure)
+                        .map(|(row, probability)| self.alternative(row, probability))
+                        .take(RIVALS_SHOWN)
+                        .collect(),
+                    named,
+                    strength: Some(strength),
+                    ..base
+                }
+            }
+            Decision::CannotTell {
                 rivals,
-                families: if one { families } else { Vec::new() },
-                ..Selection::nothing(Answer::CannotTell, &pool[surviving[0].index])
-            };
-        };
-        let repaired = self.with_released(named, scoring);
-        Selection {
-            answer: Answer::EffectFound,
-            named: repaired.added.clone(),
-            strength: Some(Strength::Explains),
-            probability: repaired
-                .added
-                .iter()
-                .map(|&kind| probability_of(kind))
-                .collect(),
-            alternatives: ranked
-                .iter()
-                .filter(|entry| pool[entry.index].set() != repaired.set())
-                .take(RIVALS_SHOWN)
-                .map(alternative)
-                .collect(),
-            rivals,
-            ..Selection::nothing(Answer::EffectFound, &repaired)
+                families,
+                strength,
+            } => {
+                let shares = probabilities(&self.scored, size, policy);
+                let total: f64 = rivals.iter().map(|&row| shares[row]).sum();
+                Selection {
+                    shape: shape.filter(|_| rivals.len() == 1),
+                    answer: Answer::CannotTell,
+                    strength: Some(strength),
+                    families,
+                    rivals: rivals
+                        .iter()
+                        .take(RIVALS_PLANNED)
+                        .map(|&row| self.rows[row].candidate.clone())
+                        .collect(),
+                    alternatives: rivals
+                        .iter()
+                        .map(|&row| {
+                            self.alternative(row, shares[row] / total.max(f64::MIN_POSITIVE))
+                        })
+                        .take(SET_SHOWN)
+                        .collect(),
+                    ..base
+                }
+            }
+            Decision::Unexplained { .. } => Selection {
+                alternatives: self
+                    .of_size(1)
+                    .into_iter()
+                    .map(|(row, probability)| self.alternative(row, probability))
+                    .take(RIVALS_SHOWN)
+                    .collect(),
+                ..base
+            },
         }
     }
 
-    /// The selected structure: starting from the refit, a larger structure replaces a
-    /// smaller one if its evidence exceeds the price of its effects and it is better on
-    /// held-out runs. Where two effects explain the gap, a third would only mend their
-    /// formulas.
-    fn choose(
-        &self,
-        refit: &Candidate,
-        pool: &[Candidate],
-        scoring: &Scoring<'_>,
-        ranked: &[Vec<Ranked>],
-    ) -> usize {
-        let mut chosen = 0;
-        for (size, ranked) in ranked.iter().enumerate().skip(1) {
-            let Some(best) = ranked.first().map(|first| first.index) else {
-                break;
-            };
-            let (smaller, larger) = (&pool[chosen], &pool[best]);
-            if smaller.added.len() > 1 && self.explains(refit, smaller) {
-                break;
-            }
-            let more = size - smaller.added.len();
-            let evidence = scoring.score(smaller) - scoring.score(larger);
-            if evidence >= required_evidence(more, self.kinds.len())
-                && self.comparison(smaller, larger).accepts_larger()
-                && self.chance(pool, smaller, ranked) <= Exact::STANDARD.chance
-            {
-                chosen = best;
-            }
-        }
-        chosen
-    }
-
-    /// The probability that noise alone lets the best of its size gain as much.
-    fn chance(&self, pool: &[Candidate], smaller: &Candidate, ranked: &[Ranked]) -> f64 {
-        let rivals: Vec<&Candidate> = ranked
-            .iter()
-            .take(RIVALS_DRAWN)
-            .map(|entry| &pool[entry.index])
+    /// The structures of a size with their probabilities, the one that leaves least first.
+    fn of_size(&self, size: usize) -> Vec<(usize, f64)> {
+        let mut rows: Vec<usize> = (0..self.scored.len())
+            .filter(|&row| self.scored[row].kinds.len() == size)
             .collect();
-        chance(self.context.fitter, smaller, &rivals, self.seed)
+        rows.sort_by(|&a, &b| self.scored[a].leaves().total_cmp(&self.scored[b].leaves()));
+        let shares = probabilities(&self.scored, size, &Policy::STANDARD);
+        rows.into_iter().map(|row| (row, shares[row])).collect()
     }
 
-    fn comparison(&self, smaller: &Candidate, larger: &Candidate) -> NestedComparison {
-        NestedComparison {
-            before: smaller.added.len(),
-            smaller: self.validator.error_of(smaller),
-            larger: self.validator.error_of(larger),
-            floor: self.validator.floor(),
-            adequate: adequate(&larger.fit, self.floor),
-            only_repeats: self.validator.has_only_repeats(),
-        }
-    }
-
-    /// The effects common to all remaining structures, if they alone explain most of the
-    /// gap.
-    fn common_core(
-        &self,
-        pool: &[Candidate],
-        surviving: &[&Ranked],
-        scoring: &Scoring<'_>,
-    ) -> Option<Candidate> {
-        let mut core: BTreeSet<Kind> = pool[surviving.first()?.index].set().into_iter().collect();
-        for entry in surviving {
-            let set = pool[entry.index].set();
-            core.retain(|kind| set.contains(kind));
-        }
-        let core: Vec<Kind> = core.into_iter().collect();
-        let candidate = pool
+    /// The probability of each effect: the sum over the structures of that size that hold
+    /// it, or an effect of which it is a special case.
+    fn inclusion(&self, named: &[Kind]) -> Vec<f64> {
+        let rows = self.of_size(named.len());
+        let stands_for = |own: Kind, kind: Kind| own == kind || own.special_case() == Some(kind);
+        named
             .iter()
-            .find(|candidate| !core.is_empty() && candidate.set() == core)?;
-        let evidence = scoring.score(pool.first()?) - scoring.score(candidate);
-        (evidence >= required_evidence(core.len(), self.kinds.len())).then(|| candidate.clone())
+            .map(|&kind| {
+                rows.iter()
+                    .filter(|(row, _)| {
+                        let mut kinds = self.scored[*row].kinds.iter();
+                        kinds.any(|&own| stands_for(own, kind))
+                    })
+                    .map(|(_, share)| share)
+                    .sum()
+            })
+            .collect()
     }
 
-    /// Frees parameters that were held at first, if the evidence exceeds their price and
-    /// held-out runs do not get worse. Otherwise they stay held, and the intervals of the
-    /// others allow for their uncertainty: the direction of gravity is not known exactly.
-    fn with_released(&self, mut candidate: Candidate, scoring: &Scoring<'_>) -> Candidate {
-        let Some(freed) = released(&self.context, &candidate) else {
-            return candidate;
-        };
-        if scoring.score(&freed) <= scoring.score(&candidate)
-            && self.validator.error_of(&freed) < self.validator.error_of(&candidate)
-        {
-            return freed;
+    fn alternative(&self, row: usize, probability: f64) -> Alternative {
+        Alternative {
+            kinds: names(&self.scored[row].kinds),
+            probability,
+            delta_bic: self.behind(row),
         }
-        let held = &freed.fit.free[candidate.fit.free.len()..];
-        self.context.fitter.allow_for(&mut candidate.fit, held);
-        candidate
     }
+
+    /// Twice the logarithm of how much less likely the held-out segments are than under the
+    /// best structure of that size.
+    fn behind(&self, row: usize) -> f64 {
+        let density =
+            |row: &Scored| row.density.iter().sum::<f64>() / row.density.len().max(1) as f64;
+        let size = self.scored[row].kinds.len();
+        let best = self
+            .scored
+            .iter()
+            .filter(|other| other.kinds.len() == size)
+            .map(density)
+            .fold(f64::NEG_INFINITY, f64::max);
+        2.0 * (best - density(&self.scored[row]))
+    }
+
+    /// Every structure, those of one size by what they leave.
+    fn tried(&self, decision: &Decision, noise: f64) -> Vec<FittedStructure> {
+        let stays = |row: usize| match decision {
+            Decision::Named { structure, .. } => *structure == row,
+            Decision::CannotTell { rivals, .. } => rivals.contains(&row),
+            Decision::Unexplained { .. } => false,
+        };
+        let largest = self
+            .scored
+            .iter()
+            .map(|row| row.kinds.len())
+            .max()
+            .unwrap_or(0);
+        (1..=largest)
+            .flat_map(|size| self.of_size(size))
+            .map(|(place, probability)| {
+                let row = &self.rows[place];
+                let before = self.rows[self.refits[place]].held_out.values();
+                let closes = closure(&before, &row.held_out.values(), noise);
+                FittedStructure {
+                    kinds: row.candidate.added.clone(),
+                    rmse: row.fitted.full,
+                    held_out: Some((row.held_out.full, closes.overall)),
+                    delta_bic: self.behind(place),
+                    probability,
+                    rejected: !stays(place),
+                    at_bound: row.candidate.at_bound(),
+                }
+            })
+            .collect()
+    }
+
+    /// The repaired model: the first structure of the answer, or one that contains it (or
+    /// what it is a special case of) and leaves clearly less error. If nothing is named, the
+    /// structure with the least error. The refit if none predicts held-out segments better.
+    fn repaired(
+        &self,
+        context: &FitContext<'_>,
+        validator: &CrossValidator<'_>,
+        first: Option<usize>,
+    ) -> Repaired {
+        let policy = &Policy::STANDARD;
+        let refit = &self.refit;
+        let takes_part = |place: &usize| {
+            let row = &self.scored[*place];
+            match first.map(|first| &self.scored[first]) {
+                Some(named) => {
+                    (named.kinds.iter().all(|kind| row.kinds.contains(kind))
+                        || is_special_case(&named.kinds, &row.kinds))
+                        && row.leaves() <= policy.adds_to_repair * named.leaves()
+                        && row.held_out <= policy.adds_to_repair * named.held_out
+                }
+                None => !row.kinds.is_empty() && row.leaves() < 1.0,
+            }
+        };
+        let least = (0..self.scored.len())
+            .filter(takes_part)
+            .min_by(|&a, &b| self.scored[a].leaves().total_cmp(&self.scored[b].leaves()));
+        let error = |candidate: &Candidate| validator.error_of(candidate);
+        let most = policy.worth_writing * error(refit);
+        let by_name = least
+            .into_iter()
+            .chain(first)
+            .map(|row| everything(context, validator, &self.rows[row].candidate))
+            .find(|candidate| error(candidate) <= most)
+            .unwrap_or_else(|| match first {
+                Some(first) => everything(context, validator, &self.rows[first].candidate),
+                None => refit.clone(),
+            });
+        let enough = policy.adds_to_repair * error(&by_name);
+        let table = (enough > validator.floor() && context.progress.has_time_for(Part::Table))
+            .then(|| tables::with_table(context, &by_name))
+            .flatten()
+            .filter(|with_table| error(with_table) <= enough)
+            // Over whole runs alone it could spoil the prediction one swing ahead.
+            .filter(|with_table| {
+                let closes = closed(validator, &by_name, with_table);
+                closes.overall >= 1.0 - policy.adds_to_repair
+            });
+        match table {
+            Some(candidate) => Repaired {
+                table_leaves: Some([
+                    candidate.fit.rmse() / by_name.fit.rmse(),
+                    error(&candidate) / error(&by_name),
+                ]),
+                candidate,
+            },
+            None => Repaired {
+                candidate: by_name,
+                table_leaves: None,
+            },
+        }
+    }
+}
+
+/// The repaired model.
+struct Repaired {
+    candidate: Candidate,
+    /// If it has a table, the shares of the formulas' error that are left with the table:
+    /// fitted, held out.
+    table_leaves: Option<[f64; 2]>,
+}
+
+/// A structure as shown and written: by a final output-error fit, or as fitted at a
+/// shorter horizon, with the residuals of a simulation.
+fn everything(
+    context: &FitContext<'_>,
+    validator: &CrossValidator<'_>,
+    candidate: &Candidate,
+) -> Candidate {
+    let mut candidate = candidate.clone();
+    if candidate.level.is_none() {
+        return with_released(context, validator, final_fit(context, &candidate));
+    }
+    let simulated = context.fitter.compare(&candidate.fit.model);
+    candidate.fit.residuals = simulated.residuals;
+    candidate.fit.nuisances = simulated.nuisances;
+    candidate
+}
+
+/// Frees parameters that were held at first (the tilt of gravity), if the fit gains more than
+/// they cost (Schwarz, Ann. Stat. 6, 1978) and held-out runs do not get worse. Otherwise they
+/// stay held, and the intervals of the others allow for their uncertainty.
+fn with_released(
+    context: &FitContext<'_>,
+    validator: &CrossValidator<'_>,
+    mut candidate: Candidate,
+) -> Candidate {
+    let Some(freed) = released(context, &candidate) else {
+        return candidate;
+    };
+    let (fit, wider) = (&candidate.fit, &freed.fit);
+    let more = wider.free.len() - fit.free.len();
+    let independent = (wider.samples() as f64 / wider.correlation_time()).max(2.0);
+    let gained = independent * (fit.sse() / wider.sse()).ln() + fit.departure - wider.departure;
+    if gained >= more as f64 * independent.ln()
+        && validator.error_of(&freed) < validator.error_of(&candidate)
+    {
+        return freed;
+    }
+    let held = &freed.fit.free[candidate.fit.free.len()..];
+    context.fitter.allow_for(&mut candidate.fit, held);
+    candidate
 }

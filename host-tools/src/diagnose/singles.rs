@@ -13,7 +13,7 @@ use super::Progress;
 use super::budget::Part;
 use super::candidates::{Candidate, FitContext, coarse_fit, final_fit, predicted};
 use super::noise::{NoiseFloor, adequate};
-use super::policy::Exact;
+use super::policy::Search;
 
 /// Number of structures with a final fit.
 const FINISHED: usize = 12;
@@ -55,7 +55,7 @@ pub fn singles(
         .collect();
     coarse.sort_by(|a, b| a.fit.sse().total_cmp(&b.fit.sse()));
     let may_settle = |candidate: &&Candidate| {
-        candidate.fit.rmse() <= Exact::STANDARD.may_settle * floor.rms.hypot(floor.input)
+        candidate.fit.rmse() <= Search::STANDARD.may_settle * floor.rms.hypot(floor.input)
     };
     let mut pool = vec![refit.clone()];
     if coarse.iter().take(1).any(|best| may_settle(&best)) {
@@ -91,5 +91,5 @@ fn is_done(candidate: &Candidate, floor: &NoiseFloor) -> bool {
     // No effect explains the rig's repeatability.
     let floor = floor.clone().with_repeats(&candidate.fit.residuals);
     let noise = floor.rms.hypot(floor.input);
-    adequate(&candidate.fit, &floor) || candidate.fit.rmse() <= Exact::STANDARD.done * noise
+    adequate(&candidate.fit, &floor) || candidate.fit.rmse() <= Search::STANDARD.done * noise
 }

@@ -18,7 +18,7 @@ use model_core::power::Minimax;
 
 use super::candidates::{Candidate, free_parameters};
 use super::noise::{NoiseFloor, repeats};
-use super::policy::Exact;
+use super::policy::Search;
 use crate::estimate::Segment;
 use crate::estimate::fit::{Effort, Fitter, Validation};
 use crate::estimate::horizon::{Squares, block_errors};
@@ -79,7 +79,7 @@ impl HeldOut {
 
     /// Whether the repaired model leaves only noise.
     pub fn at_noise(&self) -> bool {
-        self.repaired <= Exact::STANDARD.rms_factor * self.floor
+        self.repaired <= Search::STANDARD.rms_factor * self.floor
     }
 }
 
@@ -158,14 +158,27 @@ impl Squared for Vec<f64> {
     }
 }
 
-impl Squared for [Squares; 3] {
+/// What was found on a segment: squared errors at three horizons, and residuals (rad) of
+/// the whole simulation.
+type Segmentwise = ([Squares; 3], Vec<f64>);
+
+impl Squared for Segmentwise {
     fn sum(&self) -> f64 {
-        self[2].sum
+        self.1.sum()
     }
 }
 
 /// Residuals (rad), one series for each held-out segment.
 pub type Residuals = Arc<[Vec<f64>]>;
+
+/// How a structure predicts held-out segments.
+#[derive(Clone, Debug)]
+pub struct Predicted {
+    /// RMS errors (rad).
+    pub errors: Errors,
+    /// Residuals over whole segments.
+    pub residuals: Residuals,
+}
 
 /// A structure as fitted: the key of its held-out residuals. Two fits of one structure
 /// predict differently.
@@ -386,19 +399,24 @@ impl<'a> CrossValidator<'a> {
         })
     }
 
-    /// RMS errors (rad) of a fitted structure on held-out segments, over blocks of two
-    /// horizons (s) and over whole segments.
-    pub fn errors_over(&self, candidate: &Candidate, horizons: [f64; 2]) -> Errors {
+    /// Predicts held-out segments with a fitted structure, over blocks of two horizons (s) and
+    /// over whole segments.
+    pub fn predicted(&self, candidate: &Candidate, horizons: [f64; 2]) -> Predicted {
         let found = self.collect(candidate, |fitter, model| {
             let Validation {
                 residuals,
                 nuisances,
             } = fitter.validate_near(model);
-            at_horizons(&residuals, horizons, |horizon| {
+            let squares = at_horizons(&residuals, horizons, |horizon| {
                 block_errors(model, fitter.data, &nuisances, horizon, false)
-            })
+            });
+            squares.into_iter().zip(residuals).collect()
         });
-        Errors::of(&found)
+        let (squares, residuals): (Vec<_>, Vec<_>) = found.into_iter().unzip();
+        Predicted {
+            errors: Errors::of(&squares),
+            residuals: residuals.into(),
+        }
     }
 
     /// Evaluates the data with its held-out segments, or without each fold in turn, and

@@ -53,6 +53,9 @@ pub struct Verdict {
     pub alternatives: Vec<Alternative>,
     /// Whether the repaired model is adequate.
     pub adequacy: Adequacy,
+    /// What a model may be off without it mattering, in degrees: if no effect explains more,
+    /// nothing that matters is missing.
+    pub tolerance_deg: f64,
     /// Share of the error beyond the noise that the repaired model removes on held-out
     /// runs, at three horizons.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -108,7 +111,7 @@ pub enum EndedBy {
 pub enum Strength {
     /// It removes two thirds of the error beyond the noise, or more.
     Explains,
-    /// It removes a third to two thirds.
+    /// It removes a quarter to two thirds.
     Part,
 }
 

@@ -87,6 +87,8 @@ pub struct Meta {
     pub angle_range_deg: Option<[f64; 2]>,
     /// How well the sensors' zeros are known.
     pub calibration: Option<CalibrationMeta>,
+    /// An error of the model below this does not matter (°).
+    pub tolerance_deg: Option<f64>,
     /// Whether it was recorded to its end.
     pub complete: Option<bool>,
     /// Rows that were written; none while it is recorded.

@@ -337,6 +337,11 @@ pub fn sentence(diagnosis: &Diagnosis) -> String {
         );
     }
     match diagnosis.answer {
+        Answer::NoDiscrepancy | Answer::ParametersOnly if diagnosis.immaterial => format!(
+            "Nothing that matters is missing: {} remain unexplained, less than {}.",
+            degrees(diagnosis.beyond_noise()),
+            degrees(diagnosis.tolerance)
+        ),
         Answer::NoDiscrepancy => {
             "Nothing is missing: the model agrees with the recordings within their noise.".into()
         }
@@ -361,7 +366,8 @@ pub fn sentence(diagnosis: &Diagnosis) -> String {
             }
         }
         Answer::CannotTell if diagnosis.alternatives.len() == 1 => format!(
-            "There is a trace of {}, too faint for a name.",
+            "{}; {} comes closest, and these recordings do not determine it.",
+            lacks(diagnosis),
             titles_of_names(&diagnosis.alternatives[0].kinds)
         ),
         Answer::CannotTell => {
@@ -380,8 +386,8 @@ pub fn sentence(diagnosis: &Diagnosis) -> String {
                 )
             } else {
                 format!(
-                    "The model lacks {}; these recordings cannot tell apart {}.",
-                    in_words(&diagnosis.families),
+                    "{}; these recordings cannot tell apart {}.",
+                    lacks(diagnosis),
                     listed(&rivals)
                 )
             }
@@ -389,6 +395,16 @@ pub fn sentence(diagnosis: &Diagnosis) -> String {
         Answer::Unexplained => {
             "Something is missing, and it is none of the effects that are known.".into()
         }
+    }
+}
+
+/// What the model lacks, as a clause: a family, and whether it explains all.
+fn lacks(diagnosis: &Diagnosis) -> String {
+    let families = in_words(&diagnosis.families);
+    if diagnosis.strength == Some(Strength::Part) {
+        format!("The model lacks {families}, which explains part of the error")
+    } else {
+        format!("The model lacks {families}")
     }
 }
 
@@ -470,6 +486,12 @@ fn lede(diagnosis: &Diagnosis) -> String {
     ]
     .map(degrees);
     match diagnosis.answer {
+        Answer::NoDiscrepancy | Answer::ParametersOnly if diagnosis.immaterial => format!(
+            "On validation runs, the model as supplied leaves {nominal} and the refitted one \
+             {refit}, where noise alone leaves {floor}. No effect that was tried explains the \
+             rest, and it is below {}, what may remain (--tolerance).",
+            degrees(diagnosis.tolerance)
+        ),
         Answer::NoDiscrepancy => format!(
             "On validation runs, simulation and measurement differ by {nominal}, where \
              noise alone leaves {floor}. There is nothing to repair: keep the model as it is."
@@ -503,8 +525,10 @@ fn lede(diagnosis: &Diagnosis) -> String {
         ),
         Answer::CannotTell if diagnosis.alternatives.len() == 1 => format!(
             "Refitting the parameters leaves {refit} on validation runs, where noise \
-             alone leaves {floor}. One effect explains a little of that, with much evidence; most \
-             of it is something else."
+             alone leaves {floor}. With {} it is {repaired}. But a parameter of it is at the end of \
+             its range or may be zero, or it only follows the shape of these runs: take it for a \
+             hint.",
+            titles(&diagnosis.repaired.added)
         ),
         Answer::CannotTell => format!(
             "Refitting the parameters leaves {refit} on validation runs, where noise \
@@ -523,7 +547,9 @@ fn lede(diagnosis: &Diagnosis) -> String {
 
 /// The remaining error of the repaired model, as a clause.
 fn left_over(diagnosis: &Diagnosis) -> &'static str {
-    if diagnosis.adequacy.adequate {
+    if diagnosis.immaterial {
+        "what is left is below the tolerance"
+    } else if diagnosis.adequacy.adequate {
         "what is left is noise"
     } else if diagnosis.held_out.at_noise() {
         "what is left is hardly more than noise"
@@ -692,7 +718,7 @@ fn keys(diagnosis: &Diagnosis) -> Vec<Key> {
                 Explained::of_whole_runs(held_out.nominal, held_out.refit, held_out.floor),
                 "by parameters alone, over whole runs",
             ),
-            key("effects needed", "0".into(), "what is left is noise"),
+            key("effects needed", "0".into(), left_over(diagnosis)),
         ],
         Answer::EffectFound => [
             repair_key(diagnosis, left_over(diagnosis)),
@@ -1389,7 +1415,7 @@ mod tests {
 
     #[test]
     fn what_a_name_needs_depends_on_what_is_left() {
-        assert!(shortfall(0.2).contains("33 %"));
+        assert!(shortfall(0.2).contains("25 %"));
         assert!(shortfall(0.5).contains("chance"));
     }
 
@@ -1401,7 +1427,6 @@ mod tests {
             rmse: 0.01,
             held_out: None,
             delta_bic: 0.0,
-            vuong_statistic: 0.0,
             probability,
             rejected: probability < 0.05,
             at_bound: Vec::new(),

@@ -104,7 +104,7 @@ fn assert_verdict(verdict: &Value, schema: &Value) {
     always.retain(|key| !optional.contains(key));
     assert_eq!(
         always.join(" "),
-        "schema verdict effects alternatives adequacy remaining where rmse_deg \
+        "schema verdict effects alternatives adequacy tolerance_deg remaining where rmse_deg \
          holdout_rmse_deg nuisance upload next_experiment recordings seed tool_version seconds"
     );
     assert_eq!(

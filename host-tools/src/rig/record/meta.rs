@@ -191,6 +191,7 @@ mod tests {
             // The owner of the rig writes it, not the recorder.
             calibration: None,
             complete: Some(true),
+            tolerance_deg: None,
             samples: Some(7),
         };
         assert_eq!(meta, expected);
