@@ -31,6 +31,10 @@ use super::policy::Policy;
 pub use super::verdict::Strength;
 use crate::family::Family;
 
+/// A structure with a parameter at its bound is a rival of one without a doubt only if it
+/// leaves less than this share of its error.
+const AS_GOOD: f64 = 0.98;
+
 /// The measurements of one structure.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scored {
@@ -108,20 +112,17 @@ pub enum Decision {
 
 /// Decides. The refit has no effects; of several, the first counts.
 pub fn decide(scored: &[Scored], policy: &Policy) -> Decision {
-    let takes_part = |row: &Scored| {
-        !row.kinds.is_empty() && is_of_distinct_families(&row.kinds) && row.leaves().is_finite()
-    };
     let rows: Vec<usize> = (0..scored.len())
         .filter(|&row| takes_part(&scored[row]))
         .collect();
     let refit = scored.iter().find(|row| row.kinds.is_empty());
     let Some(leader) = refit.and_then(|refit| leader(scored, &rows, refit, policy)) else {
         return Decision::Unexplained {
-            nearest: least(scored, rows.iter().copied(), |row| row.leaves()),
+            nearest: least(scored, rows.iter().copied(), Scored::leaves),
         };
     };
     let strength = strength(&scored[leader], policy);
-    let rivals = without_general_cases(scored, rivals(scored, &rows, leader, policy));
+    let rivals = without_general_cases(scored, &rivals(scored, &rows, leader, policy));
     if let &[structure] = rivals.as_slice()
         && scored[structure].doubt.is_none()
     {
@@ -200,10 +201,10 @@ pub fn shaped(decision: Decision, scored: &[Scored], left: [f64; 2], policy: &Po
 }
 
 /// The probability of each structure of a size, in the order of `scored`, from its odds
-/// against the one that leaves least; zero for the others.
+/// against the leader; zero for the others.
 pub fn probabilities(scored: &[Scored], size: usize, policy: &Policy) -> Vec<f64> {
     let of_size = (0..scored.len()).filter(|&row| scored[row].kinds.len() == size);
-    let Some(first) = least(scored, of_size, |row| row.leaves()) else {
+    let Some(first) = least(scored, of_size, |row| weighed(row, policy)) else {
         return vec![0.0; scored.len()];
     };
     // Odds beyond these are not known from a thousand draws.
@@ -226,6 +227,16 @@ fn strength(row: &Scored, policy: &Policy) -> Strength {
     }
 }
 
+/// What a structure leaves, more where there is a doubt about it: the least of a size leads.
+fn weighed(row: &Scored, policy: &Policy) -> f64 {
+    let factor = if row.doubt.is_some() {
+        policy.doubted
+    } else {
+        1.0
+    };
+    factor * row.leaves()
+}
+
 /// The leading structure; none if no effect closes a part of the error.
 fn leader(scored: &[Scored], rows: &[usize], refit: &Scored, policy: &Policy) -> Option<usize> {
     let mut before = refit;
@@ -236,15 +247,7 @@ fn leader(scored: &[Scored], rows: &[usize], refit: &Scored, policy: &Policy) ->
             .iter()
             .copied()
             .filter(|&row| scored[row].kinds.len() == size);
-        let weight = |row: &Scored| {
-            row.leaves()
-                * if row.doubt.is_some() {
-                    policy.doubted
-                } else {
-                    1.0
-                }
-        };
-        let Some(best) = least(scored, of_size, weight) else {
+        let Some(best) = least(scored, of_size, |row| weighed(row, policy)) else {
             continue;
         };
         if is_taken(&scored[best], before, policy) {
@@ -299,7 +302,7 @@ fn rejected(policy: &Policy) -> f64 {
 /// left beyond noise, errors alone count within a family, and the less favourable of both
 /// between families.
 pub fn odds(rival: &Scored, first: &Scored, policy: &Policy) -> f64 {
-    if rival.kinds.len() != first.kinds.len() || !is_of_distinct_families(&rival.kinds) {
+    if rival.kinds.len() != first.kinds.len() || !takes_part(rival) {
         return 0.0;
     }
     let verge = rejected(policy);
@@ -328,9 +331,11 @@ pub fn odds(rival: &Scored, first: &Scored, policy: &Policy) -> f64 {
             .is_some_and(|(own, other)| own.imitates().contains(&other))
             && rival.leaves() <= 1.0 - policy.explains
     };
-    let follows_runs =
-        first.doubt.is_none() && rival.doubt.is_some_and(Doubt::is_of_the_runs) && !first.at_noise;
-    if follows_runs {
+    // A parameter at its bound makes another effect of it, or bends it.
+    let is_no_better = rival.doubt == Some(Doubt::AtBound) && ratio >= AS_GOOD;
+    let follows_runs = rival.doubt.is_some_and(Doubt::is_of_the_runs) && !first.at_noise;
+    let gives_way = first.doubt.is_none() && (is_no_better || follows_runs);
+    if gives_way {
         0.0
     } else if (first.at_noise && as_accurate()) || ended_there() || imitated() {
         odds.max(verge)
@@ -340,7 +345,7 @@ pub fn odds(rival: &Scored, first: &Scored, policy: &Policy) -> f64 {
 }
 
 /// The rivals without those of which another is a special case.
-fn without_general_cases(scored: &[Scored], rivals: Vec<usize>) -> Vec<usize> {
+fn without_general_cases(scored: &[Scored], rivals: &[usize]) -> Vec<usize> {
     let has_special = |general: &usize| {
         rivals
             .iter()
@@ -361,10 +366,12 @@ fn least(
     rows.min_by(|&a, &b| weight(&scored[a]).total_cmp(&weight(&scored[b])))
 }
 
-fn is_of_distinct_families(kinds: &[Kind]) -> bool {
-    let mut families = Family::of_all(kinds);
+/// Whether a structure can be an answer: effects of families of their own, and an error that
+/// could be measured.
+fn takes_part(row: &Scored) -> bool {
+    let mut families = Family::of_all(&row.kinds);
     families.dedup();
-    families.len() == kinds.len()
+    !row.kinds.is_empty() && families.len() == row.kinds.len() && row.leaves().is_finite()
 }
 
 /// Whether `narrow` is `wide` with one effect replaced by its special case.
@@ -390,8 +397,8 @@ fn exchanged(from: &[Kind], to: &[Kind]) -> Option<(Kind, Kind)> {
 mod tests {
     use super::*;
     use Kind::{
-        CoulombFriction, CubicStiffness, DeadTime, Gravity, MaxwellBranch, PeriodicDisturbance,
-        PneumaticLag, StribeckFriction,
+        CoulombFriction, CubicStiffness, DeadTime, EndStop, Gravity, LinearStiffness,
+        MaxwellBranch, PeriodicDisturbance, PneumaticLag, StribeckFriction,
     };
 
     const POLICY: Policy = Policy::STANDARD;
@@ -526,6 +533,11 @@ mod tests {
                     },
                 ],
                 cannot_tell(&[1, 2], &shape, Explains),
+            ),
+            (
+                "an effect that is another one at its bound",
+                vec![row(&[LinearStiffness], 0.2), doubted(row(&[EndStop], 0.2))],
+                named(1, Explains),
             ),
             (
                 "a line of the drive beside a curve",

@@ -124,7 +124,7 @@ pub struct Fitted {
 pub struct Rows {
     refit: Candidate,
     /// The first is that refit.
-    rows: Vec<Row>,
+    all: Vec<Row>,
     scored: Vec<Scored>,
     /// The refit that each row improves on.
     refits: Vec<usize>,
@@ -204,7 +204,7 @@ impl Rows {
             .collect();
         Self {
             refit,
-            rows: all.into_iter().map(|(row, ..)| row).collect(),
+            all: all.into_iter().map(|(row, ..)| row).collect(),
             scored,
             refits,
         }
@@ -238,7 +238,7 @@ impl Rows {
         }
         let size = first.map_or(1, |row| self.scored[row].kinds.len());
         let best = self
-            .rows
+            .all
             .iter()
             .min_by(|a, b| a.fitted.full.total_cmp(&b.fitted.full));
         let base = Selection {
@@ -282,7 +282,7 @@ impl Rows {
                     rivals: rivals
                         .iter()
                         .take(RIVALS_PLANNED)
-                        .map(|&row| self.rows[row].candidate.clone())
+                        .map(|&row| self.all[row].candidate.clone())
                         .collect(),
                     alternatives: rivals
                         .iter()
@@ -374,8 +374,8 @@ impl Rows {
         (1..=largest)
             .flat_map(|size| self.of_size(size))
             .map(|(place, probability)| {
-                let row = &self.rows[place];
-                let before = self.rows[self.refits[place]].held_out.values();
+                let row = &self.all[place];
+                let before = self.all[self.refits[place]].held_out.values();
                 let closes = closure(&before, &row.held_out.values(), noise);
                 FittedStructure {
                     kinds: row.candidate.added.clone(),
@@ -421,10 +421,10 @@ impl Rows {
         let by_name = least
             .into_iter()
             .chain(first)
-            .map(|row| everything(context, validator, &self.rows[row].candidate))
+            .map(|row| everything(context, validator, &self.all[row].candidate))
             .find(|candidate| error(candidate) <= most)
             .unwrap_or_else(|| match first {
-                Some(first) => everything(context, validator, &self.rows[first].candidate),
+                Some(first) => everything(context, validator, &self.all[first].candidate),
                 None => refit.clone(),
             });
         let enough = policy.adds_to_repair * error(&by_name);
