@@ -10,6 +10,7 @@ use model_core::catalogue::Kind;
 use model_core::effects::Unit;
 
 use super::candidates::Candidate;
+use super::needs::is_loaded_again;
 use crate::estimate::Dataset;
 use crate::statistics::moves;
 
@@ -31,6 +32,9 @@ pub enum Doubt {
     Undetermined,
     /// The recordings hold few periods of it.
     FewPeriods,
+    /// Softening by the largest stretch so far, and no session loads a second time: then it is
+    /// a difference between loading and unloading, which friction, creep and lag make as well.
+    LoadedOnce,
     /// Its line is a multiple of the drive's own frequency.
     Drive,
 }
@@ -49,6 +53,8 @@ impl Doubt {
             Some(Self::AtBound)
         } else if !effects.are_determined() {
             Some(Self::Undetermined)
+        } else if candidate.added.contains(&Kind::MullinsSoftening) && !is_loaded_again(data) {
+            Some(Self::LoadedOnce)
         } else {
             effects
                 .frequencies()

@@ -96,9 +96,44 @@ impl Shown {
     }
 }
 
+/// Whether an actuator is loaded a second time in a session of which something is fitted:
+/// its angle goes, comes back and goes again.
+pub fn is_loaded_again(data: &Dataset) -> bool {
+    let runs = || {
+        let sessions = data.sessions().iter().enumerate();
+        sessions
+            .filter(|(index, _)| !data.fitted_ranges(*index).is_empty())
+            .map(|(_, session)| session.recording())
+    };
+    let largest = runs().map(|run| swing(&run.angle)).fold(0.0, f64::max);
+    runs().any(|run| legs(&run.angle, largest) >= 3)
+}
+
+/// The number of ways back and forth in a series, each by a share of a swing.
+fn legs(values: &[f64], swing: f64) -> usize {
+    let least = least_return(values, swing);
+    let (mut high, mut low) = (f64::NEG_INFINITY, f64::INFINITY);
+    let (mut legs, mut rises) = (0, None);
+    for &value in values {
+        high = high.max(value);
+        low = low.min(value);
+        if rises != Some(true) && value - low > least {
+            (legs, rises, high) = (legs + 1, Some(true), value);
+        } else if rises != Some(false) && high - value > least {
+            (legs, rises, low) = (legs + 1, Some(false), value);
+        }
+    }
+    legs
+}
+
+/// The least change of a series that is a way back.
+fn least_return(values: &[f64], swing: f64) -> f64 {
+    RETURNS * swing + BEYOND_NOISE * noise_by_differences(values)
+}
+
 /// Whether a series both rises and falls by a share of a swing.
 fn returns(values: &[f64], swing: f64) -> bool {
-    let least = RETURNS * swing + BEYOND_NOISE * noise_by_differences(values);
+    let least = least_return(values, swing);
     let (mut high, mut low) = (f64::NEG_INFINITY, f64::INFINITY);
     let (mut fall, mut rise) = (0.0_f64, 0.0_f64);
     for &value in values {
@@ -113,6 +148,17 @@ fn returns(values: &[f64], swing: f64) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A step and its release load once, two triangles twice.
+    #[test]
+    fn a_second_loading_goes_comes_back_and_goes_again() {
+        let step = |t: f64| if t < 5.0 { 20.0 } else { 0.0 };
+        let triangles = |t: f64| 20.0 * (1.0 - (t % 5.0 - 2.5).abs() / 2.5);
+        let is_loaded_again = |run| is_loaded_again(&Dataset::of(&[run]));
+        assert!(!is_loaded_again(run(step)));
+        assert!(!is_loaded_again(run(|t| triangles(0.5 * t))));
+        assert!(is_loaded_again(run(triangles)));
+    }
     use crate::io::recording::Recording;
     use rand::{RngExt, SeedableRng};
     use rand_pcg::Pcg64Mcg;

@@ -523,10 +523,15 @@ fn lede(diagnosis: &Diagnosis) -> String {
                 )
             }
         ),
+        Answer::CannotTell if diagnosis.shape.is_some() => format!(
+            "Refitting the parameters leaves {refit} on validation runs, where noise \
+             alone leaves {floor}. With the effect and a table beside it, it is {repaired}: what is \
+             missing depends on the right variable, by a formula that is not known."
+        ),
         Answer::CannotTell if diagnosis.alternatives.len() == 1 => format!(
             "Refitting the parameters leaves {refit} on validation runs, where noise \
              alone leaves {floor}. With {} it is {repaired}. But a parameter of it is at the end of \
-             its range or may be zero, or it only follows the shape of these runs: take it for a \
+             its range or may be zero, or these runs do not show what sets it apart: take it for a \
              hint.",
             titles(&diagnosis.repaired.added)
         ),
