@@ -89,6 +89,10 @@ fn hidden_effects_are_named() {
             // A name comes with a repair that holds on runs that were not
             // fitted, in the board's arithmetic as well.
             if diagnosis.answer == Answer::EffectFound {
+                let added = &diagnosis.repaired.added;
+                assert!(diagnosis.named.iter().all(|kind| added.contains(kind)));
+                assert_eq!(diagnosis.probability.len(), diagnosis.named.len());
+                assert!(!diagnosis.named.is_empty());
                 assert!(diagnosis.adequacy.holdout_gap_closed > 0.8);
                 let held_out = &diagnosis.held_out;
                 assert!(held_out.repaired_on_board < 1.02 * held_out.repaired);

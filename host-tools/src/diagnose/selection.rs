@@ -120,13 +120,22 @@ pub struct Fitted {
     pub rows: Vec<Row>,
 }
 
+/// A row, and the shares of its refit's error beyond the noise that it leaves.
+struct Shares {
+    row: Row,
+    fitted: f64,
+    held_out: f64,
+    /// The place of that refit.
+    refit: usize,
+}
+
 /// Rows with what the decision reads of them.
 pub struct Rows {
     refit: Candidate,
     /// The first is that refit.
     all: Vec<Row>,
     scored: Vec<Scored>,
-    /// The refit that each row improves on.
+    /// The place of the refit that each row improves on.
     refits: Vec<usize>,
 }
 
@@ -142,71 +151,45 @@ impl Rows {
     ) -> Self {
         let policy = &Policy::STANDARD;
         let noise = floor.rms.hypot(floor.input);
-        let floor_held_out = validator.floor().max(noise);
         let beyond = |error: f64| excess(error, noise, policy);
-        let mut all: Vec<(Row, f64, f64)> = Vec::new();
-        let mut refits = Vec::new();
         let refit = first.refit.candidate.clone();
-        for Fitted { refit, rows } in std::iter::once(first).chain(others) {
-            let own = all.len();
-            let before = [refit.fitted.full, refit.held_out.full];
-            all.push((refit, 1.0, 1.0));
-            refits.push(own);
-            for row in rows {
-                let after = [row.fitted.full, row.held_out.full];
-                let [fitted, held_out] =
-                    std::array::from_fn(|place| beyond(after[place]) / beyond(before[place]));
-                let same = all
-                    .iter()
-                    .position(|(it, ..)| it.candidate.set() == row.candidate.set());
-                match same {
-                    Some(place) if all[place].1 * all[place].2 <= fitted * held_out => {}
-                    Some(place) => {
-                        all[place] = (row, fitted, held_out);
-                        refits[place] = own;
-                    }
-                    None => {
-                        all.push((row, fitted, held_out));
-                        refits.push(own);
-                    }
-                }
-            }
-        }
+        let all = merged(std::iter::once(first).chain(others), beyond);
         let data = validator.fitter().data;
         let segments: Vec<Recording> = data.recordings(validator.in_turn());
         let best = all
             .iter()
-            .map(|(row, ..)| row)
+            .map(|it| &it.row)
             .min_by(|a, b| a.held_out.full.total_cmp(&b.held_out.full));
         let angles: Vec<f64> = segments.iter().flat_map(|it| &it.angle).copied().collect();
         let accuracy = (policy.accuracy * swing(&angles)).max(f64::MIN_POSITIVE);
+        let at_noise = policy.at_noise * validator.floor().max(noise);
         let draws = best.map(|best| Draws::of(&segments, &best.residuals, seed));
         let scored = all
             .par_iter()
-            .map(|(row, fitted, held_out)| {
-                let in_draws = |values: &dyn Fn(&Draws) -> Vec<f64>| {
-                    draws.as_ref().map(values).unwrap_or_default()
-                };
-                let densities = log_densities(&row.residuals);
-                let errors = in_draws(&|draws| draws.errors(&row.residuals));
+            .map(|it| {
+                let row = &it.row;
+                let (density, errors) = draws.as_ref().map_or_else(Default::default, |draws| {
+                    let densities = log_densities(&row.residuals);
+                    (draws.sums(&densities), draws.errors(&row.residuals))
+                });
                 Scored {
                     kinds: row.candidate.set(),
-                    fitted: *fitted,
-                    held_out: *held_out,
+                    fitted: it.fitted,
+                    held_out: it.held_out,
                     doubt: Doubt::of(&row.candidate, data),
                     degenerate: row.candidate.is_degenerate(),
                     rms: row.held_out.full / accuracy,
-                    at_noise: row.held_out.full <= policy.at_noise * floor_held_out,
-                    density: in_draws(&|draws| draws.sums(&densities)),
+                    at_noise: row.held_out.full <= at_noise,
+                    density,
                     error: errors.into_iter().map(beyond).collect(),
                 }
             })
             .collect();
         Self {
             refit,
-            all: all.into_iter().map(|(row, ..)| row).collect(),
+            refits: all.iter().map(|it| it.refit).collect(),
+            all: all.into_iter().map(|it| it.row).collect(),
             scored,
-            refits,
         }
     }
 
@@ -217,6 +200,7 @@ impl Rows {
         let tried = tried_sizes(&context.progress.undone());
         let mut decision =
             as_far_as_tried(decide(&self.scored, policy), &self.scored, tried, policy);
+        let is_named = matches!(decision, Decision::Named { .. });
         let first = match &decision {
             Decision::Named { structure, .. } => Some(*structure),
             Decision::CannotTell { rivals, .. } => rivals.first().copied(),
@@ -228,7 +212,7 @@ impl Rows {
         let Repaired {
             candidate: repaired,
             table_leaves,
-        } = self.repaired(context, validator, first);
+        } = self.repaired(context, validator, first, is_named);
         let shape = first
             .filter(|_| repaired.added.len() == 2)
             .and_then(|row| tables::own_variable(*self.scored[row].kinds.first()?))
@@ -251,7 +235,9 @@ impl Rows {
                 structure,
                 strength,
             } => {
-                let named = self.scored[structure].kinds.clone();
+                let kinds = &self.scored[structure].kinds;
+                let in_order = repaired.added.iter().copied();
+                let named: Vec<Kind> = in_order.filter(|kind| kinds.contains(kind)).collect();
                 Selection {
                     answer: Answer::EffectFound,
                     probability: self.inclusion(&named),
@@ -390,14 +376,16 @@ impl Rows {
             .collect()
     }
 
-    /// The repaired model: the first structure of the answer, or one that contains it (or
-    /// what it is a special case of) and leaves clearly less error. If nothing is named, the
-    /// structure with the least error. The refit if none predicts held-out segments better.
+    /// The repaired model: the first structure of the answer, or one that contains it and
+    /// leaves clearly less error. Where no effect is named, what it is a special case of will
+    /// do; without an answer, the structure with the least error. The refit if none predicts
+    /// held-out segments better.
     fn repaired(
         &self,
         context: &FitContext<'_>,
         validator: &CrossValidator<'_>,
         first: Option<usize>,
+        is_named: bool,
     ) -> Repaired {
         let policy = &Policy::STANDARD;
         let refit = &self.refit;
@@ -406,7 +394,7 @@ impl Rows {
             match first.map(|first| &self.scored[first]) {
                 Some(named) => {
                     (named.kinds.iter().all(|kind| row.kinds.contains(kind))
-                        || is_special_case(&named.kinds, &row.kinds))
+                        || !is_named && is_special_case(&named.kinds, &row.kinds))
                         && row.leaves() <= policy.adds_to_repair * named.leaves()
                         && row.held_out <= policy.adds_to_repair * named.held_out
                 }
@@ -451,6 +439,36 @@ impl Rows {
             },
         }
     }
+}
+
+/// All rows with their shares; of several fits of one structure, the one that leaves least.
+fn merged(fitted: impl Iterator<Item = Fitted>, beyond: impl Fn(f64) -> f64) -> Vec<Shares> {
+    let mut all: Vec<Shares> = Vec::new();
+    for Fitted { refit, rows } in fitted {
+        let before = [refit.fitted.full, refit.held_out.full].map(&beyond);
+        let place = all.len();
+        all.push(Shares {
+            row: refit,
+            fitted: 1.0,
+            held_out: 1.0,
+            refit: place,
+        });
+        for row in rows {
+            let share = Shares {
+                fitted: beyond(row.fitted.full) / before[0],
+                held_out: beyond(row.held_out.full) / before[1],
+                refit: place,
+                row,
+            };
+            let set = share.row.candidate.set();
+            match all.iter_mut().find(|it| it.row.candidate.set() == set) {
+                Some(known) if known.fitted * known.held_out <= share.fitted * share.held_out => {}
+                Some(known) => *known = share,
+                None => all.push(share),
+            }
+        }
+    }
+    all
 }
 
 /// The repaired model.
