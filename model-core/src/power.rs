@@ -79,7 +79,7 @@ pub fn signed_power<R: Real, P: Power<R>>(angle: R, exponent: R) -> R {
 ///
 /// Works for every base ≥ 0 and finite exponent. The relative error is at most
 /// [`Minimax::LARGEST_ERROR`] where an actuator moves, and
-/// 4·10⁻⁷ + 2.5·10⁻⁷·|n·log₂θ| elsewhere. Results below 2⁻¹²⁶ are flushed to 0,
+/// 4·10⁻⁷ + 2.7·10⁻⁷·|n·log₂θ| elsewhere (2.60·10⁻⁷ is the most over every base from ½ to 2). Results below 2⁻¹²⁶ are flushed to 0,
 /// results above the largest `f32` are infinite.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Minimax;
@@ -412,6 +412,19 @@ mod tests {
         assert_eq!(digest::<GuardedMicromath>(), 0x05d8_a8ae);
     }
 
+    /// The worst base of all from ½ to 2.
+    #[test]
+    fn minimax_keeps_its_error_at_the_worst_base() {
+        let (base, exponent) = (1.015_823_5_f32, -3_986.802_2_f32);
+        let error = relative_error(Minimax::pow(base, exponent), base, exponent);
+        let power = f64::from(exponent) * f64::from(base).log2();
+        let bound = 4e-7 + 2.7e-7 * power.abs();
+        assert!(
+            error <= bound && error > 0.9 * bound,
+            "{error:e} of {bound:e}"
+        );
+    }
+
     #[cfg(feature = "std")]
     #[test]
     fn exact_is_the_platforms_function() {
@@ -447,7 +460,7 @@ mod tests {
             let base = logarithm.exp2();
             let exponent = (result / logarithm).clamp(-1e6, 1e6);
             let error = relative_error(Minimax::pow(base, exponent), base, exponent);
-            let bound = 4e-7 + 2.5e-7 * f64::from(result.abs());
+            let bound = 4e-7 + 2.7e-7 * f64::from(result.abs());
             prop_assert!(error <= bound, "{:e} above {:e}", error, bound);
         }
 
