@@ -237,6 +237,27 @@ mod tests {
         }
     }
 
+    /// What may remain is a share of the range, or what the metadata say: the strictest of them.
+    #[test]
+    fn what_may_remain_is_a_share_of_the_range_unless_it_is_said() {
+        let ramp = |tolerance_deg| {
+            let time: Vec<f64> = (0..500).map(|k| 0.01 * f64::from(k)).collect();
+            let mut recording = Recording {
+                pressure: time.iter().map(|t| 1e4 * t).collect(),
+                angle: time.iter().map(|t| 0.2 * t).collect(),
+                time,
+                ..Recording::default()
+            };
+            recording.meta.tolerance_deg = tolerance_deg;
+            recording
+        };
+        let of = |recordings: &[Recording]| tolerance(&Dataset::of(recordings));
+        let range = 0.2 * 4.99;
+        assert!((of(&[ramp(None)]) - 0.01 * range).abs() < 1e-9);
+        let said = of(&[ramp(None), ramp(Some(0.5)), ramp(Some(0.3))]);
+        assert!((said.to_degrees() - 0.3).abs() < 1e-9);
+    }
+
     /// A refit that lacks an effect bends zeros to hide it; less so where they weigh more.
     #[test]
     fn zeros_that_weigh_hide_less() {

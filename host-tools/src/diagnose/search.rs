@@ -139,7 +139,8 @@ fn selected(mut baseline: Baseline, options: Options<'_>) -> Searched {
         let found = {
             let file = &baseline.file;
             let fitter = Fitter::new(&file.model, &baseline.data);
-            let mut validator = CrossValidator::new(file, &fitter, baseline.floor.input);
+            let mut validator = CrossValidator::new(file, &fitter, baseline.floor.input)
+                .beside(baseline.nominal.model);
             validator.raise_floor(baseline.floor.rms);
             let material = Material::of(&fitter, &baseline.refit);
             let fitters = material.fitters(&fitter);

@@ -366,8 +366,12 @@ pub fn sentence(diagnosis: &Diagnosis) -> String {
             }
         }
         Answer::CannotTell if diagnosis.alternatives.len() == 1 => format!(
-            "{}; {} comes closest, and these recordings do not determine it.",
-            lacks(diagnosis),
+            "{} looks like {}, but these recordings do not determine it.",
+            if diagnosis.strength == Some(Strength::Part) {
+                "Part of what is missing"
+            } else {
+                "What is missing"
+            },
             titles_of_names(&diagnosis.alternatives[0].kinds)
         ),
         Answer::CannotTell => {
@@ -746,6 +750,8 @@ fn keys(diagnosis: &Diagnosis) -> Vec<Key> {
                 diagnosis.alternatives.first().map(|best| best.probability),
                 if diagnosis.is_open() {
                     "of what came closest, among what was tried"
+                } else if diagnosis.alternatives.len() == 1 {
+                    "among what was tried, but its parameters are not determined"
                 } else {
                     "of the best explanation: too little for a name"
                 },
