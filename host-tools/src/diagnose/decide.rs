@@ -17,8 +17,8 @@
 //!    Where only noise is left, the draws decide, and no difference counts that is finer than
 //!    any angle sensor. An effect that the leader can imitate
 //!    (a dead time many lags in a row) stays a rival as long as it explains the error.
-//! 4. An effect whose special case is a rival gives way to it. So does one that ended as its
-//!    special case, if that alone is taken.
+//! 4. An effect whose special case predicts as well gives way to it. Beside one that ended as
+//!    its special case, that stays a rival if it alone would be taken.
 //! 5. One structure without rivals and without a doubt is named. Otherwise the answer is the
 //!    set, and the family where all share it.
 //! 6. If a table of the named effect's own variable leaves much less error, the variable is
@@ -122,7 +122,12 @@ pub fn decide(scored: &[Scored], policy: &Policy) -> Decision {
         };
     };
     let strength = strength(&scored[leader], policy);
-    let rivals = without_general_cases(scored, &rivals(scored, &rows, leader, policy));
+    let rivals = without_general_cases(
+        scored,
+        &rivals(scored, &rows, leader, policy),
+        leader,
+        policy,
+    );
     if let &[structure] = rivals.as_slice()
         && scored[structure].doubt.is_none()
     {
@@ -300,56 +305,67 @@ fn rejected(policy: &Policy) -> f64 {
 /// By the errors, one that leaves [`Policy::comparable`] times as much is on the verge of
 /// rejection. By the draws, the odds are those of the better prediction. Where something is
 /// left beyond noise, errors alone count within a family, and the less favourable of both
-/// between families.
+/// between families. What these recordings cannot exclude stays on the verge.
 pub fn odds(rival: &Scored, first: &Scored, policy: &Policy) -> f64 {
-    if rival.kinds.len() != first.kinds.len() || !takes_part(rival) {
-        return 0.0;
-    }
-    let verge = rejected(policy);
-    let is_kin = Family::of_all(&rival.kinds) == Family::of_all(&first.kinds);
-    let ratio = rival.leaves() / first.leaves();
-    let by_error = verge.powf(ratio.ln() / policy.comparable.ln());
-    let by_draws = {
-        let better = rival.is_better(first);
-        better / (1.0 - better).max(f64::MIN_POSITIVE)
-    };
-    let odds = if first.at_noise {
-        by_draws
-    } else if is_kin {
-        by_error
-    } else {
-        by_error.min(by_draws)
-    };
-    let as_accurate = || is_kin && rival.rms.powi(2) - first.rms.powi(2) <= 1.0;
-    let ended_there = || {
-        first.degenerate
-            && is_special_case(&rival.kinds, &first.kinds)
-            && rival.leaves() <= 1.0 - policy.part
-    };
-    let imitated = || {
-        exchanged(&first.kinds, &rival.kinds)
-            .is_some_and(|(own, other)| own.imitates().contains(&other))
-            && rival.leaves() <= 1.0 - policy.explains
-    };
-    // A parameter at its bound makes another effect of it, or bends it.
-    let is_no_better = rival.doubt == Some(Doubt::AtBound) && ratio >= AS_GOOD;
-    let follows_runs = rival.doubt.is_some_and(Doubt::is_of_the_runs) && !first.at_noise;
-    let gives_way = first.doubt.is_none() && (is_no_better || follows_runs);
-    if gives_way {
-        0.0
-    } else if (first.at_noise && as_accurate()) || ended_there() || imitated() {
-        odds.max(verge)
+    let odds = measured_odds(rival, first, policy);
+    if cannot_be_excluded(rival, first, policy) {
+        odds.max(rejected(policy))
     } else {
         odds
     }
 }
 
-/// The rivals without those of which another is a special case.
-fn without_general_cases(scored: &[Scored], rivals: &[usize]) -> Vec<usize> {
+fn measured_odds(rival: &Scored, first: &Scored, policy: &Policy) -> f64 {
+    let ratio = rival.leaves() / first.leaves();
+    // A parameter at its bound makes another effect of it, or bends it.
+    let is_no_better = rival.doubt == Some(Doubt::AtBound) && ratio >= AS_GOOD;
+    let follows_runs = rival.doubt.is_some_and(Doubt::is_of_the_runs) && !first.at_noise;
+    let gives_way = first.doubt.is_none() && (is_no_better || follows_runs);
+    if rival.kinds.len() != first.kinds.len() || !takes_part(rival) || gives_way {
+        return 0.0;
+    }
+    let is_kin = Family::of_all(&rival.kinds) == Family::of_all(&first.kinds);
+    let by_error = rejected(policy).powf(ratio.ln() / policy.comparable.ln());
+    let by_draws = {
+        let better = rival.is_better(first);
+        better / (1.0 - better).max(f64::MIN_POSITIVE)
+    };
+    if first.at_noise {
+        let as_accurate = is_kin && rival.rms.powi(2) - first.rms.powi(2) <= 1.0;
+        by_draws.max(if as_accurate { rejected(policy) } else { 0.0 })
+    } else if is_kin {
+        by_error
+    } else {
+        by_error.min(by_draws)
+    }
+}
+
+/// Whether a structure stays a rival whatever its odds: the leader ended as this special case,
+/// which alone is taken, or it can imitate this effect, which explains the error.
+fn cannot_be_excluded(rival: &Scored, first: &Scored, policy: &Policy) -> bool {
+    let ended_there = first.degenerate
+        && is_special_case(&rival.kinds, &first.kinds)
+        && rival.leaves() <= 1.0 - policy.part;
+    let imitated = exchanged(&first.kinds, &rival.kinds)
+        .is_some_and(|(own, other)| own.imitates().contains(&other))
+        && rival.leaves() <= 1.0 - policy.explains;
+    ended_there || imitated
+}
+
+/// The rivals without those of which another is a special case that these recordings do not
+/// distinguish.
+fn without_general_cases(
+    scored: &[Scored],
+    rivals: &[usize],
+    leader: usize,
+    policy: &Policy,
+) -> Vec<usize> {
+    let as_good = |row: usize| {
+        row == leader || measured_odds(&scored[row], &scored[leader], policy) >= rejected(policy)
+    };
     let has_special = |general: &usize| {
-        rivals
-            .iter()
-            .any(|&it| is_special_case(&scored[it].kinds, &scored[*general].kinds))
+        let mut all = rivals.iter().filter(|&&it| as_good(it));
+        all.any(|&it| is_special_case(&scored[it].kinds, &scored[*general].kinds))
     };
     rivals
         .iter()
@@ -600,7 +616,7 @@ mod tests {
                     },
                     row(&[CoulombFriction], 0.60),
                 ],
-                named(2, Explains),
+                cannot_tell(&[1, 2], &[Family::DryFriction], Explains),
             ),
             (
                 "a second effect that leaves much less",
