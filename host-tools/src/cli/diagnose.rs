@@ -101,9 +101,9 @@ pub struct Args {
     #[arg(long, value_name = "TIME", value_parser = humantime::parse_duration)]
     budget: Option<Duration>,
     /// What a model may be off without it mattering, in degrees. Where less is left, nothing is
-    /// said to be missing. Without it `tolerance_deg` of the metadata counts, or 1 % of the range
-    /// of the angle
-    #[arg(long, value_name = "DEG", value_parser = positive)]
+    /// said to be missing. Without it, and in a batch, `tolerance_deg` of the metadata counts, or
+    /// 1 % of the range of the angle
+    #[arg(long, value_name = "DEG", conflicts_with = "batch", value_parser = positive)]
     tolerance: Option<f64>,
     /// Random seed
     #[arg(long, default_value_t = 1)]
@@ -234,17 +234,17 @@ fn run_one(args: &Args, model: &PathBuf) -> anyhow::Result<()> {
     check_distinct(&args.recordings, &args.holdout)?;
     let layout = args.input.layout();
     let (file, mut recordings) = super::read(model, &args.recordings, &layout)?;
-    if args.tolerance.is_some() {
-        for recording in &mut recordings {
-            recording.meta.tolerance_deg = args.tolerance;
-        }
-    }
     let layout = layout.or(&file.recording);
     let own = match &args.effects {
         Some(path) => Some(OwnEffects::read(path, &file.model)?),
         None => None,
     };
-    let holdout = read_all(&args.holdout, &layout, super::warn)?;
+    let mut holdout = read_all(&args.holdout, &layout, super::warn)?;
+    if args.tolerance.is_some() {
+        for recording in recordings.iter_mut().chain(&mut holdout) {
+            recording.meta.tolerance_deg = args.tolerance;
+        }
+    }
     // Before the long work: these are the bytes that it starts from.
     let provenance = match &args.report {
         Some(_) => Some(Provenance::of(

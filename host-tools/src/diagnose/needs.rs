@@ -8,6 +8,7 @@
 use model_core::catalogue::Kind;
 
 use crate::estimate::Dataset;
+use crate::io::recording::Recording;
 use crate::statistics::{noise_by_differences, swing};
 
 /// Least return, as a share of the swing of the recordings, that is one.
@@ -65,13 +66,8 @@ impl Shown {
     pub fn by(data: &Dataset) -> Self {
         /// Least change of a pressure (Pa).
         const CHANGES: f64 = 1.0;
-        let runs = || {
-            let sessions = data.sessions().iter().enumerate();
-            sessions
-                .filter(|(index, _)| !data.fitted_ranges(*index).is_empty())
-                .map(|(_, session)| session.recording())
-        };
-        let largest = runs().map(|run| swing(&run.angle)).fold(0.0, f64::max);
+        let runs = || fitted_sessions(data);
+        let largest = largest_swing(data);
         Self {
             drive: runs().any(|run| {
                 let first = run.pressure.first().copied().unwrap_or(0.0);
@@ -99,14 +95,23 @@ impl Shown {
 /// Whether an actuator is loaded a second time in a session of which something is fitted:
 /// its angle goes, comes back and goes again.
 pub fn is_loaded_again(data: &Dataset) -> bool {
-    let runs = || {
-        let sessions = data.sessions().iter().enumerate();
-        sessions
-            .filter(|(index, _)| !data.fitted_ranges(*index).is_empty())
-            .map(|(_, session)| session.recording())
-    };
-    let largest = runs().map(|run| swing(&run.angle)).fold(0.0, f64::max);
-    runs().any(|run| legs(&run.angle, largest) >= 3)
+    let largest = largest_swing(data);
+    fitted_sessions(data).any(|run| legs(&run.angle, largest) >= 3)
+}
+
+/// The sessions of which something is fitted.
+fn fitted_sessions(data: &Dataset) -> impl Iterator<Item = &Recording> {
+    let sessions = data.sessions().iter().enumerate();
+    sessions
+        .filter(|(index, _)| !data.fitted_ranges(*index).is_empty())
+        .map(|(_, session)| session.recording())
+}
+
+/// The largest swing of the angle in a session of which something is fitted (rad).
+fn largest_swing(data: &Dataset) -> f64 {
+    fitted_sessions(data)
+        .map(|run| swing(&run.angle))
+        .fold(0.0, f64::max)
 }
 
 /// The number of ways back and forth in a series, each by a share of a swing.
@@ -159,7 +164,6 @@ mod tests {
         assert!(!is_loaded_again(run(|t| triangles(0.5 * t))));
         assert!(is_loaded_again(run(triangles)));
     }
-    use crate::io::recording::Recording;
     use rand::{RngExt, SeedableRng};
     use rand_pcg::Pcg64Mcg;
     use std::slice::from_ref;

@@ -123,7 +123,8 @@ fn selected(mut baseline: Baseline, options: Options<'_>) -> Searched {
         return Searched::nothing(answer, untried, baseline);
     }
     if pool.len() == 1 && graded.is_none() {
-        pool.extend(best_so_far(&context, &coarse));
+        // The search ended early: the nearest single effect is what there is.
+        pool.extend(coarse.first().map(|nearest| final_fit(&context, nearest)));
     }
     let finished = rows(&validator, &pool);
     if let Some(Grading {
@@ -212,11 +213,6 @@ fn rows(validator: &CrossValidator<'_>, pool: &[Candidate]) -> Fitted {
             .map(|candidate| Row::of(validator, candidate.clone()))
             .collect(),
     }
-}
-
-/// The single effect with the least error, for a search that ended early.
-fn best_so_far(context: &FitContext<'_>, coarse: &[Candidate]) -> Option<Candidate> {
-    Some(final_fit(context, coarse.first()?))
 }
 
 /// Limits a selection to what the finished parts support: an effect that would have been

@@ -170,7 +170,7 @@ pub struct Alternative {
     pub kinds: Vec<String>,
     /// Probability among the explanations of the same size.
     pub probability: f64,
-    /// Difference of the information criterion to the best.
+    /// Twice the logarithm of how much less likely the held-out runs are than under the best.
     pub delta_bic: f64,
 }
 

@@ -200,7 +200,7 @@ pub struct Rival {
     /// Share of the error beyond the noise that it explains on held-out runs, over three
     /// horizons together, if measured.
     pub closed: Option<String>,
-    /// Difference of its information criterion to the best.
+    /// Twice the logarithm of how much less likely the held-out runs are than under the best.
     pub delta_bic: String,
 }
 
