@@ -248,6 +248,24 @@ fn a_diagnosis_writes_the_verdict_and_the_repaired_model() {
     assert_eq!(same, found);
 }
 
+/// A tolerance is a number of degrees above zero, and no batch ignores one.
+#[test]
+fn a_tolerance_that_cannot_count_is_refused() {
+    let bench = Bench::with_example("quadratic_damping", "0.4");
+    let refused = |line: &str, why: &str| {
+        let stderr = is_match(why).unwrap();
+        bench.line(line).assert().code(2).stderr(stderr);
+    };
+    let run = "demo/recordings/step60_1.csv";
+    let one = format!("diagnose --model demo/model.toml {run} --tolerance");
+    refused(&format!("{one} 0"), "degrees above zero");
+    refused(&format!("{one} wide"), "degrees above zero");
+    refused(
+        "diagnose --batch cases.csv -o out --tolerance 0.5",
+        "cannot be used with",
+    );
+}
+
 #[test]
 fn a_diagnosis_needs_runs_that_were_not_fitted() {
     let bench = Bench::new();
