@@ -1,31 +1,45 @@
-//! Writes the tables of the decision's constants into the page on the diagnosis.
+//! Writes the tables of the constants into the pages on the diagnosis.
 //!
-//! `cargo run -p host-tools --example policy_table -- docs/diagnosis.md` replaces what
-//! stands between each table's head and the next text; a test holds the two together.
+//! `cargo run -p host-tools --example policy_table -- docs/diagnosis.md docs/diagnosis-details.md`
+//! replaces what stands between a table's head and the next text; a test holds them together.
 
 use std::fmt::Write as _;
+use std::io::Error;
+use std::path::PathBuf;
 
 use host_tools::diagnose::policy::{Policy, Row, Search};
 
-/// The head of a table in the page.
-const HEAD: &str = "   |---|---:|---|---|---|\n";
+/// The head of a table in a page.
+const HEAD: &str = "|---|---:|---|---|---|\n";
 
-/// The tables, in the order of the page.
-const TABLES: [&[Row]; 2] = [Search::ROWS, Policy::ROWS];
+/// The pages in `docs/`, each with its table.
+const TABLES: [(&str, &[Row]); 2] = [
+    ("diagnosis.md", Policy::ROWS),
+    ("diagnosis-details.md", Search::ROWS),
+];
 
 fn main() -> std::io::Result<()> {
-    if let Some(path) = std::env::args().nth(1) {
-        let page = std::fs::read_to_string(&path)?;
-        std::fs::write(&path, with_tables(&page))?;
-    } else {
-        for rows in TABLES {
+    let paths: Vec<PathBuf> = std::env::args_os().skip(1).map(PathBuf::from).collect();
+    if paths.is_empty() {
+        for (_, rows) in TABLES {
             println!("{}", table(rows));
         }
+    }
+    for path in paths {
+        let is_this = |(page, _): &(&str, &[Row])| path.ends_with(page);
+        let Some((_, rows)) = TABLES.into_iter().find(is_this) else {
+            return Err(Error::other(format!(
+                "{}: no page with a table",
+                path.display()
+            )));
+        };
+        let page = std::fs::read_to_string(&path)?;
+        std::fs::write(&path, with_table(&page, rows))?;
     }
     Ok(())
 }
 
-/// The rows of a table, indented as a part of a list.
+/// The rows of a table.
 fn table(rows: &[Row]) -> String {
     let mut text = String::new();
     for (name, value, unit, meaning, origin) in rows {
@@ -33,7 +47,7 @@ fn table(rows: &[Row]) -> String {
         // Writing to a string cannot fail.
         let _ = writeln!(
             text,
-            "   | `{name}` | {} | {unit} | {meaning} | {origin} |",
+            "| `{name}` | {} | {unit} | {meaning} | {origin} |",
             short(*value)
         );
     }
@@ -46,37 +60,31 @@ fn short(value: f64) -> String {
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
-/// The page with its tables as the code has them.
-fn with_tables(page: &str) -> String {
-    let mut parts = page.split(HEAD);
-    let mut text = parts.next().unwrap_or_default().to_owned();
-    for (rows, rest) in TABLES.into_iter().zip(parts) {
-        let after: Vec<&str> = rest
-            .lines()
-            .skip_while(|line| line.trim_start().starts_with('|'))
-            .collect();
-        text += HEAD;
-        text += &table(rows);
-        text += &after.join("\n");
-        text += "\n";
-    }
-    text
+/// A page with its table as the code has it.
+fn with_table(page: &str, rows: &[Row]) -> String {
+    let Some((before, rest)) = page.split_once(HEAD) else {
+        return page.to_owned();
+    };
+    let after: String = rest
+        .split_inclusive('\n')
+        .skip_while(|line| line.starts_with('|'))
+        .collect();
+    format!("{before}{HEAD}{}{after}", table(rows))
 }
 
 #[cfg(test)]
 mod tests {
     #[test]
-    fn page_has_the_constants_of_the_code() {
-        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/diagnosis.md");
-        let written = std::fs::read_to_string(path).unwrap_or_default();
-        assert_eq!(
-            super::with_tables(&written),
-            written,
-            "docs/diagnosis.md is out of date: \
-             cargo run -p host-tools --example policy_table -- docs/diagnosis.md"
-        );
-        for rows in super::TABLES {
-            assert!(written.contains(&super::table(rows)));
+    fn pages_have_the_constants_of_the_code() {
+        for (page, rows) in super::TABLES {
+            let path = format!("{}/../docs/{page}", env!("CARGO_MANIFEST_DIR"));
+            let written = std::fs::read_to_string(path).unwrap_or_default();
+            assert!(
+                written.contains(&super::table(rows))
+                    && super::with_table(&written, rows) == written,
+                "docs/{page} is out of date: \
+                 cargo run -p host-tools --example policy_table -- docs/{page}"
+            );
         }
     }
 }

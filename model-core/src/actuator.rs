@@ -400,8 +400,16 @@ impl<R: Real, P: Power<R>> Model<R, P> {
     /// creep, a largest angle, a play) begins as if it had rested here, and only
     /// a sensor's lag takes the rate into account.
     pub fn moving(&self, angle: R, rate: R, pressure: R) -> State<R> {
+        self.coming_from(angle, Motion { angle, rate }, pressure)
+    }
+
+    /// Like [`Model::moving`], but what has a past (a creep, a largest angle) has settled at
+    /// the angle `settled` (rad).
+    pub fn coming_from(&self, settled: R, motion: Motion<R>, pressure: R) -> State<R> {
+        let Motion { angle, rate } = motion;
         let mut rest = Rest {
-            angle,
+            angle: settled,
+            start: angle,
             rate,
             pressure,
             reading: angle,
@@ -575,8 +583,13 @@ impl<R: Real, P: Power<R>> Model<R, P> {
     /// `rate` (rad/s): like [`Model::moving`], from the other side of the sensor.
     pub fn showing(&self, reading: R, rate: R, pressure: R) -> State<R> {
         let angle = reading;
-        let motion = self.motion_behind(Motion { angle, rate });
-        self.moving(motion.angle, motion.rate, pressure)
+        self.showing_after(R::zero(), Motion { angle, rate }, pressure)
+    }
+
+    /// Like [`Model::showing`], but what has a past has settled `past` (rad) from the angle.
+    pub fn showing_after(&self, past: R, shown: Motion<R>, pressure: R) -> State<R> {
+        let motion = self.motion_behind(shown);
+        self.coming_from(motion.angle + past, motion, pressure)
     }
 
     /// Lets the effects with a memory of events (a largest angle, a play)

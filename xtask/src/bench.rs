@@ -121,17 +121,17 @@ pub fn blind(options: &[&str]) -> Outcome {
         .args(options))
 }
 
-/// Asks the same question otherwise. The options are those of the program in the tests
-/// crate; `--rig` takes another `rig` than the one of this source.
-pub fn invariance(options: &[&str]) -> Outcome {
+/// Asks folders of cases: `invariance`, or `calibration`. The options are those of the
+/// program in the tests crate; `--rig` takes another `rig` than the one of this source.
+pub fn asked(program: &str, options: &[&str]) -> Outcome {
     let mut build = cargo();
     build.args(["build", "-q", "--release", "--locked"]);
-    build.args(["-p", "softrig-tests", "--bin", "invariance"]);
+    build.args(["-p", "softrig-tests", "--bin", program]);
     if !options.iter().any(|option| option.starts_with("--rig")) {
         build.args(["-p", "host-tools", "--bin", "rig"]);
     }
     run(&mut build)?;
-    run(Command::new(target_dir().join("release/invariance"))
+    run(Command::new(target_dir().join("release").join(program))
         .arg("--rig")
         .arg(target_dir().join("release/rig"))
         .arg("--keep")

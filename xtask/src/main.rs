@@ -69,6 +69,9 @@ Tasks:
                          the same question asked otherwise (another seed, order,
                          first model, …): is the answer the same? Needs no labels;
                          --help lists the options
+  bench calibration [OPTIONS]
+                         of what is stated with 95 %, how much is right? On
+                         drawn cases; --docs writes it into docs/diagnosis.md
   bench real [--only NAME,…] [--docs] [--rig PROGRAM]
                          recordings of eight real rigs: the diagnosis beside
                          black boxes; --docs writes docs/real.md; --rig takes
@@ -141,7 +144,11 @@ fn main() -> ExitCode {
         ["bench", "many"] => bench::many(false),
         ["bench", "many", "--docs"] => bench::many(true),
         ["bench", "blind", options @ ..] => bench::blind(options),
-        ["bench", "invariance", options @ ..] => bench::invariance(options),
+        [
+            "bench",
+            program @ ("invariance" | "calibration"),
+            options @ ..,
+        ] => bench::asked(program, options),
         ["bench", "loop", words @ ..] => match bench_loop::Options::parse(words) {
             Ok(options) => bench_loop::bench(&options),
             Err(problem) => return usage(&problem),

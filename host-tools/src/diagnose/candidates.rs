@@ -537,9 +537,20 @@ pub fn final_fit(context: &FitContext<'_>, candidate: &Candidate) -> Candidate {
     )
 }
 
-/// Initial guesses of the fitted `base` with `kind` added.
-pub fn starts_from(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Vec<Model<f64>> {
-    starts(context, base, kind).as_fitted
+/// Initial guesses of the fitted `base` with `kind` added; `beside` are those of what is
+/// missing beside that base, where they are known.
+pub fn starts_from(
+    context: &FitContext<'_>,
+    base: &Candidate,
+    kind: Kind,
+    beside: &Guesses,
+) -> Vec<Model<f64>> {
+    let mut starts = starts(context, base, kind).as_fitted;
+    starts.extend(beside.of_kind(kind).iter().filter_map(|guess| {
+        let effects: Vec<_> = base.fit.model.effects().chain([guess.effect]).collect();
+        Model::new(guess.base, &effects).ok()
+    }));
+    starts
 }
 
 /// Initial guesses of `base` with `kind` added: every combination of the catalogue's

@@ -88,15 +88,30 @@ impl Effects<'_> {
             .any(|(place, ..)| self.candidate.fit.at_bound(place))
     }
 
+    /// Whether the size at a place among the free parameters is not zero: its interval, or that
+    /// of its ratio to the stiffness or the input gain, excludes zero.
+    fn excludes_zero(&self, place: usize, unit: Unit) -> bool {
+        let fit = &self.candidate.fit;
+        let alone = fit.interval95(place);
+        if alone.is_some_and(|(low, high)| low > 0.0 || high < 0.0) {
+            return true;
+        }
+        let is_force = |id| matches!(id, ParameterId::Stiffness | ParameterId::InputGain);
+        unit.is_force()
+            && fit.free.iter().enumerate().any(|(other, &id)| {
+                is_force(id)
+                    && !fit.at_bound(other)
+                    && fit.ratio_within95(place, other).is_some_and(|it| it < 1.0)
+            })
+    }
+
     /// Whether every effect with free parameters has a size that is not zero.
     fn are_determined(&self) -> bool {
         (0..self.candidate.added.len()).all(|effect| {
             let own = || self.parameters().filter(move |it| it.1 == effect);
             let sizes = || own().filter(|(_, _, key, unit)| is_size(key, *unit));
-            let excludes_zero = |(place, ..): (usize, usize, &str, Unit)| {
-                let interval = self.candidate.fit.interval95(place);
-                interval.is_some_and(|(low, high)| low > 0.0 || high < 0.0)
-            };
+            let excludes_zero =
+                |(place, .., unit): (usize, usize, &str, Unit)| self.excludes_zero(place, unit);
             if sizes().next().is_some() {
                 sizes().any(excludes_zero)
             } else {

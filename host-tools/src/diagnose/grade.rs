@@ -12,8 +12,9 @@ use rayon::prelude::*;
 use super::Progress;
 use super::budget::Part;
 use super::candidates::{Candidate, FitContext, coarse_fit, final_fit};
-use super::levels::{Estimate, Levels};
+use super::levels::{Base, Estimate, Levels};
 use super::measure::{Baseline, MeasureContext, Measured};
+use super::missing_force::Guesses;
 use super::noise::NoiseFloor;
 use super::pairs;
 use super::policy::{Policy, Search};
@@ -129,13 +130,18 @@ pub fn graded(
         measured: Vec::new(),
     };
     progress.stage(format!("{} effects at several horizons", kinds.len()), 0);
-    search.extend(&[(&base, screened)], coarse);
+    let nothing = Base {
+        estimate: &base,
+        at: screened,
+        beside: Guesses::default(),
+    };
+    search.extend(&[nothing], coarse);
     if !search.leaves_noise(1, noise) && progress.has_time_for(Part::Combinations) {
         progress.stage("combinations of 2 effects at several horizons", 0);
         let leads = search.leads(1);
-        let leads: Vec<(&Estimate, Vec<usize>)> = leads
+        let leads: Vec<Base<'_>> = leads
             .iter()
-            .map(|(estimate, at)| (estimate, at.clone()))
+            .map(|(estimate, at)| levels.lead(estimate, at.clone(), kinds))
             .collect();
         progress.step("pair screening", JOINED);
         let joined: Vec<Candidate> = pairs::ranked(context, refit, kinds)
@@ -161,7 +167,7 @@ struct Extension<'a> {
 
 impl Extension<'_> {
     /// Extends each base by one further effect.
-    fn extend(&mut self, bases: &[(&Estimate, Vec<usize>)], coarse: &[Candidate]) {
+    fn extend(&mut self, bases: &[Base<'_>], coarse: &[Candidate]) {
         let known: BTreeSet<Vec<Kind>> =
             self.measured.iter().map(|row| row.estimate.set()).collect();
         let found = self.levels.extended(bases, self.kinds, coarse, &known);

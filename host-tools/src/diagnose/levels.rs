@@ -16,6 +16,7 @@ use rayon::prelude::*;
 
 use super::budget::Part;
 use super::candidates::{Candidate, FitContext, free_parameters, starts_from};
+use super::missing_force::Guesses;
 use crate::estimate::filter::{Level, Pace, levels};
 use crate::estimate::fit::{Effort, Fit, Fitter};
 
@@ -50,9 +51,19 @@ impl Estimate {
     }
 }
 
+/// A structure that further effects are added to.
+pub struct Base<'a> {
+    /// The structure.
+    pub estimate: &'a Estimate,
+    /// The levels at which further effects are screened.
+    pub at: Vec<usize>,
+    /// What is missing beside it suggests these.
+    pub beside: Guesses,
+}
+
 /// A structure to screen: the base it extends, and the effect.
 struct Task<'a> {
-    base: &'a Estimate,
+    base: &'a Base<'a>,
     kind: Kind,
     level: usize,
 }
@@ -61,7 +72,7 @@ struct Task<'a> {
 struct Chosen<'a> {
     added: Vec<Kind>,
     /// The base that it extends, if any.
-    base: Option<&'a Estimate>,
+    base: Option<&'a Base<'a>>,
     /// Its initial guess at each level at which it was screened.
     starts: Vec<Option<Model<f64>>>,
 }
@@ -73,6 +84,8 @@ pub struct Levels<'a> {
     horizons: Vec<Option<Level>>,
     /// The pace of the recorded motion.
     pub pace: Pace,
+    /// Noise of the angle (rad).
+    noise: f64,
 }
 
 impl<'a> Levels<'a> {
@@ -87,6 +100,7 @@ impl<'a> Levels<'a> {
             context,
             horizons: chosen.into_iter().map(Some).chain([None]).collect(),
             pace,
+            noise,
         }
     }
 
@@ -108,6 +122,19 @@ impl<'a> Levels<'a> {
 
     fn fitter(&self, level: usize) -> Fitter<'_> {
         self.context.subsample.at(self.horizons[level].as_ref())
+    }
+
+    /// A structure, and what is missing beside it.
+    pub fn lead<'b>(&self, estimate: &'b Estimate, at: Vec<usize>, kinds: &[Kind]) -> Base<'b> {
+        let context = &self.context;
+        let by_output_error = estimate.fits.last();
+        let beside = by_output_error
+            .map(|fit| Guesses::of(context.subsample, fit, self.noise, kinds, context.scales));
+        Base {
+            estimate,
+            at,
+            beside: beside.unwrap_or_default(),
+        }
     }
 
     /// The nominal structure at every level.
@@ -135,7 +162,7 @@ impl<'a> Levels<'a> {
     /// in `known` are skipped.
     pub fn extended<'b>(
         &self,
-        bases: &[(&'b Estimate, Vec<usize>)],
+        bases: &'b [Base<'b>],
         kinds: &[Kind],
         coarse: &[Candidate],
         known: &BTreeSet<Vec<Kind>>,
@@ -143,12 +170,13 @@ impl<'a> Levels<'a> {
         let room = MAX_EFFECTS - self.context.file.model.effects().count();
         let tasks: Vec<Task<'b>> = bases
             .iter()
-            .filter(|(base, _)| base.added.len() < room)
-            .flat_map(|(base, at)| {
-                kinds
-                    .iter()
-                    .filter(|kind| !base.added.contains(kind))
-                    .flat_map(move |&kind| at.iter().map(move |&level| Task { base, kind, level }))
+            .filter(|base| base.estimate.added.len() < room)
+            .flat_map(|base| {
+                let further = |kind: &&Kind| !base.estimate.added.contains(kind);
+                kinds.iter().filter(further).flat_map(move |&kind| {
+                    let at = base.at.iter();
+                    at.map(move |&level| Task { base, kind, level })
+                })
             })
             .filter(|task| !known.contains(&task.set()))
             .collect();
@@ -181,20 +209,17 @@ impl<'a> Levels<'a> {
                 .collect();
             here.sort_by(|a, b| a.1.total_cmp(&b.1));
             for (task, _, model) in here.into_iter().take(KEPT) {
-                let added = appended(&task.base.added, task.kind);
+                let added = task.added();
                 keep(added, Some(task.base), level, model);
             }
         }
         for candidate in coarse.iter().take(KEPT) {
             let model = &candidate.fit.model;
-            let extends = |base: &Estimate| {
-                candidate.added.len() == base.added.len() + 1
-                    && candidate.added.starts_with(&base.added)
+            let extends = |base: &&Base<'_>| {
+                candidate.added.len() == base.estimate.added.len() + 1
+                    && candidate.added.starts_with(&base.estimate.added)
             };
-            let base = bases
-                .iter()
-                .map(|(base, _)| *base)
-                .find(|base| extends(base));
+            let base = bases.iter().find(extends);
             keep(candidate.added.clone(), base, self.output_error(), model);
         }
         let fits = chosen.len() * self.horizons.len();
@@ -208,7 +233,7 @@ impl<'a> Levels<'a> {
 
     /// The best initial guess of an effect at a level, after two steps.
     fn screened(&self, task: &Task<'_>) -> Option<(f64, Model<f64>)> {
-        let added = appended(&task.base.added, task.kind);
+        let added = task.added();
         self.has_time_for(&added)?;
         let _fit = self.context.progress.fit();
         let free = free_parameters(self.context.file, &added);
@@ -222,14 +247,17 @@ impl<'a> Levels<'a> {
     fn initial_guess(
         &self,
         fitter: &Fitter<'_>,
-        base: &Estimate,
+        base: &Base<'_>,
         kind: Kind,
         level: usize,
     ) -> Option<Model<f64>> {
-        let added = appended(&base.added, kind);
+        let Base {
+            estimate, beside, ..
+        } = base;
+        let added = appended(&estimate.added, kind);
         let free = free_parameters(self.context.file, &added);
-        let from = Candidate::of(base.added.clone(), base.fits[level].clone());
-        let starts = starts_from(&self.context, &from, kind);
+        let from = Candidate::of(estimate.added.clone(), estimate.fits[level].clone());
+        let starts = starts_from(&self.context, &from, kind, beside);
         let best = fitter.least_predicted(&starts, &free, 1);
         best.into_iter().next().map(|(_, model)| model)
     }
@@ -333,8 +361,12 @@ impl<'a> Levels<'a> {
 }
 
 impl Task<'_> {
+    fn added(&self) -> Vec<Kind> {
+        appended(&self.base.estimate.added, self.kind)
+    }
+
     fn set(&self) -> Vec<Kind> {
-        sorted(&appended(&self.base.added, self.kind))
+        sorted(&self.added())
     }
 }
 

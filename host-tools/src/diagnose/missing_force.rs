@@ -336,6 +336,7 @@ fn forces(base: &Dynamics<f64>, effect: &Effect<f64>, session: &[Sample]) -> Vec
     };
     let mut hidden = effect.at_rest(&Rest {
         angle: first.angle,
+        start: first.angle,
         rate: first.rate,
         pressure: first.pressure,
         reading: first.angle,

@@ -17,6 +17,7 @@ use crate::estimate::Nuisance;
 use crate::estimate::fit::Fitter;
 
 use super::candidates::{Candidate, FitContext, Predicted, free_parameters, starts_from};
+use super::missing_force::Guesses;
 
 /// Initial guesses of each effect that are combined with those of every other.
 const STARTS: usize = 2;
@@ -80,7 +81,7 @@ fn directions(
     added.push(kind);
     let own = free_parameters(context.file, &added).split_off(base.fit.free.len());
     let free = [at.free.as_slice(), &own].concat();
-    let mut found: Vec<(f64, Direction)> = starts_from(context, base, kind)
+    let mut found: Vec<(f64, Direction)> = starts_from(context, base, kind, &Guesses::default())
         .par_iter()
         .filter_map(|start| {
             let direction = at.direction(context.subsample, kind, start, &free)?;
@@ -228,7 +229,6 @@ mod tests {
 
     use super::super::Progress;
     use super::super::candidates::Scales;
-    use super::super::missing_force::Guesses;
     use super::*;
     use crate::estimate::Dataset;
     use crate::estimate::checkpoint::Checkpoint;

@@ -1,8 +1,8 @@
 //! Every constant of the decision, with its meaning, unit and origin.
 //!
 //! [`super::decide`] reads nothing but [`Policy`], the search that comes before it
-//! [`Search`]. The tables in `docs/diagnosis.md` are written from here,
-//! and a test holds them there.
+//! [`Search`]. The tables in `docs/diagnosis.md` and `docs/diagnosis-details.md` are written
+//! from here, and a test holds them there.
 
 /// A row of the table: name, value, unit, meaning, origin.
 pub type Row = (&'static str, f64, &'static str, &'static str, &'static str);

@@ -205,6 +205,7 @@ impl Session {
                 angle: R::from_f64(nuisance.start.angle - nuisance.angle_zero),
                 rate: R::from_f64(nuisance.start.rate),
             },
+            past: R::from_f64(nuisance.past),
             pressure_zero: R::from_f64(nuisance.pressure_zero),
             clock: R::from_f64(self.clock),
         }
@@ -639,6 +640,41 @@ mod tests {
         }
     }
 
+    /// A piece of a longer recording that begins while the actuator still creeps: the
+    /// dashpot's extension by its own equation, integrated along the recorded angle, is what
+    /// the fit estimates.
+    #[test]
+    fn a_recording_that_begins_in_mid_creep_has_a_past() {
+        const TAU: f64 = 2.5;
+        let model = model(&[Kind::MaxwellBranch.build(&[1.5, TAU]).unwrap()]);
+        let whole = recorded(&model, &[60e3, 20e3, 40e3], &Nuisance::AT_ZERO);
+        let first = 2 * STEP - STEP / 3;
+        let mut extension = whole.angle[0];
+        for pair in whole.angle[..=first].windows(2) {
+            // Exact for an angle that is constant over an interval.
+            let middle = f64::midpoint(pair[0], pair[1]);
+            extension = middle + (extension - middle) * (-0.01 / TAU).exp();
+        }
+        let past = extension - whole.angle[first];
+
+        let piece = Recording {
+            time: whole.time[first..].to_vec(),
+            pressure: whole.pressure[first..].to_vec(),
+            angle: whole.angle[first..].to_vec(),
+            ..Recording::default()
+        };
+        let data = Dataset::of(&[piece]);
+        let fit = Fitter::new(&model, &data).compare(&model);
+        let found = fit.nuisances[0].past;
+        println!("past {past} rad, found {found}, {:e} rad left", fit.rmse());
+        assert!(past.abs() > 0.02, "{past}");
+        assert!(
+            (found - past).abs() < 0.05 * past.abs(),
+            "{found}, not {past}"
+        );
+        assert!(fit.rmse() < 1e-4, "{:e}", fit.rmse());
+    }
+
     #[test]
     fn zeros_of_the_sensors_are_found_with_the_parameters() {
         let truth = model(&[]);
@@ -650,6 +686,7 @@ mod tests {
                 angle: angle_zero,
                 rate: 0.0,
             },
+            past: 0.0,
         };
         let recording = recorded(&truth, &[15e3, 30e3, 60e3], &known);
         let data = Dataset::of(&[recording]);

@@ -164,6 +164,27 @@ impl Fit {
             .collect()
     }
 
+    /// Half the 95 % interval of the ratio of two free parameters, relative to the ratio, by
+    /// the delta method. Where an inertia does not show, all forces can grow together, and
+    /// their ratios are all that the recordings determine.
+    pub fn ratio_within95(&self, index: usize, other: usize) -> Option<f64> {
+        let covariance = self.information.covariance()?;
+        let relative = |place: usize| {
+            let value = self.model.value(*self.free.get(place)?)?;
+            Some(
+                self.transforms
+                    .get(place)?
+                    .slope(*self.position.get(place)?)
+                    / value,
+            )
+        };
+        let (a, b) = (relative(index)?, relative(other)?);
+        let variance = a * a * covariance[(index, index)] + b * b * covariance[(other, other)]
+            - 2.0 * a * b * covariance[(index, other)];
+        let within = student95(self.information.degrees_of_freedom()) * variance.max(0.0).sqrt();
+        within.is_finite().then_some(within)
+    }
+
     /// Whether the free parameter at `index` ended at a bound of its search range.
     pub fn at_bound(&self, index: usize) -> bool {
         self.transforms

@@ -3,7 +3,7 @@
 //! The zeros of both sensors are never known exactly, and the initial state of a session
 //! is measured with noise. On a rig with the exponent 2.4 the stiffness vanishes at 0°,
 //! and an error of 0.3 kPa in the pressure zero moves the rest angle by 9°: a fit would
-//! distort an effect to repair it. So each session has four unknowns of its own,
+//! distort an effect to repair it. So each session has five unknowns of its own,
 //!
 //! ```text
 //! p = p_measured − p₀        y_measured = y + b        y(0) = s − b,  ẏ(0) = r
@@ -15,11 +15,17 @@
 //! | b | zero of the angle (rad) | the calibration, else 0 ± 2° |
 //! | s | measured angle at the first sample (rad) | the rest, or a parabola |
 //! | r | its rate (rad/s) | the same |
+//! | h | where what creeps had settled before, from the angle at the start (rad) | 0 ± a third of the swing; after a rest, a tenth of that |
+//!
+//! A recording that was cut out of a longer one begins in mid-creep: the dashpot of a Maxwell
+//! branch is extended by θ(0) + h, not by θ(0). Without h, a creep that explains the first
+//! half of a long record says nothing about the second. A rest of unknown length before a run
+//! does not let all of a creep recover either.
 //!
 //! Each prior adds one residual to the sum of squares, (estimate − mean)/standard deviation, in
 //! units of the angle's noise. A zero beyond [`FARTHEST`] standard deviations is no error
-//! of a zero: a [`wall`] keeps estimates below that, and an effect has to explain the
-//! rest.
+//! of a zero, and nothing creeps from beyond the swing: a [`wall`] keeps estimates below that,
+//! and an effect has to explain the rest.
 //!
 //! This weighs a zero against white noise. Where a model leaves a correlated error, a
 //! zero far from its mean could remove a little of that error in every sample, at the
@@ -58,14 +64,26 @@ const ANGLE_ZERO_APART_RAD: f64 = 0.001_745_329_251_994_329_6;
 /// Standard deviation of a zero that is held (Pa).
 const HELD_PA: f64 = 1e-3;
 
+/// Standard deviation of the past, as a share of the swing: [`FARTHEST`] of it are the swing.
+const PAST: f64 = 1.0 / FARTHEST;
+
+/// The share of that after a rest: what a rest of a few time constants leaves.
+const PAST_AFTER_REST: f64 = 0.1;
+
+/// Least standard deviation of the past (rad).
+const LEAST_PAST_RAD: f64 = 1e-9;
+
 /// Largest departure of a zero, in standard deviations.
 pub const FARTHEST: f64 = 3.0;
 
 /// Unknowns of a session.
-pub const UNKNOWNS: usize = 4;
+pub const UNKNOWNS: usize = 5;
 
 /// The unknowns that are zeros of sensors.
 pub const ZEROS: Range<usize> = 0..2;
+
+/// The unknown that is the past.
+pub const PAST_PLACE: usize = 4;
 
 /// The unknowns of one session.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -76,6 +94,8 @@ pub struct Nuisance {
     pub angle_zero: f64,
     /// The measured angle and its rate at the first sample.
     pub start: InitialState<f64>,
+    /// Where what creeps had settled before, from the angle at the start (rad).
+    pub past: f64,
 }
 
 impl Nuisance {
@@ -87,21 +107,23 @@ impl Nuisance {
             angle: 0.0,
             rate: 0.0,
         },
+        past: 0.0,
     };
 
-    /// From pressure zero, angle zero, initial angle, initial rate.
-    fn of([pressure_zero, angle_zero, angle, rate]: [f64; UNKNOWNS]) -> Self {
+    /// From pressure zero, angle zero, initial angle, initial rate, past.
+    fn of([pressure_zero, angle_zero, angle, rate, past]: [f64; UNKNOWNS]) -> Self {
         Self {
             pressure_zero,
             angle_zero,
             start: InitialState { angle, rate },
+            past,
         }
     }
 
     /// The inverse of [`Nuisance::of`].
     fn values(&self) -> [f64; UNKNOWNS] {
         let InitialState { angle, rate } = self.start;
-        [self.pressure_zero, self.angle_zero, angle, rate]
+        [self.pressure_zero, self.angle_zero, angle, rate, self.past]
     }
 }
 
@@ -151,20 +173,25 @@ impl Prior {
         } else {
             at_rest(recording, rest, noise)
         };
+        let after = if rest == 0 { 1.0 } else { PAST_AFTER_REST };
+        let past = after * PAST * swing(&recording.angle);
         Self {
             mean: Nuisance {
                 pressure_zero: 0.0,
                 angle_zero: 0.0,
                 start,
+                past: 0.0,
             },
             deviation: Nuisance {
                 pressure_zero: pressure_zero.max(HELD_PA),
                 angle_zero: angle_zero.max(1e-9),
                 start: deviation,
+                past: past.max(LEAST_PAST_RAD),
             },
             apart: [
                 apart(PRESSURE_ZERO_APART_PA).filter(|sd| *sd < pressure_zero),
                 apart(ANGLE_ZERO_APART_RAD),
+                None,
                 None,
                 None,
             ],
@@ -190,7 +217,7 @@ impl Prior {
     }
 
     /// Departures of estimates from the prior means, in standard deviations: pressure
-    /// zero, angle zero, initial angle, initial rate.
+    /// zero, angle zero, initial angle, initial rate, past.
     pub fn departures(&self, estimate: &Nuisance) -> [f64; UNKNOWNS] {
         let (estimate, mean, sd) = (estimate.values(), self.mean.values(), self.deviations());
         std::array::from_fn(|k| (estimate[k] - mean[k]) / sd[k])
@@ -216,7 +243,7 @@ impl Prior {
     }
 }
 
-/// The soft bound of a zero beyond [`FARTHEST`] standard deviations: what it adds to the
+/// The soft bound of a zero or a past beyond [`FARTHEST`] standard deviations: what it adds to the
 /// zero's residual in a fit to `samples` samples, and its slope. It must cost more than a
 /// zero can gain where a missing effect moves thousands of samples, so it grows with
 /// their number: one standard deviation beyond weighs as much as three times the noise in
@@ -443,10 +470,10 @@ mod tests {
 
         #[test]
         fn positions_and_estimates_are_inverse(
-            pressure in -0.9..0.9f64, angle in -0.9..0.9f64, start in -5.0..5.0f64, rate in -5.0..5.0f64,
+            pressure in -0.9..0.9f64, angle in -0.9..0.9f64, start in -5.0..5.0f64, rate in -5.0..5.0f64, past in -5.0..5.0f64,
         ) {
             let prior = Prior::of(&resting(0.1, 0.0));
-            let position = [pressure, angle, start, rate];
+            let position = [pressure, angle, start, rate, past];
             let back = prior.departures(&prior.at(position));
             for (there, here) in back.iter().zip(position) {
                 prop_assert!((there - here).abs() < 1e-9);

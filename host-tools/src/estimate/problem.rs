@@ -14,7 +14,7 @@ use super::filter::{Innovation, Level, normalised, pass};
 use super::fit::{Effort, Fit, Fitter};
 use super::information::{Information, Recorded, without_nuisance};
 use super::normal::{Normal, SharedRow};
-use super::nuisance::{Nuisance, Prior, Shared, UNKNOWNS, ZEROS, wall};
+use super::nuisance::{Nuisance, PAST_PLACE, Prior, Shared, UNKNOWNS, ZEROS, wall};
 use super::transform::{Limits, ParameterTransform};
 use super::{Dataset, Session};
 use crate::sim::dual::Dual;
@@ -66,9 +66,9 @@ impl Part<'_> {
     }
 }
 
-/// The soft bound of a zero, see [`wall`]. An initial state has none.
+/// The soft bound of a zero or of the past, see [`wall`]. An initial state has none.
 fn wall_of(unknown: usize, departure: f64, samples: usize) -> [f64; 2] {
-    if ZEROS.contains(&unknown) {
+    if ZEROS.contains(&unknown) || unknown == PAST_PLACE {
         wall(departure, samples)
     } else {
         [0.0, 0.0]
@@ -515,7 +515,7 @@ impl<'a> Problem<'a> {
     }
 
     /// One session by simulation: the columns of one block of variables, which are the free
-    /// parameters, the pressure zero and the initial state.
+    /// parameters, the pressure zero, the initial state and the past.
     fn simulated<const N: usize>(
         &self,
         model: &Model<Dual<N>>,
@@ -534,6 +534,7 @@ impl<'a> Problem<'a> {
                 angle: unknown(nuisance.start.angle - nuisance.angle_zero, 1),
                 rate: unknown(nuisance.start.rate, 2),
             },
+            past: unknown(nuisance.past, 3),
             pressure_zero: unknown(nuisance.pressure_zero, 0),
             clock: Dual::constant(session.clock()),
         };
@@ -560,7 +561,7 @@ impl<'a> Problem<'a> {
                             jacobian[(row, free + 1)] = (1.0 - by) * slopes[1];
                             jacobian[(row, free + 2)] = by * slopes[2];
                         }
-                        _ => jacobian[(row, free + 3)] = by * slopes[3],
+                        own => jacobian[(row, free + own + 1)] = by * slopes[own + 1],
                     }
                 }
             }
@@ -605,11 +606,11 @@ impl<'a> Problem<'a> {
             residual: DVector::zeros(part.rows()),
             log_variance: 0.0,
         };
-        // The zero of the pressure; and the initial state, which a filter estimates: it needs
-        // two derivatives of its own instead.
+        // Of the unknowns of the session the zero of the angle needs none. The initial state is
+        // estimated by a filter, which needs two derivatives of its own instead.
         let (variables, kept) = match self.level {
             Some(_) => (self.free.len() + 1, 2),
-            None => (self.free.len() + 3, 0),
+            None => (self.free.len() + UNKNOWNS - 1, 0),
         };
         let mut first = 0;
         while first < variables {

@@ -8,6 +8,7 @@
 
 use model_core::actuator::{Model, State};
 use model_core::dynamics::Rates;
+use model_core::effects::Motion;
 use model_core::input::Input;
 use model_core::integrate::{Scheme, step, step_about};
 use model_core::power::Power;
@@ -216,6 +217,8 @@ pub struct InitialState<R> {
 pub struct Origin<R> {
     /// Where it starts.
     pub start: InitialState<R>,
+    /// Where what creeps had settled before, from the angle at the start (rad).
+    pub past: R,
     /// The zero of the pressure sensor (Pa).
     pub pressure_zero: R,
     /// Time on the rig's clock at the first sample (s): drifts run by it.
@@ -468,11 +471,16 @@ pub fn state_at<R: FromF64, P: Power<R>>(
 ) -> State<R> {
     let Origin {
         start,
+        past,
         pressure_zero: zero,
         clock,
     } = *origin;
     let pressure = R::from_f64(signal.value[0]) - zero;
-    let mut state: State<R> = model.showing(start.angle, start.rate, pressure);
+    let shown = Motion {
+        angle: start.angle,
+        rate: start.rate,
+    };
+    let mut state: State<R> = model.showing_after(past, shown, pressure);
     if clock.to_f64() != 0.0 {
         // What has drifted by then is in the reading already.
         state.time = clock;
@@ -493,6 +501,7 @@ pub fn run<R: FromF64, P: Power<R>>(
     let stepping = Stepping::runge_kutta(substeps);
     let origin = Origin {
         start,
+        past: R::zero(),
         pressure_zero: R::zero(),
         clock: R::zero(),
     };
@@ -625,6 +634,7 @@ mod tests {
                     angle: 0.3,
                     rate: 0.0,
                 },
+                past: 0.0,
                 pressure_zero: 0.0,
                 clock: 0.0,
             };

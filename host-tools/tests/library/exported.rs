@@ -110,6 +110,7 @@ impl Recorded {
                 angle: shown,
                 rate: defaults.start_deg_per_s.to_radians(),
             },
+            past: 0.0,
             pressure_zero: 1000.0 * defaults.pressure_zero_kpa,
             clock: 0.0,
         };

@@ -21,11 +21,12 @@
 //! speed; below D it is a spring a/D.
 //!
 //! ẇ has corners at ω = 0 and w = 0. w is stiff where D is small: its rate is
-//! |ω|/D. A run starts with w = 0, as if the actuator had been worked loose; a
-//! piece that was cut out of a longer run starts so too, although its loop was
-//! most likely at ±1, which is where this is weak.
+//! |ω|/D. A run starts with w = 0, as if the actuator had been worked loose. A
+//! piece that was cut out of a longer run starts on its loop, at
+//! w = tanh((½ + B) x/D)/(½ + B), with the way x from where w was zero: nearly
+//! the loading curve, and smooth, since x has to be estimated.
 
-use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
+use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Rest, Unit, parameters};
 use crate::dynamics::{Dynamics, Rates};
 use crate::real::Real;
 
@@ -86,9 +87,21 @@ parameters! {
     }
 }
 
+impl<R: Real> BoucWenHysteresis<R> {
+    /// ½ + B; where no end bounds the loop, an eighth.
+    fn end(&self) -> R {
+        (R::half() + self.shape).max(R::from_f32(0.125))
+    }
+}
+
 impl<R: Real> Mechanism<R> for BoucWenHysteresis<R> {
     fn integrates(&self) -> bool {
         true
+    }
+
+    fn at_rest(&self, rest: &Rest<R>) -> Hidden<R> {
+        let way = (rest.start - rest.angle) / self.yield_angle;
+        [(self.end() * way).tanh() / self.end(), R::zero()]
     }
 
     fn force(&self, at: &Instant<R>, hidden: &Hidden<R>, rates: &mut Hidden<R>) -> R {
@@ -104,8 +117,7 @@ impl<R: Real> Mechanism<R> for BoucWenHysteresis<R> {
         let swing = (angle + R::one()) * R::half();
         // Unloading from the end of the loop is the steepest: 1/(½ + B) times
         // the slope at w = 0. Where no end bounds the loop, eight times.
-        let end = (R::half() + self.shape).max(R::from_f32(0.125));
-        let steepest = (R::one() / end).max(R::one());
+        let steepest = (R::one() / self.end()).max(R::one());
         Rates {
             stiffness: self.force * steepest / (self.yield_angle * dynamics.inertia),
             relaxation: swing * (R::half() + self.shape.abs()) / self.yield_angle,
@@ -118,7 +130,7 @@ mod tests {
     use crate::actuator::State;
     use crate::catalogue::Kind;
     use crate::effects::testing::{run, spring};
-    use crate::effects::{Instant, Mechanism};
+    use crate::effects::{Instant, Mechanism, Motion};
     use crate::input::Held;
 
     const YIELD: f64 = 0.2;
@@ -155,6 +167,27 @@ mod tests {
         let to_zero = after(loaded, -0.7, -w * YIELD);
         let reversed = after(to_zero, -0.7, -0.3);
         assert!((reversed.hidden[0][0] + 1.0 - f64::exp(-0.3 / YIELD)).abs() < 1e-8);
+    }
+
+    /// The state that is estimated where a recording begins on the loop: none where it has
+    /// settled, along the loading curve near it, at the end of the loop far from it.
+    #[test]
+    fn a_past_is_a_place_on_the_loop() {
+        let effect = Kind::BoucWenHysteresis.build(&[1.0, YIELD, 0.25]).unwrap();
+        let model = spring(1.0, 0.0, 0.0, &[effect]);
+        let end = 1.0 / 0.75;
+        let at = |way: f64| {
+            let motion = Motion {
+                angle: 0.4,
+                rate: 0.0,
+            };
+            model.coming_from(0.4 - way, motion, 0.0).hidden[0][0]
+        };
+        assert_eq!(at(0.0), model.at_rest(0.4, 0.0).hidden[0][0]);
+        let little = 1e-4 * YIELD;
+        assert!((at(little) / 1e-4 - 1.0).abs() < 1e-6);
+        assert!((at(-little) + at(little)).abs() < 1e-12);
+        assert!((at(40.0 * YIELD) - end).abs() < 1e-9);
     }
 
     #[test]

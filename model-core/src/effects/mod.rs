@@ -74,8 +74,11 @@ pub struct Instant<R> {
 /// Where a run starts: what hidden states settle to.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rest<R> {
-    /// Bending angle θ (rad).
+    /// Bending angle θ (rad) at which what has a past has settled.
     pub angle: R,
+    /// Bending angle θ (rad) at which the run starts: the same but for a run that was cut
+    /// out of a longer one.
+    pub start: R,
     /// Angular rate θ̇ (rad/s); zero but for a run that starts in motion.
     pub rate: R,
     /// Gauge pressure (Pa) that enters the effect.

@@ -29,6 +29,8 @@ pub struct Answer {
     pub rivals: Vec<Kinds>,
     /// The family of these rivals.
     pub family: Option<String>,
+    /// The probability of each named effect, or of each rival.
+    pub stated: Vec<(Kinds, f64)>,
     /// RMS error of the refitted model on the fitted recordings (°).
     pub refit_deg: f64,
 }
@@ -43,7 +45,19 @@ impl Answer {
         };
         let word = verdict["verdict"].as_str()?.to_owned();
         let list = |key: &str| verdict[key].as_array().into_iter().flatten();
+        let probability = |it: &Value| it["probability"].as_f64();
+        let stated: Vec<(Kinds, f64)> = if word == "cannot_tell" {
+            list("alternatives")
+                .filter_map(|rival| Some((kinds(&rival["kinds"]), probability(rival)?)))
+                .collect()
+        } else {
+            let name = |effect: &Value| Some(Kinds::from([effect["kind"].as_str()?.to_owned()]));
+            list("effects")
+                .filter_map(|effect| Some((name(effect)?, probability(effect)?)))
+                .collect()
+        };
         Some(Self {
+            stated,
             named: list("effects")
                 .filter_map(|effect| Some(effect["kind"].as_str()?.to_owned()))
                 .collect(),

@@ -19,7 +19,7 @@ use crate::blind::cases::stable_hash;
 use crate::blind::verdicts::{at_once, remaining};
 
 /// Kept answers of another version of the ways are asked for again.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 /// How long `rig init` may take.
 const INIT_LIMIT: Duration = Duration::from_secs(300);
 /// How often a running program is looked at.

@@ -9,8 +9,9 @@ use clap::ValueEnum;
 use super::known::{self, Known, Labels};
 use super::pose::text_of;
 use super::ways::{columns_of, model_file};
-use crate::blind::bench;
-use crate::blind::cases::stable_hash;
+use crate::blind::cases::{self as clean, stable_hash};
+use crate::blind::experiments::Set as Experiments;
+use crate::blind::{self, bench};
 use crate::shared;
 
 /// Where a case keeps the recordings to fit: `before` is what `cargo xtask bench loop` writes.
@@ -25,6 +26,8 @@ pub enum Set {
     Real,
     /// Simulated cases with hidden effects, in `cases` of the shared folder
     Cases,
+    /// Cases of the blind benchmark, drawn here
+    Drawn,
     /// Bench sessions of the blind benchmark, drawn here
     Bench,
     /// Sessions on virtual rigs that `cargo xtask bench loop` left in target/loop
@@ -81,6 +84,7 @@ impl CaseSet {
             Set::Rigs => "rigs",
             Set::Real => "real",
             Set::Cases => "cases",
+            Set::Drawn => "drawn",
             Set::Bench => "bench",
             Set::Loop => "loop",
         };
@@ -103,8 +107,12 @@ impl CaseSet {
                 let labels = known::of_answers(&folder.join("answers.json"))?;
                 Self::below(name, &folder, labels)
             }
-            Set::Bench => {
+            Set::Drawn => {
                 let (folder, labels) = draw(places)?;
+                Self::below(name, &folder, labels)
+            }
+            Set::Bench => {
+                let (folder, labels) = draw_sessions(places)?;
                 let mut set = Self::below(name, &folder, labels)?;
                 // Those of an earlier and larger draw lie there as well.
                 set.cases.truncate(places.count as usize);
@@ -233,8 +241,31 @@ fn recordings_in(folder: &Path) -> Result<Vec<PathBuf>, String> {
     Ok(paths)
 }
 
-/// Writes the bench sessions that are not there yet; their folder, and what they hide.
+/// Writes the drawn cases that are not there yet; their folder, and what they hide.
 fn draw(places: &Places) -> Result<(PathBuf, Labels), String> {
+    let generator = stable_hash(blind::GENERATOR.as_bytes()) >> 32;
+    // A case depends on how many there are.
+    let name = format!("seed{}_{}_{generator:08x}", places.seed, places.count);
+    let folder = places.drawn.join(name);
+    let set = Experiments::Rich;
+    let plans = clean::plan(set, places.count, &[], places.seed);
+    let name = |number: usize| format!("{}_{number:03}", set.name());
+    let is_drawn = |number| folder.join(name(number)).join("model.toml").exists();
+    if !(0..plans.len()).all(is_drawn) {
+        eprintln!("drawing {} cases", plans.len());
+        clean::make_all(&plans, places.seed, |made| {
+            made.write(&folder.join(&made.answer.case))?;
+            Ok::<_, host_tools::io::error::InputError>(made.answer)
+        })
+        .map_err(|error| error.to_string())?;
+    }
+    let known = plans.iter().enumerate();
+    let labels = known.filter_map(|(number, plan)| Some((name(number), known::of_drawn(plan)?)));
+    Ok((folder, labels.collect()))
+}
+
+/// Writes the bench sessions that are not there yet; their folder, and what they hide.
+fn draw_sessions(places: &Places) -> Result<(PathBuf, Labels), String> {
     let generator = stable_hash(bench::GENERATOR.as_bytes()) >> 32;
     let name = format!("bench_seed{}_{generator:08x}", places.seed);
     let folder = places.drawn.join(name);

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use super::answer::{Answer, Kinds};
 use super::pose::text_of;
 use crate::blind::bench::cases::Plan;
-use crate::blind::cases::Hidden;
+use crate::blind::cases::{self as clean, Hidden};
 
 /// Labels by the name of the case.
 pub type Labels = BTreeMap<String, Known>;
@@ -36,12 +36,15 @@ pub struct Known {
 }
 
 impl Known {
+    /// How sure a label is that was drawn.
+    pub const CERTAIN: &'static str = "certain";
+
     /// Exactly these effects are missing; where there are none, it is a control.
     pub fn exactly(kinds: Kinds) -> Self {
         Self {
             control: kinds.is_empty(),
             accept: Some(vec![kinds]),
-            certainty: Some("certain".into()),
+            certainty: Some(Self::CERTAIN.into()),
             ..Self::default()
         }
     }
@@ -147,6 +150,15 @@ pub fn of_plan(plan: &Plan) -> Option<Known> {
         return None;
     }
     let kinds = plan.laws.iter().filter_map(|law| law.kind());
+    Some(Known::exactly(kinds.map(str::to_owned).collect()))
+}
+
+/// What a drawn case hides; none if it is outside the catalogue.
+pub fn of_drawn(plan: &clean::Plan) -> Option<Known> {
+    if plan.hidden == Hidden::Outside {
+        return None;
+    }
+    let kinds = plan.formulas.iter().filter_map(|it| it.row().kind);
     Some(Known::exactly(kinds.map(str::to_owned).collect()))
 }
 

@@ -7,11 +7,15 @@
 //!
 //! [`cases`] finds the cases, [`ways`] says how a question is changed, [`pose`] writes the
 //! changed files, [`ask`] runs `rig` and keeps what it said, [`answer`] compares two answers,
-//! [`known`] scores them where somebody knows the truth, and [`tables`] prints.
+//! [`known`] scores them where somebody knows the truth, and [`tables`] prints. On the same
+//! cases [`calibration`] counts how often what is stated with a probability is right;
+//! [`choice`] is what both let one choose.
 
 pub mod answer;
 pub mod ask;
+pub mod calibration;
 pub mod cases;
+pub mod choice;
 pub mod known;
 pub mod pose;
 pub mod tables;
