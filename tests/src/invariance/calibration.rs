@@ -211,8 +211,8 @@ impl Calibration {
         let bins = self.bins();
         let line = |role| Style::new(role, Mark::Line);
         let mut panel = Panel::new("stated probability", "share that is right")
-            .with_x_range(0.0, 1.0)
-            .with_y_range(0.0, 1.0)
+            .with_x_range(0.0, 1.1)
+            .with_y_range(0.0, 1.02)
             .with_series(Series::new(
                 "as stated",
                 &[0.0, 1.0],
