@@ -243,8 +243,8 @@ impl Prior {
     }
 }
 
-/// The soft bound of a zero or a past beyond [`FARTHEST`] standard deviations: what it adds to the
-/// zero's residual in a fit to `samples` samples, and its slope. It must cost more than a
+/// The soft bound of a zero or a past beyond [`FARTHEST`] standard deviations: what it adds
+/// to the residual in a fit to `samples` samples, and its slope. It must cost more than a
 /// zero can gain where a missing effect moves thousands of samples, so it grows with
 /// their number: one standard deviation beyond weighs as much as three times the noise in
 /// every sample.
@@ -470,7 +470,8 @@ mod tests {
 
         #[test]
         fn positions_and_estimates_are_inverse(
-            pressure in -0.9..0.9f64, angle in -0.9..0.9f64, start in -5.0..5.0f64, rate in -5.0..5.0f64, past in -5.0..5.0f64,
+            pressure in -0.9..0.9f64, angle in -0.9..0.9f64,
+            start in -5.0..5.0f64, rate in -5.0..5.0f64, past in -5.0..5.0f64,
         ) {
             let prior = Prior::of(&resting(0.1, 0.0));
             let position = [pressure, angle, start, rate, past];

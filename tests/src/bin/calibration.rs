@@ -78,7 +78,7 @@ fn run(args: &Args) -> Result<(), String> {
     let all = Calibration::joined(&each);
     let words: Vec<String> = sets
         .iter()
-        .map(|set| format!("{} {}", set.cases.len(), set.name))
+        .map(|set| format!("{} cases of the set {}", set.cases.len(), set.name))
         .collect();
     let subtitle = format!("{}; seed {}", words.join(", "), choice.draw_seed);
     if sets.len() > 1 {

@@ -17,7 +17,7 @@ use super::known::Known;
 /// Upper edges of the bins of stated probability.
 const EDGES: [f64; 6] = [0.05, 0.2, 0.5, 0.8, 0.95, 1.0];
 /// From here on a name is stated as sure.
-pub const SURE: f64 = 0.95;
+const SURE: f64 = 0.95;
 /// A probability of 0 or 1 that is wrong would cost infinitely much.
 const LEAST: f64 = 0.005;
 
