@@ -65,7 +65,7 @@ impl Diagnosis {
     /// The answer: effect_found, parameters_only, no_discrepancy, cannot_tell or unexplained.
     #[getter]
     fn answer(&self) -> PyResult<String> {
-        let answer = serde_json::to_value(self.found.answer).map_err(defect)?;
+        let answer = serde_json::to_value(self.found.finding.answer()).map_err(defect)?;
         Ok(answer.as_str().unwrap_or_default().to_owned())
     }
 
@@ -78,7 +78,12 @@ impl Diagnosis {
     /// Kinds of the effects that are named, as in model files.
     #[getter]
     fn effects(&self) -> Vec<&'static str> {
-        self.found.named.iter().map(|kind| kind.name()).collect()
+        self.found
+            .finding
+            .inclusions()
+            .iter()
+            .map(|it| it.kind.name())
+            .collect()
     }
 
     /// What is noteworthy about the recordings.

@@ -6,12 +6,12 @@
 use model_core::actuator::Model;
 
 use super::candidates::Candidate;
+use super::finding::Finding;
 use super::identifiability::{self, Identifiability, Refitted};
 use super::measure::excess;
 use super::noise::{NoiseFloor, adequate};
 use super::policy::{Policy, Search};
 use super::validation::CrossValidator;
-use super::verdict::Answer;
 use super::{Progress, Request};
 use crate::estimate::Dataset;
 use crate::estimate::fit::{Effort, Fit, Fitter};
@@ -118,33 +118,39 @@ impl Baseline {
     }
 
     /// The answer if only noise is left without any effect.
-    pub fn quiet(&self, validator: &CrossValidator<'_>) -> Option<Answer> {
-        if adequate(&self.nominal, &self.floor) {
-            return Some(Answer::NoDiscrepancy);
-        }
-        adequate(&self.refit.fit, &self.floor).then(|| self.without_an_effect(validator))
+    pub fn quiet(&self, validator: &CrossValidator<'_>) -> Option<Finding> {
+        let refitted = if adequate(&self.nominal, &self.floor) {
+            false
+        } else if adequate(&self.refit.fit, &self.floor) {
+            self.were_parameters_off(validator)
+        } else {
+            return None;
+        };
+        Some(Finding::Quiet {
+            refitted,
+            immaterial: false,
+        })
     }
 
     /// The answer if nothing that no effect explains matters: the refit leaves less than the
     /// tolerance beyond the noise, fitted and held out.
-    pub fn immaterial(&self, validator: &CrossValidator<'_>) -> Option<Answer> {
+    pub fn immaterial(&self, validator: &CrossValidator<'_>) -> Option<Finding> {
         let noise = self.floor.rms.hypot(self.floor.input);
         let errors = [self.refit.fit.rmse(), validator.error_of(&self.refit)];
         let tolerance = tolerance(&self.data);
         errors
             .into_iter()
             .all(|error| excess(error, noise, &Policy::STANDARD) <= tolerance)
-            .then(|| self.without_an_effect(validator))
+            .then(|| Finding::Quiet {
+                refitted: self.were_parameters_off(validator),
+                immaterial: true,
+            })
     }
 
     /// Whether the parameters were off: those that do not help on held-out segments were not.
-    fn without_an_effect(&self, validator: &CrossValidator<'_>) -> Answer {
+    fn were_parameters_off(&self, validator: &CrossValidator<'_>) -> bool {
         let most = Search::STANDARD.first_leaves * validator.nominal_error();
-        if validator.error_of(&self.refit) < most {
-            Answer::ParametersOnly
-        } else {
-            Answer::NoDiscrepancy
-        }
+        validator.error_of(&self.refit) < most
     }
 }
 

@@ -11,7 +11,7 @@
 //! 6. [`mod@search`] fits the [`candidates`] of the catalogue, alone and in [`pairs`].
 //! 7. [`validation`] tests structures on held-out runs, [`draws`] show how sure a difference
 //!    is, [`doubts`] what keeps a structure from being named, and [`mod@decide`] decides.
-//! 8. [`selection`] gives the answer, written as a [`verdict`].
+//! 8. [`selection`] gives the answer, a [`finding`], written as a [`verdict`].
 //! 9. [`plan`] proposes the run that separates the rivals.
 //!
 //! A [`budget`] can end the search early; the answer then claims less.
@@ -25,6 +25,7 @@ pub(crate) mod decide;
 pub(crate) mod discrepancy;
 pub(crate) mod doubts;
 pub(crate) mod draws;
+pub mod finding;
 pub(crate) mod grade;
 pub(crate) mod identifiability;
 pub(crate) mod levels;
@@ -48,14 +49,13 @@ pub mod verdict;
 
 use model_core::actuator::{Model, ParameterId};
 use model_core::catalogue::Kind;
-use model_core::effects::table::Variable;
 
 use crate::estimate::Dataset;
 use crate::estimate::assemble::as_read;
 use crate::estimate::checkpoint::Checkpoint;
 use crate::estimate::fit::{Fit, Fitter};
 use crate::estimate::unit_errors;
-use crate::family::{self, Family};
+use crate::family;
 use crate::io::error::InputError;
 use crate::io::model_file::{ModelFile, to_file_units};
 use crate::io::own_effects::OwnEffects;
@@ -66,6 +66,7 @@ use baseline::Baseline;
 pub use budget::Budget;
 use budget::{Ended, Part};
 use candidates::{Candidate, Untried};
+use finding::{Explanation, Finding, names};
 use identifiability::Identifiability;
 use localise::{Gap, localise};
 use noise::{NoiseFloor, adequate};
@@ -76,8 +77,8 @@ use search::{Options, Searched, search};
 use selection::{FittedStructure, Selection};
 use validation::{CrossValidator, HeldOut};
 use verdict::{
-    Adequacy, Alternative, Answer, Closure, EndedBy, Experiment, FittedError, HeldOutError,
-    NamedEffect, Place, Remaining, Repair, SCHEMA, Strength, Verdict, Zeros,
+    Adequacy, Answer, Closure, EndedBy, Experiment, FittedError, HeldOutError, NamedEffect, Place,
+    Remaining, Repair, SCHEMA, Verdict, Zeros,
 };
 
 /// Number of proposals for the next experiment.
@@ -109,7 +110,7 @@ impl<'a> Request<'a> {
 #[derive(Clone, Debug)]
 pub struct Diagnosis {
     /// The answer.
-    pub answer: Answer,
+    pub finding: Finding,
     /// Concerns about the recordings.
     pub concerns: Vec<Concern>,
     /// Index of a recording that was left out because it behaves like another actuator.
@@ -124,19 +125,8 @@ pub struct Diagnosis {
     pub nominal: Fit,
     /// The nominal structure, refitted.
     pub refit: Fit,
-    /// The effects that are named, in the order of the repaired model.
-    pub named: Vec<Kind>,
-    /// The strength of the name; none where nothing is named.
-    pub strength: Option<Strength>,
-    /// The families that all rivals share.
-    pub families: Vec<Family>,
-    /// The variable, if a family is named for its variable alone: a table over it follows
-    /// the missing force, and no formula does.
-    pub shape: Option<Variable>,
     /// What a model may be off without it mattering (rad).
     pub tolerance: f64,
-    /// Whether more than noise is left, and less than the tolerance.
-    pub immaterial: bool,
     /// Closure of the repaired model at three horizons; none where nothing is added.
     pub closure: Option<Closure>,
     /// The missing force of the repaired model, and its features.
@@ -144,20 +134,16 @@ pub struct Diagnosis {
     /// The model that predicts held-out segments best, with or without named effects; the
     /// refit where none is better.
     pub repaired: Candidate,
-    /// Probability of each named effect, in the order of `repaired.added`.
-    pub probability: Vec<f64>,
     /// Identifiability of the refit and of the repaired model.
     pub identifiability: [Identifiability; 2],
     /// Held-out errors.
     pub held_out: HeldOut,
-    /// Rivals, best first.
-    pub alternatives: Vec<Alternative>,
     /// The best of the rivals that remain, as fitted.
     pub rivals: Vec<Candidate>,
     /// Every structure with a final fit, with its evidence.
     pub tried: Vec<FittedStructure>,
     /// Runs that would separate the surviving rivals, best first.
-    pub proposals: Vec<(Proposal, [Vec<String>; 2])>,
+    pub proposals: Vec<(Proposal, [Vec<Kind>; 2])>,
     /// Whether the repaired model is adequate.
     pub adequacy: Adequacy,
     /// The missing force of the refit, and its features.
@@ -230,6 +216,7 @@ pub fn diagnose_from(
         .collect();
     diagnosis.ended = progress.ended();
     if let Some(ended) = &diagnosis.ended {
+        diagnosis.finding = diagnosis.finding.as_far_as_tried(&ended.undone);
         // An effect of the repaired model was tried, if not fully.
         let tried = &diagnosis.repaired.added;
         let kinds = ended.kinds().into_iter();
@@ -262,14 +249,10 @@ fn diagnose_zeros(
 ) -> Result<Found, InputError> {
     let found = diagnose_all(request, data, checkpoint, progress)?;
     let diagnosis = &found.diagnosis;
-    let quiet = matches!(
-        diagnosis.answer,
-        Answer::NoDiscrepancy | Answer::ParametersOnly
-    );
     // The best of so many effects, by as much as is very strong evidence for one.
     let choices = (Kind::NAMES.len() + request.own_kinds().len()) as f64;
     let effect = policy::Search::STANDARD.effect_evidence + 2.0 * choices.ln();
-    if !quiet
+    if !diagnosis.finding.is_quiet()
         || cost_of_zeros(&diagnosis.data, &diagnosis.refit) < effect
         || !progress.has_time_for(Part::Calibrated)
     {
@@ -277,7 +260,7 @@ fn diagnose_zeros(
     }
     progress.again("once more, with zeros as calibrated");
     let calibrated = diagnose_all(request, &data.calibrated(), checkpoint, progress)?;
-    let explains = match calibrated.diagnosis.answer {
+    let explains = match calibrated.diagnosis.finding.answer() {
         Answer::EffectFound => true,
         // Not if the answer is open only because the time was up.
         Answer::CannotTell => progress.ended().is_none(),
@@ -361,24 +344,17 @@ fn diagnose_all(
     ];
     let validation = Validations::of(&fitter, &nominal.model, &refit, &found);
     let diagnosis = Diagnosis {
-        answer: found.answer,
+        finding: found.finding,
         concerns,
         identifiability,
         floor,
         nominal,
         refit: refit.fit,
         repaired: found.repaired,
-        probability: found.probability,
-        named: found.named,
-        strength: found.strength,
-        families: found.families,
-        shape: found.shape,
         tolerance: baseline::tolerance(&data),
-        immaterial: found.immaterial,
         closure,
         gap_left,
         held_out,
-        alternatives: found.alternatives,
         rivals: found.rivals,
         tried: found.tried,
         proposals,
@@ -468,19 +444,19 @@ fn cost_of_zeros(data: &Dataset, fit: &Fit) -> f64 {
         .sum()
 }
 
-/// The runs that separate rivals best, with their names.
+/// The runs that separate rivals best, with the effects that they separate.
 fn propose(
     nominal: &Model<f64>,
     rivals: &[Candidate],
     floor: &NoiseFloor,
-) -> Vec<(Proposal, [Vec<String>; 2])> {
-    let names = |index: usize| selection::names(&rivals[index].added);
+) -> Vec<(Proposal, [Vec<Kind>; 2])> {
+    let added = |index: usize| rivals[index].added.clone();
     plan::proposals(nominal, rivals, floor.rms, &Limits::default())
         .into_iter()
         .take(PROPOSALS)
         .map(|proposal| {
             let (a, b) = proposal.separates;
-            (proposal, [names(a), names(b)])
+            (proposal, [added(a), added(b)])
         })
         .collect()
 }
@@ -498,33 +474,24 @@ impl Diagnosis {
 
     /// The text of that model file, with a comment above added effects.
     pub fn model_text(&self, nominal: &ModelFile) -> String {
-        let what = match self.answer {
-            Answer::CannotTell if self.is_open() => {
+        let what = match &self.finding {
+            Finding::Quiet { .. } | Finding::Named { .. } => "Added by rig diagnose.".into(),
+            Finding::OutOfTime { .. } | Finding::Unexplained { .. } => {
                 "Added by rig diagnose: lowers the error, not named.".into()
             }
-            Answer::CannotTell if self.families.is_empty() => {
+            undecided if undecided.families().is_empty() => {
                 "Added by rig diagnose: one of several that these recordings cannot tell apart."
                     .into()
             }
-            Answer::CannotTell => format!("representative of {}", family::title(&self.families)),
-            Answer::Unexplained => "Added by rig diagnose: lowers the error, not named.".to_owned(),
-            _ => "Added by rig diagnose.".into(),
+            undecided => format!("representative of {}", family::title(undecided.families())),
         };
         nominal.text_with(self.model_to_keep(nominal), &format!("# {what}\n"))
-    }
-
-    /// Whether the budget ended the search so early that another answer is possible and no
-    /// answer is given.
-    pub fn is_open(&self) -> bool {
-        self.answer == Answer::CannotTell
-            && self.alternatives.len() <= 1
-            && self.ended.as_ref().is_some_and(Ended::is_open)
     }
 
     /// Whether the repaired model predicts held-out runs better than the nominal one, in
     /// the board's arithmetic.
     pub fn is_better(&self) -> bool {
-        self.answer != Answer::NoDiscrepancy
+        self.finding.answer() != Answer::NoDiscrepancy
             && self.held_out.repaired_on_board < self.held_out.nominal
     }
 
@@ -555,12 +522,20 @@ impl Diagnosis {
         let files = request.recordings.iter().chain(request.holdout);
         Verdict {
             schema: SCHEMA,
-            verdict: self.answer,
-            strength: self.strength.filter(|_| self.answer == Answer::EffectFound),
-            family: (self.answer == Answer::CannotTell && !self.families.is_empty())
-                .then(|| family::title(&self.families)),
+            verdict: self.finding.answer(),
+            strength: match self.finding {
+                Finding::Named { strength, .. } => Some(strength),
+                _ => None,
+            },
+            family: (!self.finding.families().is_empty())
+                .then(|| family::title(self.finding.families())),
             effects: self.named_effects(),
-            alternatives: self.alternatives.clone(),
+            alternatives: self
+                .finding
+                .explanations()
+                .iter()
+                .map(Explanation::written)
+                .collect(),
             adequacy: self.adequacy,
             tolerance_deg: degrees(self.tolerance),
             closure: self.closure.map(|closure| Closure {
@@ -599,7 +574,7 @@ impl Diagnosis {
                 .iter()
                 .map(|(proposal, [a, b])| Experiment {
                     protocol: proposal.protocol.name.clone(),
-                    separates: vec![a.join("+"), b.join("+")],
+                    separates: [a, b].map(|kinds| names(kinds).join("+")).to_vec(),
                     expected_delta_chi2: tidy(proposal.evidence),
                 })
                 .collect(),
@@ -641,7 +616,10 @@ impl Diagnosis {
 
     /// The repair without a name.
     fn repair(&self) -> Option<Repair> {
-        let unnamed = self.answer == Answer::Unexplained || self.is_open();
+        let unnamed = matches!(
+            self.finding,
+            Finding::Unexplained { .. } | Finding::OutOfTime { .. }
+        );
         let first = self.repaired.added.first().filter(|_| unnamed)?;
         if let Some(table) = self.repaired.fit.model.table() {
             return Some(Repair {
@@ -651,23 +629,19 @@ impl Diagnosis {
         }
         Some(Repair {
             kind: first.name().to_owned(),
-            of: selection::names(&self.repaired.added),
+            of: names(&self.repaired.added),
         })
     }
 
     fn named_effects(&self) -> Vec<NamedEffect> {
-        if self.named.is_empty() {
-            return Vec::new();
-        }
         let fit = &self.repaired.fit;
         let first = fit.model.effects().count() - self.repaired.added.len();
         self.repaired
             .added
             .iter()
             .enumerate()
-            .filter(|(_, kind)| self.named.contains(kind))
-            .enumerate()
-            .map(|(place, (offset, kind))| {
+            .filter_map(|(offset, kind)| Some((offset, kind, self.finding.probability_of(*kind)?)))
+            .map(|(offset, kind, probability)| {
                 let slot = first + offset;
                 let mut parameters = serde_json::Map::new();
                 let mut interval95 = serde_json::Map::new();
@@ -693,7 +667,7 @@ impl Diagnosis {
                     kind: kind.name().to_owned(),
                     parameters,
                     interval95,
-                    probability: self.probability.get(place).copied().unwrap_or(0.0),
+                    probability,
                 }
             })
             .collect()

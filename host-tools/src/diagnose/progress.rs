@@ -20,9 +20,9 @@ use model_core::catalogue::Kind;
 
 use super::budget::{Budget, Ended, Part};
 use super::candidates::Candidate;
+use super::finding::names;
 use super::measure::Measured;
 use super::policy::Policy;
-use super::selection::names;
 use crate::family::{Family, title};
 use crate::numbers::duration;
 use crate::numbers::{degrees, percent};

@@ -8,15 +8,15 @@ use rayon::prelude::*;
 
 use super::Progress;
 use super::baseline::{Baseline, in_step};
-use super::budget::{self, Part};
+use super::budget::Part;
 use super::candidates::{Candidate, FitContext, Scales, Untried, applicable, final_fit};
+use super::finding::Finding;
 use super::grade::{Graded, graded};
 use super::measure::Row;
 use super::missing_force::Guesses;
-use super::selection::{Fitted, Rows, Selection, names};
+use super::selection::{Fitted, Rows, Selection};
 use super::singles::{Singles, settles, singles};
 use super::validation::CrossValidator;
-use super::verdict::{Alternative, Answer};
 use crate::estimate::Dataset;
 use crate::estimate::checkpoint::Checkpoint;
 use crate::estimate::fit::Fitter;
@@ -50,9 +50,9 @@ pub struct Searched {
 }
 
 impl Searched {
-    fn nothing(answer: Answer, untried: Vec<Untried>, baseline: Baseline) -> Self {
+    fn nothing(finding: Finding, untried: Vec<Untried>, baseline: Baseline) -> Self {
         Self {
-            found: Selection::nothing(answer, &baseline.refit),
+            found: Selection::nothing(finding, &baseline.refit),
             untried,
             baseline,
         }
@@ -76,8 +76,8 @@ fn selected(mut baseline: Baseline, options: Options<'_>) -> Searched {
     let fitter = Fitter::new(&file.model, &data);
     let mut validator =
         CrossValidator::new(&file, &fitter, baseline.floor.input).beside(baseline.nominal.model);
-    if let Some(answer) = baseline.quiet(&validator) {
-        return Searched::nothing(answer, Vec::new(), baseline);
+    if let Some(quiet) = baseline.quiet(&validator) {
+        return Searched::nothing(quiet, Vec::new(), baseline);
     }
     let (kinds, untried) = applicable(&file.model, options.own, &fitter);
     let material = Material::of(&fitter, &baseline.refit);
@@ -119,8 +119,8 @@ fn selected(mut baseline: Baseline, options: Options<'_>) -> Searched {
         validator.raise_floor(baseline.floor.rms);
     }
     options.progress.stage("selection by validation", 0);
-    if let Some(answer) = baseline.quiet(&validator) {
-        return Searched::nothing(answer, untried, baseline);
+    if let Some(quiet) = baseline.quiet(&validator) {
+        return Searched::nothing(quiet, untried, baseline);
     }
     if pool.len() == 1 && graded.is_none() {
         // The search ended early: the nearest single effect is what there is.
@@ -180,15 +180,14 @@ fn or_immaterial(
     baseline: &Baseline,
     validator: &CrossValidator<'_>,
 ) -> Selection {
-    if found.answer != Answer::Unexplained {
+    if !matches!(found.finding, Finding::Unexplained { .. }) {
         return found;
     }
     match baseline.immaterial(validator) {
-        Some(answer) => Selection {
+        Some(quiet) => Selection {
             tried: found.tried,
             best: found.best,
-            immaterial: true,
-            ..Selection::nothing(answer, &baseline.refit)
+            ..Selection::nothing(quiet, &baseline.refit)
         },
         None => found,
     }
@@ -215,23 +214,18 @@ fn rows(validator: &CrossValidator<'_>, pool: &[Candidate]) -> Fitted {
     }
 }
 
-/// Limits a selection to what the finished parts support: an effect that would have been
-/// named becomes the best so far.
+/// Limits a selection to what the finished parts support: rivals of an answer that does not
+/// stand are not planned for.
 fn as_far_as_tried(found: Selection, undone: &BTreeSet<Part>) -> Selection {
-    let answer = budget::as_far_as_tried(found.answer, found.named.len(), undone);
-    if answer == found.answer {
-        return found;
-    }
-    let named = (!found.named.is_empty()).then(|| Alternative {
-        kinds: names(&found.named),
-        probability: found.probability.iter().copied().fold(1.0, f64::min),
-        delta_bic: 0.0,
-    });
+    let finding = found.finding.as_far_as_tried(undone);
+    let rivals = match finding {
+        Finding::OutOfTime { .. } => Vec::new(),
+        _ => found.rivals,
+    };
     Selection {
-        alternatives: named.into_iter().collect(),
-        tried: found.tried,
-        best: found.best,
-        ..Selection::nothing(answer, &found.repaired)
+        finding,
+        rivals,
+        ..found
     }
 }
 

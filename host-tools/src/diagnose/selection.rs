@@ -16,13 +16,12 @@ use super::decide::{
 use super::discrepancy::log_densities;
 use super::doubts::Doubt;
 use super::draws::Draws;
+use super::finding::{Explanation, Finding, NamedKind};
 use super::measure::{Row, closed, closure, excess};
 use super::noise::NoiseFloor;
 use super::policy::Policy;
 use super::tables;
 use super::validation::CrossValidator;
-use super::verdict::{Alternative, Answer, Strength};
-use crate::family::Family;
 use crate::io::recording::Recording;
 use crate::statistics::swing;
 
@@ -60,25 +59,10 @@ pub struct FittedStructure {
 #[derive(Clone, Debug)]
 pub struct Selection {
     /// The answer.
-    pub answer: Answer,
-    /// The effects that are named, in the order of the repaired model.
-    pub named: Vec<Kind>,
-    /// The strength of the name; none where nothing is named.
-    pub strength: Option<Strength>,
-    /// The families that all rivals share; empty if they differ or there are none.
-    pub families: Vec<Family>,
-    /// The variable, if a family is named for its variable alone: a table over it follows
-    /// the missing force, and no formula does.
-    pub shape: Option<Variable>,
-    /// Whether more than noise is left, and it does not matter.
-    pub immaterial: bool,
+    pub finding: Finding,
     /// The model that predicts held-out segments best, named or not; the refit where none
     /// is better.
     pub repaired: Candidate,
-    /// Probability of each named effect.
-    pub probability: Vec<f64>,
-    /// Rivals, best first.
-    pub alternatives: Vec<Alternative>,
     /// Every structure with a final fit.
     pub tried: Vec<FittedStructure>,
     /// Rivals to separate by a further run, best first.
@@ -89,27 +73,15 @@ pub struct Selection {
 
 impl Selection {
     /// An answer that names nothing.
-    pub fn nothing(answer: Answer, refit: &Candidate) -> Self {
+    pub fn nothing(finding: Finding, refit: &Candidate) -> Self {
         Self {
-            answer,
-            named: Vec::new(),
-            strength: None,
-            families: Vec::new(),
-            shape: None,
-            immaterial: false,
+            finding,
             repaired: refit.clone(),
-            probability: Vec::new(),
-            alternatives: Vec::new(),
             tried: Vec::new(),
             rivals: Vec::new(),
             best: None,
         }
     }
-}
-
-/// The names of effects, as in files.
-pub fn names(kinds: &[Kind]) -> Vec<String> {
-    kinds.iter().map(|kind| kind.name().to_owned()).collect()
 }
 
 /// Structures that were fitted under the same conditions, and the refit that they improve on.
@@ -220,37 +192,48 @@ impl Rows {
         if let Some(left) = table_leaves.filter(|_| shape.is_some()) {
             decision = shaped(decision, &self.scored, left, policy);
         }
-        let size = first.map_or(1, |row| self.scored[row].kinds.len());
         let best = self
             .all
             .iter()
             .min_by(|a, b| a.fitted.full.total_cmp(&b.fitted.full));
-        let base = Selection {
+        let rivals = match &decision {
+            Decision::CannotTell { rivals, .. } => rivals.as_slice(),
+            _ => &[],
+        };
+        Selection {
             tried: self.tried(&decision, validator.floor()),
             best: best.map(|row| row.candidate.clone()),
-            ..Selection::nothing(Answer::Unexplained, &repaired)
-        };
+            rivals: rivals
+                .iter()
+                .take(RIVALS_PLANNED)
+                .map(|&row| self.all[row].candidate.clone())
+                .collect(),
+            finding: self.finding(decision, shape, &repaired.added),
+            repaired,
+        }
+    }
+
+    /// The decision with the effects in place of rows, those that are named in the order of
+    /// the repaired model. `shape` is the variable of its table.
+    fn finding(&self, decision: Decision, shape: Option<Variable>, repaired: &[Kind]) -> Finding {
         match decision {
             Decision::Named {
                 structure,
                 strength,
             } => {
                 let kinds = &self.scored[structure].kinds;
-                let in_order = repaired.added.iter().copied();
-                let named: Vec<Kind> = in_order.filter(|kind| kinds.contains(kind)).collect();
-                Selection {
-                    answer: Answer::EffectFound,
-                    probability: self.inclusion(&named),
-                    alternatives: self
-                        .of_size(size)
-                        .into_iter()
-                        .filter(|(row, _)| *row != structure)
-                        .map(|(row, probability)| self.alternative(row, probability))
-                        .take(RIVALS_SHOWN)
-                        .collect(),
-                    named,
-                    strength: Some(strength),
-                    ..base
+                let others = self.of_size(kinds.len());
+                let others = others.into_iter().filter(|(row, _)| *row != structure);
+                Finding::Named {
+                    effects: self.inclusion(
+                        repaired
+                            .iter()
+                            .copied()
+                            .filter(|kind| kinds.contains(kind))
+                            .collect(),
+                    ),
+                    strength,
+                    rivals: self.explanations(others, RIVALS_SHOWN),
                 }
             }
             Decision::CannotTell {
@@ -258,36 +241,24 @@ impl Rows {
                 families,
                 strength,
             } => {
-                let shares = probabilities(&self.scored, size, policy);
+                let size = self.scored[rivals[0]].kinds.len();
+                let shares = probabilities(&self.scored, size, &Policy::STANDARD);
                 let total: f64 = rivals.iter().map(|&row| shares[row]).sum();
-                Selection {
-                    shape: shape.filter(|_| rivals.len() == 1),
-                    answer: Answer::CannotTell,
-                    strength: Some(strength),
-                    families,
-                    rivals: rivals
-                        .iter()
-                        .take(RIVALS_PLANNED)
-                        .map(|&row| self.all[row].candidate.clone())
-                        .collect(),
-                    alternatives: rivals
-                        .iter()
-                        .map(|&row| {
-                            self.alternative(row, shares[row] / total.max(f64::MIN_POSITIVE))
-                        })
-                        .take(SET_SHOWN)
-                        .collect(),
-                    ..base
+                let of_all = |row: usize| shares[row] / total.max(f64::MIN_POSITIVE);
+                let rows = rivals.into_iter().map(|row| (row, of_all(row)));
+                let mut explanations = self.explanations(rows, SET_SHOWN);
+                match shape.filter(|_| explanations.len() == 1) {
+                    Some(of) => Finding::Shape {
+                        of,
+                        formula: explanations.remove(0),
+                        families,
+                        strength,
+                    },
+                    None => Finding::undecided(explanations, families, strength),
                 }
             }
-            Decision::Unexplained { .. } => Selection {
-                alternatives: self
-                    .of_size(1)
-                    .into_iter()
-                    .map(|(row, probability)| self.alternative(row, probability))
-                    .take(RIVALS_SHOWN)
-                    .collect(),
-                ..base
+            Decision::Unexplained { .. } => Finding::Unexplained {
+                closest: self.explanations(self.of_size(1), RIVALS_SHOWN),
             },
         }
     }
@@ -304,29 +275,39 @@ impl Rows {
 
     /// The probability of each effect: the sum over the structures of that size that hold
     /// it, or an effect of which it is a special case.
-    fn inclusion(&self, named: &[Kind]) -> Vec<f64> {
+    fn inclusion(&self, named: Vec<Kind>) -> Vec<NamedKind> {
         let rows = self.of_size(named.len());
         let stands_for = |own: Kind, kind: Kind| own == kind || own.special_case() == Some(kind);
         named
-            .iter()
-            .map(|&kind| {
-                rows.iter()
+            .into_iter()
+            .map(|kind| NamedKind {
+                kind,
+                probability: rows
+                    .iter()
                     .filter(|(row, _)| {
                         let mut kinds = self.scored[*row].kinds.iter();
                         kinds.any(|&own| stands_for(own, kind))
                     })
                     .map(|(_, share)| share)
-                    .sum()
+                    .sum(),
             })
             .collect()
     }
 
-    fn alternative(&self, row: usize, probability: f64) -> Alternative {
-        Alternative {
-            kinds: names(&self.scored[row].kinds),
-            probability,
-            delta_bic: self.behind(row),
-        }
+    /// Rows with their probabilities, as explanations.
+    fn explanations(
+        &self,
+        rows: impl IntoIterator<Item = (usize, f64)>,
+        most: usize,
+    ) -> Vec<Explanation> {
+        rows.into_iter()
+            .take(most)
+            .map(|(row, probability)| Explanation {
+                kinds: self.scored[row].kinds.clone(),
+                probability,
+                delta_bic: self.behind(row),
+            })
+            .collect()
     }
 
     /// Twice the logarithm of how much less likely the held-out segments are than under the

@@ -1,6 +1,6 @@
 //! The 95 % confidence band of the repaired or refitted curves.
 
-use crate::diagnose::verdict::Answer;
+use crate::diagnose::finding::Finding;
 use crate::diagnose::{Diagnosis, Request};
 use crate::estimate::band::NoBand;
 use crate::estimate::fit::{Effort, Fitter};
@@ -22,11 +22,11 @@ impl Confidence {
     /// The bands of the repaired curves, or of the refitted ones if that is the answer; none
     /// if the answer has no curve.
     pub fn of(request: &Request<'_>, diagnosis: &Diagnosis) -> Option<Self> {
-        let label = match diagnosis.answer {
-            Answer::EffectFound => REPAIRED,
-            Answer::Unexplained if !diagnosis.repaired.added.is_empty() => REPAIRED,
-            Answer::ParametersOnly => REFITTED,
-            Answer::NoDiscrepancy | Answer::CannotTell | Answer::Unexplained => return None,
+        let label = match &diagnosis.finding {
+            Finding::Named { .. } => REPAIRED,
+            Finding::Unexplained { .. } if !diagnosis.repaired.added.is_empty() => REPAIRED,
+            Finding::Quiet { refitted: true, .. } => REFITTED,
+            _ => return None,
         };
         let fit = &diagnosis.repaired.fit;
         let half_widths = bands(request, diagnosis).map_err(|reason| match reason {

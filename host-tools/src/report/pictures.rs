@@ -7,9 +7,9 @@
 use super::content::sentence;
 use super::runs::{RunView, runs};
 use crate::diagnose::Diagnosis;
+use crate::diagnose::finding::Finding;
 use crate::diagnose::localise::{Feature, ForceMap, Gap, MapAxis};
 use crate::diagnose::noise::NoiseFloor;
-use crate::diagnose::verdict::Answer;
 use crate::numbers::{degrees, short};
 use crate::plot::{Cell, Figure, LINE_PX, Mark, Panel, Role, Series, Style};
 use crate::statistics::{rms, swing};
@@ -139,21 +139,18 @@ fn column() -> Figure {
 
 /// Which curves of a run are drawn, beside the measured one, above and below.
 pub fn curves_of(diagnosis: &Diagnosis) -> [Vec<&'static str>; 2] {
-    let curves: [&[&str]; 2] = match diagnosis.answer {
-        Answer::NoDiscrepancy => [&[NOMINAL], &[NOMINAL]],
-        Answer::ParametersOnly => [&[NOMINAL, REFITTED], &[NOMINAL, REFITTED]],
-        Answer::CannotTell if diagnosis.is_open() && !diagnosis.repaired.added.is_empty() => {
-            [&[NOMINAL, REFITTED, REPAIRED], &[REFITTED, REPAIRED]]
-        }
-        Answer::CannotTell => {
+    let curves: [&[&str]; 2] = match diagnosis.finding {
+        Finding::Quiet {
+            refitted: false, ..
+        } => [&[NOMINAL], &[NOMINAL]],
+        Finding::Quiet { refitted: true, .. } => [&[NOMINAL, REFITTED], &[NOMINAL, REFITTED]],
+        Finding::Rivals { .. } | Finding::Shape { .. } | Finding::Trace { .. } => {
             let rivals = &RIVALS[..diagnosis.rivals.len().min(RIVALS.len())];
             let curves = || [&[REFITTED], rivals].concat();
             return [curves(), curves()];
         }
-        Answer::Unexplained if diagnosis.repaired.added.is_empty() => {
-            [&[NOMINAL, REFITTED], &[REFITTED]]
-        }
-        Answer::EffectFound | Answer::Unexplained => {
+        _ if diagnosis.repaired.added.is_empty() => [&[NOMINAL, REFITTED], &[REFITTED]],
+        Finding::Named { .. } | Finding::OutOfTime { .. } | Finding::Unexplained { .. } => {
             [&[NOMINAL, REFITTED, REPAIRED], &[REFITTED, REPAIRED]]
         }
     };

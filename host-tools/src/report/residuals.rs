@@ -5,7 +5,7 @@ use super::correlation::{Correlation, Correlations, Run};
 use super::pictures::{COLUMN_PX, NOMINAL, REFITTED, REPAIRED, ROW_HEIGHT_PX, style_of};
 use super::runs::RunView;
 use crate::diagnose::Diagnosis;
-use crate::diagnose::verdict::Answer;
+use crate::diagnose::finding::Finding;
 use crate::estimate::filter::Pace;
 use crate::numbers::{percent, short};
 use crate::plot::{Figure, Mark, Panel, Role, Series, Style};
@@ -52,9 +52,11 @@ impl Residuals {
             .filter(|view| view.held_out == held_out)
             .collect();
         let longest = SWINGS * Pace::of(&diagnosis.data).period;
-        let labels: &[&'static str] = match diagnosis.answer {
-            Answer::NoDiscrepancy => &[NOMINAL],
-            Answer::ParametersOnly => &[NOMINAL, REFITTED],
+        let labels: &[&'static str] = match diagnosis.finding {
+            Finding::Quiet {
+                refitted: false, ..
+            } => &[NOMINAL],
+            Finding::Quiet { refitted: true, .. } => &[NOMINAL, REFITTED],
             _ if diagnosis.repaired.added.is_empty() => &[REFITTED],
             _ => &[REFITTED, REPAIRED],
         };

@@ -1,0 +1,124 @@
+//! Errors on fitted and on validation runs, and notices about the recordings.
+
+use serde::Serialize;
+
+use crate::diagnose::Diagnosis;
+use crate::estimate::Segment;
+use crate::numbers::{degrees, fit, short};
+use crate::statistics::squares_about_mean;
+
+/// RMS errors in degrees.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ErrorRow {
+    /// Which runs.
+    pub name: &'static str,
+    /// How many.
+    pub runs: usize,
+    /// The model as supplied.
+    pub nominal: String,
+    /// The same structure, refitted.
+    pub refit: String,
+    /// With the named effects.
+    pub repaired: String,
+    /// The noise floor.
+    pub floor: String,
+    /// Fit (normalised RMS) of the three models.
+    pub fits: [String; 3],
+}
+
+/// A problem of the recordings.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Notice {
+    /// The recording; none if it is about all of them.
+    pub about: Option<String>,
+    /// The finding.
+    pub text: String,
+    /// The advice.
+    pub advice: String,
+}
+
+/// Nominal, refit and repaired on fitted and on held-out runs.
+pub(super) fn errors(diagnosis: &Diagnosis) -> Vec<ErrorRow> {
+    let held_out = &diagnosis.held_out;
+    let row = |name, runs, values: [f64; 4], spread: f64| {
+        let fits = [values[0], values[1], values[2]].map(|error| fit(error, spread));
+        let [nominal, refit, repaired, floor] = values.map(|value| short(value.to_degrees()));
+        ErrorRow {
+            name,
+            runs,
+            nominal,
+            refit,
+            repaired,
+            floor,
+            fits,
+        }
+    };
+    let spread_fitted = spread(diagnosis.data.fitted());
+    let spread_held_out = if held_out.in_turn {
+        spread_fitted
+    } else {
+        spread(diagnosis.data.held_out())
+    };
+    let fitted = diagnosis.nominal.residuals.len();
+    let (name, runs) = if held_out.in_turn {
+        ("left out in turn", fitted)
+    } else {
+        ("validation", held_out.runs.len())
+    };
+    vec![
+        row(
+            "fitted",
+            fitted,
+            [
+                diagnosis.nominal.rmse(),
+                diagnosis.refit.rmse(),
+                diagnosis.repaired.fit.rmse(),
+                diagnosis.floor.rms,
+            ],
+            spread_fitted,
+        ),
+        row(
+            name,
+            runs,
+            [
+                held_out.nominal,
+                held_out.refit,
+                held_out.repaired_on_board,
+                held_out.floor,
+            ],
+            spread_held_out,
+        ),
+    ]
+}
+
+/// RMS deviation (rad) of the measured angles from the mean of their own run.
+fn spread<'a>(segments: impl Iterator<Item = &'a Segment>) -> f64 {
+    let (mut squares, mut samples) = (0.0, 0_usize);
+    for segment in segments {
+        let angle = &segment.recording.angle;
+        squares += squares_about_mean(angle);
+        samples += angle.len();
+    }
+    (squares / samples.max(1) as f64).sqrt()
+}
+
+/// Notices about the recordings.
+pub(super) fn notices(diagnosis: &Diagnosis) -> Vec<Notice> {
+    let floor = &diagnosis.floor;
+    let spread = floor.repeats.filter(|spread| *spread > 2.0 * floor.white);
+    let repeats = spread.map(|spread| Notice {
+        about: None,
+        text: format!(
+            "the repeats differ by {} among themselves, more than the sensor's noise of {}",
+            degrees(spread),
+            degrees(floor.white)
+        ),
+        advice: "motion that the rig itself does not repeat counts as noise here".into(),
+    });
+    let concerns = diagnosis.concerns.iter().map(|concern| Notice {
+        about: concern.recording.clone(),
+        text: concern.text.clone(),
+        advice: concern.advice.clone(),
+    });
+    repeats.into_iter().chain(concerns).collect()
+}

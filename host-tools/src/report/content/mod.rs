@@ -1,0 +1,123 @@
+//! The content of a diagnosis: sentences and rounded numbers.
+//!
+//! Terminal and page must agree. So every sentence and every row that both show is made
+//! here, and neither computes its own.
+
+mod errors;
+mod explained;
+mod keys;
+mod open;
+mod parameters;
+mod rivals;
+mod sentences;
+mod tried;
+mod words;
+
+use serde::Serialize;
+
+pub use errors::{ErrorRow, Notice};
+pub use keys::Key;
+pub use parameters::{Effect, ParameterRow};
+pub use rivals::{CLOSEST, NextRun, Rival};
+pub use sentences::sentence;
+pub use tried::{Standing, TriedGroup, TriedRow, Untried};
+
+use crate::diagnose::budget::Ended;
+use crate::diagnose::verdict::Answer;
+use crate::diagnose::{Diagnosis, Request};
+
+/// The content of a diagnosis.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Content {
+    /// The answer.
+    pub answer: Answer,
+    /// The verdict in one sentence.
+    pub sentence: String,
+    /// Two or three sentences: the evidence, and what to do.
+    pub lede: String,
+    /// Sentences about a search that ended early: the cause, and what was not tried.
+    pub ended: Option<String>,
+    /// The numbers that matter most.
+    pub keys: Vec<Key>,
+    /// Notices about the recordings.
+    pub notices: Vec<Notice>,
+    /// Errors on fitted runs and on validation runs.
+    pub errors: Vec<ErrorRow>,
+    /// Whether effects were added to the model.
+    pub repaired: bool,
+    /// Whether the written model differs from the supplied one.
+    pub upload: bool,
+    /// How much of the gap the added effects close, as a sentence.
+    pub closed: Option<String>,
+    /// The added effects.
+    pub effects: Vec<Effect>,
+    /// The parameters that the model had before.
+    pub base: Vec<ParameterRow>,
+    /// The sensors' zeros, as a sentence.
+    pub zeros: String,
+    /// Sentences about parameters that the recordings do not determine.
+    pub undetermined: Vec<String>,
+    /// Sentences about the missing force.
+    pub gap: Vec<String>,
+    /// Rival explanations, best first.
+    pub rivals: Vec<Rival>,
+    /// The letters of the curves, where several explanations remain.
+    pub lettered: Option<String>,
+    /// Structures that were fitted, by their number of effects.
+    pub tried: Vec<TriedGroup>,
+    /// Effects that were not tried, by the reason.
+    pub untried: Vec<Untried>,
+    /// Runs that would separate the rivals, best first.
+    pub next: Vec<NextRun>,
+    /// Whether the first of them is expected to.
+    pub next_suffices: bool,
+    /// Sentences about what these recordings leave open.
+    pub open: Vec<String>,
+}
+
+impl Content {
+    /// Puts a diagnosis into words.
+    pub fn of(request: &Request<'_>, diagnosis: &Diagnosis) -> Self {
+        let repaired = !diagnosis.repaired.added.is_empty();
+        Self {
+            answer: diagnosis.finding.answer(),
+            sentence: sentence(diagnosis),
+            lede: sentences::lede(diagnosis),
+            ended: diagnosis.ended.as_ref().map(Ended::sentence),
+            keys: keys::keys(diagnosis),
+            notices: errors::notices(diagnosis),
+            errors: errors::errors(diagnosis),
+            repaired,
+            upload: diagnosis.is_better(),
+            closed: diagnosis
+                .closure
+                .map(|closure| explained::explained(diagnosis, &closure)),
+            effects: parameters::effects(diagnosis),
+            base: parameters::base(request, diagnosis),
+            zeros: diagnosis.zeros().to_string(),
+            undetermined: diagnosis.identifiability[0].text.clone(),
+            gap: diagnosis.gap.sentences.clone(),
+            tried: tried::tried(diagnosis),
+            untried: tried::untried(diagnosis),
+            next: rivals::next(request, diagnosis),
+            next_suffices: rivals::next_suffices(diagnosis),
+            open: open::open(diagnosis),
+            rivals: rivals::rivals(diagnosis),
+            lettered: rivals::lettered(diagnosis),
+        }
+    }
+
+    /// Whether something is missing, named or not.
+    pub fn something_is_missing(&self) -> bool {
+        !matches!(self.answer, Answer::NoDiscrepancy | Answer::ParametersOnly)
+    }
+
+    /// The title of the section of rivals.
+    pub fn rivals_title(&self) -> &'static str {
+        if self.answer == Answer::Unexplained {
+            CLOSEST
+        } else {
+            "Rivals"
+        }
+    }
+}

@@ -1,0 +1,140 @@
+//! Rival explanations, and the run that would separate them.
+
+use model_core::catalogue::Kind;
+use serde::Serialize;
+
+use super::explained::of_the_refit;
+use super::words::{probability, titles};
+use crate::diagnose::finding::{Finding, are_the_same, names};
+use crate::diagnose::selection::FittedStructure;
+use crate::diagnose::{Diagnosis, Request};
+use crate::io::terminal::quoted;
+use crate::numbers::{evidence, percent};
+use crate::report::shares::Explained;
+
+/// Title of rivals that explain too little.
+pub const CLOSEST: &str = "Closest, but not good enough";
+
+/// A rival explanation, or if nothing explains enough, one of the closest.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Rival {
+    /// Its effects, as in files, joined by " + ".
+    pub name: String,
+    /// Its effects, as in sentences.
+    pub title: String,
+    /// Its probability, relative to the others; none where all of them explain too little.
+    pub probability: Option<String>,
+    /// Share of the error beyond the noise that it explains on held-out runs, over three
+    /// horizons together, if measured.
+    pub closed: Option<String>,
+    /// Twice the logarithm of how much less likely the held-out runs are than under the best.
+    pub delta_bic: String,
+}
+
+/// A run that would separate two rivals.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct NextRun {
+    /// Name of the protocol.
+    pub protocol: String,
+    /// Its title.
+    pub title: String,
+    /// How long it lasts (s).
+    pub seconds: String,
+    /// The two effects that it separates, by the names of files.
+    pub separates: [String; 2],
+    /// Its expected evidence.
+    pub evidence: String,
+    /// The command that writes it as a protocol file.
+    pub command: String,
+}
+
+/// Evidence (Δχ²) from which a run is expected to separate two rivals.
+const VERY_STRONG: f64 = 20.0;
+
+/// The rivals, or the closest structures.
+pub(super) fn rivals(diagnosis: &Diagnosis) -> Vec<Rival> {
+    let explained = !matches!(diagnosis.finding, Finding::Unexplained { .. });
+    diagnosis
+        .finding
+        .explanations()
+        .iter()
+        .map(|rival| Rival {
+            name: names(&rival.kinds).join(" + "),
+            title: titles(&rival.kinds),
+            probability: explained.then(|| probability(rival.probability)),
+            closed: fitted_as(diagnosis, &rival.kinds)
+                .and_then(|tried| tried.held_out)
+                .map(|(_, closed)| percent(closed)),
+            delta_bic: evidence(rival.delta_bic),
+        })
+        .collect()
+}
+
+/// The structure that adds these effects, as it was fitted.
+fn fitted_as<'a>(diagnosis: &'a Diagnosis, kinds: &[Kind]) -> Option<&'a FittedStructure> {
+    let mut all = diagnosis.tried.iter();
+    all.find(|tried| are_the_same(&tried.kinds, kinds))
+}
+
+/// The share that the best rival explains over whole runs.
+pub(super) fn likeliest_explains(diagnosis: &Diagnosis) -> Option<Explained> {
+    let best = diagnosis.finding.explanations().first()?;
+    let (error, _) = fitted_as(diagnosis, &best.kinds)?.held_out?;
+    Some(of_the_refit(diagnosis, error))
+}
+
+/// "A is dead time, B is pneumatic lag", and where to look.
+pub(super) fn lettered(diagnosis: &Diagnosis) -> Option<String> {
+    if diagnosis.rivals.len() < 2 {
+        return None;
+    }
+    let letters: Vec<String> = ('A'..)
+        .zip(&diagnosis.rivals)
+        .map(|(letter, rival)| format!("{letter} is {}", titles(&rival.added)))
+        .collect();
+    Some(format!(
+        "{}. A run that tells them apart is one on which their curves part.",
+        letters.join(", ")
+    ))
+}
+
+/// The runs that would separate the rivals.
+pub(super) fn next(request: &Request<'_>, diagnosis: &Diagnosis) -> Vec<NextRun> {
+    let files: Vec<String> = request
+        .recordings
+        .iter()
+        .enumerate()
+        .filter(|(index, _)| Some(*index) != diagnosis.left_out)
+        .map(|(_, recording)| quoted(&recording.path.to_string_lossy()))
+        .collect();
+    let effects = request.own.map_or_else(String::new, |own| {
+        format!(" --effects {}", quoted(&own.path.to_string_lossy()))
+    });
+    diagnosis
+        .proposals
+        .iter()
+        .map(|(proposal, pair)| {
+            let [a, b] = pair.each_ref().map(|kinds| names(kinds));
+            NextRun {
+                protocol: proposal.protocol.name.clone(),
+                title: proposal.protocol.title.clone(),
+                seconds: format!("{:.0}", f64::from(proposal.protocol.total_ms()) / 1000.0),
+                separates: [a.join(" + "), b.join(" + ")],
+                evidence: evidence(proposal.evidence),
+                command: format!(
+                    "rig plan --model {}{effects} --between {},{} {} -o next.toml",
+                    quoted(&request.file.path.to_string_lossy()),
+                    a.join("+"),
+                    b.join("+"),
+                    files.join(" ")
+                ),
+            }
+        })
+        .collect()
+}
+
+/// Whether the proposed run can be expected to separate the rivals.
+pub(super) fn next_suffices(diagnosis: &Diagnosis) -> bool {
+    let mut all = diagnosis.proposals.iter();
+    all.any(|(proposal, _)| proposal.evidence >= VERY_STRONG)
+}

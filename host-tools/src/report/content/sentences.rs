@@ -1,0 +1,271 @@
+//! The verdict in one sentence, and the two or three below it: the evidence, and what to do.
+
+use super::rivals::next_suffices;
+use super::words::{combined, in_words, listed, titles, with_capital};
+use crate::diagnose::Diagnosis;
+use crate::diagnose::budget::Part;
+use crate::diagnose::finding::Finding;
+use crate::diagnose::policy::Policy;
+use crate::diagnose::selection::{FittedStructure, RIVALS_PLANNED};
+use crate::diagnose::verdict::Strength;
+use crate::numbers::{degrees, percent};
+
+/// The verdict in one sentence.
+pub fn sentence(diagnosis: &Diagnosis) -> String {
+    match &diagnosis.finding {
+        Finding::Quiet {
+            immaterial: true, ..
+        } => format!(
+            "Nothing that matters is missing: {} remain unexplained, less than {}.",
+            degrees(diagnosis.beyond_noise()),
+            degrees(diagnosis.tolerance)
+        ),
+        Finding::Quiet {
+            refitted: false, ..
+        } => "Nothing is missing: the model agrees with the recordings within their noise.".into(),
+        Finding::Quiet { refitted: true, .. } => {
+            "No effect is missing: the structure is right, only the parameters were off.".into()
+        }
+        Finding::Named { strength, .. } => format!(
+            "The model lacks {}{}.",
+            titles(&diagnosis.finding.named()),
+            of_the_error(*strength)
+        ),
+        Finding::Shape { of, families, .. } => format!(
+            "The model lacks {}: a force of the {} that no formula follows, and a table does.",
+            in_words(families),
+            of.name()
+        ),
+        Finding::Trace {
+            explanation,
+            strength,
+            ..
+        } => format!(
+            "{} looks like {}, but these recordings do not determine it.",
+            match strength {
+                Strength::Part => "Part of what is missing",
+                Strength::Explains => "What is missing",
+            },
+            titles(&explanation.kinds)
+        ),
+        Finding::Rivals {
+            rivals,
+            families,
+            strength,
+        } => {
+            let rivals: Vec<String> = rivals.iter().map(|rival| combined(&rival.kinds)).collect();
+            let rivals = listed(&rivals);
+            if families.is_empty() {
+                format!("Something is missing, but these recordings cannot tell apart {rivals}.")
+            } else {
+                format!(
+                    "The model lacks {}{}; these recordings cannot tell apart {rivals}.",
+                    in_words(families),
+                    of_the_error(*strength)
+                )
+            }
+        }
+        Finding::OutOfTime { closest } => {
+            let closest = closest
+                .as_ref()
+                .map_or(&diagnosis.repaired.added, |closest| &closest.kinds);
+            if closest.is_empty() {
+                "Something is missing, and the time was up before it was found.".into()
+            } else {
+                let closest = with_capital(&titles(closest));
+                format!("Something is missing. {closest} came closest until the time was up.")
+            }
+        }
+        Finding::Unexplained { .. } => match closed_most(diagnosis) {
+            // "None of them" is not what two thirds of an error look like.
+            Some((tried, _, closed)) if closed >= Policy::STANDARD.explains => format!(
+                "Something is missing. {} comes closest and explains {}, but it cannot be named.",
+                with_capital(&titles(&tried.kinds)),
+                percent(closed)
+            ),
+            _ => "Something is missing, and it is none of the effects that are known.".into(),
+        },
+    }
+}
+
+/// Adds to a name how much it explains, if not all.
+const fn of_the_error(strength: Strength) -> &'static str {
+    match strength {
+        Strength::Part => ", which explains part of the error",
+        Strength::Explains => "",
+    }
+}
+
+/// The lede: the evidence for the verdict, and what to do.
+pub(super) fn lede(diagnosis: &Diagnosis) -> String {
+    let held_out = &diagnosis.held_out;
+    let [nominal, refit, repaired, floor] = [
+        held_out.nominal,
+        held_out.refit,
+        held_out.repaired_on_board,
+        held_out.floor,
+    ]
+    .map(degrees);
+    match &diagnosis.finding {
+        Finding::Quiet {
+            immaterial: true, ..
+        } => format!(
+            "On validation runs, the model as supplied leaves {nominal} and the refitted one \
+             {refit}, where noise alone leaves {floor}. No effect that was tried explains the \
+             rest, and it is below {}, what may remain (--tolerance).",
+            degrees(diagnosis.tolerance)
+        ),
+        Finding::Quiet {
+            refitted: false, ..
+        } => format!(
+            "On validation runs, simulation and measurement differ by {nominal}, where \
+             noise alone leaves {floor}. There is nothing to repair: keep the model as it is."
+        ),
+        Finding::Quiet { refitted: true, .. } => format!(
+            "With the parameters refitted, the error on validation runs falls from \
+             {nominal} to {refit}, where noise alone leaves {floor}. Use the refitted model; no \
+             physics has to be added."
+        ),
+        Finding::Named { .. } => format!(
+            "On validation runs, refitting alone leaves {refit}. With {} it is \
+             {repaired}, where noise alone leaves {floor}: {}.",
+            if diagnosis.repaired.added.len() == 1 {
+                "the effect added"
+            } else {
+                "the effects added"
+            },
+            left_over(diagnosis)
+        ),
+        Finding::OutOfTime { .. } => format!(
+            "Refitting the parameters leaves {refit} on validation runs, where noise \
+             alone leaves {floor}. {}",
+            if diagnosis.repaired.added.is_empty() {
+                "Nothing that was tried until then predicts better.".into()
+            } else {
+                format!(
+                    "With {} it is {repaired}, which is no name: what was not tried may do better.",
+                    titles(&diagnosis.repaired.added)
+                )
+            }
+        ),
+        Finding::Shape { .. } => format!(
+            "Refitting the parameters leaves {refit} on validation runs, where noise \
+             alone leaves {floor}. With the effect and a table beside it, it is {repaired}: what is \
+             missing depends on the right variable, by a formula that is not known."
+        ),
+        Finding::Trace { .. } => format!(
+            "Refitting the parameters leaves {refit} on validation runs, where noise \
+             alone leaves {floor}. With {} it is {repaired}. But a parameter of it is at the end of \
+             its range or may be zero, or these runs do not show what sets it apart: take it for a \
+             hint.",
+            titles(&diagnosis.repaired.added)
+        ),
+        Finding::Rivals { rivals, .. } => format!(
+            "Refitting the parameters leaves {refit} on validation runs, where noise \
+             alone leaves {floor}. Several explanations close that gap, and these recordings \
+             speak for none of them clearly. {}",
+            what_separates(diagnosis, rivals.len())
+        ),
+        Finding::Unexplained { .. } => format!(
+            "Refitting the parameters leaves {refit} on validation runs, where noise \
+             alone leaves {floor}. {}Instead of a name, this page shows the missing force \
+             itself: how large it is, and when.",
+            why_no_name(diagnosis)
+        ),
+    }
+}
+
+/// The remaining error of the repaired model, as a clause.
+pub(super) fn left_over(diagnosis: &Diagnosis) -> &'static str {
+    if matches!(
+        diagnosis.finding,
+        Finding::Quiet {
+            immaterial: true,
+            ..
+        }
+    ) {
+        "what is left is below the tolerance"
+    } else if diagnosis.adequacy.adequate {
+        "what is left is noise"
+    } else if diagnosis.held_out.at_noise() {
+        "what is left is hardly more than noise"
+    } else {
+        "what is left is still more than noise"
+    }
+}
+
+/// The structure that closed most of the held-out gap, its error (rad) there,
+/// and the share that it closed.
+fn closed_most(diagnosis: &Diagnosis) -> Option<(&FittedStructure, f64, f64)> {
+    diagnosis
+        .tried
+        .iter()
+        .filter(|tried| !tried.kinds.is_empty())
+        .filter_map(|tried| tried.held_out.map(|(error, closed)| (tried, error, closed)))
+        .max_by(|a, b| a.2.total_cmp(&b.2))
+}
+
+/// The largest share of the held-out gap that anything closed.
+pub(super) fn best_closed(diagnosis: &Diagnosis) -> Option<f64> {
+    closed_most(diagnosis).map(|(_, _, closed)| closed)
+}
+
+/// Why the structure that closed most of the gap is not named, as sentences.
+fn why_no_name(diagnosis: &Diagnosis) -> String {
+    let Some((_, _, closed)) = closed_most(diagnosis) else {
+        return String::new();
+    };
+    if closed < 0.005 {
+        return "Nothing that was tried explains any of that. ".into();
+    }
+    format!(
+        "The best of all that was tried explains {} of what is beyond the noise, over three \
+         horizons together. {} ",
+        percent(closed),
+        shortfall(closed)
+    )
+}
+
+/// Why a structure that closed this share of the gap is not named.
+fn shortfall(closed: f64) -> String {
+    let needed = Policy::STANDARD.part;
+    if closed >= needed {
+        "That share would do for a name, but the rest of the evidence does not: what it gains \
+         over simpler explanations could be chance, or is too little on validation runs."
+            .into()
+    } else {
+        format!(
+            "That is not enough: a name needs at least {}.",
+            percent(needed)
+        )
+    }
+}
+
+/// A sentence about the run that would separate so many rivals.
+fn what_separates(diagnosis: &Diagnosis, rivals: usize) -> &'static str {
+    if diagnosis
+        .ended
+        .as_ref()
+        .is_some_and(|ended| ended.lacks(Part::Experiment))
+    {
+        "With more time, a run that would separate them is looked for."
+    } else if !next_suffices(diagnosis) {
+        "No run that the board can make is expected to separate them: a different measurement \
+         is needed."
+    } else if rivals > RIVALS_PLANNED {
+        "The run proposed below would separate the likeliest of them."
+    } else {
+        "The run proposed below would separate them."
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_name_needs_depends_on_what_is_left() {
+        assert!(shortfall(0.2).contains("25 %"));
+        assert!(shortfall(0.5).contains("chance"));
+    }
+}
