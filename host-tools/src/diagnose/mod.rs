@@ -54,6 +54,7 @@ use crate::estimate::Dataset;
 use crate::estimate::assemble::as_read;
 use crate::estimate::checkpoint::Checkpoint;
 use crate::estimate::fit::{Fit, Fitter};
+use crate::estimate::identify::far_zeros;
 use crate::estimate::unit_errors;
 use crate::family;
 use crate::io::error::InputError;
@@ -327,6 +328,7 @@ fn diagnose_all(
             })
         };
     concerns.extend(quality::slow_effects(&found.repaired, &data));
+    concerns.extend(far_zeros(&found.repaired.fit, &data));
     let proposals = if found.rivals.len() > 1 && progress.has_time_for(Part::Experiment) {
         propose(&file.model, &found.rivals, &floor)
     } else {

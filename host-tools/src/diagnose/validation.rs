@@ -33,7 +33,7 @@ const FOLDS: usize = 4;
 
 /// Largest number of folds. Each fit then uses 97 % of the data, hardly less than with
 /// every run left out alone, and the time is linear in the number of runs.
-const MOST_FOLDS: usize = 32;
+const MOST_FOLDS: usize = 10;
 
 /// Leave-out fits use one Gauss–Newton step; they are refitted if the squared error on the
 /// omitted segments exceeds this multiple of the full fit's.

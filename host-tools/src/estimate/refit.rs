@@ -3,7 +3,7 @@
 use super::assemble::assemble;
 use super::dataset::Dataset;
 use super::fit::{Fit, Fitter};
-use super::identify::{EXPONENTS, identify};
+use super::identify::{EXPONENTS, far_zeros, identify};
 use crate::estimate::unit_errors;
 use crate::estimate::usable::Concern;
 use crate::io::error::InputError;
@@ -42,6 +42,7 @@ pub fn refit(file: &ModelFile, recordings: &[Recording]) -> Result<Refit, InputE
     let fitted = match identify(&file.model, &file.free, &EXPONENTS, &assembled.data) {
         Some(identified) => {
             concerns.extend(identified.remarks(&file.model, &assembled.data));
+            concerns.extend(far_zeros(&identified.fit, &assembled.data));
             identified.fit
         }
         None => nominal.clone(),

@@ -107,6 +107,8 @@ pub enum Matter {
     Handled,
     /// Another minimum of the fit is as good.
     TwoMinima,
+    /// The zero of a sensor ends farther away than a calibration leaves it.
+    FarZero,
     /// The angle sensor is at the end of its range.
     SaturatedAngle,
     /// The pressure sensor is at the end of its range.

@@ -16,6 +16,8 @@ pub mod rest;
 mod starts;
 pub mod statics;
 
+pub use remarks::far_zeros;
+
 use model_core::actuator::{Model, ParameterId};
 use model_core::dynamics::Dynamics;
 use rayon::prelude::*;

@@ -1,12 +1,16 @@
 //! What an identification found that a person should know: an angle that counts the other
-//! way round, recordings that begin in motion, a second minimum that is as good.
+//! way round, recordings that begin in motion, a second minimum that is as good, zeros that
+//! are no zeros.
 
 use model_core::actuator::{Model, ParameterId};
 
 use super::Identified;
 use crate::estimate::Dataset;
+use crate::estimate::fit::Fit;
+use crate::estimate::nuisance::{Nuisance, ZEROS};
 use crate::estimate::usable::{Concern, Matter};
 use crate::io::model_file::{parameter_name, parameter_unit, to_file_units};
+use crate::io::recording::PASCAL_PER_KPA;
 use crate::numbers::short;
 
 impl Identified {
@@ -94,8 +98,102 @@ fn in_motion(data: &Dataset) -> Option<Concern> {
         Concern::of(
             Matter::InMotion,
             None,
-            format!("{which} while the actuator moves: angle and rate at the start are estimated, and creep or hysteresis from before cannot be known"),
+            format!("{which} while the actuator moves: angle, rate and what creep or hysteresis kept from before are estimated"),
             "begin a recording at rest where you can",
         )
     })
+}
+
+/// Zeros of a fit that are farther from the calibration than its error: what they take up is
+/// a property of the rig. At most one concern for each sensor.
+pub fn far_zeros(fit: &Fit, data: &Dataset) -> Vec<Concern> {
+    /// Standard deviations of a zero that are still a zero: one in twenty is farther.
+    const NEAR: f64 = 2.0;
+    /// Name, unit, size of that unit, and the zero.
+    type Sensor = (&'static str, &'static str, f64, fn(&Nuisance) -> f64);
+    let sensors: [Sensor; 2] = [
+        ("pressure", " kPa", PASCAL_PER_KPA, |it| it.pressure_zero),
+        ("angle", "°", 1f64.to_radians(), |it| it.angle_zero),
+    ];
+    ZEROS
+        .zip(sensors)
+        .filter_map(|(place, (name, unit, one, zero))| {
+            let far: Vec<[f64; 2]> = data
+                .sessions()
+                .iter()
+                .zip(&fit.nuisances)
+                .filter(|(session, _)| session.is_estimated())
+                .filter(|(session, found)| session.prior().departures(found)[place].abs() > NEAR)
+                .map(|(session, found)| {
+                    [
+                        zero(found) / one,
+                        zero(&session.prior().deviation) / one,
+                    ]
+                })
+                .collect();
+            let [worst, deviation] = *far.iter().max_by(|a, b| a[0].abs().total_cmp(&b[0].abs()))?;
+            let which = if far.len() == 1 && data.sessions().len() == 1 {
+                String::new()
+            } else {
+                format!(" in {} of {} sessions", far.len(), data.sessions().len())
+            };
+            Some(Concern::of(
+                Matter::FarZero,
+                None,
+                format!(
+                    "the zero of the {name} ends up to {}{unit} from the calibration{which}, which should hold within {}{unit}",
+                    short(worst),
+                    short(NEAR * deviation)
+                ),
+                "calibrate it and record again; if it stays, it is an offset of the rig, and parameters and names lean on it",
+            ))
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::estimate::refit::refit;
+    use crate::io::model_file::ModelFile;
+    use crate::io::recording::Recording;
+    use crate::synth::example::{Hidden, make};
+
+    /// Of a sensor that is off by three times what a calibration leaves, a fit says so; of one
+    /// that is right, nothing.
+    #[test]
+    fn a_zero_beyond_its_calibration_is_said() {
+        let example = make(Hidden::Nothing, 0.1, 5).unwrap();
+        let file = ModelFile::parse(&example.model, Path::new("model.toml")).unwrap();
+        let said_with = |offset_deg: f64| {
+            let shifted = |recording: Recording| Recording {
+                angle: recording
+                    .angle
+                    .iter()
+                    .map(|angle| angle + offset_deg.to_radians())
+                    .collect(),
+                ..recording
+            };
+            let recordings: Vec<Recording> = example
+                .recordings
+                .iter()
+                .map(|(_, recording, _)| shifted(recording.clone()))
+                .collect();
+            let found = refit(&file, &recordings).unwrap();
+            let said = found.concerns.into_iter();
+            let said: Vec<String> = said
+                .filter(|it| it.matter == Matter::FarZero)
+                .map(|it| it.text)
+                .collect();
+            said
+        };
+        assert_eq!(said_with(0.0), Vec::<String>::new());
+        let said = said_with(-7.0);
+        assert!(
+            said.iter().any(|it| it.contains("zero of the angle")),
+            "{said:?}"
+        );
+    }
 }
