@@ -11,7 +11,7 @@ pub mod cli;
 pub mod diagnose;
 pub mod estimate;
 pub mod export;
-mod family;
+pub mod family;
 pub mod first_model;
 pub mod io;
 pub mod materials;

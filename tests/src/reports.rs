@@ -8,8 +8,9 @@
 use std::path::{Path, PathBuf};
 
 use host_tools::diagnose::candidates::{Candidate, Untried};
+use host_tools::diagnose::finding::{Explanation, Finding};
 use host_tools::diagnose::plan::Proposal;
-use host_tools::diagnose::verdict::{Alternative, Answer};
+use host_tools::diagnose::verdict::{Answer, Strength};
 use host_tools::diagnose::{Diagnosis, Request};
 use host_tools::io::protocol_file::ProtocolFile;
 use host_tools::report::Outputs;
@@ -115,7 +116,7 @@ fn report(case: &Case, diagnosis: &Diagnosis) -> Report {
         model: Some(report),
     };
     Report {
-        answer: diagnosis.answer,
+        answer: diagnosis.finding.answer(),
         html: with(1.0),
         later: with(2.0),
         summary: summary(&content, &outputs, 1, 1.0),
@@ -124,15 +125,13 @@ fn report(case: &Case, diagnosis: &Diagnosis) -> Report {
     }
 }
 
-/// The diagnosis with nothing named.
-fn without_a_name(found: &Diagnosis) -> Diagnosis {
+/// The diagnosis with another finding that names nothing.
+fn without_a_name(found: &Diagnosis, finding: Finding) -> Diagnosis {
     let mut other = found.clone();
+    other.finding = finding;
     other.repaired = Candidate::of(Vec::new(), found.refit.clone());
-    other.named = Vec::new();
-    other.strength = None;
     other.closure = None;
     other.gap_left = None;
-    other.probability = Vec::new();
     other.held_out.repaired = found.held_out.refit;
     other.held_out.repaired_on_board = found.held_out.refit;
     for run in &mut other.held_out.runs {
@@ -155,18 +154,21 @@ fn without_a_name(found: &Diagnosis) -> Diagnosis {
 }
 
 fn cannot_tell(found: &Diagnosis) -> Diagnosis {
-    let rivals = ["quadratic_damping", "angle_dependent_damping"].map(|kind| vec![kind.to_owned()]);
-    Diagnosis {
-        answer: Answer::CannotTell,
-        alternatives: rivals
+    let rivals = [Kind::QuadraticDamping, Kind::AngleDependentDamping].map(|kind| vec![kind]);
+    let finding = Finding::Rivals {
+        rivals: rivals
             .iter()
             .zip([0.7, 0.3])
-            .map(|(kinds, probability)| Alternative {
+            .map(|(kinds, probability)| Explanation {
                 kinds: kinds.clone(),
                 probability,
                 delta_bic: 2.0,
             })
             .collect(),
+        families: Vec::new(),
+        strength: Strength::Explains,
+    };
+    Diagnosis {
         proposals: vec![(
             Proposal {
                 protocol: ProtocolFile::named(Named::Steps),
@@ -177,13 +179,13 @@ fn cannot_tell(found: &Diagnosis) -> Diagnosis {
         )],
         // Their curves; that both are those of the same fit shows nowhere.
         rivals: vec![found.repaired.clone(), found.repaired.clone()],
-        ..without_a_name(found)
+        ..without_a_name(found, finding)
     }
 }
 
 fn unexplained(found: &Diagnosis) -> Diagnosis {
-    let mut other = without_a_name(found);
-    other.answer = Answer::Unexplained;
+    let closest = found.finding.explanations().to_vec();
+    let mut other = without_a_name(found, Finding::Unexplained { closest });
     for tried in &mut other.tried {
         tried.held_out = tried
             .held_out

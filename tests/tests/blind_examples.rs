@@ -14,6 +14,7 @@
 use std::path::Path;
 
 use host_tools::diagnose::Diagnosis;
+use host_tools::diagnose::finding::{Finding, names};
 use host_tools::diagnose::verdict::Answer;
 use host_tools::synth::example::{Hidden, make};
 use model_core::catalogue::Kind;
@@ -54,14 +55,18 @@ impl Tally {
     fn count(&mut self, truth: &str, diagnosis: &Diagnosis) {
         match named(diagnosis).as_slice() {
             [] => {
-                let among_rivals = diagnosis
-                    .alternatives
+                let finding = &diagnosis.finding;
+                let among_rivals = finding
+                    .explanations()
                     .iter()
-                    .any(|rival| rival.kinds == [truth]);
-                if diagnosis.immaterial {
+                    .any(|rival| names(&rival.kinds) == [truth]);
+                if let Finding::Quiet {
+                    immaterial: true, ..
+                } = finding
+                {
                     assert!(diagnosis.beyond_noise() < diagnosis.tolerance);
                     self.small += 1;
-                } else if diagnosis.answer == Answer::CannotTell && among_rivals {
+                } else if finding.answer() == Answer::CannotTell && among_rivals {
                     self.open += 1;
                 } else {
                     self.silent += 1;
@@ -83,16 +88,15 @@ fn hidden_effects_are_named() {
             eprintln!(
                 "{} {seed}: {:?} {:?}",
                 kind.name(),
-                diagnosis.answer,
+                diagnosis.finding.answer(),
                 named(&diagnosis)
             );
             // A name comes with a repair that holds on runs that were not
             // fitted, in the board's arithmetic as well.
-            if diagnosis.answer == Answer::EffectFound {
+            if let Finding::Named { effects, .. } = &diagnosis.finding {
                 let added = &diagnosis.repaired.added;
-                assert!(diagnosis.named.iter().all(|kind| added.contains(kind)));
-                assert_eq!(diagnosis.probability.len(), diagnosis.named.len());
-                assert!(!diagnosis.named.is_empty());
+                assert!(effects.iter().all(|it| added.contains(&it.kind)));
+                assert!(!effects.is_empty());
                 assert!(diagnosis.adequacy.holdout_gap_closed > 0.8);
                 let held_out = &diagnosis.held_out;
                 assert!(held_out.repaired_on_board < 1.02 * held_out.repaired);
@@ -118,8 +122,8 @@ fn nothing_hidden_gets_no_name() {
         let diagnosis = diagnose(Hidden::Nothing, NOISE_DEG, seed, &["step", "triangle"]);
         let none: [&str; 0] = [];
         assert_eq!(named(&diagnosis), none, "seed {seed}");
-        eprintln!("nothing {seed}: {:?}", diagnosis.answer);
-        parameters_only += usize::from(diagnosis.answer == Answer::ParametersOnly);
+        eprintln!("nothing {seed}: {:?}", diagnosis.finding.answer());
+        parameters_only += usize::from(diagnosis.finding.answer() == Answer::ParametersOnly);
     }
     // The parameters of an example are always off; that something else is
     // missing as well may be suspected now and then.
@@ -154,9 +158,10 @@ fn survey() {
                 _ => "nothing",
             };
             let rivals: Vec<String> = found
-                .alternatives
+                .finding
+                .explanations()
                 .iter()
-                .map(|rival| format!("{} ({:.0})", rival.kinds.join("+"), rival.delta_bic))
+                .map(|rival| format!("{} ({:.0})", names(&rival.kinds).join("+"), rival.delta_bic))
                 .collect();
             let degrees = [
                 found.refit.rmse(),
@@ -168,7 +173,7 @@ fn survey() {
             .map(|radians| format!("{:.3}", radians.to_degrees()));
             println!(
                 "{truth}\t{seed}\t{:?}\t{}\t{}\t{}",
-                found.answer,
+                found.finding.answer(),
                 named(&found).join("+"),
                 degrees.join("\t"),
                 rivals.join(", ")

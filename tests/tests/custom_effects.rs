@@ -91,7 +91,7 @@ fn an_effect_that_is_in_no_catalogue_is_named_by_its_formula() {
     let closed = |verdict: &Value| verdict["adequacy"]["holdout_gap_closed"].as_f64().unwrap();
     let closed_without = closed(&verdict);
     // No formula of the catalogue; that it is a static curve may be said.
-    assert!(without.named.is_empty(), "{verdict:#}");
+    assert!(without.finding.named().is_empty(), "{verdict:#}");
     let family = verdict["family"].as_str();
     assert!(
         matches!(family, None | Some("stiffness shape")),
@@ -102,7 +102,7 @@ fn an_effect_that_is_in_no_catalogue_is_named_by_its_formula() {
     assert_eq!(verdict["upload"], true, "{verdict:#}");
 
     let (with, verdict, file) = diagnosed(&example, Some(&own(EFFECTS)));
-    assert_eq!(with.answer, Answer::EffectFound, "{verdict:#}");
+    assert_eq!(with.finding.answer(), Answer::EffectFound, "{verdict:#}");
     assert_eq!(verdict["effects"][0]["kind"], "taut_hose");
     // Better, but no board runs a formula.
     assert!(with.is_better());
@@ -131,7 +131,7 @@ fn a_formula_that_does_what_the_catalogue_does_is_not_told_from_it() {
     )
     .unwrap();
     let (with, verdict, _) = diagnosed(&example, Some(&own(FRICTION)));
-    assert_eq!(with.answer, Answer::CannotTell, "{verdict:#}");
+    assert_eq!(with.finding.answer(), Answer::CannotTell, "{verdict:#}");
     let rivals: Vec<&str> = verdict["alternatives"]
         .as_array()
         .unwrap()

@@ -10,6 +10,8 @@ use host_tools::diagnose::Diagnosis;
 use host_tools::diagnose::verdict::{Answer, Strength};
 use host_tools::estimate::assemble::assemble;
 use host_tools::estimate::unit_errors::refuse;
+use host_tools::family::Family;
+use model_core::catalogue::Kind;
 use softrig_tests::{Case, named, shared};
 
 /// The least that the right effect has to shrink the held-out error, against
@@ -18,7 +20,7 @@ const SHRINKS: f64 = 5.0;
 
 fn assert_found(diagnosis: &Diagnosis, effect: &str) {
     let names = named(diagnosis);
-    assert_eq!(diagnosis.answer, Answer::EffectFound);
+    assert_eq!(diagnosis.finding.answer(), Answer::EffectFound);
     assert!(names.contains(&effect), "named {names:?}");
     assert_shrinks(diagnosis);
 }
@@ -50,12 +52,12 @@ fn the_silverbox_is_missing_a_cubic_spring() {
     assert_eq!((case.recordings.len(), case.holdout.len()), (2, 1));
     let diagnosis = case.diagnose();
     // A sine differs from a cubic by a hundredth of a percent of the range.
-    assert_eq!(diagnosis.answer, Answer::CannotTell);
-    let families: Vec<String> = diagnosis.families.iter().map(ToString::to_string).collect();
-    assert_eq!(families, ["stiffness shape"]);
-    assert_eq!(diagnosis.strength, Some(Strength::Explains));
-    let mut rivals = diagnosis.alternatives.iter();
-    assert!(rivals.any(|rival| rival.kinds == ["cubic_stiffness"]));
+    let finding = &diagnosis.finding;
+    assert_eq!(finding.answer(), Answer::CannotTell);
+    assert_eq!(finding.families(), [Family::StiffnessShape]);
+    assert_eq!(finding.strength(), Some(Strength::Explains));
+    let mut rivals = finding.explanations().iter();
+    assert!(rivals.any(|rival| rival.kinds == [Kind::CubicStiffness]));
     assert_shrinks(&diagnosis);
 }
 
@@ -102,9 +104,9 @@ fn cases_without_a_missing_effect_get_no_name() {
         let none: [&str; 0] = [];
         assert_eq!(named(&diagnosis), none, "{case}");
         assert!(
-            answers.contains(&diagnosis.answer),
+            answers.contains(&diagnosis.finding.answer()),
             "{case}: {:?}",
-            diagnosis.answer
+            diagnosis.finding.answer()
         );
     }
 }

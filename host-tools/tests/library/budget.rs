@@ -50,7 +50,7 @@ fn assert_honest(found: &Diagnosis, verdict: &str, kind: Kind) {
     );
     assert_eq!(found.ended.is_some(), verdict.contains(r#""not_tried":["#));
     let open = found.ended.as_ref().is_some_and(Ended::is_open);
-    match found.answer {
+    match found.finding.answer() {
         Answer::EffectFound => assert_eq!(found.named, [kind]),
         Answer::CannotTell => assert!(found.named.is_empty()),
         Answer::Unexplained => assert!(!open, "{verdict}"),
@@ -75,7 +75,7 @@ fn an_answer_grows_with_the_budget() {
         assert_honest(&found, &verdict, kind);
         let ended = found.ended.unwrap();
         assert!(ended.is_open(), "{fits} fits: {}", ended.sentence());
-        assert_eq!(found.answer, Answer::CannotTell, "{fits} fits");
+        assert_eq!(found.finding.answer(), Answer::CannotTell, "{fits} fits");
         tried.push(ended.kinds().len());
         if fits == 0 {
             assert!(found.repaired.added.is_empty() && found.alternatives.is_empty());
@@ -104,9 +104,15 @@ fn an_answer_without_an_exact_formula_is_as_honest() {
         let (found, verdict) = within(&file, &recordings, Some(Budget::Fits(fits)));
         if let Some(ended) = &found.ended {
             let all = !ended.is_open();
-            assert!(all || found.answer != Answer::Unexplained, "{verdict}");
+            assert!(
+                all || found.finding.answer() != Answer::Unexplained,
+                "{verdict}"
+            );
             let single = ended.kinds().is_empty();
-            assert!(single || found.answer != Answer::EffectFound, "{verdict}");
+            assert!(
+                single || found.finding.answer() != Answer::EffectFound,
+                "{verdict}"
+            );
         }
         let repaired = found.held_out.repaired;
         assert!(repaired <= 1.001 * found.held_out.refit, "{verdict}");
