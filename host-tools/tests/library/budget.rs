@@ -51,8 +51,8 @@ fn assert_honest(found: &Diagnosis, verdict: &str, kind: Kind) {
     assert_eq!(found.ended.is_some(), verdict.contains(r#""not_tried":["#));
     let open = found.ended.as_ref().is_some_and(Ended::is_open);
     match found.finding.answer() {
-        Answer::EffectFound => assert_eq!(found.named, [kind]),
-        Answer::CannotTell => assert!(found.named.is_empty()),
+        Answer::EffectFound => assert_eq!(found.finding.named(), [kind]),
+        Answer::CannotTell => assert!(found.finding.named().is_empty()),
         Answer::Unexplained => assert!(!open, "{verdict}"),
         other => panic!("{other:?}: {verdict}"),
     }
@@ -66,7 +66,7 @@ fn an_answer_grows_with_the_budget() {
     let (file, recordings) = example(kind);
     let (whole, without) = within(&file, &recordings, None);
     assert_eq!(
-        (whole.answer, whole.ended.clone()),
+        (whole.finding.answer(), whole.ended.clone()),
         (Answer::EffectFound, None)
     );
     let mut tried = Vec::new();
@@ -78,7 +78,7 @@ fn an_answer_grows_with_the_budget() {
         assert_eq!(found.finding.answer(), Answer::CannotTell, "{fits} fits");
         tried.push(ended.kinds().len());
         if fits == 0 {
-            assert!(found.repaired.added.is_empty() && found.alternatives.is_empty());
+            assert!(found.repaired.added.is_empty() && found.finding.explanations().is_empty());
         }
     }
     assert_eq!(tried[0], Kind::NAMES.len());
