@@ -4,3 +4,4 @@ mod budget;
 mod exported;
 mod held_out_repeats;
 mod serial_manual;
+mod tolerance;
