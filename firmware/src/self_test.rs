@@ -226,7 +226,7 @@ impl SelfTest {
         };
         if self.has_model {
             let motion = one_step(predictor, stretch, probe);
-            let state = (motion.angle, predictor.prepared().rate(&motion));
+            let state = (motion.angle(), predictor.prepared().rate(&motion));
             report(out, power, kind.and(place.checked_sub(1)), state)?;
         } else {
             self.has_model =
@@ -336,7 +336,7 @@ mod tests {
         for (angle, rate) in [
             accurate_step::<Minimax>(0, &mut NoProbe),
             accurate_step::<GuardedMicromath>(0, &mut NoProbe),
-            (motion.angle, predictor.prepared().rate(&motion)),
+            (motion.angle(), predictor.prepared().rate(&motion)),
         ] {
             assert!((f64::from(angle) - exact.angle).abs() < 1e-6);
             assert!((f64::from(rate) - exact.rate).abs() < 1e-5);

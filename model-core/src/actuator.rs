@@ -155,20 +155,6 @@ impl fmt::Display for InvalidModel {
 
 impl core::error::Error for InvalidModel {}
 
-/// Whether [`Mechanism::modulate`] does anything. With derivatives a set of parameters is
-/// half a kilobyte, which most models need not copy.
-fn changes_parameters<R: Real>(effect: &Slot<R>) -> bool {
-    matches!(
-        effect,
-        Effect::ExponentShift(_)
-            | Effect::AsymmetricDamping(_)
-            | Effect::AngleDependentDamping(_)
-            | Effect::StiffnessDrift(_)
-            | Effect::MullinsSoftening(_)
-            | Effect::PressureStiffening(_)
-    )
-}
-
 /// An effect in a model.
 pub type Slot<R> = Effect<R, InModel>;
 
@@ -293,7 +279,7 @@ impl<R: Real, P: Power<R>> Model<R, P> {
             effects,
             table,
             integrates: effects.iter().flatten().any(Mechanism::<R>::integrates),
-            modulates: effects.iter().flatten().any(changes_parameters),
+            modulates: effects.iter().flatten().any(Mechanism::<R>::modulates),
             power: PhantomData,
         })
     }
@@ -307,11 +293,6 @@ impl<R: Real, P: Power<R>> Model<R, P> {
     pub fn effects(&self) -> impl Iterator<Item = Effect<R>> {
         self.occupied()
             .filter_map(|slot| slot.convert(|value| value, self.table))
-    }
-
-    /// The effect in a slot, without its table.
-    pub(crate) fn slot(&self, index: usize) -> Option<&Slot<R>> {
-        self.effects.get(index)?.as_ref()
     }
 
     /// The effects without their table.
@@ -669,9 +650,7 @@ impl<R: Real, P: Power<R>> Model<R, P> {
     /// The square of the frequency (rad²/s²) at which the actuator itself swings at most,
     /// for angles up to `angle` (rad), without what swings beside it.
     pub fn fastest_swing(&self, angle: R) -> R {
-        let swings_beside =
-            |slot: &Slot<R>| matches!(slot, Effect::SecondMode(_) | Effect::PeriodicDisturbance(_));
-        self.fastest_rate_of(angle, |slot| !swings_beside(slot))
+        self.fastest_rate_of(angle, |slot| !Mechanism::<R>::swings_beside(slot))
             .stiffness
     }
 

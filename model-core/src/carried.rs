@@ -66,6 +66,14 @@ impl<R: Real> Lag<R> {
         }
     }
 
+    /// Carries a lag to what it follows now; its memory holds it and what it followed before.
+    pub fn follow(&self, memory: &mut [R; 2], now: R) -> R {
+        let [mut y, before] = *memory;
+        self.carry(&mut y, before, now);
+        *memory = [y, now];
+        y
+    }
+
     /// Carries `y` over a step in which what it follows goes from `before` to `after` in a
     /// straight line.
     #[inline]

@@ -1,19 +1,25 @@
 //! The catalogue of effects: one line per effect.
 //!
 //! Files, fits and reports reach effects through [`Kind`]; the integrator runs
-//! them through [`Effect`]. To add one, write its file in `effects/` and name
+//! them through [`Effect`], and the board through [`AnyPart`]. To add one, write its file in `effects/` and name
 //! it in the list at the end of this file. A [`Table`] is not in that list, since
 //! it has no fixed list of parameters.
 
+use crate::actuator::Model;
 use crate::dynamics::{Dynamics, Rates};
 #[cfg(feature = "formula")]
 use crate::effects::custom;
-use crate::effects::table::{self, Table};
+use crate::effects::table::{self, InModel, Table};
 use crate::effects::{Hidden, Info, Instant, Mechanism, Motion, Parameter, Rest, Sign};
+#[cfg(test)]
+use crate::part::Trial;
+use crate::part::{Base, Part, Phases, Preparation, RateLaw, Step};
 use crate::real::Real;
 
 macro_rules! catalogue {
     ($( $module:ident::$name:ident ),+ $(,)?) => {
+        use crate::effects::{$( $module ),+};
+
         /// The effects that are known.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
         #[non_exhaustive]
@@ -38,13 +44,62 @@ macro_rules! catalogue {
         pub enum Effect<R, T = Table<R>> {
             $(
                 #[doc = concat!("See [`crate::effects::", stringify!($module), "`].")]
-                $name(crate::effects::$module::$name<R>),
+                $name($module::$name<R>),
             )+
             /// See [`crate::effects::table`].
             Table(T),
             /// See [`crate::effects::custom`].
             #[cfg(feature = "formula")]
             Custom(custom::Custom<R>),
+        }
+
+        /// What an effect does in a step, whichever it is.
+        #[derive(Clone, Copy, Debug, PartialEq)]
+        #[non_exhaustive]
+        pub enum AnyPart {
+            $(
+                #[doc = concat!("See [`crate::effects::", stringify!($module), "`].")]
+                $name(<$module::$name<f32> as Preparation>::Part),
+            )+
+            /// See [`crate::effects::table`].
+            Table(table::OfTable),
+            /// See [`crate::effects::custom`].
+            #[cfg(feature = "formula")]
+            Custom(<custom::Custom<f32> as Preparation>::Part),
+        }
+
+        /// One expression for whichever effect it is: `each!(self, effect => effect.delay())`.
+        macro_rules! each {
+            ($matched:expr, $effect:ident => $result:expr) => {
+                each!($matched, $effect => $result, table $effect => $result)
+            };
+            // Where a table is another matter.
+            ($matched:expr, $effect:ident => $result:expr, table $table:pat => $other:expr) => {
+                match $matched {
+                    $( Self::$name($effect) => $result, )+
+                    Self::Table($table) => $other,
+                    #[cfg(feature = "formula")]
+                    Self::Custom($effect) => $result,
+                }
+            };
+        }
+
+        /// One expression for the type of whichever effect a kind is, which is known by its
+        /// `table`; what a table and a formula have instead comes last.
+        macro_rules! each_kind {
+            (
+                $matched:expr,
+                $effect:ident => $result:expr,
+                table => $other:expr,
+                $formula:ident => $given:expr
+            ) => {
+                match $matched {
+                    $( Self::$name => { type $effect<R> = $module::$name<R>; $result } )+
+                    Self::Table => $other,
+                    #[cfg(feature = "formula")]
+                    Self::Custom($formula) => $given,
+                }
+            };
         }
 
         impl Kind {
@@ -56,74 +111,15 @@ macro_rules! catalogue {
             /// a search for causes goes through. See [`Self::is_name`].
             pub const NAMES: &'static [Self] = &[$( Self::$name ),+];
 
-            /// Name, equation and texts.
-            pub const fn info(self) -> &'static Info {
-                match self {
-                    $( Self::$name => &crate::effects::$module::INFO, )+
-                    Self::Table => &table::INFO,
-                    #[cfg(feature = "formula")]
-                    Self::Custom(formula) => &formula.0.info,
-                }
-            }
-
-            /// The parameter table.
-            pub const fn parameters(self) -> &'static [Parameter] {
-                match self {
-                    $( Self::$name => crate::effects::$module::$name::<()>::PARAMETERS, )+
-                    Self::Table => table::PARAMETERS,
-                    #[cfg(feature = "formula")]
-                    Self::Custom(formula) => formula.0.parameters,
-                }
-            }
-
-            /// Rows of the parameter table, without the table: see
-            /// [`Self::bounds`]. Of a [`Table`] the most that it can have.
-            pub const fn parameter_count(self) -> usize {
-                match self {
-                    $( Self::$name => crate::effects::$module::$name::<()>::COUNT, )+
-                    Self::Table => table::MAX_NODES,
-                    #[cfg(feature = "formula")]
-                    Self::Custom(formula) => formula.0.parameters.len(),
-                }
-            }
-
-            /// Smallest and largest value of the parameter at `index` of the
-            /// table, in SI units; none beyond it.
-            ///
-            /// The same numbers as in [`Self::parameters`], as code: a
-            /// processor that keeps its constants in RAM pays for the texts
-            /// and tables of the catalogue only where it asks for them.
-            pub const fn bounds(self, index: usize) -> Option<(f32, f32)> {
-                match self {
-                    $( Self::$name => crate::effects::$module::$name::<()>::bounds(index), )+
-                    Self::Table => table::bounds(index),
-                    #[cfg(feature = "formula")]
-                    Self::Custom(formula) => {
-                        let rows = formula.0.parameters;
-                        if index < rows.len() {
-                            Some((rows[index].lower, rows[index].upper))
-                        } else {
-                            None
-                        }
-                    }
-                }
-            }
-
-            /// Creates the effect from values in SI units, in the order of the
-            /// table; none if their number differs, and none for a [`Table`],
-            /// which needs nodes ([`Table::new`]). Bounds are checked when a
-            /// model is made of it.
-            pub fn build<R: Copy>(self, values: &[R]) -> Option<Effect<R>> {
-                self.build_slot(values)
-            }
-
             /// [`Self::build`], for a slot of a model.
             pub fn build_slot<R: Copy, T>(self, values: &[R]) -> Option<Effect<R, T>> {
                 Some(match self {
-                    $( Self::$name => Effect::$name(crate::effects::$module::$name::from_values(values)?), )+
+                    $( Self::$name => Effect::$name($module::$name::from_values(values)?), )+
                     Self::Table => return None,
                     #[cfg(feature = "formula")]
-                    Self::Custom(formula) => Effect::Custom(custom::Custom::from_values(formula, values)?),
+                    Self::Custom(formula) => {
+                        Effect::Custom(custom::Custom::from_values(formula, values)?)
+                    }
                 })
             }
         }
@@ -136,26 +132,6 @@ macro_rules! catalogue {
                     Self::Table(_) => Kind::Table,
                     #[cfg(feature = "formula")]
                     Self::Custom(effect) => Kind::Custom(effect.formula()),
-                }
-            }
-
-            /// The value at `index` of the parameter table; none for a table.
-            pub(crate) fn slot_value(&self, index: usize) -> Option<R> {
-                match self {
-                    $( Self::$name(effect) => effect.value(index), )+
-                    Self::Table(_) => None,
-                    #[cfg(feature = "formula")]
-                    Self::Custom(effect) => effect.value(index),
-                }
-            }
-
-            /// Replaces the value at `index`; nothing for a table.
-            pub(crate) fn set_slot_value(&mut self, index: usize, value: R) {
-                match self {
-                    $( Self::$name(effect) => effect.set_value(index, value), )+
-                    Self::Table(_) => {}
-                    #[cfg(feature = "formula")]
-                    Self::Custom(effect) => effect.set_value(index, value),
                 }
             }
 
@@ -175,28 +151,20 @@ macro_rules! catalogue {
             }
         }
 
+        impl Effect<f32, InModel> {
+            /// Prepares what it does in a step.
+            #[inline(never)]
+            pub(crate) fn prepare(&self, base: &Base) -> AnyPart {
+                match self {
+                    $( Self::$name(effect) => AnyPart::$name(effect.prepare(base)), )+
+                    Self::Table(effect) => AnyPart::Table(effect.prepare(base)),
+                    #[cfg(feature = "formula")]
+                    Self::Custom(effect) => AnyPart::Custom(effect.prepare(base)),
+                }
+            }
+        }
+
         impl<R: Copy> Effect<R> {
-            /// The value at `index` of the parameter table, in SI units.
-            pub fn value(&self, index: usize) -> Option<R> {
-                match self {
-                    $( Self::$name(effect) => effect.value(index), )+
-                    Self::Table(table) => table.value(index),
-                    #[cfg(feature = "formula")]
-                    Self::Custom(effect) => effect.value(index),
-                }
-            }
-
-            /// Replaces the value at `index`, in SI units; ignores an index
-            /// beyond the table.
-            pub fn set_value(&mut self, index: usize, value: R) {
-                match self {
-                    $( Self::$name(effect) => effect.set_value(index, value), )+
-                    Self::Table(table) => table.set_value(index, value),
-                    #[cfg(feature = "formula")]
-                    Self::Custom(effect) => effect.set_value(index, value),
-                }
-            }
-
             /// Converts every parameter with `f`.
             pub fn map<S>(&self, f: impl FnMut(R) -> S) -> Effect<S> {
                 match self {
@@ -207,94 +175,7 @@ macro_rules! catalogue {
                 }
             }
         }
-
-        impl<R: Real, T: Mechanism<R>> Mechanism<R> for Effect<R, T> {
-            fn integrates(&self) -> bool {
-                match self { $( Self::$name(effect) => Mechanism::<R>::integrates(effect), )+ Self::Table(effect) => Mechanism::<R>::integrates(effect), #[cfg(feature = "formula")] Self::Custom(effect) => Mechanism::<R>::integrates(effect), }
-            }
-            fn at_rest(&self, rest: &Rest<R>) -> Hidden<R> {
-                match self { $( Self::$name(effect) => effect.at_rest(rest), )+ Self::Table(effect) => effect.at_rest(rest), #[cfg(feature = "formula")] Self::Custom(effect) => effect.at_rest(rest), }
-            }
-            fn delay(&self) -> R {
-                match self { $( Self::$name(effect) => effect.delay(), )+ Self::Table(effect) => effect.delay(), #[cfg(feature = "formula")] Self::Custom(effect) => effect.delay(), }
-            }
-            fn input(&self, pressure: R, hidden: &Hidden<R>, rates: &mut Hidden<R>) -> R {
-                match self { $( Self::$name(effect) => effect.input(pressure, hidden, rates), )+ Self::Table(effect) => effect.input(pressure, hidden, rates), #[cfg(feature = "formula")] Self::Custom(effect) => effect.input(pressure, hidden, rates), }
-            }
-            fn modulate(&self, at: &Instant<R>, hidden: &Hidden<R>, dynamics: &mut Dynamics<R>) {
-                match self { $( Self::$name(effect) => effect.modulate(at, hidden, dynamics), )+ Self::Table(effect) => effect.modulate(at, hidden, dynamics), #[cfg(feature = "formula")] Self::Custom(effect) => effect.modulate(at, hidden, dynamics), }
-            }
-            fn enlarge(&self, angle: R, dynamics: &mut Dynamics<R>) {
-                match self { $( Self::$name(effect) => effect.enlarge(angle, dynamics), )+ Self::Table(effect) => effect.enlarge(angle, dynamics), #[cfg(feature = "formula")] Self::Custom(effect) => effect.enlarge(angle, dynamics), }
-            }
-            fn force(&self, at: &Instant<R>, hidden: &Hidden<R>, rates: &mut Hidden<R>) -> R {
-                match self { $( Self::$name(effect) => effect.force(at, hidden, rates), )+ Self::Table(effect) => effect.force(at, hidden, rates), #[cfg(feature = "formula")] Self::Custom(effect) => effect.force(at, hidden, rates), }
-            }
-            fn respond(&self, acceleration: R, hidden: &Hidden<R>, rates: &mut Hidden<R>) {
-                match self { $( Self::$name(effect) => effect.respond(acceleration, hidden, rates), )+ Self::Table(effect) => effect.respond(acceleration, hidden, rates), #[cfg(feature = "formula")] Self::Custom(effect) => effect.respond(acceleration, hidden, rates), }
-            }
-            // Inlined, because LLVM for the AVR otherwise passes some of it on the
-            // stack and loses the pointer on the way (llvm#163015).
-            #[inline(always)]
-            fn sensor(&self, angle: R, time: R, hidden: &Hidden<R>, rates: &mut Hidden<R>) -> R {
-                match self { $( Self::$name(effect) => effect.sensor(angle, time, hidden, rates), )+ Self::Table(effect) => effect.sensor(angle, time, hidden, rates), #[cfg(feature = "formula")] Self::Custom(effect) => effect.sensor(angle, time, hidden, rates), }
-            }
-            fn pressure_behind(&self, pressure: R) -> R {
-                match self { $( Self::$name(effect) => Mechanism::<R>::pressure_behind(effect, pressure), )+ Self::Table(effect) => Mechanism::<R>::pressure_behind(effect, pressure), #[cfg(feature = "formula")] Self::Custom(effect) => Mechanism::<R>::pressure_behind(effect, pressure), }
-            }
-            fn behind(&self, shown: Motion<R>) -> Motion<R> {
-                match self { $( Self::$name(effect) => effect.behind(shown), )+ Self::Table(effect) => effect.behind(shown), #[cfg(feature = "formula")] Self::Custom(effect) => effect.behind(shown), }
-            }
-            fn stiffens(&self) -> bool {
-                match self { $( Self::$name(effect) => Mechanism::<R>::stiffens(effect), )+ Self::Table(effect) => Mechanism::<R>::stiffens(effect), #[cfg(feature = "formula")] Self::Custom(effect) => Mechanism::<R>::stiffens(effect), }
-            }
-            fn has_memory(&self) -> bool {
-                match self { $( Self::$name(effect) => Mechanism::<R>::has_memory(effect), )+ Self::Table(effect) => Mechanism::<R>::has_memory(effect), #[cfg(feature = "formula")] Self::Custom(effect) => Mechanism::<R>::has_memory(effect), }
-            }
-            fn note(&self, angle: R, pressure: R, hidden: &mut Hidden<R>) {
-                match self { $( Self::$name(effect) => effect.note(angle, pressure, hidden), )+ Self::Table(effect) => effect.note(angle, pressure, hidden), #[cfg(feature = "formula")] Self::Custom(effect) => effect.note(angle, pressure, hidden), }
-            }
-fn sign(&self, dynamics: &Dynamics<R>) -> Option<Sign<R>> {
-                match self { $( Self::$name(effect) => effect.sign(dynamics), )+ Self::Table(effect) => effect.sign(dynamics), #[cfg(feature = "formula")] Self::Custom(effect) => effect.sign(dynamics), }
-            }
-                        fn fastest_rate(&self, dynamics: &Dynamics<R>, angle: R) -> Rates<R> {
-                match self { $( Self::$name(effect) => effect.fastest_rate(dynamics, angle), )+ Self::Table(effect) => effect.fastest_rate(dynamics, angle), #[cfg(feature = "formula")] Self::Custom(effect) => effect.fastest_rate(dynamics, angle), }
-            }
-        }
     };
-}
-
-impl Kind {
-    /// The name in model files and verdicts.
-    pub const fn name(self) -> &'static str {
-        self.info().name
-    }
-
-    /// Whether it names a cause. A table does not: it repairs a model and says what
-    /// the missing force depends on.
-    pub const fn is_name(self) -> bool {
-        !matches!(self, Self::Table)
-    }
-
-    /// Looks an effect up by the name that it has in files.
-    pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.iter().copied().find(|kind| kind.name() == name)
-    }
-}
-
-impl<R: Copy> Effect<R> {
-    /// The parameter table of its kind; of a table as many rows as it has nodes.
-    pub fn parameters(&self) -> &'static [Parameter] {
-        match self {
-            Self::Table(table) => table.parameters(),
-            _ => self.kind().parameters(),
-        }
-    }
-
-    /// The values in the order of the table, in SI units.
-    pub fn values(&self) -> impl Iterator<Item = R> {
-        (0..self.kind().parameter_count()).filter_map(|index| self.value(index))
-    }
 }
 
 /// Hands the list of all effects, as `module::Type`, to a macro: all but the table,
@@ -338,6 +219,259 @@ macro_rules! for_each_effect {
 }
 
 for_each_effect!(catalogue);
+
+impl Kind {
+    /// Name, equation and texts.
+    pub const fn info(self) -> &'static Info {
+        each_kind!(
+            self,
+            Named => Named::<()>::INFO,
+            table => &table::INFO,
+            formula => &formula.0.info
+        )
+    }
+
+    /// The parameter table.
+    pub const fn parameters(self) -> &'static [Parameter] {
+        each_kind!(
+            self,
+            Named => Named::<()>::PARAMETERS,
+            table => table::PARAMETERS,
+            formula => formula.0.parameters
+        )
+    }
+
+    /// Rows of the parameter table, without the table: see [`Self::bounds`]. Of a [`Table`]
+    /// the most that it can have.
+    pub const fn parameter_count(self) -> usize {
+        each_kind!(
+            self,
+            Named => Named::<()>::COUNT,
+            table => table::MAX_NODES,
+            formula => formula.0.parameters.len()
+        )
+    }
+
+    /// Smallest and largest value of the parameter at `index` of the table, in SI units;
+    /// none beyond it.
+    ///
+    /// The same numbers as in [`Self::parameters`], as code: a processor that keeps its
+    /// constants in RAM pays for the texts and tables of the catalogue only where it asks for
+    /// them.
+    pub const fn bounds(self, index: usize) -> Option<(f32, f32)> {
+        each_kind!(
+            self,
+            Named => Named::<()>::bounds(index),
+            table => table::bounds(index),
+            formula => formula.bounds(index)
+        )
+    }
+
+    /// Cycles that it adds to a step on the board: see [`Preparation::CYCLES`].
+    pub const fn cycles(self) -> u16 {
+        each_kind!(
+            self,
+            Named => <Named<f32> as Preparation>::CYCLES,
+            table => InModel::CYCLES,
+            _formula => <custom::Custom<f32> as Preparation>::CYCLES
+        )
+    }
+
+    /// How the steps of it are tested.
+    #[cfg(test)]
+    pub(crate) const fn trial(self) -> Trial {
+        each_kind!(
+            self,
+            Named => <Named<f32> as Preparation>::TRIAL,
+            table => InModel::TRIAL,
+            _formula => <custom::Custom<f32> as Preparation>::TRIAL
+        )
+    }
+
+    /// Creates the effect from values in SI units, in the order of the table; none if their
+    /// number differs, and none for a [`Table`], which needs nodes ([`Table::new`]). Bounds
+    /// are checked when a model is made of it.
+    pub fn build<R: Copy>(self, values: &[R]) -> Option<Effect<R>> {
+        self.build_slot(values)
+    }
+}
+
+impl<R: Copy, T> Effect<R, T> {
+    /// The value at `index` of the parameter table; none for a table.
+    pub(crate) fn slot_value(&self, index: usize) -> Option<R> {
+        each!(self, effect => effect.value(index), table _ => None)
+    }
+
+    /// Replaces the value at `index`; nothing for a table.
+    pub(crate) fn set_slot_value(&mut self, index: usize, value: R) {
+        each!(self, effect => effect.set_value(index, value), table _ => {});
+    }
+}
+
+impl<R: Copy> Effect<R> {
+    /// The value at `index` of the parameter table, in SI units.
+    pub fn value(&self, index: usize) -> Option<R> {
+        each!(self, effect => effect.value(index))
+    }
+
+    /// Replaces the value at `index`, in SI units; ignores an index beyond the table.
+    pub fn set_value(&mut self, index: usize, value: R) {
+        each!(self, effect => effect.set_value(index, value));
+    }
+}
+
+impl Effect<f32, InModel> {
+    /// See [`Preparation::rate_law`].
+    #[inline(never)]
+    pub(crate) fn rate_law(&self, model: &Model<f32>) -> Option<RateLaw> {
+        each!(self, effect => effect.rate_law(model))
+    }
+
+    /// See [`Preparation::brakes`].
+    pub(crate) fn brakes(&self, dynamics: &Dynamics<f32>, farthest: f32) -> Option<f32> {
+        each!(self, effect => effect.brakes(dynamics, farthest))
+    }
+
+    /// See [`Preparation::set_moving`].
+    pub(crate) fn set_moving(&self, rate: f32, memory: &mut Hidden<f32>) {
+        each!(self, effect => effect.set_moving(rate, memory));
+    }
+}
+
+impl Part for AnyPart {
+    fn phases(&self) -> Phases {
+        each!(self, part => part.phases())
+    }
+
+    fn at_rest(&self, step: &mut Step) -> Hidden<f32> {
+        each!(self, part => part.at_rest(step))
+    }
+
+    #[inline]
+    fn before(&self, step: &mut Step, memory: &mut Hidden<f32>) -> f32 {
+        each!(self, part => part.before(step, memory))
+    }
+
+    #[inline]
+    fn force(&self, base: &Base, step: &mut Step, memory: &mut Hidden<f32>) -> f32 {
+        each!(self, part => part.force(base, step, memory))
+    }
+
+    #[inline]
+    fn read(&self, step: &mut Step, memory: &mut Hidden<f32>) {
+        each!(self, part => part.read(step, memory));
+    }
+}
+
+impl<R: Real, T: Mechanism<R>> Mechanism<R> for Effect<R, T> {
+    fn integrates(&self) -> bool {
+        each!(self, effect => Mechanism::<R>::integrates(effect))
+    }
+
+    fn at_rest(&self, rest: &Rest<R>) -> Hidden<R> {
+        each!(self, effect => effect.at_rest(rest))
+    }
+
+    fn delay(&self) -> R {
+        each!(self, effect => effect.delay())
+    }
+
+    fn input(&self, pressure: R, hidden: &Hidden<R>, rates: &mut Hidden<R>) -> R {
+        each!(self, effect => effect.input(pressure, hidden, rates))
+    }
+
+    fn modulates(&self) -> bool {
+        each!(self, effect => Mechanism::<R>::modulates(effect))
+    }
+
+    fn modulate(&self, at: &Instant<R>, hidden: &Hidden<R>, dynamics: &mut Dynamics<R>) {
+        each!(self, effect => effect.modulate(at, hidden, dynamics));
+    }
+
+    fn enlarge(&self, angle: R, dynamics: &mut Dynamics<R>) {
+        each!(self, effect => effect.enlarge(angle, dynamics));
+    }
+
+    fn force(&self, at: &Instant<R>, hidden: &Hidden<R>, rates: &mut Hidden<R>) -> R {
+        each!(self, effect => effect.force(at, hidden, rates))
+    }
+
+    fn respond(&self, acceleration: R, hidden: &Hidden<R>, rates: &mut Hidden<R>) {
+        each!(self, effect => effect.respond(acceleration, hidden, rates));
+    }
+
+    // Inlined, because LLVM for the AVR otherwise passes some of it on the
+    // stack and loses the pointer on the way (llvm#163015).
+    #[inline(always)]
+    fn sensor(&self, angle: R, time: R, hidden: &Hidden<R>, rates: &mut Hidden<R>) -> R {
+        each!(self, effect => effect.sensor(angle, time, hidden, rates))
+    }
+
+    fn pressure_behind(&self, pressure: R) -> R {
+        each!(self, effect => Mechanism::<R>::pressure_behind(effect, pressure))
+    }
+
+    fn behind(&self, shown: Motion<R>) -> Motion<R> {
+        each!(self, effect => effect.behind(shown))
+    }
+
+    fn stiffens(&self) -> bool {
+        each!(self, effect => Mechanism::<R>::stiffens(effect))
+    }
+
+    fn has_memory(&self) -> bool {
+        each!(self, effect => Mechanism::<R>::has_memory(effect))
+    }
+
+    fn note(&self, angle: R, pressure: R, hidden: &mut Hidden<R>) {
+        each!(self, effect => effect.note(angle, pressure, hidden));
+    }
+
+    fn sign(&self, dynamics: &Dynamics<R>) -> Option<Sign<R>> {
+        each!(self, effect => effect.sign(dynamics))
+    }
+
+    fn swings_beside(&self) -> bool {
+        each!(self, effect => Mechanism::<R>::swings_beside(effect))
+    }
+
+    fn fastest_rate(&self, dynamics: &Dynamics<R>, angle: R) -> Rates<R> {
+        each!(self, effect => effect.fastest_rate(dynamics, angle))
+    }
+}
+
+impl Kind {
+    /// The name in model files and verdicts.
+    pub const fn name(self) -> &'static str {
+        self.info().name
+    }
+
+    /// Whether it names a cause. A table does not: it repairs a model and says what
+    /// the missing force depends on.
+    pub const fn is_name(self) -> bool {
+        !matches!(self, Self::Table)
+    }
+
+    /// Looks an effect up by the name that it has in files.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.iter().copied().find(|kind| kind.name() == name)
+    }
+}
+
+impl<R: Copy> Effect<R> {
+    /// The parameter table of its kind; of a table as many rows as it has nodes.
+    pub fn parameters(&self) -> &'static [Parameter] {
+        match self {
+            Self::Table(table) => table.parameters(),
+            _ => self.kind().parameters(),
+        }
+    }
+
+    /// The values in the order of the table, in SI units.
+    pub fn values(&self) -> impl Iterator<Item = R> {
+        (0..self.kind().parameter_count()).filter_map(|index| self.value(index))
+    }
+}
 
 impl Kind {
     /// The effect that this one becomes at an end of its parameters: with no extra

@@ -24,6 +24,7 @@ pub mod integrate;
 pub mod leapfrog;
 pub mod ludwick;
 pub mod material;
+pub mod part;
 pub mod power;
 pub mod power_table;
 pub mod predictor;

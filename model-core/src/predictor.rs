@@ -275,12 +275,12 @@ impl Prediction {
 
     /// The bending angle (rad).
     pub fn angle(&self) -> f32 {
-        self.motion.angle
+        self.motion.angle()
     }
 
     /// What the angle sensor should show (rad); not finite if the model diverged.
     pub fn reading(&self) -> f32 {
-        self.motion.reading
+        self.motion.reading()
     }
 
     /// The newest pressure (Pa).

@@ -22,7 +22,7 @@ use model_core::{
     catalogue::Kind,
     power::{GuardedMicromath, Minimax},
     predictor::Predictor,
-    prepared::{BASE_CYCLES, cycles},
+    prepared::BASE_CYCLES,
 };
 use wire::{line, step_report::StepReport};
 
@@ -54,7 +54,7 @@ fn run_image(image: Option<&Path>, until: &str) -> Option<Output> {
 fn on_the_desktop(model: &Model<f32>) -> (f32, f32) {
     let predictor = Predictor::new(model, FARTHEST_RAD).expect("a model that can be stepped");
     let motion = one_step(&predictor, 0, &mut NoProbe);
-    (motion.angle, predictor.prepared().rate(&motion))
+    (motion.angle(), predictor.prepared().rate(&motion))
 }
 
 #[test]
@@ -126,7 +126,7 @@ fn steps_take_no_more_cycles_than_they_are_planned_with() {
     assert!(measured("step_table") <= BASE_CYCLES);
     for &kind in Kind::ALL {
         let name = format!("step_table+{}", kind.name());
-        let (step, planned) = (measured(&name), BASE_CYCLES + cycles(kind));
+        let (step, planned) = (measured(&name), BASE_CYCLES + kind.cycles());
         assert!(step <= planned, "{name}: {step} of {planned}");
     }
 }

@@ -7,7 +7,13 @@
 //! |θ| has a corner at θ = 0.
 
 use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
+use crate::catalogue::Effect;
 use crate::dynamics::{Dynamics, Rates};
+use crate::elementary::{MODERATE, decayed};
+use crate::glide::decays;
+#[cfg(test)]
+use crate::part::Trial;
+use crate::part::{Base, Part, Phases, Preparation, Step};
 use crate::real::Real;
 
 /// What the catalogue says about it.
@@ -47,6 +53,10 @@ impl<R: Real> AngleDependentDamping<R> {
 }
 
 impl<R: Real> Mechanism<R> for AngleDependentDamping<R> {
+    fn modulates(&self) -> bool {
+        true
+    }
+
     fn modulate(&self, at: &Instant<R>, _hidden: &Hidden<R>, dynamics: &mut Dynamics<R>) {
         dynamics.damping = dynamics.damping * self.factor(at.angle);
     }
@@ -64,6 +74,78 @@ impl<R: Real> Mechanism<R> for AngleDependentDamping<R> {
             stiffness: dynamics.damping * self.slope.abs() * swing / dynamics.inertia,
             relaxation: R::zero(),
         }
+    }
+}
+
+impl Preparation for AngleDependentDamping<f32> {
+    const CYCLES: u16 = 2_400;
+    type Part = Damping;
+    #[cfg(test)]
+    const TRIAL: Trial = Trial::smooth(&[1.2]);
+
+    fn prepare(&self, base: &Base) -> Self::Part {
+        let dynamics = base.model.dynamics();
+        let mut back = 1.0;
+        for slot in base.model.occupied() {
+            if let Effect::AsymmetricDamping(effect) = slot {
+                back *= 1.0 + effect.ratio;
+            }
+        }
+        let decay = dynamics.damping * base.flow.dt / dynamics.inertia;
+        let [come, mean] = decays(decay);
+        Damping {
+            per_angle: 0.5 * self.slope * decay,
+            decay,
+            back,
+            share: 1.0 - mean / come,
+            undamped: 1.0 / come,
+        }
+    }
+
+    fn brakes(&self, _dynamics: &Dynamics<f32>, _farthest: f32) -> Option<f32> {
+        // It enlarges the damping itself.
+        Some(0.0)
+    }
+}
+
+/// The damping in the middle of a drift, constant in it: the exponential of its decay by a short
+/// series.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Damping {
+    /// Half of C·c₁·h/M (1/rad).
+    per_angle: f32,
+    /// C·h/M.
+    decay: f32,
+    /// What else multiplies both on the way back.
+    back: f32,
+    /// The share of a small loss that the way has of it.
+    share: f32,
+    /// The way by which a rate that is not damped would go, of A.
+    undamped: f32,
+}
+
+impl Part for Damping {
+    fn phases(&self) -> Phases {
+        Phases::BEFORE
+    }
+
+    fn before(&self, step: &mut Step, _memory: &mut Hidden<f32>) -> f32 {
+        // In the middle of the way.
+        let twice = step.angle + step.angle + step.moved;
+        let mut more = twice.abs() * self.per_angle;
+        if self.per_angle.is_sign_negative() {
+            more = Real::max(more, -self.decay);
+        }
+        if step.moved.is_sign_negative() && self.back.to_bits() != 1.0_f32.to_bits() {
+            more = (more + self.decay) * self.back - self.decay;
+        }
+        let lost = decayed(more);
+        if more.abs().to_bits() < MODERATE {
+            step.moved -= step.moved * (lost * self.share);
+        } else {
+            step.moved *= decays(self.decay + more)[0] * self.undamped;
+        }
+        lost
     }
 }
 

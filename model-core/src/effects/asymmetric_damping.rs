@@ -5,7 +5,12 @@
 //! force C ω is continuous at ω = 0, its slope is not.
 
 use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
+use crate::actuator::Model;
+use crate::catalogue::Effect;
 use crate::dynamics::Dynamics;
+#[cfg(test)]
+use crate::part::Trial;
+use crate::part::{Base, Nothing, Preparation, RateLaw};
 use crate::real::Real;
 
 /// What the catalogue says about it.
@@ -39,6 +44,10 @@ parameters! {
 }
 
 impl<R: Real> Mechanism<R> for AsymmetricDamping<R> {
+    fn modulates(&self) -> bool {
+        true
+    }
+
     fn modulate(&self, at: &Instant<R>, _hidden: &Hidden<R>, dynamics: &mut Dynamics<R>) {
         if at.rate < R::zero() {
             dynamics.damping = dynamics.damping * (R::one() + self.ratio);
@@ -48,6 +57,29 @@ impl<R: Real> Mechanism<R> for AsymmetricDamping<R> {
     fn enlarge(&self, _angle: R, dynamics: &mut Dynamics<R>) {
         let factor = R::one() + self.ratio.max(R::zero());
         dynamics.damping = dynamics.damping * factor;
+    }
+}
+
+impl Preparation for AsymmetricDamping<f32> {
+    const CYCLES: u16 = 1_250;
+    type Part = Nothing;
+    #[cfg(test)]
+    const TRIAL: Trial = Trial::smooth(&[1.5]);
+
+    fn prepare(&self, _base: &Base) -> Self::Part {
+        Nothing
+    }
+
+    /// Unless another damping multiplies it, which then has it in its part.
+    fn rate_law(&self, model: &Model<f32>) -> Option<RateLaw> {
+        let multiplied = model
+            .occupied()
+            .any(|slot| matches!(slot, Effect::AngleDependentDamping(_)));
+        (!multiplied).then_some(RateLaw {
+            // A straight line on either side, however far.
+            farthest: 0.0,
+            sided: true,
+        })
     }
 }
 

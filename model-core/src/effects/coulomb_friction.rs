@@ -7,7 +7,11 @@
 //! viscous damping T/ω_s, so the actuator creeps instead of sticking.
 
 use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Sign, Unit, parameters};
+use crate::actuator::Model;
 use crate::dynamics::{Dynamics, Rates};
+#[cfg(test)]
+use crate::part::Trial;
+use crate::part::{Base, Nothing, Preparation, RateLaw};
 use crate::real::Real;
 
 /// What the catalogue says about it.
@@ -70,6 +74,21 @@ impl<R: Real> Mechanism<R> for CoulombFriction<R> {
             saturated: self.smoothing * R::from_i16(6),
             relaxation: self.force / (self.smoothing * dynamics.inertia),
         })
+    }
+}
+
+impl Preparation for CoulombFriction<f32> {
+    const CYCLES: u16 = 1_250;
+    type Part = Nothing;
+    #[cfg(test)]
+    const TRIAL: Trial = Trial::with_corner(&[0.15, 0.02], 0.05);
+
+    fn prepare(&self, _base: &Base) -> Self::Part {
+        Nothing
+    }
+
+    fn rate_law(&self, model: &Model<f32>) -> Option<RateLaw> {
+        RateLaw::of_sign(self, model)
     }
 }
 

@@ -5,6 +5,9 @@
 
 use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
 use crate::dynamics::{Dynamics, Rates};
+#[cfg(test)]
+use crate::part::Trial;
+use crate::part::{Base, Forced, Preparation};
 use crate::real::Real;
 
 /// What the catalogue says about it.
@@ -47,6 +50,17 @@ impl<R: Real> Mechanism<R> for CubicStiffness<R> {
             stiffness: R::from_i16(3) * self.stiffness.abs() * angle * angle / dynamics.inertia,
             relaxation: R::zero(),
         }
+    }
+}
+
+impl Preparation for CubicStiffness<f32> {
+    const CYCLES: u16 = 1_600;
+    type Part = Forced<Self>;
+    #[cfg(test)]
+    const TRIAL: Trial = Trial::smooth(&[0.2]);
+
+    fn prepare(&self, _base: &Base) -> Self::Part {
+        Forced(*self)
     }
 }
 

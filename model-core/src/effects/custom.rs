@@ -21,6 +21,9 @@ use core::hash::{Hash, Hasher};
 use super::table::Variable;
 use super::{Hidden, Info, Instant, Mechanism, Parameter};
 use crate::dynamics::{Dynamics, Rates};
+#[cfg(test)]
+use crate::part::Trial;
+use crate::part::{Base, Nothing, Preparation};
 use crate::real::Real;
 
 /// The most parameters of a formula. Every slot of a model has room for them.
@@ -290,6 +293,16 @@ pub struct Definition {
 pub struct Formula(pub &'static Definition);
 
 impl Formula {
+    /// Smallest and largest value of the parameter at `index`; none beyond them.
+    pub const fn bounds(self, index: usize) -> Option<(f32, f32)> {
+        let rows = self.0.parameters;
+        if index < rows.len() {
+            Some((rows[index].lower, rows[index].upper))
+        } else {
+            None
+        }
+    }
+
     /// The variable that its force is a function of; none if there are several.
     pub fn own_variable(self) -> Option<Variable> {
         let mut variables = Variable::ALL
@@ -383,6 +396,18 @@ impl<R: Copy> Custom<R> {
             formula: self.formula,
             values: self.values.map(f),
         }
+    }
+}
+
+/// No board computes a formula: [`crate::prepared::plan`] refuses it.
+impl Preparation for Custom<f32> {
+    const CYCLES: u16 = 0;
+    type Part = Nothing;
+    #[cfg(test)]
+    const TRIAL: Trial = Trial::smooth(&[]);
+
+    fn prepare(&self, _base: &Base) -> Nothing {
+        Nothing
     }
 }
 

@@ -5,6 +5,9 @@
 //! recorder whose two channels are not sampled at the same time.
 
 use super::{Info, Mechanism, Parameter, Place, Unit, parameters};
+#[cfg(test)]
+use crate::part::Trial;
+use crate::part::{Base, Nothing, Preparation};
 use crate::real::Real;
 
 /// What the catalogue says about it.
@@ -40,6 +43,17 @@ parameters! {
 impl<R: Real> Mechanism<R> for DeadTime<R> {
     fn delay(&self) -> R {
         self.delay
+    }
+}
+
+impl Preparation for DeadTime<f32> {
+    const CYCLES: u16 = 0;
+    type Part = Nothing;
+    #[cfg(test)]
+    const TRIAL: Trial = Trial::smooth(&[]);
+
+    fn prepare(&self, _base: &Base) -> Self::Part {
+        Nothing
     }
 }
 

@@ -6,6 +6,9 @@
 
 use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
 use crate::dynamics::{Dynamics, Rates};
+#[cfg(test)]
+use crate::part::Trial;
+use crate::part::{Base, Forced, Preparation};
 use crate::real::Real;
 
 /// What the catalogue says about it.
@@ -60,6 +63,17 @@ impl<R: Real> Mechanism<R> for EndStop<R> {
             stiffness: self.stiffness / dynamics.inertia,
             relaxation: R::zero(),
         }
+    }
+}
+
+impl Preparation for EndStop<f32> {
+    const CYCLES: u16 = 1_600;
+    type Part = Forced<Self>;
+    #[cfg(test)]
+    const TRIAL: Trial = Trial::with_corner(&[4.0, 1.1], 0.02);
+
+    fn prepare(&self, _base: &Base) -> Self::Part {
+        Forced(*self)
     }
 }
 

@@ -7,6 +7,9 @@
 
 use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
 use crate::dynamics::Dynamics;
+#[cfg(test)]
+use crate::part::Trial;
+use crate::part::{Base, Nothing, Preparation};
 use crate::real::Real;
 
 /// What the catalogue says about it.
@@ -40,12 +43,27 @@ parameters! {
 }
 
 impl<R: Real> Mechanism<R> for ExponentShift<R> {
+    fn modulates(&self) -> bool {
+        true
+    }
+
     fn modulate(&self, _at: &Instant<R>, _hidden: &Hidden<R>, dynamics: &mut Dynamics<R>) {
         dynamics.exponent = (dynamics.exponent + self.delta).max(R::from_f32(0.25));
     }
 
     fn enlarge(&self, _angle: R, dynamics: &mut Dynamics<R>) {
         dynamics.exponent = (dynamics.exponent + self.delta).max(R::from_f32(0.25));
+    }
+}
+
+impl Preparation for ExponentShift<f32> {
+    const CYCLES: u16 = 0;
+    type Part = Nothing;
+    #[cfg(test)]
+    const TRIAL: Trial = Trial::smooth(&[-0.5]);
+
+    fn prepare(&self, _base: &Base) -> Self::Part {
+        Nothing
     }
 }
 

@@ -7,6 +7,10 @@
 
 use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
 use crate::dynamics::{Dynamics, Rates};
+use crate::elementary::sin_near;
+#[cfg(test)]
+use crate::part::Trial;
+use crate::part::{Base, Part, Phases, Preparation, Step};
 use crate::real::Real;
 
 /// What the catalogue says about it.
@@ -60,6 +64,43 @@ impl<R: Real> Mechanism<R> for Gravity<R> {
             stiffness: self.weight.abs() / dynamics.inertia,
             relaxation: R::zero(),
         }
+    }
+}
+
+impl Preparation for Gravity<f32> {
+    const CYCLES: u16 = 2_200;
+    type Part = Weight;
+    #[cfg(test)]
+    const TRIAL: Trial = Trial::smooth(&[0.3, 0.4]);
+
+    fn prepare(&self, base: &Base) -> Self::Part {
+        let weight = self.weight * base.leapfrog.per_newton();
+        Weight {
+            weight,
+            tilt: self.tilt,
+            at_zero: weight * sin_near(self.tilt),
+        }
+    }
+}
+
+/// The weight with the force of its tilt.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Weight {
+    /// γ·G (rad).
+    weight: f32,
+    /// θ₀ (rad).
+    tilt: f32,
+    /// γ·G·sin θ₀ (rad).
+    at_zero: f32,
+}
+
+impl Part for Weight {
+    fn phases(&self) -> Phases {
+        Phases::AFTER
+    }
+
+    fn force(&self, _base: &Base, step: &mut Step, _memory: &mut Hidden<f32>) -> f32 {
+        self.weight * sin_near(step.angle + self.tilt) - self.at_zero
     }
 }
 

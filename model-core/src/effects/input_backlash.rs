@@ -14,6 +14,9 @@
 //! taken up on one side, which is where this is weak: it costs up to b.
 
 use super::{Hidden, Info, Mechanism, Parameter, Place, Rest, Unit, parameters};
+#[cfg(test)]
+use crate::part::Trial;
+use crate::part::{Base, Mapped, Preparation};
 use crate::real::Real;
 
 /// What the catalogue says about it.
@@ -68,6 +71,17 @@ impl<R: Real> Mechanism<R> for InputBacklash<R> {
 
     fn note(&self, _angle: R, pressure: R, hidden: &mut Hidden<R>) {
         hidden[0] = self.input(pressure, hidden, &mut [R::zero(); 2]);
+    }
+}
+
+impl Preparation for InputBacklash<f32> {
+    const CYCLES: u16 = 1_250;
+    type Part = Mapped<Self>;
+    #[cfg(test)]
+    const TRIAL: Trial = Trial::with_corner(&[6_000.0], 0.05);
+
+    fn prepare(&self, _base: &Base) -> Self::Part {
+        Mapped(*self)
     }
 }
 

@@ -16,7 +16,11 @@
 //! angle against a leak.
 
 use super::{Hidden, Info, Mechanism, Parameter, Place, Unit, parameters};
+use crate::carried::Lag;
 use crate::dynamics::{Dynamics, Rates};
+#[cfg(test)]
+use crate::part::Trial;
+use crate::part::{Base, Part, Phases, Preparation, Step};
 use crate::real::Real;
 
 /// What the catalogue says about it.
@@ -65,6 +69,36 @@ impl<R: Real> Mechanism<R> for Leak<R> {
             stiffness: R::zero(),
             relaxation: R::one() / self.time_constant,
         }
+    }
+}
+
+impl Preparation for Leak<f32> {
+    const CYCLES: u16 = 1_600;
+    type Part = Loss;
+    #[cfg(test)]
+    const TRIAL: Trial = Trial::smooth(&[6.0]);
+
+    fn prepare(&self, base: &Base) -> Self::Part {
+        Loss(Lag::new(self.time_constant, base.flow.dt))
+    }
+}
+
+/// Loses the pressure.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Loss(Lag<f32>);
+
+impl Part for Loss {
+    fn phases(&self) -> Phases {
+        Phases::BEFORE
+    }
+
+    fn at_rest(&self, step: &mut Step) -> Hidden<f32> {
+        [0.0, step.chamber]
+    }
+
+    fn before(&self, step: &mut Step, memory: &mut Hidden<f32>) -> f32 {
+        step.chamber -= self.0.follow(memory, step.chamber);
+        0.0
     }
 }
 

@@ -6,6 +6,9 @@
 
 use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
 use crate::dynamics::{Dynamics, Rates};
+#[cfg(test)]
+use crate::part::Trial;
+use crate::part::{Base, Forced, Preparation};
 use crate::real::Real;
 
 /// What the catalogue says about it.
@@ -48,6 +51,17 @@ impl<R: Real> Mechanism<R> for LinearStiffness<R> {
             stiffness: self.stiffness / dynamics.inertia,
             relaxation: R::zero(),
         }
+    }
+}
+
+impl Preparation for LinearStiffness<f32> {
+    const CYCLES: u16 = 1_250;
+    type Part = Forced<Self>;
+    #[cfg(test)]
+    const TRIAL: Trial = Trial::smooth(&[0.3]);
+
+    fn prepare(&self, _base: &Base) -> Self::Part {
+        Forced(*self)
     }
 }
 

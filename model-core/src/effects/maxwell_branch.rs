@@ -5,7 +5,11 @@
 //! creep. z (rad) is the dashpot's extension, τ (s) its time constant.
 
 use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Rest, Unit, parameters};
+use crate::carried::Branch;
 use crate::dynamics::{Dynamics, Rates};
+#[cfg(test)]
+use crate::part::Trial;
+use crate::part::{Base, Part, Phases, Preparation, Step};
 use crate::real::Real;
 
 /// What the catalogue says about it.
@@ -69,6 +73,36 @@ impl<R: Real> Mechanism<R> for MaxwellBranch<R> {
             stiffness: self.stiffness / dynamics.inertia,
             relaxation: R::one() / self.time_constant,
         }
+    }
+}
+
+impl Preparation for MaxwellBranch<f32> {
+    const CYCLES: u16 = 1_000;
+    type Part = Relaxing;
+    #[cfg(test)]
+    const TRIAL: Trial = Trial::smooth(&[0.5, 0.4]);
+
+    fn prepare(&self, base: &Base) -> Self::Part {
+        Relaxing(Branch::new(
+            self.stiffness * base.leapfrog.per_newton(),
+            self.time_constant,
+            base.flow.dt,
+        ))
+    }
+}
+
+/// The branch; it remembers its force (rad of way).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Relaxing(Branch<f32>);
+
+impl Part for Relaxing {
+    fn phases(&self) -> Phases {
+        Phases::AFTER
+    }
+
+    fn force(&self, _base: &Base, step: &mut Step, memory: &mut Hidden<f32>) -> f32 {
+        self.0.carry(&mut memory[0], step.moved);
+        memory[0]
     }
 }
 

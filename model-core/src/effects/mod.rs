@@ -127,6 +127,11 @@ pub trait Mechanism<R: Real> {
     fn input(&self, pressure: R, _hidden: &Hidden<R>, _rates: &mut Hidden<R>) -> R {
         pressure
     }
+    /// Whether [`Mechanism::modulate`] does anything. With derivatives a set of parameters is
+    /// half a kilobyte, which most models need not copy.
+    fn modulates(&self) -> bool {
+        false
+    }
     /// Changes the parameters of the base equation at an instant.
     fn modulate(&self, _at: &Instant<R>, _hidden: &Hidden<R>, _dynamics: &mut Dynamics<R>) {}
     /// Changes the parameters of the base equation to the largest that they
@@ -169,6 +174,10 @@ pub trait Mechanism<R: Real> {
     /// The smoothed sign of a friction; none for what has none.
     fn sign(&self, _dynamics: &Dynamics<R>) -> Option<Sign<R>> {
         None
+    }
+    /// Whether what it adds to the fastest rate swings beside the actuator and not with it.
+    fn swings_beside(&self) -> bool {
+        false
     }
     /// How much the effect adds to the fastest rate of the equations, for
     /// angles up to `angle` (rad).
@@ -361,6 +370,9 @@ macro_rules! parameters {
         }
 
         impl $name<()> {
+            /// What the catalogue says about it.
+            pub const INFO: &'static $crate::effects::Info = &INFO;
+
             /// The parameter table, in the order of the fields.
             pub const PARAMETERS: &'static [$crate::effects::Parameter] = &[$( $row ),+];
 

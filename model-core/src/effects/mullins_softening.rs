@@ -13,6 +13,10 @@
 
 use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Rest, Unit, parameters};
 use crate::dynamics::Dynamics;
+use crate::elementary::{decayed, exp};
+#[cfg(test)]
+use crate::part::Trial;
+use crate::part::{Base, Part, Phases, Preparation, Step};
 use crate::real::Real;
 
 /// What the catalogue says about it.
@@ -61,6 +65,10 @@ impl<R: Real> Mechanism<R> for MullinsSoftening<R> {
         [rest.angle.abs(), R::zero()]
     }
 
+    fn modulates(&self) -> bool {
+        true
+    }
+
     fn modulate(&self, at: &Instant<R>, hidden: &Hidden<R>, dynamics: &mut Dynamics<R>) {
         let largest = hidden[0].max(at.angle.abs());
         let lost = self.loss * (R::one() - (-largest / self.angle).exp());
@@ -73,6 +81,52 @@ impl<R: Real> Mechanism<R> for MullinsSoftening<R> {
 
     fn note(&self, angle: R, _pressure: R, hidden: &mut Hidden<R>) {
         hidden[0] = hidden[0].max(angle.abs());
+    }
+}
+
+impl Preparation for MullinsSoftening<f32> {
+    const CYCLES: u16 = 2_400;
+    type Part = Softening;
+    #[cfg(test)]
+    const TRIAL: Trial = Trial::with_corner(&[0.4, 0.5], 0.02);
+
+    fn prepare(&self, _base: &Base) -> Self::Part {
+        Softening {
+            loss: self.loss,
+            per_angle: 1.0 / self.angle,
+        }
+    }
+}
+
+/// Multiplies the stiffness by 1 − δ(1 − e^(−m/θ_m)). It remembers m, the largest angle so far,
+/// and the exponential, which grows on by the short way that is new.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Softening {
+    /// δ.
+    loss: f32,
+    /// 1/θ_m (1/rad).
+    per_angle: f32,
+}
+
+impl Part for Softening {
+    fn phases(&self) -> Phases {
+        Phases::AFTER
+    }
+
+    fn at_rest(&self, step: &mut Step) -> Hidden<f32> {
+        let largest = step.angle.abs();
+        [largest, exp(-largest * self.per_angle)]
+    }
+
+    fn force(&self, _base: &Base, step: &mut Step, memory: &mut Hidden<f32>) -> f32 {
+        let size = step.angle.abs();
+        // Neither is negative.
+        if size.to_bits() > memory[0].to_bits() {
+            let more = (size - memory[0]) * self.per_angle;
+            *memory = [size, memory[1] - memory[1] * decayed(more)];
+        }
+        step.pull -= step.pull * (self.loss - self.loss * memory[1]);
+        0.0
     }
 }
 

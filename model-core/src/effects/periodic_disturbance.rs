@@ -13,7 +13,12 @@
 
 use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, full_turn, parameters};
 use crate::dynamics::{Dynamics, Rates};
+use crate::elementary::sin_near;
+#[cfg(test)]
+use crate::part::Trial;
+use crate::part::{Base, Part, Phases, Preparation, Step};
 use crate::real::Real;
+use core::f32::consts::{PI, TAU};
 
 /// What the catalogue says about it.
 pub const INFO: Info = Info {
@@ -87,12 +92,67 @@ impl<R: Real> Mechanism<R> for PeriodicDisturbance<R> {
         }
     }
 
+    fn swings_beside(&self) -> bool {
+        true
+    }
+
     fn fastest_rate(&self, _dynamics: &Dynamics<R>, _angle: R) -> Rates<R> {
         let frequency = full_turn::<R>() * self.frequency;
         Rates {
             stiffness: frequency * frequency,
             relaxation: R::zero(),
         }
+    }
+}
+
+impl Preparation for PeriodicDisturbance<f32> {
+    const CYCLES: u16 = 2_400;
+    type Part = Turning;
+    #[cfg(test)]
+    const TRIAL: Trial = Trial::smooth(&[0.1, 0.8, 0.3]);
+
+    fn prepare(&self, base: &Base) -> Self::Part {
+        let angle = TAU * self.frequency * base.flow.dt;
+        // Within a turn and a little by its bounds.
+        let phase = if self.phase > PI {
+            self.phase - TAU
+        } else {
+            self.phase
+        };
+        Turning {
+            force: self.force * base.leapfrog.per_newton(),
+            angle,
+            start: phase - angle,
+        }
+    }
+}
+
+/// A sine; it remembers its phase (rad).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Turning {
+    /// Its amplitude, γ·a (rad).
+    force: f32,
+    /// By how much the phase advances in a step (rad).
+    angle: f32,
+    /// The phase before the step that the first kick takes it along (rad).
+    start: f32,
+}
+
+impl Part for Turning {
+    fn phases(&self) -> Phases {
+        Phases::AFTER
+    }
+
+    fn at_rest(&self, _step: &mut Step) -> Hidden<f32> {
+        [self.start, 0.0]
+    }
+
+    fn force(&self, _base: &Base, _step: &mut Step, memory: &mut Hidden<f32>) -> f32 {
+        memory[0] += self.angle;
+        if memory[0] > PI {
+            memory[0] -= TAU;
+        }
+        self.force * sin_near(memory[0])
     }
 }
 

@@ -5,7 +5,11 @@
 //! constant τ (s) of that resistance and the chamber's capacity.
 
 use super::{Hidden, Info, Mechanism, Parameter, Place, Rest, Unit, parameters};
+use crate::carried::Lag;
 use crate::dynamics::{Dynamics, Rates};
+#[cfg(test)]
+use crate::part::Trial;
+use crate::part::{Base, Part, Phases, Preparation, Step};
 use crate::real::Real;
 
 /// What the catalogue says about it.
@@ -58,6 +62,36 @@ impl<R: Real> Mechanism<R> for PneumaticLag<R> {
             stiffness: R::zero(),
             relaxation: R::one() / self.time_constant,
         }
+    }
+}
+
+impl Preparation for PneumaticLag<f32> {
+    const CYCLES: u16 = 1_250;
+    type Part = Tube;
+    #[cfg(test)]
+    const TRIAL: Trial = Trial::smooth(&[0.06]);
+
+    fn prepare(&self, base: &Base) -> Self::Part {
+        Tube(Lag::new(self.time_constant, base.flow.dt))
+    }
+}
+
+/// Follows the pressure.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tube(Lag<f32>);
+
+impl Part for Tube {
+    fn phases(&self) -> Phases {
+        Phases::BEFORE
+    }
+
+    fn at_rest(&self, step: &mut Step) -> Hidden<f32> {
+        [step.chamber, step.chamber]
+    }
+
+    fn before(&self, step: &mut Step, memory: &mut Hidden<f32>) -> f32 {
+        step.chamber = self.0.follow(memory, step.chamber);
+        0.0
     }
 }
 

@@ -10,6 +10,9 @@
 
 use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
 use crate::dynamics::Dynamics;
+#[cfg(test)]
+use crate::part::Trial;
+use crate::part::{Base, Preparation, Stiffened};
 use crate::real::Real;
 
 /// The pressure (Pa) up to which a step length is to resolve the stiffness.
@@ -47,6 +50,10 @@ parameters! {
 }
 
 impl<R: Real> Mechanism<R> for PressureStiffening<R> {
+    fn modulates(&self) -> bool {
+        true
+    }
+
     fn modulate(&self, at: &Instant<R>, _hidden: &Hidden<R>, dynamics: &mut Dynamics<R>) {
         let factor = (R::one() + self.growth * at.pressure).max(R::zero());
         dynamics.stiffness = dynamics.stiffness * factor;
@@ -59,6 +66,17 @@ impl<R: Real> Mechanism<R> for PressureStiffening<R> {
 
     fn stiffens(&self) -> bool {
         true
+    }
+}
+
+impl Preparation for PressureStiffening<f32> {
+    const CYCLES: u16 = 1_900;
+    type Part = Stiffened<Self>;
+    #[cfg(test)]
+    const TRIAL: Trial = Trial::smooth(&[4e-6]);
+
+    fn prepare(&self, _base: &Base) -> Self::Part {
+        Stiffened(*self)
     }
 }
 

@@ -6,6 +6,9 @@
 //! force has a corner at p₀.
 
 use super::{Hidden, Info, Mechanism, Parameter, Place, Unit, parameters};
+#[cfg(test)]
+use crate::part::Trial;
+use crate::part::{Base, Mapped, Preparation};
 use crate::real::Real;
 
 /// What the catalogue says about it.
@@ -45,6 +48,17 @@ impl<R: Real> Mechanism<R> for PressureThreshold<R> {
 
     fn pressure_behind(&self, pressure: R) -> R {
         pressure + self.pressure
+    }
+}
+
+impl Preparation for PressureThreshold<f32> {
+    const CYCLES: u16 = 1_000;
+    type Part = Mapped<Self>;
+    #[cfg(test)]
+    const TRIAL: Trial = Trial::with_corner(&[9_000.0], 0.02);
+
+    fn prepare(&self, _base: &Base) -> Self::Part {
+        Mapped(*self)
     }
 }
 

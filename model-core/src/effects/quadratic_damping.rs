@@ -6,6 +6,10 @@
 
 use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
 use crate::dynamics::{Dynamics, Rates};
+use crate::elementary::{SMALL, ln};
+#[cfg(test)]
+use crate::part::Trial;
+use crate::part::{Base, Part, Phases, Preparation, Step};
 use crate::real::Real;
 
 /// What the catalogue says about it.
@@ -52,6 +56,49 @@ impl<R: Real> Mechanism<R> for QuadraticDamping<R> {
             stiffness: R::zero(),
             relaxation: self.drag * swing / dynamics.inertia,
         }
+    }
+}
+
+impl Preparation for QuadraticDamping<f32> {
+    const CYCLES: u16 = 2_200;
+    type Part = Drag;
+    #[cfg(test)]
+    const TRIAL: Trial = Trial::smooth(&[0.08]);
+
+    fn prepare(&self, base: &Base) -> Self::Part {
+        Drag {
+            per_way: self.drag / base.model.dynamics().inertia,
+        }
+    }
+
+    fn brakes(&self, dynamics: &Dynamics<f32>, farthest: f32) -> Option<f32> {
+        Some(self.fastest_rate(dynamics, farthest).relaxation)
+    }
+}
+
+/// Drag in closed form: the flow ẋ = −c·x − (d/M)·x·|x|/A leaves B·x/(1 + u) of a rate, and its
+/// way is x·ln(1 + u)/u, with u = (d/M)·|x|.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Drag {
+    /// d/M: what it takes of a way by that way (1/rad).
+    per_way: f32,
+}
+
+impl Part for Drag {
+    fn phases(&self) -> Phases {
+        Phases::BEFORE
+    }
+
+    fn before(&self, step: &mut Step, _memory: &mut Hidden<f32>) -> f32 {
+        let more = step.moved.abs() * self.per_way;
+        let lost = more / (1.0 + more);
+        step.moved -= step.moved
+            * if more.to_bits() < SMALL {
+                lost * 0.5
+            } else {
+                1.0 - ln(1.0 + more) / more
+            };
+        lost
     }
 }
 

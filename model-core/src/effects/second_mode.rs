@@ -9,7 +9,11 @@
 
 use super::{Hidden, Info, Mechanism, Parameter, Place, Unit, full_turn, parameters};
 use crate::dynamics::{Dynamics, Rates};
+#[cfg(test)]
+use crate::part::Trial;
+use crate::part::{Base, Part, Phases, Preparation, Step};
 use crate::real::Real;
+use core::f32::consts::TAU;
 
 /// What the catalogue says about it.
 pub const INFO: Info = Info {
@@ -87,6 +91,10 @@ impl<R: Real> Mechanism<R> for SecondMode<R> {
         angle + hidden[0]
     }
 
+    fn swings_beside(&self) -> bool {
+        true
+    }
+
     fn fastest_rate(&self, _dynamics: &Dynamics<R>, _angle: R) -> Rates<R> {
         let frequency = self.angular_frequency();
         Rates {
@@ -94,6 +102,107 @@ impl<R: Real> Mechanism<R> for SecondMode<R> {
             relaxation: (self.damping_ratio + self.damping_ratio) * frequency,
         }
     }
+}
+
+impl Preparation for SecondMode<f32> {
+    const CYCLES: u16 = 2_400;
+    type Part = Mode;
+    #[cfg(test)]
+    const TRIAL: Trial = Trial::smooth(&[3.0, 0.1, 0.15]);
+
+    fn prepare(&self, base: &Base) -> Self::Part {
+        Mode::of(self, base.flow.dt)
+    }
+
+    fn set_moving(&self, rate: f32, memory: &mut Hidden<f32>) {
+        memory[1] = self.coupling * rate / (TAU * self.frequency);
+    }
+}
+
+/// The mode over one step, with the rate of the actuator constant in it. Its state is z and
+/// (ż + b·ω)/ω₂.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Mode {
+    /// What a step makes of the state.
+    step: [[f32; 2]; 2],
+    /// What a way of one does (1/rad).
+    per_way: [f32; 2],
+}
+
+impl Part for Mode {
+    fn phases(&self) -> Phases {
+        Phases {
+            after: true,
+            ..Phases::READING
+        }
+    }
+
+    fn force(&self, _base: &Base, step: &mut Step, memory: &mut Hidden<f32>) -> f32 {
+        let [z, u] = *memory;
+        let [[a, b], [c, d]] = self.step;
+        *memory = [
+            a * z + b * u + self.per_way[0] * step.moved,
+            c * z + d * u + self.per_way[1] * step.moved,
+        ];
+        0.0
+    }
+
+    fn read(&self, step: &mut Step, memory: &mut Hidden<f32>) {
+        step.reading += memory[0];
+    }
+}
+
+impl Mode {
+    /// z̈ = −b·ω̇ − ω₂(2ζż + ω₂z) over `dt` seconds.
+    #[inline(never)]
+    fn of(effect: &SecondMode<f32>, dt: f32) -> Self {
+        let turn = TAU * effect.frequency * dt;
+        let damping = 2.0 * effect.damping_ratio;
+        // e^(turn·[[0, 1], [−1, −2ζ]]): halved until its series converges fast, then squared.
+        let mut size = turn * (1.0 + damping);
+        let mut halvings = 0;
+        let mut part = turn;
+        while size > 0.25 {
+            size *= 0.5;
+            part *= 0.5;
+            halvings += 1;
+        }
+        let generator = [[0.0, part], [-part, -damping * part]];
+        let mut step = [[1.0, 0.0], [0.0, 1.0]];
+        for order in (1..=5_u8).rev() {
+            let mut next = product(&generator, &step);
+            let share = 1.0 / f32::from(order);
+            for entry in next.as_flattened_mut() {
+                *entry *= share;
+            }
+            next[0][0] += 1.0;
+            next[1][1] += 1.0;
+            step = next;
+        }
+        for _ in 0..halvings {
+            step = product(&step, &step);
+        }
+        // A rate ω adds −b·ω to ż and 2ζ·b·ω to the other: over a step F⁻¹(Φ − 1) of that.
+        let drive = [-effect.coupling, damping * effect.coupling];
+        let [[a, b], [c, d]] = step;
+        let over = (a - 1.0) * drive[0] + b * drive[1];
+        let under = c * drive[0] + (d - 1.0) * drive[1];
+        Self {
+            step,
+            per_way: [(-damping * over - under) / turn, over / turn],
+        }
+    }
+}
+
+#[inline(never)]
+fn product(a: &[[f32; 2]; 2], b: &[[f32; 2]; 2]) -> [[f32; 2]; 2] {
+    let mut product = [[0.0; 2]; 2];
+    for (row, [left, right]) in product.iter_mut().zip(a) {
+        for (entry, (over, under)) in row.iter_mut().zip(b[0].iter().zip(&b[1])) {
+            *entry = left * over + right * under;
+        }
+    }
+    product
 }
 
 #[cfg(test)]

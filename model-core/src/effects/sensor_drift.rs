@@ -7,6 +7,9 @@
 //! its first reading.
 
 use super::{Hidden, Info, Mechanism, Motion, Parameter, Place, Unit, parameters};
+#[cfg(test)]
+use crate::part::Trial;
+use crate::part::{Base, Preparation, Shown};
 use crate::real::Real;
 
 /// What the catalogue says about it.
@@ -49,6 +52,17 @@ impl<R: Real> Mechanism<R> for SensorDrift<R> {
             rate: shown.rate - self.rate,
             ..shown
         }
+    }
+}
+
+impl Preparation for SensorDrift<f32> {
+    const CYCLES: u16 = 450;
+    type Part = Shown<Self>;
+    #[cfg(test)]
+    const TRIAL: Trial = Trial::smooth(&[0.01]);
+
+    fn prepare(&self, _base: &Base) -> Self::Part {
+        Shown(*self)
     }
 }
 

@@ -11,7 +11,11 @@
 //! this is weak.
 
 use super::{Hidden, Info, Mechanism, Motion, Parameter, Place, Rest, Unit, parameters};
+use crate::carried::Lag;
 use crate::dynamics::{Dynamics, Rates};
+#[cfg(test)]
+use crate::part::Trial;
+use crate::part::{Base, Part, Phases, Preparation, Step};
 use crate::real::Real;
 
 /// What the catalogue says about it.
@@ -71,6 +75,39 @@ impl<R: Real> Mechanism<R> for SensorLag<R> {
             stiffness: R::zero(),
             relaxation: R::one() / self.time_constant,
         }
+    }
+}
+
+impl Preparation for SensorLag<f32> {
+    const CYCLES: u16 = 1_250;
+    type Part = SlowSensor;
+    #[cfg(test)]
+    const TRIAL: Trial = Trial::smooth(&[0.09]);
+
+    fn prepare(&self, base: &Base) -> Self::Part {
+        SlowSensor(Lag::new(self.time_constant, base.interval))
+    }
+
+    fn set_moving(&self, rate: f32, memory: &mut Hidden<f32>) {
+        memory[0] -= self.time_constant * rate;
+    }
+}
+
+/// Lags behind the reading.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SlowSensor(Lag<f32>);
+
+impl Part for SlowSensor {
+    fn phases(&self) -> Phases {
+        Phases::READING
+    }
+
+    fn at_rest(&self, step: &mut Step) -> Hidden<f32> {
+        [step.reading, step.reading]
+    }
+
+    fn read(&self, step: &mut Step, memory: &mut Hidden<f32>) {
+        step.reading = self.0.follow(memory, step.reading);
     }
 }
 

@@ -6,6 +6,9 @@
 //! that the sensor would show two angles alike.
 
 use super::{Hidden, Info, Mechanism, Motion, Parameter, Place, Unit, parameters};
+#[cfg(test)]
+use crate::part::Trial;
+use crate::part::{Base, Preparation, Shown};
 use crate::real::Real;
 
 /// What the catalogue says about it.
@@ -64,6 +67,17 @@ impl<R: Real> Mechanism<R> for SensorNonlinearity<R> {
             angle,
             rate: shown.rate / self.slope(angle),
         }
+    }
+}
+
+impl Preparation for SensorNonlinearity<f32> {
+    const CYCLES: u16 = 650;
+    type Part = Shown<Self>;
+    #[cfg(test)]
+    const TRIAL: Trial = Trial::smooth(&[-0.1]);
+
+    fn prepare(&self, _base: &Base) -> Self::Part {
+        Shown(*self)
     }
 }
 

@@ -4,6 +4,9 @@
 //! sensor that was not tared, or that was glued on slightly bent.
 
 use super::{Hidden, Info, Mechanism, Motion, Parameter, Place, Unit, parameters};
+#[cfg(test)]
+use crate::part::Trial;
+use crate::part::{Base, Preparation, Shown};
 use crate::real::Real;
 
 /// What the catalogue says about it.
@@ -46,6 +49,17 @@ impl<R: Real> Mechanism<R> for SensorOffset<R> {
             angle: shown.angle - self.offset,
             ..shown
         }
+    }
+}
+
+impl Preparation for SensorOffset<f32> {
+    const CYCLES: u16 = 450;
+    type Part = Shown<Self>;
+    #[cfg(test)]
+    const TRIAL: Trial = Trial::smooth(&[0.1]);
+
+    fn prepare(&self, _base: &Base) -> Self::Part {
+        Shown(*self)
     }
 }
 

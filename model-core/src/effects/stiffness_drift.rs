@@ -12,6 +12,9 @@
 
 use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
 use crate::dynamics::Dynamics;
+#[cfg(test)]
+use crate::part::Trial;
+use crate::part::{Base, Preparation, Stiffened};
 use crate::real::Real;
 
 /// The time (s) up to which a step length is to resolve the stiffness.
@@ -67,6 +70,10 @@ impl<R: Real> StiffnessDrift<R> {
 }
 
 impl<R: Real> Mechanism<R> for StiffnessDrift<R> {
+    fn modulates(&self) -> bool {
+        true
+    }
+
     fn modulate(&self, at: &Instant<R>, _hidden: &Hidden<R>, dynamics: &mut Dynamics<R>) {
         dynamics.stiffness = dynamics.stiffness * self.factor(at.time);
     }
@@ -74,6 +81,17 @@ impl<R: Real> Mechanism<R> for StiffnessDrift<R> {
     fn enlarge(&self, _angle: R, dynamics: &mut Dynamics<R>) {
         let largest = self.factor(R::from_i16(LONG_RUN)).max(R::one());
         dynamics.stiffness = dynamics.stiffness * largest;
+    }
+}
+
+impl Preparation for StiffnessDrift<f32> {
+    const CYCLES: u16 = 1_900;
+    type Part = Stiffened<Self>;
+    #[cfg(test)]
+    const TRIAL: Trial = Trial::smooth(&[0.05]);
+
+    fn prepare(&self, _base: &Base) -> Self::Part {
+        Stiffened(*self)
     }
 }
 

@@ -9,7 +9,11 @@
 //! slow motions stick and slip.
 
 use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Sign, Unit, parameters};
+use crate::actuator::Model;
 use crate::dynamics::{Dynamics, Rates};
+#[cfg(test)]
+use crate::part::Trial;
+use crate::part::{Base, Nothing, Preparation, RateLaw};
 use crate::real::Real;
 
 /// ω_S over ω_s.
@@ -91,6 +95,21 @@ impl<R: Real> Mechanism<R> for StribeckFriction<R> {
             saturated: self.stribeck * R::from_i16(3),
             relaxation: self.fastest_rate(dynamics, R::zero()).relaxation,
         })
+    }
+}
+
+impl Preparation for StribeckFriction<f32> {
+    const CYCLES: u16 = 1_250;
+    type Part = Nothing;
+    #[cfg(test)]
+    const TRIAL: Trial = Trial::with_corner(&[0.08, 0.08, 0.1], 0.12);
+
+    fn prepare(&self, _base: &Base) -> Self::Part {
+        Nothing
+    }
+
+    fn rate_law(&self, model: &Model<f32>) -> Option<RateLaw> {
+        RateLaw::of_sign(self, model)
     }
 }
 

@@ -18,7 +18,11 @@
 //! effect and a board has little RAM.
 
 use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit};
+use crate::actuator::Model;
 use crate::dynamics::{Dynamics, Rates};
+#[cfg(test)]
+use crate::part::Trial;
+use crate::part::{Base, Part, Phases, Preparation, RateLaw, Step};
 use crate::real::Real;
 use core::fmt;
 
@@ -378,6 +382,68 @@ impl<R: Real> Mechanism<R> for Table<R> {
 pub struct InModel;
 
 impl<R: Real> Mechanism<R> for InModel {}
+
+impl Preparation for InModel {
+    const CYCLES: u16 = 2_200;
+    type Part = OfTable;
+    // It has no list of values.
+    #[cfg(test)]
+    const TRIAL: Trial = Trial::with_corner(&[], 0.05);
+
+    fn prepare(&self, base: &Base) -> OfTable {
+        let Some(table) = base.model.table() else {
+            return OfTable::Nothing;
+        };
+        if table.of() != Variable::Rate {
+            return OfTable::Force(table.of());
+        }
+        let at_rest = table.at(0.0);
+        if at_rest == 0.0 {
+            OfTable::Nothing
+        } else {
+            OfTable::AtRest(at_rest * base.leapfrog.per_newton())
+        }
+    }
+
+    fn rate_law(&self, model: &Model<f32>) -> Option<RateLaw> {
+        let table = model.table().filter(|table| table.of() == Variable::Rate)?;
+        let nodes = table.nodes().iter();
+        Some(RateLaw {
+            farthest: nodes.fold(0.0, |largest, node| Real::max(largest, node.abs())),
+            sided: true,
+        })
+    }
+}
+
+/// What a table does in a step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum OfTable {
+    /// Nothing: the glide has it.
+    Nothing,
+    /// What the glide leaves of it at rest: a force (rad of way).
+    AtRest(f32),
+    /// The force at this variable, from the table in the model.
+    Force(Variable),
+}
+
+impl Part for OfTable {
+    fn phases(&self) -> Phases {
+        match self {
+            Self::Nothing => Phases::NONE,
+            Self::AtRest(_) | Self::Force(_) => Phases::AFTER,
+        }
+    }
+
+    fn force(&self, base: &Base, step: &mut Step, _memory: &mut Hidden<f32>) -> f32 {
+        match (self, base.model.table()) {
+            (Self::AtRest(force), _) => *force,
+            (Self::Force(of), Some(table)) => {
+                table.at(of.at(&step.instant())) * base.leapfrog.per_newton()
+            }
+            _ => 0.0,
+        }
+    }
+}
 
 #[cfg(test)]
 mod tests {

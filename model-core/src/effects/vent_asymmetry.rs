@@ -7,7 +7,11 @@
 //! not.
 
 use super::{Hidden, Info, Mechanism, Parameter, Place, Rest, Unit, parameters};
+use crate::carried::Lag;
 use crate::dynamics::{Dynamics, Rates};
+#[cfg(test)]
+use crate::part::Trial;
+use crate::part::{Base, Part, Phases, Preparation, Step};
 use crate::real::Real;
 
 /// What the catalogue says about it.
@@ -77,6 +81,45 @@ impl<R: Real> Mechanism<R> for VentAsymmetry<R> {
             stiffness: R::zero(),
             relaxation: (R::one() / self.fill).max(R::one() / self.vent),
         }
+    }
+}
+
+impl Preparation for VentAsymmetry<f32> {
+    const CYCLES: u16 = 1_600;
+    type Part = Vent;
+    #[cfg(test)]
+    const TRIAL: Trial = Trial::with_corner(&[0.05, 0.3], 0.02);
+
+    fn prepare(&self, base: &Base) -> Self::Part {
+        Vent {
+            fill: Lag::new(self.fill, base.flow.dt),
+            vent: Lag::new(self.vent, base.flow.dt),
+        }
+    }
+}
+
+/// Follows the pressure up and down at different speeds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Vent {
+    fill: Lag<f32>,
+    vent: Lag<f32>,
+}
+
+impl Part for Vent {
+    fn phases(&self) -> Phases {
+        Phases::BEFORE
+    }
+
+    fn at_rest(&self, step: &mut Step) -> Hidden<f32> {
+        [step.chamber, step.chamber]
+    }
+
+    fn before(&self, step: &mut Step, memory: &mut Hidden<f32>) -> f32 {
+        let [here, before] = *memory;
+        let falls = before + step.chamber < here + here;
+        let lag = if falls { self.vent } else { self.fill };
+        step.chamber = lag.follow(memory, step.chamber);
+        0.0
     }
 }
 
