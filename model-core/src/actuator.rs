@@ -750,7 +750,11 @@ mod tests {
             let effect: Slot<f64> = kind.build_slot(&values).unwrap();
             let mut changed = dynamics;
             effect.modulate(&at, &[0.3, 0.0], &mut changed);
-            assert_eq!(changed != dynamics, changes_parameters(&effect), "{kind:?}");
+            assert_eq!(
+                changed != dynamics,
+                Mechanism::<f64>::modulates(&effect),
+                "{kind:?}"
+            );
         }
     }
 

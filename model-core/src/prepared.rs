@@ -514,6 +514,7 @@ impl Prepared {
 mod tests {
     use super::*;
     use crate::actuator::State;
+    use crate::catalogue::Effect;
     use crate::dynamics::Dynamics;
     use crate::effects::table::Table;
     use crate::input::Input;

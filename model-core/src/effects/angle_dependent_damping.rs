@@ -129,6 +129,7 @@ impl Part for Damping {
         Phases::BEFORE
     }
 
+    #[inline(always)]
     fn before(&self, step: &mut Step, _memory: &mut Hidden<f32>) -> f32 {
         // In the middle of the way.
         let twice = step.angle + step.angle + step.moved;

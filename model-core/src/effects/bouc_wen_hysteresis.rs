@@ -163,6 +163,7 @@ impl Part for Loop {
         Phases::AFTER
     }
 
+    #[inline(always)]
     fn force(&self, _base: &Base, step: &mut Step, memory: &mut Hidden<f32>) -> f32 {
         let way = step.moved * self.per_yield;
         memory[0] = wound(memory[0], way, self.onwards, self.back);

@@ -99,6 +99,7 @@ impl Part for Weight {
         Phases::AFTER
     }
 
+    #[inline(always)]
     fn force(&self, _base: &Base, step: &mut Step, _memory: &mut Hidden<f32>) -> f32 {
         self.weight * sin_near(step.angle + self.tilt) - self.at_zero
     }

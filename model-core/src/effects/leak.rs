@@ -96,6 +96,7 @@ impl Part for Loss {
         [0.0, step.chamber]
     }
 
+    #[inline(always)]
     fn before(&self, step: &mut Step, memory: &mut Hidden<f32>) -> f32 {
         step.chamber -= self.0.follow(memory, step.chamber);
         0.0

@@ -100,6 +100,7 @@ impl Part for Relaxing {
         Phases::AFTER
     }
 
+    #[inline(always)]
     fn force(&self, _base: &Base, step: &mut Step, memory: &mut Hidden<f32>) -> f32 {
         self.0.carry(&mut memory[0], step.moved);
         memory[0]

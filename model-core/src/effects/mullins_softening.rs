@@ -118,6 +118,7 @@ impl Part for Softening {
         [largest, exp(-largest * self.per_angle)]
     }
 
+    #[inline(always)]
     fn force(&self, _base: &Base, step: &mut Step, memory: &mut Hidden<f32>) -> f32 {
         let size = step.angle.abs();
         // Neither is negative.

@@ -147,6 +147,7 @@ impl Part for Turning {
         [self.start, 0.0]
     }
 
+    #[inline(always)]
     fn force(&self, _base: &Base, _step: &mut Step, memory: &mut Hidden<f32>) -> f32 {
         memory[0] += self.angle;
         if memory[0] > PI {

@@ -89,6 +89,7 @@ impl Part for Tube {
         [step.chamber, step.chamber]
     }
 
+    #[inline(always)]
     fn before(&self, step: &mut Step, memory: &mut Hidden<f32>) -> f32 {
         step.chamber = self.0.follow(memory, step.chamber);
         0.0

@@ -89,6 +89,7 @@ impl Part for Drag {
         Phases::BEFORE
     }
 
+    #[inline(always)]
     fn before(&self, step: &mut Step, _memory: &mut Hidden<f32>) -> f32 {
         let more = step.moved.abs() * self.per_way;
         let lost = more / (1.0 + more);

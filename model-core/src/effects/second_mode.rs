@@ -137,6 +137,7 @@ impl Part for Mode {
         }
     }
 
+    #[inline(always)]
     fn force(&self, _base: &Base, step: &mut Step, memory: &mut Hidden<f32>) -> f32 {
         let [z, u] = *memory;
         let [[a, b], [c, d]] = self.step;

@@ -434,6 +434,7 @@ impl Part for OfTable {
         }
     }
 
+    #[inline(always)]
     fn force(&self, base: &Base, step: &mut Step, _memory: &mut Hidden<f32>) -> f32 {
         match (self, base.model.table()) {
             (Self::AtRest(force), _) => *force,

@@ -114,6 +114,7 @@ impl Part for Vent {
         [step.chamber, step.chamber]
     }
 
+    #[inline(always)]
     fn before(&self, step: &mut Step, memory: &mut Hidden<f32>) -> f32 {
         let [here, before] = *memory;
         let falls = before + step.chamber < here + here;
