@@ -14,110 +14,114 @@ use wire::{fault::Fault, reply::Refusal, state::State};
 
 use crate::io::{Inputs, Outputs, Pump, Valve};
 
-/// What may be wrong in this control period, a flag for each [`Fault`] and one that
-/// keeps the rig from being armed.
-///
-/// The flags say what *is*, not what to do about it: that depends on the state
-/// and is the supervisor's part.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[allow(clippy::struct_excessive_bools)] // They are independent of each other.
-pub struct Conditions {
+/// A fault that latches in every state.
+const ALWAYS: bool = true;
+
+/// One that latches only while the pump may move.
+const WHILE_ARMED: bool = false;
+
+/// Declares what may be wrong, once: the flag, its fault and when that latches. The order is that
+/// of their weight.
+macro_rules! conditions {
+    ($( $(#[$doc:meta])* $flag:ident: $fault:ident $when:ident, )+) => {
+        /// What may be wrong in this control period, a flag for each [`Fault`] and one that
+        /// keeps the rig from being armed.
+        ///
+        /// The flags say what *is*, not what to do about it: that depends on the state
+        /// and is the supervisor's part.
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+        #[allow(clippy::struct_excessive_bools)] // They are independent of each other.
+        pub struct Conditions {
+            $( $(#[$doc])* pub $flag: bool, )+
+            /// The pressure is farther from zero than
+            /// [`LARGEST_AT_REST_PA`](crate::design::LARGEST_AT_REST_PA). No fault: between
+            /// the closed valve and the pump it belongs there. Before arming, with the valve
+            /// open, it means a wrong zero or a blocked vent.
+            pub pressurised: bool,
+        }
+
+        impl Conditions {
+            /// Whether the condition behind a fault holds.
+            pub const fn holds(&self, fault: Fault) -> bool {
+                match fault {
+                    $( Fault::$fault => self.$flag, )+
+                }
+            }
+
+            const fn faults(&self) -> Faults {
+                Faults::NONE $( .with(Fault::$fault, self.$flag) )+
+            }
+        }
+
+        impl Faults {
+            /// What latches in every state. Motion has nothing to do with these: the
+            /// operator must have seen them before the rig is armed. Pressure above the
+            /// limit belongs here because in idle the valve is open: then it is a
+            /// blocked vent.
+            const ALWAYS: Self = Self::NONE $( .with(Fault::$fault, $when) )+;
+
+            /// What latches only while the pump may move. At rest these are only shown:
+            /// sensors are plugged in and out, actuators are bent by hand, nobody
+            /// listens, and a self-test takes longer than a period.
+            const WHILE_ARMED: Self = Self::NONE $( .with(Fault::$fault, !$when) )+;
+
+            /// The one that explains the others: the first in the table.
+            fn first(self) -> Option<Fault> {
+                // Compared one by one: an array of these would lie in RAM.
+                $( if self.has(Fault::$fault) { return Some(Fault::$fault); } )+
+                None
+            }
+        }
+    };
+}
+
+// People before machine, the processor and its supply before what it measures, a sensor before
+// what it shows, and silence last, since a computer that is told of anything else may fall silent
+// for it.
+conditions! {
     /// The emergency-stop circuit is open.
-    pub emergency_stop: bool,
-    /// The gauge pressure is above the limit of the settings.
-    pub over_pressure: bool,
-    /// The bending angle is above the limit of the settings.
-    pub over_angle: bool,
-    /// The pressure sensor has no reading.
-    pub pressure_sensor: bool,
-    /// The flex sensor has no reading.
-    pub flex_sensor: bool,
-    /// The pump moves and nothing follows, or homing finds no switch.
-    pub stall: bool,
-    /// The plunger runs into an end; see [`runs_into_end`].
-    pub end_switch: bool,
-    /// Nothing was heard from the computer for longer than the settings allow.
-    pub host_silent: bool,
+    emergency_stop: EmergencyStop ALWAYS,
+    /// The firmware reached a state that it excludes.
+    internal: Internal ALWAYS,
     /// The watchdog caused the last reset. True for the first period only:
     /// it is an event, and an event is gone once it has been latched.
-    pub watchdog: bool,
+    watchdog: Watchdog ALWAYS,
     /// The last reset came from a dip of the supply. True for the first period
     /// only, like [`Self::watchdog`].
-    pub brown_out: bool,
+    brown_out: BrownOut ALWAYS,
     /// The settings in use are not those that were stored, because these are
     /// damaged; true until valid ones are saved.
-    pub settings_damaged: bool,
-    /// A control period took longer than it may.
-    pub overrun: bool,
-    /// The firmware reached a state that it excludes.
-    pub internal: bool,
-    /// Homing leaves the retracted switch, and it stays pressed.
-    pub retracted_switch: bool,
-    /// Homing looks for the retracted switch and comes to the other one.
-    pub motor_reversed: bool,
+    settings_damaged: Settings ALWAYS,
+    /// The pressure sensor has no reading.
+    pressure_sensor: PressureSensor WHILE_ARMED,
+    /// The flex sensor has no reading.
+    flex_sensor: FlexSensor WHILE_ARMED,
+    /// The gauge pressure is above the limit of the settings.
+    over_pressure: OverPressure ALWAYS,
     /// The valve has been open for longer than
     /// [`LONGEST_VENTING_PERIODS`](crate::design::LONGEST_VENTING_PERIODS), and the pressure
     /// has not been near zero for
     /// [`STILL_PRESSURISED_PERIODS`](crate::design::STILL_PRESSURISED_PERIODS) since: it
     /// stays, or a plunger that goes back sucks the actuator flat.
-    pub vent_blocked: bool,
+    vent_blocked: Vent WHILE_ARMED,
+    /// The bending angle is above the limit of the settings.
+    over_angle: OverAngle WHILE_ARMED,
+    /// The plunger runs into an end; see [`runs_into_end`].
+    end_switch: EndSwitch WHILE_ARMED,
+    /// Homing looks for the retracted switch and comes to the other one.
+    motor_reversed: MotorReversed WHILE_ARMED,
+    /// Homing leaves the retracted switch, and it stays pressed.
+    retracted_switch: RetractedSwitch WHILE_ARMED,
+    /// The pump moves and nothing follows, or homing finds no switch.
+    stall: Stall WHILE_ARMED,
     /// The pump is at the end of its stroke and far from the pressure set-point.
-    pub out_of_reach: bool,
+    out_of_reach: Reach WHILE_ARMED,
     /// In closed loop, sensor and prediction show different angles.
-    pub disagreement: bool,
-    /// The pressure is farther from zero than
-    /// [`LARGEST_AT_REST_PA`](crate::design::LARGEST_AT_REST_PA). No fault: between the
-    /// closed valve and the pump it belongs there. Before arming, with the valve open, it
-    /// means a wrong zero or a blocked vent.
-    pub pressurised: bool,
-}
-
-impl Conditions {
-    /// Whether the condition behind a fault holds.
-    pub const fn holds(&self, fault: Fault) -> bool {
-        match fault {
-            Fault::EmergencyStop => self.emergency_stop,
-            Fault::OverPressure => self.over_pressure,
-            Fault::OverAngle => self.over_angle,
-            Fault::PressureSensor => self.pressure_sensor,
-            Fault::FlexSensor => self.flex_sensor,
-            Fault::Stall => self.stall,
-            Fault::EndSwitch => self.end_switch,
-            Fault::HostLost => self.host_silent,
-            Fault::Watchdog => self.watchdog,
-            Fault::BrownOut => self.brown_out,
-            Fault::Settings => self.settings_damaged,
-            Fault::Overrun => self.overrun,
-            Fault::Internal => self.internal,
-            Fault::RetractedSwitch => self.retracted_switch,
-            Fault::MotorReversed => self.motor_reversed,
-            Fault::Vent => self.vent_blocked,
-            Fault::Reach => self.out_of_reach,
-            Fault::Disagreement => self.disagreement,
-        }
-    }
-
-    const fn faults(&self) -> Faults {
-        Faults::NONE
-            .with(Fault::EmergencyStop, self.emergency_stop)
-            .with(Fault::OverPressure, self.over_pressure)
-            .with(Fault::OverAngle, self.over_angle)
-            .with(Fault::PressureSensor, self.pressure_sensor)
-            .with(Fault::FlexSensor, self.flex_sensor)
-            .with(Fault::Stall, self.stall)
-            .with(Fault::EndSwitch, self.end_switch)
-            .with(Fault::HostLost, self.host_silent)
-            .with(Fault::Watchdog, self.watchdog)
-            .with(Fault::BrownOut, self.brown_out)
-            .with(Fault::Settings, self.settings_damaged)
-            .with(Fault::Overrun, self.overrun)
-            .with(Fault::Internal, self.internal)
-            .with(Fault::RetractedSwitch, self.retracted_switch)
-            .with(Fault::MotorReversed, self.motor_reversed)
-            .with(Fault::Vent, self.vent_blocked)
-            .with(Fault::Reach, self.out_of_reach)
-            .with(Fault::Disagreement, self.disagreement)
-    }
+    disagreement: Disagreement WHILE_ARMED,
+    /// A control period took longer than it may.
+    overrun: Overrun WHILE_ARMED,
+    /// Nothing was heard from the computer for longer than the settings allow.
+    host_silent: HostLost WHILE_ARMED,
 }
 
 /// Whether the plunger runs into an end switch: the flag
@@ -146,35 +150,6 @@ struct Faults(u32);
 impl Faults {
     const NONE: Self = Self(0);
 
-    /// What latches in every state. Motion has nothing to do with these: the
-    /// operator must have seen them before the rig is armed. Pressure above the
-    /// limit belongs here because in idle the valve is open: then it is a
-    /// blocked vent.
-    const ALWAYS: Self = Self::NONE
-        .with(Fault::EmergencyStop, true)
-        .with(Fault::OverPressure, true)
-        .with(Fault::Watchdog, true)
-        .with(Fault::BrownOut, true)
-        .with(Fault::Settings, true)
-        .with(Fault::Internal, true);
-
-    /// What latches only while the pump may move. At rest these are only shown:
-    /// sensors are plugged in and out, actuators are bent by hand, nobody
-    /// listens, and a self-test takes longer than a period.
-    const WHILE_ARMED: Self = Self::NONE
-        .with(Fault::OverAngle, true)
-        .with(Fault::PressureSensor, true)
-        .with(Fault::FlexSensor, true)
-        .with(Fault::Stall, true)
-        .with(Fault::EndSwitch, true)
-        .with(Fault::HostLost, true)
-        .with(Fault::Overrun, true)
-        .with(Fault::RetractedSwitch, true)
-        .with(Fault::MotorReversed, true)
-        .with(Fault::Vent, true)
-        .with(Fault::Reach, true)
-        .with(Fault::Disagreement, true);
-
     const fn with(self, fault: Fault, holds: bool) -> Self {
         if holds {
             Self(self.0 | 1 << (fault.code() - 1))
@@ -197,40 +172,6 @@ impl Faults {
 
     const fn has(self, fault: Fault) -> bool {
         !self.common(Self::NONE.with(fault, true)).is_empty()
-    }
-
-    /// The one that explains the others: people before machine, the processor
-    /// and its supply before what it measures, a sensor before what it shows,
-    /// and silence last, since a computer that is told of anything else may
-    /// fall silent for it.
-    fn first(self) -> Option<Fault> {
-        // Compared one by one: an array of these would lie in RAM.
-        macro_rules! first_of {
-            ($( $fault:ident ),+) => {
-                $( if self.has(Fault::$fault) { return Some(Fault::$fault); } )+
-            };
-        }
-        first_of![
-            EmergencyStop,
-            Internal,
-            Watchdog,
-            BrownOut,
-            Settings,
-            PressureSensor,
-            FlexSensor,
-            OverPressure,
-            Vent,
-            OverAngle,
-            EndSwitch,
-            MotorReversed,
-            RetractedSwitch,
-            Stall,
-            Reach,
-            Disagreement,
-            Overrun,
-            HostLost
-        ];
-        None
     }
 }
 
