@@ -31,10 +31,6 @@ use super::policy::Policy;
 pub use super::verdict::Strength;
 use crate::family::Family;
 
-/// A structure with a parameter at its bound is a rival of one without a doubt only if it
-/// leaves less than this share of its error.
-const AS_GOOD: f64 = 0.98;
-
 /// The measurements of one structure.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scored {
@@ -318,7 +314,7 @@ pub fn odds(rival: &Scored, first: &Scored, policy: &Policy) -> f64 {
 fn measured_odds(rival: &Scored, first: &Scored, policy: &Policy) -> f64 {
     let ratio = rival.leaves() / first.leaves();
     // A parameter at its bound makes another effect of it, or bends it.
-    let is_no_better = rival.doubt == Some(Doubt::AtBound) && ratio >= AS_GOOD;
+    let is_no_better = rival.doubt == Some(Doubt::AtBound) && ratio >= policy.doubted_leaves;
     let follows_runs = rival.doubt.is_some_and(Doubt::is_of_the_runs) && !first.at_noise;
     let gives_way = first.doubt.is_none() && (is_no_better || follows_runs);
     if rival.kinds.len() != first.kinds.len() || !takes_part(rival) || gives_way {

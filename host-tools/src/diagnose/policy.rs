@@ -49,6 +49,9 @@ policy! {
     rejected: 0.05, "probability", "one in twenty";
     /// A structure with a doubt leads if it leaves less than all others by this factor.
     doubted: 1.5, "–", "a third less than anything that can be named";
+    /// A structure with a parameter at its bound is a rival of one without a doubt only if it
+    /// leaves less than this share of its error.
+    doubted_leaves: 0.98, "–", "2 %: less is what the bound itself lets a fit follow";
     /// Only noise is left below this multiple of it.
     at_noise: 1.15, "noise", "half of `comparable`: what a floor is known to";
     /// Errors of formulas of one family are alike if they differ by less than this share of the
