@@ -28,7 +28,7 @@ use core::marker::PhantomData;
 use crate::catalogue::Effect;
 use crate::dynamics::{Dynamics, Rates};
 use crate::effects::table::{InModel, Table, Variable};
-use crate::effects::{Hidden, Instant, Mechanism, Motion, Rest, Sign};
+use crate::effects::{Hidden, Instant, Mechanism, Motion, Parameter, Rest, Sign};
 use crate::input::Input;
 use crate::power::{Power, signed_power};
 use crate::real::Real;
@@ -61,6 +61,34 @@ pub enum ParameterId {
     },
 }
 
+impl ParameterId {
+    /// The parameters of the base equation, in the order of [`Dynamics`].
+    pub const BASE: [Self; 5] = [
+        Self::Inertia,
+        Self::Damping,
+        Self::Stiffness,
+        Self::Exponent,
+        Self::InputGain,
+    ];
+
+    /// The place of a base parameter in [`Dynamics`]; none for one of an effect.
+    pub const fn in_base(self) -> Option<usize> {
+        Some(match self {
+            Self::Inertia => 0,
+            Self::Damping => 1,
+            Self::Stiffness => 2,
+            Self::Exponent => 3,
+            Self::InputGain => 4,
+            Self::Effect { .. } => return None,
+        })
+    }
+
+    /// The name of a base parameter in `[fit]`; none for one of an effect.
+    pub fn base_name(self) -> Option<&'static str> {
+        Some(Dynamics::<()>::FIELDS[self.in_base()?])
+    }
+}
+
 /// Checks every parameter of a model. Apart from the model, so that the board has it
 /// once for all power functions.
 #[inline(never)]
@@ -69,15 +97,9 @@ fn validate<R: Real>(
     effects: &[Option<Slot<R>>; MAX_EFFECTS],
     table: Option<&Table<R>>,
 ) -> Result<(), InvalidModel> {
-    use ParameterId::{Damping, Exponent, Inertia, InputGain, Stiffness};
-    for (value, id) in [
-        (d.inertia, Inertia),
-        (d.damping, Damping),
-        (d.stiffness, Stiffness),
-        (d.exponent, Exponent),
-        (d.input_gain, InputGain),
-    ] {
-        if !value.is_finite() {
+    use ParameterId::{Damping, Exponent, Inertia, Stiffness};
+    for (place, id) in ParameterId::BASE.into_iter().enumerate() {
+        if !d.value(place).is_some_and(R::is_finite) {
             return Err(InvalidModel::NotFinite(id));
         }
     }
@@ -309,33 +331,31 @@ impl<R: Real, P: Power<R>> Model<R, P> {
     /// The value of a parameter, in SI units; none if the model has no such
     /// effect or parameter.
     pub fn value(&self, id: ParameterId) -> Option<R> {
-        let d = &self.dynamics;
-        Some(match id {
-            ParameterId::Inertia => d.inertia,
-            ParameterId::Damping => d.damping,
-            ParameterId::Stiffness => d.stiffness,
-            ParameterId::Exponent => d.exponent,
-            ParameterId::InputGain => d.input_gain,
+        match id {
+            ParameterId::Effect { slot, parameter } => match self.effects.get(slot)?.as_ref()? {
+                Effect::Table(_) => self.table.as_ref()?.value(parameter),
+                effect => effect.slot_value(parameter),
+            },
+            base => self.dynamics.value(base.in_base()?),
+        }
+    }
+
+    /// What files, fits and reports know of a parameter; none if the model has no such
+    /// effect or parameter.
+    pub fn row(&self, id: ParameterId) -> Option<&'static Parameter> {
+        match id {
             ParameterId::Effect { slot, parameter } => {
-                return match self.effects.get(slot)?.as_ref()? {
-                    Effect::Table(_) => self.table.as_ref()?.value(parameter),
-                    effect => effect.slot_value(parameter),
-                };
+                self.effects().nth(slot)?.parameters().get(parameter)
             }
-        })
+            base => Dynamics::<()>::PARAMETERS.get(base.in_base()?),
+        }
     }
 
     /// Replaces one parameter without checking it again: a fit that keeps its
     /// parameters within bounds does this thousands of times. A parameter that
     /// the model does not have is left alone.
     pub fn with_value(mut self, id: ParameterId, value: R) -> Self {
-        let d = &mut self.dynamics;
         match id {
-            ParameterId::Inertia => d.inertia = value,
-            ParameterId::Damping => d.damping = value,
-            ParameterId::Stiffness => d.stiffness = value,
-            ParameterId::Exponent => d.exponent = value,
-            ParameterId::InputGain => d.input_gain = value,
             ParameterId::Effect { slot, parameter } => {
                 match (self.effects.get_mut(slot), &mut self.table) {
                     (Some(Some(Effect::Table(_))), Some(table)) => {
@@ -343,6 +363,11 @@ impl<R: Real, P: Power<R>> Model<R, P> {
                     }
                     (Some(Some(effect)), _) => effect.set_slot_value(parameter, value),
                     _ => {}
+                }
+            }
+            base => {
+                if let Some(place) = base.in_base() {
+                    self.dynamics.set_value(place, value);
                 }
             }
         }

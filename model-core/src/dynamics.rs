@@ -3,33 +3,68 @@
 //! They are separate from effects and from the model: effects change the parameters and add to
 //! the rates, and a model consists of both.
 
-use crate::real::Real;
+use crate::effects::{Parameter, Unit, parameters};
 
-/// Parameters of the base equation, in SI units and radians.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Dynamics<R> {
-    /// Effective inertia M (kg·m), positive.
-    pub inertia: R,
-    /// Viscous damping C (N·s/rad), not negative.
-    pub damping: R,
-    /// Stiffness K (N/radⁿ), not negative.
-    pub stiffness: R,
-    /// Exponent n of Ludwick's law, positive; 1 is Hooke's law.
-    pub exponent: R,
-    /// Input gain g (N/Pa).
-    pub input_gain: R,
-}
-
-impl<R: Real> Dynamics<R> {
-    /// Converts every parameter with `f`.
-    pub fn map<S>(&self, mut f: impl FnMut(R) -> S) -> Dynamics<S> {
-        Dynamics {
-            inertia: f(self.inertia),
-            damping: f(self.damping),
-            stiffness: f(self.stiffness),
-            exponent: f(self.exponent),
-            input_gain: f(self.input_gain),
-        }
+parameters! {
+    @table
+    /// Parameters of the base equation, in SI units and radians. Fits start where the
+    /// recordings say, and a file has to give all of them.
+    Dynamics {
+        /// Effective inertia M (kg·m), positive.
+        inertia: Parameter {
+            key: "inertia_kg_m",
+            symbol: "M",
+            unit: Unit::KilogramMetre,
+            lower: f32::MIN_POSITIVE,
+            upper: f32::INFINITY,
+            held: None,
+            default: None,
+            starts: &[],
+        },
+        /// Viscous damping C (N·s/rad), not negative.
+        damping: Parameter {
+            key: "damping_n_s_per_rad",
+            symbol: "C",
+            unit: Unit::NewtonSecondPerRad,
+            lower: 0.0,
+            upper: f32::INFINITY,
+            held: None,
+            default: None,
+            starts: &[],
+        },
+        /// Stiffness K (N/radⁿ), not negative.
+        stiffness: Parameter {
+            key: "stiffness_n_per_rad_n",
+            symbol: "K",
+            unit: Unit::NewtonPerRadToTheN,
+            lower: 0.0,
+            upper: f32::INFINITY,
+            held: None,
+            default: None,
+            starts: &[],
+        },
+        /// Exponent n of Ludwick's law, positive; 1 is Hooke's law.
+        exponent: Parameter {
+            key: "exponent",
+            symbol: "n",
+            unit: Unit::One,
+            lower: f32::MIN_POSITIVE,
+            upper: f32::INFINITY,
+            held: None,
+            default: None,
+            starts: &[],
+        },
+        /// Input gain g (N/Pa).
+        input_gain: Parameter {
+            key: "input_gain_n_per_kpa",
+            symbol: "g",
+            unit: Unit::NewtonPerKiloPascal,
+            lower: f32::NEG_INFINITY,
+            upper: f32::INFINITY,
+            held: None,
+            default: None,
+            starts: &[],
+        },
     }
 }
 

@@ -14,7 +14,7 @@ use super::output::{self, FileKind, Output};
 use crate::estimate::assemble::assemble;
 use crate::estimate::identify::Order;
 use crate::first_model::{
-    BASE, FirstModel, Geometry, authors_actuator, from_geometry, from_recordings, next_steps,
+    FirstModel, Geometry, authors_actuator, from_geometry, from_recordings, next_steps,
 };
 use crate::io::error::{InputError, is_stream, write_atomically};
 use crate::io::material_name::{like, named};
@@ -335,7 +335,7 @@ fn ask_about_time(recordings: &[Recording]) {
 /// The parameters with their sources, and warnings.
 fn summary(first: &FirstModel) -> String {
     let mut text = format!("{:<32} {:>11}   from\n", "parameter", "value");
-    for id in BASE {
+    for id in ParameterId::BASE {
         let unit = parameter_unit(&first.model, id);
         let name = parameter_name(&first.model, id);
         let label = if unit.is_empty() {

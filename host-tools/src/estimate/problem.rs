@@ -870,14 +870,6 @@ mod tests {
     use crate::estimate::filter::Pace;
     use crate::io::recording::Recording;
 
-    const BASE: [ParameterId; 5] = [
-        ParameterId::Inertia,
-        ParameterId::Damping,
-        ParameterId::Stiffness,
-        ParameterId::Exponent,
-        ParameterId::InputGain,
-    ];
-
     fn pulled_and_let_go() -> Dataset {
         let time: Vec<f64> = (0..60).map(|k| f64::from(k) * 0.02).collect();
         Dataset::of(&[Recording {
@@ -931,7 +923,7 @@ mod tests {
         /// in which it is free alone. Twenty unknowns are more than one pass has room for.
         #[test]
         fn any_number_of_parameters_is_free(
-            base in proptest::sample::subsequence(BASE.to_vec(), 1..=5),
+            base in proptest::sample::subsequence(ParameterId::BASE.to_vec(), 1..=5),
             kinds in proptest::sample::subsequence(Kind::NAMES.to_vec(), 0..=2),
             nodes in 0usize..=16,
             at_level in proptest::bool::ANY,

@@ -313,46 +313,38 @@ fn named<'t>(tape: &'t Tape, model: &Model<f64>, constants: &[Constant]) -> Trac
 
 /// Every parameter of a model.
 fn parameters(model: &Model<f64>) -> impl Iterator<Item = ParameterId> {
-    use ParameterId::{Damping, Exponent, Inertia, InputGain, Stiffness};
     let counts: Vec<usize> = model.effects().map(|e| e.parameters().len()).collect();
     let of_effects = counts.into_iter().enumerate().flat_map(|(slot, count)| {
         (0..count).map(move |parameter| ParameterId::Effect { slot, parameter })
     });
-    [Inertia, Damping, Stiffness, Exponent, InputGain]
-        .into_iter()
-        .chain(of_effects)
+    ParameterId::BASE.into_iter().chain(of_effects)
 }
 
 /// The parameters with names that tell two effects of a kind apart.
 fn constants(model: &Model<f64>) -> Vec<Constant> {
-    let effects: Vec<_> = model.effects().collect();
     parameters(model)
         .map(|id| {
             let about = parameter_name(model, id);
             let shown_unit = parameter_unit(model, id);
-            let base = |name: &str, symbol, scale, unit| (name.to_owned(), symbol, scale, unit);
-            let (name, symbol, scale, unit) = match id {
-                ParameterId::Inertia => base("inertia_kg_m", "M", Scale::Same, "kg.m"),
-                ParameterId::Damping => base("damping_n_s_per_rad", "C", Scale::Same, "N.s/rad"),
-                ParameterId::Stiffness => base("stiffness_n_per_rad_n", "K", Scale::Same, ""),
-                ParameterId::Exponent => base("exponent", "n", Scale::Same, "1"),
-                ParameterId::InputGain => base("input_gain_n_per_pa", "g", Scale::Over1000, "N/Pa"),
-                ParameterId::Effect { slot, parameter } => {
-                    let row = &effects[slot].parameters()[parameter];
-                    let key = row.key.replace('[', "_").replace(']', "");
-                    let scale = match row.unit {
-                        Unit::KiloPascal => Scale::Times1000,
-                        Unit::PerKiloPascal => Scale::Over1000,
-                        _ => Scale::Same,
-                    };
-                    let key = match scale {
-                        // A formula's own parameters are as they are written.
-                        Scale::Same => key,
-                        _ => key.replace("kpa", "pa"),
-                    };
-                    let name = format!("{}_{key}", effect_name(model, slot));
-                    (name, row.symbol, scale, si_symbol(row.unit))
+            let (key, symbol, unit) = model
+                .row(id)
+                .map_or(("", "", Unit::One), |row| (row.key, row.symbol, row.unit));
+            let key = key.replace('[', "_").replace(']', "");
+            let scale = match unit {
+                Unit::KiloPascal => Scale::Times1000,
+                Unit::PerKiloPascal | Unit::NewtonPerKiloPascal => Scale::Over1000,
+                _ => Scale::Same,
+            };
+            let key = match scale {
+                // A formula's own parameters are as they are written.
+                Scale::Same => key,
+                _ => key.replace("kpa", "pa"),
+            };
+            let name = match id {
+                ParameterId::Effect { slot, .. } => {
+                    format!("{}_{key}", effect_name(model, slot))
                 }
+                _ => key,
             };
             let value = model.value(id).unwrap_or_default();
             Constant {
@@ -365,7 +357,7 @@ fn constants(model: &Model<f64>) -> Vec<Constant> {
                 } else {
                     format!("{about}, {shown_unit} in the model file")
                 },
-                unit,
+                unit: si_symbol(unit),
             }
         })
         .collect()
@@ -398,6 +390,11 @@ fn shortest(value: f64, scale: Scale) -> f64 {
 /// A unit as Modelica writes it.
 fn si_symbol(unit: Unit) -> &'static str {
     match unit {
+        Unit::KilogramMetre => "kg.m",
+        Unit::NewtonSecondPerRad => "N.s/rad",
+        // No unit of its own: it depends on the exponent.
+        Unit::NewtonPerRadToTheN => "",
+        Unit::NewtonPerKiloPascal => "N/Pa",
         Unit::Newton => "N",
         Unit::NewtonPerRad => "N/rad",
         Unit::NewtonPerRad3 => "N/rad3",

@@ -70,15 +70,6 @@ const DESIGN_PRESSURE: f64 = 150e3;
 /// Angle (rad) at which a guessed actuator has that natural frequency.
 const MIDDLE_ANGLE: f64 = std::f64::consts::FRAC_PI_4;
 
-/// The base parameters, in the order of the file.
-pub const BASE: [ParameterId; 5] = [
-    ParameterId::Inertia,
-    ParameterId::Damping,
-    ParameterId::Stiffness,
-    ParameterId::Exponent,
-    ParameterId::InputGain,
-];
-
 /// Where a number comes from.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Origin {
@@ -139,7 +130,7 @@ impl Evidence {
 pub struct FirstModel {
     /// The model, without effects.
     pub model: Model<f64>,
-    /// Where each base parameter comes from, in the order of [`BASE`].
+    /// Where each base parameter comes from, in the order of [`ParameterId::BASE`].
     pub origins: [Origin; 5],
     /// The parameters that a refit estimates.
     pub free: Vec<ParameterId>,
@@ -152,7 +143,7 @@ pub struct FirstModel {
 impl FirstModel {
     /// Where a base parameter comes from.
     pub fn origin(&self, id: ParameterId) -> &Origin {
-        let place = BASE.iter().position(|base| *base == id).unwrap_or(0);
+        let place = id.in_base().unwrap_or(0);
         &self.origins[place]
     }
 }
@@ -277,7 +268,7 @@ pub fn from_recordings(
         Origin::Convention("the input never acts"),
     ];
     for (index, &id) in fit.free.iter().enumerate() {
-        let place = BASE.iter().position(|base| *base == id).unwrap_or(0);
+        let place = id.in_base().unwrap_or(0);
         let value = fit.model.value(id).unwrap_or_default();
         origins[place] = if least_seen(&fit.model, id, data).is_some_and(|least| value < least) {
             Origin::Nothing

@@ -5,24 +5,18 @@ use std::path::Path;
 use model_core::actuator::ParameterId;
 use toml_edit::Value;
 
-use super::{BASE, Evidence, FirstModel, Geometry, Origin, beam_stiffness};
+use super::{Evidence, FirstModel, Geometry, Origin, beam_stiffness};
 use crate::io::model_file::{parameter_name, parameter_unit, to_file_units};
 use crate::io::terminal::printable_line;
 use crate::numbers::{four_digits, tidy};
 
-/// Key in `[dynamics]` and what the parameter is, in the order of [`BASE`].
-const KEYS: [(&str, &str); 5] = [
-    ("inertia_kg_m", "effective inertia M"),
-    ("damping_n_s_per_rad", "damping C"),
-    ("stiffness_n_per_rad_n", "stiffness K"),
-    (
-        "exponent",
-        "exponent n of Ludwick's law, 1 for a linear spring",
-    ),
-    (
-        "input_gain_n_per_kpa",
-        "input gain g, per unit of the column pressure_kpa",
-    ),
+/// What the base parameters are, in the order of [`ParameterId::BASE`].
+const WHAT: [&str; 5] = [
+    "effective inertia M",
+    "damping C",
+    "stiffness K",
+    "exponent n of Ludwick's law, 1 for a linear spring",
+    "input gain g, per unit of the column pressure_kpa",
 ];
 
 impl Origin {
@@ -88,7 +82,8 @@ impl FirstModel {
             text += &actuator(&geometry, self.evidence.is_some());
         }
         text += "\n[dynamics]\n";
-        for (id, (key, what)) in BASE.into_iter().zip(KEYS) {
+        for (id, what) in ParameterId::BASE.into_iter().zip(WHAT) {
+            let key = self.model.row(id).map_or("", |row| row.key);
             let value = self.model.value(id).unwrap_or_default();
             let value = tidy(to_file_units(&self.model, id, value));
             let origin = self.origin(id).sentence(parameter_unit(&self.model, id));

@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 use model_core::actuator::{InvalidModel, MAX_EFFECTS, Model, ParameterId};
 use model_core::catalogue::{Effect, Kind};
 use model_core::dynamics::Dynamics;
-use model_core::effects::Unit;
 use model_core::effects::table::{self, MAX_NODES, MIN_NODES, Variable};
+use model_core::effects::{Parameter, Unit};
 use model_core::ludwick::{Beam, Ludwick, SecondMoment};
 use model_core::power::Exact;
 use toml_edit::{Array, ArrayOfTables, DocumentMut, Item, Table, Value};
@@ -20,7 +20,6 @@ use crate::io::error::{InputError, line_of};
 use crate::io::material_name::{like, named};
 use crate::io::own_effects::{self, Role};
 use crate::io::ranges::Range;
-use crate::io::recording::PASCAL_PER_KPA;
 use crate::io::toml_reader::Reader;
 use crate::numbers::tidy;
 
@@ -34,14 +33,12 @@ const FREE_BY_DEFAULT: [ParameterId; 3] = [
     ParameterId::InputGain,
 ];
 
-/// The base parameters: name in `[fit]`, key in `[dynamics]`.
-const BASE: [(ParameterId, &str, &str); 5] = [
-    (ParameterId::Inertia, "inertia", "inertia_kg_m"),
-    (ParameterId::Damping, "damping", "damping_n_s_per_rad"),
-    (ParameterId::Stiffness, "stiffness", "stiffness_n_per_rad_n"),
-    (ParameterId::Exponent, "exponent", "exponent"),
-    (ParameterId::InputGain, "input_gain", "input_gain_n_per_kpa"),
-];
+/// The base parameters with their rows.
+fn base() -> impl Iterator<Item = (ParameterId, &'static Parameter)> {
+    ParameterId::BASE
+        .into_iter()
+        .zip(Dynamics::<()>::PARAMETERS)
+}
 
 /// A model with what its file says around it.
 #[derive(Clone, Debug)]
@@ -130,9 +127,9 @@ impl ModelFile {
         // The text parsed once already.
         let mut document: DocumentMut = self.text.parse().unwrap_or_default();
         let dynamics = document["dynamics"].or_insert(Item::Table(Table::new()));
-        for (id, _, key) in BASE {
+        for (id, row) in base() {
             if let Some(value) = model.value(id) {
-                replace_number(&mut dynamics[key], tidy(to_file(id, value)));
+                replace_number(&mut dynamics[row.key], tidy(row.unit.from_si(value)));
             }
         }
         let list = document["effect"].or_insert(Item::ArrayOfTables(ArrayOfTables::new()));
@@ -232,25 +229,22 @@ pub fn node_in_file(of: Variable, node: f32) -> f64 {
 
 /// The name of a parameter as `[fit] free` and reports spell it.
 pub fn parameter_name(model: &Model<f64>, id: ParameterId) -> String {
-    if let ParameterId::Effect { slot, parameter } = id {
-        return model
+    match id {
+        ParameterId::Effect { slot, .. } => model
             .effects()
             .nth(slot)
-            .and_then(|effect| {
-                let row = effect.parameters().get(parameter)?;
-                Some(format!("{}.{}", effect.kind().name(), row.key))
-            })
-            .unwrap_or_default();
+            .zip(model.row(id))
+            .map_or_else(String::new, |(effect, row)| {
+                format!("{}.{}", effect.kind().name(), row.key)
+            }),
+        base => base.base_name().unwrap_or_default().to_owned(),
     }
-    BASE.iter()
-        .find(|(base, ..)| *base == id)
-        .map_or_else(String::new, |(_, name, _)| (*name).to_owned())
 }
 
 /// All parameters of a model with their keys in files, those of an effect after its kind:
 /// `stiffness_n_per_rad_n`, `coulomb_friction.force_n`.
 pub fn parameters(model: &Model<f64>) -> Vec<(ParameterId, String)> {
-    let base = BASE.iter().map(|&(id, _, key)| (id, key.to_owned()));
+    let base = base().map(|(id, row)| (id, row.key.to_owned()));
     let effects = model.effects().enumerate().flat_map(|(slot, effect)| {
         let rows = effect.parameters().iter().enumerate();
         rows.map(move |(parameter, _)| ParameterId::Effect { slot, parameter })
@@ -262,51 +256,17 @@ pub fn parameters(model: &Model<f64>) -> Vec<(ParameterId, String)> {
 
 /// Converts a parameter from the unit of files to SI units.
 pub fn from_file_units(model: &Model<f64>, id: ParameterId, value: f64) -> f64 {
-    match id {
-        ParameterId::InputGain => value / PASCAL_PER_KPA,
-        ParameterId::Effect { slot, parameter } => model
-            .effects()
-            .nth(slot)
-            .and_then(|effect| effect.parameters().get(parameter))
-            .map_or(value, |row| row.unit.to_si(value)),
-        _ => value,
-    }
+    model.row(id).map_or(value, |row| row.unit.to_si(value))
 }
 
 /// The unit in which a parameter is shown.
 pub fn parameter_unit(model: &Model<f64>, id: ParameterId) -> &'static str {
-    match id {
-        ParameterId::Inertia => "kg·m",
-        ParameterId::Damping => "N·s/rad",
-        ParameterId::Stiffness => "N/radⁿ",
-        ParameterId::Exponent => "",
-        ParameterId::InputGain => "N/kPa",
-        ParameterId::Effect { slot, parameter } => model
-            .effects()
-            .nth(slot)
-            .and_then(|effect| effect.parameters().get(parameter))
-            .map_or("", |row| row.unit.symbol()),
-    }
+    model.row(id).map_or("", |row| row.unit.symbol())
 }
 
 /// Converts a parameter from SI units to the unit of files.
 pub fn to_file_units(model: &Model<f64>, id: ParameterId, value: f64) -> f64 {
-    match id {
-        ParameterId::Effect { slot, parameter } => model
-            .effects()
-            .nth(slot)
-            .and_then(|effect| effect.parameters().get(parameter))
-            .map_or(value, |row| row.unit.from_si(value)),
-        base => to_file(base, value),
-    }
-}
-
-fn to_file(id: ParameterId, value: f64) -> f64 {
-    if id == ParameterId::InputGain {
-        value * PASCAL_PER_KPA
-    } else {
-        value
-    }
+    model.row(id).map_or(value, |row| row.unit.from_si(value))
 }
 
 /// Replaces a number and keeps the comment beside it.
@@ -548,7 +508,7 @@ impl ModelReader<'_> {
         table: &Table,
         actuator: Option<&ActuatorSection>,
     ) -> Result<Dynamics<f64>, InputError> {
-        let keys: Vec<&str> = BASE.iter().map(|(_, _, key)| *key).collect();
+        let keys: Vec<&str> = base().map(|(_, row)| row.key).collect();
         self.toml.known_keys(table, "[dynamics]", &keys)?;
         let required = |key: &str| self.toml.required(table, "dynamics", key);
         let derived = |key: &str, derive: fn(&ActuatorSection) -> Option<f64>| {
@@ -573,13 +533,16 @@ impl ModelReader<'_> {
                 _ => required(key),
             }
         };
-        Ok(Dynamics {
-            inertia: required("inertia_kg_m")?,
-            damping: required("damping_n_s_per_rad")?,
-            stiffness: derived("stiffness_n_per_rad_n", derived_stiffness)?,
-            exponent: derived("exponent", derived_exponent)?,
-            input_gain: required("input_gain_n_per_kpa")? / PASCAL_PER_KPA,
-        })
+        let mut dynamics = *Model::<f64>::inert().dynamics();
+        for (place, (id, row)) in base().enumerate() {
+            let value = match id {
+                ParameterId::Stiffness => derived(row.key, derived_stiffness)?,
+                ParameterId::Exponent => derived(row.key, derived_exponent)?,
+                _ => required(row.key)?,
+            };
+            dynamics.set_value(place, row.unit.to_si(value));
+        }
+        Ok(dynamics)
     }
 
     /// Checks that the numbers of a complete model are within their ranges.
@@ -589,10 +552,11 @@ impl ModelReader<'_> {
         dynamics: &Table,
         effects: &[&Table],
     ) -> Result<(), InputError> {
-        for (id, _, key) in BASE {
+        for (id, row) in base() {
             // As it is used: stiffness and exponent may come from the material.
-            let value = model.value(id).map(|value| to_file(id, value));
-            self.check_range(dynamics, key, value.unwrap_or_default(), Range::of_key(key))?;
+            let value = model.value(id).map(|value| row.unit.from_si(value));
+            let range = Range::of_key(row.key);
+            self.check_range(dynamics, row.key, value.unwrap_or_default(), range)?;
         }
         for table in effects {
             let kind = table
@@ -811,10 +775,9 @@ impl ModelReader<'_> {
                 (table, row.map_or("", |row| row.key), range)
             }
             base => {
-                let key = BASE
-                    .iter()
-                    .find(|(id, ..)| *id == base)
-                    .map_or("", |(_, _, key)| *key);
+                let key = base
+                    .in_base()
+                    .map_or("", |place| Dynamics::<()>::PARAMETERS[place].key);
                 (dynamics, key, Range::of_key(key))
             }
         };
@@ -843,11 +806,11 @@ impl ModelReader<'_> {
                 .fail_at(item.span(), "within is not a table", ADVICE)
         })?;
         for (name, item) in table.iter() {
-            let (id, ..) = BASE
-                .iter()
-                .find(|(_, base, _)| *base == name)
+            let id = ParameterId::BASE
+                .into_iter()
+                .find(|id| id.base_name() == Some(name))
                 .ok_or_else(|| {
-                    let names: Vec<&str> = BASE.iter().map(|(_, name, _)| *name).collect();
+                    let names = Dynamics::<()>::FIELDS;
                     self.toml.fail_at(
                         item.span(),
                         format!("within names {name}, which is no base parameter"),
@@ -865,10 +828,10 @@ impl ModelReader<'_> {
                         ADVICE,
                     )
                 })?;
-            let value = model.value(*id).unwrap_or_default();
+            let value = model.value(id).unwrap_or_default();
             let by = tolerance * value.abs();
             known.push(KnownRange {
-                id: *id,
+                id,
                 lower: value - by,
                 upper: value + by,
             });
@@ -891,9 +854,9 @@ impl ModelReader<'_> {
                 "write it as free = [\"damping\", \"stiffness\"]",
             )
         })?;
-        let mut known: Vec<(String, Vec<ParameterId>)> = BASE
-            .iter()
-            .map(|(id, name, _)| ((*name).to_owned(), vec![*id]))
+        let mut known: Vec<(String, Vec<ParameterId>)> = ParameterId::BASE
+            .into_iter()
+            .map(|id| (id.base_name().unwrap_or_default().to_owned(), vec![id]))
             .collect();
         for (slot, effect) in model.effects().enumerate() {
             let ids = (0..effect.parameters().len())

@@ -76,7 +76,7 @@ impl Preparation for Gravity<f32> {
     fn prepare(&self, base: &Base) -> Self::Part {
         let weight = self.weight * base.leapfrog.per_newton();
         Weight {
-            weight,
+            force: weight,
             tilt: self.tilt,
             at_zero: weight * sin_near(self.tilt),
         }
@@ -87,7 +87,7 @@ impl Preparation for Gravity<f32> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Weight {
     /// γ·G (rad).
-    weight: f32,
+    force: f32,
     /// θ₀ (rad).
     tilt: f32,
     /// γ·G·sin θ₀ (rad).
@@ -101,7 +101,7 @@ impl Part for Weight {
 
     #[inline(always)]
     fn force(&self, _base: &Base, step: &mut Step, _memory: &mut Hidden<f32>) -> f32 {
-        self.weight * sin_near(step.angle + self.tilt) - self.at_zero
+        self.force * sin_near(step.angle + self.tilt) - self.at_zero
     }
 }
 

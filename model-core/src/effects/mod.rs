@@ -204,6 +204,14 @@ pub enum Unit {
     One,
     /// N, a generalised force.
     Newton,
+    /// kg·m, an effective inertia.
+    KilogramMetre,
+    /// N·s/rad.
+    NewtonSecondPerRad,
+    /// N/radⁿ, n the exponent of Ludwick's law.
+    NewtonPerRadToTheN,
+    /// N/kPa in files, N/Pa inside.
+    NewtonPerKiloPascal,
     /// N/rad.
     NewtonPerRad,
     /// N/rad³.
@@ -237,6 +245,10 @@ impl Unit {
         match self {
             Self::One => "",
             Self::Newton => "N",
+            Self::KilogramMetre => "kg·m",
+            Self::NewtonSecondPerRad => "N·s/rad",
+            Self::NewtonPerRadToTheN => "N/radⁿ",
+            Self::NewtonPerKiloPascal => "N/kPa",
             Self::NewtonPerRad => "N/rad",
             Self::NewtonPerRad3 => "N/rad³",
             Self::NewtonSecond2PerRad2 => "N·s²/rad²",
@@ -274,7 +286,7 @@ impl Unit {
     pub fn to_si<R: Real>(self, value: R) -> R {
         match self {
             Self::KiloPascal => value * R::from_i16(1000),
-            Self::PerKiloPascal => value / R::from_i16(1000),
+            Self::PerKiloPascal | Self::NewtonPerKiloPascal => value / R::from_i16(1000),
             _ => value,
         }
     }
@@ -283,13 +295,13 @@ impl Unit {
     pub fn from_si<R: Real>(self, value: R) -> R {
         match self {
             Self::KiloPascal => value / R::from_i16(1000),
-            Self::PerKiloPascal => value * R::from_i16(1000),
+            Self::PerKiloPascal | Self::NewtonPerKiloPascal => value * R::from_i16(1000),
             _ => value,
         }
     }
 }
 
-/// One row of an effect's parameter table.
+/// One row of a parameter table: of an effect, or of the base equation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Parameter {
     /// Key in model files and verdicts, with its unit.
@@ -355,9 +367,22 @@ pub enum Place {
 }
 
 /// Declares the parameters of an effect once: as the fields of a struct and as
-/// the table that files, fits and reports read.
+/// the table that files, fits and reports read. With `@table` in front, those of a
+/// struct that is no effect.
 macro_rules! parameters {
     (
+        $(#[$outer:meta])*
+        $name:ident { $($rows:tt)+ }
+    ) => {
+        $crate::effects::parameters! { @table $(#[$outer])* $name { $($rows)+ } }
+
+        impl $name<()> {
+            /// What the catalogue says about it.
+            pub const INFO: &'static $crate::effects::Info = &INFO;
+        }
+    };
+    (
+        @table
         $(#[$outer:meta])*
         $name:ident {
             $( $(#[$inner:meta])* $field:ident: $row:expr ),+ $(,)?
@@ -370,11 +395,11 @@ macro_rules! parameters {
         }
 
         impl $name<()> {
-            /// What the catalogue says about it.
-            pub const INFO: &'static $crate::effects::Info = &INFO;
-
             /// The parameter table, in the order of the fields.
             pub const PARAMETERS: &'static [$crate::effects::Parameter] = &[$( $row ),+];
+
+            /// The names of the fields, in the order of the table.
+            pub const FIELDS: &'static [&'static str] = &[$( stringify!($field) ),+];
 
             /// Rows of the table. Like [`Self::bounds`] this is code and no
             /// data, so that a board can ask without holding the table in RAM.
@@ -399,8 +424,8 @@ macro_rules! parameters {
         }
 
         impl<R: Copy> $name<R> {
-            /// Creates the effect from values in the order of the table; none
-            /// if their number differs.
+            /// Creates it from values in the order of the table; none if their
+            /// number differs.
             pub fn from_values(values: &[R]) -> Option<Self> {
                 let [$( $field ),+] = *values else { return None };
                 Some(Self { $( $field ),+ })

@@ -121,19 +121,13 @@ fn effects_before(diagnosis: &Diagnosis) -> usize {
 pub(super) fn base(request: &Request<'_>, diagnosis: &Diagnosis) -> Vec<ParameterRow> {
     let fit = &diagnosis.repaired.fit;
     let first = effects_before(diagnosis);
-    let own = [
-        ParameterId::Inertia,
-        ParameterId::Damping,
-        ParameterId::Stiffness,
-        ParameterId::Exponent,
-        ParameterId::InputGain,
-    ];
     let of_effects = fit
         .free
         .iter()
         .copied()
         .filter(|id| matches!(id, ParameterId::Effect { slot, .. } if *slot < first));
-    own.into_iter()
+    ParameterId::BASE
+        .into_iter()
         .chain(of_effects)
         .map(|id| parameter_row(fit, id, request.file.model.value(id)))
         .collect()
@@ -158,28 +152,11 @@ fn parameter_row(fit: &Fit, id: ParameterId, nominal: Option<f64>) -> ParameterR
     };
     ParameterRow {
         name: name.rsplit('.').next().unwrap_or(&name).to_owned(),
-        symbol: symbol(fit, id),
+        symbol: fit.model.row(id).map_or("", |row| row.symbol),
         unit: parameter_unit(&fit.model, id),
         nominal: nominal.map(|value| short(in_file(value))),
         value,
         free: position.is_some(),
         interval,
-    }
-}
-
-/// The symbol of a parameter in its equation.
-fn symbol(fit: &Fit, id: ParameterId) -> &'static str {
-    match id {
-        ParameterId::Inertia => "M",
-        ParameterId::Damping => "C",
-        ParameterId::Stiffness => "K",
-        ParameterId::Exponent => "n",
-        ParameterId::InputGain => "g",
-        ParameterId::Effect { slot, parameter } => fit
-            .model
-            .effects()
-            .nth(slot)
-            .and_then(|effect| effect.parameters().get(parameter))
-            .map_or("", |row| row.symbol),
     }
 }
