@@ -8,12 +8,13 @@ use std::ops::Range;
 use std::path::PathBuf;
 
 use clap::Parser;
+use serde_json::{Value, json};
 
 use super::input::InputArgs;
 use super::output::{self, FileKind, Output};
 use crate::estimate::assemble::{Group, grouped};
 use crate::io::columns::Layout;
-use crate::io::error::InputError;
+use crate::io::error::{InputError, write_atomically};
 use crate::io::recording::{Recording, SegmentMeta, check_distinct, read_all};
 use crate::plot::{Figure, Panel, Series, Style, write_svg};
 use crate::statistics::rms;
@@ -28,7 +29,8 @@ use crate::statistics::rms;
 #[command(after_help = "\
 Examples:
   rig gap run.csv
-  rig gap before/run.csv --after after/run.csv --plot gap.svg")]
+  rig gap before/run.csv --after after/run.csv --plot gap.svg
+  rig gap before/run.csv --after after/run.csv --json gap.json")]
 pub struct Args {
     /// Recordings made with the present model, or before the upload
     #[arg(required = true, value_name = "REC.csv")]
@@ -40,6 +42,9 @@ pub struct Args {
     /// matched by name, else by set-point and repeat, else by their order
     #[arg(long, value_name = "FILE.svg")]
     plot: Option<PathBuf>,
+    /// Write the errors of every run and of all runs as JSON
+    #[arg(long, value_name = "GAP.json")]
+    json: Option<PathBuf>,
     #[command(flatten)]
     input: InputArgs,
 }
@@ -52,7 +57,10 @@ pub struct Args {
 pub fn run(args: &Args) -> anyhow::Result<()> {
     let read = args.recordings.iter().chain(&args.after);
     output::check(
-        &[Output::of("--plot", FileKind::Picture, args.plot.as_ref())],
+        &[
+            Output::of("--plot", FileKind::Picture, args.plot.as_ref()),
+            Output::of("--json", FileKind::Json, args.json.as_ref()),
+        ],
         read,
     )?;
     check_distinct(&args.recordings, &args.after)?;
@@ -63,6 +71,11 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     if let Some(path) = &args.plot {
         write_svg(path, &figure(&before, &after))?;
         text += &format!("\npicture: {}\n", path.display());
+    }
+    if let Some(path) = &args.json {
+        let mut json = serde_json::to_string_pretty(&json(&before, &after))?;
+        json.push('\n');
+        write_atomically(path, json.as_bytes())?;
     }
     Ok(super::print(&text)?)
 }
@@ -220,9 +233,35 @@ fn used_of<'a>(group: &Group<'a>) -> (Vec<&'a Recording>, Option<String>) {
     }
 }
 
+/// What the table says: for each side its runs and all of them together, in degrees. `after`
+/// and the sentence are null without recordings after the upload.
+fn json(before: &[Gap], after: &[Gap]) -> Value {
+    let side = |gaps: &[Gap]| {
+        let runs: Vec<Value> = gaps
+            .iter()
+            .map(
+                |gap| json!({"name": gap.name, "rms_deg": gap.rms(), "largest_deg": gap.largest()}),
+            )
+            .collect();
+        json!({"rms_deg": overall(gaps), "largest_deg": largest(gaps), "runs": runs})
+    };
+    let second = (!after.is_empty()).then_some(after);
+    json!({
+        "schema": 1,
+        "before": side(before),
+        "after": second.map(side),
+        "sentence": second.map(|after| sentence(before, after)),
+    })
+}
+
 /// RMS over all samples of all runs (°).
 fn overall(gaps: &[Gap]) -> f64 {
     rms(&gaps.iter().flat_map(Gap::finite_errors).collect::<Vec<_>>())
+}
+
+/// The largest error of all runs (°).
+fn largest(gaps: &[Gap]) -> f64 {
+    gaps.iter().map(Gap::largest).fold(0.0, f64::max)
 }
 
 fn table(before: &[Gap], after: &[Gap]) -> String {
@@ -242,8 +281,8 @@ fn table(before: &[Gap], after: &[Gap]) -> String {
             text += &format!("  {name:<26} {:>8.3} {:>12.3}\n", gap.rms(), gap.largest());
         }
         if gaps.len() > 1 {
-            let largest = gaps.iter().map(Gap::largest).fold(0.0, f64::max);
-            text += &format!("  {:<26} {:>8.3} {largest:>12.3}\n", "all", overall(gaps));
+            let (rms, largest) = (overall(gaps), largest(gaps));
+            text += &format!("  {:<26} {rms:>8.3} {largest:>12.3}\n", "all");
         }
     };
     rows("before", before);

@@ -213,6 +213,36 @@ fn a_result_can_go_down_a_pipe_or_behind_a_file() {
 }
 
 #[test]
+fn the_gap_as_json_is_that_of_the_table() {
+    let bench = Bench::empty();
+    let header = "time_s,pressure_kpa,angle_deg,predicted_deg\n";
+    for (name, rows) in [
+        ("a.csv", "0,0,0,3\n1,0,0,-4\n"),
+        ("b.csv", "0,0,0,0\n1,0,0,5\n"),
+        ("c.csv", "0,0,1,2\n1,0,1,2\n"),
+    ] {
+        bench.put(name, header.to_owned() + rows);
+    }
+    let json = |line: &str| -> (String, serde_json::Value) {
+        let said = bench.prints(&format!("{line} --json gap.json"));
+        assert_eq!(said, bench.prints(line));
+        (said, serde_json::from_str(&bench.text("gap.json")).unwrap())
+    };
+    let (said, gap) = json("gap a.csv b.csv --after c.csv");
+    let number = |value: &serde_json::Value| value.as_f64().unwrap();
+    assert_eq!(gap["schema"], 1);
+    let before = &gap["before"];
+    assert!((number(&before["rms_deg"]) - 12.5_f64.sqrt()).abs() < 1e-12);
+    assert!((number(&before["largest_deg"]) - 5.0).abs() < 1e-12);
+    assert_eq!(before["runs"][0]["name"], "a");
+    assert!((number(&before["runs"][1]["largest_deg"]) - 5.0).abs() < 1e-12);
+    assert!((number(&gap["after"]["rms_deg"]) - 1.0).abs() < 1e-12);
+    assert!(said.contains(gap["sentence"].as_str().unwrap()), "{said}");
+    let (_, alone) = json("gap a.csv");
+    assert!(alone["after"].is_null() && alone["sentence"].is_null());
+}
+
+#[test]
 fn a_full_disk_keeps_the_results_that_are_there() {
     let bench = Bench::new();
     let predicted = clean_recording().replace("angle_deg\n", "angle_deg,predicted_deg\n");
@@ -225,6 +255,7 @@ fn a_full_disk_keeps_the_results_that_are_there() {
         "simulate --model m.toml --recording good.csv --plot out.svg",
         "compare --model m.toml good.csv -o out.csv",
         "gap predicted.csv --plot out.svg",
+        "gap predicted.csv --json out.json",
         "fit --model m.toml good.csv -o out.toml",
         "materials list --json out.json",
     ] {
