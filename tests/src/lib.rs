@@ -1,9 +1,14 @@
 //! Helpers that the cross-crate tests share: where data that is not part of
-//! the project lies, and a diagnosis without a command line around it.
+//! the project lies, and a diagnosis without a command line around it; and the
+//! benchmarks that `cargo xtask bench` starts.
 
 pub mod blind;
 pub mod invariance;
+pub mod process;
+pub mod real;
 pub mod reports;
+pub mod rig_loop;
+pub mod verdict;
 
 use std::path::{Path, PathBuf};
 
@@ -12,14 +17,18 @@ use host_tools::io::model_file::ModelFile;
 use host_tools::io::recording::{Recording, read_all};
 use host_tools::synth::example::Example;
 
-/// A folder of the shared data, which lies beside the project or where
-/// `SOFTRIG_SHARED` says. Where it is absent, one line says so.
-pub fn shared(folder: &str) -> Option<PathBuf> {
-    let root = std::env::var_os("SOFTRIG_SHARED").map_or_else(
+/// The folder of data that are not part of the project: beside it, or where
+/// `SOFTRIG_SHARED` says.
+pub fn shared_folder() -> PathBuf {
+    std::env::var_os("SOFTRIG_SHARED").map_or_else(
         || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared")),
         PathBuf::from,
-    );
-    let found = root.join(folder);
+    )
+}
+
+/// A folder of the shared data. Where it is absent, one line says so.
+pub fn shared(folder: &str) -> Option<PathBuf> {
+    let found = shared_folder().join(folder);
     if found.is_dir() {
         return Some(found);
     }

@@ -1,16 +1,15 @@
-//! Benchmarks: our solver and SciPy's, our firmware and plain C, and the time of a
-//! diagnosis.
+//! Benchmarks: our solver and SciPy's, our firmware and plain C. What reads results of `rig`
+//! is a program of the tests crate, and is built and started here.
 
 use std::{
     fs,
     path::{Path, PathBuf},
     process::{Command, Stdio},
-    time::Instant,
 };
 
 use crate::{
-    avr, bench_real,
-    shell::{Outcome, cargo, has_program, read, root, run, seconds, target_dir, text},
+    avr,
+    shell::{Outcome, cargo, has_program, release_build, root, run, target_dir, text},
     simulator::virtual_rig,
     venv,
 };
@@ -40,125 +39,141 @@ pub fn host() -> Outcome {
         .arg(&problems))
 }
 
-/// Times a whole diagnosis: of the real pendulum where its recordings are at
-/// hand, else of a simulated example.
-pub fn diagnosis() -> Outcome {
-    const RUNS: usize = 5;
-    run(cargo().args([
-        "build",
-        "-q",
-        "--release",
-        "-p",
-        "host-tools",
-        "--bin",
-        "rig",
-    ]))?;
-    let rig = target_dir().join("release/rig");
-    let pendulum = bench_real::shared().join("pendulum");
-    let (folder, name) = if pendulum.is_dir() {
-        (pendulum, "real pendulum")
-    } else {
-        let folder = target_dir().join("bench/example");
-        run(Command::new(&rig).args(["example", "-o"]).arg(&folder))?;
-        (folder, "simulated example")
-    };
-    let mut fitted = Vec::new();
-    let mut held_out = Vec::new();
-    let recordings = folder.join("recordings");
-    let entries = fs::read_dir(&recordings)
-        .map_err(|error| format!("cannot list {}: {error}", recordings.display()))?;
-    for path in entries.filter_map(|entry| Some(entry.ok()?.path())) {
-        let file = path.file_name().unwrap_or_default().to_string_lossy();
-        if file.starts_with("vad_") {
-            held_out.push(path);
-        } else if file.ends_with(".csv") {
-            fitted.push(path);
-        }
-    }
-    fitted.sort();
-    held_out.sort();
-    let mut times = Vec::new();
-    for _ in 0..RUNS {
-        let mut command = Command::new(&rig);
-        command
-            .arg("diagnose")
-            .arg("--model")
-            .arg(folder.join("model.toml"));
-        command.args(&fitted);
-        if !held_out.is_empty() {
-            command.arg("--holdout").args(&held_out);
-        }
-        let clock = Instant::now();
-        read(&mut command)?;
-        times.push(clock.elapsed());
-    }
-    times.sort();
-    println!(
-        "bench: rig diagnose, {name}, {} recordings: median of {RUNS} runs {} ({} to {})",
-        fitted.len() + held_out.len(),
-        seconds(times[RUNS / 2]),
-        seconds(times[0]),
-        seconds(times[RUNS - 1])
-    );
-    Ok(())
+/// A benchmark that is a program of the tests crate.
+struct Program {
+    /// Its binary.
+    name: &'static str,
+    /// Options that say where its files are, with folders in the one that cargo builds into.
+    folders: &'static [(&'static str, &'static str)],
+    /// Whether it asks `rig`.
+    asks: bool,
 }
 
-/// Hides effects in simulated recordings, diagnoses them, and counts. The
-/// options are those of the program in the tests crate.
-pub fn blind(options: &[&str]) -> Outcome {
-    run(cargo().args([
-        "build",
-        "-q",
-        "--release",
-        "-p",
-        "softrig-tests",
-        "--bin",
+/// The programs by the names of the benchmarks.
+const PROGRAMS: [(&str, Program); 7] = [
+    (
         "blind",
-    ]))?;
-    run(Command::new(target_dir().join("release/blind"))
-        .arg("--folder")
-        .arg(target_dir().join("blind"))
-        .args(options))
+        Program {
+            name: "blind",
+            folders: &[("--folder", "blind")],
+            asks: false,
+        },
+    ),
+    (
+        "calibration",
+        Program {
+            name: "calibration",
+            folders: &[("--keep", "invariance"), ("--loops", "loop")],
+            asks: true,
+        },
+    ),
+    (
+        "diagnosis",
+        Program {
+            name: "diagnosis_time",
+            folders: &[("--folder", "bench/example")],
+            asks: true,
+        },
+    ),
+    (
+        "invariance",
+        Program {
+            name: "invariance",
+            folders: &[("--keep", "invariance"), ("--loops", "loop")],
+            asks: true,
+        },
+    ),
+    (
+        "loop",
+        Program {
+            name: "rig_loop",
+            folders: &[("--folder", "loop")],
+            asks: true,
+        },
+    ),
+    (
+        "many",
+        Program {
+            name: "many_recordings",
+            folders: &[("--folder", "bench/many")],
+            asks: true,
+        },
+    ),
+    (
+        "real",
+        Program {
+            name: "real",
+            folders: &[("--folder", "real")],
+            asks: true,
+        },
+    ),
+];
+
+/// Builds a benchmark's program and starts it with these options; none if there is no
+/// benchmark of this name. `--rig` takes another `rig` than the one of this source.
+pub fn start(name: &str, options: &[&str]) -> Option<Outcome> {
+    let (_, program) = PROGRAMS.iter().find(|(known, _)| *known == name)?;
+    Some(program.start(name, options))
 }
 
-/// Asks folders of cases: `invariance`, or `calibration`. The options are those of the
-/// program in the tests crate; `--rig` takes another `rig` than the one of this source.
-pub fn asked(program: &str, options: &[&str]) -> Outcome {
-    let mut build = cargo();
-    build.args(["build", "-q", "--release", "--locked"]);
-    build.args(["-p", "softrig-tests", "--bin", program]);
-    if !options.iter().any(|option| option.starts_with("--rig")) {
-        build.args(["-p", "host-tools", "--bin", "rig"]);
+impl Program {
+    fn start(&self, name: &str, options: &[&str]) -> Outcome {
+        let target = target_dir().join("release");
+        let mut build = release_build();
+        build.args(["-q", "-p", "softrig-tests", "--bin", self.name]);
+        if self.asks && !options.iter().any(|option| option.starts_with("--rig")) {
+            build.args(["-p", "host-tools", "--bin", "rig"]);
+        }
+        if name == "loop" {
+            build.args(["-p", "virtual-rig", "--bin", "virtual-rig"]);
+        }
+        run(&mut build)?;
+        let mut command = Command::new(target.join(self.name));
+        if self.asks {
+            command.arg("--rig").arg(target.join("rig"));
+        }
+        for (option, folder) in self.folders {
+            command.arg(option).arg(target_dir().join(folder));
+        }
+        let asks_for_help = options.iter().any(|word| ["-h", "--help"].contains(word));
+        match name {
+            _ if asks_for_help => {}
+            "loop" => {
+                command.arg("--simulator").arg(target.join("virtual-rig"));
+                command.arg("--image").arg(avr::build()?);
+            }
+            "real" => {
+                command.arg("--python").arg(black_boxes()?);
+            }
+            _ => {}
+        }
+        run(command.args(options))
     }
-    run(&mut build)?;
-    run(Command::new(target_dir().join("release").join(program))
-        .arg("--rig")
-        .arg(target_dir().join("release/rig"))
-        .arg("--keep")
-        .arg(target_dir().join("invariance"))
-        .arg("--loops")
-        .arg(target_dir().join("loop"))
-        .args(options))
 }
 
-/// Times diagnoses of up to a thousand recordings; `--docs` draws the picture.
-pub fn many(docs: bool) -> Outcome {
-    run(cargo()
-        .args(["build", "-q", "--release"])
-        .args(["-p", "host-tools", "--bin", "rig"])
-        .args(["-p", "softrig-tests", "--bin", "many_recordings"]))?;
-    let mut command = Command::new(target_dir().join("release/many_recordings"));
-    command
-        .arg("--rig")
-        .arg(target_dir().join("release/rig"))
-        .arg("--folder")
-        .arg(target_dir().join("bench/many"));
-    if docs {
-        command
-            .arg("--picture")
-            .arg(root().join("docs/images/many_recordings.svg"));
-    }
-    run(&mut command)
+/// A Python that fits black boxes, after they have found known systems again.
+fn black_boxes() -> Outcome<PathBuf> {
+    let scripts = root().join("tests/black_box");
+    let requirements = scripts.join("requirements.txt");
+    // An environment of older versions is not the pinned one.
+    let imports = format!(
+        "import numpy; assert f'numpy=={{numpy.__version__}} ' in open({:?}).read()",
+        requirements.display().to_string()
+    );
+    let python = venv::virtual_environment(
+        &target_dir().join("real/python"),
+        &imports,
+        &[
+            "--require-hashes".into(),
+            "-r".into(),
+            requirements.into_os_string(),
+        ],
+    )?;
+    println!("bench: black boxes find known systems again");
+    run(Command::new(&python)
+        .arg(scripts.join("black_box.py"))
+        .arg("--self-check"))?;
+    Ok(python)
 }
 
 /// Lets the real image step to angles in closed loop; `--docs` draws the picture.

@@ -7,16 +7,12 @@
 
 mod avr;
 mod bench;
-mod bench_loop;
-mod bench_real;
 mod book;
 mod demo;
 mod dist;
 mod flash;
-mod json;
 mod machines;
 mod python;
-mod rig_loop;
 mod setup;
 mod shell;
 mod simulator;
@@ -121,8 +117,8 @@ fn main() -> ExitCode {
             Ok((purpose, mode)) => setup::setup(purpose, mode),
             Err(problem) => return usage(&problem),
         },
-        ["demo", words @ ..] => match demo::parse(words) {
-            Ok(drawn) => demo::demo(&drawn),
+        ["demo", words @ ..] => match demo::check(words) {
+            Ok(()) => demo::demo(words),
             Err(problem) => return usage(&problem),
         },
         ["test" | "ci"] => test::test(Scope::Everything),
@@ -133,29 +129,17 @@ fn main() -> ExitCode {
         ["firmware"] => firmware(),
         ["size"] => avr::build().and_then(|image| size::size(&image, Golden::Check)),
         ["size", "--accept"] => avr::build().and_then(|image| size::size(&image, Golden::Accept)),
-        ["bench"] => bench::diagnosis()
+        ["bench"] => bench::start("diagnosis", &[])
+            .unwrap_or(Ok(()))
             .and_then(|()| bench::host())
             .and_then(|()| bench::board()),
-        ["bench", "diagnosis"] => bench::diagnosis(),
         ["bench", "host"] => bench::host(),
         ["bench", "board"] => bench::board(),
         ["bench", "control"] => bench::control(false),
         ["bench", "control", "--docs"] => bench::control(true),
-        ["bench", "many"] => bench::many(false),
-        ["bench", "many", "--docs"] => bench::many(true),
-        ["bench", "blind", options @ ..] => bench::blind(options),
-        [
-            "bench",
-            program @ ("invariance" | "calibration"),
-            options @ ..,
-        ] => bench::asked(program, options),
-        ["bench", "loop", words @ ..] => match bench_loop::Options::parse(words) {
-            Ok(options) => bench_loop::bench(&options),
-            Err(problem) => return usage(&problem),
-        },
-        ["bench", "real", words @ ..] => match bench_real::Options::parse(words) {
-            Ok(options) => bench_real::bench(&options),
-            Err(problem) => return usage(&problem),
+        ["bench", name, options @ ..] => match bench::start(name, options) {
+            Some(outcome) => outcome,
+            None => return usage(&format!("bench {name} is not known, or takes no options")),
         },
         ["soak", words @ ..] => match Soak::parse(words) {
             Ok(options) => machines::soak(&options),

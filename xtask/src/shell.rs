@@ -58,6 +58,13 @@ pub fn cargo() -> Command {
     command
 }
 
+/// A build with the profile of `cargo rig`, so that what both have in common is compiled once.
+pub fn release_build() -> Command {
+    let mut command = cargo();
+    command.args(["build", "--release", "--locked"]);
+    command
+}
+
 /// Runs a command with its output shown; its failure is ours.
 pub fn run(command: &mut Command) -> Outcome {
     let status = command

@@ -17,20 +17,21 @@ use host_tools::plot::{Figure, Panel, Series, Style, to_svg_string};
 use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, Normal};
 use rand_pcg::Pcg32;
+use softrig_tests::process::root;
 
 /// Diagnoses more and more recordings of 10 s and times each diagnosis.
 #[derive(Debug, Parser)]
-#[command(name = "many_recordings")]
+#[command(name = "cargo xtask bench many")]
 struct Args {
     /// The program `rig`
-    #[arg(long)]
+    #[arg(long, value_name = "PATH", overrides_with = "rig")]
     rig: PathBuf,
     /// Where the recordings go
-    #[arg(long)]
+    #[arg(long, value_name = "DIR", overrides_with = "folder")]
     folder: PathBuf,
-    /// Draw seconds and memory over the number of recordings
-    #[arg(long, value_name = "OUT.svg")]
-    picture: Option<PathBuf>,
+    /// Draw docs/images/many_recordings.svg: seconds and memory over the number of recordings
+    #[arg(long)]
+    docs: bool,
 }
 
 const COUNTS: [usize; 6] = [10, 50, 100, 200, 500, 1000];
@@ -88,9 +89,10 @@ fn measure(args: &Args) -> Result<(), String> {
         );
         found.push(measured);
     }
-    if let Some(path) = &args.picture {
+    if args.docs {
+        let path = root().join("docs/images/many_recordings.svg");
         let svg = to_svg_string(&figure(&found));
-        write_atomically(path, svg.as_bytes()).map_err(|error| error.to_string())?;
+        write_atomically(&path, svg.as_bytes()).map_err(|error| error.to_string())?;
     }
     Ok(())
 }

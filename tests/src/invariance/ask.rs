@@ -1,11 +1,10 @@
 //! Asks `rig`, and keeps what it said, so that an interrupted run goes on where it stopped.
 
-use std::fs::{self, File};
+use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, ExitStatus, Stdio};
+use std::process::Command;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
-use std::thread;
 use std::time::{Duration, Instant};
 
 use host_tools::io::recording::meta_beside;
@@ -17,15 +16,12 @@ use super::pose::{Posed, Question, pose, text_of, write};
 use super::ways::Way;
 use crate::blind::cases::stable_hash;
 use crate::blind::verdicts::{at_once, remaining};
+use crate::process::{LOOK_AGAIN, reason, succeed, within};
 
 /// Kept answers of another version of the ways are asked for again.
 const VERSION: u32 = 2;
 /// How long `rig init` may take.
 const INIT_LIMIT: Duration = Duration::from_secs(300);
-/// How often a running program is looked at.
-const LOOK_AGAIN: Duration = Duration::from_millis(10);
-/// The longest text of a failure that is kept.
-const LONGEST_REASON: usize = 160;
 
 /// What became of a question.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -153,12 +149,7 @@ impl Rig {
         let mut command = Command::new(&self.program);
         command.arg("init").arg("--recording").args(recordings);
         command.arg("-o").arg(path);
-        let complaints = path.with_file_name("init.txt");
-        match within(&mut command, INIT_LIMIT, &complaints)? {
-            Some(status) if status.success() => Ok(()),
-            Some(status) => Err(reason(&complaints, status)),
-            None => Err(format!("took more than {} s", INIT_LIMIT.as_secs())),
-        }
+        succeed(&mut command, INIT_LIMIT, &path.with_file_name("init.txt"))
     }
 }
 
@@ -200,54 +191,6 @@ fn key_of(case: &Case, way: Way) -> Result<String, String> {
         }
     }
     Ok(format!("{:016x}", stable_hash(text.as_bytes())))
-}
-
-/// Runs a command for a limited time; what it complains about goes into a file.
-fn within(
-    command: &mut Command,
-    limit: Duration,
-    complaints: &Path,
-) -> Result<Option<ExitStatus>, String> {
-    write(complaints, "")?;
-    let file = File::create(complaints)
-        .map_err(|error| format!("cannot write {}: {error}", complaints.display()))?;
-    let program = command.get_program().to_owned();
-    let failed = |error| format!("cannot run {}: {error}", program.display());
-    let clock = Instant::now();
-    let mut child = command
-        .stdin(Stdio::null())
-        .stdout(Stdio::null())
-        .stderr(file)
-        .spawn()
-        .map_err(failed)?;
-    loop {
-        if let Some(status) = child.try_wait().map_err(failed)? {
-            return Ok(Some(status));
-        }
-        if clock.elapsed() > limit {
-            let _ = child.kill();
-            child.wait().map_err(failed)?;
-            return Ok(None);
-        }
-        thread::sleep(LOOK_AGAIN);
-    }
-}
-
-/// Why a program failed: its last complaint, with files by their names alone.
-fn reason(complaints: &Path, status: ExitStatus) -> String {
-    let text = fs::read_to_string(complaints).unwrap_or_default();
-    let mut lines = text.lines().map(str::trim).filter(|line| !line.is_empty());
-    lines.next_back().map_or_else(
-        || status.to_string(),
-        |line| {
-            let words = line.split(' ').map(|word| match word.rsplit_once('/') {
-                Some((folder, name)) if folder.starts_with('/') => name,
-                _ => word,
-            });
-            let line = words.collect::<Vec<_>>().join(" ");
-            line.chars().take(LONGEST_REASON).collect()
-        },
-    )
 }
 
 /// The replies to one case: plain, then each way.

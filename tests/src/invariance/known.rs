@@ -5,8 +5,9 @@
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::answer::{Answer, Kinds};
@@ -107,6 +108,15 @@ pub enum Grade {
 ///
 /// What is wrong with the file.
 pub fn read(path: &Path) -> Result<Labels, String> {
+    read_json(path)
+}
+
+/// Reads a file of JSON.
+///
+/// # Errors
+///
+/// What is wrong with the file.
+pub fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, String> {
     let text = text_of(path)?;
     serde_json::from_str(&text).map_err(|error| format!("{}: {error}", path.display()))
 }
@@ -117,10 +127,12 @@ pub fn read(path: &Path) -> Result<Labels, String> {
 ///
 /// What is wrong with the file of this repository.
 pub fn real() -> Result<Labels, String> {
-    read(Path::new(concat!(
-        env!("CARGO_MANIFEST_DIR"),
-        "/data/real_known.json"
-    )))
+    read(&real_file())
+}
+
+/// Where these labels are; [`real::rigs`](crate::real::rigs) reads what else is in the file.
+pub fn real_file() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("data/real_known.json")
 }
 
 /// Reads the answers of the sample cases.
@@ -134,9 +146,7 @@ pub fn of_answers(path: &Path) -> Result<Labels, String> {
         what: String,
         effects: Kinds,
     }
-    let text = text_of(path)?;
-    let answers: BTreeMap<String, Hides> =
-        serde_json::from_str(&text).map_err(|error| format!("{}: {error}", path.display()))?;
+    let answers: BTreeMap<String, Hides> = read_json(path)?;
     // What the catalogue does not have, it cannot name.
     let labels = answers.into_iter().filter(|(_, it)| it.what != "unknown");
     Ok(labels

@@ -5,16 +5,12 @@
 
 use std::{
     collections::{BTreeMap, BTreeSet},
-    fs,
+    env, fs,
     path::{Path, PathBuf},
-    process::Command,
 };
 
 use super::{cannot, copy, make, sysroot, write as write_text};
-use crate::{
-    json::Value,
-    shell::{Outcome, cargo, read},
-};
+use crate::shell::{Outcome, cargo, read};
 
 /// Licences that a static program of ours may contain. The source of what is under the MPL
 /// has to be had; the list says where.
@@ -157,7 +153,7 @@ fn is_allowed(expression: &str) -> bool {
 
 /// The packages of others that are linked into `rig`.
 fn packages(target: &str) -> Outcome<Vec<Package>> {
-    let linked = read(cargo().args([
+    let tree = read(cargo().args([
         "tree",
         "--locked",
         "-p",
@@ -169,51 +165,56 @@ fn packages(target: &str) -> Outcome<Vec<Package>> {
         "--prefix",
         "none",
         "-f",
-        "{p}",
+        "{p}\t{l}\t{r}",
     ]))?;
-    // "name v1.2.3 (proc-macro)", some of them more than once.
-    let linked: BTreeSet<(&str, &str)> = linked
+    let sources = sources()?;
+    let packages: BTreeSet<Package> = tree
         .lines()
-        .filter_map(|line| {
-            let mut words = line.split_whitespace();
-            Some((words.next()?, words.next()?.strip_prefix('v')?))
-        })
-        .collect();
-    let metadata = read(
-        Command::new(cargo().get_program())
-            .args([
-                "metadata",
-                "--locked",
-                "--format-version",
-                "1",
-                "--filter-platform",
-                target,
-            ])
-            .current_dir(crate::shell::root()),
-    )?;
-    let metadata = Value::parse(&metadata).ok_or("cargo metadata printed no JSON")?;
-    let all = metadata.get("packages").map_or(&[][..], Value::items);
-    let mut found: Vec<Package> = all.iter().filter_map(package).collect();
-    found.retain(|it| linked.contains(&(it.name.as_str(), it.version.as_str())));
-    found.sort();
-    if found.len() < linked.len() / 2 {
-        return Err("cargo metadata does not name the packages of cargo tree".into());
-    }
-    Ok(found)
+        .filter_map(|line| package(line, &sources).transpose())
+        .collect::<Outcome<_>>()?;
+    Ok(packages.into_iter().collect())
 }
 
-/// A package of `cargo metadata`; none of one of ours, which have no registry.
-fn package(value: &Value) -> Option<Package> {
-    let text = |key: &str| value.get(key).and_then(Value::text).map(str::to_owned);
-    text("source")?;
-    let manifest = PathBuf::from(text("manifest_path")?);
-    Some(Package {
-        name: text("name")?,
-        version: text("version")?,
-        licence: text("license").unwrap_or_else(|| "licence in its files".into()),
-        source: text("repository").unwrap_or_else(|| "no repository named".into()),
-        folder: manifest.parent()?.to_owned(),
-    })
+/// The folders in which cargo keeps the sources of packages, one a registry.
+fn sources() -> Outcome<Vec<PathBuf>> {
+    let home = env::var_os("CARGO_HOME").map(PathBuf::from);
+    let home = home.or_else(|| Some(PathBuf::from(env::var_os("HOME")?).join(".cargo")));
+    let folder = home
+        .ok_or("neither CARGO_HOME nor HOME is set")?
+        .join("registry/src");
+    let entries = fs::read_dir(&folder).map_err(|error| cannot("list", &folder, &error))?;
+    Ok(entries
+        .filter_map(|entry| Some(entry.ok()?.path()))
+        .collect())
+}
+
+/// A package of `cargo tree`: "name v1.2.3 (proc-macro)", licence and repository. None of one of
+/// ours, behind whose version stands a path.
+fn package(line: &str, sources: &[PathBuf]) -> Outcome<Option<Package>> {
+    let mut fields = line.trim_end().trim_end_matches(" (*)").split('\t');
+    let mut field = || fields.next().map(str::trim).unwrap_or_default();
+    let (package, licence, source) = (field(), field(), field());
+    let mut words = package.split(' ');
+    let (Some(name), Some(version)) = (words.next(), words.next()) else {
+        return Err(format!("cargo tree printed {line:?}").into());
+    };
+    if words.any(|word| word.starts_with("(/")) {
+        return Ok(None);
+    }
+    let version = version.trim_start_matches('v');
+    let folder = format!("{name}-{version}");
+    let folder = sources.iter().map(|registry| registry.join(&folder));
+    let or = |text: &str, instead: &str| if text.is_empty() { instead } else { text }.to_owned();
+    Ok(Some(Package {
+        name: name.into(),
+        version: version.into(),
+        licence: or(licence, "licence in its files"),
+        source: or(source, "no repository named"),
+        folder: folder
+            .filter(|folder| folder.is_dir())
+            .next_back()
+            .ok_or_else(|| format!("the source of {name} {version} is in no registry of cargo"))?,
+    }))
 }
 
 /// The licence texts in a package's folder.
@@ -268,15 +269,22 @@ mod tests {
 
     #[test]
     fn packages_of_ours_are_not_in_the_list() {
-        let json = |source: &str| {
-            Value::parse(&format!(
-                "{{\"name\": \"a\", \"version\": \"1.0.0\", \"license\": \"MIT\", \"source\": {source}, \"repository\": null, \"manifest_path\": \"/x/Cargo.toml\"}}"
-            ))
+        let sources = [env::temp_dir().join(format!("softrig-licences-{}", std::process::id()))];
+        fs::create_dir_all(sources[0].join("a-1.0.0")).unwrap();
+        let package = |line: &str| package(line, &sources);
+        let found = package("a v1.0.0 (proc-macro)\tMIT/Zlib\t (*)")
             .unwrap()
-        };
-        assert_eq!(package(&json("null")), None);
-        let found = package(&json("\"registry\"")).unwrap();
-        assert_eq!(found.folder, Path::new("/x"));
+            .unwrap();
+        let ours = package("b v0.1.0 (/x/b)\tMIT\t").unwrap();
+        let lost = package("c v1.0.0\t\thttps://c");
+        fs::remove_dir_all(&sources[0]).unwrap();
+        assert_eq!(found.folder, sources[0].join("a-1.0.0"));
+        assert_eq!(
+            (found.version.as_str(), found.licence.as_str()),
+            ("1.0.0", "MIT/Zlib")
+        );
         assert_eq!(found.source, "no repository named");
+        assert_eq!(ours, None);
+        assert!(lost.is_err());
     }
 }

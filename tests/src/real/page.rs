@@ -2,10 +2,9 @@
 
 use std::fmt::Write as _;
 
-use super::{
-    BlackBoxes, COMMAND, Row,
-    results::{BlackBox, Diagnosed, significant},
-};
+use super::results::{BlackBox, BlackBoxes, significant};
+use super::{COMMAND, Row};
+use crate::verdict::Verdict;
 
 /// Headings of the table.
 const HEADINGS: [&str; 13] = [
@@ -34,21 +33,21 @@ impl Row {
     /// The cells of the table's row.
     fn cells(&self) -> [String; HEADINGS.len()] {
         let number = |value: Option<f64>| value.map_or("–".into(), significant);
-        let control = if self.rig.is_control {
+        let control = if self.rig.known.control {
             " (control)"
         } else {
             ""
         };
         let mut cells = [const { String::new() }; HEADINGS.len()];
         cells[0] = format!("{}{control}", self.rig.name);
-        cells[1] = self.rig.known.into();
+        cells[1].clone_from(&self.rig.page.known);
         match &self.diagnosis {
             Ok((diagnosed, seconds)) => {
-                cells[2] = diagnosed.answer();
-                cells[3] = percent(diagnosed.closure);
-                cells[4] = number(diagnosed.nominal);
-                cells[5] = number(diagnosed.refit);
-                cells[6] = number(diagnosed.repaired);
+                cells[2] = diagnosed.in_a_cell();
+                cells[3] = percent(diagnosed.closed());
+                cells[4] = number(diagnosed.holdout_rmse_deg.nominal);
+                cells[5] = number(diagnosed.holdout_rmse_deg.refit);
+                cells[6] = number(diagnosed.holdout_rmse_deg.repaired);
                 cells[7] = number(diagnosed.ratio());
                 cells[11] = seconds.words();
             }
@@ -68,7 +67,7 @@ impl Row {
 }
 
 fn free_run(model: &BlackBox) -> String {
-    model.rms.map_or("diverges".into(), significant)
+    model.rms().map_or("diverges".into(), significant)
 }
 
 fn percent(share: Option<f64>) -> String {
@@ -85,7 +84,7 @@ fn one_cell(text: &str) -> String {
 }
 
 /// The table for a terminal.
-pub fn plain_table(rows: &[Row]) -> String {
+pub(super) fn plain_table(rows: &[Row]) -> String {
     let mut lines = vec![HEADINGS.map(str::to_owned)];
     lines.extend(rows.iter().map(Row::cells));
     let width = |column: usize| {
@@ -122,8 +121,8 @@ fn markdown_table(rows: &[Row]) -> String {
     for row in rows {
         let mut cells = row.cells();
         cells[0] = cells[0].replacen(
-            row.rig.name,
-            &format!("[{}](#{})", row.rig.name, anchor(row.rig.title)),
+            &row.rig.name,
+            &format!("[{}](#{})", row.rig.name, anchor(&row.rig.page.title)),
             1,
         );
         let _ = writeln!(text, "| {} |", cells.join(" | "));
@@ -140,9 +139,12 @@ fn anchor(title: &str) -> String {
 }
 
 /// The summary of the rows.
-pub fn summary(rows: &[Row]) -> String {
-    let count = |control: bool, holds: fn(&Diagnosed) -> bool| {
-        let rows = || rows.iter().filter(move |row| row.rig.is_control == control);
+pub(super) fn summary(rows: &[Row]) -> String {
+    let count = |control: bool, holds: fn(&Verdict) -> bool| {
+        let rows = || {
+            rows.iter()
+                .filter(move |row| row.rig.known.control == control)
+        };
         let counted = rows().filter(|row| {
             let diagnosed = row.diagnosis.as_ref();
             diagnosed.is_ok_and(|(diagnosed, _)| holds(diagnosed))
@@ -153,9 +155,9 @@ pub fn summary(rows: &[Row]) -> String {
     let pairs: Vec<(f64, f64)> = rows
         .iter()
         .filter_map(|row| {
-            let repaired = row.diagnosis.as_ref().ok()?.0.repaired?;
+            let repaired = row.diagnosis.as_ref().ok()?.0.holdout_rmse_deg.repaired?;
             let BlackBoxes { arx, narx, .. } = row.black_boxes.as_ref().ok()?;
-            let errors = |model: &BlackBox| [model.rms, model.with_freedom];
+            let errors = |model: &BlackBox| [model.rms(), model.with_freedom];
             let errors = [errors(arx), errors(narx)].concat().into_iter().flatten();
             Some((repaired, errors.fold(f64::INFINITY, f64::min)))
         })
@@ -166,9 +168,9 @@ pub fn summary(rows: &[Row]) -> String {
          {} controls are diagnosed without a discrepancy. The model that `-o` writes predicts at\n\
          least as well as the best of the black boxes, chosen with hindsight and with or without\n\
          a free initial state, on {better} of {}.",
-        count(false, Diagnosed::names_something),
-        count(true, Diagnosed::names_something),
-        count(true, Diagnosed::lacks_nothing),
+        count(false, Verdict::names_something),
+        count(true, Verdict::names_something),
+        count(true, Verdict::lacks_nothing),
         pairs.len()
     )
 }
@@ -208,7 +210,7 @@ const READING: &str = "\
 ";
 
 /// The page of the documentation.
-pub fn page(rows: &[Row]) -> String {
+pub(super) fn page(rows: &[Row]) -> String {
     let mut text = format!(
         "# Real rigs\n\nWritten by `{COMMAND}`; do not edit.\n\n{INTRODUCTION}\n{}\n\n{}\n{READING}",
         summary(rows),
@@ -221,15 +223,16 @@ pub fn page(rows: &[Row]) -> String {
 }
 
 fn section(row: &Row) -> String {
-    let rig = row.rig;
-    let control = if rig.is_control {
+    let rig = &row.rig;
+    let about = &rig.page;
+    let control = if rig.known.control {
         " This is a control."
     } else {
         ""
     };
     let mut text = format!(
         "## {}\n\n{}{control} Source: [{}]({}), {}.\n\n",
-        rig.title, rig.about, rig.source, rig.link, rig.licence
+        about.title, about.about, about.source, about.link, about.licence
     );
     let number = |value: Option<f64>| value.map_or("–".into(), significant);
     match &row.diagnosis {
@@ -237,8 +240,8 @@ fn section(row: &Row) -> String {
             let _ = write!(
                 text,
                 "The diagnosis: {} On the validation recordings the refit misses by {}",
-                diagnosed.sentence(),
-                number(diagnosed.refit)
+                diagnosed.report(),
+                number(diagnosed.holdout_rmse_deg.refit)
             );
             text += &if diagnosed
                 .ratio()
@@ -246,7 +249,10 @@ fn section(row: &Row) -> String {
             {
                 ", and there is no repair.".to_owned()
             } else {
-                format!(", the repaired model by {}.", number(diagnosed.repaired))
+                format!(
+                    ", the repaired model by {}.",
+                    number(diagnosed.holdout_rmse_deg.repaired)
+                )
             };
         }
         Err(why) => {
@@ -269,7 +275,7 @@ fn section(row: &Row) -> String {
         let _ = write!(
             text,
             "\n![{}: a validation run, measured and simulated](images/real_{}.svg)\n",
-            rig.title, rig.name
+            about.title, rig.name
         );
     }
     text
@@ -278,9 +284,11 @@ fn section(row: &Row) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bench_real::{results::Seconds, rigs::RIGS};
+    use crate::real::results::Seconds;
+    use crate::real::rigs::all;
 
     fn rows() -> Vec<Row> {
+        let mut rigs = all().unwrap();
         let verdict = r#"{"verdict": "effect_found", "effects": [{"kind": "gravity"}],
             "adequacy": {"holdout_gap_closed": 0.955},
             "holdout_rmse_deg": {"nominal": 4.0, "refit": 2.5, "repaired": 0.25}}"#;
@@ -288,20 +296,18 @@ mod tests {
             wall: 3.25,
             cpu: Some(6.0),
         };
-        let black_box = |rms, with_freedom| BlackBox {
-            rms,
-            with_freedom,
-            orders: [2, 1, 7, 3],
-            rate_hz: 50.0,
-            seconds: Seconds {
-                wall: 1.0,
-                cpu: None,
-            },
+        let black_box = |rms: Option<f64>, with_freedom: Option<f64>| -> BlackBox {
+            serde_json::from_value(serde_json::json!({
+                "diverges": rms.is_none(), "rms_deg": rms, "rms_with_freedom_deg": with_freedom,
+                "output_lags": [1, 2], "input_lags": [0], "terms": 7, "degree": 3,
+                "rate_hz": 50.0, "wall_s": 1.0,
+            }))
+            .unwrap()
         };
         vec![
             Row {
-                rig: &RIGS[0],
-                diagnosis: Ok((Diagnosed::parse(verdict).unwrap(), seconds)),
+                rig: rigs.remove(0),
+                diagnosis: Ok((Verdict::parse(verdict).unwrap(), seconds)),
                 black_boxes: Ok(BlackBoxes {
                     arx: black_box(None, None),
                     narx: black_box(Some(0.5), Some(0.3)),
@@ -309,7 +315,7 @@ mod tests {
                 }),
             },
             Row {
-                rig: &RIGS[7],
+                rig: rigs.remove(6),
                 diagnosis: Err("rig | took\ntoo long".into()),
                 black_boxes: Err("no numpy".into()),
             },

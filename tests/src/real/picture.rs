@@ -1,43 +1,31 @@
-//! Draws a validation run of real data; `cargo xtask bench real --docs` runs it.
+//! The picture of a validation run of real data.
 //!
 //! The curves come from `rig simulate -o`, whose column `predicted_deg` stands beside
 //! the measured angle.
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
 
-use clap::Parser;
 use host_tools::io::error::write_atomically;
 use host_tools::io::recording::Recording;
 use host_tools::plot::{Figure, Mark, Panel, Series, Style, to_svg_string};
 
-/// Draws one validation run: measured, refitted, augmented, and the errors below. Of
-/// several runs, the one on which the refit misses most.
-#[derive(Debug, Parser)]
-#[command(name = "real_picture")]
-struct Args {
-    /// The picture
-    #[arg(value_name = "OUT.svg")]
-    output: PathBuf,
-    /// Heading
-    #[arg(long)]
-    title: String,
-    /// Text below the heading
-    #[arg(long)]
-    subtitle: String,
-    /// What the column angle_deg holds
-    #[arg(long)]
-    quantity: String,
-    /// Command that draws this picture
-    #[arg(long)]
-    command: String,
-    /// Runs as the refitted model simulates them
-    #[arg(long, num_args = 1.., required = true, value_name = "RUN.csv")]
-    refit: Vec<PathBuf>,
-    /// The same runs as the augmented model simulates them
-    #[arg(long, num_args = 1.., value_name = "RUN.csv")]
-    repaired: Vec<PathBuf>,
+/// One validation run: measured, refitted, repaired, and the errors below. Of several runs,
+/// the one on which the refit misses most.
+#[derive(Clone, Debug)]
+pub struct Picture<'a> {
+    /// Heading.
+    pub title: String,
+    /// Text below the heading.
+    pub subtitle: String,
+    /// What the column `angle_deg` holds.
+    pub quantity: &'a str,
+    /// Command that draws this picture.
+    pub command: &'a str,
+    /// Runs as the refitted model simulates them.
+    pub refit: Vec<PathBuf>,
+    /// The same runs as the repaired model simulates them; may be none.
+    pub repaired: Vec<PathBuf>,
 }
 
 /// Oscillations that can be told apart at the picture's width.
@@ -45,37 +33,31 @@ const MOST_PERIODS: f64 = 15.0;
 const WIDTH_PX: f64 = 760.0;
 const ROW_HEIGHT_PX: f64 = 105.0;
 
-fn main() -> ExitCode {
-    match draw(&Args::parse()) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(problem) => {
-            eprintln!("error: {problem}");
-            ExitCode::FAILURE
-        }
+impl Picture<'_> {
+    /// Draws it.
+    ///
+    /// # Errors
+    ///
+    /// Which run cannot be read, or that the picture cannot be written.
+    pub fn draw(&self, path: &Path) -> Result<(), String> {
+        let refit = read_all(&self.refit)?;
+        let repaired = read_all(&self.repaired)?;
+        let worst = (0..refit.len())
+            .max_by(|&a, &b| refit[a].rms().total_cmp(&refit[b].rms()))
+            .ok_or("there is no run to draw")?;
+        let shown = refit[worst].excerpt();
+        let figure = figure(self, &refit[worst], repaired.get(worst), shown);
+        let svg = to_svg_string(&figure);
+        // Behind the opening tag: viewers do not show it, editors and readers of the file do.
+        let command = self.command.replace('&', "&amp;").replace('<', "&lt;");
+        let start = svg.find('>').map_or(0, |end| end + 1);
+        let svg = format!(
+            "{}\n<desc>Drawn by `{command}`.</desc>{}",
+            &svg[..start],
+            &svg[start..]
+        );
+        write_atomically(path, svg.as_bytes()).map_err(|error| error.to_string())
     }
-}
-
-fn draw(args: &Args) -> Result<(), String> {
-    let refit = read_all(&args.refit)?;
-    let repaired = read_all(&args.repaired)?;
-    if !repaired.is_empty() && repaired.len() != refit.len() {
-        return Err("give as many runs after --repaired as after --refit".into());
-    }
-    let worst = (0..refit.len())
-        .max_by(|&a, &b| refit[a].rms().total_cmp(&refit[b].rms()))
-        .ok_or("give a run")?;
-    let shown = refit[worst].excerpt();
-    let figure = figure(args, &refit[worst], repaired.get(worst), shown);
-    let svg = to_svg_string(&figure);
-    // Behind the opening tag: viewers do not show it, editors and readers of the file do.
-    let command = args.command.replace('&', "&amp;").replace('<', "&lt;");
-    let start = svg.find('>').map_or(0, |end| end + 1);
-    let svg = format!(
-        "{}\n<desc>Drawn by `{command}`.</desc>{}",
-        &svg[..start],
-        &svg[start..]
-    );
-    write_atomically(&args.output, svg.as_bytes()).map_err(|error| error.to_string())
 }
 
 /// A run with what one model says to it.
@@ -145,7 +127,7 @@ impl Simulated {
 }
 
 fn figure(
-    args: &Args,
+    picture: &Picture<'_>,
     refit: &Simulated,
     repaired: Option<&Simulated>,
     shown: Range<usize>,
@@ -158,7 +140,7 @@ fn figure(
     };
     let mut models = vec![("refitted", Style::BEFORE, refit)];
     models.extend(repaired.map(|run| ("repaired", Style::AFTER, run)));
-    let mut angles = Panel::new("", args.quantity.clone())
+    let mut angles = Panel::new("", picture.quantity)
         .with_title(format!("{} (validation{part})", refit.name))
         .with_weight(2.0)
         .with_series(Series::new(
@@ -177,8 +159,8 @@ fn figure(
         let error = &run.error()[shown.clone()];
         errors = errors.with_series(Series::new(label, time, error, thin));
     }
-    let mut figure = Figure::new(args.title.clone())
-        .with_subtitle(args.subtitle.clone())
+    let mut figure = Figure::new(picture.title.clone())
+        .with_subtitle(picture.subtitle.clone())
         .with_panel(angles)
         .with_panel(errors);
     figure.width_px = WIDTH_PX;

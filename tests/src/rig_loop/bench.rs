@@ -1,22 +1,23 @@
 //! The whole loop on many random actuators: how much a diagnosis improves the board's
 //! prediction.
 
-use std::{
-    fmt::Write as _,
-    fs,
-    process::{Command, Stdio},
-    sync::{Mutex, PoisonError},
-    thread,
-    time::Duration,
-};
+use std::fmt::Write as _;
+use std::fs;
+use std::path::PathBuf;
+use std::process::{Command, Stdio};
+use std::thread;
+use std::time::Duration;
 
-use crate::{
-    rig_loop::{
-        self, Board, Drawn, Folder, PROTOCOL, Programs, Verdict, in_words, record, upload_model,
-        upload_repaired,
-    },
-    shell::{Failure, Outcome, read_within, root, target_dir},
+use clap::Args;
+use rayon::prelude::*;
+
+use super::{
+    Board, Drawn, Folder, Gap, PROTOCOL, Programs, diagnose, gap, record, upload_model,
+    upload_repaired,
 };
+use crate::invariance::answer::Kinds;
+use crate::process::{root, succeed};
+use crate::verdict::{Verdict, in_words};
 
 /// The message of `rig upload` when the board refuses a model.
 const REFUSED: &str = "the board still uses its old settings";
@@ -33,62 +34,41 @@ const LARGEST_ANSWER: usize = 3;
 const MOST_SEEDS: u64 = 10_000;
 
 /// What to run.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Args, Debug)]
 pub struct Options {
-    /// One case each.
-    seeds: Vec<u64>,
-    /// The seeds as they were asked for.
-    asked: String,
-    /// Cases at a time.
-    jobs: usize,
-    /// Whether the page in the documentation is written.
+    /// One case each: a range with both ends, 201..212, or a list, 1,5,9
+    #[arg(long, value_parser = Seeds::parse)]
+    seeds: Seeds,
+    /// Cases at a time [default: half the cores]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    jobs: Option<u16>,
+    /// Write docs/loop.md
+    #[arg(long)]
     docs: bool,
+    /// Where the files of the cases go
+    #[arg(
+        long,
+        value_name = "DIR",
+        default_value = "target/loop",
+        overrides_with = "folder"
+    )]
+    folder: PathBuf,
 }
 
-impl Options {
-    /// Reads them from the command line.
-    ///
-    /// # Errors
-    ///
-    /// Says what makes no sense.
-    pub fn parse(words: &[&str]) -> Result<Self, String> {
-        let cores = thread::available_parallelism().map_or(1, usize::from);
-        let mut options = Self {
-            seeds: Vec::new(),
-            asked: String::new(),
-            jobs: (cores / 2).max(1),
-            docs: false,
-        };
-        let mut words = words.iter();
-        while let Some(&word) = words.next() {
-            if word == "--docs" {
-                options.docs = true;
-                continue;
-            }
-            let value = *words
-                .next()
-                .ok_or_else(|| format!("bench loop: {word} needs a value, or is not known"))?;
-            match word {
-                "--seeds" => {
-                    options.seeds = seeds(value).ok_or_else(|| {
-                        format!("bench loop: {value:?} are no seeds; give 201..212 (both included) or 1,5,9")
-                    })?;
-                    options.asked = value.into();
-                }
-                "--jobs" => {
-                    options.jobs = value
-                        .parse()
-                        .ok()
-                        .filter(|jobs| *jobs > 0)
-                        .ok_or_else(|| format!("bench loop: {value:?} is no number of jobs"))?;
-                }
-                _ => return Err(format!("bench loop: there is no option {word}")),
-            }
-        }
-        if options.seeds.is_empty() {
-            return Err("bench loop: name the actuators, as --seeds 201..212".into());
-        }
-        Ok(options)
+/// Seeds, as they were asked for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Seeds {
+    asked: String,
+    each: Vec<u64>,
+}
+
+impl Seeds {
+    fn parse(text: &str) -> Result<Self, String> {
+        let each = seeds(text).filter(|seeds| !seeds.is_empty());
+        Ok(Self {
+            asked: text.into(),
+            each: each.ok_or("give 201..212 (both included) or 1,5,9")?,
+        })
     }
 }
 
@@ -106,31 +86,30 @@ fn seeds(text: &str) -> Option<Vec<u64>> {
 }
 
 /// Runs the loop for each seed.
-pub fn bench(options: &Options) -> Outcome {
-    let programs = Programs::build()?;
-    let queue = Mutex::new(options.seeds.iter().copied());
-    let rows = Mutex::new(Vec::new());
-    thread::scope(|scope| {
-        for _ in 0..options.jobs.min(options.seeds.len()) {
-            scope.spawn(|| {
-                loop {
-                    let next = queue.lock().unwrap_or_else(PoisonError::into_inner).next();
-                    let Some(seed) = next else { break };
-                    let row = Row::of(&programs, seed);
-                    println!("{}", row.line());
-                    rows.lock()
-                        .unwrap_or_else(PoisonError::into_inner)
-                        .push(row);
-                }
-            });
-        }
-    });
-    let mut rows = rows.into_inner().unwrap_or_else(PoisonError::into_inner);
+///
+/// # Errors
+///
+/// If the page cannot be written; a case that does not go through is a row of the table.
+pub fn bench(programs: &Programs, options: &Options) -> Result<(), String> {
+    let half = thread::available_parallelism().map_or(1, usize::from) / 2;
+    let jobs = options.jobs.map_or(half.max(1), usize::from);
+    let workers = rayon::ThreadPoolBuilder::new()
+        .num_threads(jobs)
+        .build()
+        .map_err(|error| error.to_string())?;
+    let case = |&seed: &u64| {
+        let row = Row::of(programs, seed, options.folder.join(seed.to_string()));
+        println!("{}", row.line());
+        row
+    };
+    let seeds = &options.seeds;
+    let mut rows: Vec<Row> =
+        workers.install(|| seeds.each.par_iter().with_max_len(1).map(case).collect());
     rows.sort_by_key(|row| row.seed);
     println!("\n{}", Summary::of(&rows).text());
     if options.docs {
         let path = root().join("docs/loop.md");
-        fs::write(&path, page(&options.asked, &rows))
+        fs::write(&path, page(&seeds.asked, &rows))
             .map_err(|error| format!("cannot write {}: {error}", path.display()))?;
         println!("table: docs/loop.md");
     }
@@ -142,7 +121,7 @@ pub fn bench(options: &Options) -> Outcome {
 struct Row {
     seed: u64,
     /// The hidden effects; empty where the actuator only has other parameters.
-    hidden: Vec<String>,
+    hidden: Kinds,
     /// How it went, or why it did not.
     went: Result<Done, String>,
 }
@@ -152,16 +131,14 @@ struct Row {
 struct Done {
     verdict: Verdict,
     uploaded: Uploaded,
-    /// The board's gap before the upload (° RMS).
-    before_deg: f64,
-    /// The board's gap after it (° RMS).
-    after_deg: f64,
+    /// The board's gap before and after the upload.
+    gap: Gap,
 }
 
 impl Done {
     /// How many times smaller the gap is after the upload.
     fn ratio(&self) -> f64 {
-        self.before_deg / self.after_deg
+        self.gap.before.rms_deg / self.gap.after.rms_deg
     }
 }
 
@@ -205,21 +182,15 @@ enum Score {
 }
 
 impl Score {
-    fn of(hidden: &[String], verdict: &Verdict) -> Self {
-        let is_hidden = |kinds: &[String]| {
-            let (mut kinds, mut hidden) = (kinds.to_vec(), hidden.to_vec());
-            kinds.sort();
-            hidden.sort();
-            kinds == hidden
-        };
-        match verdict.answer.as_str() {
-            "effect_found" if is_hidden(&verdict.named) => Self::Named,
-            "effect_found" if verdict.named.iter().all(|kind| hidden.contains(kind)) => {
-                Self::Partly
-            }
+    fn of(hidden: &Kinds, verdict: &Verdict) -> Self {
+        let named = verdict.kinds();
+        let holds = |kinds: &[String]| kinds.iter().cloned().collect::<Kinds>() == *hidden;
+        match verdict.verdict.as_str() {
+            "effect_found" if named == *hidden => Self::Named,
+            "effect_found" if named.is_subset(hidden) => Self::Partly,
             "effect_found" => Self::Wrong,
             "parameters_only" | "no_discrepancy" if hidden.is_empty() => Self::Named,
-            "cannot_tell" if verdict.alternatives.iter().any(|kinds| is_hidden(kinds)) => {
+            "cannot_tell" if verdict.alternatives.iter().any(|it| holds(&it.kinds)) => {
                 if verdict.alternatives.len() <= LARGEST_ANSWER {
                     Self::Among
                 } else {
@@ -243,17 +214,16 @@ impl Score {
 }
 
 impl Row {
-    fn of(programs: &Programs, seed: u64) -> Self {
-        let path = target_dir().join("loop").join(seed.to_string());
-        let folder = Folder::clear(path);
-        let went = folder
-            .as_ref()
-            .map_err(ToString::to_string)
-            .and_then(|folder| case(programs, seed, folder).map_err(|failure| failure.to_string()));
-        let hidden = folder
-            .and_then(|folder| folder.hidden())
-            .unwrap_or_default();
-        Self { seed, hidden, went }
+    fn of(programs: &Programs, seed: u64, folder: PathBuf) -> Self {
+        let folder = Folder::clear(folder);
+        let went = folder.as_ref().map_err(Clone::clone);
+        let went = went.and_then(|folder| case(programs, seed, folder));
+        let hidden = folder.ok().and_then(|folder| folder.hidden());
+        Self {
+            seed,
+            hidden: hidden.unwrap_or_default(),
+            went,
+        }
     }
 
     fn score(&self) -> Option<Score> {
@@ -272,27 +242,23 @@ impl Row {
         match &self.went {
             Ok(done) => {
                 let verdict = &done.verdict;
-                let answer = if verdict.named.is_empty() {
-                    let sets = verdict.alternatives.iter().map(|kinds| in_words(kinds));
-                    let sets: Vec<String> = sets.collect();
-                    if verdict.answer == "cannot_tell" {
-                        sets.join(" / ")
-                    } else {
-                        "–".into()
-                    }
+                let answer = if !verdict.effects.is_empty() {
+                    in_words(verdict.named())
+                } else if verdict.verdict == "cannot_tell" {
+                    verdict.sets().collect::<Vec<_>>().join(" / ")
                 } else {
-                    in_words(&verdict.named)
+                    "–".into()
                 };
                 let score = Score::of(&self.hidden, verdict);
                 let kept = done.uploaded.words();
                 cells.extend([
-                    verdict.answer.replace('_', " "),
+                    verdict.verdict.replace('_', " "),
                     answer,
                     format!("{}{kept}", score.words()),
-                    format!("{:.3}", done.before_deg),
-                    format!("{:.3}", done.after_deg),
+                    format!("{:.3}", done.gap.before.rms_deg),
+                    format!("{:.3}", done.gap.after.rms_deg),
                     format!("{:.2}", done.ratio()),
-                    format!("{:.0}", verdict.seconds),
+                    format!("{:.0}", verdict.seconds.unwrap_or(f64::NAN)),
                 ]);
             }
             Err(why) => {
@@ -327,20 +293,15 @@ impl Row {
 }
 
 /// One pass through the loop.
-fn case(programs: &Programs, seed: u64, folder: &Folder) -> Outcome<Done> {
+fn case(programs: &Programs, seed: u64, folder: &Folder) -> Result<Done, String> {
     let complaints =
-        fs::File::create(folder.file("simulator.log")).map_or_else(|_| Stdio::null(), Stdio::from);
+        fs::File::create(folder.path("simulator.log")).map_or_else(|_| Stdio::null(), Stdio::from);
     let drawn = Drawn { seed, effect: None };
     let image = Some(programs.image.as_path());
     let board = Board::start(&programs.simulator, &drawn, folder, image, complaints)?;
-    let log = |name: &str, command: &mut Command, limit: Duration| -> Outcome<String> {
-        let said = read_within(command, limit).map_err(|failure| {
-            let _ = fs::write(folder.file(name), &failure.0);
-            Failure(format!("{name}: {}", reason(&failure.0)))
-        })?;
-        // What a command said is worth keeping and not worth failing for.
-        let _ = fs::write(folder.file(name), &said);
-        Ok(said)
+    let log = |name: &str, command: &mut Command, limit: Duration| {
+        let said = succeed(command, limit, &folder.path(name));
+        said.map_err(|why| format!("{name}: {why}"))
     };
     log(
         "1-upload.txt",
@@ -354,16 +315,21 @@ fn case(programs: &Programs, seed: u64, folder: &Folder) -> Outcome<Done> {
     )?;
     log(
         "3-diagnose.txt",
-        &mut rig_loop::diagnose(programs, folder),
+        &mut diagnose(programs, folder),
         DIAGNOSE_LIMIT,
     )?;
     let verdict = folder.verdict()?;
-    let uploaded = if verdict.upload {
+    let uploaded = if verdict.is_for_the_board() {
         let mut upload = upload_repaired(programs, &board, folder);
         match log("4-upload.txt", &mut upload, SHORT_LIMIT) {
-            Ok(_) => Uploaded::Yes,
-            Err(failure) if failure.0.contains(REFUSED) => Uploaded::Refused,
-            Err(failure) => return Err(failure),
+            Ok(()) => Uploaded::Yes,
+            Err(why) => {
+                let said = fs::read_to_string(folder.path("4-upload.txt")).unwrap_or_default();
+                if !said.contains(REFUSED) {
+                    return Err(why);
+                }
+                Uploaded::Refused
+            }
         }
     } else {
         Uploaded::NotOffered
@@ -373,30 +339,13 @@ fn case(programs: &Programs, seed: u64, folder: &Folder) -> Outcome<Done> {
         &mut record(programs, &board, folder, "after"),
         RECORD_LIMIT,
     )?;
-    let gap = log(
-        "6-gap.txt",
-        &mut rig_loop::gap(programs, folder),
-        SHORT_LIMIT,
-    )?;
+    log("6-gap.txt", &mut gap(programs, folder), SHORT_LIMIT)?;
     board.stop()?;
-    let (before_deg, after_deg) =
-        rig_loop::gaps(&gap).ok_or("`rig gap` printed no table that can be read")?;
     Ok(Done {
         verdict,
         uploaded,
-        before_deg,
-        after_deg,
+        gap: folder.gap()?,
     })
-}
-
-/// The line of a failure that says why: the last one, without the command.
-pub fn reason(failure: &str) -> String {
-    const LIMIT: &str = " took more than ";
-    let last = failure.trim().lines().last().unwrap_or_default();
-    match last.rsplit_once(LIMIT) {
-        Some((_, limit)) => format!("{}{limit}", LIMIT.trim_start()),
-        None => last.to_owned(),
-    }
 }
 
 /// The summary of the rows.
@@ -482,6 +431,9 @@ fn page(asked: &str, rows: &[Row]) -> String {
 
 #[cfg(test)]
 mod tests {
+    use clap::Parser;
+
+    use super::super::Side;
     use super::*;
 
     fn row(seed: u64, hidden: &[&str], verdict: &str, gaps: (f64, f64)) -> Row {
@@ -491,8 +443,11 @@ mod tests {
             went: Ok(Done {
                 uploaded: Uploaded::Yes,
                 verdict: Verdict::parse(verdict).unwrap(),
-                before_deg: gaps.0,
-                after_deg: gaps.1,
+                gap: Gap {
+                    before: Side { rms_deg: gaps.0 },
+                    after: Side { rms_deg: gaps.1 },
+                    sentence: String::new(),
+                },
             }),
         }
     }
@@ -514,14 +469,29 @@ mod tests {
 
     #[test]
     fn options_are_read() {
-        let options = Options::parse(&["--docs", "--seeds", "1..3", "--jobs", "2"]).unwrap();
+        #[derive(Debug, clap::Parser)]
+        struct Command {
+            #[command(flatten)]
+            options: Options,
+        }
+        let parse = |line: &str| {
+            let words = std::iter::once("loop").chain(line.split_whitespace());
+            Command::try_parse_from(words).map(|command| command.options)
+        };
+        let options = parse("--docs --seeds 1..3 --jobs 2").unwrap();
         assert_eq!(
-            (options.seeds.len(), options.jobs, options.docs),
-            (3, 2, true)
+            (options.seeds.each.len(), options.jobs, options.docs),
+            (3, Some(2), true)
         );
-        assert!(Options::parse(&["--seeds", "1"]).unwrap().jobs >= 1);
-        for words in [&[][..], &["--seeds"], &["--jobs", "0"], &["--job", "1"]] {
-            assert!(Options::parse(words).is_err(), "{words:?}");
+        assert_eq!(parse("--seeds 1,5").unwrap().seeds.asked, "1,5");
+        for line in [
+            "",
+            "--seeds",
+            "--seeds 5..1",
+            "--jobs 0 --seeds 1",
+            "--seeds 1 --job 1",
+        ] {
+            assert!(parse(line).is_err(), "{line}");
         }
     }
 
@@ -543,19 +513,6 @@ mod tests {
     }
 
     #[test]
-    fn a_failure_is_told_by_its_reason() {
-        assert_eq!(
-            reason("rig gap a b failed (exit 2):\nwarning\nerror: no b\n"),
-            "error: no b"
-        );
-        assert_eq!(
-            reason("rig gap a b took more than 180 s"),
-            "took more than 180 s"
-        );
-        assert_eq!(reason(""), "");
-    }
-
-    #[test]
     fn the_summary_counts_what_went_through_and_what_did_not() {
         let rows = [
             row(1, &["gravity"], GRAVITY, (4.0, 1.0)),
@@ -563,7 +520,7 @@ mod tests {
             row(3, &["creep"], OPEN, (3.0, 1.0)),
             Row {
                 seed: 4,
-                hidden: Vec::new(),
+                hidden: Kinds::new(),
                 went: Err("rig took\n|too long".into()),
             },
         ];

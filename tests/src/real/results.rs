@@ -1,0 +1,316 @@
+//! The results of `rig diagnose` and of the black-box models, as the page shows them.
+
+use std::path::Path;
+
+use serde::Deserialize;
+
+use crate::invariance::known::read_json;
+use crate::verdict::{Repair, Verdict, in_words};
+
+/// Rivals that are listed of an answer that is left open.
+const MOST_RIVALS: usize = 3;
+
+impl Verdict {
+    /// How much of the gap is explained, 0 to 1.
+    pub fn closed(&self) -> Option<f64> {
+        self.closure.overall.or(self.adequacy.holdout_gap_closed)
+    }
+
+    /// The answer in a few words, for the heading of a picture: of a family, without its
+    /// members, which stand in the text beside it.
+    pub fn heading(&self) -> String {
+        match &self.family {
+            Some(family) if self.verdict == "cannot_tell" => format!("family {family}"),
+            _ => self.in_a_cell(),
+        }
+    }
+
+    /// The answer in one cell.
+    pub fn in_a_cell(&self) -> String {
+        let mut text = match self.verdict.as_str() {
+            "effect_found" => {
+                let named = in_words(self.named());
+                match (&self.strength, self.is_part()) {
+                    (None, _) => named,
+                    (Some(_), false) => format!("{named} (explains)"),
+                    (Some(_), true) => format!("{named} (part)"),
+                }
+            }
+            "cannot_tell" => {
+                let mut rivals: Vec<String> = self.sets().take(MOST_RIVALS).collect();
+                if self.alternatives.len() > MOST_RIVALS {
+                    rivals.push("…".into());
+                }
+                let rivals = rivals.join(" / ");
+                match &self.family {
+                    Some(family) => format!("family {family}: {rivals}"),
+                    None => format!("cannot tell: {rivals}"),
+                }
+            }
+            "parameters_only" => "parameters only".into(),
+            "no_discrepancy" => "nothing missing".into(),
+            other => other.replace('_', " "),
+        };
+        if let Some(Repair { kind, of }) = &self.repair {
+            text += &format!("; {kind}");
+            if !of.is_empty() {
+                text += &format!(" of {}", in_words(of));
+            }
+        }
+        text
+    }
+
+    /// Whether an effect or a family is named.
+    pub fn names_something(&self) -> bool {
+        !self.effects.is_empty() || self.family.is_some()
+    }
+
+    /// Whether the answer is that no effect is missing.
+    pub fn lacks_nothing(&self) -> bool {
+        ["parameters_only", "no_discrepancy"].contains(&self.verdict.as_str())
+    }
+
+    /// The repaired over the refitted error.
+    pub fn ratio(&self) -> Option<f64> {
+        let held_out = &self.holdout_rmse_deg;
+        Some(held_out.repaired? / held_out.refit?).filter(|ratio| ratio.is_finite())
+    }
+
+    /// Sentences on what is missing, for people.
+    pub fn report(&self) -> String {
+        let said = self.report();
+        let mut letters = said.chars();
+        let mut said: String = letters
+            .next()
+            .map(|first| first.to_uppercase().chain(letters).collect())
+            .unwrap_or_default();
+        if let Some(Repair { kind, of }) = &self.repair {
+            said += &format!(" The repair is a {kind} of {}.", in_words(of));
+        }
+        if let Some(remaining) = &self.remaining
+            && let Some(rmse) = remaining.rmse_deg
+        {
+            said += &format!(" Of the error, {} remain", significant(rmse));
+            if let Some(times) = remaining.times_noise {
+                said += &format!(", {} times the noise", significant(times));
+            }
+            if let Some(variable) = &remaining.goes_with {
+                said += &format!(", and go with the {}", variable.replace('_', " "));
+            }
+            said.push('.');
+        }
+        said
+    }
+}
+
+/// The Python script's results.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+pub struct BlackBoxes {
+    /// A linear model.
+    pub arx: BlackBox,
+    /// A polynomial.
+    pub narx: BlackBox,
+    /// Whether all recordings have one sampling rate.
+    #[serde(default)]
+    pub sampled_alike: bool,
+}
+
+impl BlackBoxes {
+    /// Reads the script's file.
+    ///
+    /// # Errors
+    ///
+    /// What is wrong with it.
+    pub fn read(path: &Path) -> Result<Self, String> {
+        read_json(path)
+    }
+}
+
+/// One black box.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+pub struct BlackBox {
+    #[serde(default)]
+    diverges: bool,
+    rms_deg: Option<f64>,
+    /// The error of [`rms`](Self::rms) with zeros and start estimated on the validation
+    /// recordings (°).
+    #[serde(rename = "rms_with_freedom_deg")]
+    pub with_freedom: Option<f64>,
+    output_lags: Vec<u32>,
+    input_lags: Vec<u32>,
+    terms: u32,
+    degree: u32,
+    /// Its sampling rate (Hz).
+    pub rate_hz: f64,
+    /// Wall and CPU time (s).
+    #[serde(flatten)]
+    pub seconds: Seconds,
+}
+
+impl BlackBox {
+    /// Held-out RMS error (°) of the free run from measured samples; none if it diverges.
+    pub fn rms(&self) -> Option<f64> {
+        self.rms_deg.filter(|_| !self.diverges)
+    }
+
+    /// Its orders in words.
+    pub fn words(&self) -> String {
+        format!(
+            "past outputs {}, inputs {}, terms {} (degree {}), at {} Hz",
+            self.output_lags.len(),
+            self.input_lags.len(),
+            self.terms,
+            self.degree,
+            significant(self.rate_hz)
+        )
+    }
+}
+
+/// How long something took.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+pub struct Seconds {
+    /// Wall time (s).
+    #[serde(rename = "wall_s")]
+    pub wall: f64,
+    /// CPU time of all cores (s), where the system tells.
+    #[serde(rename = "cpu_s")]
+    pub cpu: Option<f64>,
+}
+
+impl Seconds {
+    /// `wall (CPU)`.
+    pub fn words(self) -> String {
+        let cpu = self.cpu.map_or("–".into(), |cpu| format!("{cpu:.1}"));
+        format!("{:.1} ({cpu})", self.wall)
+    }
+}
+
+/// Three significant digits.
+pub fn significant(value: f64) -> String {
+    if !value.is_finite() {
+        return "–".into();
+    }
+    if value == 0.0 {
+        return "0".into();
+    }
+    // The exponent after rounding: 9.996 has three digits as 10.0.
+    let scientific = format!("{value:.2e}");
+    let (digits, exponent) = scientific
+        .split_once('e')
+        .and_then(|(digits, exponent)| Some((digits, exponent.parse::<i32>().ok()?)))
+        .unwrap_or(("0", 0));
+    match usize::try_from(2 - exponent) {
+        Ok(decimals) if decimals <= 8 => format!("{value:.decimals$}"),
+        Ok(_) => scientific,
+        // 12345 is shown as 12300.
+        Err(_) => {
+            let rounded = digits.parse::<f64>().unwrap_or(0.0) * 10_f64.powi(exponent);
+            format!("{rounded:.0}")
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// As `rig` wrote it before answers were graded.
+    const PLAIN: &str = r#"{ "schema": 1, "verdict": "effect_found",
+        "effects": [{"kind": "gravity"}, {"kind": "coulomb_friction"}],
+        "alternatives": [], "adequacy": {"adequate": true, "holdout_gap_closed": 0.951},
+        "holdout_rmse_deg": {"nominal": 4.0, "refit": 2.5, "repaired": 0.5}, "seconds": 3.2 }"#;
+
+    /// With every field of the design.
+    const GRADED: &str = r#"{ "verdict": "unexplained", "strength": "part", "effects": [],
+        "closure": {"short": 0.1, "medium": 0.2, "full": 0.3, "overall": 0.72},
+        "adequacy": {"holdout_gap_closed": 0.9},
+        "remaining": {"rmse_deg": 0.19, "times_noise": 12, "goes_with": "pressure"},
+        "repair": {"kind": "table", "of": ["rate", "angle"]} }"#;
+
+    #[test]
+    fn a_verdict_without_the_later_fields_is_read() {
+        let diagnosed = Verdict::parse(PLAIN).unwrap();
+        assert_eq!(diagnosed.in_a_cell(), "gravity and coulomb friction");
+        assert_eq!(diagnosed.closed(), Some(0.951));
+        assert_eq!(diagnosed.holdout_rmse_deg.nominal, Some(4.0));
+        assert_eq!(diagnosed.ratio(), Some(0.2));
+        assert_eq!(
+            (diagnosed.repair.as_ref(), diagnosed.remaining.as_ref()),
+            (None, None)
+        );
+        assert!(diagnosed.names_something());
+        assert_eq!(
+            diagnosed.report(),
+            "Gravity and coulomb friction are missing."
+        );
+    }
+
+    #[test]
+    fn the_fields_of_graded_answers_are_read() {
+        let diagnosed = Verdict::parse(GRADED).unwrap();
+        assert_eq!(diagnosed.closed(), Some(0.72));
+        assert_eq!(
+            diagnosed.in_a_cell(),
+            "unexplained; table of rate and angle"
+        );
+        assert_eq!(
+            (diagnosed.holdout_rmse_deg.refit, diagnosed.ratio()),
+            (None, None)
+        );
+        assert!(!diagnosed.names_something());
+        let said = diagnosed.report();
+        assert!(
+            said.ends_with("0.190 remain, 12.0 times the noise, and go with the pressure."),
+            "{said}"
+        );
+
+        let strong = PLAIN.replace("\"schema\": 1", "\"strength\": \"explains\"");
+        let part = PLAIN.replace("\"schema\": 1", "\"strength\": \"part\"");
+        for (text, end) in [(strong, "(explains)"), (part, "(part)")] {
+            assert!(Verdict::parse(&text).unwrap().in_a_cell().ends_with(end));
+        }
+        let family = r#"{"verdict": "cannot_tell", "family": "dry friction", "alternatives":
+            [{"kinds": ["a"]}, {"kinds": ["b", "c_d"]}, {"kinds": ["e"]}, {"kinds": ["f"]}]}"#;
+        let open = Verdict::parse(family).unwrap();
+        assert_eq!(
+            open.in_a_cell(),
+            "family dry friction: a / b and c d / e / …"
+        );
+        assert_eq!(open.heading(), "family dry friction");
+        assert!(open.names_something());
+    }
+
+    #[test]
+    fn black_boxes_are_read() {
+        let text = r#"{"rms_deg": null, "diverges": true, "rms_with_freedom_deg": null,
+            "output_lags": [1, 2], "input_lags": [0], "terms": 4, "degree": 1,
+            "rate_hz": 12.5, "wall_s": 0.25, "cpu_s": 0.125}"#;
+        let arx: BlackBox = serde_json::from_str(text).unwrap();
+        assert_eq!((arx.rms(), arx.with_freedom), (None, None));
+        assert_eq!(
+            arx.words(),
+            "past outputs 2, inputs 1, terms 4 (degree 1), at 12.5 Hz"
+        );
+        assert_eq!(arx.seconds.words(), "0.2 (0.1)");
+        assert!(serde_json::from_str::<BlackBox>("{}").is_err());
+    }
+
+    #[test]
+    fn numbers_have_three_significant_digits() {
+        for (value, text) in [
+            (0.0, "0"),
+            (0.084_12, "0.0841"),
+            (0.999_6, "1.00"),
+            (2.469_57, "2.47"),
+            (9.996, "10.0"),
+            (42.497, "42.5"),
+            (123.4, "123"),
+            (12_345.0, "12300"),
+            (-0.002_353, "-0.00235"),
+            (f64::NAN, "–"),
+            (f64::INFINITY, "–"),
+        ] {
+            assert_eq!(significant(value), text);
+        }
+    }
+}

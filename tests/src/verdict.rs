@@ -1,0 +1,249 @@
+//! What `rig diagnose --json` says, as far as tables and summaries show it.
+//!
+//! Names stand in the order of the file, the first one first. To compare an answer with
+//! another, or with the truth, see [`Answer`](crate::invariance::answer::Answer).
+
+use std::path::Path;
+
+use serde::Deserialize;
+
+use crate::invariance::answer::Kinds;
+
+/// A verdict. All but the first field may be absent: older and newer versions of `rig` write
+/// other fields.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+pub struct Verdict {
+    /// One of the five verdicts.
+    pub verdict: String,
+    /// The effects that are named.
+    #[serde(default)]
+    pub effects: Vec<Effect>,
+    /// The alternatives, best first.
+    #[serde(default)]
+    pub alternatives: Vec<Alternative>,
+    /// The family of the alternatives, where they are of one.
+    pub family: Option<String>,
+    /// `explains`, or `part` where the effects explain only a part of the gap.
+    pub strength: Option<String>,
+    /// Whether the board gains by the repaired model; it does unless this says otherwise.
+    pub upload: Option<bool>,
+    /// How much of the gap is explained, by horizon.
+    #[serde(default)]
+    pub closure: Closure,
+    /// Whether the repair is good enough.
+    #[serde(default)]
+    pub adequacy: Adequacy,
+    /// RMS errors on the validation recordings.
+    #[serde(default)]
+    pub holdout_rmse_deg: HeldOut,
+    /// The repair, where it is not a named effect.
+    pub repair: Option<Repair>,
+    /// The discrepancy that remains after the repair.
+    pub remaining: Option<Remaining>,
+    /// Wall time (s).
+    pub seconds: Option<f64>,
+}
+
+/// A named effect.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+pub struct Effect {
+    /// Its kind.
+    pub kind: String,
+}
+
+/// An alternative, which may be several effects together.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+pub struct Alternative {
+    /// Their kinds.
+    pub kinds: Vec<String>,
+}
+
+/// How much of the gap is explained.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+pub struct Closure {
+    /// Over all horizons, 0 to 1.
+    pub overall: Option<f64>,
+}
+
+/// Whether the repair is good enough.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+pub struct Adequacy {
+    /// Share of the gap on the validation recordings that is closed, 0 to 1.
+    pub holdout_gap_closed: Option<f64>,
+}
+
+/// RMS errors (°).
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+pub struct HeldOut {
+    /// Of the model as supplied.
+    pub nominal: Option<f64>,
+    /// Of the refitted model.
+    pub refit: Option<f64>,
+    /// With the repair.
+    pub repaired: Option<f64>,
+}
+
+/// A repair that is not a named effect.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+pub struct Repair {
+    /// What it is.
+    pub kind: String,
+    /// The variables that it is a function of.
+    #[serde(default)]
+    pub of: Vec<String>,
+}
+
+/// The remaining discrepancy.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+pub struct Remaining {
+    /// RMS error (°).
+    pub rmse_deg: Option<f64>,
+    /// How many times the noise that is.
+    pub times_noise: Option<f64>,
+    /// The variable with which it goes.
+    pub goes_with: Option<String>,
+}
+
+impl Verdict {
+    /// Reads the file that a diagnosis wrote.
+    ///
+    /// # Errors
+    ///
+    /// What is wrong with it.
+    pub fn read(path: &Path) -> Result<Self, String> {
+        let text = crate::invariance::pose::text_of(path)?;
+        Self::parse(&text).map_err(|error| format!("{} is no verdict: {error}", path.display()))
+    }
+
+    /// Reads the file's text.
+    ///
+    /// # Errors
+    ///
+    /// If it is no verdict.
+    pub fn parse(text: &str) -> Result<Self, serde_json::Error> {
+        serde_json::from_str(text)
+    }
+
+    /// The kinds of the named effects.
+    pub fn named(&self) -> Vec<&str> {
+        self.effects.iter().map(|it| it.kind.as_str()).collect()
+    }
+
+    /// The same, to compare.
+    pub fn kinds(&self) -> Kinds {
+        self.effects.iter().map(|it| it.kind.clone()).collect()
+    }
+
+    /// Whether the named effects explain only a part of the gap.
+    pub fn is_part(&self) -> bool {
+        self.strength.as_deref() == Some("part")
+    }
+
+    /// Whether the board gains by the repaired model.
+    pub fn is_for_the_board(&self) -> bool {
+        self.upload != Some(false)
+    }
+
+    /// A sentence for someone who has never seen a verdict.
+    pub fn sentence(&self) -> String {
+        let named = in_words(self.named());
+        let (are, they) = if self.effects.len() > 1 {
+            ("are", "they explain")
+        } else {
+            ("is", "it explains")
+        };
+        match self.verdict.as_str() {
+            "effect_found" if self.is_part() => {
+                format!("{named} {are} missing; {they} part of the gap.")
+            }
+            "effect_found" => format!("{named} {are} missing."),
+            "parameters_only" => {
+                "no effect is missing; the parameters were off, and are corrected.".into()
+            }
+            "no_discrepancy" => "nothing is missing; the model was right already.".into(),
+            "cannot_tell" => {
+                let sets: Vec<String> = self.sets().collect();
+                let sets = if sets.is_empty() {
+                    "several effects".into()
+                } else {
+                    sets.join(", or ")
+                };
+                let family = self.family.as_ref();
+                let family = family.map_or(String::new(), |family| format!(" (all are {family})"));
+                format!("something is missing, and these data cannot tell what: {sets}{family}.")
+            }
+            "unexplained" => {
+                "something is missing that no effect of the catalogue explains; no name is given."
+                    .into()
+            }
+            other => format!("{}.", other.replace('_', " ")),
+        }
+    }
+
+    /// The alternatives, in words.
+    pub fn sets(&self) -> impl Iterator<Item = String> {
+        self.alternatives.iter().map(|it| in_words(&it.kinds))
+    }
+}
+
+/// Kinds as one says them.
+pub fn in_words(kinds: impl IntoIterator<Item = impl AsRef<str>>) -> String {
+    let kinds = kinds.into_iter();
+    let kinds: Vec<String> = kinds.map(|it| it.as_ref().replace('_', " ")).collect();
+    kinds.join(" and ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const VERDICT: &str = r#"{ "schema": 1, "verdict": "cannot_tell", "family": "dry friction",
+        "effects": [], "where": [{"kind": "of another thing"}], "closure": {"short": null},
+        "alternatives": [ { "kinds": ["lugre_friction"], "probability": 0.6 },
+                          { "kinds": ["creep", "gravity"], "probability": 0.4 } ],
+        "upload": false, "seconds": 3.25 }"#;
+
+    #[test]
+    fn verdicts_are_read() {
+        let verdict = Verdict::parse(VERDICT).unwrap();
+        assert_eq!(verdict.verdict, "cannot_tell");
+        assert!(verdict.named().is_empty());
+        let sets: Vec<String> = verdict.sets().collect();
+        assert_eq!(sets, ["lugre friction", "creep and gravity"]);
+        assert_eq!(verdict.family.as_deref(), Some("dry friction"));
+        assert!(!verdict.is_for_the_board() && !verdict.is_part());
+        assert_eq!(verdict.seconds, Some(3.25));
+        let found = Verdict::parse(
+            r#"{"verdict": "effect_found", "strength": "part",
+                "effects": [{"parameters": {"kind": 1}, "kind": "gravity"}]}"#,
+        )
+        .unwrap();
+        assert_eq!(found.named(), ["gravity"]);
+        assert!(found.is_for_the_board() && found.is_part());
+        assert!(Verdict::parse("{}").is_err());
+        assert!(Verdict::parse("effect_found").is_err());
+    }
+
+    #[test]
+    fn each_verdict_has_a_sentence() {
+        let mut verdict = Verdict::parse(VERDICT).unwrap();
+        let said = verdict.sentence();
+        assert!(
+            said.contains("lugre friction, or creep and gravity (all are dry friction)"),
+            "{said}"
+        );
+        verdict.effects = vec![Effect {
+            kind: "gravity".into(),
+        }];
+        for (name, part) in [
+            ("effect_found", "gravity is missing."),
+            ("parameters_only", "the parameters were off"),
+            ("no_discrepancy", "right already"),
+            ("unexplained", "no name is given"),
+        ] {
+            verdict.verdict = name.into();
+            let said = verdict.sentence();
+            assert!(said.contains(part) && !said.contains('_'), "{said}");
+        }
+    }
+}
