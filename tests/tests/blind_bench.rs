@@ -43,13 +43,7 @@ fn world(base: Base, law: Law, values: [f64; 4]) -> World {
 
 /// From rest, a thousand readings a second.
 fn shown(world: &World, line: &Line) -> Vec<f64> {
-    let outside = Outside {
-        line,
-        shift: 0.0,
-        force: None,
-        start: [0.0; 2],
-    };
-    world.simulate(&outside, RATE_HZ, RATE_HZ / 1000)
+    world.simulate(&Outside::at_rest(line), RATE_HZ, RATE_HZ / 1000)
 }
 
 fn at(readings: &[f64], seconds: f64) -> f64 {
@@ -257,10 +251,8 @@ fn a_start_in_motion_swings_as_the_textbook_says() {
     };
     let line = Line::new(5.0, vec![0.0; 2]);
     let outside = Outside {
-        line: &line,
-        shift: 0.0,
-        force: None,
         start: [0.9, -0.2],
+        ..Outside::at_rest(&line)
     };
     let readings = swing.simulate(&outside, RATE_HZ, RATE_HZ / 1000);
     let decay = base.damping / (2.0 * base.inertia);

@@ -2,17 +2,16 @@
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::time::Instant;
 
 use clap::{Parser, ValueEnum};
 use host_tools::io::error::{InputError, write_atomically};
 use softrig_tests::blind::bench;
-use softrig_tests::blind::cases::{Answer, make_all, plan, stable_hash};
+use softrig_tests::blind::cases::{Answer, plan, stable_hash};
+use softrig_tests::blind::draw;
 use softrig_tests::blind::experiments::Set;
 use softrig_tests::blind::gate::Gate;
 use softrig_tests::blind::score::score;
-use softrig_tests::blind::verdicts::{diagnose_all, remaining, tool_hash};
+use softrig_tests::blind::verdicts::{diagnose_all, tool_hash};
 use softrig_tests::blind::{GENERATOR, tables};
 
 /// How often does the diagnosis name what is missing?
@@ -219,29 +218,14 @@ fn draw_bench(
     let sealed = folder.join("sealed");
     std::fs::create_dir_all(&sealed).map_err(|error| InputError::from_io(&sealed, &error))?;
     let answer_of = |name: &str| sealed.join(format!("{name}.json"));
-    let names: Vec<String> = (0..plans.len()).map(bench::cases::case_name).collect();
-    let open: Vec<usize> = (0..plans.len())
-        .filter(|&number| !answer_of(&names[number]).exists())
-        .collect();
-    if open.len() < plans.len() {
-        eprintln!("{} cases are there already", plans.len() - open.len());
-    }
-    let clock = Instant::now();
-    let done = AtomicUsize::new(0);
-    bench::cases::make_all(plans, &open, seed, |made| {
-        made.write(&folder.join("cases").join(&made.answer.case))?;
-        let text = serde_json::to_string_pretty(&made.answer).map_err(|error| {
+    let is_there = |name: &str| answer_of(name).exists();
+    draw::bench(plans, seed, &folder.join("cases"), is_there, |answer| {
+        let text = serde_json::to_string_pretty(answer).map_err(|error| {
             InputError::new(format!("the answer cannot be written: {error}"), "")
         })?;
-        write_atomically(&answer_of(&made.answer.case), text.as_bytes())?;
-        let done = done.fetch_add(1, Ordering::Relaxed) + 1;
-        if done.is_multiple_of(10) || done == open.len() {
-            let left = remaining(clock.elapsed(), done, open.len());
-            eprintln!("{done:>4} of {} bench cases drawn, {left}", open.len());
-        }
-        Ok::<_, InputError>(())
+        write_atomically(&answer_of(&answer.case), text.as_bytes())
     })?;
-    Ok(names)
+    Ok((0..plans.len()).map(bench::cases::case_name).collect())
 }
 
 /// The options as they would be typed, without those that change no figure.
@@ -277,18 +261,7 @@ impl Bench {
                 eprintln!("the {} cases are there already", set.name());
                 continue;
             }
-            let clock = Instant::now();
-            let done = AtomicUsize::new(0);
-            let all = plans.len();
-            let answers = make_all(&plans, self.seed, |made| {
-                made.write(&self.folder.join("cases").join(&made.answer.case))?;
-                let done = done.fetch_add(1, Ordering::Relaxed) + 1;
-                if done.is_multiple_of(10) || done == all {
-                    let left = remaining(clock.elapsed(), done, all);
-                    eprintln!("{done:>4} of {all} {} cases drawn, {left}", set.name());
-                }
-                Ok::<_, InputError>(made.answer)
-            })?;
+            let answers = draw::runs(&plans, self.seed, &self.folder.join("cases"))?;
             let text = serde_json::to_string_pretty(&answers).map_err(|error| {
                 InputError::new(format!("the answers cannot be written: {error}"), "")
             })?;

@@ -20,6 +20,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::experiments::{Planned, Pump, Set};
+use super::kinds::group;
 use super::refit::{BASE, Fitted, everything, misfit, refit};
 use super::sensors::Sensors;
 use super::truth::{Base, Effect, Formula, Line, RATE_HZ, SAMPLES_HZ, Truth, VALUES, kinds};
@@ -119,23 +120,6 @@ pub fn stable_hash(bytes: &[u8]) -> u64 {
     })
 }
 
-/// The family of a kind: of a pair, the two are drawn from different ones.
-pub fn family(kind: &str) -> &'static str {
-    match kind {
-        "coulomb_friction" | "stribeck_friction" | "bouc_wen_hysteresis" | "input_backlash" => {
-            "friction"
-        }
-        "quadratic_damping" | "angle_dependent_damping" | "asymmetric_damping" => "damping",
-        "maxwell_branch" | "stiffness_drift" | "mullins_softening" | "leak" | "sensor_drift" => {
-            "memory"
-        }
-        "second_mode" | "periodic_disturbance" => "oscillation",
-        "pneumatic_lag" | "dead_time" | "vent_asymmetry" | "sensor_lag" => "delay",
-        // Elasticity, and what shifts or bends the static curve.
-        _ => "static",
-    }
-}
-
 /// How many cases hide what, in a set of `count`.
 fn shares(set: Set, count: u32) -> [(Hidden, u32); 5] {
     let share = |percent: u32| (count * percent + 50) / 100;
@@ -195,7 +179,7 @@ pub fn plan(set: Set, count: u32, only: &[String], seed: u64) -> Vec<Plan> {
                 }
                 Hidden::Two => loop {
                     let pair: Vec<&str> = names.sample(&mut random, 2).copied().collect();
-                    if family(pair[0]) != family(pair[1]) {
+                    if group(pair[0]) != group(pair[1]) {
                         let mut pair = [pair[0], pair[1]].map(|kind| of_kind(kind, turn % 2));
                         // A dead time looks at the line itself, so it is first.
                         pair.sort_by_key(|formula| {

@@ -9,8 +9,10 @@
 
 pub mod bench;
 pub mod cases;
+pub mod draw;
 pub mod experiments;
 pub mod gate;
+pub mod kinds;
 pub mod refit;
 pub mod score;
 pub mod sensors;
@@ -22,7 +24,9 @@ pub mod verdicts;
 pub const GENERATOR: &str = concat!(
     include_str!("cases.rs"),
     include_str!("experiments.rs"),
+    include_str!("kinds.rs"),
     include_str!("refit.rs"),
     include_str!("sensors.rs"),
     include_str!("truth.rs"),
+    include_str!("bench/world.rs"),
 );

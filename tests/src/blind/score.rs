@@ -27,55 +27,9 @@ use statrs::distribution::{ContinuousCDF, Normal};
 
 use super::cases::{Answer, Hidden};
 use super::experiments::Set;
+use super::kinds::look_alike;
 use super::truth::{Base, Formula};
 use super::verdicts::Outcome;
-
-/// Look-alikes as the catalogue lists them; the relation goes both ways.
-const LOOK_ALIKES: &[(&str, &[&str])] = &[
-    (
-        "coulomb_friction",
-        &["bouc_wen_hysteresis", "input_backlash"],
-    ),
-    ("stribeck_friction", &["coulomb_friction"]),
-    (
-        "quadratic_damping",
-        &["angle_dependent_damping", "vent_asymmetry"],
-    ),
-    ("angle_dependent_damping", &["maxwell_branch"]),
-    ("asymmetric_damping", &["vent_asymmetry"]),
-    (
-        "maxwell_branch",
-        &["stiffness_drift", "mullins_softening", "sensor_drift"],
-    ),
-    ("bouc_wen_hysteresis", &["input_backlash", "maxwell_branch"]),
-    ("gravity", &["exponent_shift", "sensor_nonlinearity"]),
-    (
-        "exponent_shift",
-        &["cubic_stiffness", "sensor_nonlinearity"],
-    ),
-    ("cubic_stiffness", &["end_stop"]),
-    (
-        "linear_stiffness",
-        &["exponent_shift", "pressure_threshold"],
-    ),
-    ("stiffness_drift", &["sensor_drift", "mullins_softening"]),
-    ("second_mode", &["periodic_disturbance"]),
-    ("pneumatic_lag", &["dead_time", "sensor_lag"]),
-    ("dead_time", &["sensor_lag"]),
-    ("pressure_threshold", &["sensor_offset"]),
-    (
-        "pressure_stiffening",
-        &["exponent_shift", "cubic_stiffness"],
-    ),
-    ("leak", &["maxwell_branch"]),
-];
-
-/// Whether the catalogue lists two kinds as look-alikes.
-pub fn look_alike(a: &str, b: &str) -> bool {
-    LOOK_ALIKES.iter().any(|(kind, others)| {
-        (*kind == a && others.contains(&b)) || (*kind == b && others.contains(&a))
-    })
-}
 
 /// Alternatives beside a name count from this probability on.
 const PROBABLE: f64 = 0.05;
@@ -94,10 +48,17 @@ pub struct Said {
     pub in_part: bool,
     /// Every explanation that the verdict leaves open, the named one included.
     pub answer_set: BTreeSet<Kinds>,
+    /// The family of `cannot_tell`.
+    pub family: Option<String>,
+    /// What a repair without a name is a function of.
+    pub repair: Option<String>,
+    /// Held-out RMSE of the repaired model over the refit's.
+    pub held_out: Option<f64>,
 }
 
 impl Said {
-    /// Reads the fields of the published schema.
+    /// Reads the fields of the published schema; `strength`, `family` and `repair` may be
+    /// absent.
     pub fn of(outcome: &Outcome) -> Self {
         let nothing = serde_json::Value::Null;
         let verdict = outcome.verdict.as_ref().unwrap_or(&nothing);
@@ -127,8 +88,19 @@ impl Said {
                 }
             }
         }
+        let error = |which: &str| verdict["holdout_rmse_deg"][which].as_f64();
+        let of = verdict["repair"]["of"].as_array().map(|list| {
+            let words: Vec<&str> = list.iter().filter_map(|word| word.as_str()).collect();
+            words.join(", ")
+        });
         Self {
             in_part: verdict["strength"] == "part",
+            family: verdict["family"].as_str().map(str::to_owned),
+            repair: of.or_else(|| verdict["repair"]["kind"].as_str().map(str::to_owned)),
+            held_out: match (error("repaired"), error("refit")) {
+                (Some(repaired), Some(refit)) if refit > 0.0 => Some(repaired / refit),
+                _ => None,
+            },
             verdict: word,
             named,
             answer_set,
@@ -233,11 +205,24 @@ pub struct Scored {
 
 /// Scores every case that has a verdict.
 pub fn score(answers: &[Answer], verdicts: &Path, sealed: &Path) -> Vec<Scored> {
+    let case = |answer: &Answer| answer.case.clone();
+    of_verdicts(answers, verdicts, case, |answer, outcome| {
+        Scored::of(answer, outcome, sealed)
+    })
+}
+
+/// The score of every answer whose case has a verdict.
+pub(super) fn of_verdicts<A: Sync, S: Send>(
+    answers: &[A],
+    verdicts: &Path,
+    case: impl Fn(&A) -> String + Sync,
+    score: impl Fn(&A, &Outcome) -> S + Sync,
+) -> Vec<S> {
     answers
         .par_iter()
         .filter_map(|answer| {
-            let outcome = Outcome::read(&verdicts.join(format!("{}.json", answer.case)))?;
-            Some(Scored::of(answer, &outcome, sealed))
+            let outcome = Outcome::read(&verdicts.join(format!("{}.json", case(answer))))?;
+            Some(score(answer, &outcome))
         })
         .collect()
 }
@@ -446,7 +431,7 @@ pub struct Figures {
     pub seconds_worst: Option<f64>,
 }
 
-fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
+pub(super) fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
     let mut values: Vec<f64> = values.collect();
     (!values.is_empty()).then(|| host_tools::statistics::median(&mut values))
 }
@@ -590,17 +575,5 @@ mod tests {
         let (low, high) = Rate { hits: 0, of: 20 }.wilson().unwrap();
         assert!(low.abs() < 1e-12 && (high - 0.1611).abs() < 1e-4);
         assert_eq!(Rate::default().wilson(), None);
-    }
-
-    #[test]
-    fn look_alikes_go_both_ways() {
-        assert!(look_alike("coulomb_friction", "stribeck_friction"));
-        assert!(look_alike("stribeck_friction", "coulomb_friction"));
-        assert!(!look_alike("gravity", "leak"));
-        let known = super::super::truth::kinds();
-        for (kind, others) in LOOK_ALIKES {
-            assert!(known.contains(kind), "{kind}");
-            assert!(others.iter().all(|other| known.contains(other)), "{kind}");
-        }
     }
 }

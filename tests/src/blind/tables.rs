@@ -210,16 +210,9 @@ fn kind_rows(set: Set, scored: &[Scored]) -> Vec<[String; 6]> {
                     .map(|case| case.said.names_group(&case.answer.kinds)),
             );
             let holds = Rate::count(cases.iter().map(|case| case.said.holds(&case.answer.kinds)));
-            let mut others: BTreeMap<String, u32> = BTreeMap::new();
-            for case in &cases {
-                if !(truth_counts && case.said.names_exactly(&case.answer.kinds)) {
-                    *others.entry(column_label(case)).or_default() += 1;
-                }
-            }
-            let others: Vec<String> = others
-                .iter()
-                .map(|(what, count)| format!("{what} {count}"))
-                .collect();
+            let is_right =
+                |case: &Scored| truth_counts && case.said.names_exactly(&case.answer.kinds);
+            let others = cases.iter().filter(|case| !is_right(case));
             let rate = |rate: Rate| {
                 if truth_counts {
                     shown(rate)
@@ -233,7 +226,7 @@ fn kind_rows(set: Set, scored: &[Scored]) -> Vec<[String; 6]> {
                 rate(strict),
                 rate(lenient),
                 rate(holds),
-                others.join(", "),
+                counted(others.map(|case| column_label(case))),
             ])
         })
         .collect()
@@ -258,19 +251,42 @@ fn sets(scored: &[Scored]) -> Vec<Figures> {
 /// How many effects could not be drawn as large as is asked for. They count
 /// like all others.
 fn faint(scored: &[Scored]) -> String {
-    let faint: Vec<&str> = scored
-        .iter()
-        .filter(|case| !case.answer.visible)
-        .map(|case| case.answer.case.as_str())
-        .collect();
+    let cases = scored.iter().map(|case| &case.answer);
+    too_faint(cases.map(|answer| (answer.case.as_str(), answer.visible)))
+}
+
+/// The cases, by name, that are not as visible as is asked for.
+pub(super) fn too_faint<'a>(cases: impl Iterator<Item = (&'a str, bool)>) -> String {
+    let cases: Vec<(&str, bool)> = cases.collect();
+    let faint = cases.iter().filter(|(_, visible)| !visible);
+    let faint: Vec<&str> = faint.map(|(case, _)| *case).collect();
     format!(
         "effects that are fainter or coarser than the range that is asked for: {} of {} cases {}",
         faint.len(),
-        scored.len(),
+        cases.len(),
         faint.join(" ")
     )
     .trim_end()
     .to_owned()
+}
+
+/// What was answered how often.
+pub(super) fn counted(answers: impl Iterator<Item = String>) -> String {
+    let mut counts: BTreeMap<String, u32> = BTreeMap::new();
+    for answer in answers {
+        *counts.entry(answer).or_default() += 1;
+    }
+    let counts = counts.iter().map(|(what, count)| format!("{what} {count}"));
+    counts.collect::<Vec<_>>().join(", ")
+}
+
+/// A table in Markdown.
+pub(super) fn markdown_table<const N: usize>(head: [&str; N], rows: &[[String; N]]) -> String {
+    let mut text = format!("| {} |\n|{}\n", head.join(" | "), "---|".repeat(N));
+    for row in rows {
+        let _ = writeln!(text, "| {} |", row.join(" | "));
+    }
+    text
 }
 
 /// Columns padded to their widest entry.
@@ -329,13 +345,9 @@ pub fn markdown(scored: &[Scored], command: &str, tool: &str) -> String {
         }
         let _ = write!(
             text,
-            "\n![Confusion matrix](images/blind_{name}.svg)\n\n| {} |\n|{}\n",
-            KIND_HEAD.join(" | "),
-            "---|".repeat(KIND_HEAD.len())
+            "\n![Confusion matrix](images/blind_{name}.svg)\n\n{}",
+            markdown_table(KIND_HEAD, &kind_rows(figures.set, scored))
         );
-        for row in kind_rows(figures.set, scored) {
-            let _ = writeln!(text, "| {} |", row.join(" | "));
-        }
     }
     let _ = writeln!(text, "\n{}.", faint(scored));
     text

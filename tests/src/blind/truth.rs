@@ -3,8 +3,8 @@
 //!
 //! A diagnosis that is tested on recordings of its own simulator is tested
 //! against itself. Nothing here comes from the crates under test: the
-//! equations, the integrator (RK4 at 2 kHz) and the memory of hysteresis are
-//! this file's own, and for a part of the effects there are other formulas for
+//! equations, the integrator (RK4 at 2 kHz, [`World`]) and the memory of hysteresis are
+//! the benchmark's own, and for a part of the effects there are other formulas for
 //! the same phenomenon, as real actuators have them.
 //!
 //! M θ̈ + C θ̇ + K sign(θ)|θ|ⁿ + Q = g p_c, everything in SI units and radians:
@@ -13,6 +13,8 @@
 //! (rad). The table of [`Formula`]s gives each equation and its source.
 
 use serde::{Deserialize, Serialize};
+
+use super::bench::world::{Grid, Outside, World};
 
 /// Integration steps per second of the truth.
 pub const RATE_HZ: u32 = 2000;
@@ -29,11 +31,6 @@ pub(super) const STATES: usize = 8;
 pub(super) const MEMORY: usize = 8;
 /// The most effects at once.
 pub const EFFECTS: usize = 2;
-/// Angle, rate, and the states of the effects.
-const ALL_STATES: usize = 2 + EFFECTS * STATES;
-
-type States = [f64; ALL_STATES];
-type Memory = [[f64; MEMORY]; EFFECTS];
 
 /// The base parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -726,121 +723,22 @@ fn play(before: f64, input: f64, half: f64) -> f64 {
     before.clamp(input - half, input + half)
 }
 
-/// What one evaluation of the equations gives.
-struct Evaluated {
-    rates: States,
-    reading: f64,
-    /// Line pressure, for what remembers it.
-    pressures: [f64; EFFECTS],
-}
-
 impl Truth {
-    fn evaluate(
-        &self,
-        line: &Line,
-        time: f64,
-        run: u32,
-        states: &States,
-        memory: &Memory,
-    ) -> Evaluated {
-        let mut rates = [0.0; ALL_STATES];
-        let mut pressures = [0.0; EFFECTS];
-        let mut at = Moment {
-            time,
-            angle: states[0],
-            rate: states[1],
-            pressure: line.at(time),
-            run,
-        };
-        let own = |slot: usize| 2 + slot * STATES..2 + (slot + 1) * STATES;
-        for (slot, effect) in self.effects.iter().enumerate() {
-            pressures[slot] = at.pressure;
-            let (x, dx) = (&states[own(slot)], &mut rates[own(slot)]);
-            at.pressure = effect.input(line, at, x, &memory[slot], dx);
-        }
-        let mut base = self.base;
-        for (slot, effect) in self.effects.iter().enumerate() {
-            effect.modulate(at, &states[own(slot)], &memory[slot], &mut base);
-        }
-        let mut force = base.input_gain * at.pressure
-            - base.damping * at.rate
-            - base.stiffness * power(at.angle, base.exponent);
-        for (slot, effect) in self.effects.iter().enumerate() {
-            let (x, dx) = (&states[own(slot)], &mut rates[own(slot)]);
-            force -= effect.force(at, base.inertia, x, &memory[slot], dx);
-        }
-        let acceleration = force / base.inertia;
-        rates[0] = at.rate;
-        rates[1] = acceleration;
-        let mut reading = at.angle;
-        for (slot, effect) in self.effects.iter().enumerate() {
-            let (x, dx) = (&states[own(slot)], &mut rates[own(slot)]);
-            reading = effect.sensor(at, acceleration, reading, x, dx);
-        }
-        Evaluated {
-            rates,
-            reading,
-            pressures,
-        }
-    }
-
     /// What the sensor would show without noise (rad), 100 times a second, from
     /// rest, with `steps` integration steps a sample. `run` numbers the runs of
     /// a case, for what differs between them.
     ///
     /// A run that leaves all bounds ends in NaN.
     pub fn simulate(&self, line: &Line, run: u32, steps: u32) -> Vec<f64> {
-        let used = 2 + self.effects.len() * STATES;
-        let interval = 1.0 / f64::from(SAMPLES_HZ);
-        let h = interval / f64::from(steps);
-        // A run is some thousand samples.
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-        let samples = (line.duration() / interval).round() as u32 + 1;
-        let mut states = [0.0; ALL_STATES];
-        let mut memory = [[0.0; MEMORY]; EFFECTS];
-        let mut reading = Vec::with_capacity(samples as usize);
-        for sample in 0..samples {
-            let start = f64::from(sample) * interval;
-            for step in 0..steps {
-                let time = start + f64::from(step) * h;
-                let first = self.evaluate(line, time, run, &states, &memory);
-                if step == 0 {
-                    reading.push(first.reading);
-                }
-                let moved = |by: f64, rates: &States| {
-                    let mut next = states;
-                    for k in 0..used {
-                        next[k] += by * rates[k];
-                    }
-                    next
-                };
-                let k1 = first.rates;
-                let k2 = self
-                    .evaluate(line, time + 0.5 * h, run, &moved(0.5 * h, &k1), &memory)
-                    .rates;
-                let k3 = self
-                    .evaluate(line, time + 0.5 * h, run, &moved(0.5 * h, &k2), &memory)
-                    .rates;
-                let end = self.evaluate(line, time + h, run, &moved(h, &k3), &memory);
-                for k in 0..used {
-                    states[k] += h / 6.0 * (k1[k] + 2.0 * (k2[k] + k3[k]) + end.rates[k]);
-                }
-                for (slot, effect) in self.effects.iter().enumerate() {
-                    let at = Moment {
-                        time: time + h,
-                        angle: states[0],
-                        rate: states[1],
-                        pressure: end.pressures[slot],
-                        run,
-                    };
-                    effect.remember(at, &mut memory[slot]);
-                }
-            }
-            if states[0].is_nan() || states[0].abs() > 50.0 {
-                reading.resize(samples as usize, f64::NAN);
-                break;
-            }
-        }
-        reading
+        let outside = Outside {
+            run,
+            ..Outside::at_rest(line)
+        };
+        let grid = Grid {
+            interval: 1.0 / f64::from(SAMPLES_HZ),
+            steps,
+            every: 1,
+        };
+        World::from(self).show(&outside, grid)
     }
 }

@@ -6,7 +6,7 @@ use std::fmt;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::blind::bench::score::family;
+use crate::blind::kinds::family;
 
 /// Effects that act together.
 pub type Kinds = BTreeSet<String>;

@@ -2,7 +2,6 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 use clap::ValueEnum;
 
@@ -11,7 +10,7 @@ use super::pose::text_of;
 use super::ways::{columns_of, model_file};
 use crate::blind::cases::{self as clean, stable_hash};
 use crate::blind::experiments::Set as Experiments;
-use crate::blind::{self, bench};
+use crate::blind::{self, bench, draw};
 use crate::shared;
 
 /// Where a case keeps the recordings to fit: `before` is what `cargo xtask bench loop` writes.
@@ -108,7 +107,7 @@ impl CaseSet {
                 Self::below(name, &folder, labels)
             }
             Set::Drawn => {
-                let (folder, labels) = draw(places)?;
+                let (folder, labels) = draw_runs(places)?;
                 Self::below(name, &folder, labels)
             }
             Set::Bench => {
@@ -242,7 +241,7 @@ fn recordings_in(folder: &Path) -> Result<Vec<PathBuf>, String> {
 }
 
 /// Writes the drawn cases that are not there yet; their folder, and what they hide.
-fn draw(places: &Places) -> Result<(PathBuf, Labels), String> {
+fn draw_runs(places: &Places) -> Result<(PathBuf, Labels), String> {
     let generator = stable_hash(blind::GENERATOR.as_bytes()) >> 32;
     // A case depends on how many there are.
     let name = format!("seed{}_{}_{generator:08x}", places.seed, places.count);
@@ -252,12 +251,7 @@ fn draw(places: &Places) -> Result<(PathBuf, Labels), String> {
     let name = |number: usize| format!("{}_{number:03}", set.name());
     let is_drawn = |number| folder.join(name(number)).join("model.toml").exists();
     if !(0..plans.len()).all(is_drawn) {
-        eprintln!("drawing {} cases", plans.len());
-        clean::make_all(&plans, places.seed, |made| {
-            made.write(&folder.join(&made.answer.case))?;
-            Ok::<_, host_tools::io::error::InputError>(made.answer)
-        })
-        .map_err(|error| error.to_string())?;
+        draw::runs(&plans, places.seed, &folder).map_err(|error| error.to_string())?;
     }
     let known = plans.iter().enumerate();
     let labels = known.filter_map(|(number, plan)| Some((name(number), known::of_drawn(plan)?)));
@@ -271,17 +265,9 @@ fn draw_sessions(places: &Places) -> Result<(PathBuf, Labels), String> {
     let folder = places.drawn.join(name);
     let plans = bench::cases::plan(places.count, &[], places.seed);
     let name = bench::cases::case_name;
-    let open: Vec<usize> = (0..plans.len())
-        .filter(|&number| !folder.join(name(number)).join("model.toml").exists())
-        .collect();
-    let drawn = AtomicUsize::new(0);
-    bench::cases::make_all(&plans, &open, places.seed, |made| {
-        made.write(&folder.join(&made.answer.case))?;
-        let drawn = drawn.fetch_add(1, Ordering::Relaxed) + 1;
-        eprintln!("{drawn:>4} of {} bench sessions drawn", open.len());
-        Ok::<_, host_tools::io::error::InputError>(())
-    })
-    .map_err(|error| error.to_string())?;
+    let is_there = |case: &str| folder.join(case).join("model.toml").exists();
+    draw::bench(&plans, places.seed, &folder, is_there, |_| Ok(()))
+        .map_err(|error| error.to_string())?;
     let known = plans.iter().enumerate();
     let labels = known.filter_map(|(number, plan)| Some((name(number), known::of_plan(plan)?)));
     Ok((folder, labels.collect()))

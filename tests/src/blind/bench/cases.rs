@@ -16,8 +16,9 @@ use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::super::cases::{Hidden, Scale, family, largest, logarithmic, stable_hash, typical};
+use super::super::cases::{Hidden, Scale, largest, logarithmic, stable_hash, typical};
 use super::super::experiments::Pump;
+use super::super::kinds::group;
 use super::super::truth::{Base, Effect, Formula, Line, RATE_HZ, kinds};
 use super::instruments::{Instruments, Samples, Shown};
 use super::session::{Drive, Mark, Rig, Supply, play};
@@ -246,7 +247,7 @@ fn pair(turn: usize, names: &[&str], random: &mut Pcg64Mcg) -> (Rig, Vec<Law>) {
         3 => (Rig::Swing, known([Formula::CoulombTanh, Formula::Gravity])),
         _ => loop {
             let drawn: Vec<&str> = names.sample(random, 2).copied().collect();
-            if family(drawn[0]) != family(drawn[1]) {
+            if group(drawn[0]) != group(drawn[1]) {
                 let mut laws: Vec<Law> = drawn.iter().map(|kind| of_kind(kind, turn)).collect();
                 // A dead time looks at the line itself, so it is first.
                 laws.sort_by_key(|law| (*law != Law::Known(Formula::DeadTime), law.name()));
@@ -673,10 +674,9 @@ impl Drawn {
             .zip(&forces)
             .map(|(drive, force)| {
                 let outside = Outside {
-                    line: &drive.line,
-                    shift: 0.0,
                     force: Some(force),
                     start: drive.start,
+                    ..Outside::at_rest(&drive.line)
                 };
                 self.truth.simulate(&outside, RATE_HZ, 1)
             })

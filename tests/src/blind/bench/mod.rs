@@ -27,6 +27,7 @@ pub const GENERATOR: &str = concat!(
     include_str!("sizing.rs"),
     include_str!("world.rs"),
     include_str!("../cases.rs"),
+    include_str!("../kinds.rs"),
     include_str!("../refit.rs"),
     include_str!("../truth.rs"),
 );

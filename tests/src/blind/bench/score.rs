@@ -21,65 +21,14 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use super::super::cases::Hidden;
-use super::super::score::{Kinds, Rate, Said as Word};
+use super::super::kinds::family;
+use super::super::score::{Kinds, Rate, Said, median, of_verdicts};
 use super::super::verdicts::Outcome;
 use super::cases::Answer;
 use super::session::Rig;
 
-/// Kinds that may be named for each other where data do not tell them apart.
-const FAMILIES: &[(&str, &[&str])] = &[
-    (
-        "dry friction",
-        &[
-            "coulomb_friction",
-            "stribeck_friction",
-            "bouc_wen_hysteresis",
-        ],
-    ),
-    ("play", &["input_backlash"]),
-    ("creep", &["maxwell_branch", "leak"]),
-    ("drift", &["stiffness_drift", "sensor_drift"]),
-    ("first stretch", &["mullins_softening"]),
-    (
-        "rate damping",
-        &[
-            "quadratic_damping",
-            "angle_dependent_damping",
-            "asymmetric_damping",
-        ],
-    ),
-    (
-        "stiffness shape",
-        &[
-            "exponent_shift",
-            "cubic_stiffness",
-            "linear_stiffness",
-            "gravity",
-            "end_stop",
-            "pressure_stiffening",
-            "sensor_nonlinearity",
-        ],
-    ),
-    ("offset", &["pressure_threshold", "sensor_offset"]),
-    (
-        "input path",
-        &["pneumatic_lag", "dead_time", "vent_asymmetry"],
-    ),
-    ("sensor path", &["sensor_lag"]),
-    ("periodic", &["periodic_disturbance"]),
-    ("second mode", &["second_mode"]),
-];
-
 /// The most explanations in an answer set that counts.
 const LARGEST_SET: usize = 3;
-
-/// The family of a kind; its own name where it has none.
-pub fn family(kind: &str) -> &str {
-    FAMILIES
-        .iter()
-        .find(|(_, members)| members.contains(&kind))
-        .map_or(kind, |(family, _)| family)
-}
 
 /// How much of the gap a name is said to be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -90,52 +39,10 @@ pub enum Strength {
     Part,
 }
 
-/// What of a verdict is scored.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Said {
-    /// The verdict's word, what is named, what is left open.
-    pub word: Word,
-    /// How strong the name is; full without one.
-    pub strength: Strength,
-    /// The family of `cannot_tell`.
-    pub family: Option<String>,
-    /// What a repair without a name is a function of.
-    pub repair: Option<String>,
-    /// Held-out RMSE of the repaired model over the refit's.
-    pub held_out: Option<f64>,
-}
-
-impl Said {
-    /// Reads a verdict; `strength`, `family` and `repair` may be absent.
-    pub fn of(outcome: &Outcome) -> Self {
-        let nothing = serde_json::Value::Null;
-        let verdict = outcome.verdict.as_ref().unwrap_or(&nothing);
-        let error = |which: &str| verdict["holdout_rmse_deg"][which].as_f64();
-        let of = verdict["repair"]["of"].as_array().map(|list| {
-            let words: Vec<&str> = list.iter().filter_map(|word| word.as_str()).collect();
-            words.join(", ")
-        });
-        Self {
-            word: Word::of(outcome),
-            strength: match verdict["strength"].as_str() {
-                Some("part") => Strength::Part,
-                _ => Strength::Full,
-            },
-            family: verdict["family"].as_str().map(str::to_owned),
-            repair: of.or_else(|| verdict["repair"]["kind"].as_str().map(str::to_owned)),
-            held_out: match (error("repaired"), error("refit")) {
-                (Some(repaired), Some(refit)) if refit > 0.0 => Some(repaired / refit),
-                _ => None,
-            },
-        }
-    }
-
-    fn named_families(&self) -> BTreeSet<&str> {
-        self.word.named.iter().map(|kind| family(kind)).collect()
-    }
-
-    fn small_set(&self) -> bool {
-        (1..=LARGEST_SET).contains(&self.word.answer_set.len())
+impl Strength {
+    /// How strong what is said is; full without a name.
+    pub fn of(said: &Said) -> Self {
+        if said.in_part { Self::Part } else { Self::Full }
     }
 }
 
@@ -166,7 +73,7 @@ impl Grade {
     /// Grades what was said by what is hidden. Where nothing of the catalogue is
     /// hidden, every name is wrong.
     pub fn of(truth: &[String], said: &Said) -> Self {
-        match said.word.verdict.as_str() {
+        match said.verdict.as_str() {
             "effect_found" => Self::of_name(truth, said),
             "cannot_tell" => Self::of_open(truth, said),
             "unexplained" => Self::Silent,
@@ -176,24 +83,28 @@ impl Grade {
     }
 
     fn of_name(truth: &[String], said: &Said) -> Self {
-        let families: BTreeSet<&str> = truth.iter().map(|kind| family(kind)).collect();
-        let named = said.named_families();
+        let families = |kinds: &[String]| -> BTreeSet<String> {
+            kinds.iter().map(|kind| family(kind).to_owned()).collect()
+        };
+        let (families, named) = (families(truth), families(&said.named));
         if truth.is_empty() || named.is_empty() {
-            Self::Wrong(said.strength)
-        } else if said.word.names_exactly(truth) {
+            Self::Wrong(Strength::of(said))
+        } else if said.names_exactly(truth) {
             Self::Exact
-        } else if named == families && said.word.named.len() <= truth.len() {
+        } else if named == families && said.named.len() <= truth.len() {
             Self::Family
-        } else if named.is_subset(&families) && said.word.named.len() < truth.len() {
+        } else if named.is_subset(&families) && said.named.len() < truth.len() {
             Self::OneOfTwo
         } else {
-            Self::Wrong(said.strength)
+            Self::Wrong(Strength::of(said))
         }
     }
 
     fn of_open(truth: &[String], said: &Said) -> Self {
         let in_family = |kind: &String| said.family.as_deref().is_some_and(|it| it == family(kind));
-        let holds = |kinds: Kinds| said.small_set() && said.word.answer_set.contains(&kinds);
+        let holds = |kinds: Kinds| {
+            (1..=LARGEST_SET).contains(&said.answer_set.len()) && said.answer_set.contains(&kinds)
+        };
         match truth {
             [] => Self::Open,
             [kind] if in_family(kind) => Self::Family,
@@ -258,13 +169,7 @@ impl Scored {
 
 /// Scores every case that has a verdict.
 pub fn score(answers: &[Answer], verdicts: &Path) -> Vec<Scored> {
-    answers
-        .iter()
-        .filter_map(|answer| {
-            let outcome = Outcome::read(&verdicts.join(format!("{}.json", answer.case)))?;
-            Some(Scored::of(answer, &outcome))
-        })
-        .collect()
+    of_verdicts(answers, verdicts, |answer| answer.case.clone(), Scored::of)
 }
 
 /// Counts of grades, of single effects or of pairs.
@@ -299,8 +204,7 @@ impl Grades {
     pub fn of(cases: &[&Scored]) -> Self {
         let rate =
             |is: &dyn Fn(Grade) -> bool| Rate::count(cases.iter().map(|case| is(case.grade)));
-        let as_part =
-            |case: &&&Scored| case.grade == Grade::Exact && case.said.strength == Strength::Part;
+        let as_part = |case: &&&Scored| case.grade == Grade::Exact && case.said.in_part;
         Self {
             right: rate(&Grade::is_right),
             exact: rate(&|grade| grade == Grade::Exact),
@@ -357,11 +261,6 @@ pub struct Figures {
     pub cpu_median: Option<f64>,
     /// Longest processor time (s).
     pub cpu_worst: Option<f64>,
-}
-
-fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
-    let mut values: Vec<f64> = values.collect();
-    (!values.is_empty()).then(|| host_tools::statistics::median(&mut values))
 }
 
 impl Figures {
@@ -448,14 +347,6 @@ mod tests {
             verdict["family"] = json!(family);
         }
         verdict
-    }
-
-    #[test]
-    fn every_kind_has_one_family() {
-        for kind in super::super::super::truth::kinds() {
-            let of = FAMILIES.iter().filter(|(_, list)| list.contains(&kind));
-            assert_eq!(of.count(), 1, "{kind}");
-        }
     }
 
     #[test]

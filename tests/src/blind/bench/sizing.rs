@@ -40,10 +40,9 @@ impl<'a> Seen<'a> {
             .enumerate()
             .map(|(number, drive)| {
                 let outside = Outside {
-                    line: &drive.line,
-                    shift: 0.0,
                     force: forces.get(number),
                     start: drive.start,
+                    ..Outside::at_rest(&drive.line)
                 };
                 world.simulate(&outside, RATE_HZ, RATE_HZ / COMPARED_HZ)
             })
@@ -119,10 +118,9 @@ impl<'a> Seen<'a> {
                     *value += START[k] * moved.starts.get(2 * number + k).unwrap_or(&0.0);
                 }
                 let outside = Outside {
-                    line: &drive.line,
                     shift: moved.pressure_zero,
-                    force: None,
                     start,
+                    ..Outside::at_rest(&drive.line)
                 };
                 moved
                     .world

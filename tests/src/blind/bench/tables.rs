@@ -1,11 +1,10 @@
 //! The score of the set for people (terminal, Markdown) and programs (CSV).
 
-use std::collections::BTreeMap;
 use std::fmt::Write;
 
 use super::super::cases::Hidden;
 use super::super::score::Rate;
-use super::super::tables::{aligned, number, shown};
+use super::super::tables::{aligned, counted, markdown_table, number, shown, too_faint};
 use super::super::truth::kinds;
 use super::score::{Figures, Grade, Grades, Scored, Strength};
 
@@ -139,17 +138,17 @@ fn row_label(case: &Scored) -> String {
 /// What a verdict said, in a few words.
 fn answer_label(case: &Scored) -> String {
     let said = &case.said;
-    if !said.word.named.is_empty() {
-        let part = match said.strength {
+    if !said.named.is_empty() {
+        let part = match Strength::of(said) {
             Strength::Full => "",
             Strength::Part => " (part)",
         };
-        return format!("{}{part}", said.word.named.join(" + "));
+        return format!("{}{part}", said.named.join(" + "));
     }
     match (&said.family, &said.repair) {
-        (Some(family), _) => format!("({}: {family})", said.word.verdict),
-        (None, Some(repair)) => format!("({}, table of {repair})", said.word.verdict),
-        (None, None) => format!("({})", said.word.verdict),
+        (Some(family), _) => format!("({}: {family})", said.verdict),
+        (None, Some(repair)) => format!("({}, table of {repair})", said.verdict),
+        (None, None) => format!("({})", said.verdict),
     }
 }
 
@@ -195,14 +194,7 @@ fn kind_rows(scored: &[Scored]) -> Vec<[String; 9]> {
                     String::new()
                 }
             };
-            let mut others: BTreeMap<String, u32> = BTreeMap::new();
-            for case in cases.iter().filter(|case| case.grade != Grade::Exact) {
-                *others.entry(answer_label(case)).or_default() += 1;
-            }
-            let others: Vec<String> = others
-                .iter()
-                .map(|(what, count)| format!("{what} {count}"))
-                .collect();
+            let others = cases.iter().filter(|case| case.grade != Grade::Exact);
             Some([
                 label.to_owned(),
                 cases.len().to_string(),
@@ -212,7 +204,7 @@ fn kind_rows(scored: &[Scored]) -> Vec<[String; 9]> {
                 count(grades.wrong_full, true),
                 count(grades.wrong_part, true),
                 count(grades.silent, true),
-                others.join(", "),
+                counted(others.map(|case| answer_label(case))),
             ])
         })
         .collect()
@@ -220,19 +212,8 @@ fn kind_rows(scored: &[Scored]) -> Vec<[String; 9]> {
 
 /// How many effects could not be drawn as large as is asked for.
 fn faint(scored: &[Scored]) -> String {
-    let faint: Vec<&str> = scored
-        .iter()
-        .filter(|case| !case.answer.visible)
-        .map(|case| case.answer.case.as_str())
-        .collect();
-    format!(
-        "effects that are fainter or coarser than the range that is asked for: {} of {} cases {}",
-        faint.len(),
-        scored.len(),
-        faint.join(" ")
-    )
-    .trim_end()
-    .to_owned()
+    let cases = scored.iter().map(|case| &case.answer);
+    too_faint(cases.map(|answer| (answer.case.as_str(), answer.visible)))
 }
 
 /// A line for each case without a verdict: why.
@@ -275,15 +256,8 @@ pub fn section(scored: &[Scored], command: &str, tool: &str) -> String {
     for (label, figure) in rows(&Figures::of(scored)) {
         let _ = writeln!(text, "| {label} | {figure} |");
     }
-    let _ = write!(
-        text,
-        "\n| {} |\n|{}\n",
-        KIND_HEAD.join(" | "),
-        "---|".repeat(KIND_HEAD.len())
-    );
-    for row in kind_rows(scored) {
-        let _ = writeln!(text, "| {} |", row.join(" | "));
-    }
+    text.push('\n');
+    text += &markdown_table(KIND_HEAD, &kind_rows(scored));
     let _ = writeln!(text, "\n{}.", faint(scored));
     for line in refusals(scored) {
         let _ = writeln!(text, "\n{line}.");
@@ -313,12 +287,7 @@ pub fn csv(scored: &[Scored]) -> String {
     );
     for case in scored {
         let (answer, said) = (&case.answer, &case.said);
-        let open: Vec<String> = said
-            .word
-            .answer_set
-            .iter()
-            .map(|set| set.join("+"))
-            .collect();
+        let open: Vec<String> = said.answer_set.iter().map(|set| set.join("+")).collect();
         let hidden = format!("{:?}", answer.hidden).to_lowercase();
         let grade = match case.grade {
             Grade::Wrong(Strength::Full) => "wrong".to_owned(),
@@ -326,8 +295,8 @@ pub fn csv(scored: &[Scored]) -> String {
             Grade::OneOfTwo => "one_of_two".to_owned(),
             grade => format!("{grade:?}").to_lowercase(),
         };
-        let strength = match said.strength {
-            _ if said.word.named.is_empty() => "",
+        let strength = match Strength::of(said) {
+            _ if said.named.is_empty() => "",
             Strength::Full => "full",
             Strength::Part => "part",
         };
@@ -345,10 +314,10 @@ pub fn csv(scored: &[Scored]) -> String {
             format!("{:.3}", answer.coloured_misfit.to_degrees()),
             format!("{}", answer.instruments.rate_hz),
             answer.samples.to_string(),
-            said.word.verdict.clone(),
+            said.verdict.clone(),
             strength.to_owned(),
             said.family.clone().unwrap_or_default(),
-            said.word.named.join("+"),
+            said.named.join("+"),
             open.join(" "),
             said.repair.clone().unwrap_or_default().replace(", ", "+"),
             grade,

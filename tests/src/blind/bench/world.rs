@@ -18,11 +18,10 @@ use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
 
 use super::super::truth::{
-    Base, Effect, Formula, Line, MEMORY, Moment, RATE_HZ, STATES, VALUES, power,
+    Base, EFFECTS as PARTS, Effect, Formula, Line, MEMORY, Moment, RATE_HZ, STATES, Truth, VALUES,
+    power,
 };
 
-/// The most parts of a world.
-const PARTS: usize = 2;
 /// Angle, rate, and the states of the parts.
 const ALL_STATES: usize = 2 + PARTS * STATES;
 
@@ -221,6 +220,32 @@ pub struct Outside<'a> {
     pub force: Option<&'a Line>,
     /// Angle (rad) and rate (rad/s) at time 0.
     pub start: [f64; 2],
+    /// Number of the run, for what is another one in every run.
+    pub run: u32,
+}
+
+impl<'a> Outside<'a> {
+    /// A line, and nothing else.
+    pub fn at_rest(line: &'a Line) -> Self {
+        Self {
+            line,
+            shift: 0.0,
+            force: None,
+            start: [0.0; 2],
+            run: 0,
+        }
+    }
+}
+
+/// When a world is looked at.
+#[derive(Clone, Copy, Debug)]
+pub struct Grid {
+    /// Time between two samples (s).
+    pub interval: f64,
+    /// Integration steps of a sample.
+    pub steps: u32,
+    /// Of so many samples one is shown.
+    pub every: u32,
 }
 
 /// A base model with what is missing in it.
@@ -230,6 +255,19 @@ pub struct World {
     pub base: Base,
     /// At most two parts.
     pub parts: Vec<Part>,
+}
+
+impl From<&Truth> for World {
+    fn from(truth: &Truth) -> Self {
+        let part = |effect: &Effect| Part {
+            law: Law::Known(effect.formula),
+            values: effect.values,
+        };
+        Self {
+            base: truth.base,
+            parts: truth.effects.iter().map(part).collect(),
+        }
+    }
 }
 
 fn own(slot: usize) -> std::ops::Range<usize> {
@@ -259,7 +297,7 @@ impl World {
             angle: states[0],
             rate: states[1],
             pressure: outside.line.at(time) + outside.shift,
-            run: 0,
+            run: outside.run,
         };
         for (slot, part) in self.parts.iter().enumerate() {
             pressures[slot] = at.pressure;
@@ -302,53 +340,89 @@ impl World {
     ///
     /// A world that leaves all bounds ends in NaN.
     pub fn simulate(&self, outside: &Outside<'_>, rate_hz: u32, every: u32) -> Vec<f64> {
-        let used = 2 + self.parts.len() * STATES;
-        let h = 1.0 / f64::from(rate_hz);
-        // Some hundred thousand steps.
+        self.show(
+            outside,
+            Grid {
+                interval: 1.0 / f64::from(rate_hz),
+                steps: 1,
+                every,
+            },
+        )
+    }
+
+    /// What a perfect sensor would show (rad) over the whole line, on a grid (RK4).
+    ///
+    /// A world that leaves all bounds ends in NaN.
+    pub fn show(&self, outside: &Outside<'_>, grid: Grid) -> Vec<f64> {
+        let Grid {
+            interval,
+            steps,
+            every,
+        } = grid;
+        let h = interval / f64::from(steps);
+        // Some hundred thousand samples.
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-        let steps = (outside.line.duration() / h).round() as u32;
+        let last = (outside.line.duration() / interval).round() as u32;
         let mut states = [0.0; ALL_STATES];
         states[..2].copy_from_slice(&outside.start);
         let mut memory = [[0.0; MEMORY]; PARTS];
-        let shown = (steps / every + 1) as usize;
+        let shown = (last / every + 1) as usize;
         let mut reading = Vec::with_capacity(shown);
-        for step in 0..=steps {
-            let time = f64::from(step) * h;
-            let first = self.evaluate(outside, time, &states, &memory);
-            if step.is_multiple_of(every) {
-                reading.push(first.reading);
-            }
-            let moved = |by: f64, rates: &States| {
-                let mut next = states;
-                for k in 0..used {
-                    next[k] += by * rates[k];
+        for sample in 0..=last {
+            let start = f64::from(sample) * interval;
+            for step in 0..steps {
+                let time = start + f64::from(step) * h;
+                let first = self.step(outside, time, h, &mut states, &mut memory);
+                if step == 0 && sample.is_multiple_of(every) {
+                    reading.push(first);
                 }
-                next
-            };
-            let middle = time + 0.5 * h;
-            let k1 = first.rates;
-            let k2 = self.evaluate(outside, middle, &moved(0.5 * h, &k1), &memory);
-            let k3 = self.evaluate(outside, middle, &moved(0.5 * h, &k2.rates), &memory);
-            let end = self.evaluate(outside, time + h, &moved(h, &k3.rates), &memory);
-            for k in 0..used {
-                states[k] += h / 6.0 * (k1[k] + 2.0 * (k2.rates[k] + k3.rates[k]) + end.rates[k]);
             }
             if states[0].is_nan() || states[0].abs() > 50.0 {
                 reading.resize(shown, f64::NAN);
                 break;
             }
-            for (slot, part) in self.parts.iter().enumerate() {
-                let at = Moment {
-                    time: time + h,
-                    angle: states[0],
-                    rate: states[1],
-                    pressure: end.pressures[slot],
-                    run: 0,
-                };
-                part.remember(at, &states[own(slot)], &mut memory[slot]);
-            }
         }
         reading
+    }
+
+    /// Goes one step (RK4); the reading at its begin.
+    fn step(
+        &self,
+        outside: &Outside<'_>,
+        time: f64,
+        h: f64,
+        states: &mut States,
+        memory: &mut Memory,
+    ) -> f64 {
+        let used = 2 + self.parts.len() * STATES;
+        let from = *states;
+        let moved = |by: f64, rates: &States| {
+            let mut next = from;
+            for k in 0..used {
+                next[k] += by * rates[k];
+            }
+            next
+        };
+        let first = self.evaluate(outside, time, &from, memory);
+        let middle = time + 0.5 * h;
+        let k1 = first.rates;
+        let k2 = self.evaluate(outside, middle, &moved(0.5 * h, &k1), memory);
+        let k3 = self.evaluate(outside, middle, &moved(0.5 * h, &k2.rates), memory);
+        let end = self.evaluate(outside, time + h, &moved(h, &k3.rates), memory);
+        for k in 0..used {
+            states[k] += h / 6.0 * (k1[k] + 2.0 * (k2.rates[k] + k3.rates[k]) + end.rates[k]);
+        }
+        for (slot, part) in self.parts.iter().enumerate() {
+            let at = Moment {
+                time: time + h,
+                angle: states[0],
+                rate: states[1],
+                pressure: end.pressures[slot],
+                run: outside.run,
+            };
+            part.remember(at, &states[own(slot)], &mut memory[slot]);
+        }
+        first.reading
     }
 
     /// With transitions of friction wide enough for the step of 1/[`RATE_HZ`] s:
