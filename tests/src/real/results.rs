@@ -78,7 +78,7 @@ impl Verdict {
 
     /// Sentences on what is missing, for people.
     pub fn report(&self) -> String {
-        let said = self.report();
+        let said = self.sentence();
         let mut letters = said.chars();
         let mut said: String = letters
             .next()
