@@ -203,16 +203,15 @@ fn package(line: &str, sources: &[PathBuf]) -> Outcome<Option<Package>> {
     }
     let version = version.trim_start_matches('v');
     let folder = format!("{name}-{version}");
-    let folder = sources.iter().map(|registry| registry.join(&folder));
+    let mut folders = sources.iter().map(|registry| registry.join(&folder));
     let or = |text: &str, instead: &str| if text.is_empty() { instead } else { text }.to_owned();
     Ok(Some(Package {
         name: name.into(),
         version: version.into(),
         licence: or(licence, "licence in its files"),
         source: or(source, "no repository named"),
-        folder: folder
-            .filter(|folder| folder.is_dir())
-            .next_back()
+        folder: folders
+            .rfind(|folder| folder.is_dir())
             .ok_or_else(|| format!("the source of {name} {version} is in no registry of cargo"))?,
     }))
 }
