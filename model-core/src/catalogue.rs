@@ -336,6 +336,17 @@ impl Effect<f32, InModel> {
     pub(crate) fn set_moving(&self, rate: f32, memory: &mut Hidden<f32>) {
         each!(self, effect => effect.set_moving(rate, memory));
     }
+
+    /// See [`Preparation::recall`].
+    pub(crate) fn recall(
+        &self,
+        base: &Base,
+        step: &Step,
+        hidden: Hidden<f32>,
+        memory: &mut Hidden<f32>,
+    ) {
+        each!(self, effect => effect.recall(base, step, hidden, memory));
+    }
 }
 
 impl Part for AnyPart {
@@ -355,6 +366,10 @@ impl Part for AnyPart {
     #[inline]
     fn force(&self, base: &Base, step: &mut Step, memory: &mut Hidden<f32>) -> f32 {
         each!(self, part => part.force(base, step, memory))
+    }
+
+    fn follows_clock(&self) -> bool {
+        each!(self, part => part.follows_clock())
     }
 
     #[inline]

@@ -175,6 +175,10 @@ pub trait Preparation {
 
     /// Changes the memory of its part at rest to that of a start in motion (rad/s).
     fn set_moving(&self, _rate: f32, _memory: &mut Hidden<f32>) {}
+
+    /// Sets the memory of its part to that of a state with these hidden values. `step` has the
+    /// angle of the state, and the reading that enters the effect.
+    fn recall(&self, _base: &Base, _step: &Step, _hidden: Hidden<f32>, _memory: &mut Hidden<f32>) {}
 }
 
 /// What an effect does in a step. Every method but one defaults to doing nothing.
@@ -202,6 +206,11 @@ pub trait Part {
     #[inline(always)]
     fn force(&self, _base: &Base, _step: &mut Step, _memory: &mut Hidden<f32>) -> f32 {
         0.0
+    }
+
+    /// Whether its memory goes on with the clock alone, also in the kick of a start.
+    fn follows_clock(&self) -> bool {
+        false
     }
 
     /// Maps the reading, a period after the last one.

@@ -1,7 +1,7 @@
 //! |θ|ⁿ, the one expensive function of the model.
 //!
 //! Ludwick's law puts the bending angle to a real power n (Eq. 13 of the
-//! paper), four times per RK4 step. On the ATmega2560 nothing else in the model
+//! paper), in every step. On the ATmega2560 nothing else in the model
 //! costs as much, and the function one would reach for, micromath's `powf`, is
 //! wrong by up to 30 % below 1 rad, where an actuator spends its life. So the
 //! function is a type parameter of the model, with the choices side by side:
@@ -19,8 +19,9 @@
 //! # How to choose
 //!
 //! Keep the default unless a result has to be compared with one that was
-//! obtained on micromath. A fit must evaluate the same `Power` as the firmware
-//! that will run it: parameters absorb the error of the function.
+//! obtained on micromath. The board steps with neither `f32` function but with a table of
+//! the power ([`crate::power_table`]); its self-test steps both, for their accuracy and
+//! cycles beside the table's, and so does `rig simulate --arithmetic`.
 //!
 //! # What both `f32` functions promise
 //!

@@ -20,7 +20,9 @@
 //! After the start the angle sensor never corrects the prediction, so that its error is
 //! the error of the model.
 
-use crate::actuator::Model;
+use core::ops::RangeInclusive;
+
+use crate::actuator::{Model, State};
 use crate::effects::Mechanism;
 use crate::power::Minimax;
 use crate::prepared::{Motion, Plan, Prepared, Unsteppable, plan};
@@ -40,6 +42,9 @@ const MEMORY: usize = 63;
 /// Pressures are kept as hundredths of a kPa above this one, in 16 bits: from
 /// −50 to 605 kPa, more than a sensor of 80 psi can show.
 const LOWEST: i32 = -5_000;
+
+/// The pressures (Pa) that the predictor can tell apart; those beyond count as the ends.
+pub const PRESSURES_PA: RangeInclusive<f32> = -50_000.0..=605_350.0;
 
 /// Radians in a hundredth of a degree.
 const RAD_PER_CENTIDEGREE: f32 = 1.745_329_3e-4;
@@ -229,6 +234,21 @@ impl Predictor {
         }
     }
 
+    /// Starts in a state of the model, its clock included, under a pressure in hundredths of a
+    /// kPa: from there a computer repeats what the board would make of a recording that does
+    /// not begin at rest.
+    pub fn start_at(&self, state: &State<f32>, hundredths_kpa: i32) -> Prediction {
+        let sample = packed(hundredths_kpa);
+        // Saturates, after a year and more.
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let steps = (state.time * RATE_HZ + 0.5) as u32;
+        Prediction {
+            motion: self.prepared.at(state, unpacked(sample)),
+            steps,
+            history: History::at_rest(sample),
+        }
+    }
+
     /// Goes on to the next line, whose pressure is in hundredths of a kPa; none
     /// when its sensor had no reading.
     #[inline(never)]
@@ -268,7 +288,7 @@ impl Predictor {
 }
 
 impl Prediction {
-    /// Steps since the start.
+    /// Steps since its clock was at zero: since the start, but for [`Predictor::start_at`].
     pub fn steps(&self) -> u32 {
         self.steps
     }
@@ -359,6 +379,20 @@ mod tests {
     }
 
     #[test]
+    fn a_start_at_rest_is_that_of_the_state_at_rest() {
+        for effect in [
+            Kind::SensorOffset.build(&[0.05]).unwrap(),
+            Kind::PneumaticLag.build(&[0.2]).unwrap(),
+            Kind::DeadTime.build(&[0.137]).unwrap(),
+        ] {
+            let predictor = predictor(&[effect]);
+            let model = predictor.model();
+            let state = model.showing(angle_rad(1_000), 0.0, pressure_pa(250));
+            assert_eq!(predictor.start_at(&state, 250), predictor.start(1_000, 250));
+        }
+    }
+
+    #[test]
     fn a_missing_pressure_is_the_one_before() {
         let predictor = predictor(&[]);
         let mut with = predictor.start(0, 0);
@@ -383,6 +417,9 @@ mod tests {
         assert!((pressure_pa(-1) + 10.0).abs() < f32::EPSILON);
         assert!((pressure_pa(i32::MAX) - 605_350.0).abs() < f32::EPSILON);
         assert!((pressure_pa(i32::MIN) + 50_000.0).abs() < f32::EPSILON);
+        for end in [i32::MIN, i32::MAX] {
+            assert!(PRESSURES_PA.contains(&pressure_pa(end)));
+        }
         assert!((angle_rad(9_000) - core::f32::consts::FRAC_PI_2).abs() < 1e-6);
     }
 

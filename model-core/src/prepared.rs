@@ -25,7 +25,7 @@
 
 use core::fmt;
 
-use crate::actuator::{MAX_EFFECTS, Model};
+use crate::actuator::{MAX_EFFECTS, Model, State};
 use crate::catalogue::{AnyPart, Kind};
 use crate::effects::table::Variable;
 use crate::effects::{Hidden, Instant, Mechanism};
@@ -400,6 +400,31 @@ impl Prepared {
         motion
     }
 
+    /// Where a state of the model is, under a pressure (Pa): the start of a recording that was
+    /// cut out of a longer one. What creeps, softened or drifted goes on from there; the
+    /// input path has settled.
+    pub fn at(&self, state: &State<f32>, pressure: f32) -> Motion {
+        let mut motion = self.moving(state.angle, state.rate, pressure);
+        motion.step.time = state.time;
+        motion.step.reading = state.angle;
+        let memories = motion.memory.iter_mut().zip(&state.hidden);
+        for (slot, (memory, hidden)) in self.base.model.occupied().zip(memories) {
+            slot.recall(&self.base, &motion.step, *hidden, memory);
+            let entering = motion.step.reading;
+            motion.step.reading = slot.sensor(entering, state.time, hidden, &mut [0.0; 2]);
+        }
+        let memory = motion.memory;
+        self.kick(&mut motion);
+        // It is the kick of these memories, and carries none of them but clocks.
+        for (part, (now, before)) in self.parts.iter().zip(motion.memory.iter_mut().zip(memory)) {
+            if !part.as_ref().is_some_and(Part::follows_clock) {
+                *now = before;
+            }
+        }
+        motion.way = motion.kick * 0.5 + self.base.leapfrog.way(state.rate);
+        motion
+    }
+
     /// Lets one period pass, over which the pressure goes from `before` to `after` (Pa) in
     /// a straight line and which ends at `time` (s).
     pub fn advance(&self, motion: &mut Motion, before: f32, after: f32, time: f32) {
@@ -513,9 +538,9 @@ impl Prepared {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::actuator::State;
     use crate::catalogue::Effect;
     use crate::dynamics::Dynamics;
+    use crate::effects;
     use crate::effects::table::Table;
     use crate::input::Input;
     use crate::integrate::{Scheme, step};
@@ -604,6 +629,81 @@ mod tests {
             table(Variable::Pressure, &[0.0, 5e4, 9e4], &[0.0, 0.1, -0.1]),
             table(Variable::Time, &[1.0, 7.0], &[0.0, 0.2]),
         ]
+    }
+
+    /// Whatever rests or moves is where it was, by way of its state.
+    #[test]
+    fn a_settled_state_is_where_rest_and_motion_begin() {
+        for &kind in Kind::NAMES {
+            let Some(effect) = strong(kind) else { continue };
+            let model: Model<f32> = Model::new(DYNAMICS, &[effect]).unwrap();
+            let plan = plan(&model, FARTHEST, INTERVAL).unwrap();
+            let prepared = Prepared::new(&model, plan, INTERVAL);
+            let (angle, pressure) = (0.4, 20_000.0);
+            let begun = prepared.at(&model.at_rest(angle, pressure), pressure);
+            let rest = prepared.at_rest(angle, pressure);
+            assert_eq!(
+                (begun.way, begun.memory),
+                (rest.way, rest.memory),
+                "{kind:?}"
+            );
+            let moving = prepared.moving(angle, 0.7, pressure);
+            let begun = prepared.at(&model.moving(angle, 0.7, pressure), pressure);
+            assert_eq!(
+                (begun.way, begun.memory),
+                (moving.way, moving.memory),
+                "{kind:?}"
+            );
+        }
+    }
+
+    /// A creep that had settled elsewhere, a loop on its curve, a spring that was stretched
+    /// farther, a drift by a clock that runs and a disturbance go on as the physics says.
+    #[test]
+    fn what_has_a_past_goes_on_from_it() {
+        for kind in [
+            Kind::MaxwellBranch,
+            Kind::BoucWenHysteresis,
+            Kind::MullinsSoftening,
+            Kind::StiffnessDrift,
+            Kind::PeriodicDisturbance,
+            Kind::SensorDrift,
+            Kind::SensorLag,
+        ] {
+            let effect = strong(kind).unwrap();
+            let model: Model<f32> = Model::new(DYNAMICS, &[effect]).unwrap();
+            let plan = plan(&model, FARTHEST, INTERVAL).unwrap();
+            let prepared = Prepared::new(&model, plan, INTERVAL);
+            let wide: Model<f64> = model.map(f64::from);
+            let (angle, rate) = (0.3, 0.5);
+            let shown = effects::Motion { angle, rate };
+            let narrow = State {
+                time: 7.3,
+                ..model.coming_from(0.8, shown, 60_000.0)
+            };
+            let mut state = State {
+                time: f64::from(narrow.time),
+                angle: f64::from(narrow.angle),
+                rate: f64::from(narrow.rate),
+                hidden: narrow.hidden.map(|slot| slot.map(f64::from)),
+            };
+            let mut motion = prepared.at(&narrow, 60_000.0);
+            let mut worst = (f64::from(motion.reading()) - wide.reading(&state)).abs();
+            for period in 1..=200_u16 {
+                let time = narrow.time + f32::from(period) * INTERVAL;
+                prepared.advance(&mut motion, 60_000.0, 60_000.0, time);
+                for _ in 0..100 {
+                    step(Scheme::Rk4, &wide, &mut state, &Line(60_000.0, 0.0), 1e-4);
+                }
+                worst = worst.max((f64::from(motion.reading()) - wide.reading(&state)).abs());
+            }
+            println!("{}: {:.4}°", kind.name(), worst.to_degrees());
+            assert!(
+                worst.to_degrees() < 0.02,
+                "{kind:?}: {}°",
+                worst.to_degrees()
+            );
+        }
     }
 
     /// Each effect of the catalogue, in the board's arithmetic and at its steps, beside

@@ -161,6 +161,7 @@ pub fn simulate(
         let angle = drive.simulate(&model, arithmetic);
         (drive, angle)
     })?;
+    let angle = angle.or_raise(py)?;
     Ok(Simulation {
         pressure: kpa_of(&drive.recording),
         measured: drive.is_measured.then(|| measured_angle(&drive.recording)),

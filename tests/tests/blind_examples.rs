@@ -92,7 +92,7 @@ fn hidden_effects_are_named() {
                 named(&diagnosis)
             );
             // A name comes with a repair that holds on runs that were not
-            // fitted, in the board's arithmetic as well.
+            // fitted, as the board predicts as well.
             if let Finding::Named { effects, .. } = &diagnosis.finding {
                 let added = &diagnosis.repaired.added;
                 assert!(effects.iter().all(|it| added.contains(&it.kind)));

@@ -103,7 +103,9 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     } else {
         file.model
     };
-    let simulated_deg = drive.simulate(&model, args.arithmetic);
+    let simulated_deg = drive
+        .simulate(&model, args.arithmetic)
+        .map_err(|error| error.in_file(&args.model))?;
     let Drive {
         recording,
         is_measured,

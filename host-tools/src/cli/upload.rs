@@ -5,9 +5,6 @@ use std::path::PathBuf;
 use anyhow::Context;
 use clap::{ArgGroup, Parser};
 use indicatif::{ProgressBar, ProgressStyle};
-use model_core::actuator::Model;
-use model_core::predictor;
-use model_core::prepared::{self, BUDGET_CYCLES, Unsteppable};
 use wire::settings::{Key, Settings};
 use wire::state::State;
 
@@ -16,6 +13,7 @@ use crate::io::error::InputError;
 use crate::io::model_file::ModelFile;
 use crate::io::settings_file::{self, Assignment, key_text, shown};
 use crate::rig::link::{Link, SerialConnector, Timing};
+use crate::sim::board;
 
 /// Writes a model or settings to a board, and reads everything back.
 ///
@@ -124,22 +122,9 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
 
 /// The board's load by a model, for angles up to `farthest_deg`.
 fn stepped(file: &ModelFile, farthest_deg: f32) -> Result<String, InputError> {
-    // Rounded as the settings are.
-    #[allow(clippy::cast_possible_truncation)]
-    let model = file.model.map(|value| value as f32);
-    let plan = predictor::check(&model, farthest_deg.to_radians()).map_err(|error| {
-        let load = match error {
-            Unsteppable::TooFast => load_percent(&model, farthest_deg.to_radians()),
-            _ => None,
-        };
-        let load = load.map_or_else(String::new, |percent| {
-            format!(
-                ": it would take about {percent:.0} % of the board's processor, which has {:.1} % for it",
-                percent_of(BUDGET_CYCLES)
-            )
-        });
+    let plan = board::plan(&file.model, farthest_deg.to_radians()).map_err(|why| {
         InputError::new(
-            format!("the model {error}{load}; the board would refuse it"),
+            format!("{why}; the board would refuse it"),
             "use it on the computer (`rig simulate`), or fit one with another effect",
         )
         .in_file(&file.path)
@@ -150,27 +135,9 @@ fn stepped(file: &ModelFile, farthest_deg: f32) -> Result<String, InputError> {
             1 => "1 step".to_owned(),
             steps => format!("{steps} steps"),
         },
-        percent_of(plan.cycles),
+        board::percent_of(plan.cycles),
     ))
 }
-
-/// A part of the board's processor.
-fn percent_of(cycles: u32) -> f64 {
-    f64::from(cycles) * 100.0 / f64::from(CYCLES_PER_PERIOD)
-}
-
-/// The load of a model that is too fast for one step per period, from the number of shorter
-/// steps that it needs. None if no step is short enough.
-fn load_percent(model: &Model<f32>, farthest_rad: f32) -> Option<f64> {
-    (2_u8..=200)
-        .find(|&parts| {
-            prepared::plan(model, farthest_rad, predictor::STEP_S / f32::from(parts)).is_ok()
-        })
-        .map(|parts| f64::from(parts) * percent_of(BUDGET_CYCLES))
-}
-
-/// Cycles of an ATmega2560 between two lines of telemetry.
-const CYCLES_PER_PERIOD: u32 = 160_000;
 
 /// Changes settings, with a progress bar.
 pub(crate) fn apply(link: &mut Link, changes: &[Assignment]) -> anyhow::Result<()> {
@@ -289,21 +256,5 @@ mod tests {
         let text = table(&settings, &[(kind, 0), (parameter, 0)]);
         assert!(text.lines().any(|line| line.ends_with(" N")), "{text}");
         assert!(!text.contains("SI"), "{text}");
-    }
-
-    #[test]
-    fn a_model_that_is_too_fast_is_told_its_load() {
-        let text = "schema = 1\nname = \"fast\"\n[dynamics]\ninertia_kg_m = 0.001\n\
-                    damping_n_s_per_rad = 0.01\nstiffness_n_per_rad_n = 2000.0\nexponent = 1.7\n\
-                    input_gain_n_per_kpa = 0.1\n";
-        let file = ModelFile::parse(text, std::path::Path::new("fast.toml")).unwrap();
-        let message = stepped(&file, 120.0).unwrap_err().to_string();
-        let percent: f64 = message
-            .split_once("about ")
-            .and_then(|(_, rest)| rest.split_once(" %"))
-            .and_then(|(number, _)| number.parse().ok())
-            .unwrap_or_else(|| panic!("{message}"));
-        assert!((25.0..2_500.0).contains(&percent), "{message}");
-        assert!(message.contains("12.5 % for it"), "{message}");
     }
 }

@@ -8,10 +8,12 @@
 //! and does not decide it: candidates are simulated for that.
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use model_core::actuator::Model;
 
 use super::smoother::{ForceSeries, Smoother};
+use crate::estimate::filter::Pace;
 use crate::estimate::{Dataset, Nuisance};
 use crate::io::recording::Recording;
 use crate::numbers::{percent, short};
@@ -137,16 +139,18 @@ pub fn localise(model: &Model<f64>, data: &Dataset, nuisances: &[Nuisance], nois
         model,
         noise: noise.max(1e-6),
         force: known,
+        pace: Pace::of(data),
     };
-    let intensity = smoother.likeliest_intensity(&sessions);
+    let with_zeros = || data.sessions().iter().map(Arc::as_ref).zip(nuisances);
+    let intensity = smoother.likeliest_intensity(with_zeros());
     let mut runs: Vec<ForceSeries> = Vec::new();
     let mut all: Vec<Sample> = Vec::new();
-    for (index, recording) in sessions.iter().enumerate() {
+    for (index, (recording, (session, nuisance))) in sessions.iter().zip(with_zeros()).enumerate() {
         let ranges = data.fitted_ranges(index);
         if ranges.is_empty() {
             continue;
         }
-        let series = smoother.smooth(recording, intensity);
+        let series = smoother.smooth(session, nuisance, intensity);
         for range in ranges {
             all.extend(samples(runs.len(), recording, &series, &range));
             runs.push(series.slice(&range));

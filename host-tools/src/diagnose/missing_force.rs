@@ -22,6 +22,7 @@ use rayon::prelude::*;
 
 use super::candidates::{Scales, combinations};
 use super::smoother::Smoother;
+use crate::estimate::filter::Pace;
 use crate::estimate::fit::{Fit, Fitter};
 use crate::estimate::nuisance::Nuisance;
 
@@ -154,6 +155,7 @@ impl MissingForce {
             model,
             noise: noise.max(1e-6),
             force,
+            pace: Pace::of(data),
         };
         let stride = data.samples().div_ceil(ENOUGH).max(1);
         let fitted: Vec<_> = data
@@ -167,7 +169,7 @@ impl MissingForce {
             .into_par_iter()
             .map(|(_, (session, nuisance))| {
                 let recording = session.corrected(nuisance);
-                let found = smoother.smooth(&recording, INTENSITY * force);
+                let found = smoother.smooth(session, nuisance, INTENSITY * force);
                 let samples = (0..recording.len()).step_by(stride).map(|k| Sample {
                     time: recording.time[k],
                     angle: found.angle[k],

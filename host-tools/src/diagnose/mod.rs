@@ -63,6 +63,7 @@ use crate::io::own_effects::OwnEffects;
 use crate::io::recording::Recording;
 use crate::io::settings_file::from_model;
 use crate::numbers::tidy;
+use crate::sim::board::{self, Unseen};
 use baseline::Baseline;
 pub use budget::Budget;
 use budget::{Ended, Part};
@@ -307,7 +308,7 @@ fn diagnose_all(
     validator.raise_floor(floor.rms);
     progress.stage("where the gap lives", 0);
     let gap = localise(&refit.fit.model, &data, &refit.fit.nuisances, floor.white);
-    progress.stage("validation in the board's arithmetic", 0);
+    progress.stage("validation as the board predicts", 0);
     let held_out = validator.errors(&refit, &found.repaired);
     let is_adequate = adequate(&found.repaired.fit, &floor);
     let adequacy = Adequacy {
@@ -396,6 +397,18 @@ fn examined(data: &Dataset) -> Result<(NoiseFloor, Vec<Concern>), InputError> {
         concerns.extend(found.into_iter().filter(|it| it.recording.is_some()));
     }
     Ok((floor, concerns))
+}
+
+/// What is to become of the model that `-o` writes on a board.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Upload {
+    /// It is worth an upload.
+    Worth,
+    /// It is the supplied one, unchanged.
+    Unchanged,
+    /// It predicts better on the computer, and not on the board: a sentence or two that say
+    /// why.
+    Refused(String),
 }
 
 /// Residuals (rad) on the held-out segments, of the nominal model, the refit, the
@@ -490,18 +503,45 @@ impl Diagnosis {
         nominal.text_with(self.model_to_keep(nominal), &format!("# {what}\n"))
     }
 
-    /// Whether the repaired model predicts held-out runs better than the nominal one, in
-    /// the board's arithmetic.
+    /// Whether the repaired model predicts held-out runs better than the nominal one.
     pub fn is_better(&self) -> bool {
         self.finding.answer() != Answer::NoDiscrepancy
-            && self.held_out.repaired_on_board < self.held_out.nominal
+            && self.held_out.repaired < self.held_out.nominal
     }
 
-    /// Whether the board has room for the written model, and can run its effects.
-    fn fits_the_board(&self, file: &ModelFile) -> bool {
+    /// What is to become of the written model on a board.
+    pub fn upload(&self, file: &ModelFile) -> Upload {
+        if !self.is_better() {
+            return Upload::Unchanged;
+        }
         let mut kept = file.clone();
         kept.model = self.fit_to_keep().model;
-        from_model(&kept).is_ok()
+        let farthest = board::farthest(self.data.largest_angle());
+        let refused = from_model(&kept)
+            .map_err(|error| error.found)
+            .and_then(|_| board::plan(&kept.model, farthest));
+        if let Err(why) = refused {
+            return Upload::Refused(format!(
+                "The board cannot run this model: {why}. Use it on the computer."
+            ));
+        }
+        let zeros = self.fit_to_keep().nuisances.iter();
+        let mut sessions = self.data.sessions().iter().zip(zeros);
+        let beyond = Err(Unseen::Pressure);
+        if sessions.any(|(it, zeros)| board::is_seen(it.signal(), zeros.pressure_zero) == beyond) {
+            return Upload::Refused(format!(
+                "No board can run this rig: {}. Use the model on the computer.",
+                Unseen::Pressure
+            ));
+        }
+        if self.held_out.repaired_on_board < self.held_out.nominal {
+            return Upload::Worth;
+        }
+        Upload::Refused(
+            "In the steps of the board this model predicts no better than the one supplied. Use \
+             it on the computer."
+                .into(),
+        )
     }
 
     /// The fit of the written model.
@@ -570,7 +610,7 @@ impl Diagnosis {
                 repaired: degrees(self.held_out.repaired_on_board),
             },
             nuisance: self.zeros(),
-            upload: self.is_better() && self.fits_the_board(request.file),
+            upload: self.upload(request.file) == Upload::Worth,
             next_experiment: self
                 .proposals
                 .iter()

@@ -1,18 +1,17 @@
 //! Smoothed estimate of the missing force, from the measured angle.
 //!
 //! The missing force Q of M θ̈ = g·p − C ω − K sign(θ)|θ|ⁿ − Q is modelled as a random
-//! walk. Angle, rate and Q are estimated together from the measured angle: by an extended
-//! Kalman filter forwards, and the Rauch–Tung–Striebel smoother backwards (Rauch, Tung and
-//! Striebel, AIAA Journal 3, 1965). No signal is differentiated, and every estimate has a
-//! standard deviation. The intensity of the process noise is its maximum-likelihood
-//! estimate.
+//! walk. Angle, rate and Q are estimated together from the measured angle: forwards by the
+//! Kalman filter of the fits ([`mod@crate::estimate::filter`]), and back over its steps by the
+//! Rauch–Tung–Striebel smoother (Rauch, Tung and Striebel, AIAA Journal 3, 1965). No signal is
+//! differentiated, and every estimate has a standard deviation. The intensity of the process
+//! noise is its maximum-likelihood estimate.
 
-use model_core::actuator::{Model, State};
-use nalgebra::{Matrix3, RowVector3, Vector3};
+use model_core::actuator::Model;
 
-use crate::io::recording::Recording;
+use crate::estimate::filter::{self, Estimate, Innovation, Level, Pace, Step};
+use crate::estimate::{Nuisance, Session};
 use crate::sim::dual::Dual;
-use crate::sim::simulate::{Grain, Signal, Stepping, advance};
 
 /// Estimated motion and missing force of one run.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -43,18 +42,6 @@ impl ForceSeries {
     }
 }
 
-/// Angle, rate and missing force.
-type Vector = Vector3<f64>;
-
-/// One step of the filter pass.
-struct FilterStep {
-    /// State before and after the measurement.
-    predicted: (Vector, Matrix3<f64>),
-    corrected: (Vector, Matrix3<f64>),
-    /// Transition matrix from the sample before.
-    transition: Matrix3<f64>,
-}
-
 /// Settings of a smoother.
 #[derive(Clone, Copy, Debug)]
 pub struct Smoother<'a> {
@@ -64,22 +51,28 @@ pub struct Smoother<'a> {
     pub noise: f64,
     /// Scale of the forces (N).
     pub force: f64,
+    /// The recorded motion.
+    pub pace: Pace,
 }
 
 /// Grid of the process-noise intensity, in units of the force scale per √s.
 const INTENSITIES: [f64; 6] = [0.01, 0.03, 0.1, 0.3, 1.0, 3.0];
 
 impl Smoother<'_> {
-    /// The maximum-likelihood process-noise intensity (N/√s) of `recordings`.
-    pub fn likeliest_intensity(&self, recordings: &[Recording]) -> f64 {
+    /// The maximum-likelihood process-noise intensity (N/√s) of sessions with their zeros and
+    /// initial states.
+    pub fn likeliest_intensity<'s>(
+        &self,
+        sessions: impl IntoIterator<Item = (&'s Session, &'s Nuisance)>,
+    ) -> f64 {
         /// Enough samples to choose.
         const ENOUGH: usize = 4_000;
-        let mut chosen: Vec<&Recording> = Vec::new();
+        let mut chosen = Vec::new();
         let mut samples = 0;
-        for recording in recordings {
+        for (session, nuisance) in sessions {
             if samples < ENOUGH {
-                chosen.push(recording);
-                samples += recording.len();
+                chosen.push((session, nuisance));
+                samples += session.recording().len();
             }
         }
         INTENSITIES
@@ -88,7 +81,7 @@ impl Smoother<'_> {
             .map(|intensity| {
                 let likelihood: f64 = chosen
                     .iter()
-                    .map(|recording| self.filter_pass(recording, intensity).1)
+                    .map(|(session, nuisance)| self.likelihood(session, nuisance, intensity))
                     .sum();
                 (intensity, likelihood)
             })
@@ -97,21 +90,23 @@ impl Smoother<'_> {
             .map_or(0.1 * self.force, |(intensity, _)| intensity)
     }
 
-    /// Estimates motion and missing force of one recording.
-    pub fn smooth(&self, recording: &Recording, intensity: f64) -> ForceSeries {
-        let (mut steps, _) = self.filter_pass(recording, intensity);
+    /// Estimates motion and missing force of one session, its zeros subtracted.
+    pub fn smooth(&self, session: &Session, nuisance: &Nuisance, intensity: f64) -> ForceSeries {
+        let mut steps: Vec<Step<2>> = Vec::with_capacity(session.recording().len());
+        self.walk(session, nuisance, intensity, |step| steps.push(*step));
         // A stiff model may diverge: the estimate ends there.
-        let known = |at: &FilterStep| at.corrected.0.iter().all(|value| value.is_finite());
+        let known = |at: &Step<2>| at.corrected.0.iter().all(|value| value.is_finite());
         steps.truncate(steps.iter().take_while(|at| known(at)).count());
         let mut series = ForceSeries {
-            time: recording.time.clone(),
+            time: session.recording().time.clone(),
             ..ForceSeries::default()
         };
-        let mut estimates: Vec<(Vector, f64)> = Vec::with_capacity(steps.len());
-        let mut later: Option<(Vector, Matrix3<f64>)> = None;
+        let mut estimates: Vec<Estimate> = Vec::with_capacity(steps.len());
         for (index, at) in steps.iter().enumerate().rev() {
             let (mut state, mut covariance) = at.corrected;
-            if let (Some((next, next_covariance)), Some(after)) = (later, steps.get(index + 1)) {
+            if let (Some((next, next_covariance)), Some(after)) =
+                (estimates.last(), steps.get(index + 1))
+            {
                 let (predicted, predicted_covariance) = after.predicted;
                 if let Some(inverse) = predicted_covariance.try_inverse() {
                     let gain = covariance * after.transition.transpose() * inverse;
@@ -120,16 +115,16 @@ impl Smoother<'_> {
                         gain * (next_covariance - predicted_covariance) * gain.transpose();
                 }
             }
-            later = Some((state, covariance));
-            estimates.push((state, covariance[(2, 2)].max(0.0).sqrt()));
+            estimates.push((state, covariance));
         }
-        for (state, deviation) in estimates.into_iter().rev() {
+        for (state, covariance) in estimates.into_iter().rev() {
             series.angle.push(state[0]);
             series.rate.push(state[1]);
             series.force.push(state[2]);
+            let deviation = self.noise * covariance[(2, 2)].max(0.0).sqrt();
             series.deviation.push(deviation);
         }
-        let unknown = |values: &mut Vec<f64>| values.resize(recording.len(), f64::NAN);
+        let unknown = |values: &mut Vec<f64>| values.resize(series.time.len(), f64::NAN);
         unknown(&mut series.angle);
         unknown(&mut series.rate);
         unknown(&mut series.force);
@@ -137,109 +132,49 @@ impl Smoother<'_> {
         series
     }
 
-    /// The filter pass, with the log-likelihood of the angles.
-    fn filter_pass(&self, recording: &Recording, intensity: f64) -> (Vec<FilterStep>, f64) {
-        /// First samples, whose likelihood is not counted.
+    /// The log-likelihood of the angles of a session; infinitely small if the model diverges.
+    fn likelihood(&self, session: &Session, nuisance: &Nuisance, intensity: f64) -> f64 {
+        /// First samples, which are not counted.
         const SETTLING: usize = 20;
-        let inertia = self.model.dynamics().inertia;
-        let signal = Signal::pressure(recording);
-        let largest_angle = recording
-            .angle
-            .iter()
-            .fold(0.0, |largest_angle: f64, angle| {
-                angle.abs().max(largest_angle)
-            });
-        let stepping = Stepping::of(self.model, recording.interval(), largest_angle, Grain::Fine);
-        let dual: Model<Dual<2>> = self.model.map(Dual::constant);
-        let variance = self.noise.powi(2).max(1e-12);
-        let observed = RowVector3::new(1.0, 0.0, 0.0);
-
-        let first_angle = recording.angle.first().copied().unwrap_or(0.0);
-        let pressure = recording.pressure.first().copied().unwrap_or(0.0);
-        let mut whole: State<Dual<2>> = dual.moving(
-            Dual::constant(self.model.angle_behind(first_angle)),
-            Dual::constant(0.0),
-            Dual::constant(pressure),
-        );
-        let mut state = Vector::new(whole.angle.value(), 0.0, 0.0);
-        let mut covariance = Matrix3::from_diagonal(&Vector::new(
-            variance,
-            (0.3 * (largest_angle + 0.1)).powi(2),
-            self.force.powi(2),
-        ));
-        let mut transition = Matrix3::identity();
-        let mut steps = Vec::with_capacity(recording.len());
+        let mut sample = 0;
         let mut likelihood = 0.0;
-        for sample in 0..recording.len() {
-            if sample > 0 {
-                let interval = recording.time[sample] - recording.time[sample - 1];
-                whole.angle = Dual::variable(state[0], 0, 1.0);
-                whole.rate = Dual::variable(state[1], 1, 1.0);
-                let zero = Dual::constant(0.0);
-                advance(&dual, &signal, sample, zero, stepping, &mut whole);
-                let (angle, rate) = (whole.angle, whole.rate);
-                let (by_angle, by_rate) = (angle.partials(), rate.partials());
-                // The force acts beside the model's own for the whole interval.
-                let push = -interval / inertia;
-                transition = Matrix3::new(
-                    by_angle[0],
-                    by_angle[1],
-                    0.5 * push * interval,
-                    by_rate[0],
-                    by_rate[1],
-                    push,
-                    0.0,
-                    0.0,
-                    1.0,
-                );
-                state = Vector::new(
-                    angle.value() + 0.5 * push * interval * state[2],
-                    rate.value() + push * state[2],
-                    state[2],
-                );
-                covariance = transition * covariance * transition.transpose();
-                covariance[(2, 2)] += intensity * intensity * interval;
-                // The error of a linear step.
-                covariance[(1, 1)] += (1e-3 * intensity / inertia * interval).powi(2);
+        let passed = self.walk(session, nuisance, intensity, |step| {
+            if sample > SETTLING && step.is_measured {
+                let Innovation { error, variance } = step.innovation;
+                let error = error.value() / self.noise;
+                likelihood -= 0.5 * (error * error / variance + variance.ln());
             }
-            let predicted = (state, covariance);
-            let sensor = self.sensor_error(&whole, state[0]);
-            let innovation = recording.angle[sample] - state[0] - sensor;
-            let spread = (observed * covariance * observed.transpose())[0] + variance;
-            let gain = covariance * observed.transpose() / spread;
-            state += gain * innovation;
-            covariance = (Matrix3::identity() - gain * observed) * covariance;
-            covariance = 0.5 * (covariance + covariance.transpose());
-            if sample > SETTLING {
-                likelihood -= 0.5 * (innovation * innovation / spread + spread.ln());
-            }
-            steps.push(FilterStep {
-                predicted,
-                corrected: (state, covariance),
-                transition,
-            });
-            if !state.iter().all(|value| value.is_finite()) {
-                return (steps, f64::NEG_INFINITY);
-            }
-        }
-        (steps, likelihood)
+            sample += 1;
+        });
+        passed.map_or(f64::NEG_INFINITY, |()| likelihood)
     }
 
-    /// The error of the modelled sensor (rad).
-    fn sensor_error(&self, whole: &State<Dual<2>>, angle: f64) -> f64 {
-        let state = State {
-            time: whole.time.value(),
-            angle,
-            rate: whole.rate.value(),
-            hidden: whole.hidden.map(|slot| slot.map(|value| value.value())),
+    /// The steps of the filter over a session. None if the model diverges.
+    fn walk(
+        &self,
+        session: &Session,
+        nuisance: &Nuisance,
+        intensity: f64,
+        note: impl FnMut(&Step<2>),
+    ) -> Option<()> {
+        let level = Level {
+            intensity: intensity / self.noise,
+            noise: self.noise,
+            pace: self.pace,
+            outlier: None,
         };
-        self.model.reading(&state) - angle
+        let dual: Model<Dual<2>> = self.model.map(Dual::constant);
+        let zero = Dual::constant(nuisance.pressure_zero);
+        filter::walk(&dual, session, nuisance, zero, &level, 0, note)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::estimate::Dataset;
+    use crate::io::recording::Recording;
+    use crate::sim::simulate::Signal;
     use model_core::dynamics::Dynamics;
     use rand::SeedableRng;
     use rand_distr::{Distribution, StandardNormal};
@@ -262,12 +197,14 @@ mod tests {
             time,
             ..Recording::default()
         };
+        let data = Dataset::known(recording, Nuisance::AT_ZERO);
         let smoother = Smoother {
             model: &model,
             noise: 1e-3,
             force: 1e9,
+            pace: Pace::of(&data),
         };
-        let found = smoother.smooth(&recording, 1e9);
+        let found = smoother.smooth(&data.sessions()[0], &Nuisance::AT_ZERO, 1e9);
         assert_eq!(found.slice(&(150..200)).force.len(), 50);
     }
 
@@ -312,13 +249,34 @@ mod tests {
             angle,
             ..Recording::default()
         };
+        let data = Dataset::known(recording, Nuisance::AT_ZERO);
         let smoother = Smoother {
             model: &model,
             noise,
             force: 1.5,
+            pace: Pace::of(&data),
         };
-        let intensity = smoother.likeliest_intensity(std::slice::from_ref(&recording));
-        let found = smoother.smooth(&recording, intensity);
+        let session = data.sessions()[0].as_ref();
+        let intensity = smoother.likeliest_intensity([(session, &Nuisance::AT_ZERO)]);
+        let found = smoother.smooth(session, &Nuisance::AT_ZERO, intensity);
+        // Nothing comes after the last sample: it is the filter's.
+        let mut last = None;
+        smoother.walk(session, &Nuisance::AT_ZERO, intensity, |step| {
+            last = Some(*step);
+        });
+        let (state, covariance) = last.unwrap().corrected;
+        let end = found.force.len() - 1;
+        let deviation = noise * covariance[(2, 2)].sqrt();
+        assert_eq!(
+            [
+                found.angle[end],
+                found.rate[end],
+                found.force[end],
+                found.deviation[end]
+            ]
+            .map(f64::to_bits),
+            [state[0], state[1], state[2], deviation].map(f64::to_bits)
+        );
         let errors: Vec<f64> = found
             .time
             .iter()

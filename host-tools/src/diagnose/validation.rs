@@ -14,7 +14,6 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use model_core::actuator::{Model, ParameterId};
 use model_core::catalogue::Kind;
-use model_core::power::Minimax;
 
 use super::candidates::{Candidate, free_parameters};
 use super::noise::{NoiseFloor, repeats};
@@ -23,6 +22,7 @@ use crate::estimate::Segment;
 use crate::estimate::fit::{Effort, Fitter, Validation};
 use crate::estimate::horizon::{Squares, block_errors};
 use crate::io::model_file::{ModelFile, parameters};
+use crate::sim::board::{self, OnBoard};
 
 /// Fewest different runs. With fewer, leaving one out would ask for extrapolation, and
 /// repeats are left out one by one.
@@ -48,7 +48,7 @@ pub struct HeldOut {
     pub refit: f64,
     /// The repaired model.
     pub repaired: f64,
-    /// The repaired model in `f32` with the board's power function.
+    /// What the board predicts with the repaired model; where it cannot, as `repaired`.
     pub repaired_on_board: f64,
     /// Noise floor of the held-out runs.
     pub floor: f64,
@@ -67,7 +67,7 @@ pub struct HeldOutRun {
     pub nominal: f64,
     /// The nominal structure, refitted.
     pub refit: f64,
-    /// The repaired model in the board's arithmetic.
+    /// What the board predicts with the repaired model, where it can.
     pub repaired_on_board: f64,
 }
 
@@ -545,37 +545,45 @@ fn squares(residuals: &[Vec<f64>]) -> Vec<f64> {
         .collect()
 }
 
-/// Squared errors of a model in the board's arithmetic, with zeros and initial states
-/// estimated in `f64`.
-#[allow(clippy::cast_possible_truncation)]
+/// Squared errors of what the board predicts with a model, with zeros and initial states
+/// estimated in `f64`. Where the board cannot step the model or see the pressure, they are
+/// those in `f64`: what is said of the repair does not depend on a board that will not run it.
 fn board_squares(fitter: &Fitter<'_>, model: &Model<f64>) -> Vec<f64> {
-    let nuisances = fitter.validate(model).nuisances;
-    let board: Model<f32, Minimax> = model.map(|value| value as f32);
+    let Validation {
+        residuals,
+        nuisances,
+    } = fitter.validate(model);
     let data = fitter.data;
-    data.sessions()
-        .iter()
-        .zip(&nuisances)
-        .enumerate()
-        .flat_map(|(index, (session, nuisance))| {
-            let ranges = data.ranges(index, false);
-            let residual = if ranges.is_empty() {
-                Vec::new()
-            } else {
-                session.residual_of(&session.simulate(&board, nuisance))
-            };
-            ranges
-                .into_iter()
-                .map(|range| residual[range].iter().map(|r| r * r).sum::<f64>())
-                .collect::<Vec<_>>()
-        })
-        .collect()
+    let Ok(board) = OnBoard::new(model, board::farthest(data.largest_angle())) else {
+        return squares(&residuals);
+    };
+    let mut found = residuals;
+    let mut places = found.iter_mut();
+    for (index, (session, nuisance)) in data.sessions().iter().zip(&nuisances).enumerate() {
+        let ranges = data.ranges(index, false);
+        let predicted = if ranges.is_empty() {
+            None
+        } else {
+            session.predict(&board, nuisance).ok()
+        };
+        let residual = predicted.map(|predicted| session.residual_of(&predicted));
+        for (range, place) in ranges.into_iter().zip(&mut places) {
+            if let Some(residual) = &residual {
+                *place = residual[range].to_vec();
+            }
+        }
+    }
+    squares(&found)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::estimate::dataset::Mark;
+    use crate::estimate::{Dataset, Nuisance, Session};
     use crate::io::recording::Recording;
     use crate::synth::example::{Hidden, make};
+    use model_core::predictor::Predictor;
     use std::path::Path;
 
     /// What was found for one fit of a structure says nothing of another.
@@ -589,7 +597,7 @@ mod tests {
             .map(|it| it.1)
             .take(6)
             .collect();
-        let data = crate::estimate::Dataset::of(&recordings);
+        let data = Dataset::of(&recordings);
         let fitter = Fitter::new(&file.model, &data);
         let fit = |from: &Model<f64>| Candidate::of(Vec::new(), fitter.compare(from));
         let right = fit(&file.model);
@@ -601,6 +609,76 @@ mod tests {
         let [a, b] = errors(&right, &off);
         let [c, d] = errors(&off, &right);
         assert_eq!([&a, &b], [&d, &c]);
+    }
+
+    /// Not by another integrator in single precision.
+    #[allow(clippy::cast_possible_truncation)]
+    #[test]
+    fn the_error_on_the_board_is_that_of_its_predictor() {
+        let example = make(Hidden::Effect(Kind::CoulombFriction), 0.05, 3).unwrap();
+        let file = ModelFile::parse(&example.truth, Path::new("truth.toml")).unwrap();
+        let mut data = Dataset::default();
+        let mut squares = 0.0;
+        let mut samples = 0;
+        let narrow: Model<f32> = file.model.map(|value| value as f32);
+        let predictor = Predictor::new(&narrow, board::farthest(0.0)).unwrap();
+        for (place, (_, recording, _)) in example.recordings.into_iter().take(6).enumerate() {
+            let fitted = place < 4;
+            let session = Session::new(recording.clone(), 0.0, Vec::new());
+            let session = session.knowing(Nuisance::AT_ZERO);
+            if !fitted {
+                let line = |pressure: &f64| (pressure / 10.0).round() as i32;
+                let pressure = session.signal().values();
+                let mut prediction = predictor.start(0, line(&pressure[0]));
+                samples += recording.len();
+                squares += recording.angle[0].powi(2);
+                for (pressure, angle) in pressure.iter().zip(&recording.angle).skip(1) {
+                    predictor.step(&mut prediction, Some(line(pressure)));
+                    squares += (f64::from(prediction.reading()) - angle).powi(2);
+                }
+            }
+            let mark = Mark {
+                range: 0..recording.len(),
+                about: recording,
+                fitted,
+            };
+            data.push(session, vec![mark]);
+        }
+        let fitter = Fitter::new(&file.model, &data);
+        let candidate = Candidate::of(Vec::new(), fitter.compare(&file.model));
+        let validator = CrossValidator::new(&file, &fitter, 0.0);
+        let found = validator.errors(&candidate, &candidate);
+        let directly = (squares / samples as f64).sqrt();
+        let gap = found.repaired_on_board / directly - 1.0;
+        assert!(gap.abs() < 1e-9, "{found:?} {directly}");
+        let runs: f64 = found.runs.iter().map(|run| run.repaired_on_board).sum();
+        assert!(runs > directly && found.repaired > 0.0);
+        assert!(found.repaired_on_board.to_bits() != found.repaired.to_bits());
+    }
+
+    /// A spring that the board has no time for.
+    #[test]
+    fn where_the_board_cannot_step_the_error_is_that_of_the_computer() {
+        let example = make(Hidden::Nothing, 0.05, 3).unwrap();
+        let file = ModelFile::parse(&example.model, Path::new("model.toml")).unwrap();
+        let recordings: Vec<Recording> = example
+            .recordings
+            .into_iter()
+            .map(|it| it.1)
+            .take(6)
+            .collect();
+        let data = Dataset::of(&recordings).without(&[4, 5]);
+        let late = Kind::DeadTime.build(&[0.7]).unwrap();
+        let model = Model::new(*file.model.dynamics(), &[late]).unwrap();
+        let fitter = Fitter::new(&model, &data);
+        let candidate = Candidate::of(Vec::new(), fitter.compare(&model));
+        let validator = CrossValidator::new(&file, &fitter, 0.0);
+        let found = validator.errors(&candidate, &candidate);
+        assert!(OnBoard::new(&model, 2.3).is_err());
+        assert!(
+            (found.repaired_on_board - found.repaired).abs() < 1e-12,
+            "{found:?}"
+        );
     }
 
     #[test]

@@ -76,7 +76,7 @@ pub struct Verdict {
     #[serde(default)]
     pub nuisance: Zeros,
     /// Whether the model that `-o` writes is worth an upload: it predicts held-out runs better
-    /// than the supplied one, and a board can run it.
+    /// than the supplied one, on the board as well, and a board can run it.
     #[serde(default)]
     pub upload: bool,
     /// Runs that would separate the remaining rivals.
@@ -217,7 +217,8 @@ pub struct HeldOutError {
     pub nominal: f64,
     /// The same structure, refitted.
     pub refit: f64,
-    /// With the named effects, in the board's own arithmetic.
+    /// With the named effects, as the board predicts; where a board cannot run that model or
+    /// measure the pressure, in double precision, and then `upload` is false.
     pub repaired: f64,
 }
 

@@ -15,6 +15,7 @@ use super::nuisance::{Nuisance, Prior};
 use crate::estimate::denoise;
 use crate::io::model_file::KnownRange;
 use crate::io::recording::Recording;
+use crate::sim::board::{OnBoard, Unseen};
 use crate::sim::simulate::{FromF64, Grain, InitialState, Origin, Signal, Stepping, run_from};
 
 /// A recording that is simulated whole.
@@ -196,6 +197,19 @@ impl Session {
         .into_iter()
         .map(|reading| reading.to_f64() + nuisance.angle_zero)
         .collect()
+    }
+
+    /// The same as the board predicts it.
+    ///
+    /// # Errors
+    ///
+    /// [`Unseen`].
+    pub fn predict(&self, board: &OnBoard, nuisance: &Nuisance) -> Result<Vec<f64>, Unseen> {
+        let mut readings = board.predict(&self.signal, self.origin(nuisance))?;
+        for reading in &mut readings {
+            *reading += nuisance.angle_zero;
+        }
+        Ok(readings)
     }
 
     /// The origin of a simulation of the session.

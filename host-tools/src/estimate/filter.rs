@@ -24,7 +24,7 @@
 //! of the sum of squares of e/√S times the geometric mean of all √S, so it is minimised as
 //! a sum of squares.
 
-use model_core::actuator::Model;
+use model_core::actuator::{Model, State};
 use nalgebra::{Matrix3, Vector3};
 
 use super::dataset::{Dataset, Session};
@@ -101,9 +101,26 @@ pub struct Innovation<const N: usize> {
     pub variance: f64,
 }
 
-/// Runs the filter over a session. Of the `N` partials, those from `first` on belong to
-/// the filter: one for the pressure zero if that is a variable, then two for the
-/// transition matrix. None if the simulation diverges.
+/// Angle θ (rad), its rate ω (rad/s) and the missing force f (N), with their covariance in
+/// units of the noise's variance.
+pub type Estimate = (Vector3<f64>, Matrix3<f64>);
+
+/// One step of the filter, from the sample before to a sample.
+#[derive(Clone, Copy, Debug)]
+pub struct Step<const N: usize> {
+    /// What the measured angle adds; at a sample without a usable angle it is not used.
+    pub innovation: Innovation<N>,
+    /// Whether the angle was usable.
+    pub is_measured: bool,
+    /// The derivative of the estimate by that at the sample before, hidden states held.
+    pub transition: Matrix3<f64>,
+    /// Before the measurement.
+    pub predicted: Estimate,
+    /// After it.
+    pub corrected: Estimate,
+}
+
+/// The innovations of a session, see [`walk`]. None if the simulation diverges.
 pub fn pass<const N: usize>(
     model: &Model<Dual<N>>,
     session: &Session,
@@ -112,6 +129,24 @@ pub fn pass<const N: usize>(
     level: &Level,
     first: usize,
 ) -> Option<Vec<Innovation<N>>> {
+    let mut found = Vec::with_capacity(session.recording().len());
+    let note = |step: &Step<N>| found.push(step.innovation);
+    walk(model, session, nuisance, pressure_zero, level, first, note)?;
+    Some(found)
+}
+
+/// Runs the filter over a session, and shows each step to `note`. Of the `N` partials, those
+/// from `first` on belong to the filter: one for the pressure zero if that is a variable, then
+/// two for the transition matrix. None if the simulation diverges, after the steps until then.
+pub fn walk<const N: usize>(
+    model: &Model<Dual<N>>,
+    session: &Session,
+    nuisance: &Nuisance,
+    pressure_zero: Dual<N>,
+    level: &Level,
+    first: usize,
+    mut note: impl FnMut(&Step<N>),
+) -> Option<()> {
     let recording = session.recording();
     let signal = session.signal();
     let plain: Model<f64> = model.map(|value| value.value());
@@ -129,7 +164,10 @@ pub fn pass<const N: usize>(
         (3.0 * level.pace.rate / level.noise).powi(2),
         growth * level.pace.period,
     ));
-    let mut found = Vec::with_capacity(recording.len());
+    let mut transition = Matrix3::identity();
+    let estimate = |state: &State<Dual<N>>, force: Dual<N>| {
+        Vector3::new(state.angle.value(), state.rate.value(), force.value())
+    };
     for (sample, &is_silent) in session.silence().iter().enumerate() {
         if sample > 0 {
             let interval = recording.time[sample] - recording.time[sample - 1];
@@ -145,7 +183,7 @@ pub fn pass<const N: usize>(
             let (by_angle, by_rate) = (state.angle.partials(), state.rate.partials());
             let [coasted, pushed] = response(by_rate[first + 1], interval);
             let (to_angle, to_rate) = (-pushed / inertia, -coasted / inertia);
-            let transition = Matrix3::new(
+            transition = Matrix3::new(
                 by_angle[first],
                 by_angle[first + 1],
                 to_angle,
@@ -174,7 +212,7 @@ pub fn pass<const N: usize>(
         let shown = model.reading(&state) + Dual::constant(nuisance.angle_zero);
         let error = shown - Dual::constant(recording.angle[sample]);
         let variance = covariance[(0, 0)] + 1.0;
-        found.push(Innovation { error, variance });
+        let predicted = (estimate(&state, force), covariance);
         if !is_silent {
             let gain = covariance.column(0) / variance;
             state.angle -= error * Dual::constant(gain[0]);
@@ -183,8 +221,15 @@ pub fn pass<const N: usize>(
             covariance -= gain * covariance.row(0);
             covariance = 0.5 * (covariance + covariance.transpose());
         }
+        note(&Step {
+            innovation: Innovation { error, variance },
+            is_measured: !is_silent,
+            transition,
+            predicted,
+            corrected: (estimate(&state, force), covariance),
+        });
     }
-    Some(found)
+    Some(())
 }
 
 /// The change of rate and of angle by a unit acceleration over an interval, at the end of
@@ -306,6 +351,7 @@ pub fn levels(
 #[cfg(test)]
 mod tests {
     use model_core::actuator::ParameterId;
+    use model_core::catalogue::Kind;
     use model_core::dynamics::Dynamics;
     use nalgebra::{DMatrix, DVector};
     use rand::SeedableRng;
@@ -458,6 +504,53 @@ mod tests {
             (found - expected).abs() < 0.02 * n,
             "{found}, not {expected}"
         );
+    }
+
+    /// Of angle, rate and force, by finite differences of the whole step: what creeps stays
+    /// where it is and does not follow the derivative.
+    #[test]
+    fn the_transition_is_the_derivative_of_a_step() {
+        let creep = Kind::MaxwellBranch.build(&[2.0, 0.3]).unwrap();
+        let model = Model::new(*spring(0.7, 3.0).dynamics(), &[creep]).unwrap();
+        let recording = wandering(&model, (0.3, 0.005), 40, 5);
+        let data = Dataset::known(recording, Nuisance::AT_ZERO);
+        let session = &data.sessions()[0];
+        let level = level(0.3, 0.005, &data);
+        let dual: Model<Dual<2>> = model.map(Dual::constant);
+        let mut steps = Vec::new();
+        let zero = Dual::constant(0.0);
+        let note = |step: &Step<2>| steps.push(*step);
+        walk(&dual, session, &Nuisance::AT_ZERO, zero, &level, 0, note).unwrap();
+        // The hidden state, by the same walk in plain numbers.
+        let stepping = session.stepping(&model);
+        let origin = session.origin(&Nuisance::AT_ZERO);
+        let mut state = state_at(&model, session.signal(), &origin);
+        for sample in 1..steps.len() {
+            let (before, _) = steps[sample - 1].corrected;
+            let (found, transition) = (steps[sample].predicted.0, steps[sample].transition);
+            let moved = |by: [f64; 2]| {
+                let mut end = state;
+                (end.angle, end.rate) = (before[0] + by[0], before[1] + by[1]);
+                advance(&model, session.signal(), sample, 0.0, stepping, &mut end);
+                end
+            };
+            let h = 1e-5;
+            for (column, by) in [[h, 0.0], [0.0, h]].into_iter().enumerate() {
+                let (forth, back) = (moved(by), moved(by.map(|by| -by)));
+                let by_angle = (forth.angle - back.angle) / (2.0 * h);
+                let by_rate = (forth.rate - back.rate) / (2.0 * h);
+                assert!(
+                    (transition[(0, column)] - by_angle).abs() < 1e-6,
+                    "{sample}"
+                );
+                assert!((transition[(1, column)] - by_rate).abs() < 1e-6, "{sample}");
+            }
+            let free = moved([0.0, 0.0]);
+            let pushed =
+                Vector3::new(free.angle, free.rate, 0.0) + transition.column(2) * before[2];
+            assert!((found - pushed).norm() < 1e-9, "{sample}: {found} {pushed}");
+            state = free;
+        }
     }
 
     /// Where a force wanders, output error takes it for a spring; the likely level does

@@ -17,6 +17,7 @@ use crate::io::model_file::ModelFile;
 use crate::io::own_effects::refuse_on_board;
 use crate::io::protocol_file::ProtocolFile;
 use crate::io::recording::Recording;
+use crate::sim::board::{self, OnBoard};
 use crate::sim::linear::linear_rival;
 use crate::sim::protocol::{Play, Protocol, play};
 use crate::sim::simulate::InitialState;
@@ -46,22 +47,25 @@ pub enum Arithmetic {
     /// Double precision
     #[default]
     F64,
-    /// The board's single precision with its default power function
+    /// What the board predicts: its own steps and its table of the power
     Board,
-    /// The board's single precision with guarded micromath
-    BoardMicromath,
+    /// Single precision with the minimax power, in Runge-Kutta steps
+    Minimax,
+    /// Single precision with micromath's power, guarded, in Runge-Kutta steps
+    #[value(alias = "board-micromath")]
+    Micromath,
 }
 
 impl Arithmetic {
-    /// Refuses a model that cannot be simulated in these numbers.
+    /// Refuses a model with an effect that cannot be simulated in these numbers.
     ///
     /// # Errors
     ///
-    /// Names the effect that the board cannot compute.
+    /// Names the effect.
     pub fn check(self, file: &ModelFile) -> Result<(), InputError> {
         match self {
             Self::F64 => Ok(()),
-            Self::Board | Self::BoardMicromath => refuse_on_board(file),
+            Self::Board | Self::Minimax | Self::Micromath => refuse_on_board(file),
         }
     }
 }
@@ -179,7 +183,15 @@ impl Drive {
     }
 
     /// The simulated angle (°), one a sample.
-    pub fn simulate(&self, model: &Model<f64>, arithmetic: Arithmetic) -> Vec<f64> {
+    ///
+    /// # Errors
+    ///
+    /// Says why the board cannot step the model, or cannot follow the pressure.
+    pub fn simulate(
+        &self,
+        model: &Model<f64>,
+        arithmetic: Arithmetic,
+    ) -> Result<Vec<f64>, InputError> {
         let data = Dataset::of(std::slice::from_ref(&self.recording));
         let session = &data.sessions()[0];
         let nuisance = if self.is_measured {
@@ -197,10 +209,11 @@ impl Drive {
         };
         let simulated = match arithmetic {
             Arithmetic::F64 => session.simulate(model, &nuisance),
-            Arithmetic::Board => on_board::<Minimax>(session, model, &nuisance),
-            Arithmetic::BoardMicromath => on_board::<GuardedMicromath>(session, model, &nuisance),
+            Arithmetic::Board => on_board(session, model, &nuisance)?,
+            Arithmetic::Minimax => in_single::<Minimax>(session, model, &nuisance),
+            Arithmetic::Micromath => in_single::<GuardedMicromath>(session, model, &nuisance),
         };
-        simulated.iter().map(|angle| angle.to_degrees()).collect()
+        Ok(simulated.iter().map(|angle| angle.to_degrees()).collect())
     }
 }
 
@@ -211,8 +224,28 @@ fn steady_angle(model: &Model<f64>, pressure: f64) -> f64 {
     if angle.is_finite() { angle } else { 0.0 }
 }
 
+/// What the board predicts.
+fn on_board(
+    session: &Session,
+    model: &Model<f64>,
+    nuisance: &Nuisance,
+) -> Result<Vec<f64>, InputError> {
+    let refuse = |why: String| InputError::new(why, "simulate it in f64");
+    let farthest = board::farthest(session.largest_angle());
+    board::plan(model, farthest).map_err(refuse)?;
+    let board = OnBoard::new(model, farthest).map_err(|why| refuse(format!("the model {why}")))?;
+    session
+        .predict(&board, nuisance)
+        .map_err(|why| refuse(why.to_string()))
+}
+
+/// Runge–Kutta steps in single precision, with a power function of any exponent.
 #[allow(clippy::cast_possible_truncation)]
-fn on_board<P: Power<f32>>(session: &Session, model: &Model<f64>, nuisance: &Nuisance) -> Vec<f64> {
-    let board: Model<f32, P> = model.map(|value| value as f32);
-    session.simulate(&board, nuisance)
+fn in_single<P: Power<f32>>(
+    session: &Session,
+    model: &Model<f64>,
+    nuisance: &Nuisance,
+) -> Vec<f64> {
+    let single: Model<f32, P> = model.map(|value| value as f32);
+    session.simulate(&single, nuisance)
 }

@@ -186,7 +186,7 @@ pub fn refuse_on_board(file: &ModelFile) -> Result<(), InputError> {
     match effects.find(|effect| matches!(effect, Effect::Custom(_))) {
         Some(custom) => Err(InputError::new(
             format!(
-                "has the effect {} by a formula, which the board cannot compute",
+                "the model has the effect {} by a formula, which the board cannot compute",
                 custom.kind().name()
             ),
             "put a table of its variable in its place ([[effect]] kind = \"table\") and fit its \

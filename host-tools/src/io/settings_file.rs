@@ -48,8 +48,11 @@ pub fn from_model(file: &ModelFile) -> Result<Vec<Assignment>, InputError> {
     let effects: Vec<_> = file.model.effects().collect();
     if effects.len() > usize::from(EFFECTS) {
         return Err(fail(
-            format!("has {} effects", effects.len()),
-            format!("the board has room for {EFFECTS}: keep the ones that matter most"),
+            format!(
+                "the model has {} effects, and the board has room for {EFFECTS}",
+                effects.len()
+            ),
+            "keep the ones that matter most".into(),
         ));
     }
     refuse_on_board(file)?;
@@ -76,11 +79,11 @@ pub fn from_model(file: &ModelFile) -> Result<Vec<Assignment>, InputError> {
         {
             return Err(fail(
                 format!(
-                    "the effect {} has {} parameters",
+                    "the effect {} has {} parameters, and the board has room for {EFFECT_PARAMETERS}",
                     effect.kind().name(),
                     values.len()
                 ),
-                format!("the board has room for {EFFECT_PARAMETERS}: leave it out"),
+                "leave it out".into(),
             ));
         }
         for index in 0..EFFECT_PARAMETERS {

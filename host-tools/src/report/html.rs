@@ -213,10 +213,7 @@ pub fn page(
         left: Residuals::of(diagnosis, &views).as_ref().map(left),
         runs_total: views.len(),
         table: views.iter().map(run_row).collect(),
-        model_text: request.file.text_with(
-            diagnosis.model_to_keep(request.file),
-            "# Added by rig diagnose.\n",
-        ),
+        model_text: diagnosis.model_text(request.file),
         noise: noise(diagnosis),
         files: files(diagnosis.left_out, provenance),
         provenance,

@@ -41,6 +41,7 @@ pub fn summary(content: &Content, outputs: &Outputs<'_>, seed: u64, seconds: f64
     if content.something_is_missing() {
         lines.extend(evidence(content));
     }
+    lines.extend(content.refused.clone());
     lines.extend(written(content, outputs));
     lines.push(format!("{seconds:.1} s, seed {seed}"));
     let room = LINES.saturating_sub(lines.len());
@@ -196,7 +197,7 @@ fn next(content: &Content) -> Option<String> {
 /// The written files.
 fn written(content: &Content, outputs: &Outputs<'_>) -> Vec<String> {
     let model = match content.answer {
-        _ if !content.upload => "Model, unchanged",
+        _ if content.is_unchanged() => "Model, unchanged",
         Answer::EffectFound => "Repaired model",
         _ if content.repaired => "Repaired model, without a name",
         _ => "Refitted model",

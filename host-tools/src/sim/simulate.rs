@@ -65,6 +65,20 @@ impl Signal {
         &self.value
     }
 
+    /// The times of its samples (s).
+    pub fn times(&self) -> &[f64] {
+        &self.time
+    }
+
+    /// The value at a time (s) after the first sample, searched from sample `hint`, and a
+    /// sample from which to search the next.
+    pub(crate) fn since_start(&self, time: f64, hint: usize) -> (f64, usize) {
+        let start = self.time.first().map_or(time, |first| first + time);
+        let sample = self.interval(start, hint);
+        let offset = self.time.get(sample).map_or(0.0, |at| start - at);
+        (self.at(sample, offset), sample)
+    }
+
     /// The usual time between samples (s): the median.
     fn usual_interval(&self) -> f64 {
         self.interval

@@ -67,7 +67,7 @@ fn simulate_follows_a_recording_in_every_arithmetic() {
     assert!(truth < 0.25, "{truth}");
     let (nominal, _) = run("model", "");
     assert!(nominal > 4.0 * truth, "{nominal} {truth}");
-    for arithmetic in ["board", "board-micromath"] {
+    for arithmetic in ["board", "minimax", "micromath", "board-micromath"] {
         let (_, board) = run("truth", &format!("--arithmetic {arithmetic}"));
         let apart = exact
             .iter()

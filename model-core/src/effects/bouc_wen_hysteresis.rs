@@ -143,6 +143,10 @@ impl Preparation for BoucWenHysteresis<f32> {
             back: 0.5 - self.shape,
         }
     }
+
+    fn recall(&self, _base: &Base, _step: &Step, hidden: Hidden<f32>, memory: &mut Hidden<f32>) {
+        memory[0] = hidden[0];
+    }
 }
 
 /// The loop in yield angles; it remembers w.

@@ -89,6 +89,11 @@ impl Preparation for MaxwellBranch<f32> {
             base.flow.dt,
         ))
     }
+
+    fn recall(&self, base: &Base, step: &Step, hidden: Hidden<f32>, memory: &mut Hidden<f32>) {
+        let extension = step.angle - hidden[0];
+        memory[0] = self.stiffness * base.leapfrog.per_newton() * extension;
+    }
 }
 
 /// The branch; it remembers its force (rad of way).

@@ -96,6 +96,10 @@ impl Preparation for MullinsSoftening<f32> {
             per_angle: 1.0 / self.angle,
         }
     }
+
+    fn recall(&self, _base: &Base, _step: &Step, hidden: Hidden<f32>, memory: &mut Hidden<f32>) {
+        *memory = [hidden[0], exp(-hidden[0] / self.angle)];
+    }
 }
 
 /// Multiplies the stiffness by 1 − δ(1 − e^(−m/θ_m)). It remembers m, the largest angle so far,

@@ -125,6 +125,15 @@ impl Preparation for PeriodicDisturbance<f32> {
             start: phase - angle,
         }
     }
+
+    fn recall(&self, base: &Base, _step: &Step, hidden: Hidden<f32>, memory: &mut Hidden<f32>) {
+        let mut turned = self.phase + TAU * hidden[0];
+        while turned > PI {
+            turned -= TAU;
+        }
+        // Before the step that the first kick takes it along, as at rest.
+        memory[0] = turned - TAU * self.frequency * base.flow.dt;
+    }
 }
 
 /// A sine; it remembers its phase (rad).
@@ -145,6 +154,10 @@ impl Part for Turning {
 
     fn at_rest(&self, _step: &mut Step) -> Hidden<f32> {
         [self.start, 0.0]
+    }
+
+    fn follows_clock(&self) -> bool {
+        true
     }
 
     #[inline(always)]

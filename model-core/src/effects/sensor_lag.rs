@@ -91,6 +91,10 @@ impl Preparation for SensorLag<f32> {
     fn set_moving(&self, rate: f32, memory: &mut Hidden<f32>) {
         memory[0] -= self.time_constant * rate;
     }
+
+    fn recall(&self, _base: &Base, step: &Step, hidden: Hidden<f32>, memory: &mut Hidden<f32>) {
+        *memory = [hidden[0], step.reading];
+    }
 }
 
 /// Lags behind the reading.

@@ -151,16 +151,15 @@ fn desktop_is_within_a_millionth_of_a_degree() {
     assert!(worst::<f64, Exact>("f64", 1_000, F64, |_| true) < 1e-6);
 }
 
-/// The board's arithmetic, and the board's rate: one step takes two
-/// milliseconds there, so 200 Hz is what it runs at and 1 kHz is out of its
-/// reach.
+/// Runge–Kutta steps in single precision, at rates of a board's order. The board itself steps
+/// by [`model_core::predictor`].
 ///
 /// What is left is the rounding of θ, not the step: in `f64` the same steps are
 /// a hundred times closer. An increment θ̇ dt is rounded to the last place of
 /// θ, so more steps a second make it worse, which is why 1 kHz is tried as well:
 /// it has room for the steps of a faster processor.
 #[test]
-fn board_is_within_two_hundredths_of_a_degree() {
+fn single_precision_is_within_two_hundredths_of_a_degree() {
     const REQUIRED_DEG: f64 = 0.02;
     // Ten times better than required, so that a loss shows long before it hurts.
     let at_200_hz = worst::<f32, Minimax>("minimax", 200, F32, |_| true);
@@ -176,7 +175,7 @@ fn board_is_within_two_hundredths_of_a_degree() {
 /// and where a swing dies slowly the phase adds up; neither the step nor the
 /// rounding has a part in it.
 #[test]
-fn board_with_guarded_micromath_is_within_six_hundredths_of_a_degree_unless_it_rings() {
+fn guarded_micromath_is_within_six_hundredths_of_a_degree_unless_it_rings() {
     const REQUIRED_DEG: f64 = 0.06;
     let name = "guarded micromath";
     let at_60 = worst::<f32, GuardedMicromath>(name, 200, F32, |case| case.target_deg < 75.0);

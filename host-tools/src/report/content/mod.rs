@@ -24,7 +24,7 @@ pub use tried::{Standing, TriedGroup, TriedRow, Untried};
 
 use crate::diagnose::budget::Ended;
 use crate::diagnose::verdict::Answer;
-use crate::diagnose::{Diagnosis, Request};
+use crate::diagnose::{Diagnosis, Request, Upload};
 
 /// The content of a diagnosis.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -45,8 +45,10 @@ pub struct Content {
     pub errors: Vec<ErrorRow>,
     /// Whether effects were added to the model.
     pub repaired: bool,
-    /// Whether the written model differs from the supplied one.
+    /// Whether the written model is worth an upload, as the verdict says.
     pub upload: bool,
+    /// Why a model that is better on the computer is not for a board, as sentences.
+    pub refused: Option<String>,
     /// How much of the gap the added effects close, as a sentence.
     pub closed: Option<String>,
     /// The added effects.
@@ -79,6 +81,7 @@ impl Content {
     /// Puts a diagnosis into words.
     pub fn of(request: &Request<'_>, diagnosis: &Diagnosis) -> Self {
         let repaired = !diagnosis.repaired.added.is_empty();
+        let upload = diagnosis.upload(request.file);
         Self {
             answer: diagnosis.finding.answer(),
             sentence: sentence(diagnosis),
@@ -88,7 +91,11 @@ impl Content {
             notices: errors::notices(diagnosis),
             errors: errors::errors(diagnosis),
             repaired,
-            upload: diagnosis.is_better(),
+            upload: upload == Upload::Worth,
+            refused: match upload {
+                Upload::Refused(why) => Some(why),
+                Upload::Worth | Upload::Unchanged => None,
+            },
             closed: diagnosis
                 .closure
                 .map(|closure| explained::explained(diagnosis, &closure)),
@@ -105,6 +112,11 @@ impl Content {
             rivals: rivals::rivals(diagnosis),
             lettered: rivals::lettered(diagnosis),
         }
+    }
+
+    /// Whether the written model is the supplied one.
+    pub fn is_unchanged(&self) -> bool {
+        !self.upload && self.refused.is_none()
     }
 
     /// Whether something is missing, named or not.
