@@ -60,7 +60,7 @@ fn a_model_that_the_board_refuses_is_not_for_upload_and_the_reason_is_said() {
 
     let content = Content::of(&request, &diagnosis);
     assert_eq!(content.upload, verdict.upload);
-    assert!(!content.unchanged);
+    assert!(!content.is_unchanged());
     let said = content.refused.clone().unwrap();
     assert!(said.contains("moves too fast for the steps"), "{said}");
     let summary = summary(&content, &Outputs::default(), 1, 0.0);
