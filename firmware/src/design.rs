@@ -12,7 +12,8 @@ use crate::units::RAD_PER_DEG;
 /// Cycles of the processor and of the pulse timer in a second: the crystal of an Arduino Mega.
 pub const CPU_HZ: u32 = 16_000_000;
 
-/// Control periods a second, each with a line of telemetry: 60 % of what the cable carries.
+/// Control periods a second, each with a line of telemetry: at most 91 % of what the
+/// cable carries.
 pub const CONTROL_HZ: u16 = 100;
 
 /// Length of a control period (s).
