@@ -51,6 +51,7 @@ fn a_model_that_the_board_refuses_is_not_for_upload_and_the_reason_is_said() {
     let verdict = diagnosis.verdict(&request, 0.0);
     // It is better, and written.
     assert!(diagnosis.is_better(), "{:?}", diagnosis.held_out);
+    #[allow(clippy::cast_possible_truncation)]
     let kept = diagnosis.model_to_keep(&file).map(|value| value as f32);
     assert!(predictor::check(&kept, 2.27).is_err());
     assert!(!verdict.upload);

@@ -118,7 +118,7 @@ impl Baseline {
     }
 
     /// The answer if only noise is left without any effect.
-    pub fn quiet(&self, validator: &CrossValidator<'_>) -> Option<Finding> {
+    pub fn find_quiet(&self, validator: &CrossValidator<'_>) -> Option<Finding> {
         let refitted = if adequate(&self.nominal, &self.floor) {
             false
         } else if adequate(&self.refit.fit, &self.floor) {

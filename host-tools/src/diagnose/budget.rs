@@ -23,7 +23,7 @@ pub enum Budget {
 
 /// A part of a diagnosis that a budget can leave out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Part {
+pub enum SearchPart {
     /// An effect alone: its fits, or its validation on held-out segments.
     Alone(Kind),
     /// Effects at several horizons.
@@ -40,7 +40,7 @@ pub enum Part {
     Experiment,
 }
 
-impl Part {
+impl SearchPart {
     /// The part to which a structure with these effects added belongs.
     pub fn of(added: &[Kind]) -> Self {
         match added {
@@ -85,14 +85,14 @@ pub struct Ended {
     /// The budget.
     pub budget: Budget,
     /// The parts that were not done; never empty.
-    pub undone: BTreeSet<Part>,
+    pub undone: BTreeSet<SearchPart>,
 }
 
 impl Ended {
     /// The effects that were not fully tried alone.
     pub fn kinds(&self) -> Vec<Kind> {
-        let alone = |part: &Part| match part {
-            Part::Alone(kind) => Some(*kind),
+        let alone = |part: &SearchPart| match part {
+            SearchPart::Alone(kind) => Some(*kind),
             _ => None,
         };
         self.undone.iter().filter_map(alone).collect()
@@ -104,7 +104,7 @@ impl Ended {
     }
 
     /// Whether a part was left undone.
-    pub fn lacks(&self, part: Part) -> bool {
+    pub fn lacks(&self, part: SearchPart) -> bool {
         self.undone.contains(&part)
     }
 
@@ -129,7 +129,7 @@ impl Ended {
             _ => vec![format!("{kinds} effects were not tried to the end")],
         };
         let others = self.undone.iter();
-        let others = others.filter(|part| !matches!(part, Part::Alone(_)));
+        let others = others.filter(|part| !matches!(part, SearchPart::Alone(_)));
         clauses.extend(others.map(|part| part.clause().to_owned()));
         let advice = if self.is_open() {
             "With more time the answer may be another."
@@ -155,13 +155,17 @@ enum Coverage {
     Everything,
 }
 
-fn leaves(undone: &BTreeSet<Part>) -> Coverage {
-    let is_single = |part: &Part| matches!(part, Part::Alone(_));
+fn leaves(undone: &BTreeSet<SearchPart>) -> Coverage {
+    let is_single = |part: &SearchPart| matches!(part, SearchPart::Alone(_));
     if undone.iter().any(is_single) {
         Coverage::Some
-    } else if [Part::Horizons, Part::Combinations, Part::Calibrated]
-        .iter()
-        .any(|part| undone.contains(part))
+    } else if [
+        SearchPart::Horizons,
+        SearchPart::Combinations,
+        SearchPart::Calibrated,
+    ]
+    .iter()
+    .any(|part| undone.contains(part))
     {
         Coverage::Singles
     } else {
@@ -170,7 +174,7 @@ fn leaves(undone: &BTreeSet<Part>) -> Coverage {
 }
 
 /// The largest size of which every structure was tried.
-pub fn tried_sizes(undone: &BTreeSet<Part>) -> usize {
+pub fn tried_sizes(undone: &BTreeSet<SearchPart>) -> usize {
     match leaves(undone) {
         Coverage::Some => 0,
         Coverage::Singles => 1,
@@ -179,7 +183,7 @@ pub fn tried_sizes(undone: &BTreeSet<Part>) -> usize {
 }
 
 /// Whether something that was not tried could be the answer.
-pub fn is_open(undone: &BTreeSet<Part>) -> bool {
+pub fn is_open(undone: &BTreeSet<SearchPart>) -> bool {
     leaves(undone) != Coverage::Everything
 }
 
@@ -187,7 +191,7 @@ pub fn is_open(undone: &BTreeSet<Part>) -> bool {
 mod tests {
     use super::*;
 
-    fn ended(budget: Budget, undone: &[Part]) -> Ended {
+    fn ended(budget: Budget, undone: &[SearchPart]) -> Ended {
         Ended {
             budget,
             undone: undone.iter().copied().collect(),
@@ -197,9 +201,9 @@ mod tests {
     #[test]
     fn what_was_not_tried_is_said() {
         let parts = [
-            Part::Alone(Kind::Gravity),
-            Part::Alone(Kind::Leak),
-            Part::Combinations,
+            SearchPart::Alone(Kind::Gravity),
+            SearchPart::Alone(Kind::Leak),
+            SearchPart::Combinations,
         ];
         let ended_by = ended(Budget::Time(Duration::from_secs(90)), &parts);
         assert_eq!(
@@ -211,7 +215,7 @@ mod tests {
         let mut names = ended_by.not_tried();
         names.sort_unstable();
         assert_eq!(names, ["combinations", "gravity", "leak"]);
-        let ended_by = ended(Budget::Fits(12), &[Part::Table]);
+        let ended_by = ended(Budget::Fits(12), &[SearchPart::Table]);
         assert!(ended_by.sentence().contains("The budget of 12 fits"));
         assert!(ended_by.sentence().ends_with("the same."));
     }

@@ -632,7 +632,7 @@ fn held_value(row: &Parameter, held: f32, scales: &Scales) -> f64 {
 
 /// Frees the held parameters of the added effects that have initial guesses in the
 /// catalogue (the tilt of gravity), one variant per guess.
-pub fn released(context: &FitContext<'_>, candidate: &Candidate) -> Option<Candidate> {
+pub fn release(context: &FitContext<'_>, candidate: &Candidate) -> Option<Candidate> {
     let first = context.file.model.effects().count();
     let mut free = candidate.fit.free.clone();
     let mut models = Vec::new();

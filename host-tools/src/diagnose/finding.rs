@@ -9,7 +9,7 @@ use std::collections::BTreeSet;
 use model_core::catalogue::Kind;
 use model_core::effects::table::Variable;
 
-use super::budget::{Part, is_open, tried_sizes};
+use super::budget::{SearchPart, is_open, tried_sizes};
 use super::verdict::{Alternative, Answer, Strength};
 use crate::family::Family;
 
@@ -219,7 +219,7 @@ impl Finding {
 
     /// Limits a finding to what the finished parts of a search support: a name becomes the best
     /// so far.
-    pub fn as_far_as_tried(self, undone: &BTreeSet<Part>) -> Self {
+    pub fn as_far_as_tried(self, undone: &BTreeSet<SearchPart>) -> Self {
         let open = is_open(undone);
         match self {
             Self::Named { effects, .. } if effects.len() > tried_sizes(undone) => Self::OutOfTime {
@@ -269,12 +269,12 @@ mod tests {
     #[test]
     fn a_finding_claims_no_more_than_was_tried() {
         use Answer::{CannotTell, EffectFound, NoDiscrepancy, Unexplained};
-        let after = |finding: Finding, undone: &[Part]| {
+        let after = |finding: Finding, undone: &[SearchPart]| {
             finding
                 .as_far_as_tried(&undone.iter().copied().collect())
                 .answer()
         };
-        let single = Part::Alone(Kind::Gravity);
+        let single = SearchPart::Alone(Kind::Gravity);
         let one = || named(&[Kind::Leak]);
         let two = || named(&[Kind::Leak, Kind::DeadTime]);
         let none = || Finding::Unexplained {
@@ -282,23 +282,23 @@ mod tests {
         };
         assert_eq!(after(one(), &[]), EffectFound);
         assert_eq!(after(one(), &[single]), CannotTell);
-        assert_eq!(after(one(), &[Part::Combinations]), EffectFound);
-        assert_eq!(after(two(), &[Part::Combinations]), CannotTell);
-        assert_eq!(after(two(), &[Part::Table]), EffectFound);
-        assert_eq!(after(none(), &[Part::Horizons]), CannotTell);
-        assert_eq!(after(none(), &[Part::Experiment]), Unexplained);
+        assert_eq!(after(one(), &[SearchPart::Combinations]), EffectFound);
+        assert_eq!(after(two(), &[SearchPart::Combinations]), CannotTell);
+        assert_eq!(after(two(), &[SearchPart::Table]), EffectFound);
+        assert_eq!(after(none(), &[SearchPart::Horizons]), CannotTell);
+        assert_eq!(after(none(), &[SearchPart::Experiment]), Unexplained);
         // What agrees within its noise does so whatever else was not tried.
         let quiet = Finding::Quiet {
             refitted: false,
             immaterial: false,
         };
-        assert_eq!(after(quiet, &[Part::Calibrated]), NoDiscrepancy);
+        assert_eq!(after(quiet, &[SearchPart::Calibrated]), NoDiscrepancy);
     }
 
     /// What came closest until the time was up is not lost, and is no name.
     #[test]
     fn a_name_that_does_not_stand_came_closest() {
-        let undone = BTreeSet::from([Part::Alone(Kind::Gravity)]);
+        let undone = BTreeSet::from([SearchPart::Alone(Kind::Gravity)]);
         let found = named(&[Kind::Leak]).as_far_as_tried(&undone);
         assert_eq!(found.named(), []);
         assert_eq!(found.strength(), None);

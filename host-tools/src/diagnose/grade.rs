@@ -10,7 +10,7 @@ use model_core::catalogue::Kind;
 use rayon::prelude::*;
 
 use super::Progress;
-use super::budget::Part;
+use super::budget::SearchPart;
 use super::candidates::{Candidate, FitContext, coarse_fit, final_fit};
 use super::levels::{Base, Estimate, Levels};
 use super::measure::{Baseline, MeasureContext, Measured};
@@ -82,7 +82,7 @@ impl Graded {
             .progress
             .stage("final fits of the best combinations", rows.len());
         rows.par_iter()
-            .filter(|_| context.progress.has_time_for(Part::Combinations))
+            .filter(|_| context.progress.has_time_for(SearchPart::Combinations))
             .filter_map(|(_, row)| {
                 let fit = row.estimate.fits.last()?.clone();
                 Some(final_fit(
@@ -95,7 +95,7 @@ impl Graded {
 }
 
 /// Measures single effects and combinations; none if nothing could be measured.
-pub fn graded(
+pub fn grade(
     context: &FitContext<'_>,
     validator: &CrossValidator<'_>,
     floor: &NoiseFloor,
@@ -136,7 +136,7 @@ pub fn graded(
         beside: Guesses::default(),
     };
     search.extend(&[nothing], coarse);
-    if !search.leaves_noise(1, noise) && progress.has_time_for(Part::Combinations) {
+    if !search.leaves_noise(1, noise) && progress.has_time_for(SearchPart::Combinations) {
         progress.stage("combinations of 2 effects at several horizons", 0);
         let leads = search.leads(1);
         let leads: Vec<Base<'_>> = leads
@@ -147,7 +147,7 @@ pub fn graded(
         let joined: Vec<Candidate> = pairs::ranked(context, refit, kinds)
             .par_iter()
             .take(JOINED)
-            .filter(|_| progress.has_time_for(Part::Combinations))
+            .filter(|_| progress.has_time_for(SearchPart::Combinations))
             .filter_map(|predicted| coarse_fit(context, predicted))
             .collect();
         search.extend(&leads, &joined);

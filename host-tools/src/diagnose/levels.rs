@@ -14,7 +14,7 @@ use model_core::actuator::{MAX_EFFECTS, Model};
 use model_core::catalogue::Kind;
 use rayon::prelude::*;
 
-use super::budget::Part;
+use super::budget::SearchPart;
 use super::candidates::{Candidate, FitContext, free_parameters, starts_from};
 use super::missing_force::Guesses;
 use crate::estimate::filter::{Level, Pace, levels};
@@ -116,7 +116,7 @@ impl<'a> Levels<'a> {
 
     /// `None` if there is no time for a structure with these effects added.
     pub(super) fn has_time_for(&self, added: &[Kind]) -> Option<()> {
-        let part = Part::of(added);
+        let part = SearchPart::of(added);
         self.context.progress.has_time_for(part).then_some(())
     }
 

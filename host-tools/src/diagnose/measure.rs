@@ -20,7 +20,7 @@ use crate::estimate::horizon::block_errors;
 
 /// A structure as fitted, and how it does.
 #[derive(Clone, Debug)]
-pub struct Row {
+pub struct MeasuredStructure {
     /// The structure.
     pub candidate: Candidate,
     /// RMS errors on fitted segments (rad).
@@ -31,7 +31,7 @@ pub struct Row {
     pub residuals: Residuals,
 }
 
-impl Row {
+impl MeasuredStructure {
     /// Measures a structure on all data of a validator.
     pub fn of(validator: &CrossValidator<'_>, candidate: Candidate) -> Self {
         let fitter = validator.fitter();
@@ -63,7 +63,7 @@ pub struct Measured {
     /// Share of the error that it removes on held-out segments.
     pub closure: Closure,
     /// The final fit at that level.
-    pub row: Row,
+    pub row: MeasuredStructure,
 }
 
 /// The nominal structure, with which others are compared.
@@ -209,7 +209,7 @@ impl MeasureContext<'_> {
             leaves: leaves_on_subsample,
         } = coarse;
         self.levels.has_time_for(&estimate.added)?;
-        let row = Row::of(self.validator, self.levels.candidate(&estimate, level));
+        let row = MeasuredStructure::of(self.validator, self.levels.candidate(&estimate, level));
         let shares = self.shares(&row.held_out, &baseline.held_out);
         let left = mean_share(&self.shares(&row.fitted, &baseline.fitted));
         let left_out = mean_share(&shares);

@@ -66,7 +66,7 @@ use crate::numbers::tidy;
 use crate::sim::board::{self, Unseen};
 use baseline::Baseline;
 pub use budget::Budget;
-use budget::{Ended, Part};
+use budget::{Ended, SearchPart};
 use candidates::{Candidate, Untried};
 use finding::{Explanation, Finding, names};
 use identifiability::Identifiability;
@@ -191,7 +191,7 @@ pub fn diagnose_from(
     let mut odd_concern = None;
     let mut left_out = None;
     let outlier = found.outlier.take();
-    if outlier.is_some() && !progress.has_time_for(Part::WithoutOutlier) {
+    if outlier.is_some() && !progress.has_time_for(SearchPart::WithoutOutlier) {
         odd_concern = outlier.map(|outlier| outlier.kept);
     } else if let Some(outlier) = outlier {
         progress.again("once more, without the recording that does not belong");
@@ -256,7 +256,7 @@ fn diagnose_zeros(
     let effect = policy::Search::STANDARD.effect_evidence + 2.0 * choices.ln();
     if !diagnosis.finding.is_quiet()
         || cost_of_zeros(&diagnosis.data, &diagnosis.refit) < effect
-        || !progress.has_time_for(Part::Calibrated)
+        || !progress.has_time_for(SearchPart::Calibrated)
     {
         return Ok(found);
     }
@@ -330,7 +330,7 @@ fn diagnose_all(
         };
     concerns.extend(quality::slow_effects(&found.repaired, &data));
     concerns.extend(far_zeros(&found.repaired.fit, &data));
-    let proposals = if found.rivals.len() > 1 && progress.has_time_for(Part::Experiment) {
+    let proposals = if found.rivals.len() > 1 && progress.has_time_for(SearchPart::Experiment) {
         propose(&file.model, &found.rivals, &floor)
     } else {
         Vec::new()

@@ -18,7 +18,7 @@ use std::time::{Duration, Instant};
 
 use model_core::catalogue::Kind;
 
-use super::budget::{Budget, Ended, Part};
+use super::budget::{Budget, Ended, SearchPart};
 use super::candidates::Candidate;
 use super::finding::names;
 use super::measure::Measured;
@@ -73,7 +73,7 @@ struct Now {
     refit: Option<f64>,
     best: Option<Best>,
     /// The parts that were not done.
-    undone: BTreeSet<Part>,
+    undone: BTreeSet<SearchPart>,
 }
 
 /// The best explanation so far.
@@ -141,7 +141,7 @@ impl Progress {
     }
 
     /// Whether a part of the search may still start. If not, it is noted as not done.
-    pub fn has_time_for(&self, part: Part) -> bool {
+    pub fn has_time_for(&self, part: SearchPart) -> bool {
         let Some(budget) = self.budget else {
             return true;
         };
@@ -157,7 +157,7 @@ impl Progress {
     }
 
     /// The parts that were not done.
-    pub fn undone(&self) -> BTreeSet<Part> {
+    pub fn undone(&self) -> BTreeSet<SearchPart> {
         self.now().undone.clone()
     }
 
@@ -455,19 +455,19 @@ mod tests {
     #[test]
     fn what_there_is_no_time_for_is_noted() {
         let progress = Progress::within(Some(Budget::Fits(2)));
-        assert!(progress.has_time_for(Part::Alone(Gravity)));
+        assert!(progress.has_time_for(SearchPart::Alone(Gravity)));
         assert_eq!(progress.ended(), None);
         (0..2).for_each(|_| drop(progress.fit()));
-        assert!(!progress.has_time_for(Part::Alone(MaxwellBranch)));
-        assert!(!progress.has_time_for(Part::Combinations));
+        assert!(!progress.has_time_for(SearchPart::Alone(MaxwellBranch)));
+        assert!(!progress.has_time_for(SearchPart::Combinations));
         let undone = progress.ended().unwrap().undone;
-        let expected = [Part::Alone(MaxwellBranch), Part::Combinations];
+        let expected = [SearchPart::Alone(MaxwellBranch), SearchPart::Combinations];
         assert_eq!(undone, expected.into_iter().collect());
         let hours = Progress::within(Some(Budget::Time(Duration::from_secs(7200))));
-        assert!(hours.has_time_for(Part::Table));
+        assert!(hours.has_time_for(SearchPart::Table));
         let none = Progress::within(Some(Budget::Time(Duration::ZERO)));
-        assert!(!none.has_time_for(Part::Table));
-        assert!(Progress::within(None).has_time_for(Part::Table));
+        assert!(!none.has_time_for(SearchPart::Table));
+        assert!(Progress::within(None).has_time_for(SearchPart::Table));
     }
 
     #[test]

@@ -8,14 +8,14 @@ use rayon::prelude::*;
 
 use super::Progress;
 use super::baseline::{Baseline, in_step};
-use super::budget::Part;
+use super::budget::SearchPart;
 use super::candidates::{Candidate, FitContext, Scales, Untried, applicable, final_fit};
 use super::finding::Finding;
-use super::grade::{Graded, graded};
-use super::measure::Row;
+use super::grade::{Graded, grade};
+use super::measure::MeasuredStructure;
 use super::missing_force::Guesses;
 use super::selection::{Fitted, Rows, Selection};
-use super::singles::{Singles, settles, singles};
+use super::singles::{Singles, is_settled, singles};
 use super::validation::CrossValidator;
 use crate::estimate::Dataset;
 use crate::estimate::checkpoint::Checkpoint;
@@ -76,7 +76,7 @@ fn selected(mut baseline: Baseline, options: Options<'_>) -> Searched {
     let fitter = Fitter::new(&file.model, &data);
     let mut validator =
         CrossValidator::new(&file, &fitter, baseline.floor.input).beside(baseline.nominal.model);
-    if let Some(quiet) = baseline.quiet(&validator) {
+    if let Some(quiet) = baseline.find_quiet(&validator) {
         return Searched::nothing(quiet, Vec::new(), baseline);
     }
     let (kinds, untried) = applicable(&file.model, options.own, &fitter);
@@ -91,8 +91,8 @@ fn selected(mut baseline: Baseline, options: Options<'_>) -> Searched {
         &baseline.refit,
         options.progress,
     );
-    let is_open = !settles(&pool, &baseline.floor);
-    let graded = (is_open && options.progress.has_time_for(Part::Horizons))
+    let is_open = !is_settled(&pool, &baseline.floor);
+    let graded = (is_open && options.progress.has_time_for(SearchPart::Horizons))
         .then(|| {
             let leaders = coarse.iter().take(LEADERS).map(|it| &it.fit);
             let noise = baseline.floor.white;
@@ -119,7 +119,7 @@ fn selected(mut baseline: Baseline, options: Options<'_>) -> Searched {
         validator.raise_floor(baseline.floor.rms);
     }
     options.progress.stage("selection by validation", 0);
-    if let Some(quiet) = baseline.quiet(&validator) {
+    if let Some(quiet) = baseline.find_quiet(&validator) {
         return Searched::nothing(quiet, untried, baseline);
     }
     if pool.len() == 1 && graded.is_none() {
@@ -147,7 +147,7 @@ fn selected(mut baseline: Baseline, options: Options<'_>) -> Searched {
             let fitters = material.fitters(&fitter);
             let context = fitters.context(file, &material, &guesses, options);
             let measured = Fitted {
-                refit: Row::of(&validator, baseline.refit.clone()),
+                refit: MeasuredStructure::of(&validator, baseline.refit.clone()),
                 rows: graded.measured.into_iter().map(|it| it.row).collect(),
             };
             let rows = Rows::of(
@@ -206,17 +206,17 @@ fn rows(validator: &CrossValidator<'_>, pool: &[Candidate]) -> Fitted {
         measured.extend(of_size.into_iter().take(MEASURED));
     }
     Fitted {
-        refit: Row::of(validator, pool[0].clone()),
+        refit: MeasuredStructure::of(validator, pool[0].clone()),
         rows: measured
             .into_par_iter()
-            .map(|candidate| Row::of(validator, candidate.clone()))
+            .map(|candidate| MeasuredStructure::of(validator, candidate.clone()))
             .collect(),
     }
 }
 
 /// Limits a selection to what the finished parts support: rivals of an answer that does not
 /// stand are not planned for.
-fn as_far_as_tried(found: Selection, undone: &BTreeSet<Part>) -> Selection {
+fn as_far_as_tried(found: Selection, undone: &BTreeSet<SearchPart>) -> Selection {
     let finding = found.finding.as_far_as_tried(undone);
     let rivals = match finding {
         Finding::OutOfTime { .. } => Vec::new(),
@@ -257,7 +257,7 @@ impl Grading {
             let validator = CrossValidator::new(file, &fitter, baseline.floor.input);
             let material = Material::of(&fitter, &baseline.refit);
             let fitters = material.fitters(&fitter);
-            graded(
+            grade(
                 &fitters.context(file, &material, &guesses, options),
                 &validator,
                 &baseline.floor,

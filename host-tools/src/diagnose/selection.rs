@@ -8,8 +8,8 @@ use model_core::catalogue::Kind;
 use model_core::effects::table::Variable;
 use rayon::prelude::*;
 
-use super::budget::{Part, tried_sizes};
-use super::candidates::{Candidate, FitContext, final_fit, released};
+use super::budget::{SearchPart, tried_sizes};
+use super::candidates::{Candidate, FitContext, final_fit, release};
 use super::decide::{
     Decision, Scored, as_far_as_tried, decide, is_special_case, probabilities, shaped,
 };
@@ -17,7 +17,7 @@ use super::discrepancy::log_densities;
 use super::doubts::Doubt;
 use super::draws::Draws;
 use super::finding::{Explanation, Finding, NamedKind};
-use super::measure::{Row, closed, closure, excess};
+use super::measure::{MeasuredStructure, closed, closure, excess};
 use super::noise::NoiseFloor;
 use super::policy::Policy;
 use super::tables;
@@ -87,14 +87,14 @@ impl Selection {
 /// Structures that were fitted under the same conditions, and the refit that they improve on.
 pub struct Fitted {
     /// The refit.
-    pub refit: Row,
+    pub refit: MeasuredStructure,
     /// Structures with effects.
-    pub rows: Vec<Row>,
+    pub rows: Vec<MeasuredStructure>,
 }
 
 /// A row, and the shares of its refit's error beyond the noise that it leaves.
 struct Shares {
-    row: Row,
+    row: MeasuredStructure,
     fitted: f64,
     held_out: f64,
     /// The place of that refit.
@@ -105,7 +105,7 @@ struct Shares {
 pub struct Rows {
     refit: Candidate,
     /// The first is that refit.
-    all: Vec<Row>,
+    all: Vec<MeasuredStructure>,
     scored: Vec<Scored>,
     /// The place of the refit that each row improves on.
     refits: Vec<usize>,
@@ -397,15 +397,16 @@ impl Rows {
                 None => refit.clone(),
             });
         let enough = policy.adds_to_repair * error(&by_name);
-        let table = (enough > validator.floor() && context.progress.has_time_for(Part::Table))
-            .then(|| tables::with_table(context, &by_name))
-            .flatten()
-            .filter(|with_table| error(with_table) <= enough)
-            // Over whole runs alone it could spoil the prediction one swing ahead.
-            .filter(|with_table| {
-                let closes = closed(validator, &by_name, with_table);
-                closes.overall >= 1.0 - policy.adds_to_repair
-            });
+        let table = (enough > validator.floor()
+            && context.progress.has_time_for(SearchPart::Table))
+        .then(|| tables::with_table(context, &by_name))
+        .flatten()
+        .filter(|with_table| error(with_table) <= enough)
+        // Over whole runs alone it could spoil the prediction one swing ahead.
+        .filter(|with_table| {
+            let closes = closed(validator, &by_name, with_table);
+            closes.overall >= 1.0 - policy.adds_to_repair
+        });
         match table {
             Some(candidate) => Repaired {
                 table_leaves: Some([
@@ -485,7 +486,7 @@ fn with_released(
     validator: &CrossValidator<'_>,
     mut candidate: Candidate,
 ) -> Candidate {
-    let Some(freed) = released(context, &candidate) else {
+    let Some(freed) = release(context, &candidate) else {
         return candidate;
     };
     let (fit, wider) = (&candidate.fit, &freed.fit);

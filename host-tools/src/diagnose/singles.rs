@@ -10,7 +10,7 @@ use model_core::catalogue::Kind;
 use rayon::prelude::*;
 
 use super::Progress;
-use super::budget::Part;
+use super::budget::SearchPart;
 use super::candidates::{Candidate, FitContext, coarse_fit, final_fit, predicted};
 use super::noise::{NoiseFloor, adequate};
 use super::policy::Search;
@@ -49,7 +49,7 @@ pub fn singles(
     progress.stage(what, kinds.len());
     let mut coarse: Vec<Candidate> = kinds
         .par_iter()
-        .filter(|kind| progress.has_time_for(Part::Alone(**kind)))
+        .filter(|kind| progress.has_time_for(SearchPart::Alone(**kind)))
         .filter_map(|&kind| coarse_fit(context, &predicted(context, refit, kind)?))
         .inspect(|candidate| progress.fitted(candidate))
         .collect();
@@ -68,7 +68,7 @@ pub fn singles(
             .take(FINISHED)
             .enumerate()
             .filter(|(place, candidate)| *place < RIVALS_SHOWN || candidate.fit.sse() <= hopeless)
-            .filter(|(_, candidate)| progress.has_time_for(Part::of(&candidate.added)))
+            .filter(|(_, candidate)| progress.has_time_for(SearchPart::of(&candidate.added)))
             .map(|(_, candidate)| final_fit(context, candidate))
             .inspect(|candidate| progress.fitted(candidate))
             .collect();
@@ -78,7 +78,7 @@ pub fn singles(
 }
 
 /// Whether a structure of the pool leaves nothing for another effect to explain.
-pub fn settles(pool: &[Candidate], floor: &NoiseFloor) -> bool {
+pub fn is_settled(pool: &[Candidate], floor: &NoiseFloor) -> bool {
     pool.iter()
         .skip(1)
         .any(|candidate| is_done(candidate, floor))

@@ -3,7 +3,7 @@
 use super::rivals::next_suffices;
 use super::words::{combined, in_words, listed, titles, with_capital};
 use crate::diagnose::Diagnosis;
-use crate::diagnose::budget::Part;
+use crate::diagnose::budget::SearchPart;
 use crate::diagnose::finding::Finding;
 use crate::diagnose::policy::Policy;
 use crate::diagnose::selection::{FittedStructure, RIVALS_PLANNED};
@@ -43,7 +43,7 @@ pub fn sentence(diagnosis: &Diagnosis) -> String {
         } => format!(
             "{} looks like {}, but these recordings do not determine it.",
             match strength {
-                Strength::Part => "Part of what is missing",
+                Strength::Part => "SearchPart of what is missing",
                 Strength::Explains => "What is missing",
             },
             titles(&explanation.kinds)
@@ -246,7 +246,7 @@ fn what_separates(diagnosis: &Diagnosis, rivals: usize) -> &'static str {
     if diagnosis
         .ended
         .as_ref()
-        .is_some_and(|ended| ended.lacks(Part::Experiment))
+        .is_some_and(|ended| ended.lacks(SearchPart::Experiment))
     {
         "With more time, a run that would separate them is looked for."
     } else if !next_suffices(diagnosis) {
