@@ -29,7 +29,7 @@ fn faults_of_arguments_exit_with_2() {
         ),
         (
             "simulate --model m.toml --protocol step --arithmetic f16",
-            "board-micromath",
+            "micromath",
         ),
         (
             "diagnose --model m.toml good.csv other.csv --seed=-1",
