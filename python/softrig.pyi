@@ -256,7 +256,7 @@ def simulate(
     angle_deg: float = 60.0,
     hold_s: float = 5.0,
     linear: bool = False,
-    arithmetic: Literal["f64", "board", "board-micromath"] = "f64",
+    arithmetic: Literal["f64", "board", "minimax", "micromath"] = "f64",
 ) -> Simulation:
     """Simulates a model over a recording, over a pressure, or over a protocol.
 
