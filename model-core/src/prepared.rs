@@ -18,7 +18,7 @@
 //!
 //! | | cycles of an ATmega2560 |
 //! |---|---|
-//! | a step of the base equation, and what an effect adds | [`BASE_CYCLES`], [`cycles`] |
+//! | a step of the base equation, and what an effect adds | [`BASE_CYCLES`], [`Preparation::CYCLES`](crate::part::Preparation::CYCLES) |
 //! | most that a period of 10 ms may spend on steps | [`BUDGET_CYCLES`] |
 //!
 //! [`plan`] decides how many steps a period is cut into.

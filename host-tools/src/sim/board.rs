@@ -316,6 +316,20 @@ mod tests {
         assert!(of(vec![0.0, 0.1, 600.0], vec![0.0, 1e4, 0.0]).is_ok());
     }
 
+    /// Dry friction stops it within a step of the board.
+    #[test]
+    fn a_light_overdamped_actuator_with_friction_is_refused() {
+        let light = Dynamics {
+            inertia: 0.0004,
+            damping: 1.5,
+            ..DYNAMICS
+        };
+        let friction = Kind::CoulombFriction.build(&[0.3, 0.02]).unwrap();
+        assert!(plan(&Model::new(light, &[]).unwrap(), farthest(0.0)).is_ok());
+        let why = plan(&Model::new(light, &[friction]).unwrap(), farthest(0.0)).unwrap_err();
+        assert!(why.contains("the model moves too fast"), "{why}");
+    }
+
     #[test]
     fn a_model_that_is_too_fast_is_told_its_load() {
         let fast = Dynamics {

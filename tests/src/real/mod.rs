@@ -1,7 +1,7 @@
 //! Recordings of real rigs: the diagnosis, compared with black-box models on the validation
 //! recordings.
 //!
-//! The recordings are not part of the project; see [`shared_folder`](crate::shared_folder).
+//! The recordings are not part of the project; see [`shared_folder`].
 //! [`rigs`] says what they are and what is known of them, [`results`] reads what was found;
 //! the page and [`picture`] show it.
 

@@ -1,7 +1,7 @@
 //! The loop from a rig to a repaired model: what the demo and `bench loop` share.
 //!
 //! Nothing in it is staged: the simulator executes the image that a board would get, and
-//! every number comes over the serial port or from `rig`. [`bench`] runs it for many
+//! every number comes over the serial port or from `rig`. [`mod@bench`] runs it for many
 //! actuators.
 
 pub mod bench;
