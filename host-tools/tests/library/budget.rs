@@ -1,27 +1,18 @@
 //! A search that its budget ends claims no more than what it tried, wherever that is.
 
-use std::path::Path;
-
 use host_tools::diagnose::budget::Ended;
 use host_tools::diagnose::verdict::Answer;
 use host_tools::diagnose::{Budget, Diagnosis, Progress, Request, diagnose};
 use host_tools::io::model_file::ModelFile;
 use host_tools::io::recording::Recording;
-use host_tools::synth::example::{Hidden, make};
+use host_tools::synth::example::Hidden;
 use model_core::catalogue::Kind;
+
+use crate::steps;
 
 /// A model, and recordings of an actuator that hides `kind`.
 fn example(kind: Kind) -> (ModelFile, Vec<Recording>) {
-    let example = make(Hidden::Effect(kind), 0.3, 5).unwrap();
-    let file = ModelFile::parse(&example.model, Path::new("model.toml")).unwrap();
-    let recordings = example
-        .recordings
-        .into_iter()
-        .filter(|(name, ..)| name.starts_with("step"))
-        .map(|(_, recording, _)| recording)
-        .take(4)
-        .collect();
-    (file, recordings)
+    steps(Hidden::Effect(kind), 0.3, 4)
 }
 
 /// The diagnosis within a budget, and the verdict without the wall time.

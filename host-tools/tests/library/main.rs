@@ -3,5 +3,26 @@
 mod budget;
 mod exported;
 mod held_out_repeats;
+mod not_for_the_board;
 mod serial_manual;
 mod tolerance;
+
+use std::path::Path;
+
+use host_tools::io::model_file::ModelFile;
+use host_tools::io::recording::Recording;
+use host_tools::synth::example::{Hidden, make};
+
+/// A model, and so many steps of an actuator that hides this; noise in degrees.
+fn steps(hidden: Hidden, noise_deg: f64, count: usize) -> (ModelFile, Vec<Recording>) {
+    let example = make(hidden, noise_deg, 5).unwrap();
+    let file = ModelFile::parse(&example.model, Path::new("model.toml")).unwrap();
+    let recordings = example
+        .recordings
+        .into_iter()
+        .filter(|(name, ..)| name.starts_with("step"))
+        .map(|(_, recording, _)| recording)
+        .take(count)
+        .collect();
+    (file, recordings)
+}

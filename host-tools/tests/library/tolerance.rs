@@ -1,12 +1,10 @@
 //! What is left and does not matter is said to be that, and only where somebody says so.
 
-use std::path::Path;
-
 use host_tools::diagnose::finding::Finding;
 use host_tools::diagnose::{Diagnosis, Progress, Request, diagnose};
-use host_tools::io::model_file::ModelFile;
-use host_tools::io::recording::Recording;
-use host_tools::synth::example::{Hidden, make};
+use host_tools::synth::example::Hidden;
+
+use crate::steps;
 
 /// What the angle sensor adds in run number `run` (rad): five slow sines, other ones in every
 /// run, of 0.2° in all. No effect of the catalogue does that.
@@ -25,23 +23,13 @@ fn wandering(run: usize, time: f64) -> f64 {
 
 /// The diagnosis of runs in which nothing else is missing.
 fn diagnosed(tolerance_deg: f64) -> Diagnosis {
-    let example = make(Hidden::Nothing, 0.05, 5).unwrap();
-    let file = ModelFile::parse(&example.model, Path::new("model.toml")).unwrap();
-    let recordings: Vec<Recording> = example
-        .recordings
-        .into_iter()
-        .filter(|(name, ..)| name.starts_with("step"))
-        .map(|(_, recording, _)| recording)
-        .take(5)
-        .enumerate()
-        .map(|(run, mut recording)| {
-            for (angle, time) in recording.angle.iter_mut().zip(&recording.time) {
-                *angle += wandering(run, *time);
-            }
-            recording.meta.tolerance_deg = Some(tolerance_deg);
-            recording
-        })
-        .collect();
+    let (file, mut recordings) = steps(Hidden::Nothing, 0.05, 5);
+    for (run, recording) in recordings.iter_mut().enumerate() {
+        for (angle, time) in recording.angle.iter_mut().zip(&recording.time) {
+            *angle += wandering(run, *time);
+        }
+        recording.meta.tolerance_deg = Some(tolerance_deg);
+    }
     let request = Request {
         file: &file,
         recordings: &recordings,

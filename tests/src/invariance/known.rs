@@ -4,7 +4,6 @@
 //! otherwise costs: how many names are still right, and how many become wrong.
 
 use std::collections::BTreeMap;
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use serde::de::DeserializeOwned;
@@ -172,8 +171,12 @@ pub fn of_drawn(plan: &clean::Plan) -> Option<Known> {
     Some(Known::exactly(kinds.map(str::to_owned).collect()))
 }
 
-/// What a virtual rig hides: the effects of `truth.toml` that `model.toml` beside it lacks.
-pub fn of_truth(model: &Path) -> Option<Known> {
+/// The kinds of a model file's effects, in their order.
+///
+/// # Errors
+///
+/// If it cannot be read or is no TOML.
+pub fn effects(model: &Path) -> Result<Vec<String>, String> {
     #[derive(Deserialize)]
     struct Effect {
         kind: String,
@@ -183,16 +186,22 @@ pub fn of_truth(model: &Path) -> Option<Known> {
         #[serde(default)]
         effect: Vec<Effect>,
     }
-    let kinds = |path: &Path| -> Option<Kinds> {
-        let model: Model = toml::from_str(&fs::read_to_string(path).ok()?).ok()?;
-        Some(model.effect.into_iter().map(|effect| effect.kind).collect())
-    };
+    let read: Model = toml::from_str(&text_of(model)?)
+        .map_err(|error| format!("{}: {error}", model.display()))?;
+    Ok(read.effect.into_iter().map(|effect| effect.kind).collect())
+}
+
+/// What a virtual rig hides: the effects of `truth.toml` that `model.toml` beside it lacks.
+pub fn of_truth(model: &Path) -> Option<Known> {
+    let kinds = |path: &Path| -> Option<Kinds> { Some(effects(path).ok()?.into_iter().collect()) };
     let truth = kinds(&model.with_file_name("truth.toml"))?;
     Some(Known::exactly(&truth - &kinds(model)?))
 }
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
     use model_core::catalogue::Kind;
     use serde_json::{Value, json};

@@ -16,10 +16,9 @@ use std::process::Command;
 use std::time::{Duration, Instant};
 
 use clap::Args;
-use serde::Deserialize;
 
 use crate::invariance::cases::Case;
-use crate::invariance::pose::text_of;
+use crate::invariance::known::effects;
 use crate::process::{root, succeed};
 use crate::shared_folder;
 use crate::verdict::Verdict;
@@ -283,22 +282,6 @@ impl Bench<'_> {
         });
         each.collect()
     }
-}
-
-/// The kinds of a model file's effects, in their order.
-fn effects(model: &Path) -> Result<Vec<String>, String> {
-    #[derive(Deserialize)]
-    struct Effect {
-        kind: String,
-    }
-    #[derive(Deserialize)]
-    struct Model {
-        #[serde(default)]
-        effect: Vec<Effect>,
-    }
-    let read: Model = toml::from_str(&text_of(model)?)
-        .map_err(|error| format!("{}: {error}", model.display()))?;
-    Ok(read.effect.into_iter().map(|effect| effect.kind).collect())
 }
 
 /// The subtitle of a picture.

@@ -1,29 +1,19 @@
 //! A repair that the board cannot run is offered for the computer, and the reason is said.
 
-use std::path::Path;
-
 use host_tools::diagnose::{Progress, Request, Upload, diagnose};
-use host_tools::io::model_file::ModelFile;
-use host_tools::io::recording::Recording;
 use host_tools::report::Outputs;
 use host_tools::report::content::Content;
 use host_tools::report::terminal::summary;
-use host_tools::synth::example::{Hidden, make};
+use host_tools::synth::example::Hidden;
 use model_core::actuator::Model;
 use model_core::catalogue::Kind;
 use model_core::predictor;
 
+use crate::steps;
+
 #[test]
 fn a_model_that_the_board_refuses_is_not_for_upload_and_the_reason_is_said() {
-    let example = make(Hidden::Effect(Kind::QuadraticDamping), 0.3, 5).unwrap();
-    let file = ModelFile::parse(&example.model, Path::new("model.toml")).unwrap();
-    let recordings: Vec<Recording> = example
-        .recordings
-        .into_iter()
-        .filter(|(name, ..)| name.starts_with("step"))
-        .map(|(_, recording, _)| recording)
-        .take(4)
-        .collect();
+    let (file, recordings) = steps(Hidden::Effect(Kind::QuadraticDamping), 0.3, 4);
     let request = Request {
         file: &file,
         recordings: &recordings,
