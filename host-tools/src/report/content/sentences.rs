@@ -43,7 +43,7 @@ pub fn sentence(diagnosis: &Diagnosis) -> String {
         } => format!(
             "{} looks like {}, but these recordings do not determine it.",
             match strength {
-                Strength::Part => "SearchPart of what is missing",
+                Strength::Part => "Part of what is missing",
                 Strength::Explains => "What is missing",
             },
             titles(&explanation.kinds)
