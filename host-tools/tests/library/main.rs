@@ -4,6 +4,7 @@ mod budget;
 mod exported;
 mod held_out_repeats;
 mod not_for_the_board;
+mod sentences;
 mod serial_manual;
 mod tolerance;
 

@@ -1,0 +1,144 @@
+//! Each finding in the sentence that heads its report.
+
+use host_tools::diagnose::finding::{Explanation, Finding, NamedKind};
+use host_tools::diagnose::verdict::Strength::{self, Explains, Part};
+use host_tools::diagnose::{Diagnosis, Progress, Request, diagnose};
+use host_tools::family::Family;
+use host_tools::report::content::sentence;
+use host_tools::synth::example::Hidden;
+use model_core::catalogue::Kind::{self, CoulombFriction, Gravity, Leak, MaxwellBranch};
+use model_core::effects::table::Variable;
+
+use crate::steps;
+
+fn explanation(kinds: &[Kind]) -> Explanation {
+    Explanation {
+        kinds: kinds.to_vec(),
+        probability: 0.5,
+        delta_bic: 1.0,
+    }
+}
+
+fn named(kind: Kind, strength: Strength) -> Finding {
+    Finding::Named {
+        effects: vec![NamedKind {
+            kind,
+            probability: 0.97,
+        }],
+        strength,
+        rivals: Vec::new(),
+    }
+}
+
+fn rivals(families: &[Family], strength: Strength) -> Finding {
+    let rivals = [[Leak, Gravity].as_slice(), &[MaxwellBranch]];
+    Finding::undecided(
+        rivals.map(explanation).to_vec(),
+        families.to_vec(),
+        strength,
+    )
+}
+
+fn trace(strength: Strength) -> Finding {
+    Finding::undecided(vec![explanation(&[CoulombFriction])], Vec::new(), strength)
+}
+
+#[test]
+fn every_finding_is_a_sentence_that_a_person_would_say() {
+    let (file, recordings) = steps(Hidden::Nothing, 0.3, 4);
+    let request = Request {
+        file: &file,
+        recordings: &recordings,
+        holdout: &[],
+        own: None,
+        seed: 1,
+    };
+    let plain = diagnose(&request, &Progress::default()).unwrap();
+    let said = |finding: Finding| {
+        sentence(&Diagnosis {
+            finding,
+            ..plain.clone()
+        })
+    };
+    let creep = Kind::MaxwellBranch.info().title;
+    let (leak, gravity) = (Kind::Leak.info().title, Kind::Gravity.info().title);
+    let friction = Kind::CoulombFriction.info().title;
+    let quiet = |refitted| Finding::Quiet {
+        refitted,
+        immaterial: false,
+    };
+    let shape = Finding::Shape {
+        of: Variable::Angle,
+        formula: explanation(&[Gravity]),
+        families: vec![Family::StiffnessShape],
+        strength: Explains,
+    };
+    let closest = |kind: Option<Kind>| Finding::OutOfTime {
+        closest: kind.map(|kind| explanation(&[kind])),
+    };
+    let unexplained = Finding::Unexplained {
+        closest: vec![explanation(&[Leak])],
+    };
+    for (finding, expected) in [
+        (
+            quiet(false),
+            "Nothing is missing: the model agrees with the recordings within their noise.".into(),
+        ),
+        (
+            quiet(true),
+            "No effect is missing: the structure is right, only the parameters were off.".into(),
+        ),
+        (
+            named(Gravity, Explains),
+            format!("The model lacks {gravity}."),
+        ),
+        (
+            named(Gravity, Part),
+            format!("The model lacks {gravity}, which explains part of the error."),
+        ),
+        (
+            rivals(&[], Explains),
+            format!(
+                "Something is missing, but these recordings cannot tell apart {leak} with {gravity} and {creep}."
+            ),
+        ),
+        (
+            rivals(&[Family::Creep], Part),
+            format!(
+                "The model lacks a kind of creep, which explains part of the error; these recordings cannot tell apart {leak} with {gravity} and {creep}."
+            ),
+        ),
+        (
+            shape,
+            "The model lacks a kind of stiffness shape: a force of the angle that no formula follows, and a table does."
+                .into(),
+        ),
+        (
+            trace(Explains),
+            format!(
+                "What is missing looks like {friction}, but these recordings do not determine it."
+            ),
+        ),
+        (
+            trace(Part),
+            format!(
+                "Part of what is missing looks like {friction}, but these recordings do not determine it."
+            ),
+        ),
+        (
+            closest(None),
+            "Something is missing, and the time was up before it was found.".into(),
+        ),
+        (
+            unexplained,
+            "Something is missing, and it is none of the effects that are known.".into(),
+        ),
+    ] {
+        assert_eq!(said(finding), expected);
+    }
+    let late = said(closest(Some(CoulombFriction)));
+    assert!(
+        late.ends_with("came closest until the time was up."),
+        "{late}"
+    );
+}
