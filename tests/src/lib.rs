@@ -108,7 +108,7 @@ impl Case {
     }
 }
 
-/// The names of the effects that a diagnosis names, in alphabetical order.
+/// The names of the effects that the repaired model adds, named or not, in alphabetical order.
 pub fn named(diagnosis: &Diagnosis) -> Vec<&'static str> {
     let mut names: Vec<_> = diagnosis
         .repaired
