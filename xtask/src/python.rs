@@ -23,10 +23,11 @@ pub const CRATE: &str = "softrig-python";
 /// How long a package manager may take.
 const INSTALL_LIMIT: Duration = Duration::from_secs(600);
 
-/// A user's first steps, on a machine with nothing but NumPy.
+/// A user's first steps, on a machine with nothing but NumPy, on recordings of which a fit
+/// has nothing to warn.
 const FIRST_STEPS: &str = "\
 import softrig
-made = softrig.example(1)
+made = softrig.example(1, effect='none')
 softrig.fit(made.model, made.recordings[:2])
 try:
     made.recordings[0].to_pandas()

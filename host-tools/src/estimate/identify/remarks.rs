@@ -145,7 +145,7 @@ pub fn far_zeros(fit: &Fit, data: &Dataset) -> Vec<Concern> {
                     short(worst),
                     short(NEAR * deviation)
                 ),
-                "calibrate it and record again; if it stays, it is an offset of the rig, and parameters and names lean on it",
+                "calibrate it and record again; if it stays, it stands for an offset of the rig or for an effect that the model lacks, and parameters and names lean on it",
             ))
         })
         .collect()
