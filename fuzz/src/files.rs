@@ -2,12 +2,12 @@
 
 use std::path::Path;
 
-use host_tools::{
-    io::columns::Layout,
-    io::error::InputError,
-    io::model_file::ModelFile,
-    io::protocol_file::ProtocolFile,
-    io::recording::{Recording, to_csv},
+use softrig_formats::{
+    columns::Layout,
+    error::InputError,
+    model_file::ModelFile,
+    protocol_file::ProtocolFile,
+    recording::{Recording, to_csv},
 };
 
 /// Longer texts make a fuzzer slow and show nothing new.

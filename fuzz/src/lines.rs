@@ -1,6 +1,6 @@
 //! Lines of the cable.
 
-use host_tools::rig::link::line::request_text;
+use softrig_link::line::request_text;
 use ufmt::uWrite;
 use wire::{
     assemble::{Assembled, Assembler},

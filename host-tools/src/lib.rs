@@ -1,5 +1,6 @@
-//! Everything behind the `rig` command: recordings and models in, fits,
-//! pictures and verdicts out.
+//! The `rig` command: what its arguments mean, and how results become reports, pictures and code
+//! in other languages. Fits and verdicts come from `softrig`, files from `softrig_formats`, the
+//! board's answers from `softrig_link`.
 #![forbid(unsafe_code)]
 // A room's first page names its modules, also those that no other crate sees.
 #![allow(rustdoc::private_intra_doc_links)]
@@ -8,17 +9,7 @@
 
 mod batch;
 pub mod cli;
-pub mod diagnose;
-pub mod estimate;
 pub mod export;
-pub mod family;
-pub mod first_model;
-pub mod io;
-pub mod materials;
-pub mod numbers;
+mod monitor;
 pub mod plot;
 pub mod report;
-pub mod rig;
-pub mod sim;
-pub mod statistics;
-pub mod synth;

@@ -12,9 +12,9 @@ use std::process::ExitCode;
 use clap::{CommandFactory, Parser, Subcommand};
 use clap_complete::Shell;
 use host_tools::cli;
-use host_tools::io::error::InputError;
-use host_tools::io::terminal::{printable, printable_line, remark};
-use host_tools::rig::link::LinkError;
+use softrig_formats::error::InputError;
+use softrig_formats::terminal::{printable, printable_line, remark};
+use softrig_link::LinkError;
 
 /// Instead of musl's, which gives memory back to the system at every turn.
 #[cfg(target_env = "musl")]
@@ -103,7 +103,7 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Virtual(args) => cli::virtual_rig::run(&args),
         Command::Plan(args) => cli::plan::run(&args),
         Command::Schema => {
-            let schema = host_tools::diagnose::verdict::schema();
+            let schema = softrig::diagnose::verdict::schema();
             cli::print(&format!("{}\n", serde_json::to_string_pretty(&schema)?))?;
             Ok(())
         }

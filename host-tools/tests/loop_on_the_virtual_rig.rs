@@ -15,15 +15,14 @@ use std::{
     time::Duration,
 };
 
-use host_tools::{
-    diagnose::{Diagnosis, Progress, Request, diagnose, verdict::Answer, verdict::Verdict},
-    io::model_file::{ModelFile, to_file_units},
-    io::recording::{PASCAL_PER_KPA, Recording},
-};
 use model_core::{
     actuator::ParameterId,
     catalogue::{Effect, Kind},
 };
+use softrig::diagnose::verdict::{Answer, Verdict};
+use softrig::diagnose::{Diagnosis, Progress, Request, diagnose};
+use softrig_formats::model_file::{ModelFile, to_file_units};
+use softrig_formats::recording::{PASCAL_PER_KPA, Recording};
 use tempfile::TempDir;
 
 const IMAGE: &str = "SOFTRIG_FIRMWARE";

@@ -2,9 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use host_tools::io::model_file::ModelFile;
-use host_tools::synth::example::{Example as Made, Hidden, make};
+use library::synth::example::{Example as Made, Hidden, make};
 use pyo3::prelude::*;
+use softrig_formats::model_file::ModelFile;
 
 use crate::fault::OrRaise;
 use crate::model::Model;

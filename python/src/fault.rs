@@ -5,9 +5,9 @@
 
 use std::ffi::CString;
 
-use host_tools::io::error::InputError as Fault;
 use pyo3::exceptions::{PyUserWarning, PyValueError};
 use pyo3::prelude::*;
+use softrig_formats::error::InputError as Fault;
 
 pyo3::create_exception!(
     softrig,
@@ -56,7 +56,7 @@ impl<T> OrRaise<T> for Result<T, Fault> {
 /// Says what is unusual where the caller's filters for warnings decide.
 pub fn warn(py: Python<'_>, texts: impl IntoIterator<Item = String>) -> PyResult<()> {
     for text in texts {
-        let text = host_tools::io::terminal::printable_line(&text).replace('\0', " ");
+        let text = softrig_formats::terminal::printable_line(&text).replace('\0', " ");
         let text = CString::new(text)?;
         PyErr::warn(py, py.get_type::<InputWarning>().as_any(), &text, 1)?;
     }

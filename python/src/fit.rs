@@ -3,15 +3,15 @@
 use std::num::NonZero;
 use std::sync::Arc;
 
-use host_tools::diagnose::Progress;
-use host_tools::diagnose::verdict::Zeros;
-use host_tools::estimate::fit as fits;
-use host_tools::estimate::refit::{NOT_CONVERGED, Refit, refit};
-use host_tools::io::model_file::{parameter_unit, parameters, to_file_units};
-use host_tools::numbers::tidy;
-use host_tools::statistics::rms;
+use library::diagnose::Progress;
+use library::diagnose::verdict::Zeros;
+use library::estimate::fit as fits;
+use library::estimate::refit::{NOT_CONVERGED, Refit, refit};
+use library::statistics::rms;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use softrig_formats::model_file::{parameter_unit, parameters, to_file_units};
+use softrig_formats::numbers::tidy;
 
 use crate::fault::{OrRaise, warn};
 use crate::frame::frame;

@@ -1,10 +1,10 @@
 //! Columns as a pandas frame. pandas is imported only here, so that the package works
 //! without it.
 
-use host_tools::io::error::InputError as Fault;
 use pyo3::exceptions::PyImportError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use softrig_formats::error::InputError as Fault;
 
 use crate::fault::raised;
 use crate::values::array;

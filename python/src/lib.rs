@@ -1,6 +1,6 @@
 //! The Python package `softrig`: the `rig` command on NumPy arrays and pandas frames.
 //!
-//! Nothing is computed here. Each module converts Python objects to those of `host_tools`,
+//! Nothing is computed here. Each module converts Python objects to those of `softrig`, the library,
 //! calls it, and converts the results back: [`recording`], [`model`], [`simulation`],
 //! [`fit`], [`diagnosis`], [`example`]. They share the conversion of errors to exceptions
 //! ([`fault`]), of numbers ([`values`], [`frame`]), and long work without the interpreter's

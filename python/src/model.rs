@@ -4,14 +4,14 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use host_tools::cli::output::{self, FileKind, Output};
-use host_tools::io::error::{InputError as Fault, write_atomically};
-use host_tools::io::model_file::{
-    ModelFile, from_file_units, parameter_unit, parameters, to_file_units,
-};
-use host_tools::numbers::tidy;
 use host_tools::report::provenance::{MODEL, Source};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use softrig_formats::error::{InputError as Fault, write_atomically};
+use softrig_formats::model_file::{
+    ModelFile, from_file_units, parameter_unit, parameters, to_file_units,
+};
+use softrig_formats::numbers::tidy;
 
 use crate::fault::OrRaise;
 

@@ -3,14 +3,14 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use host_tools::io::columns::{self, ATMOSPHERE_KPA, Columns, Layout, Names};
-use host_tools::io::error::InputError as Fault;
-use host_tools::io::recording::{self, Column, Meta, PASCAL_PER_KPA, check_distinct};
 use host_tools::report::provenance::{FITTED, Source};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyDict, PyString};
 use serde_json::Value;
+use softrig_formats::columns::{self, ATMOSPHERE_KPA, Columns, Layout, Names};
+use softrig_formats::error::InputError as Fault;
+use softrig_formats::recording::{self, Column, Meta, PASCAL_PER_KPA, check_distinct};
 
 use crate::fault::{OrRaise, raised, warn};
 use crate::frame;

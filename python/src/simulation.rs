@@ -1,13 +1,13 @@
 //! `softrig.simulate`.
 
-use host_tools::diagnose::Progress;
-use host_tools::estimate::simulation::{ANGLES_DEG, Arithmetic, Drive, HOLDS_S, in_range};
-use host_tools::io::columns::Columns;
-use host_tools::io::error::InputError as Fault;
-use host_tools::io::recording;
-use host_tools::statistics::rms;
+use library::diagnose::Progress;
+use library::estimate::simulation::{ANGLES_DEG, Arithmetic, Drive, HOLDS_S, in_range};
+use library::statistics::rms;
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
+use softrig_formats::columns::Columns;
+use softrig_formats::error::InputError as Fault;
+use softrig_formats::recording;
 
 use crate::fault::{OrRaise, warn};
 use crate::frame::frame;

@@ -1,11 +1,11 @@
 //! Numbers and structures that cross between Rust and Python.
 
 use clap::ValueEnum;
-use host_tools::io::error::InputError as Fault;
 use numpy::{AllowTypeChange, IntoPyArray, PyArray1, PyArrayLike1};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 use serde_json::Value;
+use softrig_formats::error::InputError as Fault;
 
 use crate::fault::raised;
 

@@ -14,7 +14,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
-use host_tools::diagnose::progress::{Progress, State, stoppable};
+use library::diagnose::progress::{Progress, State, stoppable};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 

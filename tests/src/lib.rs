@@ -12,10 +12,10 @@ pub mod verdict;
 
 use std::path::{Path, PathBuf};
 
-use host_tools::diagnose::{Diagnosis, Progress, Request, diagnose};
-use host_tools::io::model_file::ModelFile;
-use host_tools::io::recording::{Recording, read_all};
-use host_tools::synth::example::Example;
+use softrig::diagnose::{Diagnosis, Progress, Request, diagnose};
+use softrig::synth::example::Example;
+use softrig_formats::model_file::ModelFile;
+use softrig_formats::recording::{Recording, read_all};
 
 /// The folder of data that are not part of the project: beside it, or where
 /// `SOFTRIG_SHARED` says.
@@ -67,7 +67,7 @@ impl Case {
             paths.sort();
             read_all(
                 &paths,
-                &host_tools::io::columns::Layout::default(),
+                &softrig_formats::columns::Layout::default(),
                 |warning| {
                     eprintln!("{warning}");
                 },

@@ -7,19 +7,19 @@
 
 use std::path::{Path, PathBuf};
 
-use host_tools::diagnose::candidates::{Candidate, Untried};
-use host_tools::diagnose::finding::{Explanation, Finding};
-use host_tools::diagnose::plan::Proposal;
-use host_tools::diagnose::verdict::{Answer, Strength};
-use host_tools::diagnose::{Diagnosis, Request};
-use host_tools::io::protocol_file::ProtocolFile;
 use host_tools::report::Outputs;
 use host_tools::report::content::Content;
 use host_tools::report::html::page;
 use host_tools::report::provenance::Provenance;
 use host_tools::report::terminal::summary;
-use host_tools::synth::example::{Example, Hidden, make};
 use model_core::catalogue::Kind;
+use softrig::diagnose::candidates::{Candidate, Untried};
+use softrig::diagnose::finding::{Explanation, Finding};
+use softrig::diagnose::plan::Proposal;
+use softrig::diagnose::verdict::{Answer, Strength};
+use softrig::diagnose::{Diagnosis, Request};
+use softrig::synth::example::{Example, Hidden, make};
+use softrig_formats::protocol_file::ProtocolFile;
 use wire::protocol::Named;
 
 use crate::Case;
@@ -100,7 +100,7 @@ fn report(case: &Case, diagnosis: &Diagnosis) -> Report {
         own: None,
         seed: 1,
     };
-    let paths = |recordings: &[host_tools::io::recording::Recording]| -> Vec<PathBuf> {
+    let paths = |recordings: &[softrig_formats::recording::Recording]| -> Vec<PathBuf> {
         recordings.iter().map(|run| run.path.clone()).collect()
     };
     let (fitted, held_out) = (paths(&case.recordings), paths(&case.holdout));

@@ -3,11 +3,11 @@
 
 use std::path::{Path, PathBuf};
 
-use host_tools::diagnose::{Progress, Request, diagnose};
-use host_tools::io::columns::Layout;
-use host_tools::io::model_file::ModelFile;
-use host_tools::io::recording::{Recording, read_all};
 use serde_json::json;
+use softrig::diagnose::{Progress, Request, diagnose};
+use softrig_formats::columns::Layout;
+use softrig_formats::model_file::ModelFile;
+use softrig_formats::recording::{Recording, read_all};
 use softrig_tests::blind::bench::cases::{Made, Plan, make, plan};
 use softrig_tests::blind::bench::score::{Figures, Scored};
 use softrig_tests::blind::bench::session::Rig;
@@ -405,7 +405,7 @@ fn pieces_are_the_session_with_nothing_known_of_it() {
     assert!(recordings.len() >= 10);
     for recording in &recordings {
         assert!(recording.time[0].abs() < 1e-12);
-        assert_eq!(recording.meta, host_tools::io::recording::Meta::default());
+        assert_eq!(recording.meta, softrig_formats::recording::Meta::default());
     }
     let moving = recordings
         .windows(2)
@@ -525,13 +525,13 @@ fn the_bench_shares_no_code_with_the_tool() {
         include_str!("../src/blind/bench/instruments.rs"),
         include_str!("../src/blind/bench/cases.rs"),
     ] {
-        for crate_name in ["model_core", "firmware::", "wire::"] {
+        for crate_name in ["model_core", "host_tools", "firmware::", "wire::"] {
             assert!(!text.contains(crate_name), "{crate_name}");
         }
-        for line in text.lines().filter(|line| line.contains("host_tools")) {
+        for line in text.lines().filter(|line| line.contains("softrig")) {
             assert!(
-                line.contains("host_tools::io::error")
-                    || line.contains("host_tools::io::recording"),
+                line.contains("softrig_formats::error")
+                    || line.contains("softrig_formats::recording"),
                 "{line}"
             );
         }

@@ -13,11 +13,11 @@
 
 use std::path::Path;
 
-use host_tools::diagnose::Diagnosis;
-use host_tools::diagnose::finding::{Finding, names};
-use host_tools::diagnose::verdict::Answer;
-use host_tools::synth::example::{Hidden, make};
 use model_core::catalogue::Kind;
+use softrig::diagnose::Diagnosis;
+use softrig::diagnose::finding::{Finding, names};
+use softrig::diagnose::verdict::Answer;
+use softrig::synth::example::{Hidden, make};
 use softrig_tests::{Case, named};
 
 /// RMS noise of the angle (°), as of a flex sensor on a good day.

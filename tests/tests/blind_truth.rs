@@ -301,7 +301,7 @@ fn the_same_seed_gives_the_same_bytes() {
         let mut text = serde_json::to_string(&made.answer).unwrap();
         for (planned, recording) in &made.runs {
             text += &planned.name();
-            text += &host_tools::io::recording::to_csv(recording, &[]);
+            text += &softrig_formats::recording::to_csv(recording, &[]);
         }
         (stable_hash(text.as_bytes()), made.answer.misfit_over_noise)
     };
@@ -314,7 +314,7 @@ fn the_same_seed_gives_the_same_bytes() {
     let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("blind_case");
     make(&plan, "paper_007", 11).write(&folder).unwrap();
     let model = std::fs::read_to_string(folder.join("model.toml")).unwrap();
-    host_tools::io::model_file::ModelFile::parse(&model, &folder).unwrap();
+    softrig_formats::model_file::ModelFile::parse(&model, &folder).unwrap();
     assert!(
         !model.contains("effect") && !model.contains("lag"),
         "{model}"
@@ -417,7 +417,7 @@ fn the_simulator_shares_no_code_with_the_tool() {
         ),
         ("refit.rs", include_str!("../src/blind/refit.rs")),
     ] {
-        for crate_name in ["model_core", "host_tools", "firmware", "wire::"] {
+        for crate_name in ["model_core", "host_tools", "softrig", "firmware", "wire::"] {
             assert!(!text.contains(crate_name), "{name} mentions {crate_name}");
         }
     }
@@ -426,11 +426,11 @@ fn the_simulator_shares_no_code_with_the_tool() {
         include_str!("../src/blind/cases.rs"),
         include_str!("../src/blind/sensors.rs"),
     ] {
-        assert!(!text.contains("model_core"));
-        for line in text.lines().filter(|line| line.contains("host_tools::")) {
+        assert!(!text.contains("model_core") && !text.contains("host_tools"));
+        for line in text.lines().filter(|line| line.contains("softrig")) {
             assert!(
-                line.contains("host_tools::io::error")
-                    || line.contains("host_tools::io::recording"),
+                line.contains("softrig_formats::error")
+                    || line.contains("softrig_formats::recording"),
                 "{line}"
             );
         }

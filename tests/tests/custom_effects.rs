@@ -3,13 +3,13 @@
 
 use std::path::Path;
 
-use host_tools::diagnose::verdict::Answer;
-use host_tools::diagnose::{Diagnosis, Progress, Request, diagnose};
-use host_tools::io::model_file::ModelFile;
-use host_tools::io::own_effects::OwnEffects;
-use host_tools::io::recording::Recording;
-use host_tools::synth::example::{Example, Hidden, make, of_actuator};
 use serde_json::Value;
+use softrig::diagnose::verdict::Answer;
+use softrig::diagnose::{Diagnosis, Progress, Request, diagnose};
+use softrig::synth::example::{Example, Hidden, make, of_actuator};
+use softrig_formats::model_file::ModelFile;
+use softrig_formats::own_effects::OwnEffects;
+use softrig_formats::recording::Recording;
 
 /// A rig whose hose is taut at some angles and slack at others.
 const TRUTH: &str = r#"schema = 1

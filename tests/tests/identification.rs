@@ -10,18 +10,18 @@ use std::collections::BTreeMap;
 use std::f64::consts::PI;
 use std::path::Path;
 
-use host_tools::estimate::Dataset;
-use host_tools::estimate::assemble::assemble;
-use host_tools::estimate::identify::{EXPONENTS, Order, identify};
-use host_tools::first_model::from_recordings;
-use host_tools::io::model_file::ModelFile;
-use host_tools::io::recording::Recording;
 use model_core::actuator::{Model, ParameterId};
 use model_core::dynamics::Dynamics;
 use nalgebra::{Matrix4, Vector4};
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use serde::Deserialize;
+use softrig::estimate::Dataset;
+use softrig::estimate::assemble::assemble;
+use softrig::estimate::identify::{EXPONENTS, Order, identify};
+use softrig::first_model::from_recordings;
+use softrig_formats::model_file::ModelFile;
+use softrig_formats::recording::Recording;
 use softrig_tests::shared;
 
 /// How much more than the reference a fit may leave.

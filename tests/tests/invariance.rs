@@ -8,13 +8,13 @@
 use std::path::Path;
 use std::time::Instant;
 
-use host_tools::diagnose::{Progress, Request, diagnose};
-use host_tools::io::columns::Layout;
-use host_tools::io::error::InputError;
-use host_tools::io::model_file::ModelFile;
-use host_tools::io::recording::read_all;
-use host_tools::synth::example::{self, Hidden};
 use rayon::prelude::*;
+use softrig::diagnose::{Progress, Request, diagnose};
+use softrig::synth::example::{self, Hidden};
+use softrig_formats::columns::Layout;
+use softrig_formats::error::InputError;
+use softrig_formats::model_file::ModelFile;
+use softrig_formats::recording::read_all;
 use softrig_tests::blind::bench::cases::{self as bench, Plan};
 use softrig_tests::blind::bench::session::Rig;
 use softrig_tests::blind::bench::world::Law;

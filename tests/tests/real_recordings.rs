@@ -6,12 +6,12 @@
 //! that hide nothing. None of them is part of the project: see
 //! [`softrig_tests::shared`].
 
-use host_tools::diagnose::Diagnosis;
-use host_tools::diagnose::verdict::{Answer, Strength};
-use host_tools::estimate::assemble::assemble;
-use host_tools::estimate::unit_errors::refuse;
-use host_tools::family::Family;
 use model_core::catalogue::Kind;
+use softrig::diagnose::Diagnosis;
+use softrig::diagnose::verdict::{Answer, Strength};
+use softrig::estimate::assemble::assemble;
+use softrig::estimate::unit_errors::refuse;
+use softrig_formats::family::Family;
 use softrig_tests::{Case, named, shared};
 
 /// The least that the right effect has to shrink the held-out error, against

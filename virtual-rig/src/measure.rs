@@ -8,8 +8,8 @@
 use std::path::Path;
 
 use anyhow::{Context, ensure};
-use host_tools::rig::link::line::request_text;
 use model_core::prepared::DEAREST;
+use softrig_link::line::request_text;
 use virtual_rig::{Image, Options, VirtualRig};
 use wire::{
     command::{Command, Request},

@@ -16,8 +16,9 @@ use std::{
 
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
-use host_tools::{io::model_file::ModelFile, synth::example::rig_models};
 use model_core::catalogue::Kind;
+use softrig::synth::example::rig_models;
+use softrig_formats::model_file::ModelFile;
 use virtual_rig::{Bench, Image, Options, Planned, VirtualRig, board::EEPROM_BYTES};
 
 use crate::{
@@ -222,7 +223,7 @@ fn options(args: &ServeArgs) -> anyhow::Result<Options> {
         let answer = models.truth + &bench.unwrap_or_default();
         for (path, text) in [(&args.model_out, &models.model), (&args.truth_out, &answer)] {
             if let Some(path) = path {
-                host_tools::io::error::write_atomically(path, text.as_bytes())?;
+                softrig_formats::error::write_atomically(path, text.as_bytes())?;
             }
         }
         options = Options::with_actuator(truth.model);
@@ -462,7 +463,7 @@ impl Server {
         };
         let bytes = self.rig.eeprom();
         if bytes != eeprom.stored {
-            host_tools::io::error::write_atomically(&eeprom.path, &bytes)?;
+            softrig_formats::error::write_atomically(&eeprom.path, &bytes)?;
             eeprom.stored = bytes;
         }
         Ok(())

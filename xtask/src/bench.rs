@@ -26,7 +26,7 @@ pub fn host() -> Outcome {
 
     println!("bench: our solver");
     run(cargo()
-        .args(["build", "-q", "--release", "-p", "host-tools"])
+        .args(["build", "-q", "--release", "-p", "softrig"])
         .args(["--example", "bench_simulate"]))?;
     let problems = folder.join("problems.json");
     let file = fs::File::create(&problems)

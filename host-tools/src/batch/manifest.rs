@@ -15,8 +15,8 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
-use crate::io::columns::{Columns, Layout, Names};
-use crate::io::error::InputError;
+use softrig_formats::columns::{Columns, Layout, Names};
+use softrig_formats::error::InputError;
 
 /// One diagnosis of a manifest.
 #[derive(Clone, Debug, PartialEq)]
@@ -54,7 +54,7 @@ struct Row {
 /// Names the line and the column that is at fault: a missing one, a name that is no name
 /// of a folder or comes twice, a case without recordings.
 pub fn read(path: &Path) -> Result<Vec<Case>, InputError> {
-    let text = crate::io::bounded::read_text(path)?;
+    let text = softrig_formats::bounded::read_text(path)?;
     let folder = path.parent().unwrap_or(Path::new(""));
     parse(&text, folder).map_err(|error| error.in_file(path))
 }

@@ -21,15 +21,15 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use crate::diagnose::{Budget, Progress, Request, diagnose_from};
-use crate::estimate::checkpoint::Checkpoint;
-use crate::io::columns::Layout;
-use crate::io::error::{InputError, write_atomically};
-use crate::io::model_file::ModelFile;
-use crate::io::own_effects::OwnEffects;
-use crate::io::recording::{check_distinct, read_all};
 use crate::report::provenance::Provenance;
 use manifest::Case;
+use softrig::diagnose::{Budget, Progress, Request, diagnose_from};
+use softrig::estimate::checkpoint::Checkpoint;
+use softrig_formats::columns::Layout;
+use softrig_formats::error::{InputError, write_atomically};
+use softrig_formats::model_file::ModelFile;
+use softrig_formats::own_effects::OwnEffects;
+use softrig_formats::recording::{check_distinct, read_all};
 
 /// Where the results of one case are.
 #[derive(Clone, Debug)]

@@ -17,7 +17,7 @@ use serde_json::Value;
 
 use super::Folder;
 use super::manifest::Case;
-use crate::io::error::write_atomically;
+use softrig_formats::error::write_atomically;
 
 /// The results of a case.
 #[derive(Clone, Debug)]

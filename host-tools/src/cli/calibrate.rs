@@ -12,10 +12,10 @@ use wire::settings::{FLEX_POINTS, Key, Settings};
 use wire::state::State;
 
 use super::Interrupt;
-use crate::io::error::InputError;
-use crate::io::settings_file::Assignment;
-use crate::io::terminal::remark;
-use crate::rig::link::{Event, Link, LinkError, SerialConnector, Timing, is_pseudo_terminal};
+use softrig_formats::error::InputError;
+use softrig_formats::settings_file::Assignment;
+use softrig_formats::terminal::remark;
+use softrig_link::{Event, Link, LinkError, SerialConnector, Timing, is_pseudo_terminal};
 
 /// Calibrates the sensors of a rig, guided step by step.
 ///
@@ -316,7 +316,7 @@ fn check_angles(angles: &[f32]) -> Result<(), InputError> {
 
 /// Reads `angle_deg,flex_counts`.
 fn read_table(path: &Path) -> Result<Vec<Point>, InputError> {
-    let text = crate::io::bounded::read_text(path)?;
+    let text = softrig_formats::bounded::read_text(path)?;
     let mut reader = csv::ReaderBuilder::new()
         .trim(csv::Trim::All)
         .from_reader(text.as_bytes());

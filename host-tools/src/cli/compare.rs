@@ -12,17 +12,17 @@ use model_core::actuator::{Model, ParameterId};
 
 use super::input::InputArgs;
 use super::output::{self, FileKind, Output};
-use crate::diagnose::noise::NoiseFloor;
-use crate::estimate::Dataset;
-use crate::estimate::assemble::assemble;
-use crate::estimate::fit::{Effort, Fitter};
-use crate::io::columns::Layout;
-use crate::io::error::{InputError, write_atomically};
-use crate::io::model_file::ModelFile;
-use crate::io::recording::{Recording, read_all};
 use crate::plot::{Figure, Mark, Panel, Role, Series, Style, write_svg};
-use crate::sim::linear::linear_rival;
-use crate::statistics::{mean, rms, squares_about_mean};
+use softrig::diagnose::noise::NoiseFloor;
+use softrig::estimate::Dataset;
+use softrig::estimate::assemble::assemble;
+use softrig::estimate::fit::{Effort, Fitter};
+use softrig::sim::linear::linear_rival;
+use softrig::statistics::{mean, rms, squares_about_mean};
+use softrig_formats::columns::Layout;
+use softrig_formats::error::{InputError, write_atomically};
+use softrig_formats::model_file::ModelFile;
+use softrig_formats::recording::{Recording, read_all};
 
 /// Compares models with recordings: RMS error for each set-point, against the
 /// mean of the repeats.

@@ -6,11 +6,11 @@ use clap::Parser;
 
 use super::input::InputArgs;
 use super::output::{self, FileKind, Output};
-use crate::io::bounded::read_text;
-use crate::io::columns::Layout;
-use crate::io::error::{InputError, write_atomically, write_with_meta};
-use crate::io::formats::write::{Format, bytes};
-use crate::io::recording::{Recording, meta_beside, stem};
+use softrig_formats::bounded::read_text;
+use softrig_formats::columns::Layout;
+use softrig_formats::error::{InputError, write_atomically, write_with_meta};
+use softrig_formats::formats::write::{Format, bytes};
+use softrig_formats::recording::{Recording, meta_beside, stem};
 
 /// Writes recordings in another format: CSV, Parquet or MCAP.
 ///
@@ -100,7 +100,7 @@ fn outputs(args: &Args) -> Result<Vec<(PathBuf, Format)>, InputError> {
         outputs.push((to, format));
     }
     std::fs::create_dir_all(&args.output)
-        .map_err(|error| crate::io::error::not_written(&args.output, &error))?;
+        .map_err(|error| softrig_formats::error::not_written(&args.output, &error))?;
     Ok(outputs)
 }
 
@@ -113,7 +113,7 @@ fn writes_metadata(from: &Path, to: &Path, format: Format) -> bool {
 
 /// Converts one recording, and says how many samples it has.
 fn convert(from: &Path, to: &Path, format: Format, layout: &Layout) -> anyhow::Result<usize> {
-    let samples = crate::io::formats::read(from, layout)?;
+    let samples = softrig_formats::formats::read(from, layout)?;
     // As everywhere else with its metadata, and all that is said about both.
     let (_, warnings) = Recording::assemble(samples.clone(), from)?;
     for warning in &warnings {

@@ -9,17 +9,17 @@ use super::input::InputArgs;
 use super::output::{self, FileKind, Output};
 use super::watch::Watched;
 use crate::batch::{self, Folder, Outcome, manifest, results};
-use crate::diagnose::{Budget, Request, diagnose_from};
-use crate::estimate::checkpoint::Checkpoint;
-use crate::io::error::write_atomically;
-use crate::io::own_effects::OwnEffects;
-use crate::io::recording::{check_distinct, read_all};
 use crate::report::Outputs;
 use crate::report::content::Content;
 use crate::report::html::page;
 use crate::report::pictures::figure;
 use crate::report::provenance::{Provenance, command_line};
 use crate::report::terminal::summary;
+use softrig::diagnose::{Budget, Request, diagnose_from};
+use softrig::estimate::checkpoint::Checkpoint;
+use softrig_formats::error::write_atomically;
+use softrig_formats::own_effects::OwnEffects;
+use softrig_formats::recording::{check_distinct, read_all};
 
 /// Finds where model and recordings disagree, names the missing effect, and
 /// writes the model with the effect added.

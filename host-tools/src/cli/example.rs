@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use clap::Parser;
 
-use crate::io::model_file::ModelFile;
-use crate::synth::example::{Hidden, make, of_actuator};
+use softrig::synth::example::{Hidden, make, of_actuator};
+use softrig_formats::model_file::ModelFile;
 
 /// Writes a model and simulated recordings with an effect hidden in them.
 ///

@@ -6,12 +6,12 @@ use clap::Parser;
 
 use super::input::InputArgs;
 use super::output::{self, FileKind, Output};
-use crate::estimate::Dataset;
-use crate::estimate::fit::Fitter;
 use crate::export::{Defaults, ExportError, Language, export, identifier};
-use crate::io::error::{InputError, write_atomically};
-use crate::io::model_file::ModelFile;
-use crate::io::recording::{PASCAL_PER_KPA, Recording};
+use softrig::estimate::Dataset;
+use softrig::estimate::fit::Fitter;
+use softrig_formats::error::{InputError, write_atomically};
+use softrig_formats::model_file::ModelFile;
+use softrig_formats::recording::{PASCAL_PER_KPA, Recording};
 
 /// Writes a model as C, Python, Modelica or MATLAB that repeats `rig simulate`.
 ///

@@ -6,13 +6,13 @@ use clap::Parser;
 
 use super::input::InputArgs;
 use super::output::{self, FileKind, Output};
-use crate::diagnose::verdict::Zeros;
-use crate::estimate::fit::{Fit, rms_each};
-use crate::estimate::refit::{NOT_CONVERGED, Refit, refit};
-use crate::io::error::write_atomically;
-use crate::io::model_file::{ModelFile, parameter_unit, to_file_units};
-use crate::io::recording::Recording;
-use crate::numbers::{short, with_ends};
+use softrig::diagnose::verdict::Zeros;
+use softrig::estimate::fit::{Fit, rms_each};
+use softrig::estimate::refit::{NOT_CONVERGED, Refit, refit};
+use softrig_formats::error::write_atomically;
+use softrig_formats::model_file::{ModelFile, parameter_unit, to_file_units};
+use softrig_formats::numbers::{short, with_ends};
+use softrig_formats::recording::Recording;
 
 /// Fits the free parameters of a model to recordings.
 ///
@@ -94,7 +94,7 @@ pub(crate) fn parameter_table(file: &ModelFile, fit: &Fit) -> String {
             }
             _ => (short(fitted), "not determined by these runs".to_owned()),
         };
-        let name = crate::io::model_file::parameter_name(&fit.model, id);
+        let name = softrig_formats::model_file::parameter_name(&fit.model, id);
         let unit = parameter_unit(&fit.model, id);
         let label = if unit.is_empty() {
             name

@@ -12,12 +12,12 @@ use serde_json::{Value, json};
 
 use super::input::InputArgs;
 use super::output::{self, FileKind, Output};
-use crate::estimate::assemble::{Group, grouped};
-use crate::io::columns::Layout;
-use crate::io::error::{InputError, write_atomically};
-use crate::io::recording::{Recording, SegmentMeta, check_distinct, read_all};
 use crate::plot::{Figure, Panel, Series, Style, write_svg};
-use crate::statistics::rms;
+use softrig::estimate::assemble::{Group, grouped};
+use softrig::statistics::rms;
+use softrig_formats::columns::Layout;
+use softrig_formats::error::{InputError, write_atomically};
+use softrig_formats::recording::{Recording, SegmentMeta, check_distinct, read_all};
 
 /// Shows the gap between the angle that the board predicts and the angle that
 /// it measures, before and after an upload.

@@ -11,18 +11,18 @@ use model_core::material::{Material, TABLE_I};
 
 use super::input::InputArgs;
 use super::output::{self, FileKind, Output};
-use crate::estimate::assemble::assemble;
-use crate::estimate::identify::Order;
-use crate::first_model::{
+use softrig::estimate::assemble::assemble;
+use softrig::estimate::identify::Order;
+use softrig::first_model::{
     FirstModel, Geometry, authors_actuator, from_geometry, from_recordings, next_steps,
 };
-use crate::io::error::{InputError, is_stream, write_atomically};
-use crate::io::material_name::{like, named};
-use crate::io::model_file::{ModelFile, parameter_name, parameter_unit, to_file_units};
-use crate::io::ranges::Range;
-use crate::io::recording::{Recording, check_distinct, read_all};
-use crate::io::terminal::{printable_line, remark};
-use crate::numbers::short;
+use softrig_formats::error::{InputError, is_stream, write_atomically};
+use softrig_formats::material_name::{like, named};
+use softrig_formats::model_file::{ModelFile, parameter_name, parameter_unit, to_file_units};
+use softrig_formats::numbers::short;
+use softrig_formats::ranges::Range;
+use softrig_formats::recording::{Recording, check_distinct, read_all};
+use softrig_formats::terminal::{printable_line, remark};
 
 /// Writes a first model from a recording, or from material and dimensions.
 ///

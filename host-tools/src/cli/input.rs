@@ -2,7 +2,7 @@
 
 use clap::Args;
 
-use crate::io::columns::{self, AngleUnit, Columns, Layout, Names, PressureUnit, TimeUnit};
+use softrig_formats::columns::{self, AngleUnit, Columns, Layout, Names, PressureUnit, TimeUnit};
 
 /// The layout of all recordings of a command, if their columns are not `time_s`,
 /// `pressure_kpa` and `angle_deg`.

@@ -10,12 +10,13 @@ use model_core::material::{DataSheet, Material, TABLE_I};
 use serde_json::{Value, json};
 
 use super::output::{self, FileKind, Output};
-use crate::io::error::{InputError, write_atomically};
-use crate::materials::curve::{Measure, TensileCurve};
-use crate::materials::fit::{self, Choice, CurveFit, Estimate, LawFit, Modulus, Residual};
-use crate::materials::predictor::{LeaveOneOut, PredictorFit, eight_rows, leave_one_out};
-use crate::materials::{pictures, table_row};
+use crate::plot::materials as pictures;
 use crate::plot::{Figure, Mark, Panel, Role, Series, Style, write_svg};
+use softrig_formats::error::{InputError, write_atomically};
+use softrig_materials::curve::{Measure, TensileCurve};
+use softrig_materials::fit::{self, Choice, CurveFit, Estimate, LawFit, Modulus, Residual};
+use softrig_materials::predictor::{LeaveOneOut, PredictorFit, eight_rows, leave_one_out};
+use softrig_materials::table_row;
 
 /// Materials: the paper's table, exponents from tensile curves and data sheets.
 #[derive(Debug, Parser)]

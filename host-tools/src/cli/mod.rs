@@ -25,16 +25,16 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use crate::io::columns::Layout;
-use crate::io::error::InputError;
-use crate::io::model_file::ModelFile;
-use crate::io::recording::{Recording, read_all};
+use softrig_formats::columns::Layout;
+use softrig_formats::error::InputError;
+use softrig_formats::model_file::ModelFile;
+use softrig_formats::recording::{Recording, read_all};
 
-pub use crate::io::terminal::{print, print_own};
+pub use softrig_formats::terminal::{print, print_own};
 
 /// Prints a warning to stderr.
 pub(crate) fn warn(text: &str) {
-    crate::io::terminal::remark(&format!("warning: {text}"));
+    softrig_formats::terminal::remark(&format!("warning: {text}"));
 }
 
 /// Reads a model, with its warnings.

@@ -11,10 +11,10 @@ use wire::command::Command;
 use wire::protocol::Named;
 
 use super::{Interrupt, record};
-use crate::io::terminal::remark;
-use crate::rig::link::{Clock, Event, Link, SerialConnector, Timing};
-use crate::rig::monitor::{Trace, View, draw};
-use crate::rig::record::{COLUMNS, Recorder, Row, line};
+use crate::monitor::{Trace, View, draw};
+use softrig_formats::terminal::remark;
+use softrig_link::record::{COLUMNS, Recorder, Row, line};
+use softrig_link::{Clock, Event, Link, SerialConnector, Timing};
 
 /// Shows a rig live: angle, prediction, pressure, state, faults.
 ///
@@ -229,7 +229,7 @@ fn press(
     match outcome {
         Ok(_) => view.say(&format!(
             "{}: done",
-            crate::rig::link::line::command_text(command)
+            softrig_link::line::command_text(command)
         )),
         Err(error) => view.say(&error.to_string()),
     }

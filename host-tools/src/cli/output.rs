@@ -11,8 +11,9 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use crate::export::WRITTEN_BY as WRITTEN_BY_EXPORT;
-use crate::io::error::{InputError, check_writable, is_stream, target_of};
-use crate::rig::record::meta_path;
+use softrig_formats::error::{InputError, check_writable, is_stream, target_of};
+use softrig_formats::formats::is_binary_recording;
+use softrig_link::record::meta_path;
 
 /// The kind of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -258,12 +259,7 @@ fn found(path: &Path) -> Found {
     if bytes.iter().all(u8::is_ascii_whitespace) {
         return Found::Nothing;
     }
-    // A compressed table is a recording, as are the binary formats: nothing else that is read
-    // here is either.
-    if [&[0x1f, 0x8b][..], b"PAR1", mcap::MAGIC, b"MATLAB"]
-        .iter()
-        .any(|start| bytes.starts_with(start))
-    {
+    if is_binary_recording(&bytes) {
         return Found::Known(FileKind::Recording);
     }
     let text = String::from_utf8_lossy(&bytes);

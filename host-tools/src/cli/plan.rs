@@ -8,24 +8,24 @@ use model_core::catalogue::Kind;
 
 use super::input::InputArgs;
 use super::output::{self, FileKind, Output};
-use crate::diagnose::Progress;
-use crate::diagnose::candidates::{Candidate, FitContext, Scales, added, typical};
-use crate::diagnose::finding::names;
-use crate::diagnose::identifiability::{self, Refitted};
-use crate::diagnose::missing_force::Guesses;
-use crate::diagnose::noise::NoiseFloor;
-use crate::diagnose::plan::{Limits, proposals};
-use crate::estimate::assemble::assemble;
-use crate::estimate::checkpoint::Checkpoint;
-use crate::estimate::fit::Fitter;
-use crate::estimate::subsample::subsample;
-use crate::estimate::{Dataset, Nuisance};
-use crate::io::error::{InputError, write_atomically};
-use crate::io::model_file::ModelFile;
-use crate::io::own_effects::OwnEffects;
-use crate::io::recording::Recording;
-use crate::numbers::evidence;
-use crate::sim::protocol::Protocol;
+use softrig::diagnose::Progress;
+use softrig::diagnose::candidates::{Candidate, FitContext, Scales, added, typical};
+use softrig::diagnose::finding::names;
+use softrig::diagnose::identifiability::{self, Refitted};
+use softrig::diagnose::missing_force::Guesses;
+use softrig::diagnose::noise::NoiseFloor;
+use softrig::diagnose::plan::{Limits, proposals};
+use softrig::estimate::assemble::assemble;
+use softrig::estimate::checkpoint::Checkpoint;
+use softrig::estimate::fit::Fitter;
+use softrig::estimate::subsample::subsample;
+use softrig::estimate::{Dataset, Nuisance};
+use softrig::sim::protocol::Protocol;
+use softrig_formats::error::{InputError, write_atomically};
+use softrig_formats::model_file::ModelFile;
+use softrig_formats::numbers::evidence;
+use softrig_formats::own_effects::OwnEffects;
+use softrig_formats::recording::Recording;
 
 /// Finds the run that separates two effects, within the limits of the rig, and
 /// writes it as a protocol file that `rig record` plays.

@@ -2,7 +2,7 @@
 
 use clap::Parser;
 
-use crate::rig::link::{PortFound, ports};
+use softrig_link::{PortFound, ports};
 
 /// Lists the serial ports and marks those that look like a Mega.
 #[derive(Debug, Parser)]
@@ -67,7 +67,7 @@ fn table(found: &[PortFound]) -> String {
     if found.iter().any(|port| !port.accessible) {
         text += &format!(
             "\nSome may not be opened by this user: {}.\n",
-            crate::rig::link::PERMISSION_ADVICE
+            softrig_link::PERMISSION_ADVICE
         );
     }
     text

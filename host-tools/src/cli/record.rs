@@ -14,14 +14,14 @@ use wire::state::State;
 
 use super::Interrupt;
 use super::output::{self, FileKind, Output};
-use crate::io::error::InputError;
-use crate::io::protocol_file::{ProtocolFile, describe};
-use crate::io::terminal::printable_line;
-use crate::rig::link::line::command_text;
-use crate::rig::link::{Event, Link, LinkError, SerialConnector, Timing, is_pseudo_terminal};
-use crate::rig::record::{
+use softrig_formats::error::InputError;
+use softrig_formats::protocol_file::{ProtocolFile, describe};
+use softrig_formats::terminal::printable_line;
+use softrig_link::line::command_text;
+use softrig_link::record::{
     About, Part, Recorder, Step, check_limits, meta_path, parts, run_path, steps,
 };
+use softrig_link::{Event, Link, LinkError, SerialConnector, Timing, is_pseudo_terminal};
 
 /// Records a rig while it plays a protocol, or while it is left alone.
 ///

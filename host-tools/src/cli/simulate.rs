@@ -6,11 +6,11 @@ use clap::{ArgGroup, Parser};
 
 use super::input::InputArgs;
 use super::output::{self, FileKind, Output};
-use crate::estimate::simulation::{ANGLES_DEG, Arithmetic, Drive, HOLDS_S, in_range};
-use crate::io::error::write_with_meta;
-use crate::io::recording::{PASCAL_PER_KPA, Recording, to_csv};
 use crate::plot::{Figure, Panel, Series, Style, write_svg};
-use crate::rig::record::meta_path;
+use softrig::estimate::simulation::{ANGLES_DEG, Arithmetic, Drive, HOLDS_S, in_range};
+use softrig_formats::error::write_with_meta;
+use softrig_formats::recording::{PASCAL_PER_KPA, Recording, to_csv};
+use softrig_link::record::meta_path;
 
 /// Simulates a model over the pressure of a recording, or over a protocol.
 #[derive(Debug, Parser)]
@@ -138,7 +138,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
             .collect();
         text += &format!(
             "RMS error against the recording: {:.3}°\n",
-            crate::statistics::rms(&error)
+            softrig::statistics::rms(&error)
         );
     }
     let shown = Shown {

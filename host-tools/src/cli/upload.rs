@@ -8,12 +8,12 @@ use indicatif::{ProgressBar, ProgressStyle};
 use wire::settings::{Key, Settings};
 use wire::state::State;
 
-use crate::diagnose::verdict::read_zeros;
-use crate::io::error::InputError;
-use crate::io::model_file::ModelFile;
-use crate::io::settings_file::{self, Assignment, key_text, shown};
-use crate::rig::link::{Link, SerialConnector, Timing};
-use crate::sim::board;
+use softrig::diagnose::verdict::read_zeros;
+use softrig::sim::board;
+use softrig_formats::error::InputError;
+use softrig_formats::model_file::ModelFile;
+use softrig_formats::settings_file::{self, Assignment, key_text, shown};
+use softrig_link::{Link, SerialConnector, Timing};
 
 /// Writes a model or settings to a board, and reads everything back.
 ///

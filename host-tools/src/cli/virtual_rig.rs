@@ -14,7 +14,7 @@ use anyhow::Context;
 use clap::{Parser, ValueEnum};
 
 use super::Interrupt;
-use crate::io::error::InputError;
+use softrig_formats::error::InputError;
 
 /// Runs the real firmware image in a simulator, behind a serial port.
 ///

@@ -7,9 +7,9 @@ use std::time::Duration;
 
 use indicatif::ProgressBar;
 
-use crate::diagnose::progress::State;
-use crate::diagnose::{Budget, Progress};
-use crate::io::terminal::{printable, remark};
+use softrig::diagnose::progress::State;
+use softrig::diagnose::{Budget, Progress};
+use softrig_formats::terminal::{printable, remark};
 
 /// Exit code of an interrupted command, as shells give it: 128 and the number of SIGINT.
 const INTERRUPTED: i32 = 130;

@@ -7,7 +7,7 @@
 //! The physics is not written again. [`trace`] runs `model-core` itself on a scalar that
 //! records the computation, [`physics`] collects the expressions of a model, and
 //! [`print`](mod@print) prints them in the syntax of a language. The integrator is a template for
-//! each language, with the constants of [`crate::sim::simulate`]; tests compare the results of C,
+//! each language, with the constants of [`softrig::sim::simulate`]; tests compare the results of C,
 //! Python and MATLAB.
 
 mod c;
@@ -24,10 +24,10 @@ use serde::Serialize;
 use self::physics::Physics;
 use self::print::{Printer, Syntax};
 use self::trace::{Binary, Expression, Id, TooManyBranches, Unary};
-use crate::io::model_file::{ModelFile, node_in_file};
-use crate::io::terminal::printable_line;
-use crate::numbers::exact;
-use crate::sim::simulate;
+use softrig::sim::simulate;
+use softrig_formats::model_file::{ModelFile, node_in_file};
+use softrig_formats::numbers::exact;
+use softrig_formats::terminal::printable_line;
 
 /// The first words in the header of every exported file.
 pub const WRITTEN_BY: &str = "Written by `rig export`";

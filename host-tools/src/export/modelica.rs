@@ -13,8 +13,8 @@ use super::physics::{Constant, Memory, PRESSURE};
 use super::print::{Lines, Printer, Syntax};
 use super::trace::{Binary, Expression, Id, Relation};
 use super::{ExportError, Source, environment};
-use crate::io::terminal::printable_line;
-use crate::numbers::exact;
+use softrig_formats::numbers::exact;
+use softrig_formats::terminal::printable_line;
 
 /// The template of a file.
 const TEMPLATE: &str = include_str!("modelica.jinja");

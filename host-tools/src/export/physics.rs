@@ -13,9 +13,9 @@ use model_core::input::{FromFn, Held};
 use model_core::real::Real;
 
 use super::trace::{Binary, Expression, Id, Tape, TooManyBranches, Traced, Written};
-use crate::io::model_file::{parameter_name, parameter_unit};
-use crate::io::recording::PASCAL_PER_KPA;
-use crate::numbers::exact;
+use softrig_formats::model_file::{parameter_name, parameter_unit};
+use softrig_formats::numbers::exact;
+use softrig_formats::recording::PASCAL_PER_KPA;
 
 /// A parameter of the model.
 #[derive(Clone, Debug)]
@@ -516,8 +516,8 @@ fn labels<'t>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::io::model_file::ModelFile;
-    use crate::synth::example::rig_models;
+    use softrig::synth::example::rig_models;
+    use softrig_formats::model_file::ModelFile;
     use std::path::Path;
     use std::sync::LazyLock;
 

@@ -7,7 +7,7 @@ use std::collections::HashMap;
 
 use super::physics::Physics;
 use super::trace::{Binary, Condition, Expression, Id, Relation, Tape, Unary};
-use crate::numbers::exact;
+use softrig_formats::numbers::exact;
 
 /// Lines are broken at their sums beyond so many characters.
 const WIDTH: usize = 96;

@@ -26,6 +26,7 @@ mod canvas;
 mod curves;
 mod layout;
 mod legend;
+pub(crate) mod materials;
 mod panel;
 mod rectangle;
 mod style;
@@ -34,9 +35,9 @@ mod thin;
 
 use std::path::Path;
 
-use crate::io::error::{InputError, write_atomically};
 use canvas::Medium;
 use layout::Layout;
+use softrig_formats::error::{InputError, write_atomically};
 
 pub use canvas::LINE_PX;
 pub use style::{Mark, Role, Style, css_colour, diverging};

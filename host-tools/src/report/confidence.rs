@@ -1,10 +1,10 @@
 //! The 95 % confidence band of the repaired or refitted curves.
 
-use crate::diagnose::finding::Finding;
-use crate::diagnose::{Diagnosis, Request};
-use crate::estimate::band::NoBand;
-use crate::estimate::fit::{Effort, Fitter};
-use crate::io::model_file::parameter_name;
+use softrig::diagnose::finding::Finding;
+use softrig::diagnose::{Diagnosis, Request};
+use softrig::estimate::band::NoBand;
+use softrig::estimate::fit::{Effort, Fitter};
+use softrig_formats::model_file::parameter_name;
 
 use super::pictures::{REFITTED, REPAIRED};
 

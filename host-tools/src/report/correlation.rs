@@ -15,7 +15,7 @@
 //! is √(P/N) with P = Σ ρ_ε(k) ρ_u(k), since slow inputs and slow residuals correlate by
 //! chance.
 
-use crate::statistics::mean;
+use softrig::statistics::mean;
 
 /// Half width of the 95 % interval of normal values, in standard deviations.
 const NORMAL95: f64 = 1.96;
@@ -151,7 +151,7 @@ impl Correlations {
 fn step(runs: &[Run<'_>], longest: f64) -> Option<f64> {
     let usual = |run: &Run<'_>| {
         let mut steps: Vec<f64> = run.time.windows(2).map(|pair| pair[1] - pair[0]).collect();
-        crate::statistics::median(&mut steps)
+        softrig::statistics::median(&mut steps)
     };
     let slowest = runs
         .iter()

@@ -18,12 +18,12 @@ use super::pictures::{
 use super::provenance::{FITTED, Provenance, Source};
 use super::residuals::Residuals;
 use super::runs::{RunView, runs};
-use crate::diagnose::localise::{Feature, Gap, SINCE_LAST_EDGE};
-use crate::diagnose::verdict::Answer;
-use crate::diagnose::{Diagnosis, Request};
-use crate::numbers::{degrees, fit, percent, short};
 use crate::plot::{Figure, Mark, css_colour, diverging, to_inline_svg};
-use crate::statistics::{median, squares_about_mean};
+use softrig::diagnose::localise::{Feature, Gap, SINCE_LAST_EDGE};
+use softrig::diagnose::verdict::Answer;
+use softrig::diagnose::{Diagnosis, Request};
+use softrig::statistics::{median, squares_about_mean};
+use softrig_formats::numbers::{degrees, fit, percent, short};
 
 const TEMPLATE: &str = include_str!("assets/template.html");
 const STYLE: &str = include_str!("assets/style.css");

@@ -6,13 +6,13 @@
 
 use super::content::sentence;
 use super::runs::{RunView, runs};
-use crate::diagnose::Diagnosis;
-use crate::diagnose::finding::Finding;
-use crate::diagnose::localise::{Feature, ForceMap, Gap, MapAxis};
-use crate::diagnose::noise::NoiseFloor;
-use crate::numbers::{degrees, short};
 use crate::plot::{Cell, Figure, LINE_PX, Mark, Panel, Role, Series, Style};
-use crate::statistics::{rms, swing};
+use softrig::diagnose::Diagnosis;
+use softrig::diagnose::finding::Finding;
+use softrig::diagnose::localise::{Feature, ForceMap, Gap, MapAxis};
+use softrig::diagnose::noise::NoiseFloor;
+use softrig::statistics::{rms, swing};
+use softrig_formats::numbers::{degrees, short};
 
 /// Height of a row of panels: low enough for a picture in a README.
 pub(super) const ROW_HEIGHT_PX: f64 = 150.0;

@@ -8,9 +8,9 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
-use crate::io::error::InputError;
-use crate::io::recording::meta_beside;
-use crate::io::terminal::quoted;
+use softrig_formats::error::InputError;
+use softrig_formats::recording::meta_beside;
+use softrig_formats::terminal::quoted;
 
 /// Role of a recording that was fitted.
 pub const FITTED: &str = "fitted";

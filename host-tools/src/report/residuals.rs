@@ -4,11 +4,11 @@
 use super::correlation::{Correlation, Correlations, Run};
 use super::pictures::{COLUMN_PX, NOMINAL, REFITTED, REPAIRED, ROW_HEIGHT_PX, style_of};
 use super::runs::RunView;
-use crate::diagnose::Diagnosis;
-use crate::diagnose::finding::Finding;
-use crate::estimate::filter::Pace;
-use crate::numbers::{percent, short};
 use crate::plot::{Figure, Mark, Panel, Role, Series, Style};
+use softrig::diagnose::Diagnosis;
+use softrig::diagnose::finding::Finding;
+use softrig::estimate::filter::Pace;
+use softrig_formats::numbers::{percent, short};
 
 /// Largest lag, in swing periods: a longer correlation is an offset.
 const SWINGS: f64 = 1.0;

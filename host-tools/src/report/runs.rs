@@ -1,10 +1,10 @@
 //! All runs of a diagnosis in one list, with the residuals of each model, for pictures and
 //! tables.
 
-use crate::diagnose::Diagnosis;
-use crate::estimate::Segment;
-use crate::io::recording::Recording;
-use crate::statistics::rms;
+use softrig::diagnose::Diagnosis;
+use softrig::estimate::Segment;
+use softrig::statistics::rms;
+use softrig_formats::recording::Recording;
 
 /// One run with the residual of each model, in degrees.
 #[derive(Clone, Debug)]

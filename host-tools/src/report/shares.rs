@@ -7,9 +7,9 @@
 
 use std::fmt;
 
-use crate::diagnose::measure;
-use crate::diagnose::policy::Policy;
-use crate::numbers::percent;
+use softrig::diagnose::measure;
+use softrig::diagnose::policy::Policy;
+use softrig_formats::numbers::percent;
 
 /// A share of the error beyond the noise.
 #[derive(Clone, Copy, Debug, PartialEq)]

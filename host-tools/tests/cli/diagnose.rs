@@ -5,9 +5,9 @@ use std::process::Stdio;
 #[cfg(unix)]
 use std::time::Duration;
 
-use host_tools::io::model_file::ModelFile;
 use predicates::str::{contains, is_empty, is_match};
 use serde_json::Value;
+use softrig_formats::model_file::ModelFile;
 
 use super::common::{Bench, stdout};
 

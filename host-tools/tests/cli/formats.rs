@@ -6,10 +6,10 @@
 
 use std::path::Path;
 
-use host_tools::io::columns::{Columns, Layout, Names};
-use host_tools::io::recording::Recording;
 use predicates::prelude::*;
 use predicates::str::contains;
+use softrig_formats::columns::{Columns, Layout, Names};
+use softrig_formats::recording::Recording;
 
 use super::common::{Bench, MODEL};
 

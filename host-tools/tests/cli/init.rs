@@ -4,13 +4,13 @@
 //! it came from, and that says of each number where it is from; and it has to leave alone
 //! what is there.
 
-use host_tools::io::model_file::ModelFile;
-use host_tools::synth::example::{Hidden, make};
 use model_core::actuator::{Model, ParameterId};
 use model_core::catalogue::Kind;
 use model_core::dynamics::Dynamics;
 use predicates::prelude::*;
 use predicates::str::contains;
+use softrig::synth::example::{Hidden, make};
+use softrig_formats::model_file::ModelFile;
 
 use super::common::{Bench, HEADER};
 use super::simulate::printed_error;

@@ -1,9 +1,9 @@
 //! `rig example`, `rig simulate`, `rig fit` and `rig compare`.
 
 use assert_cmd::assert::Assert;
-use host_tools::io::model_file::ModelFile;
 use predicates::prelude::*;
 use predicates::str::{contains, is_empty};
+use softrig_formats::model_file::ModelFile;
 
 use super::common::{Bench, stdout};
 

@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 
 use assert_cmd::Command;
 use assert_cmd::assert::Assert;
-use host_tools::io::recording::Recording;
 use predicates::str::is_empty;
+use softrig_formats::recording::Recording;
 use tempfile::TempDir;
 
 pub const MODEL: &str = r#"schema = 1

@@ -1,12 +1,12 @@
 //! A search that its budget ends claims no more than what it tried, wherever that is.
 
-use host_tools::diagnose::budget::Ended;
-use host_tools::diagnose::verdict::Answer;
-use host_tools::diagnose::{Budget, Diagnosis, Progress, Request, diagnose};
-use host_tools::io::model_file::ModelFile;
-use host_tools::io::recording::Recording;
-use host_tools::synth::example::Hidden;
 use model_core::catalogue::Kind;
+use softrig::diagnose::budget::Ended;
+use softrig::diagnose::verdict::Answer;
+use softrig::diagnose::{Budget, Diagnosis, Progress, Request, diagnose};
+use softrig::synth::example::Hidden;
+use softrig_formats::model_file::ModelFile;
+use softrig_formats::recording::Recording;
 
 use crate::steps;
 

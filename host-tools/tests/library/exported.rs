@@ -10,13 +10,11 @@ use std::{
     process::Command,
 };
 
-use host_tools::{
-    export::{Defaults, Language, export},
-    io::model_file::ModelFile,
-    sim::simulate::{Grain, InitialState, Origin, Signal, Stepping, run_from},
-    synth::example::{Hidden, make},
-};
+use host_tools::export::{Defaults, Language, export};
 use model_core::{catalogue::Kind, integrate::Scheme};
+use softrig::sim::simulate::{Grain, InitialState, Origin, Signal, Stepping, run_from};
+use softrig::synth::example::{Hidden, make};
+use softrig_formats::model_file::ModelFile;
 use tempfile::TempDir;
 
 /// Set where a missing program is a failure.

@@ -3,12 +3,12 @@
 
 use std::path::Path;
 
-use host_tools::diagnose::validation::CrossValidator;
-use host_tools::estimate::assemble::assemble;
-use host_tools::estimate::fit::Fitter;
-use host_tools::io::model_file::ModelFile;
-use host_tools::io::recording::Recording;
-use host_tools::synth::example::{Hidden, make};
+use softrig::diagnose::validation::CrossValidator;
+use softrig::estimate::assemble::assemble;
+use softrig::estimate::fit::Fitter;
+use softrig::synth::example::{Hidden, make};
+use softrig_formats::model_file::ModelFile;
+use softrig_formats::recording::Recording;
 
 /// Whether a judge that holds out `held_out`, or else `fitted` in turn, sees only
 /// repeats.

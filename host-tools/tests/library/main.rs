@@ -10,9 +10,9 @@ mod tolerance;
 
 use std::path::Path;
 
-use host_tools::io::model_file::ModelFile;
-use host_tools::io::recording::Recording;
-use host_tools::synth::example::{Hidden, make};
+use softrig::synth::example::{Hidden, make};
+use softrig_formats::model_file::ModelFile;
+use softrig_formats::recording::Recording;
 
 /// A model, and so many steps of an actuator that hides this; noise in degrees.
 fn steps(hidden: Hidden, noise_deg: f64, count: usize) -> (ModelFile, Vec<Recording>) {

@@ -1,13 +1,13 @@
 //! A repair that the board cannot run is offered for the computer, and the reason is said.
 
-use host_tools::diagnose::{Progress, Request, Upload, diagnose};
 use host_tools::report::Outputs;
 use host_tools::report::content::Content;
 use host_tools::report::terminal::summary;
-use host_tools::synth::example::Hidden;
 use model_core::actuator::Model;
 use model_core::catalogue::Kind;
 use model_core::predictor;
+use softrig::diagnose::{Progress, Request, Upload, diagnose};
+use softrig::synth::example::Hidden;
 
 use crate::steps;
 

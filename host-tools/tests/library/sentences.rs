@@ -1,13 +1,13 @@
 //! Each finding in the sentence that heads its report.
 
-use host_tools::diagnose::finding::{Explanation, Finding, NamedKind};
-use host_tools::diagnose::verdict::Strength::{self, Explains, Part};
-use host_tools::diagnose::{Diagnosis, Progress, Request, diagnose};
-use host_tools::family::Family;
 use host_tools::report::content::sentence;
-use host_tools::synth::example::Hidden;
 use model_core::catalogue::Kind::{self, CoulombFriction, Gravity, Leak, MaxwellBranch};
 use model_core::effects::table::Variable;
+use softrig::diagnose::finding::{Explanation, Finding, NamedKind};
+use softrig::diagnose::verdict::Strength::{self, Explains, Part};
+use softrig::diagnose::{Diagnosis, Progress, Request, diagnose};
+use softrig::synth::example::Hidden;
+use softrig_formats::family::Family;
 
 use crate::steps;
 

@@ -1,6 +1,6 @@
 //! The examples in `docs/serial.md` are what board and computer really say.
 
-use host_tools::rig::link::line::{Incoming, request_text};
+use softrig_link::line::{Incoming, request_text};
 use wire::command::Request;
 use wire::fault::Fault;
 use wire::reply::Refusal;

@@ -1,8 +1,8 @@
 //! What is left and does not matter is said to be that, and only where somebody says so.
 
-use host_tools::diagnose::finding::Finding;
-use host_tools::diagnose::{Diagnosis, Progress, Request, diagnose};
-use host_tools::synth::example::Hidden;
+use softrig::diagnose::finding::Finding;
+use softrig::diagnose::{Diagnosis, Progress, Request, diagnose};
+use softrig::synth::example::Hidden;
 
 use crate::steps;
 

@@ -3,7 +3,7 @@
 use std::process::Child;
 use std::time::Duration;
 
-use host_tools::io::recording::Recording;
+use softrig_formats::recording::Recording;
 use wire::state::State;
 
 use super::board::{Script, wait_until};

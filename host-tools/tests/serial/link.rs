@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use host_tools::rig::link::{Event, Link, LinkError, SerialConnector, Timing};
+use softrig_link::{Event, Link, LinkError, SerialConnector, Timing};
 use wire::settings::Key;
 use wire::state::State;
 

@@ -16,7 +16,7 @@ use std::process::{Child, Output, Stdio};
 use std::time::Duration;
 
 use board::{Board, Script, patient};
-use host_tools::io::recording::Recording;
+use softrig_formats::recording::Recording;
 use wire::settings::Settings;
 
 /// Two steps of a second, each with a release.

@@ -1,6 +1,6 @@
 //! `rig upload`: models and settings, read back.
 
-use host_tools::rig::link::{Link, SerialConnector, Timing};
+use softrig_link::{Link, SerialConnector, Timing};
 use wire::settings::Key;
 
 use super::Bench;

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{Parser, ValueEnum};
-use host_tools::io::error::{InputError, write_atomically};
+use softrig_formats::error::{InputError, write_atomically};
 use softrig_tests::blind::bench;
 use softrig_tests::blind::cases::{Answer, plan, stable_hash};
 use softrig_tests::blind::draw;

@@ -11,13 +11,13 @@
 
 use std::path::Path;
 
-use host_tools::io::error::InputError;
-use host_tools::io::recording::{Recording, to_csv};
 use rand::seq::{IndexedRandom, SliceRandom};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use softrig_formats::error::InputError;
+use softrig_formats::recording::{Recording, to_csv};
 
 use super::experiments::{Planned, Pump, Set};
 use super::kinds::group;
@@ -736,7 +736,7 @@ impl Made {
     ///
     /// Says what cannot be written.
     pub fn write(&self, folder: &Path) -> Result<(), InputError> {
-        use host_tools::io::error::write_atomically;
+        use softrig_formats::error::write_atomically;
         let recordings = folder.join("recordings");
         std::fs::create_dir_all(&recordings)
             .map_err(|error| InputError::from_io(&recordings, &error))?;

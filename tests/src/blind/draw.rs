@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
-use host_tools::io::error::InputError;
+use softrig_formats::error::InputError;
 
 use super::bench::cases as sessions;
 use super::cases;

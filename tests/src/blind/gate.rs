@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use host_tools::io::error::InputError;
 use serde::Deserialize;
+use softrig_formats::error::InputError;
 
 use super::experiments::Set;
 use super::score::{Figures, Rate, Scored};

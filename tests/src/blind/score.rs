@@ -18,11 +18,11 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use host_tools::estimate::Dataset;
-use host_tools::estimate::fit::Fitter;
-use host_tools::io::model_file::ModelFile;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use softrig::estimate::Dataset;
+use softrig::estimate::fit::Fitter;
+use softrig_formats::model_file::ModelFile;
 use statrs::distribution::{ContinuousCDF, Normal};
 
 use super::cases::{Answer, Hidden};
@@ -269,7 +269,7 @@ fn oracle(answer: &Answer, sealed: &Path) -> Errors {
         let errors = Errors { noisy, clean };
         // Where it cannot be kept, it is computed again.
         if let Ok(text) = serde_json::to_string(&errors) {
-            let _ = host_tools::io::error::write_atomically(&path, text.as_bytes());
+            let _ = softrig_formats::error::write_atomically(&path, text.as_bytes());
         }
         errors
     })
@@ -433,7 +433,7 @@ pub struct Figures {
 
 pub(super) fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
     let mut values: Vec<f64> = values.collect();
-    (!values.is_empty()).then(|| host_tools::statistics::median(&mut values))
+    (!values.is_empty()).then(|| softrig::statistics::median(&mut values))
 }
 
 impl Figures {

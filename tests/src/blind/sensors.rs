@@ -1,10 +1,10 @@
 //! What reaches the file: a flex sensor and a pressure sensor behind a ten-bit
 //! converter.
 
-use host_tools::io::recording::Recording;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
+use softrig_formats::recording::Recording;
 
 use super::truth::{Line, SAMPLES_HZ};
 

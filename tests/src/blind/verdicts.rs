@@ -8,12 +8,12 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
-use host_tools::diagnose::{Progress, Request, diagnose};
-use host_tools::io::columns::Layout;
-use host_tools::io::error::{InputError, write_atomically};
-use host_tools::io::model_file::{ModelFile, to_file_units};
-use host_tools::io::recording::read_all;
 use serde::{Deserialize, Serialize};
+use softrig::diagnose::{Progress, Request, diagnose};
+use softrig_formats::columns::Layout;
+use softrig_formats::error::{InputError, write_atomically};
+use softrig_formats::model_file::{ModelFile, to_file_units};
+use softrig_formats::recording::read_all;
 
 use super::cases::stable_hash;
 
@@ -97,7 +97,7 @@ impl Outcome {
             .map(|(index, &id)| {
                 let shown = |value: f64| to_file_units(&fit.model, id, value);
                 FittedParameter {
-                    name: host_tools::io::model_file::parameter_name(&fit.model, id),
+                    name: softrig_formats::model_file::parameter_name(&fit.model, id),
                     value: shown(fit.model.value(id).unwrap_or(f64::NAN)),
                     interval95: fit
                         .interval95(index)
@@ -168,7 +168,7 @@ pub fn tool_hash() -> String {
     }
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let mut files = Vec::new();
-    for part in ["model-core/src", "host-tools/src"] {
+    for part in ["model-core/src", "host-tools"] {
         walk(&root.join(part), &mut files);
     }
     files.sort();

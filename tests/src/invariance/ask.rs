@@ -7,8 +7,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use host_tools::io::recording::meta_beside;
 use serde::{Deserialize, Serialize};
+use softrig_formats::recording::meta_beside;
 
 use super::answer::{Answer, Likeness};
 use super::cases::{Case, CaseSet};

@@ -3,11 +3,11 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use host_tools::io::columns::Columns;
-use host_tools::io::error::write_atomically;
-use host_tools::io::model_file::ModelFile;
-use host_tools::io::recording::meta_beside;
 use model_core::actuator::ParameterId;
+use softrig_formats::columns::Columns;
+use softrig_formats::error::write_atomically;
+use softrig_formats::model_file::ModelFile;
+use softrig_formats::recording::meta_beside;
 
 use super::cases::Case;
 use super::ways::{Way, model_file};
@@ -198,7 +198,7 @@ pub fn write(path: &Path, text: &str) -> Result<(), String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use host_tools::io::recording::Recording;
+    use softrig_formats::recording::Recording;
 
     fn model(free: &str, exponent: f64) -> String {
         format!(

@@ -127,7 +127,7 @@ impl Times {
             .max_by(|a, b| a.plain.seconds.total_cmp(&b.plain.seconds))?;
         let mut seconds: Vec<f64> = cases.iter().map(|case| case.plain.seconds).collect();
         Some(Self {
-            median_s: host_tools::statistics::median(&mut seconds),
+            median_s: softrig::statistics::median(&mut seconds),
             worst_s: worst.plain.seconds,
             worst: worst.name.clone(),
         })

@@ -6,9 +6,9 @@
 use std::path::Path;
 
 use clap::ValueEnum;
-use host_tools::io::columns::{AngleUnit, Columns, PressureUnit, Quantity, TimeUnit, Unit};
-use host_tools::io::model_file::ModelFile;
 use model_core::actuator::ParameterId;
+use softrig_formats::columns::{AngleUnit, Columns, PressureUnit, Quantity, TimeUnit, Unit};
+use softrig_formats::model_file::ModelFile;
 use toml_edit::{DocumentMut, Item, Value};
 
 /// The share of a recording that is cut off.
@@ -378,8 +378,8 @@ pub fn model_file(text: &str, path: &Path) -> Result<ModelFile, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use host_tools::io::columns::Layout;
-    use host_tools::io::recording::{Meta, Recording};
+    use softrig_formats::columns::Layout;
+    use softrig_formats::recording::{Meta, Recording};
 
     const COLUMNS: [&str; 3] = ["time_s", "pressure_kpa", "angle_deg"];
 

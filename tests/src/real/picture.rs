@@ -6,9 +6,9 @@
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use host_tools::io::error::write_atomically;
-use host_tools::io::recording::Recording;
 use host_tools::plot::{Figure, Mark, Panel, Series, Style, to_svg_string};
+use softrig_formats::error::write_atomically;
+use softrig_formats::recording::Recording;
 
 /// One validation run: measured, refitted, repaired, and the errors below. Of several runs,
 /// the one on which the refit misses most.
@@ -97,7 +97,7 @@ impl Simulated {
     }
 
     fn rms(&self) -> f64 {
-        host_tools::statistics::rms(&self.error())
+        softrig::statistics::rms(&self.error())
     }
 
     /// The samples to draw: all, or those few periods in which the model misses most.

@@ -4,13 +4,13 @@
 //! The pressure is linear between two steps, and a dead time uses its history. Steps are
 //! divided if the model's own rates require it.
 
-use host_tools::sim::simulate::substeps;
 use model_core::{
     actuator::{Model, State},
     effects::Mechanism,
     input::FromFn,
     integrate::{Scheme, step},
 };
+use softrig::sim::simulate::substeps;
 
 /// Angles up to which the steps resolve the model (rad).
 const RESOLVED_RAD: f64 = 4.0;
@@ -162,12 +162,12 @@ fn past(history: &[f64], newest: usize, back: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use host_tools::sim::simulate::{InitialState, Signal, run};
     use model_core::{
         catalogue::Kind,
         dynamics::Dynamics,
         effects::{Parameter, Unit},
     };
+    use softrig::sim::simulate::{InitialState, Signal, run};
 
     const DT: f64 = 5e-4;
     /// Mean of the pressure (Pa) that moves the actuator.

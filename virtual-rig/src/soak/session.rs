@@ -3,9 +3,9 @@
 
 use std::collections::VecDeque;
 
-use host_tools::rig::link::line::request_text;
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
+use softrig_link::line::request_text;
 use wire::{
     command::{Command, Request},
     fault::Fault as Latched,

@@ -3,8 +3,8 @@
 
 use std::{env, path::Path};
 
-use host_tools::rig::link::line::request_text;
 use model_core::{actuator::Model, catalogue::Effect};
+use softrig_link::line::request_text;
 use virtual_rig::{Image, Options, VirtualRig};
 use wire::{
     command::{Command, Request},

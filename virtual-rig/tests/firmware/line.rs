@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //! A cable that lies.
 
-use host_tools::rig::link::line::request_text;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
+use softrig_link::line::request_text;
 use virtual_rig::Fault as Broken;
 use wire::{
     command::{Command, Request},

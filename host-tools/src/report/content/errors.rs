@@ -2,10 +2,10 @@
 
 use serde::Serialize;
 
-use crate::diagnose::Diagnosis;
-use crate::estimate::Segment;
-use crate::numbers::{degrees, fit, short};
-use crate::statistics::squares_about_mean;
+use softrig::diagnose::Diagnosis;
+use softrig::estimate::Segment;
+use softrig::statistics::squares_about_mean;
+use softrig_formats::numbers::{degrees, fit, short};
 
 /// RMS errors in degrees.
 #[derive(Clone, Debug, PartialEq, Serialize)]

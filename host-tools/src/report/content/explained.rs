@@ -2,11 +2,11 @@
 
 use super::sentences::left_over;
 use super::words::titles;
-use crate::diagnose::Diagnosis;
-use crate::diagnose::finding::are_the_same;
-use crate::diagnose::verdict::Closure;
-use crate::numbers::{degrees, percent, short};
 use crate::report::shares::Explained;
+use softrig::diagnose::Diagnosis;
+use softrig::diagnose::finding::are_the_same;
+use softrig::diagnose::verdict::Closure;
+use softrig_formats::numbers::{degrees, percent, short};
 
 /// The share of the error beyond the noise that the repaired model explains at each
 /// horizon, and what remains.

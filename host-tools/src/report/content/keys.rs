@@ -6,11 +6,11 @@ use super::explained::{at_horizons, of_the_refit};
 use super::rivals::likeliest_explains;
 use super::sentences::{best_closed, left_over};
 use super::words::probability;
-use crate::diagnose::Diagnosis;
-use crate::diagnose::finding::Finding;
-use crate::diagnose::noise::NoiseFloor;
-use crate::numbers::{degrees, percent, short};
 use crate::report::shares::Explained;
+use softrig::diagnose::Diagnosis;
+use softrig::diagnose::finding::Finding;
+use softrig::diagnose::noise::NoiseFloor;
+use softrig_formats::numbers::{degrees, percent, short};
 
 /// A number with its label.
 #[derive(Clone, Debug, PartialEq, Serialize)]

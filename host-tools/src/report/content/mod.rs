@@ -22,9 +22,9 @@ pub use rivals::{CLOSEST, NextRun, Rival};
 pub use sentences::sentence;
 pub use tried::{Standing, TriedGroup, TriedRow, Untried};
 
-use crate::diagnose::budget::Ended;
-use crate::diagnose::verdict::Answer;
-use crate::diagnose::{Diagnosis, Request, Upload};
+use softrig::diagnose::budget::Ended;
+use softrig::diagnose::verdict::Answer;
+use softrig::diagnose::{Diagnosis, Request, Upload};
 
 /// The content of a diagnosis.
 #[derive(Clone, Debug, PartialEq, Serialize)]

@@ -5,10 +5,10 @@ use model_core::catalogue::Kind;
 use super::sentences::left_over;
 use super::tried::judged_size;
 use super::words::{listed, with_capital};
-use crate::diagnose::Diagnosis;
-use crate::diagnose::finding::Finding;
-use crate::diagnose::selection::FittedStructure;
-use crate::numbers::degrees;
+use softrig::diagnose::Diagnosis;
+use softrig::diagnose::finding::Finding;
+use softrig::diagnose::selection::FittedStructure;
+use softrig_formats::numbers::degrees;
 
 /// Sentences about what these recordings leave open.
 pub(super) fn open(diagnosis: &Diagnosis) -> Vec<String> {

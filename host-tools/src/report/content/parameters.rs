@@ -6,10 +6,10 @@ use model_core::effects::Place;
 use serde::Serialize;
 
 use super::words::probability;
-use crate::diagnose::{Diagnosis, Request};
-use crate::estimate::fit::Fit;
-use crate::io::model_file::{parameter_name, parameter_unit, to_file_units};
-use crate::numbers::{short, with_ends};
+use softrig::diagnose::{Diagnosis, Request};
+use softrig::estimate::fit::Fit;
+use softrig_formats::model_file::{parameter_name, parameter_unit, to_file_units};
+use softrig_formats::numbers::{short, with_ends};
 
 /// An effect that was added.
 #[derive(Clone, Debug, PartialEq, Serialize)]

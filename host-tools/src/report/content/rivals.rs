@@ -5,12 +5,12 @@ use serde::Serialize;
 
 use super::explained::of_the_refit;
 use super::words::{probability, titles};
-use crate::diagnose::finding::{Finding, are_the_same, names};
-use crate::diagnose::selection::FittedStructure;
-use crate::diagnose::{Diagnosis, Request};
-use crate::io::terminal::quoted;
-use crate::numbers::{evidence, percent};
 use crate::report::shares::Explained;
+use softrig::diagnose::finding::{Finding, are_the_same, names};
+use softrig::diagnose::selection::FittedStructure;
+use softrig::diagnose::{Diagnosis, Request};
+use softrig_formats::numbers::{evidence, percent};
+use softrig_formats::terminal::quoted;
 
 /// Title of rivals that explain too little.
 pub const CLOSEST: &str = "Closest, but not good enough";

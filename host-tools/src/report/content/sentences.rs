@@ -2,13 +2,13 @@
 
 use super::rivals::next_suffices;
 use super::words::{combined, in_words, listed, titles, with_capital};
-use crate::diagnose::Diagnosis;
-use crate::diagnose::budget::SearchPart;
-use crate::diagnose::finding::Finding;
-use crate::diagnose::policy::Policy;
-use crate::diagnose::selection::{FittedStructure, RIVALS_PLANNED};
-use crate::diagnose::verdict::Strength;
-use crate::numbers::{degrees, percent};
+use softrig::diagnose::Diagnosis;
+use softrig::diagnose::budget::SearchPart;
+use softrig::diagnose::finding::Finding;
+use softrig::diagnose::policy::Policy;
+use softrig::diagnose::selection::{FittedStructure, RIVALS_PLANNED};
+use softrig::diagnose::verdict::Strength;
+use softrig_formats::numbers::{degrees, percent};
 
 /// The verdict in one sentence.
 pub fn sentence(diagnosis: &Diagnosis) -> String {

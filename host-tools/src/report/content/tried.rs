@@ -5,10 +5,10 @@ use serde::Serialize;
 
 use super::explained::of_the_refit;
 use super::words::{probability, titles};
-use crate::diagnose::Diagnosis;
-use crate::diagnose::finding::{Finding, are_the_same, names};
-use crate::diagnose::selection::FittedStructure;
-use crate::numbers::{evidence, short};
+use softrig::diagnose::Diagnosis;
+use softrig::diagnose::finding::{Finding, are_the_same, names};
+use softrig::diagnose::selection::FittedStructure;
+use softrig_formats::numbers::{evidence, short};
 
 /// Number of structures of one size that are listed; further ones are only counted.
 const TRIED_LISTED: usize = 6;

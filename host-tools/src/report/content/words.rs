@@ -2,7 +2,7 @@
 
 use model_core::catalogue::Kind;
 
-use crate::family::Family;
+use softrig_formats::family::Family;
 
 pub(super) fn titles(kinds: &[Kind]) -> String {
     let titles: Vec<&str> = kinds.iter().map(|kind| kind.info().title).collect();

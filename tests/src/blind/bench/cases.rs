@@ -8,13 +8,13 @@
 
 use std::path::Path;
 
-use host_tools::io::error::{InputError, write_atomically};
-use host_tools::io::recording::{Recording, to_csv};
 use rand::seq::{IndexedRandom, SliceRandom};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use softrig_formats::error::{InputError, write_atomically};
+use softrig_formats::recording::{Recording, to_csv};
 
 use super::super::cases::{Hidden, Scale, largest, logarithmic, stable_hash, typical};
 use super::super::experiments::Pump;

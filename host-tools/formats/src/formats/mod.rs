@@ -1,0 +1,495 @@
+//! File formats of recordings.
+//!
+//! Laboratories have tables of spreadsheets, MATLAB files, Parquet and logs of robots. One
+//! reader for each format returns the same [`Samples`], and none guesses: a [`Layout`] has to
+//! give everything that the file's header or types do not. Other modules do not depend on the
+//! format.
+
+mod arrays;
+pub mod dialect;
+mod guard;
+pub mod mat;
+#[cfg(feature = "mcap")]
+pub mod mcap;
+pub mod names;
+#[cfg(feature = "parquet")]
+pub mod parquet;
+#[cfg(feature = "mcap")]
+mod ros;
+pub mod write;
+
+use std::fs::File;
+use std::io::{BufReader, Cursor, Read};
+use std::path::Path;
+
+use crate::bounded::{self, Limits};
+use crate::columns::{Columns, Layout, Quantity};
+use crate::error::InputError;
+use crate::recording::Column;
+
+/// An angle beyond this is taken for a slip of units (°).
+const SUSPICIOUS_ANGLE_DEG: f64 = 720.0;
+/// A pressure beyond this is taken for a slip of units (kPa): more than the
+/// sensors and the silicone of such rigs stand.
+const SUSPICIOUS_PRESSURE_KPA: f64 = 600.0;
+/// No sensor shows more, in whatever unit, and its square and a thousand times as much are
+/// numbers too.
+pub(crate) const LARGEST_NUMBER: f64 = 1e30;
+
+/// Bytes that tell the formats apart.
+const START: usize = 16;
+const GZIP: &[u8] = &[0x1f, 0x8b];
+const PARQUET: &[u8] = b"PAR1";
+const MCAP: &[u8] = b"\x89MCAP0\r\n";
+const MATLAB: &[u8] = b"MATLAB 5.0";
+/// Not read, only told apart.
+const MATLAB_7: [&[u8]; 2] = [b"MATLAB 7.3", b"\x89HDF\r\n\x1a\n"];
+
+/// A recording as it was read, in the units of its header: s, kPa (gauge) and °.
+#[derive(Clone, Debug, Default)]
+pub struct Samples {
+    /// Time of each sample (s), strictly increasing.
+    pub time_s: Vec<f64>,
+    /// Gauge pressure (kPa).
+    pub pressure_kpa: Vec<f64>,
+    /// Bending angle (°).
+    pub angle_deg: Vec<f64>,
+    /// How many decimals each of the three has in the file, if all its numbers have as many
+    /// and are not converted.
+    pub decimals: [Decimals; 3],
+    /// Other columns, as text.
+    pub extra: Vec<Column>,
+    /// Units and meaning of the columns, as the user or the file gives them.
+    pub columns: Columns,
+    /// Metadata that the file holds itself, as TOML.
+    pub meta: Option<String>,
+    /// Warnings about unusual contents.
+    pub warnings: Vec<String>,
+    angle_asked: bool,
+    pressure_asked: bool,
+}
+
+/// How many decimals the numbers of a column have.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Decimals {
+    /// There is no number yet.
+    #[default]
+    None,
+    /// All have so many.
+    All(usize),
+    /// They differ, or have exponents.
+    Various,
+}
+
+impl Decimals {
+    /// Counts those of another number.
+    pub fn count(&mut self, number: &str) {
+        let counted = match number.split_once(['.', ',']) {
+            None if number.bytes().all(|c| c.is_ascii_digit() || c == b'-') => Self::All(0),
+            Some((_, decimals)) if decimals.bytes().all(|c| c.is_ascii_digit()) => {
+                Self::All(decimals.len())
+            }
+            _ => Self::Various,
+        };
+        *self = match *self {
+            Self::None => counted,
+            same if same == counted => same,
+            _ => Self::Various,
+        };
+    }
+
+    /// A number with so many decimals; with as few as tell it from others, if they differ.
+    pub fn show(self, number: f64) -> String {
+        match self {
+            _ if number.is_nan() => String::new(),
+            Self::All(decimals) => format!("{number:.decimals$}"),
+            _ => format!("{number:?}").trim_end_matches(".0").to_owned(),
+        }
+    }
+}
+
+impl Samples {
+    /// Number of samples.
+    pub fn len(&self) -> usize {
+        self.time_s.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.time_s.is_empty()
+    }
+
+    /// Takes a row of the file: checks it, converts it, and asks about what is unusual.
+    /// The error has no place in the file yet; a question comes with what it is about.
+    fn push(
+        &mut self,
+        row: [f64; 3],
+        layout: &Layout,
+    ) -> Result<Option<(Quantity, String)>, InputError> {
+        let [time, pressure, angle] = self.columns.read(row);
+        if let Some(&before) = self.time_s.last()
+            && time <= before
+        {
+            return Err(InputError::new(
+                format!("time {time} s does not follow {before} s"),
+                "times must increase: sort the rows or split the file where the clock restarts",
+            )
+            .in_column(layout.names.of(Quantity::Time)));
+        }
+        self.time_s.push(time);
+        self.pressure_kpa.push(pressure);
+        self.angle_deg.push(angle);
+        Ok(self.question(pressure, angle))
+    }
+
+    /// Asks about values that look like another unit, once for each column.
+    fn question(&mut self, pressure: f64, angle: f64) -> Option<(Quantity, String)> {
+        if angle.abs() > SUSPICIOUS_ANGLE_DEG && !self.angle_asked {
+            self.angle_asked = true;
+            return Some((
+                Quantity::Angle,
+                format!(
+                    "{angle} is more than two turns; is the column in degrees, or are pressure and angle exchanged (--exchange-columns)?"
+                ),
+            ));
+        }
+        if pressure.abs() > SUSPICIOUS_PRESSURE_KPA && !self.pressure_asked {
+            self.pressure_asked = true;
+            return Some((
+                Quantity::Pressure,
+                format!(
+                    "{pressure} kPa would burst a soft actuator; is the column in kPa (--units pressure=UNIT), or are pressure and angle exchanged (--exchange-columns)?"
+                ),
+            ));
+        }
+        None
+    }
+
+    /// Refuses a column whose own name contradicts how it is read.
+    fn check_units_in_names(&self, layout: &Layout) -> Result<(), InputError> {
+        for quantity in Quantity::ALL {
+            let name = layout.names.of(quantity);
+            let Some(unit) = names::unit_in(quantity, name) else {
+                continue;
+            };
+            if self.columns.unit(quantity).is_none() && !unit.is_promised() {
+                return Err(InputError::new(
+                    format!("the name of {name} has another unit in it than a recording has, and none is said"),
+                    format!(
+                        "add --units {0}={1}, or --units {0}={2} if the name is wrong",
+                        quantity.key(),
+                        unit.name(),
+                        ["s", "kpa", "deg"][quantity as usize],
+                    ),
+                )
+                .in_column(name));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Reads the samples of any file that holds a recording.
+///
+/// # Errors
+///
+/// Names file, place and remedy for anything that is not a recording, or larger than any.
+pub fn read(path: &Path, layout: &Layout) -> Result<Samples, InputError> {
+    let fail = |error: std::io::Error| InputError::from_io(path, &error);
+    let mut file = File::open(path).map_err(fail)?;
+    let start = start_of(&mut file).map_err(fail)?;
+    let limits = Limits::RECORDING;
+    if is_parquet(&start) {
+        // Its table of contents is at the end: the file is read here and there.
+        #[cfg(feature = "parquet")]
+        return parquet::read(file, path, layout, limits);
+        #[cfg(not(feature = "parquet"))]
+        return Err(left_out("Parquet").in_file(path));
+    }
+    let whole = Cursor::new(start.clone()).chain(file);
+    let packed = path.extension().is_some_and(|it| it == "gz") || start.starts_with(GZIP);
+    if packed {
+        // Files that were appended to have several members.
+        let unpacked = flate2::bufread::MultiGzDecoder::new(BufReader::new(whole));
+        return dialect::read(unpacked, path, layout, limits);
+    }
+    read_from(&start, whole, path, layout, limits)
+}
+
+/// Like [`read`], for bytes in memory; `path` is only named in messages.
+///
+/// # Errors
+///
+/// Like [`read`].
+pub fn read_bytes(bytes: &[u8], path: &Path, layout: &Layout) -> Result<Samples, InputError> {
+    let limits = Limits::RECORDING;
+    if is_parquet(bytes) {
+        #[cfg(feature = "parquet")]
+        return parquet::read(bytes::Bytes::copy_from_slice(bytes), path, layout, limits);
+        #[cfg(not(feature = "parquet"))]
+        return Err(left_out("Parquet").in_file(path));
+    }
+    read_from(bytes, bytes, path, layout, limits)
+}
+
+fn read_from(
+    start: &[u8],
+    whole: impl Read,
+    path: &Path,
+    layout: &Layout,
+    limits: Limits,
+) -> Result<Samples, InputError> {
+    let refuse = |found: &str, advice: &str| Err(InputError::new(found, advice).in_file(path));
+    if start.starts_with(MCAP) {
+        #[cfg(feature = "mcap")]
+        return mcap::read(whole, path, layout, limits);
+        #[cfg(not(feature = "mcap"))]
+        return Err(left_out("MCAP").in_file(path));
+    } else if start.starts_with(MATLAB) {
+        mat::read(whole, path, layout, limits)
+    } else if MATLAB_7.iter().any(|it| start.starts_with(it)) {
+        refuse(
+            "is a MATLAB 7.3 or another HDF5 file, which is not read",
+            "save it again in MATLAB with save('run.mat', 'time_s', 'pressure_kpa', 'angle_deg', '-v7')",
+        )
+    } else if start.starts_with(b"PK\x03\x04") {
+        refuse(
+            "is a packed file, as spreadsheets are",
+            "export the sheet as CSV",
+        )
+    } else {
+        dialect::read(whole, path, layout, limits)
+    }
+}
+
+/// The error for a format that a program which reads only models is built without.
+#[cfg(not(all(feature = "mcap", feature = "parquet")))]
+fn left_out(format: &str) -> InputError {
+    InputError::new(
+        format!("is a {format} file, which this program was built without"),
+        "convert it with `rig convert`",
+    )
+}
+
+fn is_parquet(start: &[u8]) -> bool {
+    start.starts_with(PARQUET)
+}
+
+/// Whether a file that starts so is a recording in a binary format or a packed table: nothing
+/// else that is read or written here is either.
+pub fn is_binary_recording(start: &[u8]) -> bool {
+    let [newest, hdf] = MATLAB_7;
+    [GZIP, PARQUET, MCAP, MATLAB, newest, hdf]
+        .iter()
+        .any(|it| start.starts_with(it))
+}
+
+/// The first bytes of a file or a pipe, which gives them in pieces.
+fn start_of(file: &mut impl Read) -> std::io::Result<Vec<u8>> {
+    let mut start = Vec::with_capacity(START);
+    file.take(START as u64).read_to_end(&mut start)?;
+    Ok(start)
+}
+
+/// Columns that a format holds one after the other.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Sheet {
+    /// Names and values, all of the same number.
+    pub columns: Vec<(String, Values)>,
+    /// Metadata that the file holds, as TOML.
+    pub meta: Option<String>,
+    /// Warnings about unusual contents.
+    pub warnings: Vec<String>,
+    /// Units that the columns' types imply.
+    pub columns_say: Columns,
+}
+
+/// The values of a column.
+#[derive(Clone, Debug)]
+pub(crate) enum Values {
+    /// Numbers, NaN where there is none, and how many decimals they are shown with.
+    Numbers(Vec<f64>, Decimals),
+    /// Texts, empty where there is none.
+    Texts(Vec<String>),
+}
+
+impl Values {
+    pub(crate) fn len(&self) -> usize {
+        match self {
+            Self::Numbers(values, _) => values.len(),
+            Self::Texts(values) => values.len(),
+        }
+    }
+}
+
+impl Sheet {
+    /// The names of the columns.
+    pub(crate) fn names(&self) -> Vec<String> {
+        self.columns.iter().map(|(name, _)| name.clone()).collect()
+    }
+
+    /// Makes samples of it. `what` a column is called in this format: a column, a variable.
+    pub(crate) fn samples(
+        mut self,
+        path: &Path,
+        layout: &Layout,
+        limits: Limits,
+        what: &str,
+    ) -> Result<Samples, InputError> {
+        let header = self.names();
+        let places = names::find(&header, layout, what).map_err(|error| error.in_file(path))?;
+        let count = self.columns[places[0]].1.len();
+        for (quantity, place) in Quantity::ALL.into_iter().zip(places) {
+            let found = self.columns[place].1.len();
+            if found != count {
+                return Err(InputError::new(
+                    format!(
+                        "{what} {} has {found} values, and {} has {count}",
+                        header[place],
+                        layout.names.of(Quantity::Time)
+                    ),
+                    "give them one value a sample each, taken at the same times",
+                )
+                .in_file(path)
+                .in_column(layout.names.of(quantity)));
+            }
+        }
+        limits
+            .check(count as u64, self.columns.len())
+            .map_err(|error| error.in_file(path))?;
+        let mut samples = Samples {
+            columns: layout.columns.or(self.columns_say),
+            meta: self.meta.take(),
+            warnings: std::mem::take(&mut self.warnings),
+            ..Samples::default()
+        };
+        samples
+            .check_units_in_names(layout)
+            .map_err(|error| error.in_file(path))?;
+        let mut numbers: [Vec<f64>; 3] = Default::default();
+        for ((quantity, place), into) in Quantity::ALL.into_iter().zip(places).zip(&mut numbers) {
+            let name = layout.names.of(quantity);
+            let Values::Numbers(values, decimals) = &mut self.columns[place].1 else {
+                return Err(InputError::new(
+                    format!("{what} {name} holds text"),
+                    "give it numbers",
+                )
+                .in_file(path)
+                .in_column(name));
+            };
+            *into = std::mem::take(values);
+            samples.decimals[quantity as usize] = *decimals;
+        }
+        let [times, pressures, angles] = numbers;
+        for (row, ((time, pressure), angle)) in
+            (1..).zip(times.into_iter().zip(pressures).zip(angles))
+        {
+            let place = |error: InputError| InputError {
+                found: format!("row {row}: {}", error.found),
+                ..error.in_file(path)
+            };
+            let values = [time, pressure, angle];
+            for (quantity, value) in Quantity::ALL.into_iter().zip(values) {
+                if value.is_nan() || value.abs() > LARGEST_NUMBER {
+                    return Err(
+                        place(not_usable(&value.to_string())).in_column(layout.names.of(quantity))
+                    );
+                }
+            }
+            if let Some((of, question)) = samples.push(values, layout).map_err(place)? {
+                let (path, column) = (path.display(), layout.names.of(of));
+                samples
+                    .warnings
+                    .push(format!("{path}, row {row}, column {column}: {question}"));
+            }
+        }
+        for (place, (name, values)) in self.columns.into_iter().enumerate() {
+            if places.contains(&place) || values.len() != count {
+                continue;
+            }
+            samples.extra.push(Column {
+                name: optional_name(&name, layout),
+                fields: match values {
+                    Values::Texts(texts) => texts,
+                    Values::Numbers(values, decimals) => {
+                        values.into_iter().map(|it| decimals.show(it)).collect()
+                    }
+                },
+            });
+        }
+        samples.forget_converted_decimals();
+        samples
+            .check_length()
+            .map_err(|error| error.in_file(path))?;
+        Ok(samples)
+    }
+}
+
+impl Samples {
+    /// Forgets the decimals of converted columns: they differ from the file's.
+    fn forget_converted_decimals(&mut self) {
+        let said = self.columns;
+        for quantity in Quantity::ALL {
+            let converted = self
+                .columns
+                .unit(quantity)
+                .is_some_and(|it| !it.is_promised())
+                || said.exchange
+                || (quantity == Quantity::Pressure && said.air_kpa.is_some())
+                || (quantity == Quantity::Angle && said.angle_zero_deg.is_some());
+            if converted {
+                self.decimals[quantity as usize] = Decimals::Various;
+            }
+        }
+    }
+
+    fn check_length(&self) -> Result<(), InputError> {
+        if self.len() < 2 {
+            return Err(InputError::new(
+                format!("has {} samples", self.len()),
+                "a recording needs at least two; record it again",
+            ));
+        }
+        Ok(())
+    }
+}
+
+/// The name of an optional column, if the user says that the file has it under another.
+fn optional_name(found: &str, layout: &Layout) -> String {
+    let optional = layout.names.optional.iter();
+    optional
+        .filter(|(_, column)| column == found)
+        .map(|(name, _)| name.clone())
+        .next()
+        .unwrap_or_else(|| found.to_owned())
+}
+
+/// A number that is none, or that no sensor shows.
+fn not_usable(written: &str) -> InputError {
+    InputError::new(
+        format!("{written} is not a number that can be used"),
+        "delete the rows in which the sensor gave nothing; gaps in time are allowed",
+    )
+}
+
+/// Says what a library found in a damaged file.
+fn damaged(path: &Path, format: &str, error: &dyn std::fmt::Display) -> InputError {
+    InputError::new(
+        format!("is a damaged {format} file: {error}"),
+        "copy it again from where it was written, or export it again",
+    )
+    .in_file(path)
+}
+
+/// Reads a whole stream, as far as it may be.
+fn read_whole(whole: impl Read, path: &Path, limits: Limits) -> Result<Vec<u8>, InputError> {
+    let mut bytes = Vec::new();
+    whole
+        .take(limits.bytes + 1)
+        .read_to_end(&mut bytes)
+        .map_err(|error| InputError::from_io(path, &error))?;
+    if bytes.len() as u64 > limits.bytes {
+        return Err(bounded::too_large(limits.bytes).in_file(path));
+    }
+    Ok(bytes)
+}

@@ -1,0 +1,34 @@
+//! Files and the terminal: input is checked and converted to SI, output is written atomically
+//! and without control characters.
+//!
+//! Recordings ([`recording`], in many [`formats`] and [`columns`]), models, protocols, settings
+//! and effects of the user's own are read within limits ([`bounded`]) and refused with file, line,
+//! column and what to do ([`error`]). [`numbers`] writes numbers as people read them, [`family`]
+//! the names of families of effects.
+#![forbid(unsafe_code)]
+// A room's first page names its modules, also those that no other crate sees.
+#![allow(rustdoc::private_intra_doc_links)]
+// What only the formats need that are left out.
+#![cfg_attr(
+    not(all(feature = "mcap", feature = "parquet")),
+    allow(dead_code, unused_variables)
+)]
+// Whatever is said goes through `terminal`, which makes harmless what others wrote.
+#![cfg_attr(not(test), warn(clippy::print_stdout, clippy::print_stderr))]
+
+pub mod bounded;
+pub mod columns;
+pub mod error;
+pub mod family;
+pub mod formats;
+pub mod formula;
+pub mod material_name;
+pub mod model_file;
+pub mod numbers;
+pub mod own_effects;
+pub mod protocol_file;
+pub mod ranges;
+pub mod recording;
+pub mod settings_file;
+pub mod terminal;
+mod toml_reader;

@@ -1,0 +1,27 @@
+//! The serial link to a board, real or simulated.
+//!
+//! It has three layers. A `Connector` opens the port, again after a pulled cable. One
+//! thread turns bytes into [lines](mod@line) with their time of arrival, another keeps an
+//! armed board alive. [`Link`] handles requests, with numbers, time limits and retries, and
+//! counts lost lines. Code above sees samples, remarks and replies, never bytes.
+#![forbid(unsafe_code)]
+#![allow(rustdoc::private_intra_doc_links)]
+#![cfg_attr(not(test), warn(clippy::print_stdout, clippy::print_stderr))]
+
+mod board;
+mod client;
+mod clock;
+mod error;
+mod heart;
+mod holders;
+pub mod line;
+mod port;
+pub mod record;
+mod worker;
+
+pub use client::{Counters, Received};
+pub use client::{Event, Link, Timing};
+pub use clock::{Break, Clock};
+pub use error::LinkError;
+pub use port::SerialConnector;
+pub use port::{PERMISSION_ADVICE, PortFound, is_pseudo_terminal, ports};

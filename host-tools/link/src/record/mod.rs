@@ -1,0 +1,192 @@
+//! Records a rig without losing received samples.
+//!
+//! Every sample is written as one line, in one call, as soon as it is read: however the
+//! program ends, the file is a valid recording up to the last line. The metadata is
+//! written at the beginning and completed at the end; until then it has no counts.
+
+mod limits;
+mod meta;
+mod sheet;
+mod split;
+
+use std::path::{Path, PathBuf};
+
+use wire::telemetry::Telemetry;
+
+pub use limits::check_limits;
+pub use meta::{About, Counts, Gap};
+pub use sheet::{COLUMNS, Sheet, line};
+pub use split::{Part, Step, parts, run_path, steps};
+
+use crate::{Clock, Event, Received};
+use softrig_formats::error::{InputError, Pending, replace_with_meta, write_atomically};
+
+/// A sample at its place on the time axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Row {
+    /// Time since the first sample (ms).
+    pub time_ms: i64,
+    /// The sample.
+    pub sample: Telemetry,
+}
+
+/// Writes what arrives.
+#[derive(Debug)]
+pub struct Recorder {
+    path: PathBuf,
+    /// The recording's metadata.
+    pub about: About,
+    /// Lines received and lost; part of the metadata at the end.
+    pub counts: Counts,
+    sheet: Sheet,
+    /// Rows that are no recording because a sensor had no reading.
+    faulty: Option<Sheet>,
+    clock: Clock,
+    kept: Option<Vec<Row>>,
+    last: Option<Row>,
+    failure: Option<InputError>,
+}
+
+/// Where what is known about a recording stands.
+pub fn meta_path(path: &Path) -> PathBuf {
+    softrig_formats::recording::meta_beside(path)
+}
+
+/// Where the rows without a reading of both sensors go.
+pub fn faulty_path(path: &Path) -> PathBuf {
+    path.with_extension("faulty.csv")
+}
+
+impl Recorder {
+    /// Starts a recording; `keep` remembers its rows, so that runs can be found in
+    /// them.
+    ///
+    /// # Errors
+    ///
+    /// Names the file that cannot be written.
+    pub fn create(path: &Path, about: About, keep: bool) -> Result<Self, InputError> {
+        // All is ready before an earlier recording of this name is replaced.
+        let rows = Pending::new(path, sheet::header().as_bytes())?;
+        let meta = Pending::new(&meta_path(path), about.to_text().as_bytes())?;
+        let file = replace_with_meta(rows, meta)?;
+        // What that recording left would be taken for ours.
+        let _ = std::fs::remove_file(faulty_path(path));
+        Ok(Self {
+            sheet: Sheet::after_header(path, file),
+            path: path.to_owned(),
+            about,
+            counts: Counts::default(),
+            faulty: None,
+            clock: Clock::default(),
+            kept: keep.then(Vec::new),
+            last: None,
+            failure: None,
+        })
+    }
+
+    /// Takes what happened on the link.
+    pub fn take(&mut self, event: &Event) {
+        if let Event::Sample(received) = event
+            && self.failure.is_none()
+        {
+            self.failure = self.note(received).err();
+        }
+    }
+
+    /// The last sample and its time.
+    pub fn last(&self) -> Option<&Row> {
+        self.last.as_ref()
+    }
+
+    /// Time from the first sample to the last (ms).
+    pub fn elapsed_ms(&self) -> i64 {
+        self.last.map_or(0, |row| row.time_ms)
+    }
+
+    /// Whether everything could be written.
+    ///
+    /// # Errors
+    ///
+    /// The error of a write that failed.
+    pub fn check(&self) -> Result<(), InputError> {
+        // It stays: rows after those that are missing would look like one recording.
+        self.failure.clone().map_or(Ok(()), Err)
+    }
+
+    fn note(&mut self, received: &Received) -> Result<(), InputError> {
+        let Some(placed) = self.clock.place(received) else {
+            return Ok(());
+        };
+        let row = Row {
+            time_ms: placed.time_ms,
+            sample: received.sample,
+        };
+        if self.last.is_none() {
+            self.about.uptime_s = Some(f64::from(row.sample.time_ms) / 1000.0);
+            self.write_meta()?;
+        }
+        self.last = Some(row);
+        if let Some(gap) = placed.gap {
+            self.about.gap.push(Gap::new(gap));
+            self.write_meta()?;
+        }
+        if row.sample.pressure_kpa.is_some() && row.sample.angle_deg.is_some() {
+            self.sheet.write(&row)?;
+            self.counts.samples += 1;
+            if let Some(kept) = &mut self.kept {
+                kept.push(row);
+            }
+            return Ok(());
+        }
+        let faulty = match &mut self.faulty {
+            Some(faulty) => faulty,
+            none => none.insert(Sheet::create(&faulty_path(&self.path))?),
+        };
+        faulty.write(&row)?;
+        self.counts.rows_without_reading += 1;
+        Ok(())
+    }
+
+    /// Writes what is known so far.
+    ///
+    /// # Errors
+    ///
+    /// Names the file that cannot be written.
+    pub fn write_meta(&self) -> Result<(), InputError> {
+        write_atomically(&meta_path(&self.path), self.about.to_text().as_bytes())
+    }
+
+    /// Ends the recording. Writes the parts of its protocol that were played into
+    /// its metadata, as segments, and with `cut` also each step to a file of its
+    /// own. Returns the paths of these files.
+    ///
+    /// # Errors
+    ///
+    /// Names the file that cannot be written. What is known is written all the same, if
+    /// there is room for it.
+    pub fn finish(mut self, parts: &[Part], cut: bool) -> Result<Vec<PathBuf>, InputError> {
+        self.about.counts = Some(self.counts);
+        if let Err(failure) = self.check().and_then(|()| self.sheet.sync()) {
+            self.about.complete = false;
+            let _ = self.write_meta();
+            return Err(failure);
+        }
+        let rows = self.kept.take().unwrap_or_default();
+        let runs = split::split(&rows, parts, self.about.complete);
+        let mut written = Vec::new();
+        for run in runs.iter().filter(|_| cut) {
+            if let Some(step) = run.step {
+                let path = run_path(&self.path, &step);
+                split::write_run(&path, &step, run.rows, &self.about)?;
+                written.push(path);
+            }
+        }
+        self.about.segment = runs.iter().filter_map(split::Run::segment).collect();
+        self.about.runs = written
+            .iter()
+            .filter_map(|path| Some(path.file_name()?.to_string_lossy().into_owned()))
+            .collect();
+        self.write_meta()?;
+        Ok(written)
+    }
+}

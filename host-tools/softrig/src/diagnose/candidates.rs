@@ -1,0 +1,660 @@
+//! Candidates: the nominal structure with effects added, and fitted.
+//!
+//! A candidate is fitted from several initial guesses. An effect and the base parameters
+//! trade off against each other, so that a single guess often ends in the wrong local
+//! minimum.
+
+use model_core::actuator::{MAX_EFFECTS, Model, ParameterId};
+use model_core::catalogue::{Effect, Kind};
+use model_core::dynamics::Dynamics;
+use model_core::effects::{Mechanism, Parameter, Place, Unit};
+
+use super::Progress;
+use super::missing_force::Guesses;
+use super::needs::Shown;
+use crate::estimate::checkpoint::Checkpoint;
+use crate::estimate::filter::Level;
+use crate::estimate::fit::{Effort, Fit, Fitter};
+use crate::estimate::identify::HARDLY_VISIBLE;
+use crate::estimate::smooth::motions;
+use softrig_formats::model_file::{ModelFile, parameter_name};
+
+/// A structure (the effects added) with its fit.
+#[derive(Clone, Debug)]
+pub struct Candidate {
+    /// Effects added to the nominal model, in the order of the model.
+    pub added: Vec<Kind>,
+    /// The fit.
+    pub fit: Fit,
+    /// The prediction horizon of the fit; none for output error.
+    pub level: Option<Level>,
+}
+
+impl Candidate {
+    /// A structure fitted by output error.
+    pub const fn of(added: Vec<Kind>, fit: Fit) -> Self {
+        Self {
+            added,
+            fit,
+            level: None,
+        }
+    }
+
+    /// Names of the parameters that ended at a bound of their search range.
+    pub fn at_bound(&self) -> Vec<String> {
+        let fit = &self.fit;
+        fit.free
+            .iter()
+            .enumerate()
+            .filter(|(index, _)| fit.at_bound(*index))
+            .map(|(_, &id)| parameter_name(&fit.model, id))
+            .collect()
+    }
+
+    /// Whether an added effect ended as its special case: a parameter that the special
+    /// case lacks cannot be distinguished from a bound of its range. Example: Stribeck
+    /// friction without a peak at low rates is Coulomb friction.
+    pub fn is_degenerate(&self) -> bool {
+        let fit = &self.fit;
+        let first = fit.model.effects().count() - self.added.len();
+        fit.free.iter().enumerate().any(|(index, &id)| {
+            let ParameterId::Effect { slot, parameter } = id else {
+                return false;
+            };
+            let Some(kind) = slot.checked_sub(first).and_then(|it| self.added.get(it)) else {
+                return false;
+            };
+            let own = kind.parameters().get(parameter).map(|row| row.key);
+            kind.special_case()
+                .is_some_and(|special| special.parameters().iter().all(|row| Some(row.key) != own))
+                && fit.reaches_bound(index)
+        })
+    }
+
+    /// The added effects in the order of the catalogue: structures that differ only in
+    /// order are the same.
+    pub fn set(&self) -> Vec<Kind> {
+        let mut set = self.added.clone();
+        set.sort_unstable();
+        set
+    }
+}
+
+/// Scales of forces, angles and rates in the recordings. Initial guesses and
+/// plausibility are relative to them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scales {
+    /// Largest angle (rad).
+    angle: f64,
+    /// Spring force at the largest angle (N).
+    force: f64,
+    /// 99th percentile of the measured rate (rad/s).
+    rate: f64,
+    /// Largest pressure (Pa).
+    pressure: f64,
+    /// Time between samples (s).
+    interval: f64,
+    /// Duration of the longest session (s).
+    duration: f64,
+    /// Spectral lines of the residual (Hz).
+    lines: Vec<f64>,
+}
+
+impl Scales {
+    /// Takes the scales from the nominal model and the recordings, and the spectral lines
+    /// from the residual of the refit.
+    pub fn of(fitter: &Fitter<'_>, refit: &Fit) -> Self {
+        let d = fitter.nominal.dynamics();
+        let angle = fitter.data.largest_angle().max(1e-3);
+        let pressure = fitter
+            .data
+            .fitted()
+            .flat_map(|segment| &segment.recording.pressure)
+            .fold(0.0, |largest: f64, p| largest.max(p.abs()));
+        let spring = d.stiffness * angle.powf(d.exponent);
+        let force = spring
+            .max(d.input_gain.abs() * pressure)
+            .max(f64::MIN_POSITIVE);
+        Self {
+            angle,
+            force,
+            rate: fastest_rate(fitter).max(1e-3),
+            pressure,
+            interval: fitter
+                .data
+                .sessions()
+                .first()
+                .map_or(0.01, |session| session.interval()),
+            duration: fitter
+                .data
+                .sessions()
+                .iter()
+                .map(|session| session.recording().duration())
+                .fold(0.0, f64::max),
+            lines: spectral_lines(fitter, refit),
+        }
+    }
+
+    /// The size beyond which a parameter (SI units) is implausible; none for parameters
+    /// without a scale here. A time constant far beyond the longest run is implausible: a
+    /// creep that never ends is a spring.
+    pub fn plausible(&self, row: &Parameter) -> Option<f64> {
+        match row.unit {
+            Unit::Second => Some(self.duration),
+            // Parameters of a user's formula have the range that the user gives.
+            Unit::One | Unit::Radian | Unit::Hertz | Unit::Given(_) => None,
+            Unit::PerRadian => Some(3.0 / self.angle),
+            _ => Some(self.size(row)),
+        }
+    }
+
+    /// The dynamics of the same time constant C/K at critical damping, C²/(4 K) = M, where
+    /// the inertia does not show in `fitted`; none where it does.
+    ///
+    /// A missing force can make a swing look like a creep: the refit then ends where the
+    /// inertia does not show, and with the right effect no fit finds the way back.
+    fn swinging(&self, fitted: &Dynamics<f64>) -> Option<Dynamics<f64>> {
+        let damping = fitted.damping;
+        let slope = fitted.stiffness * self.angle.powf(fitted.exponent - 1.0);
+        let critical = 4.0 * fitted.inertia * slope / damping;
+        let is_hidden = fitted.inertia < HARDLY_VISIBLE * self.interval * damping;
+        let times = critical / damping;
+        (is_hidden && times > 0.0 && times < 1.0).then_some(Dynamics {
+            damping: critical,
+            stiffness: times * fitted.stiffness,
+            input_gain: times * fitted.input_gain,
+            ..*fitted
+        })
+    }
+
+    /// Largest angle (rad).
+    pub const fn angle(&self) -> f64 {
+        self.angle
+    }
+
+    /// Largest force of spring or drive (N).
+    pub const fn force(&self) -> f64 {
+        self.force
+    }
+
+    /// Values of a parameter at which fits of an effect start, in SI units.
+    pub fn starts_of(&self, kind: Kind, row: &Parameter) -> Vec<f64> {
+        match row.held {
+            Some(held) => vec![held_value(row, held, self)],
+            None if row.unit == Unit::Hertz => self.lines.clone(),
+            None => row
+                .starts
+                .iter()
+                .map(|start| f64::from(*start) * self.size(row))
+                // A very small delay is a guess as well.
+                .chain((kind.info().place == Place::Input).then_some(self.interval))
+                .collect(),
+        }
+    }
+
+    /// The natural scale of a parameter in SI units, which its initial guesses multiply.
+    pub fn size(&self, row: &Parameter) -> f64 {
+        match row.unit {
+            Unit::Newton => self.force,
+            Unit::NewtonPerRad => self.force / self.angle,
+            Unit::NewtonPerRad3 => self.force / self.angle.powi(3),
+            Unit::NewtonSecond2PerRad2 => self.force / self.rate.powi(2),
+            Unit::RadianPerSecond => self.rate,
+            Unit::PerRadian => 1.0 / self.angle,
+            Unit::PerSecond => 1.0 / self.duration.max(self.interval),
+            Unit::KiloPascal => self.pressure,
+            Unit::PerKiloPascal => 1.0 / self.pressure.max(1.0),
+            _ => 1.0,
+        }
+    }
+}
+
+/// The 99th percentile of the measured rate (rad/s).
+fn fastest_rate(fitter: &Fitter<'_>) -> f64 {
+    let mut rates: Vec<f64> = fitter
+        .data
+        .fitted()
+        .flat_map(|segment| motions(&segment.recording))
+        .map(|motion| motion.rate.abs())
+        .collect();
+    rates.sort_unstable_by(f64::total_cmp);
+    rates
+        .get(rates.len() * 99 / 100)
+        .copied()
+        .unwrap_or_default()
+}
+
+/// The spectral lines (Hz) of the residuals, relative to their surroundings. A fit finds
+/// an oscillation of twenty periods only from within a twentieth of its frequency, so it
+/// has to start there.
+fn spectral_lines(fitter: &Fitter<'_>, refit: &Fit) -> Vec<f64> {
+    /// Step of the frequencies (Hz).
+    const STEP: f64 = 0.05;
+    /// Least distance of two lines (Hz).
+    const APART: f64 = 0.4;
+    /// Frequencies on each side that make up the surroundings.
+    const AROUND: usize = 24;
+    /// Number of lines.
+    const COUNT: usize = 4;
+    let intervals: Vec<f64> = fitter
+        .data
+        .fitted()
+        .map(|segment| segment.recording.interval())
+        .collect();
+    let slowest = intervals.iter().copied().fold(0.0, f64::max);
+    let highest = (0.4 / slowest).min(30.0);
+    // At most some hundred.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    let count = (highest / STEP) as usize;
+    let power: Vec<f64> = (1..=count)
+        .map(|k| {
+            let angular = std::f64::consts::TAU * STEP * k as f64;
+            refit
+                .residuals
+                .iter()
+                .zip(&intervals)
+                .map(|(series, interval)| {
+                    let (sin, cos) = (angular * interval).sin_cos();
+                    let (mut c, mut s, mut re, mut im) = (1.0, 0.0, 0.0, 0.0);
+                    for value in series {
+                        re += value * c;
+                        im += value * s;
+                        (c, s) = (c * cos - s * sin, s * cos + c * sin);
+                    }
+                    re * re + im * im
+                })
+                .sum()
+        })
+        .collect();
+    let mut prominent: Vec<(f64, usize)> = (0..count)
+        .map(|k| {
+            let from = k.saturating_sub(AROUND);
+            let mut around: Vec<f64> = power[from..(k + AROUND).min(count)].to_vec();
+            (
+                power[k] / crate::statistics::median(&mut around).max(f64::MIN_POSITIVE),
+                k,
+            )
+        })
+        .collect();
+    prominent.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let mut lines: Vec<f64> = Vec::new();
+    for (_, k) in prominent {
+        let frequency = STEP * (k + 1) as f64;
+        if lines.len() < COUNT && lines.iter().all(|line| (line - frequency).abs() > APART) {
+            lines.push(frequency);
+        }
+    }
+    lines
+        .into_iter()
+        .map(|line| refined(fitter, refit, line, STEP))
+        .collect()
+}
+
+/// Refines a line within `width` (Hz) to the resolution of whole sessions: an oscillation
+/// keeps its phase through all segments, and a fit finds it only from within a part of one
+/// period over the whole session.
+fn refined(fitter: &Fitter<'_>, refit: &Fit, estimate: f64, width: f64) -> f64 {
+    /// Steps for each frequency that a session resolves.
+    const FINER: f64 = 4.0;
+    let data = fitter.data;
+    let longest = data
+        .sessions()
+        .iter()
+        .map(|session| session.recording().duration())
+        .fold(0.0, f64::max);
+    let step = 1.0 / (FINER * longest.max(1.0));
+    let power = |frequency: f64| -> f64 {
+        let angular = std::f64::consts::TAU * frequency;
+        let mut sums = vec![(0.0, 0.0); data.sessions().len()];
+        for (segment, residual) in data.fitted().zip(&refit.residuals) {
+            let (re, im) = &mut sums[segment.session];
+            for (time, value) in segment.recording.time.iter().zip(residual) {
+                let (sin, cos) = (angular * time).sin_cos();
+                *re += value * cos;
+                *im += value * sin;
+            }
+        }
+        sums.iter().map(|(re, im)| re * re + im * im).sum()
+    };
+    // At most some hundred.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    let count = (width / step).ceil() as usize;
+    (0..=2 * count)
+        .map(|k| estimate + (k as f64 - count as f64) * step)
+        .filter(|frequency| *frequency > 0.0)
+        .map(|frequency| (power(frequency), frequency))
+        .max_by(|a, b| a.0.total_cmp(&b.0))
+        .map_or(estimate, |(_, frequency)| frequency)
+}
+
+/// An effect of typical size, at which fits start.
+pub fn typical(kind: Kind, scales: &Scales) -> Option<Effect<f64>> {
+    let values: Vec<f64> = kind
+        .parameters()
+        .iter()
+        .map(|row| match (row.held, row.starts.last()) {
+            (Some(held), _) => held_value(row, held, scales),
+            (None, Some(start)) => f64::from(*start) * scales.size(row),
+            (None, None) => 1.0,
+        })
+        .collect();
+    kind.build(&values)
+}
+
+/// A structure with one effect added, by a final fit.
+pub fn added(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Option<Candidate> {
+    let predicted = predicted(context, base, kind)?;
+    coarse_fit(context, &predicted).map(|candidate| final_fit(context, &candidate))
+}
+
+/// Why an effect was not tried.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Untried {
+    /// The effect.
+    pub kind: Kind,
+    /// The reason, as a clause.
+    pub reason: &'static str,
+}
+
+/// The applicable effects of the catalogue and of the user's `own`, and the others with
+/// the reason why they are not.
+pub fn applicable(
+    nominal: &Model<f64>,
+    own: &[Kind],
+    fitter: &Fitter<'_>,
+) -> (Vec<Kind>, Vec<Untried>) {
+    let shown = Shown::by(fitter.data);
+    let mut tried = Vec::new();
+    let mut untried = Vec::new();
+    for &kind in Kind::NAMES.iter().chain(own) {
+        let is_this = |effect: Effect<f64>| effect.kind().name() == kind.name();
+        if nominal.effects().any(is_this) {
+            untried.push(Untried {
+                kind,
+                reason: "the model has it already",
+            });
+        } else if let Some(need) = shown.unmet(kind, kind.info().place == Place::Input) {
+            untried.push(Untried {
+                kind,
+                reason: need.unmet(),
+            });
+        } else {
+            tried.push(kind);
+        }
+    }
+    (tried, untried)
+}
+
+/// The free parameters of a structure: those of the nominal model, and those
+/// of the added effects that are not held.
+pub fn free_parameters(file: &ModelFile, added: &[Kind]) -> Vec<ParameterId> {
+    let first = file.model.effects().count();
+    let mut free = file.free.clone();
+    for (offset, kind) in added.iter().enumerate() {
+        for (parameter, row) in kind.parameters().iter().enumerate() {
+            if row.held.is_none() {
+                free.push(ParameterId::Effect {
+                    slot: first + offset,
+                    parameter,
+                });
+            }
+        }
+    }
+    free
+}
+
+/// The context of candidate fits: data, scales and progress.
+#[derive(Clone, Copy, Debug)]
+pub struct FitContext<'a> {
+    /// The nominal model.
+    pub file: &'a ModelFile,
+    /// The recordings.
+    pub fitter: &'a Fitter<'a>,
+    /// The same recordings in short segments, for initial guesses; none if the
+    /// refitted model stays in phase with the recordings.
+    pub short_segments: Option<&'a Fitter<'a>>,
+    /// A subsample of the recordings, to rank initial guesses and candidates.
+    pub subsample: &'a Fitter<'a>,
+    /// Scales of forces, angles and rates.
+    pub scales: &'a Scales,
+    /// What the missing force suggests.
+    pub guesses: &'a Guesses,
+    /// Kept fits, also of an interrupted run.
+    pub checkpoint: &'a Checkpoint,
+    /// Counts the fits.
+    pub progress: &'a Progress,
+}
+
+/// An effect added to a fitted structure, with the predicted SSE of one Gauss–Newton step.
+#[derive(Clone, Debug)]
+pub struct Predicted {
+    /// The effects, the new one last.
+    pub added: Vec<Kind>,
+    /// The sum of squares (rad²) on the subsample after one step from the best guess.
+    pub sse: f64,
+    /// The initial guesses with the least predicted SSE.
+    starts: Vec<Model<f64>>,
+}
+
+impl Predicted {
+    /// Two effects beside those of `base`, from one initial guess.
+    pub fn of_start(base: &Candidate, pair: [Kind; 2], sse: f64, start: Model<f64>) -> Self {
+        Self {
+            added: base.added.iter().copied().chain(pair).collect(),
+            sse,
+            starts: vec![start],
+        }
+    }
+
+    /// The effects in the order of the catalogue.
+    pub fn set(&self) -> Vec<Kind> {
+        let mut set = self.added.clone();
+        set.sort_unstable();
+        set
+    }
+}
+
+/// The predicted SSE of one further effect, by a score test at each of its initial guesses.
+/// `None` if the model is full, or cannot be simulated with the effect.
+pub fn predicted(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Option<Predicted> {
+    /// Number of initial guesses to keep.
+    const BEST: usize = 2;
+    let file = context.file;
+    if file.model.effects().count() + base.added.len() >= MAX_EFFECTS {
+        return None;
+    }
+    let mut added = base.added.clone();
+    added.push(kind);
+    let free = free_parameters(file, &added);
+    let starts = starts(context, base, kind);
+    let best = context
+        .subsample
+        .least_predicted(&starts.as_fitted, &free, BEST);
+    let sse = best.first()?.0;
+    let mut starts_on: Vec<Model<f64>> = best.into_iter().map(|(_, model)| model).collect();
+    let swinging = context
+        .subsample
+        .least_predicted(&starts.swinging, &free, 1);
+    starts_on.extend(swinging.into_iter().map(|(_, model)| model));
+    // Where simulation and measurement are out of phase, whole runs have too many
+    // local minima: short segments give the initial guesses.
+    if let Some(short_segments) = context.short_segments
+        && !added.iter().any(|kind| remembers(*kind))
+    {
+        let near = short_segments.best_of(&starts.as_fitted, &free, Effort::Coarse);
+        starts_on.extend(near.map(|fit| fit.model));
+    }
+    Some(Predicted {
+        added,
+        sse,
+        starts: starts_on,
+    })
+}
+
+/// A coarse fit to the subsample.
+pub fn coarse_fit(context: &FitContext<'_>, predicted: &Predicted) -> Option<Candidate> {
+    let _fit = context.progress.fit();
+    let free = free_parameters(context.file, &predicted.added);
+    let fit = context.subsample.best_of_kept(
+        &predicted.starts,
+        &free,
+        Effort::Coarse,
+        context.checkpoint,
+    )?;
+    Some(Candidate::of(predicted.added.clone(), fit))
+}
+
+/// Whether an effect has a memory.
+fn remembers(kind: Kind) -> bool {
+    kind.info().place == Place::Input
+        || kind
+            .build(&vec![1.0; kind.parameters().len()])
+            .is_some_and(|effect| {
+                Mechanism::<f64>::integrates(&effect) || Mechanism::<f64>::has_memory(&effect)
+            })
+}
+
+/// The final fit of a candidate, from its coarse fit.
+pub fn final_fit(context: &FitContext<'_>, candidate: &Candidate) -> Candidate {
+    let _fit = context.progress.fit();
+    let free = free_parameters(context.file, &candidate.added);
+    let all = context.fitter.data;
+    // Zeros go with the parameters, if the subsample holds every session.
+    let guessed = (candidate.fit.nuisances.len() == all.sessions().len())
+        .then(|| all.guessing(&candidate.fit.nuisances));
+    let fitter = Fitter {
+        data: guessed.as_ref().unwrap_or(all),
+        ..*context.fitter
+    };
+    Candidate::of(
+        candidate.added.clone(),
+        fitter.fit_kept(
+            &candidate.fit.model,
+            &free,
+            Effort::Full,
+            context.checkpoint,
+        ),
+    )
+}
+
+/// Initial guesses of the fitted `base` with `kind` added; `beside` are those of what is
+/// missing beside that base, where they are known.
+pub fn starts_from(
+    context: &FitContext<'_>,
+    base: &Candidate,
+    kind: Kind,
+    beside: &Guesses,
+) -> Vec<Model<f64>> {
+    let mut starts = starts(context, base, kind).as_fitted;
+    starts.extend(beside.of_kind(kind).iter().filter_map(|guess| {
+        let effects: Vec<_> = base.fit.model.effects().chain([guess.effect]).collect();
+        Model::new(guess.base, &effects).ok()
+    }));
+    starts
+}
+
+/// Initial guesses of `base` with `kind` added: every combination of the catalogue's
+/// values, with the base parameters as fitted without the effect, and what the missing force
+/// suggests.
+fn starts(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Starts {
+    let values = combinations(kind, |row| context.scales.starts_of(kind, row));
+    let fitted = *base.fit.model.dynamics();
+    let swinging = context.scales.swinging(&fitted);
+    let mut starts = Starts::default();
+    for values in &values {
+        let Some(effect) = kind.build(values) else {
+            continue;
+        };
+        let effects: Vec<_> = base.fit.model.effects().chain([effect]).collect();
+        starts.as_fitted.extend(Model::new(fitted, &effects));
+        starts.swinging.extend(swinging.and_then(|dynamics| {
+            // All forces count in proportion to the stiffness.
+            let times = dynamics.stiffness / fitted.stiffness;
+            let values: Vec<f64> = kind
+                .parameters()
+                .iter()
+                .zip(values)
+                .map(|(row, value)| value * if row.unit.is_force() { times } else { 1.0 })
+                .collect();
+            let added = kind.build(&values)?;
+            let effects: Vec<_> = base.fit.model.effects().chain([added]).collect();
+            Model::new(dynamics, &effects).ok()
+        }));
+    }
+    for guess in context.guesses.of_kind(kind) {
+        let effects: Vec<_> = base.fit.model.effects().chain([guess.effect]).collect();
+        let is_alone = base.added.is_empty();
+        let dynamics = if is_alone { guess.base } else { fitted };
+        starts.as_fitted.extend(Model::new(dynamics, &effects));
+    }
+    starts
+}
+
+/// Every combination of the choices for each parameter of an effect.
+pub fn combinations(kind: Kind, choices: impl Fn(&Parameter) -> Vec<f64>) -> Vec<Vec<f64>> {
+    let mut values: Vec<Vec<f64>> = vec![Vec::new()];
+    for row in kind.parameters() {
+        let choices = choices(row);
+        values = values
+            .into_iter()
+            .flat_map(|head| {
+                choices.iter().map(move |choice| {
+                    let mut all = head.clone();
+                    all.push(*choice);
+                    all
+                })
+            })
+            .collect();
+    }
+    values
+}
+
+/// Initial guesses of a fit.
+#[derive(Clone, Debug, Default)]
+struct Starts {
+    /// With the base parameters as fitted without the effect.
+    as_fitted: Vec<Model<f64>>,
+    /// With base parameters beside which the inertia shows, where it does not as fitted.
+    swinging: Vec<Model<f64>>,
+}
+
+/// The value at which a parameter is held: the catalogue's. But a smoothed sign function
+/// is no sharper than a two-hundredth of the fastest rate: a sharper one changes only the
+/// cost of the integration.
+fn held_value(row: &Parameter, held: f32, scales: &Scales) -> f64 {
+    let held = f64::from(held);
+    if row.unit == Unit::RadianPerSecond {
+        held.max(0.005 * scales.rate)
+    } else {
+        held
+    }
+}
+
+/// Frees the held parameters of the added effects that have initial guesses in the
+/// catalogue (the tilt of gravity), one variant per guess.
+pub fn release(context: &FitContext<'_>, candidate: &Candidate) -> Option<Candidate> {
+    let first = context.file.model.effects().count();
+    let mut free = candidate.fit.free.clone();
+    let mut models = Vec::new();
+    for (offset, kind) in candidate.added.iter().enumerate() {
+        for (parameter, row) in kind.parameters().iter().enumerate() {
+            if row.held.is_some() && !row.starts.is_empty() {
+                let id = ParameterId::Effect {
+                    slot: first + offset,
+                    parameter,
+                };
+                free.push(id);
+                models.push(candidate.fit.model);
+                models.extend(
+                    row.starts
+                        .iter()
+                        .map(|start| candidate.fit.model.with_value(id, f64::from(*start))),
+                );
+            }
+        }
+    }
+    let fit = context
+        .fitter
+        .best_of_kept(&models, &free, Effort::Full, context.checkpoint)?;
+    Some(Candidate::of(candidate.added.clone(), fit))
+}

@@ -1,0 +1,323 @@
+//! What a diagnosis found, as a type.
+//!
+//! [`decide`](super::decide) speaks of rows by their index; [`Finding`] says the same with the
+//! effects themselves, and only what goes with each answer: a name has a strength, a family has
+//! rivals, a quiet rig has neither. Terminal, page, Python and JSON are renderings of it.
+
+use std::collections::BTreeSet;
+
+use model_core::catalogue::Kind;
+use model_core::effects::table::Variable;
+
+use super::budget::{SearchPart, is_open, tried_sizes};
+use super::verdict::{Alternative, Answer, Strength};
+use softrig_formats::family::Family;
+
+/// A structure that explains the recordings, or part of them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Explanation {
+    /// The effects that it adds.
+    pub kinds: Vec<Kind>,
+    /// Probability among the explanations of the same size.
+    pub probability: f64,
+    /// Twice the logarithm of how much less likely the held-out segments are than under the
+    /// best of its size.
+    pub delta_bic: f64,
+}
+
+impl Explanation {
+    /// The same for JSON.
+    pub fn written(&self) -> Alternative {
+        Alternative {
+            kinds: names(&self.kinds),
+            probability: self.probability,
+            delta_bic: self.delta_bic,
+        }
+    }
+}
+
+/// The names of effects, as in files.
+pub fn names(kinds: &[Kind]) -> Vec<String> {
+    kinds.iter().map(|kind| kind.name().to_owned()).collect()
+}
+
+/// Whether two structures add the same effects, in any order.
+pub fn are_the_same(a: &[Kind], b: &[Kind]) -> bool {
+    a.len() == b.len() && a.iter().all(|kind| b.contains(kind))
+}
+
+/// An effect that is named.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NamedKind {
+    /// The effect.
+    pub kind: Kind,
+    /// Probability that a structure with it, or with an effect of which it is a special case,
+    /// is the right one of its size.
+    pub probability: f64,
+}
+
+/// The answer to "what is missing?".
+#[derive(Clone, Debug, PartialEq)]
+pub enum Finding {
+    /// No effect is missing.
+    Quiet {
+        /// Whether the parameters of the supplied model were off.
+        refitted: bool,
+        /// Whether more than noise is left, and less than the tolerance.
+        immaterial: bool,
+    },
+    /// Effects are named.
+    Named {
+        /// They, in the order of the repaired model.
+        effects: Vec<NamedKind>,
+        /// How much of the error they explain.
+        strength: Strength,
+        /// The nearest explanations of the same size, best first.
+        rivals: Vec<Explanation>,
+    },
+    /// Explanations that these recordings do not tell apart.
+    Rivals {
+        /// Two or more, best first.
+        rivals: Vec<Explanation>,
+        /// The families that all of them share; empty if they differ.
+        families: Vec<Family>,
+        /// How much of the error the best one explains.
+        strength: Strength,
+    },
+    /// A family whose variable is right, while no formula of it is: a table over that variable
+    /// follows the missing force.
+    Shape {
+        /// The variable.
+        of: Variable,
+        /// The best formula.
+        formula: Explanation,
+        /// Its families.
+        families: Vec<Family>,
+        /// How much of the error it explains.
+        strength: Strength,
+    },
+    /// One explanation that these recordings do not determine.
+    Trace {
+        /// It.
+        explanation: Explanation,
+        /// Its families.
+        families: Vec<Family>,
+        /// How much of the error it explains.
+        strength: Strength,
+    },
+    /// The budget was spent before an answer could stand.
+    OutOfTime {
+        /// What came closest until then.
+        closest: Option<Explanation>,
+    },
+    /// Something is missing that no known effect explains.
+    Unexplained {
+        /// What comes closest, best first.
+        closest: Vec<Explanation>,
+    },
+}
+
+impl Finding {
+    /// A set of explanations that cannot be told apart: one is a trace.
+    pub fn undecided(
+        mut rivals: Vec<Explanation>,
+        families: Vec<Family>,
+        strength: Strength,
+    ) -> Self {
+        if rivals.len() == 1 {
+            Self::Trace {
+                explanation: rivals.remove(0),
+                families,
+                strength,
+            }
+        } else {
+            Self::Rivals {
+                rivals,
+                families,
+                strength,
+            }
+        }
+    }
+
+    /// The answer of the JSON.
+    pub const fn answer(&self) -> Answer {
+        match self {
+            Self::Quiet { refitted: true, .. } => Answer::ParametersOnly,
+            Self::Quiet { .. } => Answer::NoDiscrepancy,
+            Self::Named { .. } => Answer::EffectFound,
+            Self::Rivals { .. }
+            | Self::Shape { .. }
+            | Self::Trace { .. }
+            | Self::OutOfTime { .. } => Answer::CannotTell,
+            Self::Unexplained { .. } => Answer::Unexplained,
+        }
+    }
+
+    /// Whether nothing is missing, or nothing that matters.
+    pub const fn is_quiet(&self) -> bool {
+        matches!(self, Self::Quiet { .. })
+    }
+
+    /// The effects that are named.
+    pub fn named(&self) -> Vec<Kind> {
+        self.inclusions().iter().map(|it| it.kind).collect()
+    }
+
+    /// The effects that are named, with their probabilities.
+    pub fn inclusions(&self) -> &[NamedKind] {
+        match self {
+            Self::Named { effects, .. } => effects,
+            _ => &[],
+        }
+    }
+
+    /// The probability of an effect, if it is named.
+    pub fn probability_of(&self, kind: Kind) -> Option<f64> {
+        let all = self.inclusions();
+        all.iter()
+            .find(|it| it.kind == kind)
+            .map(|it| it.probability)
+    }
+
+    /// The explanations beside a name, or in its place, best first.
+    pub fn explanations(&self) -> &[Explanation] {
+        match self {
+            Self::Quiet { .. } => &[],
+            Self::Named { rivals, .. } | Self::Rivals { rivals, .. } => rivals,
+            Self::Shape { formula: only, .. }
+            | Self::Trace {
+                explanation: only, ..
+            } => std::slice::from_ref(only),
+            Self::OutOfTime { closest } => closest.as_slice(),
+            Self::Unexplained { closest } => closest,
+        }
+    }
+
+    /// How much of the error the name or the best rival explains.
+    pub const fn strength(&self) -> Option<Strength> {
+        match self {
+            Self::Named { strength, .. }
+            | Self::Rivals { strength, .. }
+            | Self::Shape { strength, .. }
+            | Self::Trace { strength, .. } => Some(*strength),
+            Self::Quiet { .. } | Self::OutOfTime { .. } | Self::Unexplained { .. } => None,
+        }
+    }
+
+    /// The families that are the answer, where no effect is.
+    pub fn families(&self) -> &[Family] {
+        match self {
+            Self::Rivals { families, .. }
+            | Self::Shape { families, .. }
+            | Self::Trace { families, .. } => families,
+            Self::Quiet { .. }
+            | Self::Named { .. }
+            | Self::OutOfTime { .. }
+            | Self::Unexplained { .. } => &[],
+        }
+    }
+
+    /// Limits a finding to what the finished parts of a search support: a name becomes the best
+    /// so far.
+    pub fn as_far_as_tried(self, undone: &BTreeSet<SearchPart>) -> Self {
+        let open = is_open(undone);
+        match self {
+            Self::Named { effects, .. } if effects.len() > tried_sizes(undone) => Self::OutOfTime {
+                closest: Some(Explanation {
+                    kinds: effects.iter().map(|it| it.kind).collect(),
+                    probability: effects.iter().fold(1.0, |all, it| all.min(it.probability)),
+                    delta_bic: 0.0,
+                }),
+            },
+            Self::Trace { explanation, .. } if open => Self::OutOfTime {
+                closest: Some(explanation),
+            },
+            Self::Quiet { refitted: true, .. } | Self::Unexplained { .. } if open => {
+                Self::OutOfTime { closest: None }
+            }
+            stands => stands,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn explanation(kind: Kind) -> Explanation {
+        Explanation {
+            kinds: vec![kind],
+            probability: 0.9,
+            delta_bic: 0.0,
+        }
+    }
+
+    fn named(kinds: &[Kind]) -> Finding {
+        Finding::Named {
+            effects: kinds
+                .iter()
+                .map(|&kind| NamedKind {
+                    kind,
+                    probability: 0.97,
+                })
+                .collect(),
+            strength: Strength::Explains,
+            rivals: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn a_finding_claims_no_more_than_was_tried() {
+        use Answer::{CannotTell, EffectFound, NoDiscrepancy, Unexplained};
+        let after = |finding: Finding, undone: &[SearchPart]| {
+            finding
+                .as_far_as_tried(&undone.iter().copied().collect())
+                .answer()
+        };
+        let single = SearchPart::Alone(Kind::Gravity);
+        let one = || named(&[Kind::Leak]);
+        let two = || named(&[Kind::Leak, Kind::DeadTime]);
+        let none = || Finding::Unexplained {
+            closest: vec![explanation(Kind::Leak)],
+        };
+        assert_eq!(after(one(), &[]), EffectFound);
+        assert_eq!(after(one(), &[single]), CannotTell);
+        assert_eq!(after(one(), &[SearchPart::Combinations]), EffectFound);
+        assert_eq!(after(two(), &[SearchPart::Combinations]), CannotTell);
+        assert_eq!(after(two(), &[SearchPart::Table]), EffectFound);
+        assert_eq!(after(none(), &[SearchPart::Horizons]), CannotTell);
+        assert_eq!(after(none(), &[SearchPart::Experiment]), Unexplained);
+        // What agrees within its noise does so whatever else was not tried.
+        let quiet = Finding::Quiet {
+            refitted: false,
+            immaterial: false,
+        };
+        assert_eq!(after(quiet, &[SearchPart::Calibrated]), NoDiscrepancy);
+    }
+
+    /// What came closest until the time was up is not lost, and is no name.
+    #[test]
+    fn a_name_that_does_not_stand_came_closest() {
+        let undone = BTreeSet::from([SearchPart::Alone(Kind::Gravity)]);
+        let found = named(&[Kind::Leak]).as_far_as_tried(&undone);
+        assert_eq!(found.named(), []);
+        assert_eq!(found.strength(), None);
+        assert_eq!(found.explanations()[0].kinds, [Kind::Leak]);
+    }
+
+    #[test]
+    fn one_explanation_is_a_trace_and_several_are_rivals() {
+        let of = |kinds: &[Kind]| {
+            let all = kinds.iter().map(|&kind| explanation(kind)).collect();
+            Finding::undecided(all, vec![Family::Creep], Strength::Part)
+        };
+        let one = of(&[Kind::MaxwellBranch]);
+        assert!(matches!(one, Finding::Trace { .. }));
+        let two = of(&[Kind::MaxwellBranch, Kind::Leak]);
+        assert!(matches!(two, Finding::Rivals { .. }));
+        for found in [one, two] {
+            assert_eq!(found.answer(), Answer::CannotTell);
+            assert_eq!(found.families(), [Family::Creep]);
+        }
+    }
+}

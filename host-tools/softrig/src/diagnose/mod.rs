@@ -1,0 +1,717 @@
+//! Diagnosis: which effect does a model lack?
+//!
+//! Each step is a module whose output is data that reports can show:
+//!
+//! 1. [`quality`] and [`unit_errors`] refuse unusable recordings and report other problems.
+//! 2. [`noise`] estimates the noise floor.
+//! 3. [`identifiability`] refits the nominal structure, since a wrong parameter is not a
+//!    missing effect, and finds which parameters the recordings determine.
+//! 4. If the residual of the refit cannot be distinguished from noise, the diagnosis ends.
+//! 5. [`mod@localise`] shows which feature the missing force goes with, by a [`smoother`].
+//! 6. [`mod@search`] fits the [`candidates`] of the catalogue, alone and in [`pairs`].
+//! 7. [`validation`] tests structures on held-out runs, [`draws`] show how sure a difference
+//!    is, [`doubts`] what keeps a structure from being named, and [`mod@decide`] decides.
+//! 8. [`selection`] gives the answer, a [`finding`], written as a [`verdict`].
+//! 9. [`plan`] proposes the run that separates the rivals.
+//!
+//! A [`budget`] can end the search early; the answer then claims less.
+//!
+//! A false name is worse than "cannot tell".
+
+pub mod baseline;
+pub mod budget;
+pub mod candidates;
+pub mod decide;
+pub mod discrepancy;
+pub mod doubts;
+pub mod draws;
+pub mod finding;
+pub mod grade;
+pub mod identifiability;
+pub mod levels;
+pub mod localise;
+pub mod measure;
+pub mod missing_force;
+pub mod needs;
+pub mod noise;
+pub mod pairs;
+pub mod plan;
+pub mod policy;
+pub mod progress;
+pub mod quality;
+pub mod search;
+pub mod selection;
+pub mod singles;
+pub mod smoother;
+pub mod tables;
+pub mod validation;
+pub mod verdict;
+
+use model_core::actuator::{Model, ParameterId};
+use model_core::catalogue::Kind;
+
+use crate::estimate::Dataset;
+use crate::estimate::assemble::as_read;
+use crate::estimate::checkpoint::Checkpoint;
+use crate::estimate::fit::{Fit, Fitter};
+use crate::estimate::identify::far_zeros;
+use crate::estimate::unit_errors;
+use crate::sim::board::{self, Unseen};
+use baseline::Baseline;
+pub use budget::Budget;
+use budget::{Ended, SearchPart};
+use candidates::{Candidate, Untried};
+use finding::{Explanation, Finding, names};
+use identifiability::Identifiability;
+use localise::{Gap, localise};
+use noise::{NoiseFloor, adequate};
+use plan::{Limits, Proposal};
+pub use progress::Progress;
+use quality::Concern;
+use search::{Options, Searched, search};
+use selection::{FittedStructure, Selection};
+use softrig_formats::error::InputError;
+use softrig_formats::family;
+use softrig_formats::model_file::{ModelFile, to_file_units};
+use softrig_formats::numbers::tidy;
+use softrig_formats::own_effects::OwnEffects;
+use softrig_formats::recording::Recording;
+use softrig_formats::settings_file::from_model;
+use validation::{CrossValidator, HeldOut};
+use verdict::{
+    Adequacy, Answer, Closure, EndedBy, Experiment, FittedError, HeldOutError, NamedEffect, Place,
+    Remaining, Repair, SCHEMA, Verdict, Zeros,
+};
+
+/// Number of proposals for the next experiment.
+const PROPOSALS: usize = 3;
+
+/// A diagnosis to make.
+#[derive(Clone, Copy, Debug)]
+pub struct Request<'a> {
+    /// The nominal model.
+    pub file: &'a ModelFile,
+    /// Recordings to fit.
+    pub recordings: &'a [Recording],
+    /// Validation recordings; if empty, segments are left out in turn.
+    pub holdout: &'a [Recording],
+    /// Effects with the user's own formulas, tried beside the catalogue.
+    pub own: Option<&'a OwnEffects>,
+    /// Random seed.
+    pub seed: u64,
+}
+
+impl<'a> Request<'a> {
+    /// The user's own effects.
+    pub fn own_kinds(&self) -> &'a [Kind] {
+        self.own.map_or(&[], |own| &own.kinds)
+    }
+}
+
+/// The result of a diagnosis.
+#[derive(Clone, Debug)]
+pub struct Diagnosis {
+    /// The answer.
+    pub finding: Finding,
+    /// Concerns about the recordings.
+    pub concerns: Vec<Concern>,
+    /// Index of a recording that was left out because it behaves like another actuator.
+    pub left_out: Option<usize>,
+    /// The sessions and their segments, as they were used.
+    pub data: Dataset,
+    /// Residuals on the held-out segments.
+    pub validation: Validations,
+    /// Noise floor of the fitted recordings.
+    pub floor: NoiseFloor,
+    /// The nominal model against the recordings.
+    pub nominal: Fit,
+    /// The nominal structure, refitted.
+    pub refit: Fit,
+    /// What a model may be off without it mattering (rad).
+    pub tolerance: f64,
+    /// Closure of the repaired model at three horizons; none where nothing is added.
+    pub closure: Option<Closure>,
+    /// The missing force of the repaired model, and its features.
+    pub gap_left: Option<Gap>,
+    /// The model that predicts held-out segments best, with or without named effects; the
+    /// refit where none is better.
+    pub repaired: Candidate,
+    /// Identifiability of the refit and of the repaired model.
+    pub identifiability: [Identifiability; 2],
+    /// Held-out errors.
+    pub held_out: HeldOut,
+    /// The best of the rivals that remain, as fitted.
+    pub rivals: Vec<Candidate>,
+    /// Every structure with a final fit, with its evidence.
+    pub tried: Vec<FittedStructure>,
+    /// Runs that would separate the surviving rivals, best first.
+    pub proposals: Vec<(Proposal, [Vec<Kind>; 2])>,
+    /// Whether the repaired model is adequate.
+    pub adequacy: Adequacy,
+    /// The missing force of the refit, and its features.
+    pub gap: Gap,
+    /// Effects that were not tried, because they do not apply or the time was up.
+    pub untried: Vec<Untried>,
+    /// The parts that were not done, if a budget ended the search.
+    pub ended: Option<Ended>,
+}
+
+/// Diagnoses a model against recordings.
+///
+/// # Errors
+///
+/// Refuses a single recording without others for validation, unusable recordings, and a
+/// model that cannot be simulated.
+pub fn diagnose(request: &Request<'_>, progress: &Progress) -> Result<Diagnosis, InputError> {
+    diagnose_from(request, &Checkpoint::default(), progress)
+}
+
+/// Like [`diagnose`], with the kept fits of an interrupted run.
+///
+/// # Errors
+///
+/// Like [`diagnose`].
+pub fn diagnose_from(
+    request: &Request<'_>,
+    checkpoint: &Checkpoint,
+    progress: &Progress,
+) -> Result<Diagnosis, InputError> {
+    let mut assembled = as_read(request.recordings, request.holdout)?;
+    let fitted = assembled.data.indices(true).len();
+    if fitted == 0 || (fitted < 2 && assembled.data.indices(false).is_empty()) {
+        return Err(InputError::new(
+            format!("a diagnosis needs two runs or more, and {fitted} can be used"),
+            "record more, or name some with --holdout: a cause that was fitted and tested on the same run proves nothing",
+        ));
+    }
+    refuse_implausible(request.file, &assembled.data)?;
+    assembled = assembled.from_rest(request.recordings);
+    assembled.data = assembled.data.knowing(&request.file.within);
+    let mut found = diagnose_zeros(request, &assembled.data, checkpoint, progress)?;
+    let mut odd_concern = None;
+    let mut left_out = None;
+    let outlier = found.outlier.take();
+    if outlier.is_some() && !progress.has_time_for(SearchPart::WithoutOutlier) {
+        odd_concern = outlier.map(|outlier| outlier.kept);
+    } else if let Some(outlier) = outlier {
+        progress.again("once more, without the recording that does not belong");
+        let others = assembled.data.dropping(outlier.index);
+        left_out = assembled
+            .data
+            .fitted()
+            .nth(outlier.index)
+            .and_then(|segment| {
+                let path = &segment.recording.path;
+                let is_it = |recording: &Recording| recording.path == *path;
+                request.recordings.iter().position(is_it)
+            });
+        found = diagnose_zeros(request, &others, checkpoint, progress)?;
+        odd_concern = Some(outlier.concern);
+    }
+    let mut diagnosis = found.diagnosis;
+    diagnosis.left_out = left_out;
+    let own = diagnosis.concerns;
+    diagnosis.concerns = odd_concern
+        .into_iter()
+        .chain(assembled.concerns)
+        .chain(own)
+        .collect();
+    diagnosis.ended = progress.ended();
+    if let Some(ended) = &diagnosis.ended {
+        diagnosis.finding = diagnosis.finding.as_far_as_tried(&ended.undone);
+        // An effect of the repaired model was tried, if not fully.
+        let tried = &diagnosis.repaired.added;
+        let kinds = ended.kinds().into_iter();
+        let untried = kinds
+            .filter(|kind| !tried.contains(kind))
+            .map(|kind| Untried {
+                kind,
+                reason: "the time was up",
+            });
+        diagnosis.untried.extend(untried);
+    }
+    Ok(diagnosis)
+}
+
+/// A diagnosis, and an outlying recording without which to repeat it.
+struct Found {
+    diagnosis: Diagnosis,
+    outlier: Option<quality::Outlier>,
+}
+
+/// Diagnoses with estimated zeros, unless they hide an effect. If the estimated zeros
+/// alone explain the recordings, but their penalty exceeds the price of an effect, the
+/// effects are tried again with zeros as calibrated. If none explains the recordings, the
+/// zeros remain the answer.
+fn diagnose_zeros(
+    request: &Request<'_>,
+    data: &Dataset,
+    checkpoint: &Checkpoint,
+    progress: &Progress,
+) -> Result<Found, InputError> {
+    let found = diagnose_all(request, data, checkpoint, progress)?;
+    let diagnosis = &found.diagnosis;
+    // The best of so many effects, by as much as is very strong evidence for one.
+    let choices = (Kind::NAMES.len() + request.own_kinds().len()) as f64;
+    let effect = policy::Search::STANDARD.effect_evidence + 2.0 * choices.ln();
+    if !diagnosis.finding.is_quiet()
+        || cost_of_zeros(&diagnosis.data, &diagnosis.refit) < effect
+        || !progress.has_time_for(SearchPart::Calibrated)
+    {
+        return Ok(found);
+    }
+    progress.again("once more, with zeros as calibrated");
+    let calibrated = diagnose_all(request, &data.calibrated(), checkpoint, progress)?;
+    let explains = match calibrated.diagnosis.finding.answer() {
+        Answer::EffectFound => true,
+        // Not if the answer is open only because the time was up.
+        Answer::CannotTell => progress.ended().is_none(),
+        _ => false,
+    };
+    Ok(if explains { calibrated } else { found })
+}
+
+fn diagnose_all(
+    request: &Request<'_>,
+    data: &Dataset,
+    checkpoint: &Checkpoint,
+    progress: &Progress,
+) -> Result<Found, InputError> {
+    progress.stage("quality of the recordings", 0);
+    let (floor, mut concerns) = examined(data)?;
+    let baseline = Baseline::of(request, data, &floor, progress)?;
+    progress.refitted(baseline.refit.fit.rmse());
+    let options = Options {
+        checkpoint,
+        progress,
+        seed: request.seed,
+        own: request.own_kinds(),
+    };
+    let Searched {
+        found,
+        untried,
+        baseline,
+    } = search(baseline, options);
+    let Baseline {
+        data,
+        file,
+        nominal,
+        refit,
+        identified,
+        floor,
+        remarks,
+    } = baseline;
+    concerns.extend(remarks);
+    let file = &file;
+    let fitter = Fitter::new(&file.model, &data);
+    let mut validator = CrossValidator::new(file, &fitter, floor.input).beside(nominal.model);
+    validator.raise_floor(floor.rms);
+    progress.stage("where the gap lives", 0);
+    let gap = localise(&refit.fit.model, &data, &refit.fit.nuisances, floor.white);
+    progress.stage("validation as the board predicts", 0);
+    let held_out = validator.errors(&refit, &found.repaired);
+    let is_adequate = adequate(&found.repaired.fit, &floor);
+    let adequacy = Adequacy {
+        adequate: is_adequate,
+        holdout_gap_closed: if found.repaired.added.is_empty() {
+            0.0
+        } else {
+            held_out.gap_closed()
+        },
+        exact_form: is_adequate && held_out.at_noise(),
+    };
+    let outlier =
+        if is_adequate || data.segments().len() < 3 {
+            None
+        } else {
+            found.best.iter().chain([&refit]).find_map(|candidate| {
+                quality::outlying_recording(file, &fitter, candidate, floor.rms)
+            })
+        };
+    concerns.extend(quality::slow_effects(&found.repaired, &data));
+    concerns.extend(far_zeros(&found.repaired.fit, &data));
+    let proposals = if found.rivals.len() > 1 && progress.has_time_for(SearchPart::Experiment) {
+        propose(&file.model, &found.rivals, &floor)
+    } else {
+        Vec::new()
+    };
+    let added = !found.repaired.added.is_empty();
+    let closure = added.then(|| measure::closed(&validator, &refit, &found.repaired));
+    let gap_left = added.then(|| {
+        let fit = &found.repaired.fit;
+        localise(&fit.model, &data, &fit.nuisances, floor.white)
+    });
+    let identifiability = [
+        Identifiability::of(&found.repaired.fit, &identified.held, identified.order),
+        identified,
+    ];
+    let validation = Validations::of(&fitter, &nominal.model, &refit, &found);
+    let diagnosis = Diagnosis {
+        finding: found.finding,
+        concerns,
+        identifiability,
+        floor,
+        nominal,
+        refit: refit.fit,
+        repaired: found.repaired,
+        tolerance: baseline::tolerance(&data),
+        closure,
+        gap_left,
+        held_out,
+        rivals: found.rivals,
+        tried: found.tried,
+        proposals,
+        adequacy,
+        gap,
+        untried,
+        validation,
+        left_out: None,
+        ended: None,
+        data,
+    };
+    Ok(Found { diagnosis, outlier })
+}
+
+/// Refuses recordings without motion, and columns that do not hold what their header says.
+/// The angle is as read: one that is counted from its rest hides what the pressure rests at.
+fn refuse_implausible(file: &ModelFile, data: &Dataset) -> Result<(), InputError> {
+    quality::refuse_without_motion(&data.recordings(true))?;
+    // By whole sessions: a segment in which hardly anything moves looks undriven.
+    let sessions: Vec<Recording> = data
+        .sessions()
+        .iter()
+        .map(|session| session.recording().clone())
+        .collect();
+    unit_errors::refuse(file, &sessions)
+}
+
+/// Examines fitted and held-out recordings. Returns the noise floor and the concerns.
+fn examined(data: &Dataset) -> Result<(NoiseFloor, Vec<Concern>), InputError> {
+    let recordings = data.recordings(true);
+    let floor = NoiseFloor::of(&recordings);
+    let mut concerns = quality::examine(&recordings, &floor)?;
+    let held_out = data.recordings(false);
+    if !held_out.is_empty() {
+        let found = quality::examine(&held_out, &NoiseFloor::of(&held_out))?;
+        // Missing repeats or short runs matter for fitted recordings only.
+        concerns.extend(found.into_iter().filter(|it| it.recording.is_some()));
+    }
+    Ok((floor, concerns))
+}
+
+/// What is to become of the model that `-o` writes on a board.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Upload {
+    /// It is worth an upload.
+    Worth,
+    /// It is the supplied one, unchanged.
+    Unchanged,
+    /// It predicts better on the computer, and not on the board: a sentence or two that say
+    /// why.
+    Refused(String),
+}
+
+/// Residuals (rad) on the held-out segments, of the nominal model, the refit, the
+/// repaired model and the rivals. Empty where there are none.
+#[derive(Clone, Debug, Default)]
+pub struct Validations {
+    /// A series a held-out segment.
+    pub nominal: Vec<Vec<f64>>,
+    /// The same.
+    pub refit: Vec<Vec<f64>>,
+    /// The same.
+    pub repaired: Vec<Vec<f64>>,
+    /// The same for each rival.
+    pub rivals: Vec<Vec<Vec<f64>>>,
+}
+
+impl Validations {
+    fn of(fitter: &Fitter<'_>, nominal: &Model<f64>, refit: &Candidate, found: &Selection) -> Self {
+        if fitter.data.held_out().next().is_none() {
+            return Self::default();
+        }
+        let of = |model: &Model<f64>| fitter.validate(model).residuals;
+        Self {
+            nominal: of(nominal),
+            refit: of(&refit.fit.model),
+            repaired: of(&found.repaired.fit.model),
+            rivals: found
+                .rivals
+                .iter()
+                .map(|rival| of(&rival.fit.model))
+                .collect(),
+        }
+    }
+}
+
+/// The penalty of a fit's zeros if each session had its own: the sum of squared
+/// departures, in standard deviations. A zero that all recordings share has a small
+/// penalty in the fit, but is a property of the rig and may have a name.
+fn cost_of_zeros(data: &Dataset, fit: &Fit) -> f64 {
+    data.sessions()
+        .iter()
+        .zip(&fit.nuisances)
+        .filter(|(session, _)| session.is_estimated())
+        .map(|(session, nuisance)| {
+            let [pressure, angle, ..] = session.prior().departures(nuisance);
+            pressure * pressure + angle * angle
+        })
+        .sum()
+}
+
+/// The runs that separate rivals best, with the effects that they separate.
+fn propose(
+    nominal: &Model<f64>,
+    rivals: &[Candidate],
+    floor: &NoiseFloor,
+) -> Vec<(Proposal, [Vec<Kind>; 2])> {
+    let added = |index: usize| rivals[index].added.clone();
+    plan::proposals(nominal, rivals, floor.rms, &Limits::default())
+        .into_iter()
+        .take(PROPOSALS)
+        .map(|proposal| {
+            let (a, b) = proposal.separates;
+            (proposal, [added(a), added(b)])
+        })
+        .collect()
+}
+
+impl Diagnosis {
+    /// The model that `-o` writes: the repaired one, or the nominal one where nothing is
+    /// wrong with it or the other predicts no better.
+    pub fn model_to_keep<'a>(&'a self, nominal: &'a ModelFile) -> &'a Model<f64> {
+        if self.is_better() {
+            &self.repaired.fit.model
+        } else {
+            &nominal.model
+        }
+    }
+
+    /// The text of that model file, with a comment above added effects.
+    pub fn model_text(&self, nominal: &ModelFile) -> String {
+        let what = match &self.finding {
+            Finding::Quiet { .. } | Finding::Named { .. } => "Added by rig diagnose.".into(),
+            Finding::OutOfTime { .. } | Finding::Unexplained { .. } => {
+                "Added by rig diagnose: lowers the error, not named.".into()
+            }
+            undecided if undecided.families().is_empty() => {
+                "Added by rig diagnose: one of several that these recordings cannot tell apart."
+                    .into()
+            }
+            undecided => format!("representative of {}", family::title(undecided.families())),
+        };
+        nominal.text_with(self.model_to_keep(nominal), &format!("# {what}\n"))
+    }
+
+    /// Whether the repaired model predicts held-out runs better than the nominal one.
+    pub fn is_better(&self) -> bool {
+        self.finding.answer() != Answer::NoDiscrepancy
+            && self.held_out.repaired < self.held_out.nominal
+    }
+
+    /// What is to become of the written model on a board.
+    pub fn upload(&self, file: &ModelFile) -> Upload {
+        if !self.is_better() {
+            return Upload::Unchanged;
+        }
+        let mut kept = file.clone();
+        kept.model = self.fit_to_keep().model;
+        let farthest = board::farthest(self.data.largest_angle());
+        let refused = from_model(&kept)
+            .map_err(|error| error.found)
+            .and_then(|_| board::plan(&kept.model, farthest));
+        if let Err(why) = refused {
+            return Upload::Refused(format!(
+                "The board cannot run this model: {why}. Use it on the computer."
+            ));
+        }
+        let zeros = self.fit_to_keep().nuisances.iter();
+        let mut sessions = self.data.sessions().iter().zip(zeros);
+        let beyond = Err(Unseen::Pressure);
+        if sessions.any(|(it, zeros)| board::is_seen(it.signal(), zeros.pressure_zero) == beyond) {
+            return Upload::Refused(format!(
+                "No board can run this rig: {}. Use the model on the computer.",
+                Unseen::Pressure
+            ));
+        }
+        if self.held_out.repaired_on_board < self.held_out.nominal {
+            return Upload::Worth;
+        }
+        Upload::Refused(
+            "In the steps of the board this model predicts no better than the one supplied. Use \
+             it on the computer."
+                .into(),
+        )
+    }
+
+    /// The fit of the written model.
+    fn fit_to_keep(&self) -> &Fit {
+        if self.is_better() {
+            &self.repaired.fit
+        } else {
+            &self.nominal
+        }
+    }
+
+    /// The zeros of the sensors under the written model.
+    pub fn zeros(&self) -> Zeros {
+        Zeros::of(self.fit_to_keep(), &self.data)
+    }
+
+    /// The verdict for JSON.
+    pub fn verdict(&self, request: &Request<'_>, seconds: f64) -> Verdict {
+        let degrees = |radians: f64| tidy(radians.to_degrees());
+        let files = request.recordings.iter().chain(request.holdout);
+        Verdict {
+            schema: SCHEMA,
+            verdict: self.finding.answer(),
+            strength: match self.finding {
+                Finding::Named { strength, .. } => Some(strength),
+                _ => None,
+            },
+            family: (!self.finding.families().is_empty())
+                .then(|| family::title(self.finding.families())),
+            effects: self.named_effects(),
+            alternatives: self
+                .finding
+                .explanations()
+                .iter()
+                .map(Explanation::written)
+                .collect(),
+            adequacy: self.adequacy,
+            tolerance_deg: degrees(self.tolerance),
+            closure: self.closure.map(|closure| Closure {
+                short: tidy(closure.short),
+                medium: tidy(closure.medium),
+                full: tidy(closure.full),
+                overall: tidy(closure.overall),
+            }),
+            remaining: self.remaining(),
+            repair: self.repair(),
+            places: self
+                .gap
+                .features
+                .iter()
+                .map(|feature| Place {
+                    feature: feature.name.to_owned(),
+                    share_of_gap: tidy(feature.share),
+                    text: feature.text.clone(),
+                })
+                .collect(),
+            rmse_deg: FittedError {
+                nominal: degrees(self.nominal.rmse()),
+                refit: degrees(self.refit.rmse()),
+                repaired: degrees(self.repaired.fit.rmse()),
+                noise_floor: degrees(self.floor.rms),
+            },
+            holdout_rmse_deg: HeldOutError {
+                nominal: degrees(self.held_out.nominal),
+                refit: degrees(self.held_out.refit),
+                repaired: degrees(self.held_out.repaired_on_board),
+            },
+            nuisance: self.zeros(),
+            upload: self.upload(request.file) == Upload::Worth,
+            next_experiment: self
+                .proposals
+                .iter()
+                .map(|(proposal, [a, b])| Experiment {
+                    protocol: proposal.protocol.name.clone(),
+                    separates: [a, b].map(|kinds| names(kinds).join("+")).to_vec(),
+                    expected_delta_chi2: tidy(proposal.evidence),
+                })
+                .collect(),
+            recordings: files.map(|file| file.path.display().to_string()).collect(),
+            ended: self.ended.as_ref().map(|_| EndedBy::Budget),
+            not_tried: self
+                .ended
+                .as_ref()
+                .map(Ended::not_tried)
+                .unwrap_or_default(),
+            seed: request.seed,
+            tool_version: env!("CARGO_PKG_VERSION").to_owned(),
+            seconds,
+        }
+    }
+
+    /// The remaining error of the written model.
+    pub fn remaining(&self) -> Remaining {
+        /// Least share of the missing force of a feature that is reported.
+        const SAYS_SOMETHING: f64 = 0.3;
+        let left = self.held_out.repaired_on_board;
+        let gap = self.gap_left.as_ref().unwrap_or(&self.gap);
+        Remaining {
+            rmse_deg: tidy(left.to_degrees()),
+            times_noise: tidy(left / self.held_out.floor.max(f64::MIN_POSITIVE)),
+            goes_with: gap
+                .features
+                .first()
+                .filter(|feature| feature.share >= SAYS_SOMETHING)
+                .map(|feature| feature.name.to_owned()),
+        }
+    }
+
+    /// What the refitted model leaves beyond the noise on held-out segments (rad).
+    pub fn beyond_noise(&self) -> f64 {
+        let HeldOut { refit, floor, .. } = self.held_out;
+        (refit * refit - floor * floor).max(0.0).sqrt()
+    }
+
+    /// The repair without a name.
+    fn repair(&self) -> Option<Repair> {
+        let unnamed = matches!(
+            self.finding,
+            Finding::Unexplained { .. } | Finding::OutOfTime { .. }
+        );
+        let first = self.repaired.added.first().filter(|_| unnamed)?;
+        if let Some(table) = self.repaired.fit.model.table() {
+            return Some(Repair {
+                kind: Kind::Table.name().to_owned(),
+                of: vec![table.of().name().to_owned()],
+            });
+        }
+        Some(Repair {
+            kind: first.name().to_owned(),
+            of: names(&self.repaired.added),
+        })
+    }
+
+    fn named_effects(&self) -> Vec<NamedEffect> {
+        let fit = &self.repaired.fit;
+        let first = fit.model.effects().count() - self.repaired.added.len();
+        self.repaired
+            .added
+            .iter()
+            .enumerate()
+            .filter_map(|(offset, kind)| Some((offset, kind, self.finding.probability_of(*kind)?)))
+            .map(|(offset, kind, probability)| {
+                let slot = first + offset;
+                let mut parameters = serde_json::Map::new();
+                let mut interval95 = serde_json::Map::new();
+                for (parameter, row) in kind.parameters().iter().enumerate() {
+                    let id = ParameterId::Effect { slot, parameter };
+                    let shown = |value: f64| tidy(to_file_units(&fit.model, id, value));
+                    if let Some(value) = fit.model.value(id) {
+                        parameters.insert(row.key.to_owned(), shown(value).into());
+                    }
+                    let interval = fit
+                        .free
+                        .iter()
+                        .position(|&free| free == id)
+                        .and_then(|index| fit.interval95(index));
+                    if let Some((low, high)) = interval {
+                        interval95.insert(
+                            row.key.to_owned(),
+                            serde_json::json!([shown(low), shown(high)]),
+                        );
+                    }
+                }
+                NamedEffect {
+                    kind: kind.name().to_owned(),
+                    parameters,
+                    interval95,
+                    probability,
+                }
+            })
+            .collect()
+    }
+}

@@ -1,0 +1,512 @@
+//! Plans the next experiment: the run that best separates the remaining rivals.
+//!
+//! Every named protocol of the board, and families of steps, ramps, small reversals, holds
+//! and multisines within the limits, are simulated with each rival. With rival A taken as
+//! true, rival B is refitted within the information of the existing recordings. Its
+//! remaining error, in units of the noise, is the expected evidence of the run:
+//!
+//! ```text
+//! Δχ² = min over dp, dz of |δ − J dp − N dz|²/σ² + dpᵀ Λ dp + Σ (dz/s)²,   δ = y_A − y_B
+//! ```
+//!
+//! with J the derivatives of B's run by its parameters and Λ the information matrix of the
+//! existing recordings (a profile likelihood to second order). The zeros of both sensors and
+//! the initial state are estimated in every fit, so differences that they can compensate are
+//! no evidence: N are the derivatives of B's run by them, and s their prior standard
+//! deviations ([`Prior`]). The smaller evidence of both directions counts.
+
+use model_core::actuator::Model;
+use nalgebra::{DMatrix, DVector, RowVector3};
+use rayon::prelude::*;
+use wire::decimal::Hundredths;
+use wire::protocol::{ControlMode, Named, Segment, total_ms};
+
+use super::candidates::Candidate;
+use crate::estimate::fit::Fitter;
+use crate::estimate::nuisance::Prior;
+use crate::estimate::{Dataset, Nuisance, Session};
+use crate::sim::protocol::play;
+use softrig_formats::protocol_file::ProtocolFile;
+use softrig_formats::recording::{PASCAL_PER_KPA, Recording};
+
+/// Samples per second of a simulated run.
+const RATE_HZ: u32 = 50;
+
+/// The limits of the rig.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Limits {
+    /// Highest set-point (°).
+    pub highest_deg: f64,
+    /// Highest pressure (kPa).
+    pub highest_kpa: f64,
+    /// Longest run (s).
+    pub longest_s: f64,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self {
+            highest_deg: 90.0,
+            highest_kpa: 170.0,
+            longest_s: 180.0,
+        }
+    }
+}
+
+/// A proposed run with its expected evidence.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Proposal {
+    /// The run.
+    pub protocol: ProtocolFile,
+    /// The pair of rivals that it separates least, by index.
+    pub separates: (usize, usize),
+    /// Expected evidence about that pair (twice a log-likelihood ratio).
+    pub evidence: f64,
+}
+
+/// Ranks runs that separate `rivals`, best first, by the evidence about the pair that a
+/// run separates least. `noise` is the standard deviation of the measured angle (rad).
+pub fn proposals(
+    nominal: &Model<f64>,
+    rivals: &[Candidate],
+    noise: f64,
+    limits: &Limits,
+) -> Vec<Proposal> {
+    if rivals.len() < 2 {
+        return Vec::new();
+    }
+    let mut proposals: Vec<Proposal> = protocols(limits)
+        .into_par_iter()
+        .filter_map(|protocol| {
+            let recording = drive(&protocol, nominal, limits)?;
+            let prior = Prior::of(&recording);
+            let runs: Vec<Run> = rivals
+                .iter()
+                .map(|rival| Run::of(rival, nominal, &recording, &prior, noise))
+                .collect::<Option<_>>()?;
+            let mut worst: Option<((usize, usize), f64)> = None;
+            for a in 0..rivals.len() {
+                for b in a + 1..rivals.len() {
+                    let one_way = |truth: usize, rival: usize| {
+                        missed(&runs[truth], &runs[rival], &rivals[rival], noise)
+                    };
+                    let evidence = one_way(a, b).min(one_way(b, a));
+                    if evidence.is_finite() && worst.is_none_or(|(_, least)| evidence < least) {
+                        worst = Some(((a, b), evidence));
+                    }
+                }
+            }
+            let (separates, evidence) = worst?;
+            Some(Proposal {
+                protocol,
+                separates,
+                evidence,
+            })
+        })
+        .collect();
+    proposals.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+    proposals
+}
+
+/// A run simulated with one rival.
+struct Run {
+    /// The sensor reading (rad); the actuator rests at first.
+    shown: DVector<f64>,
+    /// The first reading (rad).
+    start: f64,
+    /// Derivatives by its parameters, in the solver coordinates of its fit.
+    by_parameters: DMatrix<f64>,
+    /// Derivatives by the session's own unknowns, in prior standard deviations: the
+    /// pressure zero, the angle zero at the same motion, and the initial angle.
+    by_nuisance: DMatrix<f64>,
+    /// Standard deviation of the zero of the angle (rad).
+    zero_deviation: f64,
+    /// Standard deviation of the measured initial angle (rad).
+    start_deviation: f64,
+}
+
+impl Run {
+    /// The run of a rival under the pressure of `recording`; none without samples.
+    fn of(
+        rival: &Candidate,
+        nominal: &Model<f64>,
+        recording: &Recording,
+        prior: &Prior,
+        noise: f64,
+    ) -> Option<Self> {
+        /// Step of the finite differences, in standard deviations.
+        const STEP: f64 = 0.1;
+        let model = &rival.fit.model;
+        let mut rest = Nuisance::AT_ZERO;
+        rest.start.angle = model.reading(&model.at_rest(0.0, 0.0));
+        let data = Dataset::known(recording.clone(), rest);
+        let session: &Session = data.sessions().first()?;
+        let shown = |nuisance: &Nuisance| DVector::from_vec(session.simulate(model, nuisance));
+        // One sample gives the initial angle, with the noise as its standard deviation.
+        let start_deviation = noise.max(1e-6);
+        let zero_deviation = prior.deviation.angle_zero;
+        let slope = |moved: &dyn Fn(f64) -> Nuisance| {
+            (shown(&moved(STEP)) - shown(&moved(-STEP))) / (2.0 * STEP)
+        };
+        let by_pressure_zero = slope(&|by| Nuisance {
+            pressure_zero: by * prior.deviation.pressure_zero,
+            ..rest
+        });
+        let by_start = slope(&|by| {
+            let mut moved = rest;
+            moved.start.angle += by * start_deviation;
+            moved
+        });
+        let by_angle_zero = DVector::from_element(by_start.len(), zero_deviation);
+        Some(Self {
+            shown: shown(&rest),
+            start: rest.start.angle,
+            by_parameters: Fitter::new(nominal, &data).derivatives(&rival.fit),
+            by_nuisance: DMatrix::from_columns(&[by_pressure_zero, by_angle_zero, by_start]),
+            zero_deviation,
+            start_deviation,
+        })
+    }
+}
+
+/// The remaining error of a rival against the assumed truth, after its parameters, zeros
+/// and initial angle are refitted within their priors.
+fn missed(truth: &Run, rival: &Run, candidate: &Candidate, noise: f64) -> f64 {
+    // The number of samples that would be recorded.
+    let weight = 100.0 / f64::from(RATE_HZ);
+    let variance = noise.powi(2).max(1e-12);
+    let (parameters, nuisance) = (&rival.by_parameters, &rival.by_nuisance);
+    let difference = &truth.shown - &rival.shown;
+    let (free, own) = (parameters.ncols(), nuisance.ncols());
+    let mut jacobian = DMatrix::zeros(difference.len(), free + own);
+    jacobian.columns_mut(0, free).copy_from(parameters);
+    jacobian.columns_mut(free, own).copy_from(nuisance);
+    let mut scaled = jacobian.tr_mul(&difference) * weight;
+    let mut normal = jacobian.tr_mul(&jacobian) * weight;
+    if let Some(known) = candidate.fit.curvature() {
+        let mut of_parameters = normal.view_mut((0, 0), (free, free));
+        of_parameters += known;
+    }
+    // Prior means: both zeros are zero, and the initial angle is that of the assumed truth;
+    // all in their standard deviations.
+    let measured = (truth.start - rival.start) / rival.start_deviation;
+    let of_zero = rival.zero_deviation / rival.start_deviation;
+    let known_before = [
+        ([1.0, 0.0, 0.0], 0.0),
+        ([0.0, 1.0, 0.0], 0.0),
+        ([0.0, of_zero, 1.0], measured),
+    ];
+    let mut unmoved = weight * difference.norm_squared();
+    for (row, value) in known_before {
+        let row = RowVector3::from(row);
+        let mut of_nuisance = normal.view_mut((free, free), (own, own));
+        of_nuisance += row.transpose() * row * variance;
+        let mut moved = scaled.rows_mut(free, own);
+        moved += row.transpose() * value * variance;
+        unmoved += value * value * variance;
+    }
+    for k in 0..normal.nrows() {
+        normal[(k, k)] += 1e-9 * normal[(k, k)] + f64::MIN_POSITIVE;
+    }
+    let absorbed = normal
+        .cholesky()
+        .map_or(0.0, |factor| scaled.dot(&factor.solve(&scaled)));
+    (unmoved - absorbed).max(0.0) / variance
+}
+
+/// The pressure of a protocol played by a board, as a recording without measured angles;
+/// none if it exceeds the limits.
+fn drive(protocol: &ProtocolFile, nominal: &Model<f64>, limits: &Limits) -> Option<Recording> {
+    let play = play(protocol, nominal, RATE_HZ);
+    let within = |command: &f64| command.abs() <= limits.highest_kpa * PASCAL_PER_KPA;
+    play.command.iter().all(within).then_some(Recording {
+        name: protocol.name.clone(),
+        time: play.time,
+        pressure: play.pressure,
+        // A rough angle, which bounds the step length.
+        angle: play.setpoint,
+        ..Recording::default()
+    })
+}
+
+/// The candidate runs: the named protocols of every board, and families of others.
+pub fn protocols(limits: &Limits) -> Vec<ProtocolFile> {
+    let mut list: Vec<ProtocolFile> = Named::ALL
+        .iter()
+        .map(|&named| ProtocolFile::named(named))
+        .collect();
+    list.extend(steps_ramps_and_reversals());
+    list.extend(cycles_holds_and_sines());
+    list.retain(|protocol| {
+        let highest = protocol
+            .segments
+            .iter()
+            .filter(|segment| {
+                segment
+                    .mode()
+                    .is_some_and(|mode| mode != ControlMode::Pressure)
+            })
+            .map(|segment| f64::from(segment.highest().0) / 100.0)
+            .fold(0.0, f64::max);
+        highest <= limits.highest_deg
+            && f64::from(total_ms(&protocol.segments[..])) / 1000.0 <= limits.longest_s
+    });
+    list
+}
+
+const MODE: ControlMode = ControlMode::AngleOpenLoop;
+
+const fn level(degrees: i32) -> Hundredths {
+    Hundredths(100 * degrees)
+}
+
+const fn step(degrees: i32, duration_ms: u32) -> Segment {
+    Segment::Step {
+        mode: MODE,
+        level: level(degrees),
+        duration_ms,
+    }
+}
+
+const fn ramp(degrees: i32, duration_ms: u32) -> Segment {
+    Segment::Ramp {
+        mode: MODE,
+        level: level(degrees),
+        duration_ms,
+    }
+}
+
+const fn release(duration_ms: u32) -> Segment {
+    Segment::Release { duration_ms }
+}
+
+/// Protocols that separate friction, hysteresis and damping.
+fn steps_ramps_and_reversals() -> Vec<ProtocolFile> {
+    let mut list = Vec::new();
+    let mut add = |name: String, title: String, segments: Vec<Segment>| {
+        list.push(ProtocolFile::new(name, title, segments));
+    };
+    for degrees in [10, 20, 45, 75] {
+        add(
+            format!("step{degrees}"),
+            format!("a step to {degrees} degrees and its release, twice"),
+            vec![
+                step(degrees, 6_000),
+                release(5_000),
+                Segment::Repeat { from: 0, times: 1 },
+            ],
+        );
+    }
+    for (name, seconds) in [("fast", 1), ("slow", 25)] {
+        add(
+            format!("triangle_{name}"),
+            format!("triangles to 80 degrees, {seconds} s up and {seconds} s down"),
+            vec![
+                ramp(80, seconds * 1000),
+                ramp(0, seconds * 1000),
+                Segment::Repeat { from: 0, times: 1 },
+                release(4_000),
+            ],
+        );
+    }
+    for middle in [20, 45, 75] {
+        add(
+            format!("small_reversals_{middle}"),
+            format!("triangles of 3 degrees about {middle} degrees, slow and fast"),
+            vec![
+                step(middle, 4_000),
+                ramp(middle + 3, 1_000),
+                ramp(middle - 3, 2_000),
+                ramp(middle, 1_000),
+                Segment::Repeat { from: 1, times: 3 },
+                ramp(middle + 3, 4_000),
+                ramp(middle - 3, 8_000),
+                ramp(middle, 4_000),
+                Segment::Repeat { from: 5, times: 1 },
+                release(4_000),
+            ],
+        );
+    }
+    list
+}
+
+/// Protocols that separate memory, drift, damping and delays.
+fn cycles_holds_and_sines() -> Vec<ProtocolFile> {
+    let mut list = Vec::new();
+    let mut add = |name: String, title: String, segments: Vec<Segment>| {
+        list.push(ProtocolFile::new(name, title, segments));
+    };
+    for (name, first, larger) in [("small", 40, 60), ("large", 60, 85)] {
+        add(
+            format!("softening_{name}"),
+            format!("cycles to {first} degrees, one to {larger}, the first again"),
+            vec![
+                step(first, 4_000),
+                release(4_000),
+                Segment::Repeat { from: 0, times: 2 },
+                step(larger, 4_000),
+                release(4_000),
+                step(first, 4_000),
+                release(4_000),
+                Segment::Repeat { from: 5, times: 1 },
+            ],
+        );
+    }
+    add(
+        "long_hold".into(),
+        "60 degrees for a minute and the recovery".into(),
+        vec![step(60, 60_000), release(30_000)],
+    );
+    add(
+        "small_steps".into(),
+        "steps of 8 degrees about several angles, then larger ones".into(),
+        vec![
+            step(20, 3_000),
+            step(28, 3_000),
+            step(20, 3_000),
+            step(50, 3_000),
+            step(58, 3_000),
+            step(50, 3_000),
+            step(75, 3_000),
+            step(83, 3_000),
+            step(75, 3_000),
+            step(15, 3_000),
+            step(75, 3_000),
+            step(15, 3_000),
+            release(4_000),
+        ],
+    );
+    for (name, period_ms) in [("fast", 4_000), ("slow", 20_000)] {
+        add(
+            format!("sines_{name}"),
+            format!(
+                "a multisine about 45 degrees with a base period of {} s",
+                period_ms / 1000
+            ),
+            vec![
+                step(45, 4_000),
+                Segment::Multisine {
+                    mode: MODE,
+                    centre: level(45),
+                    amplitude: level(25),
+                    period_ms,
+                    duration_ms: 2 * period_ms.max(10_000),
+                },
+                release(4_000),
+            ],
+        );
+    }
+    list
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use model_core::catalogue::Kind;
+    use model_core::dynamics::Dynamics;
+
+    fn nominal() -> Model<f64> {
+        Model::new(
+            Dynamics {
+                inertia: 0.25,
+                damping: 1.5,
+                stiffness: 5.0,
+                exponent: 1.7,
+                input_gain: 1e-4,
+            },
+            &[],
+        )
+        .unwrap()
+    }
+
+    #[test]
+    fn limits_hold_for_every_protocol() {
+        let limits = Limits {
+            highest_deg: 60.0,
+            longest_s: 60.0,
+            ..Limits::default()
+        };
+        let list = protocols(&limits);
+        assert!(list.len() >= 4);
+        for protocol in &list {
+            assert!(protocol.total_ms() <= 60_000, "{}", protocol.name);
+            assert_eq!(wire::protocol::check(&protocol.segments[..]), Ok(()));
+            let text = protocol.to_text();
+            let again = ProtocolFile::parse(&text, std::path::Path::new("p.toml")).unwrap();
+            assert_eq!(again.segments, protocol.segments);
+        }
+        let too_little = Limits {
+            highest_kpa: 1.0,
+            ..limits
+        };
+        assert!(drive(&list[0], &nominal(), &too_little).is_none());
+    }
+
+    /// A rival by its effects, of which nothing is known but their values.
+    fn with(kind: Kind, values: &[f64]) -> Candidate {
+        let dynamics = *nominal().dynamics();
+        let model = Model::new(dynamics, &[kind.build(values).unwrap()]).unwrap();
+        let none = Dataset::default();
+        let fitter = Fitter::new(&model, &none);
+        Candidate::of(vec![kind], fitter.compare(&model))
+    }
+
+    /// The zeros of every fit follow an offset, so it is no evidence in any run.
+    #[test]
+    fn an_offset_of_a_sensor_is_no_evidence() {
+        let rivals = |offset_rad: f64| {
+            // An offset of its own, so that nothing but the zero can follow the difference.
+            [
+                with(Kind::SensorOffset, &[0.0]),
+                with(Kind::SensorOffset, &[offset_rad]),
+            ]
+        };
+        let list = proposals(&nominal(), &rivals(0.02), 0.007, &Limits::default());
+        assert!(list.len() > 10);
+        for proposal in &list {
+            // 0.02 rad are 0.57 of the zero's standard deviation of 2 degrees, which is
+            // all that it costs.
+            let (name, evidence) = (&proposal.protocol.name, proposal.evidence);
+            assert!((evidence - 0.33).abs() < 0.05, "{name}: {evidence}");
+        }
+        // The same offset with friction on one side is the friction alone.
+        let friction = with(Kind::CoulombFriction, &[0.2, 0.02]);
+        let of = |offset: f64| {
+            let pair = [friction.clone(), with(Kind::SensorOffset, &[offset])];
+            proposals(&nominal(), &pair, 0.007, &Limits::default())[0].evidence
+        };
+        let (without, beside) = (of(0.0), of(0.02));
+        assert!(without > 50.0, "{without}");
+        assert!((beside / without - 1.0).abs() < 0.1, "{without} {beside}");
+    }
+
+    /// Hysteresis and friction differ most in small reversals, creep and drift
+    /// over time: a planner that works says so.
+    #[test]
+    fn friction_and_hysteresis_are_separated_by_reversals() {
+        let rivals = [
+            with(Kind::CoulombFriction, &[0.4, 0.02]),
+            with(Kind::BoucWenHysteresis, &[0.4, 0.06, 0.5]),
+        ];
+        let list = proposals(&nominal(), &rivals, 0.007, &Limits::default());
+        let evidence = |name: &str| {
+            list.iter()
+                .find(|proposal| proposal.protocol.name == name)
+                .unwrap()
+                .evidence
+                / f64::from(
+                    list.iter()
+                        .find(|proposal| proposal.protocol.name == name)
+                        .unwrap()
+                        .protocol
+                        .total_ms(),
+                )
+        };
+        assert!(evidence("small") > evidence("paper"));
+        assert!(list[0].evidence > 100.0);
+        assert!(
+            list.windows(2)
+                .all(|pair| pair[0].evidence >= pair[1].evidence)
+        );
+    }
+}

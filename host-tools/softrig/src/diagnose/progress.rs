@@ -1,0 +1,581 @@
+//! Progress of a diagnosis.
+//!
+//! A [`Progress`] only counts; a caller who shows nothing passes `&Progress::default()`. The
+//! number of further fits is known for the present step only, because the outcome of single
+//! effects decides whether combinations are tried. With a [`Budget`], it also tracks when that
+//! is spent and which parts were not done.
+//!
+//! A diagnosis can be asked to stop by [`Progress::stop`]. It ends at its next report, by
+//! unwinding to [`stoppable`], so that the dozen functions and the thread pool between a fit and
+//! its caller need not handle it.
+
+use std::collections::BTreeSet;
+use std::fmt;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use model_core::catalogue::Kind;
+
+use super::budget::{Budget, Ended, SearchPart};
+use super::candidates::Candidate;
+use super::finding::names;
+use super::measure::Measured;
+use super::policy::Policy;
+use softrig_formats::family::{Family, title};
+use softrig_formats::numbers::duration;
+use softrig_formats::numbers::{degrees, percent};
+
+/// Counts the work of a diagnosis. Any thread may report.
+#[derive(Debug)]
+pub struct Progress {
+    started: Instant,
+    budget: Option<Budget>,
+    now: Mutex<Now>,
+    stop: AtomicBool,
+}
+
+/// The work was stopped on request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Stopped;
+
+/// Runs work that reports to a [`Progress`] and can be stopped through it.
+///
+/// # Errors
+///
+/// [`Stopped`] if it was stopped.
+///
+/// # Panics
+///
+/// If the work panics.
+pub fn stoppable<T>(work: impl FnOnce() -> T) -> Result<T, Stopped> {
+    // Unfinished data of the work are dropped with it.
+    catch_unwind(AssertUnwindSafe(work)).map_err(|cause| match cause.downcast::<Stopped>() {
+        Ok(stopped) => *stopped,
+        Err(defect) => resume_unwind(defect),
+    })
+}
+
+/// The present stage and step.
+#[derive(Debug)]
+struct Now {
+    /// Why the diagnosis is repeated; empty the first time.
+    again: &'static str,
+    stage: String,
+    step: &'static str,
+    /// When the step began, or the stage if it has none.
+    since: Instant,
+    planned: usize,
+    done: usize,
+    fits: usize,
+    /// RMS residual (rad) of the refit of the nominal structure.
+    refit: Option<f64>,
+    best: Option<Best>,
+    /// The parts that were not done.
+    undone: BTreeSet<SearchPart>,
+}
+
+/// The best explanation so far.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Best {
+    /// The effects that it adds.
+    pub kinds: Vec<Kind>,
+    /// Its RMS error (rad).
+    pub leaves: f64,
+    /// RMS error of the refit (rad), if known.
+    pub of: Option<f64>,
+    /// Share of the error that it explains on held-out segments; none before its validation.
+    pub explains: Option<f64>,
+}
+
+/// A snapshot of the progress.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct State {
+    /// The present stage.
+    pub stage: String,
+    /// Finished fits of the present step.
+    pub done: usize,
+    /// Planned fits of the present step; 0 if unknown.
+    pub planned: usize,
+    /// Finished fits of all steps.
+    pub fits: usize,
+    /// Time since the beginning.
+    pub elapsed: Duration,
+    /// Time since the beginning of the present step.
+    pub in_step: Duration,
+    /// The best explanation so far.
+    pub best: Option<Best>,
+}
+
+impl Default for Progress {
+    fn default() -> Self {
+        let started = Instant::now();
+        Self {
+            started,
+            budget: None,
+            now: Mutex::new(Now {
+                again: "",
+                stage: "reading the recordings".into(),
+                step: "",
+                since: started,
+                planned: 0,
+                done: 0,
+                fits: 0,
+                refit: None,
+                best: None,
+                undone: BTreeSet::new(),
+            }),
+            stop: AtomicBool::new(false),
+        }
+    }
+}
+
+impl Progress {
+    /// The progress of a search with this budget, from now on; without limit if none.
+    pub fn within(budget: Option<Budget>) -> Self {
+        Self {
+            budget,
+            ..Self::default()
+        }
+    }
+
+    /// Whether a part of the search may still start. If not, it is noted as not done.
+    pub fn has_time_for(&self, part: SearchPart) -> bool {
+        let Some(budget) = self.budget else {
+            return true;
+        };
+        let mut now = self.now();
+        let has_time = match budget {
+            Budget::Time(time) => self.started.elapsed() < time,
+            Budget::Fits(fits) => now.fits < fits,
+        };
+        if !has_time {
+            now.undone.insert(part);
+        }
+        has_time
+    }
+
+    /// The parts that were not done.
+    pub fn undone(&self) -> BTreeSet<SearchPart> {
+        self.now().undone.clone()
+    }
+
+    /// The parts that were not done, if the budget has ended the search.
+    pub fn ended(&self) -> Option<Ended> {
+        let undone = self.undone();
+        let budget = self.budget.filter(|_| !undone.is_empty())?;
+        Some(Ended { budget, undone })
+    }
+
+    /// Asks the work to stop. The work must run within [`stoppable`].
+    pub fn stop(&self) {
+        self.stop.store(true, Ordering::Relaxed);
+    }
+
+    /// Ends work that was asked to stop. This is no panic: nothing is printed.
+    fn go_on(&self) {
+        if self.stop.load(Ordering::Relaxed) {
+            resume_unwind(Box::new(Stopped));
+        }
+    }
+
+    /// Announces a stage of `planned` fits; 0 if unknown.
+    pub fn stage(&self, what: impl Into<String>, planned: usize) {
+        self.go_on();
+        let mut now = self.now();
+        now.stage = what.into();
+        now.begin("", planned);
+    }
+
+    /// Announces a step of the stage, of `planned` fits.
+    pub fn step(&self, what: &'static str, planned: usize) {
+        self.go_on();
+        self.now().begin(what, planned);
+    }
+
+    /// Announces that the diagnosis is repeated, on other data. The best explanation so far
+    /// is dropped.
+    pub fn again(&self, why: &'static str) {
+        let mut now = self.now();
+        now.again = why;
+        now.best = None;
+    }
+
+    /// Notes the RMS error (rad) of the refit of the nominal structure.
+    pub fn refitted(&self, leaves: f64) {
+        self.now().refit = Some(leaves);
+    }
+
+    /// Counts a fit once the returned value is dropped, also if the fit fails.
+    pub fn fit(&self) -> Counted<'_> {
+        self.go_on();
+        Counted(self)
+    }
+
+    /// Offers a fit as the best so far.
+    pub fn fitted(&self, candidate: &Candidate) {
+        let mut now = self.now();
+        let best = Best {
+            kinds: candidate.set(),
+            leaves: candidate.fit.rmse(),
+            of: now.refit,
+            explains: None,
+        };
+        now.offer(best);
+    }
+
+    /// Offers a measured structure as the best so far, with the RMS error (rad) of the refit
+    /// on held-out segments.
+    pub fn measured(&self, row: &Measured, refit: f64) {
+        self.now().offer(Best {
+            kinds: row.estimate.set(),
+            leaves: row.row.held_out.full,
+            of: Some(refit),
+            explains: Some(row.closure.overall),
+        });
+    }
+
+    /// A snapshot of the progress.
+    pub fn state(&self) -> State {
+        let now = self.now();
+        let mut stage = String::new();
+        for part in [now.again, &now.stage, now.step] {
+            if !part.is_empty() {
+                stage += if stage.is_empty() { "" } else { ": " };
+                stage += part;
+            }
+        }
+        State {
+            stage,
+            done: now.done,
+            planned: now.planned,
+            fits: now.fits,
+            elapsed: self.started.elapsed(),
+            in_step: now.since.elapsed(),
+            best: now.best.clone(),
+        }
+    }
+
+    fn now(&self) -> MutexGuard<'_, Now> {
+        self.now.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Now {
+    fn begin(&mut self, step: &'static str, planned: usize) {
+        self.step = step;
+        self.since = Instant::now();
+        self.planned = planned;
+        self.done = 0;
+    }
+
+    fn offer(&mut self, best: Best) {
+        let helps = best.leaves < best.of.unwrap_or(f64::INFINITY);
+        if helps && self.best.as_ref().is_none_or(|before| best.beats(before)) {
+            self.best = Some(best);
+        }
+    }
+}
+
+/// A running fit, which counts as finished once this is dropped.
+#[derive(Debug)]
+#[must_use = "the fit counts as finished once this is dropped"]
+pub struct Counted<'a>(&'a Progress);
+
+impl Drop for Counted<'_> {
+    fn drop(&mut self) {
+        let mut now = self.0.now();
+        now.done += 1;
+        now.fits += 1;
+    }
+}
+
+impl Best {
+    /// Whether it replaces `other`: a measured structure goes before one that was only
+    /// fitted, and a larger one counts only if the decision would take it.
+    fn beats(&self, other: &Self) -> bool {
+        let left = match (self.explains, other.explains) {
+            (Some(explains), Some(other)) => [1.0 - explains, 1.0 - other],
+            (None, None) => [self.leaves, other.leaves],
+            (measured, _) => return measured.is_some(),
+        };
+        let further = Policy::STANDARD.further_leaves;
+        match self.kinds.len().cmp(&other.kinds.len()) {
+            std::cmp::Ordering::Greater => left[0] <= further * left[1],
+            std::cmp::Ordering::Equal => left[0] < left[1],
+            std::cmp::Ordering::Less => further * left[0] < left[1],
+        }
+    }
+}
+
+impl fmt::Display for Best {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let families = title(&Family::of_all(&self.kinds));
+        let effects = names(&self.kinds).join(" + ");
+        write!(f, "{families} ({effects}), leaves {}", degrees(self.leaves))?;
+        if let Some(of) = self.of {
+            write!(f, " of {}", degrees(of))?;
+        }
+        match self.explains {
+            Some(share) => write!(
+                f,
+                " on validation runs, explains {}",
+                percent(share.max(0.0))
+            ),
+            None => f.write_str(" on fitted runs, not yet validated"),
+        }
+    }
+}
+
+impl State {
+    /// Remaining time of the present step, from its finished fits; none before a tenth of
+    /// them are finished, and in the first second.
+    pub fn remaining(&self) -> Option<Duration> {
+        let enough = self.done >= 2
+            && 10 * self.done >= self.planned
+            && self.in_step >= Duration::from_secs(1);
+        let left = self.planned.checked_sub(self.done).filter(|_| enough)?;
+        (left > 0).then(|| self.in_step.mul_f64(left as f64 / self.done as f64))
+    }
+
+    /// Fits, time and the estimate for the present step, in words.
+    pub fn how_far(&self) -> String {
+        let mut text = match (self.planned, self.fits) {
+            (0, 0) => String::new(),
+            (0, fits) => format!("{fits} fits, "),
+            (planned, fits) if fits == self.done => {
+                format!("{} of {planned} fits, ", self.done)
+            }
+            (planned, fits) => {
+                format!("{} of {planned} fits ({fits} in all), ", self.done)
+            }
+        };
+        text += &format!("{} so far", duration(self.elapsed));
+        if let Some(remaining) = self.remaining() {
+            text += &format!(", this step about {} more", about(remaining));
+        }
+        text
+    }
+
+    /// The best explanation so far, or that there is none.
+    pub fn best_so_far(&self) -> String {
+        match &self.best {
+            Some(best) => format!("best so far: {best}"),
+            None => "no explanation so far".into(),
+        }
+    }
+}
+
+/// All of it in one line.
+impl fmt::Display for State {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { stage, .. } = self;
+        write!(f, "{stage}; {}; {}", self.how_far(), self.best_so_far())
+    }
+}
+
+/// A rounded estimate: 7 s, 40 s, 3 min.
+fn about(time: Duration) -> String {
+    let in_units = |unit: u64| Duration::from_secs((time.as_secs() + unit / 2) / unit * unit);
+    match time.as_secs() {
+        0..10 => duration(in_units(1).max(Duration::from_secs(1))),
+        10..90 => format!("{} s", in_units(10).as_secs()),
+        _ => duration(in_units(60)).trim_end_matches(" 0 s").to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use Kind::{CoulombFriction, Gravity, MaxwellBranch};
+
+    /// An explanation that was measured if it says how much it explains.
+    fn found(kinds: &[Kind], leaves: f64, explains: Option<f64>) -> Best {
+        Best {
+            kinds: kinds.to_vec(),
+            leaves,
+            of: Some(1.0),
+            explains,
+        }
+    }
+
+    #[test]
+    fn fits_count_for_their_step_and_for_all() {
+        let progress = Progress::default();
+        progress.stage("9 effects", 2);
+        drop(progress.fit());
+        let unfinished = progress.fit();
+        let counts = |state: &State| (state.done, state.planned, state.fits);
+        assert_eq!(counts(&progress.state()), (1, 2, 1));
+        drop(unfinished);
+        progress.step("screening", 100);
+        std::thread::scope(|scope| {
+            for _ in 0..4 {
+                scope.spawn(|| (0..20).for_each(|_| drop(progress.fit())));
+            }
+        });
+        let state = progress.state();
+        assert_eq!(counts(&state), (80, 100, 82));
+        assert_eq!(state.stage, "9 effects: screening");
+        progress.again("once more");
+        progress.stage("quality of the recordings", 0);
+        let state = progress.state();
+        assert_eq!(counts(&state), (0, 0, 82));
+        assert_eq!(state.stage, "once more: quality of the recordings");
+    }
+
+    #[test]
+    fn work_that_is_asked_to_stop_ends_at_its_next_report_on_every_thread() {
+        use rayon::prelude::*;
+        let progress = Progress::default();
+        let fits = |stop_at: usize| {
+            stoppable(|| {
+                (0..1000).into_par_iter().for_each(|fit| {
+                    if fit == stop_at {
+                        progress.stop();
+                    }
+                    drop(progress.fit());
+                });
+            })
+        };
+        assert_eq!(fits(1000), Ok(()));
+        assert_eq!(fits(0), Err(Stopped));
+        assert_eq!(stoppable(|| progress.stage("another", 0)), Err(Stopped));
+        // Where nothing is reported, nothing ends.
+        assert_eq!(stoppable(|| progress.state().fits < 2000), Ok(true));
+    }
+
+    #[test]
+    #[should_panic(expected = "a defect")]
+    fn a_defect_stays_a_panic() {
+        let _ = stoppable::<()>(|| panic!("a defect"));
+    }
+
+    #[test]
+    fn what_there_is_no_time_for_is_noted() {
+        let progress = Progress::within(Some(Budget::Fits(2)));
+        assert!(progress.has_time_for(SearchPart::Alone(Gravity)));
+        assert_eq!(progress.ended(), None);
+        (0..2).for_each(|_| drop(progress.fit()));
+        assert!(!progress.has_time_for(SearchPart::Alone(MaxwellBranch)));
+        assert!(!progress.has_time_for(SearchPart::Combinations));
+        let undone = progress.ended().unwrap().undone;
+        let expected = [SearchPart::Alone(MaxwellBranch), SearchPart::Combinations];
+        assert_eq!(undone, expected.into_iter().collect());
+        let hours = Progress::within(Some(Budget::Time(Duration::from_secs(7200))));
+        assert!(hours.has_time_for(SearchPart::Table));
+        let none = Progress::within(Some(Budget::Time(Duration::ZERO)));
+        assert!(!none.has_time_for(SearchPart::Table));
+        assert!(Progress::within(None).has_time_for(SearchPart::Table));
+    }
+
+    #[test]
+    fn a_larger_structure_has_to_leave_much_less_to_be_best() {
+        let pair = [CoulombFriction, Gravity];
+        let progress = Progress::default();
+        let best_after = |kinds: &[Kind], closes: f64| {
+            progress
+                .now()
+                .offer(found(kinds, 1.0 - closes, Some(closes)));
+            progress.state().best.unwrap().kinds
+        };
+        assert_eq!(best_after(&[Gravity], 0.6), [Gravity]);
+        assert_eq!(best_after(&[MaxwellBranch], 0.5), [Gravity]);
+        assert_eq!(best_after(&pair, 0.75), [Gravity]);
+        assert_eq!(best_after(&pair, 0.77), pair);
+        assert_eq!(best_after(&[MaxwellBranch], 0.61), pair);
+        assert_eq!(best_after(&[MaxwellBranch], 0.63), [MaxwellBranch]);
+        progress.again("once more");
+        assert_eq!(progress.state().best, None);
+    }
+
+    #[test]
+    fn a_fit_gives_way_to_a_measurement_and_must_help() {
+        let progress = Progress::default();
+        let left_after = |leaves, explains| {
+            progress.now().offer(found(&[Gravity], leaves, explains));
+            progress.state().best.map(|best| best.leaves)
+        };
+        assert_eq!(left_after(1.2, None), None);
+        assert_eq!(left_after(f64::NAN, None), None);
+        assert_eq!(left_after(0.5, None), Some(0.5));
+        assert_eq!(left_after(0.6, None), Some(0.5));
+        assert_eq!(left_after(0.7, Some(0.3)), Some(0.7));
+        assert_eq!(left_after(0.1, None), Some(0.7));
+    }
+
+    #[test]
+    fn a_line_says_where_how_far_and_what() {
+        let state = State {
+            stage: "27 effects at several horizons: screening".into(),
+            done: 12,
+            planned: 54,
+            fits: 63,
+            elapsed: Duration::from_secs(200),
+            in_step: Duration::from_secs(24),
+            best: Some(Best {
+                kinds: vec![CoulombFriction, Gravity],
+                leaves: 0.39_f64.to_radians(),
+                of: Some(1.214_f64.to_radians()),
+                explains: Some(0.712),
+            }),
+        };
+        assert_eq!(
+            state.to_string(),
+            "27 effects at several horizons: screening; 12 of 54 fits (63 in all), \
+             3 min 20 s so far, this step about 80 s more; \
+             best so far: dry friction + stiffness shape (coulomb_friction + gravity), \
+             leaves 0.390° of 1.21° on validation runs, explains 71 %"
+        );
+        let begun = State {
+            stage: "refit of the nominal structure".into(),
+            ..State::default()
+        };
+        assert_eq!(
+            begun.to_string(),
+            "refit of the nominal structure; 0 s so far; no explanation so far"
+        );
+        let coarse = Best {
+            kinds: vec![Gravity],
+            leaves: 0.01,
+            of: None,
+            explains: None,
+        };
+        assert_eq!(
+            coarse.to_string(),
+            "stiffness shape (gravity), leaves 0.573° on fitted runs, not yet validated"
+        );
+    }
+
+    #[test]
+    fn an_estimate_waits_for_a_tenth_and_is_no_finer_than_it_deserves() {
+        let state = |done, planned, seconds| State {
+            done,
+            planned,
+            in_step: Duration::from_secs(seconds),
+            ..State::default()
+        };
+        let none = [(0, 0), (1, 4), (5, 54), (4, 4), (7, 4), (3, 0)];
+        for (done, planned) in none {
+            assert_eq!(
+                state(done, planned, 60).remaining(),
+                None,
+                "{done}/{planned}"
+            );
+        }
+        assert_eq!(state(27, 54, 0).remaining(), None);
+        let remaining = state(6, 54, 60).remaining().unwrap();
+        assert_eq!(remaining, Duration::from_secs(480));
+        for (seconds, text) in [
+            (0.2, "1 s"),
+            (7.4, "7 s"),
+            (44.0, "40 s"),
+            (89.0, "90 s"),
+            (100.0, "2 min"),
+            (3600.0, "1 h 0 min"),
+        ] {
+            assert_eq!(about(Duration::from_secs_f64(seconds)), text);
+        }
+    }
+}

@@ -1,0 +1,342 @@
+//! The search: which structures are fitted, and how they are selected.
+
+use std::collections::BTreeSet;
+
+use model_core::actuator::MAX_EFFECTS;
+use model_core::catalogue::Kind;
+use rayon::prelude::*;
+
+use super::Progress;
+use super::baseline::{Baseline, in_step};
+use super::budget::SearchPart;
+use super::candidates::{Candidate, FitContext, Scales, Untried, applicable, final_fit};
+use super::finding::Finding;
+use super::grade::{Graded, grade};
+use super::measure::MeasuredStructure;
+use super::missing_force::Guesses;
+use super::selection::{Fitted, Rows, Selection};
+use super::singles::{Singles, is_settled, singles};
+use super::validation::CrossValidator;
+use crate::estimate::Dataset;
+use crate::estimate::checkpoint::Checkpoint;
+use crate::estimate::fit::Fitter;
+use crate::estimate::subsample::{short_segments, subsample};
+use softrig_formats::model_file::ModelFile;
+
+/// The best single effects that others are tried in place of.
+const LEADERS: usize = 2;
+
+/// Options of a search.
+#[derive(Clone, Copy)]
+pub struct Options<'a> {
+    /// Kept fits, also of an interrupted run.
+    pub checkpoint: &'a Checkpoint,
+    /// Counts the fits.
+    pub progress: &'a Progress,
+    /// Random seed.
+    pub seed: u64,
+    /// Effects to try beside those of the catalogue.
+    pub own: &'a [Kind],
+}
+
+/// The result of a search.
+pub struct Searched {
+    /// The selection.
+    pub found: Selection,
+    /// Effects that do not apply to the recordings.
+    pub untried: Vec<Untried>,
+    /// The baseline.
+    pub baseline: Baseline,
+}
+
+impl Searched {
+    fn nothing(finding: Finding, untried: Vec<Untried>, baseline: Baseline) -> Self {
+        Self {
+            found: Selection::nothing(finding, &baseline.refit),
+            untried,
+            baseline,
+        }
+    }
+}
+
+/// Searches the structures that add effects to the refit, and selects among them.
+///
+/// Single effects are fitted by output error. If none leaves only noise, the error of the
+/// best one shows how much no formula explains: zeros are weighed against that, and
+/// structures are fitted at several horizons, and combined. If the budget ends the search,
+/// the answer claims no more than the finished parts support.
+pub fn search(baseline: Baseline, options: Options<'_>) -> Searched {
+    let mut searched = selected(baseline, options);
+    searched.found = as_far_as_tried(searched.found, &options.progress.undone());
+    searched
+}
+
+fn selected(mut baseline: Baseline, options: Options<'_>) -> Searched {
+    let (file, data) = (baseline.file.clone(), baseline.data.clone());
+    let fitter = Fitter::new(&file.model, &data);
+    let mut validator =
+        CrossValidator::new(&file, &fitter, baseline.floor.input).beside(baseline.nominal.model);
+    if let Some(quiet) = baseline.find_quiet(&validator) {
+        return Searched::nothing(quiet, Vec::new(), baseline);
+    }
+    let (kinds, untried) = applicable(&file.model, options.own, &fitter);
+    let material = Material::of(&fitter, &baseline.refit);
+    let guesses = material.guesses(&fitter, &baseline, &kinds);
+    let fitters = material.fitters(&fitter);
+    let context = fitters.context(&file, &material, &guesses, options);
+    let Singles { coarse, mut pool } = singles(
+        &context,
+        &baseline.floor,
+        &kinds,
+        &baseline.refit,
+        options.progress,
+    );
+    let is_open = !is_settled(&pool, &baseline.floor);
+    let graded = (is_open && options.progress.has_time_for(SearchPart::Horizons))
+        .then(|| {
+            let leaders = coarse.iter().take(LEADERS).map(|it| &it.fit);
+            let noise = baseline.floor.white;
+            let guesses =
+                guesses
+                    .clone()
+                    .standing_in(context.subsample, leaders, noise, context.scales);
+            Grading::of(&baseline, &kinds, &coarse, &pool, guesses, options)
+        })
+        .flatten();
+    if let Some(Grading { graded, .. }) = &graded
+        && graded.may_leave_noise(&baseline.floor)
+    {
+        pool.extend(graded.finished(&context));
+    }
+    // The residual of the best structure is the best estimate of the rig's repeatability.
+    let simulated = graded.as_ref().and_then(|it| it.graded.simulated());
+    let best = pool
+        .iter()
+        .chain(simulated)
+        .min_by(|a, b| a.fit.sse().total_cmp(&b.fit.sse()));
+    if let Some(best) = best {
+        baseline.floor = baseline.floor.with_repeats(&best.fit.residuals);
+        validator.raise_floor(baseline.floor.rms);
+    }
+    options.progress.stage("selection by validation", 0);
+    if let Some(quiet) = baseline.find_quiet(&validator) {
+        return Searched::nothing(quiet, untried, baseline);
+    }
+    if pool.len() == 1 && graded.is_none() {
+        // The search ended early: the nearest single effect is what there is.
+        pool.extend(coarse.first().map(|nearest| final_fit(&context, nearest)));
+    }
+    let finished = rows(&validator, &pool);
+    if let Some(Grading {
+        graded,
+        baseline: weighed,
+        guesses,
+    }) = graded
+    {
+        let baseline = Baseline {
+            floor: baseline.floor,
+            ..weighed
+        };
+        let found = {
+            let file = &baseline.file;
+            let fitter = Fitter::new(&file.model, &baseline.data);
+            let mut validator = CrossValidator::new(file, &fitter, baseline.floor.input)
+                .beside(baseline.nominal.model);
+            validator.raise_floor(baseline.floor.rms);
+            let material = Material::of(&fitter, &baseline.refit);
+            let fitters = material.fitters(&fitter);
+            let context = fitters.context(file, &material, &guesses, options);
+            let measured = Fitted {
+                refit: MeasuredStructure::of(&validator, baseline.refit.clone()),
+                rows: graded.measured.into_iter().map(|it| it.row).collect(),
+            };
+            let rows = Rows::of(
+                measured,
+                Some(finished),
+                &validator,
+                &baseline.floor,
+                options.seed,
+            );
+            or_immaterial(rows.selection(&context, &validator), &baseline, &validator)
+        };
+        return Searched {
+            found,
+            untried,
+            baseline,
+        };
+    }
+    let rows = Rows::of(finished, None, &validator, &baseline.floor, options.seed);
+    let found = rows.selection(&context, &validator);
+    Searched {
+        found: or_immaterial(found, &baseline, &validator),
+        untried,
+        baseline,
+    }
+}
+
+/// The selection, or that nothing matters where little is left and nothing explains it.
+fn or_immaterial(
+    found: Selection,
+    baseline: &Baseline,
+    validator: &CrossValidator<'_>,
+) -> Selection {
+    if !matches!(found.finding, Finding::Unexplained { .. }) {
+        return found;
+    }
+    match baseline.immaterial(validator) {
+        Some(quiet) => Selection {
+            tried: found.tried,
+            best: found.best,
+            ..Selection::nothing(quiet, &baseline.refit)
+        },
+        None => found,
+    }
+}
+
+/// The refit and the best final fits, measured: fits that leave far more than the best are not
+/// worth a cross-validation.
+fn rows(validator: &CrossValidator<'_>, pool: &[Candidate]) -> Fitted {
+    /// Number of structures of each size.
+    const MEASURED: usize = 6;
+    let mut measured = Vec::new();
+    for size in 1..=MAX_EFFECTS {
+        let of_size = pool.iter().filter(|it| it.added.len() == size);
+        let mut of_size: Vec<&Candidate> = of_size.collect();
+        of_size.sort_by(|a, b| a.fit.sse().total_cmp(&b.fit.sse()));
+        measured.extend(of_size.into_iter().take(MEASURED));
+    }
+    Fitted {
+        refit: MeasuredStructure::of(validator, pool[0].clone()),
+        rows: measured
+            .into_par_iter()
+            .map(|candidate| MeasuredStructure::of(validator, candidate.clone()))
+            .collect(),
+    }
+}
+
+/// Limits a selection to what the finished parts support: rivals of an answer that does not
+/// stand are not planned for.
+fn as_far_as_tried(found: Selection, undone: &BTreeSet<SearchPart>) -> Selection {
+    let finding = found.finding.as_far_as_tried(undone);
+    let rivals = match finding {
+        Finding::OutOfTime { .. } => Vec::new(),
+        _ => found.rivals,
+    };
+    Selection {
+        finding,
+        rivals,
+        ..found
+    }
+}
+
+/// The graded structures, and what they were graded from.
+struct Grading {
+    graded: Graded,
+    baseline: Baseline,
+    guesses: Guesses,
+}
+
+impl Grading {
+    fn of(
+        baseline: &Baseline,
+        kinds: &[Kind],
+        coarse: &[Candidate],
+        pool: &[Candidate],
+        guesses: Guesses,
+        options: Options<'_>,
+    ) -> Option<Self> {
+        let mut singles = if pool.len() > 1 { &pool[1..] } else { coarse }.to_vec();
+        singles.sort_by(|a, b| a.fit.sse().total_cmp(&b.fit.sse()));
+        let best = singles.first().unwrap_or(&baseline.refit);
+        let baseline = baseline
+            .weighing_zeros(&best.fit.model)
+            .unwrap_or_else(|| baseline.clone());
+        let graded = {
+            let file = &baseline.file;
+            let fitter = Fitter::new(&file.model, &baseline.data);
+            let validator = CrossValidator::new(file, &fitter, baseline.floor.input);
+            let material = Material::of(&fitter, &baseline.refit);
+            let fitters = material.fitters(&fitter);
+            grade(
+                &fitters.context(file, &material, &guesses, options),
+                &validator,
+                &baseline.floor,
+                kinds,
+                &baseline.refit,
+                &singles,
+                options.progress,
+            )?
+        };
+        Some(Self {
+            graded,
+            baseline,
+            guesses,
+        })
+    }
+}
+
+/// The parts of the data for coarse fits.
+struct Material {
+    short_segments: Option<Dataset>,
+    subsample: Dataset,
+    scales: Scales,
+}
+
+impl Material {
+    fn of(fitter: &Fitter<'_>, refit: &Candidate) -> Self {
+        Self {
+            short_segments: (!in_step(fitter.data, &refit.fit))
+                .then(|| short_segments(fitter.data, fitter.nominal)),
+            subsample: subsample(fitter.data, &refit.fit.model),
+            scales: Scales::of(fitter, &refit.fit),
+        }
+    }
+
+    /// What the missing force of the refit suggests.
+    fn guesses(&self, fitter: &Fitter<'_>, baseline: &Baseline, kinds: &[Kind]) -> Guesses {
+        let noise = baseline.floor.white;
+        Guesses::of(fitter, &baseline.refit.fit, noise, kinds, &self.scales)
+    }
+
+    fn fitters<'a>(&'a self, whole: &'a Fitter<'a>) -> Fitters<'a> {
+        Fitters {
+            whole,
+            short_segments: self
+                .short_segments
+                .as_ref()
+                .map(|data| Fitter { data, ..*whole }),
+            subsample: Fitter {
+                data: &self.subsample,
+                ..*whole
+            },
+        }
+    }
+}
+
+/// Fitters to the whole data and to parts of it.
+struct Fitters<'a> {
+    whole: &'a Fitter<'a>,
+    short_segments: Option<Fitter<'a>>,
+    subsample: Fitter<'a>,
+}
+
+impl<'a> Fitters<'a> {
+    fn context(
+        &'a self,
+        file: &'a ModelFile,
+        material: &'a Material,
+        guesses: &'a Guesses,
+        options: Options<'a>,
+    ) -> FitContext<'a> {
+        FitContext {
+            file,
+            fitter: self.whole,
+            short_segments: self.short_segments.as_ref(),
+            subsample: &self.subsample,
+            scales: &material.scales,
+            guesses,
+            checkpoint: options.checkpoint,
+            progress: options.progress,
+        }
+    }
+}

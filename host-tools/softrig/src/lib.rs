@@ -1,0 +1,21 @@
+//! Simulation, estimation and diagnosis of soft pneumatic actuators.
+//!
+//! Recordings and models come from `softrig_formats`, in SI; the physics is `model_core`'s.
+//!
+//! - [`sim`] simulates a model over a pressure or a protocol.
+//! - [`estimate`] fits a model to recordings.
+//! - [`diagnose`] names the effect that a model lacks.
+//! - [`first_model`] makes a model from recordings alone.
+//! - [`synth`] makes recordings with a known answer.
+//! - [`statistics`] holds what several of these count by.
+#![forbid(unsafe_code)]
+// A room's first page names its modules, also those that no other crate sees.
+#![allow(rustdoc::private_intra_doc_links)]
+#![cfg_attr(not(test), warn(clippy::print_stdout, clippy::print_stderr))]
+
+pub mod diagnose;
+pub mod estimate;
+pub mod first_model;
+pub mod sim;
+pub mod statistics;
+pub mod synth;

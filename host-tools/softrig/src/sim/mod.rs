@@ -1,0 +1,8 @@
+//! Simulation over a pressure or a protocol, with plain and with dual numbers, and as the board
+//! predicts.
+
+pub mod board;
+pub mod dual;
+pub mod linear;
+pub mod protocol;
+pub mod simulate;

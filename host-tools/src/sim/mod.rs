@@ -1,8 +1,0 @@
-//! Simulation over a pressure or a protocol, with plain and with dual numbers, and as the board
-//! predicts.
-
-pub mod board;
-pub mod dual;
-pub(crate) mod linear;
-pub(crate) mod protocol;
-pub mod simulate;
