@@ -1,11 +1,13 @@
 //! Numbers and structures that cross between Rust and Python.
 
-use clap::ValueEnum;
+use std::str::FromStr;
+
 use numpy::{AllowTypeChange, IntoPyArray, PyArray1, PyArrayLike1};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 use serde_json::Value;
 use softrig_formats::error::InputError as Fault;
+use strum::VariantArray;
 
 use crate::fault::raised;
 
@@ -62,12 +64,12 @@ pub fn numbers(py: Python<'_>, name: &str, given: &Bound<'_, PyAny>) -> PyResult
 }
 
 /// One of several words.
-pub fn choice<T: ValueEnum>(py: Python<'_>, name: &str, word: &str) -> PyResult<T> {
-    T::from_str(word, false).map_err(|_| {
-        let known: Vec<String> = T::value_variants()
-            .iter()
-            .filter_map(|value| Some(value.to_possible_value()?.get_name().to_owned()))
-            .collect();
+pub fn choice<T>(py: Python<'_>, name: &str, word: &str) -> PyResult<T>
+where
+    T: FromStr + VariantArray + Into<&'static str> + Copy,
+{
+    word.parse().map_err(|_| {
+        let known: Vec<&str> = T::VARIANTS.iter().map(|&choice| choice.into()).collect();
         raised(
             py,
             &Fault::new(

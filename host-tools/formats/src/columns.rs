@@ -4,7 +4,7 @@
 //! tools have other headers, or other units under the same header. The layout is applied where
 //! the file is read, so that all other code works in one set of units.
 
-use clap::ValueEnum;
+use strum::{EnumMessage, EnumString, IntoStaticStr, VariantArray};
 
 use crate::recording::PASCAL_PER_KPA;
 
@@ -67,7 +67,10 @@ impl Quantity {
 }
 
 /// Unit of the times.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, EnumMessage, EnumString, IntoStaticStr, VariantArray,
+)]
+#[strum(serialize_all = "lowercase")]
 pub enum TimeUnit {
     /// Seconds
     S,
@@ -95,7 +98,10 @@ impl TimeUnit {
 }
 
 /// Unit of the pressure.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, EnumMessage, EnumString, IntoStaticStr, VariantArray,
+)]
+#[strum(serialize_all = "lowercase")]
 pub enum PressureUnit {
     /// Kilopascals
     Kpa,
@@ -142,7 +148,10 @@ impl PressureUnit {
 }
 
 /// Unit of the angle.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, EnumMessage, EnumString, IntoStaticStr, VariantArray,
+)]
+#[strum(serialize_all = "lowercase")]
 pub enum AngleUnit {
     /// Degrees
     Deg,
@@ -207,15 +216,11 @@ impl Unit {
     }
 
     /// The unit as `--units` takes it.
-    pub fn name(self) -> String {
-        fn flag(unit: &impl ValueEnum) -> String {
-            unit.to_possible_value()
-                .map_or_else(String::new, |value| value.get_name().to_owned())
-        }
+    pub fn name(self) -> &'static str {
         match self {
-            Self::Time(unit) => flag(&unit),
-            Self::Pressure(unit) => flag(&unit),
-            Self::Angle(unit) => flag(&unit),
+            Self::Time(unit) => unit.into(),
+            Self::Pressure(unit) => unit.into(),
+            Self::Angle(unit) => unit.into(),
         }
     }
 

@@ -20,24 +20,29 @@
 use std::path::{Path, PathBuf};
 
 use softrig_formats::error::InputError;
+use strum::{Display, EnumMessage, EnumString, IntoStaticStr, VariantArray};
 
 /// A stress or strain measure.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    PartialEq,
+    Eq,
+    serde::Serialize,
+    Display,
+    EnumMessage,
+    EnumString,
+    IntoStaticStr,
+    VariantArray,
+)]
 #[serde(rename_all = "snake_case")]
+#[strum(serialize_all = "snake_case")]
 pub enum Measure {
     /// Per undeformed section or length.
     Engineering,
     /// Per deformed section; the logarithm of the stretch.
     True,
-}
-
-impl std::fmt::Display for Measure {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
-            Self::Engineering => "engineering",
-            Self::True => "true",
-        })
-    }
 }
 
 /// One sample of a tensile test in both measures.

@@ -17,6 +17,7 @@ use nalgebra::{DMatrix, DVector, Dyn, Owned};
 
 use super::curve::{Measure, TensileCurve};
 use softrig_formats::error::InputError;
+use strum::{Display, EnumMessage, EnumString, IntoStaticStr, VariantArray};
 
 /// How the modulus enters a fit.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,8 +29,21 @@ pub enum Modulus {
 }
 
 /// In which direction the distance between curve and law is measured.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    PartialEq,
+    Eq,
+    serde::Serialize,
+    Display,
+    EnumMessage,
+    EnumString,
+    IntoStaticStr,
+    VariantArray,
+)]
 #[serde(rename_all = "snake_case")]
+#[strum(serialize_all = "snake_case")]
 pub enum Residual {
     /// σ − E εⁿ, in MPa.
     Stress,

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Parser;
 
+use super::choice::choice;
 use super::input::InputArgs;
 use super::output::{self, FileKind, Output};
 use softrig_formats::bounded::read_text;
@@ -35,7 +36,7 @@ pub struct Args {
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
     /// Format of the files in a folder
-    #[arg(long, value_enum, value_name = "FORMAT")]
+    #[arg(long, value_parser = choice::<Format>(), value_name = "FORMAT")]
     to: Option<Format>,
     /// Model file whose section [recording] says which columns hold what
     #[arg(long, value_name = "MODEL.toml")]

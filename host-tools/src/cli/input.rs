@@ -2,6 +2,7 @@
 
 use clap::Args;
 
+use super::choice::choice;
 use softrig_formats::columns::{self, AngleUnit, Columns, Layout, Names, PressureUnit, TimeUnit};
 
 /// The layout of all recordings of a command, if their columns are not `time_s`,
@@ -21,7 +22,7 @@ pub struct InputArgs {
     /// Unit of the time, as --units time=UNIT
     #[arg(
         long,
-        value_enum,
+        value_parser = choice::<TimeUnit>(),
         value_name = "UNIT",
         hide = true,
         conflicts_with = "units"
@@ -30,7 +31,7 @@ pub struct InputArgs {
     /// Unit of the pressure, as --units pressure=UNIT
     #[arg(
         long,
-        value_enum,
+        value_parser = choice::<PressureUnit>(),
         value_name = "UNIT",
         hide = true,
         conflicts_with = "units"
@@ -50,7 +51,7 @@ pub struct InputArgs {
     /// Unit of the angle, as --units angle=UNIT
     #[arg(
         long,
-        value_enum,
+        value_parser = choice::<AngleUnit>(),
         value_name = "UNIT",
         hide = true,
         conflicts_with = "units"

@@ -9,6 +9,7 @@ use clap::{Parser, Subcommand};
 use model_core::material::{DataSheet, Material, TABLE_I};
 use serde_json::{Value, json};
 
+use super::choice::choice;
 use super::output::{self, FileKind, Output};
 use crate::plot::materials as pictures;
 use crate::plot::{Figure, Mark, Panel, Role, Series, Style, write_svg};
@@ -76,10 +77,10 @@ struct FitCurveArgs {
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
     /// Stress measure [default: that of the strain, else engineering]
-    #[arg(long, value_enum)]
+    #[arg(long, value_parser = choice::<Measure>())]
     stress: Option<Measure>,
     /// Strain measure [default: that of the stress, else engineering]
-    #[arg(long, value_enum)]
+    #[arg(long, value_parser = choice::<Measure>())]
     strain: Option<Measure>,
     /// Smallest and largest fitted strain, in the chosen measure [default: the
     /// whole curve]
@@ -89,7 +90,7 @@ struct FitCurveArgs {
     #[arg(long, value_name = "MPA|free", value_parser = parse_modulus, allow_hyphen_values = true)]
     modulus_mpa: Option<ModulusArg>,
     /// Direction in which the misfit is measured [default: stress]
-    #[arg(long, value_enum)]
+    #[arg(long, value_parser = choice::<Residual>())]
     residual: Option<Residual>,
     /// The recipe behind Table I: true stress against engineering strain up to
     /// 6, misfit in strain, modulus from the table (or --modulus-mpa)
@@ -477,12 +478,7 @@ fn choice_but(fit: &CurveFit, modulus: &str) -> String {
         });
     format!(
         "{} stress against {} strain, {range}, {modulus}, misfit in {}",
-        choice.stress,
-        choice.strain,
-        match choice.residual {
-            Residual::Stress => "stress",
-            Residual::Strain => "strain",
-        }
+        choice.stress, choice.strain, choice.residual
     )
 }
 

@@ -1,6 +1,7 @@
 //! The subcommands of `rig`, one file each: arguments, and calls of the library.
 
 pub mod calibrate;
+pub(crate) mod choice;
 pub mod compare;
 pub mod convert;
 pub mod diagnose;

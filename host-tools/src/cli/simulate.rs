@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::{ArgGroup, Parser};
 
+use super::choice::choice;
 use super::input::InputArgs;
 use super::output::{self, FileKind, Output};
 use crate::plot::{Figure, Panel, Series, Style, write_svg};
@@ -43,7 +44,7 @@ pub struct Args {
     #[arg(long)]
     linear: bool,
     /// Arithmetic to simulate in
-    #[arg(long, value_enum, default_value_t = Arithmetic::F64)]
+    #[arg(long, value_parser = choice::<Arithmetic>(), default_value_t = Arithmetic::F64)]
     arithmetic: Arithmetic,
     /// Write the run as a recording
     #[arg(short, long, value_name = "OUT.csv")]

@@ -8,17 +8,22 @@ use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::Path;
 
+use strum::{EnumMessage, EnumString, IntoStaticStr, VariantArray};
+
 use super::{Decimals, Samples, Sheet, Values};
 use crate::columns::Quantity;
 use crate::recording::{Column, Meta};
 
 /// A format that is written.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, EnumMessage, EnumString, IntoStaticStr, VariantArray,
+)]
+#[strum(serialize_all = "lowercase")]
 pub enum Format {
     /// Text, a row a sample
     Csv,
     /// The same, packed
-    #[value(name = "csv.gz")]
+    #[strum(serialize = "csv.gz")]
     CsvGz,
     /// For pandas, polars, DuckDB and R
     Parquet,
@@ -29,12 +34,7 @@ pub enum Format {
 impl Format {
     /// The extension of such files.
     pub fn ending(self) -> &'static str {
-        match self {
-            Self::Csv => "csv",
-            Self::CsvGz => "csv.gz",
-            Self::Parquet => "parquet",
-            Self::Mcap => "mcap",
-        }
+        self.into()
     }
 
     /// The format that the name of a file asks for.

@@ -6,9 +6,9 @@
 
 use std::ops::RangeInclusive;
 
-use clap::ValueEnum;
 use model_core::actuator::Model;
 use model_core::power::{GuardedMicromath, Minimax, Power};
+use strum::{Display, EnumMessage, EnumString, IntoStaticStr, VariantArray};
 
 use crate::estimate::fit::Fitter;
 use crate::estimate::{Dataset, Nuisance, Session};
@@ -42,7 +42,20 @@ pub fn in_range(value: f64, range: &RangeInclusive<f64>, unit: &str) -> Result<f
 }
 
 /// The numbers in which a model is simulated.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    Display,
+    EnumMessage,
+    EnumString,
+    IntoStaticStr,
+    VariantArray,
+)]
+#[strum(serialize_all = "lowercase")]
 pub enum Arithmetic {
     /// Double precision
     #[default]
@@ -52,7 +65,7 @@ pub enum Arithmetic {
     /// Single precision with the minimax power, in Runge-Kutta steps
     Minimax,
     /// Single precision with micromath's power, guarded, in Runge-Kutta steps
-    #[value(alias = "board-micromath")]
+    #[strum(to_string = "micromath", serialize = "board-micromath")]
     Micromath,
 }
 
