@@ -6,14 +6,14 @@
 //! format.
 
 mod arrays;
-pub mod dialect;
+pub(crate) mod dialect;
 mod guard;
-pub mod mat;
+pub(crate) mod mat;
 #[cfg(feature = "mcap")]
-pub mod mcap;
-pub mod names;
+pub(crate) mod mcap;
+pub(crate) mod names;
 #[cfg(feature = "parquet")]
-pub mod parquet;
+pub(crate) mod parquet;
 #[cfg(feature = "mcap")]
 mod ros;
 pub mod write;

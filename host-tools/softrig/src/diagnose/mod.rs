@@ -18,32 +18,32 @@
 //!
 //! A false name is worse than "cannot tell".
 
-pub mod baseline;
+pub(crate) mod baseline;
 pub mod budget;
 pub mod candidates;
-pub mod decide;
-pub mod discrepancy;
-pub mod doubts;
-pub mod draws;
+pub(crate) mod decide;
+pub(crate) mod discrepancy;
+pub(crate) mod doubts;
+pub(crate) mod draws;
 pub mod finding;
-pub mod grade;
+pub(crate) mod grade;
 pub mod identifiability;
-pub mod levels;
+pub(crate) mod levels;
 pub mod localise;
 pub mod measure;
 pub mod missing_force;
-pub mod needs;
+pub(crate) mod needs;
 pub mod noise;
-pub mod pairs;
+pub(crate) mod pairs;
 pub mod plan;
 pub mod policy;
 pub mod progress;
-pub mod quality;
-pub mod search;
+pub(crate) mod quality;
+pub(crate) mod search;
 pub mod selection;
-pub mod singles;
-pub mod smoother;
-pub mod tables;
+pub(crate) mod singles;
+pub(crate) mod smoother;
+pub(crate) mod tables;
 pub mod validation;
 pub mod verdict;
 

@@ -12,9 +12,9 @@
 //! which the inertia vanishes ([`Order::First`]), and the others keep their meaning.
 
 mod remarks;
-pub mod rest;
+pub(crate) mod rest;
 mod starts;
-pub mod statics;
+pub(crate) mod statics;
 
 pub use remarks::far_zeros;
 
