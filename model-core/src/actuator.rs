@@ -621,7 +621,8 @@ impl<R: Real, P: Power<R>> Model<R, P> {
     ///
     /// Nothing holds against a leak: it is taken as not begun. Not finite if the
     /// input gain is zero, or if the stiffness grows faster with the pressure
-    /// than the force does, so that no pressure holds.
+    /// than the force does, so that no pressure holds. A table of the pressure is
+    /// balanced as if some stiffness were left.
     #[inline(never)] // Once on the board, which asks in several places.
     pub fn holding_pressure(&self, angle: R) -> R {
         let state = self.at_rest(angle, R::zero());
@@ -644,20 +645,21 @@ impl<R: Real, P: Power<R>> Model<R, P> {
         let mut gain = self.dynamics.input_gain;
         let mut chamber = unforced / gain;
         if self.occupied().any(Mechanism::<R>::stiffens) {
-            // Then too the force is a straight line over the pressure, as long as
-            // some stiffness is left. From a small step first, then from there,
-            // where rounding matters less.
-            let mut solve = |step: R| {
-                let slope = (unforced - missing(step)) / step;
-                gain = slope.max(R::zero());
-                unforced / gain
-            };
-            chamber = solve(R::from_i16(2048));
+            // Then too the force is a straight line over the pressure, and another beyond the
+            // pressure that takes all stiffness away: no bound of a parameter lets that be
+            // within this step of zero. From there onwards where rounding matters less, and
+            // where the other line may be.
+            let slope =
+                |from: R, step: R| ((missing(from) - missing(from + step)) / step).max(R::zero());
+            gain = slope(R::zero(), R::from_i16(16_384));
+            chamber = unforced / gain;
             if chamber.is_finite() && chamber.abs() > R::one() {
-                chamber = solve(chamber);
+                chamber = chamber + missing(chamber) / slope(chamber, chamber);
             }
         }
-        if let Some(table) = of_pressure {
+        if let Some(table) = of_pressure
+            && gain != R::zero()
+        {
             chamber = table.balance(unforced, gain);
         }
         let effects = self.effects.iter().flatten();

@@ -115,4 +115,23 @@ mod tests {
         let expected = spring / (gain - growth * spring);
         assert!((model.holding_pressure(0.8) / expected - 1.0).abs() < 1e-12);
     }
+
+    /// Under a push that takes more than all stiffness away, g p = −Q.
+    #[test]
+    fn without_stiffness_the_pressure_holds_the_other_forces() {
+        let (gain, force) = (6e-4, 3.4);
+        let stiffening = Kind::PressureStiffening.build(&[2e-4]).unwrap();
+        let push = Kind::PeriodicDisturbance.build(&[force, 1.0, -core::f64::consts::FRAC_PI_2]);
+        let dynamics = Dynamics {
+            inertia: 0.01,
+            damping: 0.0,
+            stiffness: 6.4,
+            exponent: 1.5,
+            input_gain: gain,
+        };
+        let model: Model<f64> = Model::new(dynamics, &[stiffening, push.unwrap()]).unwrap();
+        let held = model.holding_pressure(0.48);
+        assert!(1.0 + 2e-4 * held < 0.0);
+        assert!((held + force / gain).abs() < 1e-8 * force / gain, "{held}");
+    }
 }
