@@ -91,7 +91,10 @@ def test_a_fit_is_that_of_the_command(
     out = tmp_path / "fitted.toml"
     done = rig("fit", "--model", folder / "model.toml", *paths, "-o", out)
     assert done.returncode == 0, done.stderr
-    fit = softrig.fit(model, recordings)
+    with pytest.warns(softrig.InputWarning) as warned:
+        fit = softrig.fit(model, recordings)
+    said = " ".join(done.stderr.split())
+    assert all(str(warning.message) in said for warning in warned)
     assert fit.model.to_toml() == out.read_text()
     last = re.search(r"^all +([\d.]+) +([\d.]+)$", done.stdout, re.MULTILINE)
     assert last is not None
