@@ -14,10 +14,12 @@
 //! 8. [`selection`] gives the answer, a [`finding`], written as a [`verdict`].
 //! 9. [`plan`] proposes the run that separates the rivals.
 //!
-//! A [`budget`] can end the search early; the answer then claims less.
+//! A [`budget`] can end the search early; the answer then claims less. Where it is too short for
+//! a search on all samples, an [`affordable`] part of them is used.
 //!
 //! A false name is worse than "cannot tell".
 
+pub(crate) mod affordable;
 pub(crate) mod baseline;
 pub mod budget;
 pub mod candidates;
@@ -47,6 +49,8 @@ pub(crate) mod tables;
 pub mod validation;
 pub mod verdict;
 
+use std::borrow::Cow;
+
 use model_core::actuator::{Model, ParameterId};
 use model_core::catalogue::Kind;
 
@@ -57,6 +61,7 @@ use crate::estimate::fit::{Fit, Fitter};
 use crate::estimate::identify::far_zeros;
 use crate::estimate::unit_errors;
 use crate::sim::board::{self, Unseen};
+use affordable::{affordable, shortened};
 use baseline::Baseline;
 pub use budget::Budget;
 use budget::{Ended, SearchPart};
@@ -176,7 +181,27 @@ pub fn diagnose_from(
     checkpoint: &Checkpoint,
     progress: &Progress,
 ) -> Result<Diagnosis, InputError> {
-    let mut assembled = as_read(request.recordings, request.holdout)?;
+    let files = [request.recordings, request.holdout];
+    let mut too_many = Vec::new();
+    let [fitted, held_out] = match progress.time() {
+        Some(time) => {
+            progress.stage("how many samples the time is enough for", 0);
+            let (model, free) = (&request.file.model, request.file.free.as_slice());
+            let samples = affordable(model, free, request.recordings, time);
+            files.map(|recordings| {
+                let (used, concern) = shortened(recordings, samples, time);
+                too_many.extend(concern);
+                used
+            })
+        }
+        None => files.map(Cow::Borrowed),
+    };
+    let used = Request {
+        recordings: &fitted,
+        holdout: &held_out,
+        ..*request
+    };
+    let mut assembled = as_read(used.recordings, used.holdout)?;
     let fitted = assembled.data.indices(true).len();
     if fitted == 0 || (fitted < 2 && assembled.data.indices(false).is_empty()) {
         return Err(InputError::new(
@@ -185,9 +210,9 @@ pub fn diagnose_from(
         ));
     }
     refuse_implausible(request.file, &assembled.data)?;
-    assembled = assembled.from_rest(request.recordings);
+    assembled = assembled.from_rest(used.recordings);
     assembled.data = assembled.data.knowing(&request.file.within);
-    let mut found = diagnose_zeros(request, &assembled.data, checkpoint, progress)?;
+    let mut found = diagnose_zeros(&used, &assembled.data, checkpoint, progress)?;
     let mut odd_concern = None;
     let mut left_out = None;
     let outlier = found.outlier.take();
@@ -205,7 +230,7 @@ pub fn diagnose_from(
                 let is_it = |recording: &Recording| recording.path == *path;
                 request.recordings.iter().position(is_it)
             });
-        found = diagnose_zeros(request, &others, checkpoint, progress)?;
+        found = diagnose_zeros(&used, &others, checkpoint, progress)?;
         odd_concern = Some(outlier.concern);
     }
     let mut diagnosis = found.diagnosis;
@@ -213,6 +238,7 @@ pub fn diagnose_from(
     let own = diagnosis.concerns;
     diagnosis.concerns = odd_concern
         .into_iter()
+        .chain(too_many)
         .chain(assembled.concerns)
         .chain(own)
         .collect();

@@ -156,6 +156,14 @@ impl Progress {
         has_time
     }
 
+    /// The time of the budget, if it is one.
+    pub fn time(&self) -> Option<Duration> {
+        match self.budget? {
+            Budget::Time(time) => Some(time),
+            Budget::Fits(_) => None,
+        }
+    }
+
     /// The parts that were not done.
     pub fn undone(&self) -> BTreeSet<SearchPart> {
         self.now().undone.clone()

@@ -125,6 +125,8 @@ pub enum Matter {
     ShortStretch,
     /// A recording seems to be of another actuator.
     OtherActuator,
+    /// The time is too short for all samples.
+    TooManySamples,
     /// A session was given beside files that were cut from it.
     SegmentFiles,
 }
