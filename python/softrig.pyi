@@ -28,9 +28,11 @@ __all__ = [
     "Run",
     "Simulation",
     "__version__",
+    "compare",
     "diagnose",
     "example",
     "fit",
+    "gap",
     "read",
     "simulate",
 ]
@@ -262,6 +264,35 @@ def simulate(
 
     Over a recording, zeros and initial state are fitted to it. Over ``time_s`` and
     ``pressure_kpa``, or over a protocol, the simulation starts at rest."""
+
+class _RunError(TypedDict):
+    name: str
+    rms_deg: float
+    largest_deg: float
+
+class _GapOf(TypedDict):
+    rms_deg: float
+    largest_deg: float
+    runs: list[_RunError]
+
+class _Gap(TypedDict):
+    schema: int
+    before: _GapOf
+    after: _GapOf | None
+    sentence: str | None
+
+def gap(before: _Recordings, after: _Recordings | None = None) -> _Gap:
+    """The error of the board's own prediction, before and after an upload.
+
+    The prediction is the column predicted_deg that ``rig record`` writes. The result is what
+    ``rig gap --json`` writes."""
+
+def compare(
+    models: Model | Iterable[Model], recordings: _Recordings, *, linear: bool = False
+) -> pd.DataFrame:
+    """The RMS error of each model against the mean of the repeats to each set-point, with the
+    columns that ``rig compare -o`` writes. ``linear`` adds the paper's linear rival of the first
+    model, refitted."""
 
 @final
 class Parameter:

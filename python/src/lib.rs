@@ -2,7 +2,7 @@
 //!
 //! Nothing is computed here. Each module converts Python objects to those of `softrig`, the library,
 //! calls it, and converts the results back: [`recording`], [`model`], [`simulation`],
-//! [`fit`], [`diagnosis`], [`example`]. They share the conversion of errors to exceptions
+//! [`fit`], [`diagnosis`], [`measure`], [`example`]. They share the conversion of errors to exceptions
 //! ([`fault`]), of numbers ([`values`], [`frame`]), and long work without the interpreter's
 //! lock ([`work`]).
 //!
@@ -19,6 +19,7 @@ mod example;
 mod fault;
 mod fit;
 mod frame;
+mod measure;
 mod model;
 mod progress;
 mod recording;
@@ -40,6 +41,8 @@ mod softrig {
     use super::fault::{InputError, InputWarning};
     #[pymodule_export]
     use super::fit::{Fit, FitRun, Parameter, fit};
+    #[pymodule_export]
+    use super::measure::{compare, gap};
     #[pymodule_export]
     use super::model::Model;
     #[pymodule_export]

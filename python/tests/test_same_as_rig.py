@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import softrig
@@ -124,3 +125,39 @@ def test_an_error_has_the_words_of_the_command(
     done = rig("simulate", "--model", folder / "model.toml", "--recording", broken)
     assert done.returncode == 2
     assert done.stderr.strip() == f"error: {raised.value}"
+
+
+def test_a_comparison_is_that_of_the_command(
+    rig: Rig,
+    folder: Path,
+    paths: list[Path],
+    model: softrig.Model,
+    recordings: list[softrig.Recording],
+    tmp_path: Path,
+) -> None:
+    table = tmp_path / "table.csv"
+    models = ["--model", folder / "model.toml", "--model", folder / "truth.toml"]
+    done = rig("compare", *models, "--linear", *paths, "-o", table)
+    assert done.returncode == 0, done.stderr
+    expected = pd.read_csv(table)
+    both = [model, softrig.Model.read(folder / "truth.toml")]
+    found = softrig.compare(both, recordings, linear=True)
+    pd.testing.assert_frame_equal(found, expected, check_exact=False, atol=6e-4)
+    assert softrig.compare(model, recordings[0])["model"].tolist() == [model.name]
+    with pytest.raises(TypeError):
+        softrig.compare([folder], recordings)  # type: ignore[list-item]
+
+
+def test_a_gap_is_that_of_the_command(rig: Rig, tmp_path: Path) -> None:
+    head = "time_s,pressure_kpa,angle_deg,predicted_deg\n"
+    before, after = tmp_path / "before.csv", tmp_path / "after.csv"
+    before.write_text(head + "0,0,1,4\n0.01,0,2,\n0.02,0,5,1\n")
+    after.write_text(head + "0,0,1,1.5\n0.01,0,2,2\n0.02,0,5,5.5\n")
+    out = tmp_path / "gap.json"
+    expected = rig.json(out, "gap", before, "--after", after, "--json", out)
+    [first, second] = softrig.read([before, after])
+    assert softrig.gap(first, second) == expected
+    alone = softrig.gap(first)
+    assert alone["after"] is None and alone["before"] == expected["before"]
+    with pytest.raises(softrig.InputError, match="predicted_deg"):
+        softrig.gap(softrig.example(1).recordings[0])

@@ -172,6 +172,67 @@ pub struct CurveFit {
     pub hooke: LawFit,
 }
 
+impl CurveFit {
+    /// What was fitted to what, in a sentence without its end.
+    pub fn choice_sentence(&self) -> String {
+        match self.choice.modulus {
+            Modulus::Free => self.choice_but("modulus free"),
+            Modulus::Fixed(mpa) => self.choice_but(&format!("modulus held at {mpa} MPa")),
+        }
+    }
+
+    /// The same with other words on the modulus.
+    pub fn choice_but(&self, modulus: &str) -> String {
+        let choice = &self.choice;
+        let range = choice
+            .range
+            .map_or("whole curve".to_owned(), |(low, high)| {
+                format!("range {low} to {high}")
+            });
+        format!(
+            "{} stress against {} strain, {range}, {modulus}, misfit in {}",
+            choice.stress, choice.strain, choice.residual
+        )
+    }
+
+    /// What a reader of the numbers has to know, with what was noted of the curve.
+    pub fn notes(&self, curve: &TensileCurve) -> Vec<String> {
+        let mut notes = curve.notes.clone();
+        if !self.choice.is_consistent() {
+            notes.push(format!(
+                "{} stress and {} strain are not a consistent pair: the exponent describes this \
+                 plot, and the beam formulas need engineering stress and strain",
+                self.choice.stress, self.choice.strain
+            ));
+        }
+        let correlation = self.ludwick.lag_one_correlation;
+        if correlation > CORRELATED {
+            notes.push(format!(
+                "neighbouring residuals correlate by {correlation:.3}: the misfit is mostly the \
+                 law's shape rather than noise, and the standard errors are too small"
+            ));
+        }
+        if self.strains.1 > FAR_BEYOND * ACTUATOR_STRAIN {
+            notes.push(format!(
+                "the paper's actuator strains by {ACTUATOR_STRAIN:.2} at 90° and this fit goes to \
+                 {:.2}; --range 0,0.5 fits what the actuator sees",
+                self.strains.1
+            ));
+        }
+        notes
+    }
+}
+
+/// Largest strain in the paper's actuator at 90°: 20 mm from the neutral surface to the far
+/// side, over 94 mm of length.
+const ACTUATOR_STRAIN: f64 = 0.020 * std::f64::consts::FRAC_PI_2 / 0.094;
+
+/// Times that strain beyond which a fit says little of the actuator.
+const FAR_BEYOND: f64 = 3.0;
+
+/// Correlation of neighbouring residuals from which they are the law's and not the noise's.
+const CORRELATED: f64 = 0.5;
+
 /// Different strains that a fit needs: two parameters and two to judge them by.
 const NEEDED_STRAINS: usize = 4;
 /// Exponents outside are an artefact of data that do not grow with strain.

@@ -6,6 +6,7 @@
 //! - [`estimate`] fits a model to recordings.
 //! - [`diagnose`] names the effect that a model lacks.
 //! - [`first_model`] makes a model from recordings alone.
+//! - [`board_gap`] and [`comparison`] measure a model that is given.
 //! - [`synth`] makes recordings with a known answer.
 //! - [`statistics`] holds what several of these count by.
 #![forbid(unsafe_code)]
@@ -13,6 +14,8 @@
 #![allow(rustdoc::private_intra_doc_links)]
 #![cfg_attr(not(test), warn(clippy::print_stdout, clippy::print_stderr))]
 
+pub mod board_gap;
+pub mod comparison;
 pub mod diagnose;
 pub mod estimate;
 pub mod first_model;

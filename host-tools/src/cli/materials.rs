@@ -12,10 +12,10 @@ use serde_json::{Value, json};
 use super::choice::choice;
 use super::output::{self, FileKind, Output};
 use crate::plot::materials as pictures;
-use crate::plot::{Figure, Mark, Panel, Role, Series, Style, write_svg};
+use crate::plot::write_svg;
 use softrig_formats::error::{InputError, write_atomically};
 use softrig_materials::curve::{Measure, TensileCurve};
-use softrig_materials::fit::{self, Choice, CurveFit, Estimate, LawFit, Modulus, Residual};
+use softrig_materials::fit::{self, Choice, CurveFit, Estimate, Modulus, Residual};
 use softrig_materials::predictor::{LeaveOneOut, PredictorFit, eight_rows, leave_one_out};
 use softrig_materials::table_row;
 
@@ -423,10 +423,6 @@ fn predict(args: &PredictArgs, out: &mut dyn Write) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Largest strain in the paper's actuator at 90°: 20 mm from the neutral surface
-/// to the far side, over 94 mm of length.
-const ACTUATOR_STRAIN: f64 = 0.020 * std::f64::consts::FRAC_PI_2 / 0.094;
-
 fn choice_of(args: &FitCurveArgs, curve: &TensileCurve) -> Result<Choice, InputError> {
     if args.paper {
         let modulus = match args.modulus_mpa {
@@ -459,54 +455,6 @@ fn choice_of(args: &FitCurveArgs, curve: &TensileCurve) -> Result<Choice, InputE
         modulus: args.modulus_mpa.map_or(default.modulus, |arg| arg.0),
         residual: args.residual.unwrap_or(default.residual),
     })
-}
-
-fn choice_sentence(fit: &CurveFit) -> String {
-    match fit.choice.modulus {
-        Modulus::Free => choice_but(fit, "modulus free"),
-        Modulus::Fixed(mpa) => choice_but(fit, &format!("modulus held at {mpa} MPa")),
-    }
-}
-
-/// The choice in a sentence, with what is said of the modulus.
-fn choice_but(fit: &CurveFit, modulus: &str) -> String {
-    let choice = &fit.choice;
-    let range = choice
-        .range
-        .map_or("whole curve".to_owned(), |(low, high)| {
-            format!("range {low} to {high}")
-        });
-    format!(
-        "{} stress against {} strain, {range}, {modulus}, misfit in {}",
-        choice.stress, choice.strain, choice.residual
-    )
-}
-
-/// Warnings about the numbers.
-fn notes(curve: &TensileCurve, fit: &CurveFit) -> Vec<String> {
-    let mut notes = curve.notes.clone();
-    if !fit.choice.is_consistent() {
-        notes.push(format!(
-            "{} stress and {} strain are not a consistent pair: the exponent describes this plot, \
-             and the beam formulas need engineering stress and strain",
-            fit.choice.stress, fit.choice.strain
-        ));
-    }
-    let correlation = fit.ludwick.lag_one_correlation;
-    if correlation > 0.5 {
-        notes.push(format!(
-            "neighbouring residuals correlate by {correlation:.3}: the misfit is mostly the law's \
-             shape rather than noise, and the standard errors are too small"
-        ));
-    }
-    if fit.strains.1 > 3.0 * ACTUATOR_STRAIN {
-        notes.push(format!(
-            "the paper's actuator strains by {ACTUATOR_STRAIN:.2} at 90° and this fit goes to \
-             {:.2}; --range 0,0.5 fits what the actuator sees",
-            fit.strains.1
-        ));
-    }
-    notes
 }
 
 fn fit_curve(args: &FitCurveArgs, out: &mut dyn Write) -> anyhow::Result<()> {
@@ -548,7 +496,7 @@ fn curve_json(args: &FitCurveArgs, curve: &TensileCurve, fit: &CurveFit) -> Valu
         "ludwick": fit.ludwick,
         "hooke": fit.hooke,
         "table_i": table_row(curve).map(material_json),
-        "notes": notes(curve, fit),
+        "notes": fit.notes(curve),
         "tool_version": env!("CARGO_PKG_VERSION"),
     })
 }
@@ -564,10 +512,10 @@ fn fit_several(
     };
     let alike = fitted.iter().all(|(_, fit)| fit.choice == first.choice);
     let choice = if alike {
-        choice_sentence(first)
+        first.choice_sentence()
     } else {
         // The paper's recipe holds each modulus where the table has it.
-        choice_but(first, "modulus held as in Table I")
+        first.choice_but("modulus held as in Table I")
     };
     if let Some(path) = &args.plot {
         write_svg(
@@ -604,10 +552,7 @@ fn fit_several(
             table.map_or_else(|| "–".to_owned(), |exponent| format!("{exponent:.3}")),
         )?;
     }
-    let of_each: Vec<Vec<String>> = fitted
-        .iter()
-        .map(|(curve, fit)| notes(curve, fit))
-        .collect();
+    let of_each: Vec<Vec<String>> = fitted.iter().map(|(curve, fit)| fit.notes(curve)).collect();
     let (of_all, others): (Vec<&String>, Vec<&String>) = of_each
         .iter()
         .flatten()
@@ -636,9 +581,10 @@ fn fit_one(
     out: &mut dyn Write,
 ) -> anyhow::Result<()> {
     let choice = &fit.choice;
-    let notes = notes(curve, fit);
+    let notes = fit.notes(curve);
     if let Some(path) = &args.plot {
-        write_svg(path, &figure(curve, fit))?;
+        let sentence = with_capital(&fit.choice_sentence());
+        write_svg(path, &pictures::curve_figure(curve, fit, &sentence))?;
     }
     let value = curve_json(args, curve, fit);
     if !deliver_json(args.json.as_deref(), &value, out)? {
@@ -650,7 +596,7 @@ fn fit_one(
         "{} samples, strain {:.4} to {:.4}",
         fit.points, fit.strains.0, fit.strains.1
     )?;
-    writeln!(out, "{}", choice_sentence(fit))?;
+    writeln!(out, "{}", fit.choice_sentence())?;
     writeln!(out)?;
     writeln!(
         out,
@@ -702,123 +648,10 @@ fn with_error(estimate: Estimate) -> String {
     }
 }
 
-const HOOKE: Style = Style::new(Role::Before, Mark::Line);
-const LUDWICK: Style = Style::AFTER;
-
 fn with_capital(sentence: &str) -> String {
     let mut letters = sentence.chars();
     let first = letters.next().into_iter().flat_map(char::to_uppercase);
     first.chain(letters).collect()
-}
-
-/// Curve and laws above, misfits below.
-fn figure(curve: &TensileCurve, fit: &CurveFit) -> Figure {
-    let sentence = with_capital(&choice_sentence(fit));
-    Figure::new(format!("{}: Ludwick's law and Hooke's", curve.material))
-        .with_subtitle(format!(
-            "{sentence}. RMS misfit {:.4} against {:.4} {}.",
-            fit.ludwick.rms,
-            fit.hooke.rms,
-            match fit.choice.residual {
-                Residual::Stress => "MPa",
-                Residual::Strain => "of strain",
-            }
-        ))
-        .with_panel(curve_panel(curve, fit))
-        .with_panel(misfit_panel(curve, fit))
-}
-
-fn strain_label(fit: &CurveFit) -> String {
-    format!("{} strain (–)", fit.choice.strain)
-}
-
-fn curve_panel(curve: &TensileCurve, fit: &CurveFit) -> Panel {
-    let choice = &fit.choice;
-    let (strains, stresses) = fit::selected(curve, choice);
-    let whole = Choice {
-        range: None,
-        ..*choice
-    };
-    let (all_strains, all_stresses) = fit::selected(curve, &whole);
-    let from = fit.strains.0.min(0.0);
-    let grid: Vec<f64> = (0..=300)
-        .map(|i| from + (fit.strains.1 - from) * f64::from(i) / 300.0)
-        .collect();
-    let drawn = |law: &LawFit| -> Vec<f64> { grid.iter().map(|e| law.stress_mpa(*e)).collect() };
-    let ludwick = drawn(&fit.ludwick);
-    // Points that were not fitted give context, but must not shrink the fitted range.
-    let right = match choice.range {
-        Some(_) => curve
-            .largest_strain(choice.strain)
-            .min(1.25 * fit.strains.1),
-        None => fit.strains.1,
-    };
-    // Hooke's line may leave the picture under a held modulus, for the same
-    // reason.
-    let shown = all_strains
-        .iter()
-        .zip(&all_stresses)
-        .filter(|(strain, _)| **strain <= right)
-        .map(|(_, stress)| stress);
-    let (bottom, top) = shown
-        .chain(&ludwick)
-        .fold((0.0_f64, 0.0_f64), |(bottom, top), stress| {
-            (bottom.min(*stress), top.max(*stress))
-        });
-    let margin = 0.04 * (top - bottom);
-    let mut panel = Panel::new(strain_label(fit), format!("{} stress (MPa)", choice.stress));
-    if all_strains.len() > strains.len() {
-        let style = Style::new(Role::Measured, Mark::Thin);
-        panel = panel.with_series(Series::new(
-            "not fitted",
-            &all_strains,
-            &all_stresses,
-            style,
-        ));
-    }
-    let ludwick_label = format!(
-        "Ludwick: n = {:.3}, E = {:.3} MPa",
-        fit.ludwick.exponent.value, fit.ludwick.modulus_mpa.value
-    );
-    let hooke_label = format!("Hooke: E = {:.3} MPa", fit.hooke.modulus_mpa.value);
-    panel
-        .with_series(Series::new(
-            "measured",
-            &strains,
-            &stresses,
-            Style::MEASURED_POINTS,
-        ))
-        .with_series(Series::new(hooke_label, &grid, &drawn(&fit.hooke), HOOKE))
-        .with_series(Series::new(ludwick_label, &grid, &ludwick, LUDWICK))
-        .with_x_range(from - 0.02 * (right - from), right)
-        .with_y_range(bottom - margin, top + margin)
-        .with_weight(1.5)
-}
-
-fn misfit_panel(curve: &TensileCurve, fit: &CurveFit) -> Panel {
-    let direction = fit.choice.residual;
-    let (strains, stresses) = fit::selected(curve, &fit.choice);
-    let misfits = |law: &LawFit| -> Vec<f64> {
-        strains
-            .iter()
-            .zip(&stresses)
-            .map(|(strain, stress)| law.residual(direction, *strain, *stress))
-            .collect()
-    };
-    let (of_hooke, of_ludwick) = (misfits(&fit.hooke), misfits(&fit.ludwick));
-    let largest = |misfits: &[f64]| misfits.iter().fold(0.0_f64, |top, r| top.max(r.abs()));
-    let reach = 1.08 * largest(&of_hooke).min(5.0 * largest(&of_ludwick));
-    let label = match direction {
-        Residual::Stress => "misfit (MPa)",
-        Residual::Strain => "misfit (strain)",
-    };
-    // An exact fit leaves no range to draw, which the panel then chooses itself.
-    Panel::new(strain_label(fit), label)
-        .with_series(Series::new("", &strains, &of_hooke, HOOKE))
-        .with_series(Series::new("", &strains, &of_ludwick, LUDWICK))
-        .with_level(0.0)
-        .with_y_range(-reach, reach)
-        .with_weight(0.7)
 }
 
 #[cfg(test)]

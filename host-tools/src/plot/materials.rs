@@ -1,11 +1,11 @@
-//! Materials in pictures: the predictor beside the table (the paper's Fig. 3), and several
-//! tensile curves with their laws (its Figs. 1 and 2).
+//! Materials in pictures: the predictor beside the table (the paper's Fig. 3), a tensile curve
+//! with its laws and their misfits, and several curves (its Figs. 1 and 2).
 
 use model_core::material::{Material, TABLE_I};
 
 use softrig_formats::numbers::short;
 use softrig_materials::curve::TensileCurve;
-use softrig_materials::fit::{CurveFit, selected};
+use softrig_materials::fit::{Choice, CurveFit, LawFit, Residual, selected};
 use softrig_materials::predictor::{LeaveOneOut, PredictorFit};
 use softrig_materials::table_row;
 
@@ -132,6 +132,118 @@ pub fn curves_figure(curves: &[(TensileCurve, CurveFit)], choice: &str) -> Figur
 /// What a material is called: as in Table I, if it is there.
 pub fn name(curve: &TensileCurve) -> &str {
     table_row(curve).map_or(&curve.material, |row| row.name)
+}
+
+const HOOKE: Style = Style::new(Role::Before, Mark::Line);
+const LUDWICK: Style = Style::AFTER;
+
+/// Curve and laws above, misfits below; `sentence` says what was fitted.
+pub fn curve_figure(curve: &TensileCurve, fit: &CurveFit, sentence: &str) -> Figure {
+    Figure::new(format!("{}: Ludwick's law and Hooke's", curve.material))
+        .with_subtitle(format!(
+            "{sentence}. RMS misfit {:.4} against {:.4} {}.",
+            fit.ludwick.rms,
+            fit.hooke.rms,
+            match fit.choice.residual {
+                Residual::Stress => "MPa",
+                Residual::Strain => "of strain",
+            }
+        ))
+        .with_panel(curve_panel(curve, fit))
+        .with_panel(misfit_panel(curve, fit))
+}
+
+fn strain_label(fit: &CurveFit) -> String {
+    format!("{} strain (–)", fit.choice.strain)
+}
+
+fn curve_panel(curve: &TensileCurve, fit: &CurveFit) -> Panel {
+    let choice = &fit.choice;
+    let (strains, stresses) = selected(curve, choice);
+    let whole = Choice {
+        range: None,
+        ..*choice
+    };
+    let (all_strains, all_stresses) = selected(curve, &whole);
+    let from = fit.strains.0.min(0.0);
+    let grid: Vec<f64> = (0..=300)
+        .map(|i| from + (fit.strains.1 - from) * f64::from(i) / 300.0)
+        .collect();
+    let drawn = |law: &LawFit| -> Vec<f64> { grid.iter().map(|e| law.stress_mpa(*e)).collect() };
+    let ludwick = drawn(&fit.ludwick);
+    // Points that were not fitted give context, but must not shrink the fitted range.
+    let right = match choice.range {
+        Some(_) => curve
+            .largest_strain(choice.strain)
+            .min(1.25 * fit.strains.1),
+        None => fit.strains.1,
+    };
+    // Hooke's line may leave the picture under a held modulus, for the same
+    // reason.
+    let shown = all_strains
+        .iter()
+        .zip(&all_stresses)
+        .filter(|(strain, _)| **strain <= right)
+        .map(|(_, stress)| stress);
+    let (bottom, top) = shown
+        .chain(&ludwick)
+        .fold((0.0_f64, 0.0_f64), |(bottom, top), stress| {
+            (bottom.min(*stress), top.max(*stress))
+        });
+    let margin = 0.04 * (top - bottom);
+    let mut panel = Panel::new(strain_label(fit), format!("{} stress (MPa)", choice.stress));
+    if all_strains.len() > strains.len() {
+        let style = Style::new(Role::Measured, Mark::Thin);
+        panel = panel.with_series(Series::new(
+            "not fitted",
+            &all_strains,
+            &all_stresses,
+            style,
+        ));
+    }
+    let ludwick_label = format!(
+        "Ludwick: n = {:.3}, E = {:.3} MPa",
+        fit.ludwick.exponent.value, fit.ludwick.modulus_mpa.value
+    );
+    let hooke_label = format!("Hooke: E = {:.3} MPa", fit.hooke.modulus_mpa.value);
+    panel
+        .with_series(Series::new(
+            "measured",
+            &strains,
+            &stresses,
+            Style::MEASURED_POINTS,
+        ))
+        .with_series(Series::new(hooke_label, &grid, &drawn(&fit.hooke), HOOKE))
+        .with_series(Series::new(ludwick_label, &grid, &ludwick, LUDWICK))
+        .with_x_range(from - 0.02 * (right - from), right)
+        .with_y_range(bottom - margin, top + margin)
+        .with_weight(1.5)
+}
+
+fn misfit_panel(curve: &TensileCurve, fit: &CurveFit) -> Panel {
+    let direction = fit.choice.residual;
+    let (strains, stresses) = selected(curve, &fit.choice);
+    let misfits = |law: &LawFit| -> Vec<f64> {
+        strains
+            .iter()
+            .zip(&stresses)
+            .map(|(strain, stress)| law.residual(direction, *strain, *stress))
+            .collect()
+    };
+    let (of_hooke, of_ludwick) = (misfits(&fit.hooke), misfits(&fit.ludwick));
+    let largest = |misfits: &[f64]| misfits.iter().fold(0.0_f64, |top, r| top.max(r.abs()));
+    let reach = 1.08 * largest(&of_hooke).min(5.0 * largest(&of_ludwick));
+    let label = match direction {
+        Residual::Stress => "misfit (MPa)",
+        Residual::Strain => "misfit (strain)",
+    };
+    // An exact fit leaves no range to draw, which the panel then chooses itself.
+    Panel::new(strain_label(fit), label)
+        .with_series(Series::new("", &strains, &of_hooke, HOOKE))
+        .with_series(Series::new("", &strains, &of_ludwick, LUDWICK))
+        .with_level(0.0)
+        .with_y_range(-reach, reach)
+        .with_weight(0.7)
 }
 
 #[cfg(test)]

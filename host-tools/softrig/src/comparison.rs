@@ -1,0 +1,216 @@
+//! Models beside recordings: the paper's Table III.
+//!
+//! For each set-point the recorded repeats are averaged, and the RMS error of every model against
+//! that mean is given in degrees and in percent of the set-point.
+
+use std::fmt;
+
+use model_core::actuator::{Model, ParameterId};
+use softrig_formats::model_file::ModelFile;
+use softrig_formats::recording::Recording;
+
+use crate::diagnose::noise::NoiseFloor;
+use crate::estimate::Dataset;
+use crate::estimate::fit::{Effort, Fitter};
+use crate::sim::linear::linear_rival;
+use crate::statistics::{mean, rms, squares_about_mean};
+
+/// Models beside recordings.
+#[derive(Clone, Debug)]
+pub struct Comparison {
+    /// The runs.
+    pub runs: Vec<Recording>,
+    /// The runs by set-point.
+    pub groups: Vec<Repeats>,
+    /// The models.
+    pub models: Vec<Compared>,
+}
+
+impl Comparison {
+    /// Simulates models over the sessions of `data`; with `linear`, also the paper's linear rival
+    /// of the first model, refitted to the same sessions.
+    pub fn of(files: &[ModelFile], data: &Dataset, linear: bool) -> Self {
+        let runs = data.recordings(true);
+        let groups = groups(&runs);
+        let mut models: Vec<Compared> = files
+            .iter()
+            .map(|file| Compared::of(name_of(file, files), &file.model, data, &groups))
+            .collect();
+        if let Some(first) = files.first().filter(|_| linear) {
+            let rival = linear_rival(&first.model, data.largest_angle());
+            let fitter = Fitter::new(&rival, data);
+            let free: Vec<_> = first
+                .free
+                .iter()
+                .copied()
+                .filter(|id| *id != ParameterId::Exponent && rival.value(*id).is_some())
+                .collect();
+            let fitted = fitter.fit(&rival, &free, Effort::Full);
+            let name = "linear rival, refitted".to_owned();
+            models.push(Compared {
+                is_rival: true,
+                ..Compared::of(name, &fitted.model, data, &groups)
+            });
+        }
+        Self {
+            runs,
+            groups,
+            models,
+        }
+    }
+}
+
+/// The name of a model, or that of its file if another has the same.
+fn name_of(file: &ModelFile, all: &[ModelFile]) -> String {
+    let alike = all.iter().filter(|other| other.name == file.name).count();
+    match file.path.file_name() {
+        Some(path) if alike > 1 => path.to_string_lossy().into_owned(),
+        _ => file.name.clone(),
+    }
+}
+
+/// Errors of one model at one set-point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ModelError {
+    /// RMS error against the mean of the repeats (°).
+    pub rms_deg: f64,
+    /// The same in percent of the set-point; not finite where that is zero.
+    pub percent: f64,
+}
+
+/// A model beside the recordings.
+#[derive(Clone, Debug)]
+pub struct Compared {
+    /// Its name.
+    pub name: String,
+    /// Simulated minus measured angle (rad), one series per run.
+    pub residuals: Vec<Vec<f64>>,
+    /// Its error at each set-point.
+    pub errors: Vec<ModelError>,
+    /// Whether it is the linear rival.
+    pub is_rival: bool,
+}
+
+impl Compared {
+    /// Simulates the model over the sessions; its error against the mean of repeats is
+    /// the mean of its errors on each.
+    fn of(name: String, model: &Model<f64>, data: &Dataset, groups: &[Repeats]) -> Self {
+        let residuals = Fitter::new(model, data).compare(model).residuals;
+        let errors = groups
+            .iter()
+            .map(|group| {
+                let rms_deg = rms(&average(&group.of(&residuals))).to_degrees();
+                ModelError {
+                    rms_deg,
+                    percent: 100.0 * rms_deg / group.setpoint_deg.abs(),
+                }
+            })
+            .collect();
+        Self {
+            name,
+            residuals,
+            errors,
+            is_rival: false,
+        }
+    }
+}
+
+/// Runs to one set-point.
+#[derive(Clone, Debug)]
+pub struct Repeats {
+    /// Name of the first.
+    pub label: String,
+    /// The set-point (°): as recorded, as in the metadata, or the largest angle that is held.
+    pub setpoint_deg: f64,
+    /// Their indices among all runs.
+    pub runs: Vec<usize>,
+}
+
+impl Repeats {
+    /// The series of its runs, from those of all runs.
+    pub fn of<'a>(&self, all: &'a [Vec<f64>]) -> Vec<&'a [f64]> {
+        self.runs.iter().map(|&run| all[run].as_slice()).collect()
+    }
+}
+
+fn groups(runs: &[Recording]) -> Vec<Repeats> {
+    let mut sets = NoiseFloor::of(runs).groups;
+    for index in 0..runs.len() {
+        if !sets.iter().any(|set| set.contains(&index)) {
+            sets.push(vec![index]);
+        }
+    }
+    sets.sort();
+    sets.into_iter()
+        .map(|set| {
+            let angles: Vec<&[f64]> = set.iter().map(|&run| runs[run].angle.as_slice()).collect();
+            Repeats {
+                label: runs[set[0]].name.clone(),
+                setpoint_deg: setpoint_deg(&runs[set[0]], &average(&angles)),
+                runs: set,
+            }
+        })
+        .collect()
+}
+
+/// Mean of repeats, sample by sample.
+pub fn average(members: &[&[f64]]) -> Vec<f64> {
+    across(members, mean)
+}
+
+/// Standard deviation of one repeat, sample by sample; none of a single run.
+pub fn deviation(members: &[&[f64]]) -> Option<Vec<f64>> {
+    let free = members.len().checked_sub(1).filter(|free| *free > 0)?;
+    let of_sample = |values: &[f64]| (squares_about_mean(values) / free as f64).sqrt();
+    Some(across(members, of_sample))
+}
+
+/// Applies `number` to each sample that all repeats have.
+fn across(members: &[&[f64]], number: impl Fn(&[f64]) -> f64) -> Vec<f64> {
+    let count = members.iter().map(|member| member.len()).min().unwrap_or(0);
+    (0..count)
+        .map(|k| {
+            let values: Vec<f64> = members.iter().map(|member| member[k]).collect();
+            number(&values)
+        })
+        .collect()
+}
+
+/// The set-point of a run (°): as recorded, as in the metadata, or the largest
+/// angle that the run holds.
+fn setpoint_deg(recording: &Recording, average: &[f64]) -> f64 {
+    let recorded = recording.column("setpoint_deg").map(|column| {
+        column
+            .iter()
+            .copied()
+            .filter(|value| value.is_finite())
+            .fold(0.0, |largest: f64, value| {
+                if value.abs() > largest.abs() {
+                    value
+                } else {
+                    largest
+                }
+            })
+    });
+    recorded
+        .filter(|setpoint| *setpoint != 0.0)
+        .or(recording.meta.setpoint_deg)
+        .unwrap_or_else(|| {
+            let mut angles: Vec<f64> = average.iter().map(|angle| angle.abs()).collect();
+            angles.sort_unstable_by(f64::total_cmp);
+            // A tenth of the run above it: overshoot does not count.
+            angles[angles.len() - 1 - angles.len() / 10].to_degrees()
+        })
+}
+
+/// An error in degrees and, where that means something, in percent of the set-point.
+impl fmt::Display for ModelError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { rms_deg, percent } = self;
+        if percent.is_finite() {
+            write!(f, "{rms_deg:.2}° ({percent:.1} %)")
+        } else {
+            write!(f, "{rms_deg:.2}°")
+        }
+    }
+}

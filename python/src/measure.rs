@@ -1,0 +1,94 @@
+//! `softrig.gap` and `softrig.compare`: how far a model that is given is off.
+
+use library::board_gap::{BoardGap, PredictedRun, predicted_runs};
+use library::comparison::Comparison;
+use library::diagnose::Progress;
+use library::estimate::assemble::assemble;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use softrig_formats::model_file::ModelFile;
+
+use crate::fault::{OrRaise, warn};
+use crate::frame;
+use crate::model::Model;
+use crate::recording::{inputs, recordings};
+use crate::values::from_json;
+use crate::work::{self, Listener};
+
+/// The error of the board's own prediction, before and after an upload.
+///
+/// The prediction is the column predicted_deg that `rig record` writes. The result is what
+/// `rig gap --json` writes.
+#[pyfunction]
+#[pyo3(signature = (before, after = None))]
+pub fn gap<'py>(
+    py: Python<'py>,
+    before: &Bound<'py, PyAny>,
+    after: Option<&Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyAny>> {
+    let before = recordings(before)?;
+    let after = after.map_or_else(|| Ok(Vec::new()), recordings)?;
+    let [before, after] = inputs(py, &before, &after)?;
+    let runs = |of: &[_]| -> PyResult<Vec<PredictedRun>> {
+        let (runs, notes) = predicted_runs(of).or_raise(py)?;
+        warn(py, notes)?;
+        Ok(runs)
+    };
+    let gap = BoardGap::of(&runs(&before)?, &runs(&after)?);
+    let value = serde_json::to_value(gap)
+        .map_err(|error| pyo3::exceptions::PyRuntimeError::new_err(error.to_string()))?;
+    from_json(py, &value)
+}
+
+/// The RMS error of each model against the mean of the repeats to each set-point, as a pandas
+/// frame with the columns that `rig compare -o` writes.
+#[pyfunction]
+#[pyo3(signature = (models, recordings, *, linear = false))]
+pub fn compare<'py>(
+    py: Python<'py>,
+    models: &Bound<'py, PyAny>,
+    recordings: &Bound<'py, PyAny>,
+    linear: bool,
+) -> PyResult<Bound<'py, PyAny>> {
+    let one = |item: &Bound<'py, PyAny>| -> PyResult<ModelFile> {
+        Ok(ModelFile::clone(&item.cast::<Model>()?.get().file))
+    };
+    let files: Vec<ModelFile> = match one(models) {
+        Ok(file) => vec![file],
+        Err(_) => models
+            .try_iter()?
+            .map(|item| one(&item?))
+            .collect::<PyResult<_>>()?,
+    };
+    let [used, _] = inputs(py, &crate::recording::recordings(recordings)?, &[])?;
+    let assembled = assemble(&used, &[]).or_raise(py)?;
+    warn(py, assembled.concerns.iter().map(ToString::to_string))?;
+    let work = move |_: &Progress| Comparison::of(&files, &assembled.data, linear);
+    let found = work::run(py, None, Progress::default(), Listener::new(None), work)?;
+    let rows = || {
+        found.models.iter().flat_map(|model| {
+            let errors = found.groups.iter().zip(&model.errors);
+            errors.map(move |(group, error)| (model, group, error))
+        })
+    };
+    let columns = PyDict::new(py);
+    columns.set_item(
+        "run",
+        rows()
+            .map(|(_, group, _)| &*group.label)
+            .collect::<Vec<_>>(),
+    )?;
+    let setpoints: Vec<f64> = rows().map(|(_, group, _)| group.setpoint_deg).collect();
+    columns.set_item("setpoint_deg", setpoints)?;
+    let repeats: Vec<usize> = rows().map(|(_, group, _)| group.runs.len()).collect();
+    columns.set_item("repeats", repeats)?;
+    columns.set_item(
+        "model",
+        rows().map(|(model, ..)| &*model.name).collect::<Vec<_>>(),
+    )?;
+    let rms: Vec<f64> = rows().map(|(.., error)| error.rms_deg).collect();
+    columns.set_item("rms_deg", rms)?;
+    let percent: Vec<f64> = rows().map(|(.., error)| error.percent).collect();
+    columns.set_item("rms_percent", percent)?;
+    frame::of(py, &columns)
+}
