@@ -20,10 +20,8 @@ use softrig_formats::recording::{Recording, read_all};
 /// The folder of data that are not part of the project: beside it, or where
 /// `SOFTRIG_SHARED` says.
 pub fn shared_folder() -> PathBuf {
-    std::env::var_os("SOFTRIG_SHARED").map_or_else(
-        || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared")),
-        PathBuf::from,
-    )
+    std::env::var_os("SOFTRIG_SHARED")
+        .map_or_else(|| process::root().join("../shared"), PathBuf::from)
 }
 
 /// A folder of the shared data. Where it is absent, one line says so.

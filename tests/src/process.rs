@@ -11,9 +11,12 @@ pub const LOOK_AGAIN: Duration = Duration::from_millis(10);
 /// The longest text of a failure.
 const LONGEST_REASON: usize = 160;
 
-/// The folder of the workspace.
+/// The folder of the workspace: where cargo runs this from, or a program that cargo runs. A built
+/// clone may have been copied or renamed since.
 pub fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+    std::env::var_os("CARGO_MANIFEST_DIR")
+        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")), PathBuf::from)
+        .join("..")
 }
 
 /// Runs a command for a limited time; what it prints and complains about goes into a file.

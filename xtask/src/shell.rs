@@ -35,10 +35,12 @@ impl From<&str> for Failure {
 /// The result of a task.
 pub type Outcome<T = ()> = Result<T, Failure>;
 
-/// The folder of the workspace.
+/// The folder of the workspace: where cargo runs this from. A built clone may have been copied
+/// or renamed since, and is not built again for that.
 pub fn root() -> PathBuf {
-    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
-    here.parent().unwrap_or(here).into()
+    let here = env::var_os("CARGO_MANIFEST_DIR")
+        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")), PathBuf::from);
+    here.parent().map_or_else(|| here.clone(), Path::to_owned)
 }
 
 /// The folder that cargo builds into: the one that this program was built into.

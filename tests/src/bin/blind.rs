@@ -119,7 +119,7 @@ fn run(args: &Args) -> Result<ExitCode, InputError> {
     let command = format!("cargo xtask bench blind {}", arguments(args));
     let page = tables::markdown(&scored, command.trim(), &tool);
     write(&verdicts.join("blind.md"), &page)?;
-    let docs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs");
+    let docs = softrig_tests::process::root().join("docs");
     if args.docs {
         let path = docs.join("blind.md");
         let before = std::fs::read_to_string(&path).unwrap_or_default();
@@ -199,7 +199,7 @@ fn run_bench(args: &Args) -> Result<ExitCode, InputError> {
     let section = bench::tables::section(&scored, command.trim(), &tool);
     write(&verdicts.join("blind.md"), &section)?;
     if args.docs {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/blind.md");
+        let path = softrig_tests::process::root().join("docs/blind.md");
         let page =
             std::fs::read_to_string(&path).map_err(|error| InputError::from_io(&path, &error))?;
         write(&path, &bench::tables::with_section(&page, &section))?;

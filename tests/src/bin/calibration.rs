@@ -97,7 +97,7 @@ fn run(args: &Args) -> Result<(), String> {
         write(path, &all.picture(&subtitle))?;
     }
     if args.docs {
-        let docs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs");
+        let docs = softrig_tests::process::root().join("docs");
         write(
             &docs.join("images/calibration.svg"),
             &all.picture(&subtitle),

@@ -1,7 +1,5 @@
 //! The fast subset as a gate: figures that must not get worse.
 
-use std::path::Path;
-
 use serde::Deserialize;
 use softrig_formats::error::InputError;
 
@@ -37,7 +35,7 @@ impl Gate {
     ///
     /// Says what is wrong with the file.
     pub fn committed() -> Result<Self, InputError> {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("blind_gate.toml");
+        let path = crate::process::root().join("tests/blind_gate.toml");
         let text =
             std::fs::read_to_string(&path).map_err(|error| InputError::from_io(&path, &error))?;
         toml::from_str(&text).map_err(|error| {

@@ -166,7 +166,7 @@ pub fn tool_hash() -> String {
             }
         }
     }
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let root = crate::process::root();
     let mut files = Vec::new();
     for part in ["model-core/src", "host-tools"] {
         walk(&root.join(part), &mut files);

@@ -131,7 +131,7 @@ pub fn real() -> Result<Labels, String> {
 
 /// Where these labels are; [`real::rigs`](crate::real::rigs) reads what else is in the file.
 pub fn real_file() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("data/real_known.json")
+    crate::process::root().join("tests/data/real_known.json")
 }
 
 /// Reads the answers of the sample cases.

@@ -59,8 +59,8 @@ pub fn affordable(
 }
 
 /// The recordings with at most `samples` samples, and what was left out, if anything. Long ones
-/// are shortened to one length; where that would be less than a second part of the fewest
-/// samples, some are left out.
+/// are shortened to one length; where that would be less than half the [`FEWEST`], some are left
+/// out.
 pub fn shortened(
     recordings: &[Recording],
     samples: usize,
@@ -84,7 +84,10 @@ pub fn shortened(
     for recording in recordings.iter().step_by(if is_tight { stride } else { 1 }) {
         let length = recording.len().min(most).min(room);
         if length > 0 {
-            kept.push(recording.slice(&(0..length)));
+            let mut part = recording.slice(&(0..length));
+            let end_s = part.time.last().copied().unwrap_or(0.0);
+            part.meta.segment.retain(|it| it.from_s < end_s);
+            kept.push(part);
             room -= length;
         }
     }
@@ -121,6 +124,7 @@ mod tests {
     use std::path::Path;
 
     use softrig_formats::model_file::ModelFile;
+    use softrig_formats::recording::SegmentMeta;
 
     use super::*;
 
@@ -160,6 +164,21 @@ mod tests {
         let (used, concern) = shortened(&recordings[..1], 10_000, TIME);
         assert_eq!(lengths(&used), [10_000]);
         assert!(concern.unwrap().text.contains("at its beginning"));
+    }
+
+    #[test]
+    fn segments_beyond_what_is_used_are_forgotten() {
+        let mut session = of_length(30_000);
+        session.meta.segment = [0.0, 60.0, 120.0, 240.0]
+            .map(|from_s| SegmentMeta {
+                from_s,
+                to_s: from_s + 50.0,
+                ..SegmentMeta::default()
+            })
+            .to_vec();
+        let (used, _) = shortened(std::slice::from_ref(&session), 10_000, TIME);
+        let kept: Vec<f64> = used[0].meta.segment.iter().map(|it| it.from_s).collect();
+        assert_eq!(kept, [0.0, 60.0]);
     }
 
     #[test]

@@ -15,7 +15,7 @@
 //! 9. [`plan`] proposes the run that separates the rivals.
 //!
 //! A [`budget`] can end the search early; the answer then claims less. Where it is too short for
-//! a search on all samples, an [`affordable`] part of them is used.
+//! a search on all samples, an [affordable](mod@affordable) part of them is used.
 //!
 //! A false name is worse than "cannot tell".
 
