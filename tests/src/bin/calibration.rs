@@ -1,6 +1,6 @@
 //! Is what is stated as likely right as often? `cargo xtask bench calibration` runs it.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Parser;
