@@ -221,6 +221,8 @@ fn run_batch(args: &Args, path: &Path, out: &Path) -> anyhow::Result<()> {
 }
 
 fn run_one(args: &Args, model: &PathBuf) -> anyhow::Result<()> {
+    // A large file takes seconds to read, which are the user's too.
+    let begun = Instant::now();
     let read = args.recordings.iter().chain(&args.holdout);
     output::check(
         &[
@@ -269,7 +271,7 @@ fn run_one(args: &Args, model: &PathBuf) -> anyhow::Result<()> {
     };
     let clock = Instant::now();
     let budget = args.budget.map(Budget::Time);
-    let watched = Watched::start(go_on(args.resume.as_deref()), budget)?;
+    let watched = Watched::start(go_on(args.resume.as_deref()), budget, begun)?;
     let diagnosis = diagnose_from(&request, &checkpoint, &watched.progress);
     let writing = watched.finish();
     let diagnosis = diagnosis?;

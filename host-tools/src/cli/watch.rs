@@ -3,7 +3,7 @@
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use indicatif::ProgressBar;
 
@@ -31,9 +31,13 @@ pub(crate) struct Watched {
 
 impl Watched {
     /// Starts the display, and takes over Ctrl-C; `go_on` says how to resume the work. The
-    /// budget counts from here.
-    pub(crate) fn start(go_on: String, budget: Option<Budget>) -> anyhow::Result<Self> {
-        let progress = Arc::new(Progress::within(budget));
+    /// budget counts from `begun`.
+    pub(crate) fn start(
+        go_on: String,
+        budget: Option<Budget>,
+        begun: Instant,
+    ) -> anyhow::Result<Self> {
+        let progress = Arc::new(Progress::within(budget).since(begun));
         let display = Arc::new(Mutex::new(Some(Display::of(Arc::clone(&progress)))));
         let (known, shown) = (Arc::clone(&progress), Arc::clone(&display));
         ctrlc::set_handler(move || {

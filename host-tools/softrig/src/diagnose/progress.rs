@@ -140,6 +140,11 @@ impl Progress {
         }
     }
 
+    /// The same for work that has begun before.
+    pub fn since(self, started: Instant) -> Self {
+        Self { started, ..self }
+    }
+
     /// Whether a part of the search may still start. If not, it is noted as not done.
     pub fn has_time_for(&self, part: SearchPart) -> bool {
         let Some(budget) = self.budget else {
