@@ -57,12 +57,16 @@ impl Quantity {
     }
 
     /// The units that are known, as `--units` takes them.
-    pub fn units(self) -> &'static str {
-        [
-            "s, ms, us, ns, min",
-            "kpa, psi, bar, mbar, mpa, pa, mmhg",
-            "deg, rad",
-        ][self as usize]
+    pub fn units(self) -> String {
+        fn words<T: VariantArray + Copy + Into<&'static str>>() -> String {
+            let words: Vec<&str> = T::VARIANTS.iter().map(|&unit| unit.into()).collect();
+            words.join(", ")
+        }
+        match self {
+            Self::Time => words::<TimeUnit>(),
+            Self::Pressure => words::<PressureUnit>(),
+            Self::Angle => words::<AngleUnit>(),
+        }
     }
 }
 

@@ -3,8 +3,10 @@
 //! It has three layers. A `Connector` opens the port, again after a pulled cable. One
 //! thread turns bytes into [lines](mod@line) with their time of arrival, another keeps an
 //! armed board alive. [`Link`] handles requests, with numbers, time limits and retries, and
-//! counts lost lines. Code above sees samples, remarks and replies, never bytes.
+//! counts lost lines. Code above sees samples, remarks and replies, never bytes. [`record`] writes
+//! what comes over it, row by row.
 #![forbid(unsafe_code)]
+// Its first page names its modules, also those that no other crate sees.
 #![allow(rustdoc::private_intra_doc_links)]
 #![cfg_attr(not(test), warn(clippy::print_stdout, clippy::print_stderr))]
 
@@ -19,8 +21,7 @@ mod port;
 pub mod record;
 mod worker;
 
-pub use client::{Counters, Received};
-pub use client::{Event, Link, Timing};
+pub use client::{Counters, Event, Link, Received, Timing};
 pub use clock::{Break, Clock};
 pub use error::LinkError;
 pub use port::SerialConnector;

@@ -8,28 +8,46 @@ use softrig_formats::recording::PASCAL_PER_KPA;
 
 const PARAMETERS: [&str; 3] = ["a", "b", "c"];
 
+const FORMULAS: [&str; 11] = [
+    "a*tanh(w/b) + c*th^3",
+    "a*sin(b*th)*exp(-c*abs(w))",
+    "a*sign(w)*abs(w)^b + c",
+    "sqrt(abs(th) + a)*log(1 + b*p) - tan(c*t/8)",
+    "max(a*th, b*w) + min(c, p)",
+    "pow(abs(th), a)/(b + t) - c^2",
+    "a/(b + th^2) + c*w*abs(w)",
+    "(a + b*p)*tanh(w/0.1) + c*th",
+    "a^b + abs(w)^-2*c",
+    "exp(-(w/b)^2)*a*tanh(10*w/b) + c*cos(pi*th)",
+    "a*2^th + b*th^-1 + c*t^0.5",
+];
+
 proptest! {
+    /// At any numbers, also those that no state has.
+    #[test]
+    fn any_state_has_an_end(
+        which in 0..FORMULAS.len(),
+        parameters in prop::array::uniform3(any::<f64>()),
+        state in prop::array::uniform4(any::<f64>()),
+    ) {
+        let formula = Formula::parse(FORMULAS[which], &PARAMETERS).unwrap();
+        let program = formula.program().unwrap();
+        let [angle, rate, pressure, time] = state.map(Dual::<3>::constant);
+        let _ = program.at(
+            &parameters.map(Dual::constant),
+            &Instant { time, angle, rate, pressure },
+        );
+    }
+
     /// Compared with finite differences.
     #[test]
     fn derivatives_agree_with_differences(
-        which in 0..11_usize,
+        which in 0..FORMULAS.len(),
         parameters in prop::array::uniform3(0.2..2.0_f64),
         state in prop::array::uniform4(0.2..2.0_f64),
         negative in any::<bool>(),
     ) {
-        let text = [
-            "a*tanh(w/b) + c*th^3",
-            "a*sin(b*th)*exp(-c*abs(w))",
-            "a*sign(w)*abs(w)^b + c",
-            "sqrt(abs(th) + a)*log(1 + b*p) - tan(c*t/8)",
-            "max(a*th, b*w) + min(c, p)",
-            "pow(abs(th), a)/(b + t) - c^2",
-            "a/(b + th^2) + c*w*abs(w)",
-            "(a + b*p)*tanh(w/0.1) + c*th",
-            "a^b + abs(w)^-2*c",
-            "exp(-(w/b)^2)*a*tanh(10*w/b) + c*cos(pi*th)",
-            "a*2^th + b*th^-1 + c*t^0.5",
-        ][which];
+        let text = FORMULAS[which];
         let mut state = state;
         if negative {
             state[1] = -state[1];

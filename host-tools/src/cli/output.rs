@@ -382,4 +382,22 @@ mod tests {
         let error = check(&outputs, [&run]).unwrap_err().to_string();
         assert!(error.contains("is read by this command"), "{error}");
     }
+
+    #[test]
+    fn what_may_be_anything_is_not_replaced() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("theirs.mat");
+        let outputs = [Output::of("-o", FileKind::Recording, Some(&file)).replacing(true)];
+        let none: [&PathBuf; 0] = [];
+        for (start, is_ours) in [
+            (&b"MATLAB 5.0 MAT-file"[..], true),
+            (b"PAR1", true),
+            (b"\x89MCAP0\r\n", true),
+            (b"\x89HDF\r\n\x1a\n", false),
+            (b"\x89PNG\r\n\x1a\n", false),
+        ] {
+            std::fs::write(&file, start).unwrap();
+            assert_eq!(check(&outputs, none).is_ok(), is_ours, "{start:?}");
+        }
+    }
 }

@@ -41,9 +41,11 @@ const START: usize = 16;
 const GZIP: &[u8] = &[0x1f, 0x8b];
 const PARQUET: &[u8] = b"PAR1";
 const MCAP: &[u8] = b"\x89MCAP0\r\n";
-const MATLAB: &[u8] = b"MATLAB 5.0";
+const MATLAB: &[u8] = b"MATLAB";
+const MATLAB_5: &[u8] = b"MATLAB 5.0";
 /// Not read, only told apart.
-const MATLAB_7: [&[u8]; 2] = [b"MATLAB 7.3", b"\x89HDF\r\n\x1a\n"];
+const MATLAB_7: &[u8] = b"MATLAB 7.3";
+const HDF5: &[u8] = b"\x89HDF\r\n\x1a\n";
 
 /// A recording as it was read, in the units of its header: s, kPa (gauge) and °.
 #[derive(Clone, Debug, Default)]
@@ -245,9 +247,9 @@ fn read_from(
         return mcap::read(whole, path, layout, limits);
         #[cfg(not(feature = "mcap"))]
         return Err(left_out("MCAP").in_file(path));
-    } else if start.starts_with(MATLAB) {
+    } else if start.starts_with(MATLAB_5) {
         mat::read(whole, path, layout, limits)
-    } else if MATLAB_7.iter().any(|it| start.starts_with(it)) {
+    } else if start.starts_with(MATLAB_7) || start.starts_with(HDF5) {
         refuse(
             "is a MATLAB 7.3 or another HDF5 file, which is not read",
             "save it again in MATLAB with save('run.mat', 'time_s', 'pressure_kpa', 'angle_deg', '-v7')",
@@ -276,10 +278,9 @@ fn is_parquet(start: &[u8]) -> bool {
 }
 
 /// Whether a file that starts so is a recording in a binary format or a packed table: nothing
-/// else that is read or written here is either.
+/// else that is read or written here is either. What HDF5 holds nobody knows.
 pub fn is_binary_recording(start: &[u8]) -> bool {
-    let [newest, hdf] = MATLAB_7;
-    [GZIP, PARQUET, MCAP, MATLAB, newest, hdf]
+    [GZIP, PARQUET, MCAP, MATLAB]
         .iter()
         .any(|it| start.starts_with(it))
 }

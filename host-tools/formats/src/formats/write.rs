@@ -40,8 +40,9 @@ impl Format {
     /// The format that the name of a file asks for.
     pub fn of(path: &Path) -> Option<Self> {
         let name = path.file_name()?.to_str()?;
-        [Self::CsvGz, Self::Csv, Self::Parquet, Self::Mcap]
-            .into_iter()
+        Self::VARIANTS
+            .iter()
+            .copied()
             .find(|format| name.ends_with(&format!(".{}", format.ending())))
     }
 
