@@ -23,14 +23,13 @@
 //! [`Model`] is the configuration, validated once; [`State`] is what changes.
 
 use core::fmt;
-use core::marker::PhantomData;
 
 use crate::catalogue::Effect;
 use crate::dynamics::{Dynamics, Rates};
 use crate::effects::table::{InModel, Table, Variable};
 use crate::effects::{Hidden, Instant, Mechanism, Motion, Parameter, Rest, Sign};
 use crate::input::Input;
-use crate::power::{Power, signed_power};
+use crate::power::Power;
 use crate::real::Real;
 
 /// The largest number of effects in one model.
@@ -194,7 +193,7 @@ pub struct Model<R: Real, P = <R as Real>::DefaultPower> {
     integrates: bool,
     /// Whether any of them changes parameters, looked up once.
     modulates: bool,
-    power: PhantomData<P>,
+    power: P,
 }
 
 /// Where the actuator is, and what its effects remember.
@@ -247,7 +246,7 @@ impl<R: Real, P: Power<R>> Model<R, P> {
             table: None,
             integrates: false,
             modulates: false,
-            power: PhantomData,
+            power: P::default(),
         }
     }
 
@@ -302,7 +301,7 @@ impl<R: Real, P: Power<R>> Model<R, P> {
             table,
             integrates: effects.iter().flatten().any(Mechanism::<R>::integrates),
             modulates: effects.iter().flatten().any(Mechanism::<R>::modulates),
-            power: PhantomData,
+            power: P::default(),
         })
     }
 
@@ -388,8 +387,29 @@ impl<R: Real, P: Power<R>> Model<R, P> {
             table: self.table.as_ref().map(|table| table.map(&mut f)),
             integrates: self.integrates,
             modulates: self.modulates,
-            power: PhantomData,
+            power: Q::default(),
         }
+    }
+
+    /// The same model with this power function.
+    pub fn with_power<Q: Power<R>>(&self, power: Q) -> Model<R, Q> {
+        Model {
+            dynamics: self.dynamics,
+            effects: self.effects,
+            table: self.table,
+            integrates: self.integrates,
+            modulates: self.modulates,
+            power,
+        }
+    }
+
+    /// The exponent n of the power law with what shifts it.
+    pub fn shifted_exponent(&self) -> R {
+        let mut dynamics = self.dynamics;
+        for effect in self.occupied() {
+            effect.enlarge(R::zero(), &mut dynamics);
+        }
+        dynamics.exponent
     }
 
     /// The state of an actuator that has been resting at `angle` (rad) under
@@ -513,6 +533,16 @@ impl<R: Real, P: Power<R>> Model<R, P> {
         self.force(&within, hidden, None) / self.dynamics.inertia
     }
 
+    /// sign(θ)|θ|ⁿ by the model's own power function, see [`crate::power::signed_power`].
+    #[inline]
+    fn spring_power(&self, angle: R, exponent: R) -> R {
+        if angle < R::zero() {
+            -self.power.raise(-angle, exponent)
+        } else {
+            self.power.raise(angle, exponent)
+        }
+    }
+
     /// θ̈ (rad/s²) of the base model alone. Half of all steps are of it: no loops over
     /// effects, which on a desktop cost a tenth of it.
     #[inline]
@@ -520,7 +550,7 @@ impl<R: Real, P: Power<R>> Model<R, P> {
         let d = &self.dynamics;
         let force = d.input_gain * pressure
             - d.damping * rate
-            - d.stiffness * signed_power::<R, P>(angle, d.exponent);
+            - d.stiffness * self.spring_power(angle, d.exponent);
         force / d.inertia
     }
 
@@ -544,7 +574,7 @@ impl<R: Real, P: Power<R>> Model<R, P> {
         }
         let mut force = d.input_gain * at.pressure
             - d.damping * at.rate
-            - d.stiffness * signed_power::<R, P>(at.angle, d.exponent);
+            - d.stiffness * self.spring_power(at.angle, d.exponent);
         let mut unused = [R::zero(); 2];
         for (slot, (effect, hidden)) in self.occupied().zip(hidden).enumerate() {
             let rates = rates.as_deref_mut().and_then(|rates| rates.get_mut(slot));

@@ -488,6 +488,17 @@ impl<R: Copy> Effect<R> {
     }
 }
 
+impl<R: Real> Effect<R> {
+    /// The same effect in another shape with as many parameters to find, which a fit can take
+    /// instead: a creep over decades; none if it has but one.
+    pub fn other_shape(self) -> Option<Self> {
+        match self {
+            Self::MaxwellBranch(branch) => Some(Self::MaxwellBranch(branch.over_decades())),
+            _ => None,
+        }
+    }
+}
+
 impl Kind {
     /// The effect that this one becomes at an end of its parameters: with no extra
     /// force at rest, with equal time constants, with a yield angle or a

@@ -307,7 +307,7 @@ mod tests {
     fn order_two_with_carried_memories() {
         const SECONDS: f64 = 0.8;
         let dynamics = lively::<f64>();
-        let (tube, branch) = (0.05, [0.4, 0.3]);
+        let (tube, branch) = (0.05, [0.4, 0.3, 0.0]);
         let pressure = |time: f64| 50_000.0 + 40_000.0 * (6.0 * time).sin();
         let effects = [
             Kind::PneumaticLag.build(&[tube]).unwrap(),
@@ -331,7 +331,7 @@ mod tests {
             let dt = SECONDS / f64::from(steps);
             let (leapfrog, spring) = accurate(&dynamics, dt);
             let lag = Lag::new(tube, dt);
-            let [stiffness, time_constant] = branch;
+            let [stiffness, time_constant, _] = branch;
             let maxwell = Branch::new(stiffness * leapfrog.per_newton(), time_constant, dt);
             let mut chamber = pressure(0.0);
             let mut relaxing = 0.0;

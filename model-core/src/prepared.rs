@@ -255,11 +255,7 @@ pub fn plan(
 /// The exponent of the power law with what shifts it.
 #[inline(never)]
 fn exponent(model: &Model<f32, Minimax>) -> f32 {
-    let mut dynamics = *model.dynamics();
-    for slot in model.occupied() {
-        slot.enlarge(0.0, &mut dynamics);
-    }
-    dynamics.exponent
+    model.shifted_exponent()
 }
 
 impl Prepared {

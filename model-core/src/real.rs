@@ -106,4 +106,10 @@ pub trait Power<R>: Copy + core::fmt::Debug + Default {
     /// Both are pure numbers; angles are in radians. Other arguments are
     /// outside the model, and an implementation may answer them with NaN.
     fn pow(base: R, exponent: R) -> R;
+
+    /// The same by a function that a model carries, which can be prepared for its exponent.
+    #[inline]
+    fn raise(&self, base: R, exponent: R) -> R {
+        Self::pow(base, exponent)
+    }
 }

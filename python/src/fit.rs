@@ -219,7 +219,7 @@ impl Fit {
             fitted,
             ..
         } = &*self.refit;
-        let series = nominal.residuals.iter().zip(&fitted.residuals);
+        let series = nominal.residuals.iter().zip(fitted.residuals.iter());
         data.fitted()
             .zip(series)
             .map(|(segment, (nominal, fitted))| {

@@ -14,7 +14,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
-use library::diagnose::progress::{Progress, State, stoppable};
+use library::diagnose::progress::{Progress, State};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 
@@ -86,7 +86,7 @@ pub fn run<T: Send + 'static>(
     std::thread::Builder::new()
         .name("softrig".into())
         .spawn(move || {
-            let work = || pool.install(|| stoppable(|| work(&reports)));
+            let work = || pool.install(|| work(&reports));
             // Nobody may be waiting any more.
             let _ = done.send(catch_unwind(AssertUnwindSafe(work)));
         })
@@ -103,9 +103,9 @@ pub fn run<T: Send + 'static>(
             return Err(interrupted);
         }
         match outcome {
-            Ok(Ok(Ok(value))) => return Ok(value),
+            Ok(Ok(value)) => return Ok(value),
             Err(RecvTimeoutError::Timeout) => {}
-            Ok(Ok(Err(_)) | Err(_)) | Err(RecvTimeoutError::Disconnected) => {
+            Ok(Err(_)) | Err(RecvTimeoutError::Disconnected) => {
                 return Err(PyRuntimeError::new_err(
                     "softrig has a defect: the work ended in the middle; what it said stands on stderr",
                 ));

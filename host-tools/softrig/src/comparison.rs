@@ -11,7 +11,7 @@ use softrig_formats::recording::Recording;
 
 use crate::diagnose::noise::NoiseFloor;
 use crate::estimate::Dataset;
-use crate::estimate::fit::{Effort, Fitter};
+use crate::estimate::fit::{Effort, Fitter, Residuals};
 use crate::sim::linear::linear_rival;
 use crate::statistics::{mean, rms, squares_about_mean};
 
@@ -84,7 +84,7 @@ pub struct Compared {
     /// Its name.
     pub name: String,
     /// Simulated minus measured angle (rad), one series per run.
-    pub residuals: Vec<Vec<f64>>,
+    pub residuals: Residuals,
     /// Its error at each set-point.
     pub errors: Vec<ModelError>,
     /// Whether it is the linear rival.

@@ -10,6 +10,7 @@ use super::input::InputArgs;
 use super::output::{self, FileKind, Output};
 use softrig::diagnose::Progress;
 use softrig::diagnose::candidates::{Candidate, FitContext, Scales, added, typical};
+use softrig::diagnose::executor::Executor;
 use softrig::diagnose::finding::names;
 use softrig::diagnose::identifiability::{self, Refitted};
 use softrig::diagnose::missing_force::Guesses;
@@ -260,6 +261,7 @@ fn fitted(
     let fitter = Fitter::new(&file.model, &data);
     let subsample = subsample(&data.guessing(&refit.fit.nuisances), &refit.fit.model);
     let scales = Scales::of(&fitter, &refit.fit);
+    let (progress, checkpoint) = (Progress::default(), Checkpoint::default());
     let context = FitContext {
         file: &file,
         fitter: &fitter,
@@ -267,15 +269,14 @@ fn fitted(
         subsample: &Fitter::new(&file.model, &subsample),
         scales: &scales,
         guesses: &Guesses::default(),
-        checkpoint: &Checkpoint::default(),
-        progress: &Progress::default(),
+        executor: Executor::new(&progress, &checkpoint),
     };
     pair.iter()
         .map(|kinds| {
             kinds
                 .iter()
                 .try_fold(refit.clone(), |base, &kind| added(&context, &base, kind))
-                .ok_or_else(|| {
+                .map_err(|_| {
                     InputError::new(
                         format!("{} cannot be simulated", names(kinds).join(" + ")),
                         "check the model, or choose other effects",

@@ -112,7 +112,7 @@ pub fn runs<'d>(diagnosis: &'d Diagnosis) -> Vec<RunView<'d>> {
         rivals: diagnosis
             .rivals
             .iter()
-            .map(|rival| rival.fit.residuals.as_slice())
+            .map(|rival| &*rival.fit.residuals)
             .collect(),
     };
     let validation = &diagnosis.validation;

@@ -73,12 +73,13 @@ fn equations(kind: Kind, values: &'static [f64]) -> Equations {
                 ]
             })
         }
-        // Q = k₁ (θ − z), ż = (θ − z)/τ
+        // Q = k₁ [(1 − s)(θ − z) + s(θ − z₂)], ż = (θ − z)/τ, ż₂ = (θ − z₂)/(10 τ)
         Kind::MaxwellBranch => Box::new(move |time, at| {
-            let stretched = at[0] - at[2];
-            let q = values[0] * stretched;
+            let (fast, slow) = (at[0] - at[2], at[0] - at[3]);
+            let q = values[0] * ((1.0 - values[2]) * fast + values[2] * slow);
             let acceleration = acceleration(&d, varied_pressure_pa(time), at, q);
-            [at[1], acceleration, stretched / values[1], 0.0]
+            let rates = [fast / values[1], slow / (10.0 * values[1])];
+            [at[1], acceleration, rates[0], rates[1]]
         }),
         // τ ṗ_c = p − p_c
         Kind::PneumaticLag => Box::new(move |time, at| {
@@ -236,12 +237,13 @@ fn play(b: f64) -> impl Fn(f64) -> f64 {
     }
 }
 
-/// What an effect remembers at the start: dashpot and chamber have settled.
-fn hidden_start(kind: Kind) -> f64 {
+/// What an effect remembers at the start: dashpots and chamber have settled.
+fn hidden_start(kind: Kind) -> [f64; 2] {
     match kind {
-        Kind::PneumaticLag | Kind::VentAsymmetry => varied_pressure_pa(0.0),
-        Kind::MaxwellBranch | Kind::MullinsSoftening | Kind::SensorLag => START_RAD,
-        _ => 0.0,
+        Kind::PneumaticLag | Kind::VentAsymmetry => [varied_pressure_pa(0.0), 0.0],
+        Kind::MaxwellBranch => [START_RAD; 2],
+        Kind::MullinsSoftening | Kind::SensorLag => [START_RAD, 0.0],
+        _ => [0.0; 2],
     }
 }
 
@@ -339,9 +341,10 @@ fn look_s(look: usize) -> f64 {
 }
 
 fn solution(kind: Kind, values: &'static [f64]) -> Vec<Values> {
+    let [first, second] = hidden_start(kind);
     solve(
         equations(kind, values),
-        [START_RAD, 0.0, hidden_start(kind), 0.0],
+        [START_RAD, 0.0, first, second],
         1.0 / f64::from(LOOKS),
         LOOKS * DURATION_S,
     )

@@ -193,7 +193,10 @@ fn stored(kind: Kind, values: &[f64], d: &Dynamics<f64>, state: &State<f64>) -> 
         | Kind::QuadraticDamping
         | Kind::AngleDependentDamping
         | Kind::AsymmetricDamping => 0.0,
-        Kind::MaxwellBranch => 0.5 * values[0] * (state.angle - hidden).powi(2),
+        Kind::MaxwellBranch => {
+            let [fast, slow] = state.hidden[0].map(|relaxed| (state.angle - relaxed).powi(2));
+            0.5 * values[0] * ((1.0 - values[2]) * fast + values[2] * slow)
+        }
         Kind::BoucWenHysteresis => values[0] * values[1] * released(hidden, values[2]),
         Kind::LinearStiffness => 0.5 * values[0] * state.angle * state.angle,
         Kind::CubicStiffness => 0.25 * values[0] * state.angle.powi(4),

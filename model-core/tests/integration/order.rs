@@ -111,7 +111,9 @@ fn hidden_states_converge_with_the_order_of_the_scheme() {
     let d = lively();
     let (branch, relaxation, lag) = (1.2, 0.7, 0.15);
     let effects = [
-        Kind::MaxwellBranch.build(&[branch, relaxation]).unwrap(),
+        Kind::MaxwellBranch
+            .build(&[branch, relaxation, 0.0])
+            .unwrap(),
         Kind::PneumaticLag.build(&[lag]).unwrap(),
     ];
     let solution = solve(

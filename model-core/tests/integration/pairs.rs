@@ -227,7 +227,12 @@ fn two_of_a_kind_are_one_with_the_sum() {
         (Kind::Gravity, &[0.8, 0.3], &[-0.2, 0.3], &[0.6, 0.3]),
         (Kind::CubicStiffness, &[0.5], &[-0.2], &[0.3]),
         (Kind::ExponentShift, &[0.4], &[-0.7], &[-0.3]),
-        (Kind::MaxwellBranch, &[0.5, 0.7], &[0.4, 0.7], &[0.9, 0.7]),
+        (
+            Kind::MaxwellBranch,
+            &[0.5, 0.7, 0.3],
+            &[0.4, 0.7, 0.3],
+            &[0.9, 0.7, 0.3],
+        ),
         (Kind::DeadTime, &[0.1], &[0.25], &[0.35]),
         (Kind::SensorOffset, &[0.1], &[-0.25], &[-0.15]),
         (Kind::SensorDrift, &[0.01], &[-0.03], &[-0.02]),

@@ -106,7 +106,7 @@ pub fn sample_values(kind: Kind) -> [&'static [f64]; 2] {
         Kind::Gravity => [&[0.8, 0.7], &[-0.4, -1.2]],
         Kind::CubicStiffness => [&[0.5], &[-0.1]],
         Kind::ExponentShift => [&[0.4], &[-0.9]],
-        Kind::MaxwellBranch => [&[1.2, 0.7], &[0.4, 5.0]],
+        Kind::MaxwellBranch => [&[1.2, 0.7, 0.0], &[0.4, 1.5, 0.4]],
         Kind::PneumaticLag => [&[0.15], &[1.1]],
         Kind::DeadTime => [&[0.137], &[0.8]],
         Kind::SensorOffset => [&[0.12], &[-0.3]],

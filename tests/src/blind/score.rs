@@ -286,7 +286,7 @@ fn on_fresh(answer: &Answer, outcome: &Outcome) -> Option<Errors> {
     let data = Dataset::of(&recordings);
     let compared = Fitter::new(&file.model, &data).compare(&file.model);
     let (mut noisy, mut clean, mut count) = (0.0, 0.0, 0.0);
-    for ((_, recording, reading), residuals) in fresh.iter().zip(&compared.residuals) {
+    for ((_, recording, reading), residuals) in fresh.iter().zip(compared.residuals.iter()) {
         for ((measured, shown), residual) in recording.angle.iter().zip(reading).zip(residuals) {
             noisy += residual * residual;
             clean += (residual + measured - shown).powi(2);

@@ -102,7 +102,7 @@ fn the_plain_model_is_repeated_to_the_bit() {
 #[test]
 fn a_model_with_memory_is_repeated_to_the_bit() {
     for (kind, values) in [
-        (Kind::MaxwellBranch, &[1.0_f32, 4.0][..]),
+        (Kind::MaxwellBranch, &[1.0_f32, 4.0, 0.387][..]),
         (Kind::DeadTime, &[0.12]),
         (Kind::CoulombFriction, &[0.4, 0.02]),
         (Kind::BoucWenHysteresis, &[0.3, 0.05, 0.4]),

@@ -9,10 +9,9 @@ use model_core::catalogue::{Effect, Kind};
 use model_core::dynamics::Dynamics;
 use model_core::effects::{Mechanism, Parameter, Place, Unit};
 
-use super::Progress;
+use super::executor::{Executor, Unfitted};
 use super::missing_force::Guesses;
 use super::needs::Shown;
-use crate::estimate::checkpoint::Checkpoint;
 use crate::estimate::filter::Level;
 use crate::estimate::fit::{Effort, Fit, Fitter};
 use crate::estimate::identify::HARDLY_VISIBLE;
@@ -306,7 +305,7 @@ fn refined(fitter: &Fitter<'_>, refit: &Fit, estimate: f64, width: f64) -> f64 {
     let power = |frequency: f64| -> f64 {
         let angular = std::f64::consts::TAU * frequency;
         let mut sums = vec![(0.0, 0.0); data.sessions().len()];
-        for (segment, residual) in data.fitted().zip(&refit.residuals) {
+        for (segment, residual) in data.fitted().zip(refit.residuals.iter()) {
             let (re, im) = &mut sums[segment.session];
             for (time, value) in segment.recording.time.iter().zip(residual) {
                 let (sin, cos) = (angular * time).sin_cos();
@@ -342,9 +341,17 @@ pub fn typical(kind: Kind, scales: &Scales) -> Option<Effect<f64>> {
 }
 
 /// A structure with one effect added, by a final fit.
-pub fn added(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Option<Candidate> {
+///
+/// # Errors
+///
+/// Like [`coarse_fit`] and [`final_fit`].
+pub fn added(
+    context: &FitContext<'_>,
+    base: &Candidate,
+    kind: Kind,
+) -> Result<Candidate, Unfitted> {
     let predicted = predicted(context, base, kind)?;
-    coarse_fit(context, &predicted).map(|candidate| final_fit(context, &candidate))
+    final_fit(context, &coarse_fit(context, &predicted)?)
 }
 
 /// Why an effect was not tried.
@@ -419,10 +426,8 @@ pub struct FitContext<'a> {
     pub scales: &'a Scales,
     /// What the missing force suggests.
     pub guesses: &'a Guesses,
-    /// Kept fits, also of an interrupted run.
-    pub checkpoint: &'a Checkpoint,
-    /// Counts the fits.
-    pub progress: &'a Progress,
+    /// What runs the fits.
+    pub executor: Executor<'a>,
 }
 
 /// An effect added to a fitted structure, with the predicted SSE of one Gauss–Newton step.
@@ -455,13 +460,21 @@ impl Predicted {
 }
 
 /// The predicted SSE of one further effect, by a score test at each of its initial guesses.
-/// `None` if the model is full, or cannot be simulated with the effect.
-pub fn predicted(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Option<Predicted> {
+///
+/// # Errors
+///
+/// If the model is full or cannot be simulated with the effect, or the time was up.
+pub fn predicted(
+    context: &FitContext<'_>,
+    base: &Candidate,
+    kind: Kind,
+) -> Result<Predicted, Unfitted> {
     /// Number of initial guesses to keep.
     const BEST: usize = 2;
+    context.executor.check()?;
     let file = context.file;
     if file.model.effects().count() + base.added.len() >= MAX_EFFECTS {
-        return None;
+        return Err(Unfitted::Diverged);
     }
     let mut added = base.added.clone();
     added.push(kind);
@@ -470,7 +483,7 @@ pub fn predicted(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Opti
     let best = context
         .subsample
         .least_predicted(&starts.as_fitted, &free, BEST);
-    let sse = best.first()?.0;
+    let sse = best.first().ok_or(Unfitted::Diverged)?.0;
     let mut starts_on: Vec<Model<f64>> = best.into_iter().map(|(_, model)| model).collect();
     let swinging = context
         .subsample
@@ -481,10 +494,17 @@ pub fn predicted(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Opti
     if let Some(short_segments) = context.short_segments
         && !added.iter().any(|kind| remembers(*kind))
     {
-        let near = short_segments.best_of(&starts.as_fitted, &free, Effort::Coarse);
-        starts_on.extend(near.map(|fit| fit.model));
+        let from = &starts.as_fitted;
+        match context
+            .executor
+            .best_of(short_segments, from, &free, Effort::Coarse)
+        {
+            Ok(fit) => starts_on.push(fit.model),
+            Err(Unfitted::Diverged) => {}
+            Err(Unfitted::NotReached) => return Err(Unfitted::NotReached),
+        }
     }
-    Some(Predicted {
+    Ok(Predicted {
         added,
         sse,
         starts: starts_on,
@@ -492,16 +512,18 @@ pub fn predicted(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Opti
 }
 
 /// A coarse fit to the subsample.
-pub fn coarse_fit(context: &FitContext<'_>, predicted: &Predicted) -> Option<Candidate> {
-    let _fit = context.progress.fit();
+///
+/// # Errors
+///
+/// If the structure cannot be simulated, or the time was up.
+pub fn coarse_fit(context: &FitContext<'_>, predicted: &Predicted) -> Result<Candidate, Unfitted> {
+    let _job = context.executor.begin()?;
     let free = free_parameters(context.file, &predicted.added);
-    let fit = context.subsample.best_of_kept(
-        &predicted.starts,
-        &free,
-        Effort::Coarse,
-        context.checkpoint,
-    )?;
-    Some(Candidate::of(predicted.added.clone(), fit))
+    let starts = &predicted.starts;
+    let fit = context
+        .executor
+        .best_of(context.subsample, starts, &free, Effort::Coarse)?;
+    Ok(Candidate::of(predicted.added.clone(), fit))
 }
 
 /// Whether an effect has a memory.
@@ -515,8 +537,12 @@ fn remembers(kind: Kind) -> bool {
 }
 
 /// The final fit of a candidate, from its coarse fit.
-pub fn final_fit(context: &FitContext<'_>, candidate: &Candidate) -> Candidate {
-    let _fit = context.progress.fit();
+///
+/// # Errors
+///
+/// If the time was up.
+pub fn final_fit(context: &FitContext<'_>, candidate: &Candidate) -> Result<Candidate, Unfitted> {
+    let _job = context.executor.begin()?;
     let free = free_parameters(context.file, &candidate.added);
     let all = context.fitter.data;
     // Zeros go with the parameters, if the subsample holds every session.
@@ -526,15 +552,48 @@ pub fn final_fit(context: &FitContext<'_>, candidate: &Candidate) -> Candidate {
         data: guessed.as_ref().unwrap_or(all),
         ..*context.fitter
     };
-    Candidate::of(
-        candidate.added.clone(),
-        fitter.fit_kept(
-            &candidate.fit.model,
-            &free,
-            Effort::Full,
-            context.checkpoint,
-        ),
-    )
+    let fit = |model: &Model<f64>| context.executor.fit(&fitter, model, &free, Effort::Full);
+    let mut best = fit(&candidate.fit.model)?;
+    let first = context.file.model.effects().count();
+    for slot in first..first + candidate.added.len() {
+        let Some(model) = with_other_shape(&best.model, slot) else {
+            continue;
+        };
+        let other = fit(&model)?;
+        if other.sse().is_finite() && other.cost() < best.cost() {
+            best = other;
+        }
+    }
+    Ok(Candidate::of(candidate.added.clone(), best))
+}
+
+/// The final fit of a candidate; where there is no time for it, the candidate simulated over
+/// everything, as it is.
+pub fn finished(context: &FitContext<'_>, candidate: &Candidate) -> Candidate {
+    final_fit(context, candidate).unwrap_or_else(|_| {
+        let as_it_is = simulated(context, candidate);
+        Candidate {
+            fit: context.fitter.informed(&as_it_is.fit),
+            ..as_it_is
+        }
+    })
+}
+
+/// A candidate as it is fitted, with the residuals of a simulation over everything.
+pub fn simulated(context: &FitContext<'_>, candidate: &Candidate) -> Candidate {
+    let simulated = context.fitter.compare(&candidate.fit.model);
+    let mut candidate = candidate.clone();
+    candidate.fit.residuals = simulated.residuals;
+    candidate.fit.nuisances = simulated.nuisances;
+    candidate
+}
+
+/// The model with the effect in `slot` in its other shape; none if it has but one.
+fn with_other_shape(model: &Model<f64>, slot: usize) -> Option<Model<f64>> {
+    let mut effects: Vec<Effect<f64>> = model.effects().collect();
+    let effect = effects.get_mut(slot)?;
+    *effect = effect.other_shape()?;
+    Model::new(*model.dynamics(), &effects).ok()
 }
 
 /// Initial guesses of the fitted `base` with `kind` added; `beside` are those of what is
@@ -632,7 +691,11 @@ fn held_value(row: &Parameter, held: f32, scales: &Scales) -> f64 {
 
 /// Frees the held parameters of the added effects that have initial guesses in the
 /// catalogue (the tilt of gravity), one variant per guess.
-pub fn release(context: &FitContext<'_>, candidate: &Candidate) -> Option<Candidate> {
+///
+/// # Errors
+///
+/// If none is held, the structure cannot be simulated, or the time was up.
+pub fn release(context: &FitContext<'_>, candidate: &Candidate) -> Result<Candidate, Unfitted> {
     let first = context.file.model.effects().count();
     let mut free = candidate.fit.free.clone();
     let mut models = Vec::new();
@@ -653,8 +716,7 @@ pub fn release(context: &FitContext<'_>, candidate: &Candidate) -> Option<Candid
             }
         }
     }
-    let fit = context
-        .fitter
-        .best_of_kept(&models, &free, Effort::Full, context.checkpoint)?;
-    Some(Candidate::of(candidate.added.clone(), fit))
+    let executor = &context.executor;
+    let fit = executor.best_of(context.fitter, &models, &free, Effort::Full)?;
+    Ok(Candidate::of(candidate.added.clone(), fit))
 }

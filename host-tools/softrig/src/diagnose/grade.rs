@@ -9,7 +9,6 @@ use std::collections::BTreeSet;
 use model_core::catalogue::Kind;
 use rayon::prelude::*;
 
-use super::Progress;
 use super::budget::SearchPart;
 use super::candidates::{Candidate, FitContext, coarse_fit, final_fit};
 use super::levels::{Base, Estimate, Levels};
@@ -78,17 +77,15 @@ impl Graded {
             .collect();
         rows.sort_by(|a, b| a.0.total_cmp(&b.0));
         rows.truncate(FINISHED);
-        context
-            .progress
+        let executor = &context.executor;
+        executor
+            .progress()
             .stage("final fits of the best combinations", rows.len());
         rows.par_iter()
-            .filter(|_| context.progress.has_time_for(SearchPart::Combinations))
             .filter_map(|(_, row)| {
                 let fit = row.estimate.fits.last()?.clone();
-                Some(final_fit(
-                    context,
-                    &Candidate::of(row.estimate.added.clone(), fit),
-                ))
+                let candidate = Candidate::of(row.estimate.added.clone(), fit);
+                executor.reached(SearchPart::Combinations, final_fit(context, &candidate))
             })
             .collect()
     }
@@ -102,13 +99,14 @@ pub fn grade(
     kinds: &[Kind],
     refit: &Candidate,
     coarse: &[Candidate],
-    progress: &Progress,
 ) -> Option<Graded> {
+    let executor = &context.executor;
+    let progress = executor.progress();
     let policy = &Policy::STANDARD;
     let noise = floor.rms.hypot(floor.input);
     let levels = Levels::of(*context, refit, noise);
     progress.stage("nominal structure at several horizons", 0);
-    let base = levels.base(refit)?;
+    let base = executor.reached(SearchPart::Horizons, levels.base(refit))?;
     let in_turn = validator
         .in_turn()
         .then(|| CrossValidator::with_folds(context.file, context.fitter, floor.input, FOLDS));
@@ -120,7 +118,8 @@ pub fn grade(
         policy,
     };
     progress.step("validation", base.fits.len());
-    let baseline = measuring.baseline(base.clone())?;
+    let baseline = measuring.baseline(base.clone());
+    let baseline = executor.reached(SearchPart::Horizons, baseline)?;
     let screened = vec![0, levels.output_error().saturating_sub(1)];
     let mut search = Extension {
         levels: &levels,
@@ -136,7 +135,7 @@ pub fn grade(
         beside: Guesses::default(),
     };
     search.extend(&[nothing], coarse);
-    if !search.leaves_noise(1, noise) && progress.has_time_for(SearchPart::Combinations) {
+    if !search.leaves_noise(1, noise) && progress.may_begin(SearchPart::Combinations) {
         progress.stage("combinations of 2 effects at several horizons", 0);
         let leads = search.leads(1);
         let leads: Vec<Base<'_>> = leads
@@ -147,8 +146,9 @@ pub fn grade(
         let joined: Vec<Candidate> = pairs::ranked(context, refit, kinds)
             .par_iter()
             .take(JOINED)
-            .filter(|_| progress.has_time_for(SearchPart::Combinations))
-            .filter_map(|predicted| coarse_fit(context, predicted))
+            .filter_map(|predicted| {
+                executor.reached(SearchPart::Combinations, coarse_fit(context, predicted))
+            })
             .collect();
         search.extend(&leads, &joined);
     }

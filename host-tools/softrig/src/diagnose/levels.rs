@@ -16,6 +16,7 @@ use rayon::prelude::*;
 
 use super::budget::SearchPart;
 use super::candidates::{Candidate, FitContext, free_parameters, starts_from};
+use super::executor::{Executor, Unfitted};
 use super::missing_force::Guesses;
 use crate::estimate::filter::{Level, Pace, levels};
 use crate::estimate::fit::{Effort, Fit, Fitter};
@@ -114,10 +115,9 @@ impl<'a> Levels<'a> {
         self.horizons.get(place).copied().flatten()
     }
 
-    /// `None` if there is no time for a structure with these effects added.
-    pub(super) fn has_time_for(&self, added: &[Kind]) -> Option<()> {
-        let part = SearchPart::of(added);
-        self.context.progress.has_time_for(part).then_some(())
+    /// What runs the fits.
+    pub(super) const fn executor(&self) -> &Executor<'a> {
+        &self.context.executor
     }
 
     fn fitter(&self, level: usize) -> Fitter<'_> {
@@ -138,20 +138,26 @@ impl<'a> Levels<'a> {
     }
 
     /// The nominal structure at every level.
-    pub fn base(&self, refit: &Candidate) -> Option<Estimate> {
+    ///
+    /// # Errors
+    ///
+    /// If it cannot be simulated at a level, or the time was up.
+    pub fn base(&self, refit: &Candidate) -> Result<Estimate, Unfitted> {
         let free = &self.context.file.free;
         let mut fits: Vec<Fit> = Vec::new();
-        self.context.progress.step("fits", self.horizons.len());
+        self.executor().progress().step("fits", self.horizons.len());
         for level in 0..self.horizons.len() {
-            self.has_time_for(&[])?;
-            let _fit = self.context.progress.fit();
+            let _job = self.executor().begin()?;
             let mut starts = vec![self.context.file.model, refit.fit.model];
             starts.extend(fits.last().map(|shorter| shorter.model));
             // The reference of the evidence must be converged.
             let fitter = self.fitter(level);
-            fits.push(fitter.best_of_kept(&starts, free, Effort::Full, self.context.checkpoint)?);
+            let fit = self
+                .executor()
+                .best_of(&fitter, &starts, free, Effort::Full)?;
+            fits.push(fit);
         }
-        Some(Estimate {
+        Ok(Estimate {
             added: Vec::new(),
             fits,
         })
@@ -180,11 +186,12 @@ impl<'a> Levels<'a> {
             })
             .filter(|task| !known.contains(&task.set()))
             .collect();
-        self.context.progress.step("screening", tasks.len());
+        self.executor().progress().step("screening", tasks.len());
         let screened: Vec<(&Task<'b>, f64, Model<f64>)> = tasks
             .par_iter()
             .filter_map(|task| {
-                let (sse, model) = self.screened(task)?;
+                let part = SearchPart::of(&task.added());
+                let (sse, model) = self.executor().reached(part, self.screened(task))?;
                 Some((task, sse, model))
             })
             .collect();
@@ -223,25 +230,29 @@ impl<'a> Levels<'a> {
             keep(candidate.added.clone(), base, self.output_error(), model);
         }
         let fits = chosen.len() * self.horizons.len();
-        self.context.progress.step("fits", fits);
+        self.executor().progress().step("fits", fits);
         chosen
             .par_iter()
             .filter(|it| !known.contains(&sorted(&it.added)))
-            .filter_map(|it| self.through_levels(it))
+            .filter_map(|it| {
+                let part = SearchPart::of(&it.added);
+                self.executor().reached(part, self.through_levels(it))
+            })
             .collect()
     }
 
     /// The best initial guess of an effect at a level, after two steps.
-    fn screened(&self, task: &Task<'_>) -> Option<(f64, Model<f64>)> {
-        let added = task.added();
-        self.has_time_for(&added)?;
-        let _fit = self.context.progress.fit();
-        let free = free_parameters(self.context.file, &added);
+    fn screened(&self, task: &Task<'_>) -> Result<(f64, Model<f64>), Unfitted> {
+        let _job = self.executor().begin()?;
+        let free = free_parameters(self.context.file, &task.added());
         let fitter = self.fitter(task.level);
-        let start = self.initial_guess(&fitter, task.base, task.kind, task.level)?;
-        let fit = fitter.fit_kept(&start, &free, SCREENED, self.context.checkpoint);
-        let sse = fit.sse();
-        sse.is_finite().then_some((sse, fit.model))
+        let start = self
+            .initial_guess(&fitter, task.base, task.kind, task.level)
+            .ok_or(Unfitted::Diverged)?;
+        let fit = self
+            .executor()
+            .best_of(&fitter, &[start], &free, SCREENED)?;
+        Ok((fit.sse(), fit.model))
     }
 
     fn initial_guess(
@@ -264,7 +275,7 @@ impl<'a> Levels<'a> {
 
     /// Fits a structure at every level, from its own initial guess there and from the
     /// result of the next shorter level.
-    fn through_levels(&self, chosen: &Chosen<'_>) -> Option<Estimate> {
+    fn through_levels(&self, chosen: &Chosen<'_>) -> Result<Estimate, Unfitted> {
         let Chosen {
             added,
             base,
@@ -273,8 +284,7 @@ impl<'a> Levels<'a> {
         let free = free_parameters(self.context.file, added);
         let mut fits: Vec<Fit> = Vec::new();
         for (level, start) in starts.iter().enumerate() {
-            self.has_time_for(added)?;
-            let _fit = self.context.progress.fit();
+            let _job = self.executor().begin()?;
             let fitter = self.fitter(level);
             let mut from: Vec<Model<f64>> = start.iter().copied().collect();
             from.extend(fits.last().map(|shorter| shorter.model));
@@ -290,9 +300,9 @@ impl<'a> Levels<'a> {
             } else {
                 FITTED
             };
-            fits.push(fitter.best_of_kept(&from, &free, effort, self.context.checkpoint)?);
+            fits.push(self.executor().best_of(&fitter, &from, &free, effort)?);
         }
-        Some(Estimate {
+        Ok(Estimate {
             added: added.clone(),
             fits,
         })
@@ -301,8 +311,12 @@ impl<'a> Levels<'a> {
     /// A structure fitted to everything at one level, with the information about its
     /// parameters: from its fit to the subsample there and, until two starts agree, from
     /// those at the other levels.
-    pub fn candidate(&self, estimate: &Estimate, level: usize) -> Candidate {
-        let _fit = self.context.progress.fit();
+    ///
+    /// # Errors
+    ///
+    /// If the time was up.
+    pub fn candidate(&self, estimate: &Estimate, level: usize) -> Result<Candidate, Unfitted> {
+        let _job = self.executor().begin()?;
         let mut nearest: Vec<usize> = (0..estimate.fits.len()).collect();
         nearest.sort_by_key(|other| other.abs_diff(level));
         // What is added to nothing was converged before.
@@ -313,7 +327,7 @@ impl<'a> Levels<'a> {
         };
         let mut fits: Vec<Fit> = Vec::new();
         for other in nearest.into_iter().take(most) {
-            let fit = self.finished(&estimate.fits[other], level);
+            let fit = self.finished(&estimate.fits[other], level)?;
             let agrees = |known: &Fit| {
                 (known.cost() - fit.cost()).abs() <= AGREES * known.cost().min(fit.cost())
             };
@@ -328,15 +342,15 @@ impl<'a> Levels<'a> {
             .min_by(|a, b| a.cost().total_cmp(&b.cost()))
             .unwrap_or_else(|| estimate.fits[level].clone());
         let chosen = self.level(level);
-        Candidate {
+        Ok(Candidate {
             added: estimate.added.clone(),
             fit: self.context.fitter.at(chosen.as_ref()).informed(&best),
             level: chosen,
-        }
+        })
     }
 
     /// A fit to everything at one level, from a fit to the subsample.
-    fn finished(&self, start: &Fit, level: usize) -> Fit {
+    fn finished(&self, start: &Fit, level: usize) -> Result<Fit, Unfitted> {
         let chosen = self.level(level);
         let data = self.context.fitter.data;
         let guessed = (start.nuisances.len() == data.sessions().len())
@@ -345,8 +359,9 @@ impl<'a> Levels<'a> {
             data: guessed.as_ref().unwrap_or(data),
             ..self.context.fitter.at(chosen.as_ref())
         };
-        let kept = self.context.checkpoint;
-        let fit = fitter.fit_kept(&start.model, &start.free, FITTED, kept);
+        let fit = self
+            .executor()
+            .fit(&fitter, &start.model, &start.free, FITTED)?;
         let whole = self.context.fitter;
         let thinned = self.context.subsample.data.samples() < data.samples();
         // At a short horizon thinned samples are different data: the better simulation counts.
@@ -354,9 +369,9 @@ impl<'a> Levels<'a> {
             && thinned
             && whole.compare(&start.model).sse() < whole.compare(&fit.model).sse()
         {
-            return fitter.fit(&start.model, &start.free, Effort::Steps(0));
+            return Ok(fitter.fit(&start.model, &start.free, Effort::Steps(0)));
         }
-        fit
+        Ok(fit)
     }
 }
 

@@ -8,14 +8,16 @@
 
 use rayon::prelude::*;
 
+use super::budget::SearchPart;
 use super::candidates::Candidate;
 use super::discrepancy;
+use super::executor::Unfitted;
 use super::levels::{Estimate, Levels};
 use super::policy::Policy;
-use super::validation::{CrossValidator, Errors, Predicted, Residuals, at_horizons};
+use super::validation::{CrossValidator, Errors, Predicted, at_horizons};
 use super::verdict::Closure;
 use crate::estimate::filter::Pace;
-use crate::estimate::fit::{Fit, Fitter};
+use crate::estimate::fit::{Fit, Fitter, Residuals};
 use crate::estimate::horizon::block_errors;
 
 /// A structure as fitted, and how it does.
@@ -103,8 +105,12 @@ pub struct MeasureContext<'a> {
 }
 
 impl MeasureContext<'_> {
-    /// Measures the nominal structure; none if there is no time for it.
-    pub fn baseline(&self, estimate: Estimate) -> Option<Baseline> {
+    /// Measures the nominal structure.
+    ///
+    /// # Errors
+    ///
+    /// If the time was up.
+    pub fn baseline(&self, estimate: Estimate) -> Result<Baseline, Unfitted> {
         let mut fitted = [[f64::INFINITY; 3]; 2];
         let mut held_out = [f64::INFINITY; 3];
         let least = |least: &mut [f64; 3], errors: Errors| {
@@ -113,8 +119,7 @@ impl MeasureContext<'_> {
             }
         };
         for (level, fit) in estimate.fits.iter().enumerate() {
-            self.levels.has_time_for(&estimate.added)?;
-            let candidate = self.levels.candidate(&estimate, level);
+            let candidate = self.levels.candidate(&estimate, level)?;
             least(
                 &mut held_out,
                 self.validator.predicted(&candidate, self.horizons()).errors,
@@ -127,7 +132,7 @@ impl MeasureContext<'_> {
             );
         }
         let [on_subsample, fitted] = fitted;
-        Some(Baseline {
+        Ok(Baseline {
             discrepancy: self.discrepancy(&estimate),
             random_walk: self.random_walk(&estimate),
             estimate,
@@ -150,11 +155,15 @@ impl MeasureContext<'_> {
         const MEASURED: usize = 5;
         /// Those with less evidence leave at most this multiple of the least error.
         const COMPARABLE: f64 = 1.5;
-        let progress = self.levels.context.progress;
+        let executor = self.levels.executor();
+        let progress = executor.progress();
         progress.step("evidence", 0);
         let mut coarse: Vec<CoarseMeasure> = estimates
             .into_par_iter()
-            .filter_map(|estimate| self.coarse(baseline, estimate))
+            .filter_map(|estimate| {
+                let part = SearchPart::of(&estimate.added);
+                executor.reached(part, self.coarse(baseline, estimate))
+            })
             .filter(|row| row.leaves <= most)
             .collect();
         coarse.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
@@ -170,13 +179,16 @@ impl MeasureContext<'_> {
         progress.step("validation", coarse.len());
         coarse
             .into_par_iter()
-            .filter_map(|coarse| self.measured(baseline, coarse))
+            .filter_map(|coarse| {
+                let part = SearchPart::of(&coarse.estimate.added);
+                executor.reached(part, self.measured(baseline, coarse))
+            })
             .inspect(|row| progress.measured(row, baseline.held_out[2]))
             .collect()
     }
 
-    fn coarse(&self, baseline: &Baseline, estimate: Estimate) -> Option<CoarseMeasure> {
-        self.levels.has_time_for(&estimate.added)?;
+    fn coarse(&self, baseline: &Baseline, estimate: Estimate) -> Result<CoarseMeasure, Unfitted> {
+        self.levels.executor().check()?;
         let (level, leaves) = (0..estimate.fits.len())
             .map(|level| {
                 let fit = &estimate.fits[level];
@@ -187,13 +199,14 @@ impl MeasureContext<'_> {
                 )
             })
             .filter(|(_, left)| left.is_finite())
-            .min_by(|a, b| a.1.total_cmp(&b.1))?;
+            .min_by(|a, b| a.1.total_cmp(&b.1))
+            .ok_or(Unfitted::Diverged)?;
         let fit = &estimate.fits[level];
         let more = fit.free.len() as f64 - baseline.estimate.fits[0].free.len() as f64;
         let samples = fit.samples().max(2) as f64;
         let gained = (baseline.discrepancy - self.discrepancy(&estimate))
             .max(baseline.random_walk - self.random_walk(&estimate));
-        Some(CoarseMeasure {
+        Ok(CoarseMeasure {
             evidence: gained - more * samples.ln(),
             estimate,
             level,
@@ -201,19 +214,22 @@ impl MeasureContext<'_> {
         })
     }
 
-    fn measured(&self, baseline: &Baseline, coarse: CoarseMeasure) -> Option<Measured> {
+    fn measured(&self, baseline: &Baseline, coarse: CoarseMeasure) -> Result<Measured, Unfitted> {
         let CoarseMeasure {
             estimate,
             level,
             evidence,
             leaves: leaves_on_subsample,
         } = coarse;
-        self.levels.has_time_for(&estimate.added)?;
-        let row = MeasuredStructure::of(self.validator, self.levels.candidate(&estimate, level));
+        let candidate = self.levels.candidate(&estimate, level)?;
+        let row = MeasuredStructure::of(self.validator, candidate);
         let shares = self.shares(&row.held_out, &baseline.held_out);
         let left = mean_share(&self.shares(&row.fitted, &baseline.fitted));
         let left_out = mean_share(&shares);
-        (left.is_finite() && left_out.is_finite()).then(|| Measured {
+        if !(left.is_finite() && left_out.is_finite()) {
+            return Err(Unfitted::Diverged);
+        }
+        Ok(Measured {
             closure: of_shares(shares),
             leaves: (left * left_out).sqrt(),
             evidence,

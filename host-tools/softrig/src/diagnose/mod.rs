@@ -27,6 +27,7 @@ pub(crate) mod decide;
 pub(crate) mod discrepancy;
 pub(crate) mod doubts;
 pub(crate) mod draws;
+pub mod executor;
 pub mod finding;
 pub(crate) mod grade;
 pub mod identifiability;
@@ -216,7 +217,7 @@ pub fn diagnose_from(
     let mut odd_concern = None;
     let mut left_out = None;
     let outlier = found.outlier.take();
-    if outlier.is_some() && !progress.has_time_for(SearchPart::WithoutOutlier) {
+    if outlier.is_some() && !progress.may_begin(SearchPart::WithoutOutlier) {
         odd_concern = outlier.map(|outlier| outlier.kept);
     } else if let Some(outlier) = outlier {
         progress.again("once more, without the recording that does not belong");
@@ -282,7 +283,7 @@ fn diagnose_zeros(
     let effect = policy::Search::STANDARD.effect_evidence + 2.0 * choices.ln();
     if !diagnosis.finding.is_quiet()
         || cost_of_zeros(&diagnosis.data, &diagnosis.refit) < effect
-        || !progress.has_time_for(SearchPart::Calibrated)
+        || !progress.may_begin(SearchPart::Calibrated)
     {
         return Ok(found);
     }
@@ -356,7 +357,7 @@ fn diagnose_all(
         };
     concerns.extend(quality::slow_effects(&found.repaired, &data));
     concerns.extend(far_zeros(&found.repaired.fit, &data));
-    let proposals = if found.rivals.len() > 1 && progress.has_time_for(SearchPart::Experiment) {
+    let proposals = if found.rivals.len() > 1 && progress.may_begin(SearchPart::Experiment) {
         propose(&file.model, &found.rivals, &floor)
     } else {
         Vec::new()

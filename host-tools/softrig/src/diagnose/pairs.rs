@@ -229,6 +229,7 @@ mod tests {
 
     use super::super::Progress;
     use super::super::candidates::Scales;
+    use super::super::executor::Executor;
     use super::*;
     use crate::estimate::Dataset;
     use crate::estimate::checkpoint::Checkpoint;
@@ -286,6 +287,7 @@ mod tests {
             Vec::new(),
             fitter.fit(&file.model, &file.free, Effort::Full),
         );
+        let (progress, checkpoint) = (Progress::default(), Checkpoint::default());
         let context = FitContext {
             file: &file,
             fitter: &fitter,
@@ -293,8 +295,7 @@ mod tests {
             subsample: &fitter,
             scales: &Scales::of(&fitter, &base.fit),
             guesses: &Guesses::default(),
-            checkpoint: &Checkpoint::default(),
-            progress: &Progress::default(),
+            executor: Executor::new(&progress, &checkpoint),
         };
         let kinds = [
             Kind::CoulombFriction,

@@ -5,13 +5,11 @@
 //! effects decides whether combinations are tried. With a [`Budget`], it also tracks when that
 //! is spent and which parts were not done.
 //!
-//! A diagnosis can be asked to stop by [`Progress::stop`]. It ends at its next report, by
-//! unwinding to [`stoppable`], so that the dozen functions and the thread pool between a fit and
-//! its caller need not handle it.
+//! A diagnosis can be asked to stop by [`Progress::stop`]: to the search
+//! ([`super::executor`]) that is a budget that has been spent.
 
 use std::collections::BTreeSet;
 use std::fmt;
-use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -34,27 +32,6 @@ pub struct Progress {
     budget: Option<Budget>,
     now: Mutex<Now>,
     stop: AtomicBool,
-}
-
-/// The work was stopped on request.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Stopped;
-
-/// Runs work that reports to a [`Progress`] and can be stopped through it.
-///
-/// # Errors
-///
-/// [`Stopped`] if it was stopped.
-///
-/// # Panics
-///
-/// If the work panics.
-pub fn stoppable<T>(work: impl FnOnce() -> T) -> Result<T, Stopped> {
-    // Unfinished data of the work are dropped with it.
-    catch_unwind(AssertUnwindSafe(work)).map_err(|cause| match cause.downcast::<Stopped>() {
-        Ok(stopped) => *stopped,
-        Err(defect) => resume_unwind(defect),
-    })
 }
 
 /// The present stage and step.
@@ -145,20 +122,35 @@ impl Progress {
         Self { started, ..self }
     }
 
-    /// Whether a part of the search may still start. If not, it is noted as not done.
-    pub fn has_time_for(&self, part: SearchPart) -> bool {
-        let Some(budget) = self.budget else {
-            return true;
-        };
-        let mut now = self.now();
-        let has_time = match budget {
-            Budget::Time(time) => self.started.elapsed() < time,
-            Budget::Fits(fits) => now.fits < fits,
-        };
-        if !has_time {
-            now.undone.insert(part);
+    /// Whether a part of the search may still begin. If not, it is noted as not done.
+    pub fn may_begin(&self, part: SearchPart) -> bool {
+        let may_begin = !self.is_over();
+        if !may_begin {
+            self.leave_out(part);
         }
-        has_time
+        may_begin
+    }
+
+    /// Notes a part of the search as not done.
+    pub fn leave_out(&self, part: SearchPart) {
+        self.now().undone.insert(part);
+    }
+
+    /// Whether nothing may begin any more: the budget is spent, or the work was asked to stop.
+    pub fn is_over(&self) -> bool {
+        match self.budget {
+            Some(Budget::Fits(fits)) if self.now().fits >= fits => true,
+            _ => self.is_interrupted(),
+        }
+    }
+
+    /// Whether work under way is to end: the time is up, or it was asked to stop. A budget of
+    /// fits lets those that have begun end.
+    pub fn is_interrupted(&self) -> bool {
+        let is_late = self
+            .time()
+            .is_some_and(|time| self.started.elapsed() >= time);
+        is_late || self.stop.load(Ordering::Relaxed)
     }
 
     /// The time of the budget, if it is one.
@@ -181,21 +173,13 @@ impl Progress {
         Some(Ended { budget, undone })
     }
 
-    /// Asks the work to stop. The work must run within [`stoppable`].
+    /// Asks the work to stop: it ends soon, with an answer that nobody waits for.
     pub fn stop(&self) {
         self.stop.store(true, Ordering::Relaxed);
     }
 
-    /// Ends work that was asked to stop. This is no panic: nothing is printed.
-    fn go_on(&self) {
-        if self.stop.load(Ordering::Relaxed) {
-            resume_unwind(Box::new(Stopped));
-        }
-    }
-
     /// Announces a stage of `planned` fits; 0 if unknown.
     pub fn stage(&self, what: impl Into<String>, planned: usize) {
-        self.go_on();
         let mut now = self.now();
         now.stage = what.into();
         now.begin("", planned);
@@ -203,7 +187,6 @@ impl Progress {
 
     /// Announces a step of the stage, of `planned` fits.
     pub fn step(&self, what: &'static str, planned: usize) {
-        self.go_on();
         self.now().begin(what, planned);
     }
 
@@ -222,7 +205,6 @@ impl Progress {
 
     /// Counts a fit once the returned value is dropped, also if the fit fails.
     pub fn fit(&self) -> Counted<'_> {
-        self.go_on();
         Counted(self)
     }
 
@@ -439,48 +421,29 @@ mod tests {
     }
 
     #[test]
-    fn work_that_is_asked_to_stop_ends_at_its_next_report_on_every_thread() {
-        use rayon::prelude::*;
+    fn work_that_is_asked_to_stop_is_over() {
         let progress = Progress::default();
-        let fits = |stop_at: usize| {
-            stoppable(|| {
-                (0..1000).into_par_iter().for_each(|fit| {
-                    if fit == stop_at {
-                        progress.stop();
-                    }
-                    drop(progress.fit());
-                });
-            })
-        };
-        assert_eq!(fits(1000), Ok(()));
-        assert_eq!(fits(0), Err(Stopped));
-        assert_eq!(stoppable(|| progress.stage("another", 0)), Err(Stopped));
-        // Where nothing is reported, nothing ends.
-        assert_eq!(stoppable(|| progress.state().fits < 2000), Ok(true));
-    }
-
-    #[test]
-    #[should_panic(expected = "a defect")]
-    fn a_defect_stays_a_panic() {
-        let _ = stoppable::<()>(|| panic!("a defect"));
+        assert!(!progress.is_over());
+        progress.stop();
+        assert!(progress.is_interrupted() && !progress.may_begin(SearchPart::Table));
     }
 
     #[test]
     fn what_there_is_no_time_for_is_noted() {
         let progress = Progress::within(Some(Budget::Fits(2)));
-        assert!(progress.has_time_for(SearchPart::Alone(Gravity)));
+        assert!(progress.may_begin(SearchPart::Alone(Gravity)));
         assert_eq!(progress.ended(), None);
         (0..2).for_each(|_| drop(progress.fit()));
-        assert!(!progress.has_time_for(SearchPart::Alone(MaxwellBranch)));
-        assert!(!progress.has_time_for(SearchPart::Combinations));
+        assert!(!progress.may_begin(SearchPart::Alone(MaxwellBranch)));
+        assert!(!progress.may_begin(SearchPart::Combinations));
         let undone = progress.ended().unwrap().undone;
         let expected = [SearchPart::Alone(MaxwellBranch), SearchPart::Combinations];
         assert_eq!(undone, expected.into_iter().collect());
         let hours = Progress::within(Some(Budget::Time(Duration::from_secs(7200))));
-        assert!(hours.has_time_for(SearchPart::Table));
+        assert!(hours.may_begin(SearchPart::Table));
         let none = Progress::within(Some(Budget::Time(Duration::ZERO)));
-        assert!(!none.has_time_for(SearchPart::Table));
-        assert!(Progress::within(None).has_time_for(SearchPart::Table));
+        assert!(!none.may_begin(SearchPart::Table));
+        assert!(Progress::within(None).may_begin(SearchPart::Table));
     }
 
     #[test]

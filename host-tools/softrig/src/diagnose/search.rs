@@ -9,7 +9,8 @@ use rayon::prelude::*;
 use super::Progress;
 use super::baseline::{Baseline, in_step};
 use super::budget::SearchPart;
-use super::candidates::{Candidate, FitContext, Scales, Untried, applicable, final_fit};
+use super::candidates::{Candidate, FitContext, Scales, Untried, applicable, finished};
+use super::executor::Executor;
 use super::finding::Finding;
 use super::grade::{Graded, grade};
 use super::measure::MeasuredStructure;
@@ -84,15 +85,9 @@ fn selected(mut baseline: Baseline, options: Options<'_>) -> Searched {
     let guesses = material.guesses(&fitter, &baseline, &kinds);
     let fitters = material.fitters(&fitter);
     let context = fitters.context(&file, &material, &guesses, options);
-    let Singles { coarse, mut pool } = singles(
-        &context,
-        &baseline.floor,
-        &kinds,
-        &baseline.refit,
-        options.progress,
-    );
+    let Singles { coarse, mut pool } = singles(&context, &baseline.floor, &kinds, &baseline.refit);
     let is_open = !is_settled(&pool, &baseline.floor);
-    let graded = (is_open && options.progress.has_time_for(SearchPart::Horizons))
+    let graded = (is_open && options.progress.may_begin(SearchPart::Horizons))
         .then(|| {
             let leaders = coarse.iter().take(LEADERS).map(|it| &it.fit);
             let noise = baseline.floor.white;
@@ -124,9 +119,9 @@ fn selected(mut baseline: Baseline, options: Options<'_>) -> Searched {
     }
     if pool.len() == 1 && graded.is_none() {
         // The search ended early: the nearest single effect is what there is.
-        pool.extend(coarse.first().map(|nearest| final_fit(&context, nearest)));
+        pool.extend(coarse.first().map(|nearest| finished(&context, nearest)));
     }
-    let finished = rows(&validator, &pool);
+    let in_pool = rows(&validator, &pool);
     if let Some(Grading {
         graded,
         baseline: weighed,
@@ -152,7 +147,7 @@ fn selected(mut baseline: Baseline, options: Options<'_>) -> Searched {
             };
             let rows = Rows::of(
                 measured,
-                Some(finished),
+                Some(in_pool),
                 &validator,
                 &baseline.floor,
                 options.seed,
@@ -165,7 +160,7 @@ fn selected(mut baseline: Baseline, options: Options<'_>) -> Searched {
             baseline,
         };
     }
-    let rows = Rows::of(finished, None, &validator, &baseline.floor, options.seed);
+    let rows = Rows::of(in_pool, None, &validator, &baseline.floor, options.seed);
     let found = rows.selection(&context, &validator);
     Searched {
         found: or_immaterial(found, &baseline, &validator),
@@ -264,7 +259,6 @@ impl Grading {
                 kinds,
                 &baseline.refit,
                 &singles,
-                options.progress,
             )?
         };
         Some(Self {
@@ -335,8 +329,7 @@ impl<'a> Fitters<'a> {
             subsample: &self.subsample,
             scales: &material.scales,
             guesses,
-            checkpoint: options.checkpoint,
-            progress: options.progress,
+            executor: Executor::new(options.progress, options.checkpoint),
         }
     }
 }

@@ -9,7 +9,7 @@ use model_core::effects::table::Variable;
 use rayon::prelude::*;
 
 use super::budget::{SearchPart, tried_sizes};
-use super::candidates::{Candidate, FitContext, final_fit, release};
+use super::candidates::{Candidate, FitContext, finished, release, simulated};
 use super::decide::{
     Decision, Scored, as_far_as_tried, decide, is_special_case, probabilities, shaped,
 };
@@ -169,7 +169,7 @@ impl Rows {
     /// best.
     pub fn selection(&self, context: &FitContext<'_>, validator: &CrossValidator<'_>) -> Selection {
         let policy = &Policy::STANDARD;
-        let tried = tried_sizes(&context.progress.undone());
+        let tried = tried_sizes(&context.executor.progress().undone());
         let mut decision =
             as_far_as_tried(decide(&self.scored, policy), &self.scored, tried, policy);
         let is_named = matches!(decision, Decision::Named { .. });
@@ -179,7 +179,8 @@ impl Rows {
             Decision::Unexplained { .. } => None,
         };
         context
-            .progress
+            .executor
+            .progress()
             .stage("validation of the augmented model", 0);
         let Repaired {
             candidate: repaired,
@@ -398,7 +399,7 @@ impl Rows {
             });
         let enough = policy.adds_to_repair * error(&by_name);
         let table = (enough > validator.floor()
-            && context.progress.has_time_for(SearchPart::Table))
+            && context.executor.progress().may_begin(SearchPart::Table))
         .then(|| tables::with_table(context, &by_name))
         .flatten()
         .filter(|with_table| error(with_table) <= enough)
@@ -468,14 +469,10 @@ fn everything(
     validator: &CrossValidator<'_>,
     candidate: &Candidate,
 ) -> Candidate {
-    let mut candidate = candidate.clone();
-    if candidate.level.is_none() {
-        return with_released(context, validator, final_fit(context, &candidate));
+    if candidate.level.is_some() {
+        return simulated(context, candidate);
     }
-    let simulated = context.fitter.compare(&candidate.fit.model);
-    candidate.fit.residuals = simulated.residuals;
-    candidate.fit.nuisances = simulated.nuisances;
-    candidate
+    with_released(context, validator, finished(context, candidate))
 }
 
 /// Frees parameters that were held at first (the tilt of gravity), if the fit gains more than
@@ -486,7 +483,7 @@ fn with_released(
     validator: &CrossValidator<'_>,
     mut candidate: Candidate,
 ) -> Candidate {
-    let Some(freed) = release(context, &candidate) else {
+    let Ok(freed) = release(context, &candidate) else {
         return candidate;
     };
     let (fit, wider) = (&candidate.fit, &freed.fit);

@@ -9,7 +9,6 @@
 use model_core::catalogue::Kind;
 use rayon::prelude::*;
 
-use super::Progress;
 use super::budget::SearchPart;
 use super::candidates::{Candidate, FitContext, coarse_fit, final_fit, predicted};
 use super::noise::{NoiseFloor, adequate};
@@ -43,14 +42,17 @@ pub fn singles(
     floor: &NoiseFloor,
     kinds: &[Kind],
     refit: &Candidate,
-    progress: &Progress,
 ) -> Singles {
+    let progress = context.executor.progress();
     let what = format!("coarse fits of {} effects, one at a time", kinds.len());
     progress.stage(what, kinds.len());
     let mut coarse: Vec<Candidate> = kinds
         .par_iter()
-        .filter(|kind| progress.has_time_for(SearchPart::Alone(**kind)))
-        .filter_map(|&kind| coarse_fit(context, &predicted(context, refit, kind)?))
+        .filter_map(|&kind| {
+            let fitted = predicted(context, refit, kind)
+                .and_then(|predicted| coarse_fit(context, &predicted));
+            context.executor.reached(SearchPart::Alone(kind), fitted)
+        })
         .inspect(|candidate| progress.fitted(candidate))
         .collect();
     coarse.sort_by(|a, b| a.fit.sse().total_cmp(&b.fit.sse()));
@@ -68,8 +70,12 @@ pub fn singles(
             .take(FINISHED)
             .enumerate()
             .filter(|(place, candidate)| *place < RIVALS_SHOWN || candidate.fit.sse() <= hopeless)
-            .filter(|(_, candidate)| progress.has_time_for(SearchPart::of(&candidate.added)))
-            .map(|(_, candidate)| final_fit(context, candidate))
+            .filter_map(|(_, candidate)| {
+                let part = SearchPart::of(&candidate.added);
+                context
+                    .executor
+                    .reached(part, final_fit(context, candidate))
+            })
             .inspect(|candidate| progress.fitted(candidate))
             .collect();
         pool.extend(finished);

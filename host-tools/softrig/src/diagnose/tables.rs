@@ -14,7 +14,9 @@ use model_core::effects::table::{FIRST_FORCE, Table, Variable};
 use rayon::prelude::*;
 use statrs::statistics::{Data, OrderStatistics};
 
+use super::budget::SearchPart;
 use super::candidates::{Candidate, FitContext};
+use super::executor::Unfitted;
 use crate::estimate::fit::{Effort, Fitter};
 use crate::estimate::smooth::motions;
 
@@ -25,7 +27,7 @@ const NODES: usize = 8;
 const FITTED: Effort = Effort::Steps(8);
 
 /// A structure with the table that leaves the least error, fitted to everything. None if
-/// there is no room for a table, or nothing to put in it.
+/// there is no room for a table, or nothing to put in it, or no time.
 pub fn with_table(context: &FitContext<'_>, base: &Candidate) -> Option<Candidate> {
     let from = &base.fit.model;
     if from.effects().count() >= MAX_EFFECTS || from.table().is_some() {
@@ -33,15 +35,21 @@ pub fn with_table(context: &FitContext<'_>, base: &Candidate) -> Option<Candidat
     }
     let fits: Vec<Candidate> = Variable::ALL
         .par_iter()
-        .filter_map(|&of| fitted(context, base, of))
+        .filter_map(|&of| {
+            let fitted = fitted(context, base, of)?;
+            context.executor.reached(SearchPart::Table, fitted)
+        })
         .collect();
     let best = fits
         .into_iter()
         .filter(|candidate| candidate.fit.sse().is_finite())
         .min_by(|a, b| a.fit.sse().total_cmp(&b.fit.sse()))?;
-    let _fit = context.progress.fit();
     let whole = context.fitter;
-    let fit = whole.fit(&best.fit.model, &best.fit.free, FITTED);
+    let fitted = context.executor.begin().and_then(|_job| {
+        let fit = &best.fit;
+        context.executor.fit(whole, &fit.model, &fit.free, FITTED)
+    });
+    let fit = context.executor.reached(SearchPart::Table, fitted)?;
     Some(Candidate::of(best.added, whole.informed(&fit)))
 }
 
@@ -65,8 +73,13 @@ pub fn own_variable(kind: Kind) -> Option<Variable> {
     }
 }
 
-fn fitted(context: &FitContext<'_>, base: &Candidate, of: Variable) -> Option<Candidate> {
-    let _fit = context.progress.fit();
+/// A structure with a table of this variable, fitted to the subsample; none if there is
+/// nothing to put in it.
+fn fitted(
+    context: &FitContext<'_>,
+    base: &Candidate,
+    of: Variable,
+) -> Option<Result<Candidate, Unfitted>> {
     let from = &base.fit.model;
     let slot = from.effects().count();
     let nodes = nodes(context.fitter, of)?;
@@ -86,9 +99,11 @@ fn fitted(context: &FitContext<'_>, base: &Candidate, of: Variable) -> Option<Ca
         .chain(forces)
         .collect();
     let added = base.added.iter().copied().chain([Kind::Table]).collect();
-    let kept = context.checkpoint;
-    let fit = context.subsample.fit_kept(&model, &free, FITTED, kept);
-    Some(Candidate::of(added, fit))
+    let executor = &context.executor;
+    Some(executor.begin().and_then(|_job| {
+        let fit = executor.fit(context.subsample, &model, &free, FITTED)?;
+        Ok(Candidate::of(added, fit))
+    }))
 }
 
 /// Whether a table can replace a parameter of the base equation.
@@ -139,6 +154,7 @@ mod tests {
     use super::*;
     use crate::diagnose::Progress;
     use crate::diagnose::candidates::Scales;
+    use crate::diagnose::executor::Executor;
     use crate::diagnose::missing_force::Guesses;
     use crate::estimate::Dataset;
     use crate::estimate::checkpoint::Checkpoint;
@@ -164,6 +180,7 @@ mod tests {
                 fitter.fit(&file.model, &file.free, Effort::Full),
             );
             let scales = Scales::of(&fitter, &refit.fit);
+            let (progress, checkpoint) = (Progress::default(), Checkpoint::default());
             let context = FitContext {
                 guesses: &Guesses::default(),
                 file: &file,
@@ -171,8 +188,7 @@ mod tests {
                 short_segments: None,
                 subsample: &fitter,
                 scales: &scales,
-                checkpoint: &Checkpoint::default(),
-                progress: &Progress::default(),
+                executor: Executor::new(&progress, &checkpoint),
             };
             let repaired = with_table(&context, &refit).unwrap();
             let table = repaired.fit.model.table().unwrap();

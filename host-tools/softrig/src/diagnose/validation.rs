@@ -10,7 +10,7 @@
 //! refitted only where that cannot be trusted.
 
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Mutex, PoisonError};
 
 use model_core::actuator::{Model, ParameterId};
 use model_core::catalogue::Kind;
@@ -19,7 +19,7 @@ use super::candidates::{Candidate, free_parameters};
 use super::noise::{NoiseFloor, repeats};
 use super::policy::Search;
 use crate::estimate::Segment;
-use crate::estimate::fit::{Effort, Fitter, Validation};
+use crate::estimate::fit::{Effort, Fitter, Residuals, Validation};
 use crate::estimate::horizon::{Squares, block_errors};
 use crate::sim::board::{self, OnBoard};
 use softrig_formats::model_file::{ModelFile, parameters};
@@ -167,9 +167,6 @@ impl Squared for Segmentwise {
         self.1.sum()
     }
 }
-
-/// Residuals (rad), one series for each held-out segment.
-pub type Residuals = Arc<[Vec<f64>]>;
 
 /// How a structure predicts held-out segments.
 #[derive(Clone, Debug)]

@@ -14,7 +14,9 @@ use model_core::power::Power;
 use super::nuisance::{Nuisance, Prior};
 use crate::estimate::denoise;
 use crate::sim::board::{OnBoard, Unseen};
-use crate::sim::simulate::{FromF64, Grain, InitialState, Origin, Signal, Stepping, run_from};
+use crate::sim::simulate::{
+    FromF64, Grain, InitialState, Origin, Signal, Stepping, Trajectory, run_as_it_is, run_from,
+};
 use softrig_formats::model_file::KnownRange;
 use softrig_formats::recording::Recording;
 
@@ -41,6 +43,14 @@ pub struct Session {
     silent: Vec<Range<usize>>,
     /// Step length of simulations.
     grain: Grain,
+}
+
+/// What the angle sensor shows (rad), its zero included.
+fn shown<R: FromF64>(run: Trajectory<R>, nuisance: &Nuisance) -> Vec<f64> {
+    let readings = run.reading.into_iter();
+    readings
+        .map(|reading| reading.to_f64() + nuisance.angle_zero)
+        .collect()
 }
 
 impl Session {
@@ -182,21 +192,22 @@ impl Session {
     }
 
     /// The simulated reading of the angle sensor (rad), its zero included.
-    pub fn simulate<R: FromF64, P: Power<R>>(
+    pub fn simulate(&self, model: &Model<f64>, nuisance: &Nuisance) -> Vec<f64> {
+        let (origin, stepping) = (self.origin(nuisance), self.stepping(model));
+        shown(run_from(model, &self.signal, origin, stepping), nuisance)
+    }
+
+    /// The same in another arithmetic.
+    pub fn simulate_in<R: FromF64, P: Power<R>>(
         &self,
         model: &Model<R, P>,
         nuisance: &Nuisance,
     ) -> Vec<f64> {
-        run_from(
-            model,
-            &self.signal,
-            self.origin(nuisance),
-            self.stepping(model),
+        let (origin, stepping) = (self.origin(nuisance), self.stepping(model));
+        shown(
+            run_as_it_is(model, &self.signal, origin, stepping),
+            nuisance,
         )
-        .reading
-        .into_iter()
-        .map(|reading| reading.to_f64() + nuisance.angle_zero)
-        .collect()
     }
 
     /// The same as the board predicts it.
@@ -664,7 +675,7 @@ mod tests {
     #[test]
     fn a_recording_that_begins_in_mid_creep_has_a_past() {
         const TAU: f64 = 2.5;
-        let model = model(&[Kind::MaxwellBranch.build(&[1.5, TAU]).unwrap()]);
+        let model = model(&[Kind::MaxwellBranch.build(&[1.5, TAU, 0.0]).unwrap()]);
         let whole = recorded(&model, &[60e3, 20e3, 40e3], &Nuisance::AT_ZERO);
         let first = 2 * STEP - STEP / 3;
         let mut extension = whole.angle[0];

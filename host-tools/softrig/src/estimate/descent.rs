@@ -39,18 +39,41 @@ pub trait Bounded {
     fn move_to(&mut self, position: &DVector<f64>) -> Option<Normal>;
 }
 
+/// How a descent ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Descent {
+    /// Another step would gain less than the tolerance.
+    Converged,
+    /// The moves were used up, or no step led down.
+    Unconverged,
+    /// It was interrupted; where the problem is then means nothing.
+    Interrupted,
+}
+
 /// Moves to a minimum in at most `evaluations` moves after the first, until another step would
-/// gain less than the share `tolerance` of the cost; whether that was reached.
-pub fn descend(problem: &mut impl Bounded, evaluations: usize, tolerance: f64) -> bool {
+/// gain less than the share `tolerance` of the cost, or until it is interrupted, which is asked
+/// before every move.
+pub fn descend(
+    problem: &mut impl Bounded,
+    evaluations: usize,
+    tolerance: f64,
+    is_interrupted: &dyn Fn() -> bool,
+) -> Descent {
+    if is_interrupted() {
+        return Descent::Interrupted;
+    }
     let bounds = problem.bounds();
     let mut position = problem.position();
     let Some(mut normal) = problem.move_to(&position) else {
-        return false;
+        return Descent::Unconverged;
     };
     let (mut damping, mut stronger) = (FIRST, STRONGER);
     let (mut is_done, mut is_there) = (false, true);
     let (mut reference, mut in_vain) = (normal.cost(), 0);
     for _ in 0..evaluations {
+        if is_interrupted() {
+            return Descent::Interrupted;
+        }
         let Some(step) = bounded_step(&normal, &position, &bounds, damping) else {
             break;
         };
@@ -82,7 +105,11 @@ pub fn descend(problem: &mut impl Bounded, evaluations: usize, tolerance: f64) -
     if !is_there {
         problem.move_to(&position);
     }
-    is_done
+    if is_done {
+        Descent::Converged
+    } else {
+        Descent::Unconverged
+    }
 }
 
 /// The damped step from `position` that stays within `bounds`; none where the equations are
@@ -184,13 +211,36 @@ mod tests {
             bounds: Vec::new(),
             moves: 0,
         };
-        assert!(descend(&mut valley, 60, 1e-12));
+        assert_eq!(
+            descend(&mut valley, 60, 1e-12, &|| false),
+            Descent::Converged
+        );
         assert!(
             (valley.position[0] - 1.0).abs() < 1e-4,
             "{}",
             valley.position
         );
         assert!(valley.moves < 40, "{} moves", valley.moves);
+    }
+
+    #[test]
+    fn an_interrupted_descent_ends_before_its_next_move() {
+        let mut valley = Plain {
+            residuals: |at: &DVector<f64>| vec![10.0 * (at[1] - at[0] * at[0]), 1.0 - at[0], 1.0],
+            position: DVector::from_vec(vec![-1.2, 1.0]),
+            bounds: Vec::new(),
+            moves: 0,
+        };
+        let asked = std::cell::Cell::new(0);
+        let is_interrupted = || {
+            asked.set(asked.get() + 1);
+            asked.get() > 3
+        };
+        assert_eq!(
+            descend(&mut valley, 60, 1e-12, &is_interrupted),
+            Descent::Interrupted
+        );
+        assert_eq!(valley.moves, 3);
     }
 
     /// Minima at a wall: every set of walls is tried, and the best of the minima inside is
@@ -244,7 +294,7 @@ mod tests {
                 bounds: bounds.to_vec(),
                 moves: 0,
             };
-            descend(&mut problem, 100, 1e-12);
+            descend(&mut problem, 100, 1e-12, &|| false);
             let at = &problem.position;
             prop_assert!(at.iter().all(|it| (0.0..=1.0).contains(it)), "{at}");
             let found = (&right - &jacobian * at).norm_squared();

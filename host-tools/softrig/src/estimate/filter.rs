@@ -31,6 +31,7 @@ use super::dataset::{Dataset, Session};
 use super::nuisance::Nuisance;
 use crate::estimate::smooth::motions;
 use crate::sim::dual::Dual;
+use crate::sim::fixed_power::{Fixed, FixedPower};
 use crate::sim::simulate::{Origin, advance, is_lost, state_at};
 use crate::statistics::{mean, rms, robust_deviation};
 
@@ -156,6 +157,8 @@ pub fn walk<const N: usize>(
         pressure_zero,
         ..session.origin(nuisance)
     };
+    let prepared = FixedPower::of(model);
+    let model = &model.with_power(Fixed::new(prepared.as_ref()));
     let mut state = state_at(model, signal, &origin);
     let mut force = Dual::constant(0.0);
     let growth = level.intensity * level.intensity;
@@ -510,7 +513,7 @@ mod tests {
     /// where it is and does not follow the derivative.
     #[test]
     fn the_transition_is_the_derivative_of_a_step() {
-        let creep = Kind::MaxwellBranch.build(&[2.0, 0.3]).unwrap();
+        let creep = Kind::MaxwellBranch.build(&[2.0, 0.3, 0.2]).unwrap();
         let model = Model::new(*spring(0.7, 3.0).dynamics(), &[creep]).unwrap();
         let recording = wandering(&model, (0.3, 0.005), 40, 5);
         let data = Dataset::known(recording, Nuisance::AT_ZERO);

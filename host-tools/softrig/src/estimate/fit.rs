@@ -9,6 +9,8 @@
 //! Each session has unknowns of its own: the zeros of its sensors and its initial
 //! state ([`crate::estimate::nuisance`]). They are estimated in the same fit.
 
+use std::sync::Arc;
+
 use model_core::actuator::{Model, ParameterId};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -22,6 +24,9 @@ use super::problem::{Compared, Problem};
 use super::transform::{ParameterTransform, bounds};
 use crate::estimate::checkpoint::{Checkpoint, Ended, fingerprint};
 use crate::statistics::{correlation_time, rms};
+
+/// Series of residuals (rad), one a segment; shared, since fits are passed on and compared.
+pub type Residuals = Arc<[Vec<f64>]>;
 
 /// The result of a fit.
 #[derive(Clone, Debug)]
@@ -38,7 +43,7 @@ pub struct Fit {
     /// The same in rad², as it enters the objective, with the soft bounds of the zeros.
     pub penalty: f64,
     /// Simulated minus measured angle (rad), one series per fitted segment.
-    pub residuals: Vec<Vec<f64>>,
+    pub residuals: Residuals,
     /// Standard error of each free parameter, in SI units; infinite for a
     /// parameter that the recordings do not determine.
     pub standard_errors: Vec<f64>,
@@ -179,8 +184,9 @@ impl Fit {
             )
         };
         let (a, b) = (relative(index)?, relative(other)?);
-        let variance = a * a * covariance[(index, index)] + b * b * covariance[(other, other)]
-            - 2.0 * a * b * covariance[(index, other)];
+        let entry = |row: usize, column: usize| covariance.get((row, column)).copied();
+        let variance = a * a * entry(index, index)? + b * b * entry(other, other)?
+            - 2.0 * a * b * entry(index, other)?;
         let within = student95(self.information.degrees_of_freedom()) * variance.max(0.0).sqrt();
         within.is_finite().then_some(within)
     }
@@ -232,7 +238,7 @@ pub enum Effort {
 
 impl Effort {
     /// Whether initial guesses are compared after a few steps.
-    const fn is_long(self) -> bool {
+    pub const fn is_long(self) -> bool {
         match self {
             Self::Steps(steps) => steps >= 8,
             Self::Coarse | Self::Full => true,
@@ -271,17 +277,22 @@ impl<'a> Fitter<'a> {
     /// If no parameter is free, only zeros and initial states are estimated: a plain
     /// comparison.
     pub fn fit(&self, start: &Model<f64>, free: &[ParameterId], effort: Effort) -> Fit {
-        self.fit_kept(start, free, effort, &Checkpoint::default())
+        let (problem, converged) = Problem::new(self, start, free, Compared::Fitted)
+            .at_level(self.level)
+            .solved(effort);
+        problem.into_fit(converged, effort)
     }
 
-    /// Like [`Fitter::fit`], or the fit that `checkpoint` has kept.
-    pub fn fit_kept(
+    /// Like [`Fitter::fit`], or the fit that `checkpoint` has kept; none if it is interrupted,
+    /// which is asked at every step.
+    pub fn fit_unless(
         &self,
         start: &Model<f64>,
         free: &[ParameterId],
         effort: Effort,
         checkpoint: &Checkpoint,
-    ) -> Fit {
+        is_interrupted: &dyn Fn() -> bool,
+    ) -> Option<Fit> {
         let problem = Problem::new(self, start, free, Compared::Fitted).at_level(self.level);
         let key = if checkpoint.is_used() {
             self.fingerprint(start, free, effort)
@@ -291,11 +302,12 @@ impl<'a> Fitter<'a> {
         if let Some(ended) = checkpoint.recall(key)
             && ended.position.len() == problem.unknowns()
         {
-            return problem
+            let fit = problem
                 .at(&ended.position)
                 .into_fit(ended.converged, effort);
+            return Some(fit);
         }
-        let (problem, converged) = problem.solved(effort);
+        let (problem, converged) = problem.solved_unless(effort, is_interrupted)?;
         if problem.unknowns() > 0 {
             let position = problem.position().to_vec();
             checkpoint.keep(
@@ -306,7 +318,7 @@ impl<'a> Fitter<'a> {
                 },
             );
         }
-        problem.into_fit(converged, effort)
+        Some(problem.into_fit(converged, effort))
     }
 
     /// A fingerprint of everything a fit depends on: data, priors, nominal model, initial
@@ -486,62 +498,6 @@ impl<'a> Fitter<'a> {
         ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
         ranked.truncate(count);
         ranked
-    }
-
-    /// Fits from each initial guess and returns the best fit. None if the model cannot be
-    /// simulated from any.
-    pub fn best_of(
-        &self,
-        starts: &[Model<f64>],
-        free: &[ParameterId],
-        effort: Effort,
-    ) -> Option<Fit> {
-        self.best_of_kept(starts, free, effort, &Checkpoint::default())
-    }
-
-    /// Like [`Fitter::best_of`], with the fits that `checkpoint` has kept.
-    pub fn best_of_kept(
-        &self,
-        starts: &[Model<f64>],
-        free: &[ParameterId],
-        effort: Effort,
-        checkpoint: &Checkpoint,
-    ) -> Option<Fit> {
-        if let (true, Some(best_after_few_steps)) = (
-            effort.is_long(),
-            self.best_after_few_steps(starts, free, checkpoint),
-        ) {
-            return Some(self.fit_kept(&best_after_few_steps, free, effort, checkpoint))
-                .filter(|fit| fit.sse().is_finite());
-        }
-        starts
-            .par_iter()
-            .map(|start| self.fit_kept(start, free, effort, checkpoint))
-            .collect::<Vec<_>>()
-            .into_iter()
-            .filter(|fit| fit.sse().is_finite())
-            .min_by(|a, b| a.cost().total_cmp(&b.cost()))
-    }
-
-    /// The position of the initial guess that is best after a few steps; none if there is
-    /// only one.
-    fn best_after_few_steps(
-        &self,
-        starts: &[Model<f64>],
-        free: &[ParameterId],
-        checkpoint: &Checkpoint,
-    ) -> Option<Model<f64>> {
-        /// Steps after which the local minimum is chosen.
-        const COARSE: Effort = Effort::Steps(4);
-        if starts.len() < 2 {
-            return None;
-        }
-        starts
-            .par_iter()
-            .map(|start| self.fit_kept(start, free, COARSE, checkpoint))
-            .filter(|fit| fit.sse().is_finite())
-            .min_by(|a, b| a.cost().total_cmp(&b.cost()))
-            .map(|fit| fit.model)
     }
 }
 

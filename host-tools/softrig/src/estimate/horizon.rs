@@ -14,6 +14,7 @@ use nalgebra::{Matrix2, Vector2};
 use super::dataset::{Dataset, Session};
 use super::nuisance::Nuisance;
 use crate::sim::dual::Dual;
+use crate::sim::fixed_power::{Fixed, FixedPower};
 use crate::sim::simulate::{advance, is_lost, state_at};
 
 /// Fewest samples of a block, from which an angle and a rate are estimated.
@@ -132,6 +133,8 @@ fn over_blocks(
     let zero = Dual::constant(nuisance.pressure_zero);
     let plain: Model<f64> = model.map(|value| value.value());
     let stepping = session.stepping(&plain);
+    let prepared = FixedPower::of(model);
+    let model = &model.with_power(Fixed::new(prepared.as_ref()));
     let mut begin = state_at(model, signal, &session.origin(nuisance));
     let silent = session.silence();
     let measured = &session.recording().angle;
@@ -290,7 +293,7 @@ mod tests {
     /// The right model leaves the noise at every horizon, degrees of freedom paid for.
     #[test]
     fn the_truth_leaves_the_noise_at_every_horizon() {
-        let effect = Kind::MaxwellBranch.build(&[4.0, 0.8]).unwrap();
+        let effect = Kind::MaxwellBranch.build(&[4.0, 0.8, 0.0]).unwrap();
         let truth = model(30.0, &[effect]);
         let data = swing(&truth);
         for horizon in [0.15, 0.6, 3.0, 100.0] {

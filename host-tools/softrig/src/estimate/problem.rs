@@ -9,7 +9,7 @@ use model_core::actuator::{Model, ParameterId};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::descent::{Bounded, descend};
+use super::descent::{Bounded, Descent, descend};
 use super::filter::{Innovation, Level, normalised, pass};
 use super::fit::{Effort, Fit, Fitter};
 use super::information::{Information, Recorded, without_nuisance};
@@ -248,13 +248,28 @@ impl<'a> Problem<'a> {
     }
 
     /// Lets the solver find the position; whether it met its tolerance.
-    pub fn solved(mut self, effort: Effort) -> (Self, bool) {
+    pub fn solved(self, effort: Effort) -> (Self, bool) {
+        let (problem, ended) = self.descended(effort, &|| false);
+        (problem, ended == Descent::Converged)
+    }
+
+    /// The same, unless it is interrupted.
+    pub fn solved_unless(
+        self,
+        effort: Effort,
+        is_interrupted: &dyn Fn() -> bool,
+    ) -> Option<(Self, bool)> {
+        let (problem, ended) = self.descended(effort, is_interrupted);
+        (ended != Descent::Interrupted).then_some((problem, ended == Descent::Converged))
+    }
+
+    fn descended(mut self, effort: Effort, is_interrupted: &dyn Fn() -> bool) -> (Self, Descent) {
         if self.unknowns() == 0 {
-            return (self, true);
+            return (self, Descent::Converged);
         }
         let (evaluations, tolerance) = effort.patience();
-        let is_done = descend(&mut self, evaluations, tolerance);
-        (self, is_done)
+        let ended = descend(&mut self, evaluations, tolerance, is_interrupted);
+        (self, ended)
     }
 
     /// The normal equations at this position; none if the model cannot be simulated.
@@ -796,7 +811,7 @@ impl<'a> Problem<'a> {
             departure,
             penalty,
             free: self.free,
-            residuals,
+            residuals: residuals.into(),
             standard_errors,
             converged,
             information,

@@ -260,5 +260,5 @@ fn in_single<P: Power<f32>>(
     nuisance: &Nuisance,
 ) -> Vec<f64> {
     let single: Model<f32, P> = model.map(|value| value as f32);
-    session.simulate(&single, nuisance)
+    session.simulate_in(&single, nuisance)
 }

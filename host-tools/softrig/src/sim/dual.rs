@@ -72,6 +72,25 @@ impl<const N: usize> Dual<N> {
         }
     }
 
+    /// This number to a power whose value is known, as is its own logarithm.
+    #[expect(clippy::float_cmp, reason = "the limit differs at exactly 1")]
+    #[inline]
+    pub fn to_the_power(self, exponent: &Self, value: f64, ln: impl FnOnce() -> f64) -> Self {
+        let n = exponent.value;
+        let by_base = if self.value > 0.0 {
+            n * value / self.value
+        } else {
+            f64::from(u8::from(n == 1.0))
+        };
+        let is_free = exponent.partials.iter().any(|partial| *partial != 0.0);
+        if self.value > 0.0 && is_free {
+            let by_exponent = value * ln();
+            self.both(exponent, value, |a, b| by_base * a + by_exponent * b)
+        } else {
+            self.chain(value, by_base)
+        }
+    }
+
     /// The partials of a number from those of two.
     #[inline]
     fn both(self, other: &Self, value: f64, partial: impl Fn(f64, f64) -> f64) -> Self {
@@ -195,23 +214,10 @@ impl<const N: usize> Real for Dual<N> {
 /// At a base of zero the slope is that of the limit, except that an infinite
 /// slope (exponent below 1) is given as zero: a fit cannot use infinity.
 impl<const N: usize> Power<Dual<N>> for Exact {
-    #[expect(clippy::float_cmp, reason = "the limit differs at exactly 1")]
     #[inline]
     fn pow(base: Dual<N>, exponent: Dual<N>) -> Dual<N> {
-        let n = exponent.value;
-        let value = <Self as Power<f64>>::pow(base.value, n);
-        let by_base = if base.value > 0.0 {
-            n * value / base.value
-        } else {
-            f64::from(u8::from(n == 1.0))
-        };
-        let is_free = exponent.partials.iter().any(|partial| *partial != 0.0);
-        if base.value > 0.0 && is_free {
-            let by_exponent = value * base.value.ln();
-            base.both(&exponent, value, |a, b| by_base * a + by_exponent * b)
-        } else {
-            base.chain(value, by_base)
-        }
+        let value = <Self as Power<f64>>::pow(base.value, exponent.value);
+        base.to_the_power(&exponent, value, || base.value.ln())
     }
 }
 

@@ -3,6 +3,7 @@
 
 pub mod board;
 pub mod dual;
+pub mod fixed_power;
 pub mod linear;
 pub mod protocol;
 pub mod simulate;

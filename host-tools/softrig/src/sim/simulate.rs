@@ -14,6 +14,7 @@ use model_core::integrate::{Scheme, step, step_about};
 use model_core::power::Power;
 use model_core::real::Real;
 
+use super::fixed_power::{Fixed, FixedPower};
 use softrig_formats::recording::Recording;
 
 /// An angle (rad) at which a run counts as diverged: no actuator bends this
@@ -506,12 +507,15 @@ pub fn state_at<R: FromF64, P: Power<R>>(
 
 /// Simulates `model` over the pressure in `signal`, from `start`, with
 /// `substeps` RK4 steps between samples.
-pub fn run<R: FromF64, P: Power<R>>(
-    model: &Model<R, P>,
+pub fn run<R: FromF64>(
+    model: &Model<R>,
     signal: &Signal,
     start: InitialState<R>,
     substeps: usize,
-) -> Trajectory<R> {
+) -> Trajectory<R>
+where
+    for<'a> Fixed<'a>: Power<R>,
+{
     let stepping = Stepping::runge_kutta(substeps);
     let origin = Origin {
         start,
@@ -523,7 +527,22 @@ pub fn run<R: FromF64, P: Power<R>>(
 }
 
 /// Like [`run`], with a zero of the pressure sensor and a clock.
-pub fn run_from<R: FromF64, P: Power<R>>(
+pub fn run_from<R: FromF64>(
+    model: &Model<R>,
+    signal: &Signal,
+    origin: Origin<R>,
+    stepping: Stepping,
+) -> Trajectory<R>
+where
+    for<'a> Fixed<'a>: Power<R>,
+{
+    let prepared = FixedPower::of(model);
+    let model = model.with_power(Fixed::new(prepared.as_ref()));
+    run_as_it_is(&model, signal, origin, stepping)
+}
+
+/// Like [`run_from`], by the model's own power function.
+pub fn run_as_it_is<R: FromF64, P: Power<R>>(
     model: &Model<R, P>,
     signal: &Signal,
     origin: Origin<R>,
@@ -715,7 +734,7 @@ mod tests {
                     .iter()
                     .map(|reading| reading.partials()[0])
                     .collect();
-                let h = 1e-5 * value.abs().max(1e-6);
+                let h = 1e-5 * if value == 0.0 { 1.0 } else { value.abs() };
                 let above = readings(&model.with_value(id, value + h));
                 let below = readings(&model.with_value(id, value - h));
                 let size = exact.iter().fold(0.0, |a: f64, b| a.max(b.abs()));
