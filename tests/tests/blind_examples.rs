@@ -81,26 +81,25 @@ impl Tally {
 #[test]
 fn hidden_effects_are_named() {
     let mut tally = Tally::default();
+    // The blind gate, which simulates by another integrator, asks for each effect again.
     for &kind in Kind::NAMES {
-        for seed in [301, 302] {
-            let diagnosis = diagnose(Hidden::Effect(kind), NOISE_DEG, seed, &["step", "triangle"]);
-            tally.count(kind.name(), &diagnosis);
-            eprintln!(
-                "{} {seed}: {:?} {:?}",
-                kind.name(),
-                diagnosis.finding.answer(),
-                named(&diagnosis)
-            );
-            // A name comes with a repair that holds on runs that were not
-            // fitted, as the board predicts as well.
-            if let Finding::Named { effects, .. } = &diagnosis.finding {
-                let added = &diagnosis.repaired.added;
-                assert!(effects.iter().all(|it| added.contains(&it.kind)));
-                assert!(!effects.is_empty());
-                assert!(diagnosis.adequacy.holdout_gap_closed > 0.8);
-                let held_out = &diagnosis.held_out;
-                assert!(held_out.repaired_on_board < 1.02 * held_out.repaired);
-            }
+        let diagnosis = diagnose(Hidden::Effect(kind), NOISE_DEG, 301, &["step", "triangle"]);
+        tally.count(kind.name(), &diagnosis);
+        eprintln!(
+            "{}: {:?} {:?}",
+            kind.name(),
+            diagnosis.finding.answer(),
+            named(&diagnosis)
+        );
+        // A name comes with a repair that holds on runs that were not
+        // fitted, as the board predicts as well.
+        if let Finding::Named { effects, .. } = &diagnosis.finding {
+            let added = &diagnosis.repaired.added;
+            assert!(effects.iter().all(|it| added.contains(&it.kind)));
+            assert!(!effects.is_empty());
+            assert!(diagnosis.adequacy.holdout_gap_closed > 0.8);
+            let held_out = &diagnosis.held_out;
+            assert!(held_out.repaired_on_board < 1.02 * held_out.repaired);
         }
     }
     // A false name is worse than none.
@@ -108,7 +107,7 @@ fn hidden_effects_are_named() {
     // Steps and a triangle do not tell every look-alike apart: friction from
     // hysteresis, a drift of the stiffness from one of the sensor. Then the
     // truth has to be in the answer set.
-    let all = 2 * Kind::NAMES.len();
+    let all = Kind::NAMES.len();
     assert!(tally.silent <= 1 && tally.small <= 1, "{tally:?} of {all}");
     assert!(5 * tally.exact >= 4 * all, "{tally:?} of {all}");
 }
@@ -116,7 +115,7 @@ fn hidden_effects_are_named() {
 #[test]
 fn nothing_hidden_gets_no_name() {
     let mut parameters_only = 0;
-    let seeds = 400..420;
+    let seeds = 400..410;
     let count = seeds.clone().count();
     for seed in seeds {
         let diagnosis = diagnose(Hidden::Nothing, NOISE_DEG, seed, &["step", "triangle"]);
