@@ -12,6 +12,7 @@ use model_core::effects::{Mechanism, Parameter, Place, Unit};
 use super::executor::{Executor, Unfitted};
 use super::missing_force::Guesses;
 use super::needs::Shown;
+use super::policy::Policy;
 use crate::estimate::filter::Level;
 use crate::estimate::fit::{Effort, Fit, Fitter};
 use crate::estimate::identify::HARDLY_VISIBLE;
@@ -553,18 +554,34 @@ pub fn final_fit(context: &FitContext<'_>, candidate: &Candidate) -> Result<Cand
         ..*context.fitter
     };
     let fit = |model: &Model<f64>| context.executor.fit(&fitter, model, &free, Effort::Full);
-    let mut best = fit(&candidate.fit.model)?;
-    let first = context.file.model.effects().count();
-    for slot in first..first + candidate.added.len() {
+    let best = in_best_shape(context, fit(&candidate.fit.model)?, |it| fit(&it.model))?;
+    Ok(Candidate::of(candidate.added.clone(), best))
+}
+
+/// A fit, or what `fit` makes of it with an added effect in its other shape, if that has a
+/// smaller error: the simple shape needs no reason.
+///
+/// # Errors
+///
+/// Those of `fit`.
+pub fn in_best_shape(
+    context: &FitContext<'_>,
+    mut best: Fit,
+    fit: impl Fn(&Fit) -> Result<Fit, Unfitted>,
+) -> Result<Fit, Unfitted> {
+    let added = context.file.model.effects().count()..best.model.effects().count();
+    for slot in added {
         let Some(model) = with_other_shape(&best.model, slot) else {
             continue;
         };
-        let other = fit(&model)?;
-        if other.sse().is_finite() && other.cost() < best.cost() {
+        let mut start = best.clone();
+        start.model = model;
+        let other = fit(&start)?;
+        if other.cost().sqrt() <= Policy::STANDARD.sure_leaves * best.cost().sqrt() {
             best = other;
         }
     }
-    Ok(Candidate::of(candidate.added.clone(), best))
+    Ok(best)
 }
 
 /// The final fit of a candidate; where there is no time for it, the candidate simulated over

@@ -15,7 +15,7 @@ use model_core::catalogue::Kind;
 use rayon::prelude::*;
 
 use super::budget::SearchPart;
-use super::candidates::{Candidate, FitContext, free_parameters, starts_from};
+use super::candidates::{Candidate, FitContext, free_parameters, in_best_shape, starts_from};
 use super::executor::{Executor, Unfitted};
 use super::missing_force::Guesses;
 use crate::estimate::filter::{Level, Pace, levels};
@@ -341,6 +341,7 @@ impl<'a> Levels<'a> {
             .into_iter()
             .min_by(|a, b| a.cost().total_cmp(&b.cost()))
             .unwrap_or_else(|| estimate.fits[level].clone());
+        let best = in_best_shape(&self.context, best, |it| self.finished(it, level))?;
         let chosen = self.level(level);
         Ok(Candidate {
             added: estimate.added.clone(),
