@@ -154,7 +154,7 @@ pub struct VirtualRig {
     power_on_at: Option<u64>,
     faults: BTreeSet<Fault>,
     pressure_drift_millivolts: f64,
-    planned: Vec<(Planned, Progress)>,
+    planned: Vec<(Planned, ServeState)>,
     to_board: Noise,
     from_board: Noise,
     output: Vec<u8>,
@@ -163,7 +163,7 @@ pub struct VirtualRig {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Progress {
+enum ServeState {
     Waiting,
     Happening,
     Over,
@@ -209,7 +209,7 @@ impl VirtualRig {
             planned: options
                 .faults
                 .into_iter()
-                .map(|planned| (planned, Progress::Waiting))
+                .map(|planned| (planned, ServeState::Waiting))
                 .collect(),
             to_board,
             from_board,
@@ -567,7 +567,7 @@ impl VirtualRig {
 
     /// Plans a fault for a time to come (s of simulated time).
     pub fn plan_fault(&mut self, planned: Planned) {
-        self.planned.push((planned, Progress::Waiting));
+        self.planned.push((planned, ServeState::Waiting));
     }
 
     fn follow_plan(&mut self) {
@@ -577,16 +577,16 @@ impl VirtualRig {
         }
         for index in 0..self.planned.len() {
             let (planned, progress) = self.planned[index];
-            if progress == Progress::Waiting && now >= planned.from_s {
-                self.planned[index].1 = Progress::Happening;
+            if progress == ServeState::Waiting && now >= planned.from_s {
+                self.planned[index].1 = ServeState::Happening;
                 self.set_fault(planned.fault, true);
                 if planned.fault == Fault::PowerCut && planned.until_s.is_none() {
                     self.power_on_after(POWER_CUT_S);
                 }
-            } else if progress == Progress::Happening
+            } else if progress == ServeState::Happening
                 && planned.until_s.is_some_and(|until| now >= until)
             {
-                self.planned[index].1 = Progress::Over;
+                self.planned[index].1 = ServeState::Over;
                 self.set_fault(planned.fault, false);
             }
         }

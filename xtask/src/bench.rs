@@ -228,7 +228,8 @@ pub fn board() -> Outcome {
 
     let ours = simulate(&rig, &image, Some("self-test: done"))?;
     let plain = simulate(&rig, &sketch, None)?;
-    let of = |run: &Run, name: &str| run.cycles.iter().find(|(n, _)| n == name).map(|&(_, c)| c);
+    let of =
+        |run: &SketchRun, name: &str| run.cycles.iter().find(|(n, _)| n == name).map(|&(_, c)| c);
     let (Some(pow), Some(step)) = (of(&plain, "power_minimax"), of(&plain, "step_minimax")) else {
         return Err("the C sketch left no cycle marks".into());
     };
@@ -296,14 +297,14 @@ pub fn board() -> Outcome {
 }
 
 /// The results of one run of an image.
-struct Run {
+struct SketchRun {
     said: String,
     cycles: Vec<(String, u64)>,
     stack: String,
 }
 
 /// Runs an image until it has sent a text, or until it halts.
-fn simulate(rig: &Path, image: &Path, until: Option<&str>) -> Outcome<Run> {
+fn simulate(rig: &Path, image: &Path, until: Option<&str>) -> Outcome<SketchRun> {
     let mut command = Command::new(rig);
     command
         .arg("run")
@@ -332,7 +333,7 @@ fn simulate(rig: &Path, image: &Path, until: Option<&str>) -> Outcome<Run> {
         .find_map(|line| line.strip_prefix("stack ")?.strip_suffix(" bytes"))
         .unwrap_or("an unknown number of")
         .into();
-    Ok(Run {
+    Ok(SketchRun {
         stack,
         said: String::from_utf8_lossy(&output.stdout).into_owned(),
         cycles,

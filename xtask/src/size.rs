@@ -19,7 +19,7 @@ use crate::{
 
 /// A figure: its name in the golden file, what it is, the most that it may be,
 /// and how far it may move unnoticed.
-struct Row {
+struct Measure {
     name: &'static str,
     title: &'static str,
     unit: &'static str,
@@ -29,43 +29,43 @@ struct Row {
 
 const RAM_BYTES: f64 = 8_192.0;
 
-const ROWS: [Row; 6] = [
-    Row {
+const ROWS: [Measure; 6] = [
+    Measure {
         name: "flash_bytes",
         title: "flash",
         unit: "bytes",
         budget: 104.0 * 1024.0,
         tolerance: 1_024.0,
     },
-    Row {
+    Measure {
         name: "static_ram_bytes",
         title: "static RAM",
         unit: "bytes",
         budget: 3_840.0,
         tolerance: 32.0,
     },
-    Row {
+    Measure {
         name: "stack_bytes",
         title: "stack, deepest",
         unit: "bytes",
         budget: 2_304.0,
         tolerance: 128.0,
     },
-    Row {
+    Measure {
         name: "cpu_at_rest_percent",
         title: "processor at rest",
         unit: "%",
         budget: 30.0,
         tolerance: 1.0,
     },
-    Row {
+    Measure {
         name: "cpu_in_a_run_percent",
         title: "processor, pump at full flow",
         unit: "%",
         budget: 64.0,
         tolerance: 2.0,
     },
-    Row {
+    Measure {
         name: "cpu_in_a_run_with_the_dearest_model_percent",
         title: "… with the dearest model",
         unit: "%",

@@ -22,7 +22,7 @@ fn base(settings: &Settings) -> Model<f32> {
 }
 
 /// A rig under the loops, with the prediction that the board makes beside it.
-struct Run {
+struct ClosedLoopRun {
     plant: Plant,
     controller: Controller,
     config: Config,
@@ -38,7 +38,7 @@ struct Run {
     seen: VecDeque<f32>,
 }
 
-impl Run {
+impl ClosedLoopRun {
     fn new(volume_ul: f64) -> Self {
         Self::with(Plant::new(volume_ul, 500.0), &[])
     }
@@ -153,7 +153,7 @@ impl Run {
 fn an_angle_step_rises_in_time_and_does_not_overshoot() {
     for volume in [40e3, 50e3, 60e3] {
         for degrees in [10.0, 30.0, 60.0, 90.0] {
-            let mut run = Run::new(volume);
+            let mut run = ClosedLoopRun::new(volume);
             run.track((ControlMode::AngleOpenLoop, degrees), 12.0);
             let pressure = f64::from(
                 run.predictor
@@ -179,7 +179,7 @@ fn an_angle_step_rises_in_time_and_does_not_overshoot() {
 
 #[test]
 fn the_pump_rests_at_the_set_point() {
-    let mut run = Run::new(50e3);
+    let mut run = ClosedLoopRun::new(50e3);
     run.track((ControlMode::Pressure, 40.0), 10.0);
     let moving = run.flows[700..].iter().filter(|&&flow| flow != 0.0).count();
     assert!(moving < 10, "{moving} of 300 periods");
@@ -187,7 +187,7 @@ fn the_pump_rests_at_the_set_point() {
 
 #[test]
 fn a_ramp_is_followed() {
-    let mut run = Run::new(50e3);
+    let mut run = ClosedLoopRun::new(50e3);
     for k in 0..600 {
         run.track((ControlMode::Pressure, k as f32 * 0.06), 0.01);
         let gap = f64::from(k) * 0.06 - run.plant.pressure / 1_000.0;
@@ -204,7 +204,7 @@ fn closed_loop_steps_settle_without_overshoot() {
     for volume in [20e3, 50e3] {
         for degrees in [10.0, 30.0, 60.0, 90.0] {
             for factor in [0.7, 1.0, 1.3] {
-                let mut run = Run::stiffer(volume, factor);
+                let mut run = ClosedLoopRun::stiffer(volume, factor);
                 run.track((ControlMode::AngleClosedLoop, degrees), 12.0);
                 let degrees = f64::from(degrees);
                 let (overshoot, settled) = run.step_response(degrees);
@@ -237,7 +237,7 @@ fn a_lag_costs_overshoot_only_if_the_model_does_not_know_it() {
             let mut plant = Plant::new(50e3, 500.0);
             plant.model = Model::new(dynamics(&plant.settings), &[tube()]).unwrap();
             plant.state = plant.model.at_rest(0.0, 0.0);
-            let mut run = Run::with(plant, known);
+            let mut run = ClosedLoopRun::with(plant, known);
             run.track((ControlMode::AngleClosedLoop, degrees), 15.0);
             let (overshoot, settled) = run.step_response(degrees.into());
             std::println!(
@@ -260,8 +260,8 @@ fn a_dead_time_that_the_model_knows_makes_the_loop_slower_and_not_unstable() {
     for (late, delay) in [(10, 0.1), (30, 0.3), (60, 0.6)] {
         for degrees in [10.0, 30.0, 60.0, 90.0] {
             for factor in [0.7, 1.0, 1.3] {
-                let mut run = Run::with(
-                    Run::stiffer(50e3, factor).plant,
+                let mut run = ClosedLoopRun::with(
+                    ClosedLoopRun::stiffer(50e3, factor).plant,
                     &[Kind::DeadTime.build(&[delay]).unwrap()],
                 );
                 run.late = late;
@@ -281,7 +281,7 @@ fn a_dead_time_that_the_model_knows_makes_the_loop_slower_and_not_unstable() {
 
 #[test]
 fn a_loop_without_a_prediction_ends() {
-    let mut run = Run::new(50e3);
+    let mut run = ClosedLoopRun::new(50e3);
     let measured = Measured::default();
     for _ in 0..200 {
         let reference = (ControlMode::AngleClosedLoop, 30.0);
@@ -295,7 +295,7 @@ fn a_loop_without_a_prediction_ends() {
 #[test]
 fn a_sensor_that_shows_nothing_ends_the_loop() {
     for degrees in [30.0, 60.0, 90.0] {
-        let mut run = Run::new(50e3);
+        let mut run = ClosedLoopRun::new(50e3);
         let rest = run.plant.inputs().flex.counts();
         run.plant.flex_counts = Some(f64::from(rest));
         run.plant.noise_counts = 5.0;
@@ -315,7 +315,7 @@ fn a_sensor_that_shows_nothing_ends_the_loop() {
 
 #[test]
 fn a_pressure_beyond_the_stroke_is_told_and_a_transient_is_not() {
-    let mut run = Run::new(1e6);
+    let mut run = ClosedLoopRun::new(1e6);
     run.track((ControlMode::Pressure, 150.0), 10.0);
     assert_eq!(run.controller.fault(), None, "on its way");
     run.track((ControlMode::Pressure, 150.0), 5.0);
@@ -326,7 +326,7 @@ fn a_pressure_beyond_the_stroke_is_told_and_a_transient_is_not() {
 fn nothing_winds_up_at_a_limit() {
     // 90° is out of reach. However long it was asked for, 20° comes as soon.
     let settled = |asked: f64| {
-        let mut run = Run::stiffer(50e3, 2.5);
+        let mut run = ClosedLoopRun::stiffer(50e3, 2.5);
         run.track((ControlMode::AngleClosedLoop, 90.0), asked);
         assert!(run.controller.pressure_setpoint() <= run.config.pressure_range.highest);
         let start = run.log.len();
@@ -344,7 +344,7 @@ fn nothing_winds_up_at_a_limit() {
 #[test]
 fn the_stroke_ends_before_the_syringe_does() {
     // So much air that the pressure is never reached.
-    let mut run = Run::new(1e6);
+    let mut run = ClosedLoopRun::new(1e6);
     run.track((ControlMode::Pressure, 150.0), 30.0);
     assert!(run.plant.plunger < 50_010.0, "{}", run.plant.plunger);
     run.track((ControlMode::Pressure, 0.0), 30.0);

@@ -208,7 +208,7 @@ pub(crate) enum Role {
 
 /// A parameter as it stands in a section.
 #[derive(Clone, Debug)]
-struct Row {
+struct DeclaredParameter {
     key: String,
     value: f64,
     min: Option<f64>,
@@ -217,7 +217,7 @@ struct Row {
     hold: bool,
 }
 
-impl Row {
+impl DeclaredParameter {
     /// Its bounds in single precision, which is what fits know, rounded inwards.
     fn bounds(&self) -> (f32, f32) {
         let lower = self.min.map_or(f32::NEG_INFINITY, |min| {
@@ -298,7 +298,7 @@ pub(crate) fn read_section(
             ));
         }
     }
-    let rows: Vec<Row> = rows.into_iter().map(|(row, _)| row).collect();
+    let rows: Vec<DeclaredParameter> = rows.into_iter().map(|(row, _)| row).collect();
     if let Some((state, value)) = formula.program().and_then(|it| not_finite(&it, &rows)) {
         return Err(reader.fail_at(
             Some(force_at),
@@ -322,7 +322,7 @@ pub(crate) fn read_section(
             "diagnose fewer models at a time",
         )
     })?;
-    let values: Vec<f64> = rows.iter().map(Row::held_within).collect();
+    let values: Vec<f64> = rows.iter().map(DeclaredParameter::held_within).collect();
     Kind::Custom(Formula(definition))
         .build(&values)
         .ok_or_else(|| reader.fail("has an incomplete effect", "add its parameters"))
@@ -404,7 +404,7 @@ fn within(file: &str, string: &Span<usize>, text: &str, at: usize) -> Span<usize
 fn rows(
     reader: &Reader<'_>,
     section: &Table,
-) -> Result<Vec<(Row, Option<Span<usize>>)>, InputError> {
+) -> Result<Vec<(DeclaredParameter, Option<Span<usize>>)>, InputError> {
     const ADVICE: &str = "add [effect.parameters] with a line such as \
                           a = { value = 0.02, min = 0.0, max = 1.0, unit = \"N\" }";
     let item = section.get("parameters");
@@ -431,7 +431,7 @@ fn rows(
         .collect()
 }
 
-fn row(reader: &Reader<'_>, key: &str, item: &Item) -> Result<Row, InputError> {
+fn row(reader: &Reader<'_>, key: &str, item: &Item) -> Result<DeclaredParameter, InputError> {
     let fail = |item: &Item, found: String, advice: &str| {
         Err(reader.fail_at(item.span(), found, advice.to_owned()))
     };
@@ -449,7 +449,7 @@ fn row(reader: &Reader<'_>, key: &str, item: &Item) -> Result<Row, InputError> {
             "give the parameter another name",
         );
     }
-    let mut row = Row {
+    let mut row = DeclaredParameter {
         key: key.to_owned(),
         value: 0.0,
         min: None,
@@ -555,7 +555,7 @@ fn unit(reader: &Reader<'_>, item: &Item) -> Result<String, InputError> {
 
 /// Where within ordinary ranges a force is not a finite number, and what it is there:
 /// with the parameters as written, and with each at an end of its range.
-fn not_finite(program: &Program<'_>, rows: &[Row]) -> Option<(String, f64)> {
+fn not_finite(program: &Program<'_>, rows: &[DeclaredParameter]) -> Option<(String, f64)> {
     const ANGLES: [f64; 9] = [0.0, 0.01, -0.01, 0.5, -0.5, 1.6, -1.6, 3.2, -3.2];
     const RATES: [f64; 7] = [0.0, 0.01, -0.01, 1.0, -1.0, 20.0, -20.0];
     // A sensor with noise shows less than no pressure.
@@ -611,7 +611,7 @@ struct Written<'a> {
     name: &'a str,
     force: &'a str,
     family: Option<Family>,
-    rows: &'a [Row],
+    rows: &'a [DeclaredParameter],
     role: Role,
     formula: formula::Formula,
 }

@@ -7,13 +7,13 @@ use std::fmt::Write as _;
 use std::io::Error;
 use std::path::PathBuf;
 
-use softrig::diagnose::policy::{Policy, Row, Search};
+use softrig::diagnose::policy::{Constant, Policy, Search};
 
 /// The head of a table in a page.
 const HEAD: &str = "|---|---:|---|---|---|\n";
 
 /// The pages in `docs/`, each with its table.
-const TABLES: [(&str, &[Row]); 2] = [
+const TABLES: [(&str, &[Constant]); 2] = [
     ("diagnosis.md", Policy::ROWS),
     ("diagnosis-details.md", Search::ROWS),
 ];
@@ -26,7 +26,7 @@ fn main() -> std::io::Result<()> {
         }
     }
     for path in paths {
-        let is_this = |(page, _): &(&str, &[Row])| path.ends_with(page);
+        let is_this = |(page, _): &(&str, &[Constant])| path.ends_with(page);
         let Some((_, rows)) = TABLES.into_iter().find(is_this) else {
             return Err(Error::other(format!(
                 "{}: no page with a table",
@@ -40,7 +40,7 @@ fn main() -> std::io::Result<()> {
 }
 
 /// The rows of a table.
-fn table(rows: &[Row]) -> String {
+fn table(rows: &[Constant]) -> String {
     let mut text = String::new();
     for (name, value, unit, meaning, origin) in rows {
         let meaning = meaning.trim();
@@ -61,7 +61,7 @@ fn short(value: f64) -> String {
 }
 
 /// A page with its table as the code has it.
-fn with_table(page: &str, rows: &[Row]) -> String {
+fn with_table(page: &str, rows: &[Constant]) -> String {
     let Some((before, rest)) = page.split_once(HEAD) else {
         return page.to_owned();
     };

@@ -35,7 +35,7 @@ pub struct Case {
 
 /// A row as it is written.
 #[derive(Debug, Deserialize)]
-struct Row {
+struct ManifestLine {
     case: String,
     model: String,
     recordings: String,
@@ -77,7 +77,7 @@ fn parse(text: &str, folder: &Path) -> Result<Vec<Case>, InputError> {
         let record = record
             .map_err(|error| unreadable(error.position().map_or(1, csv::Position::line), error))?;
         let line = record.position().map_or(1, csv::Position::line);
-        let row: Row = record
+        let row: ManifestLine = record
             .deserialize(Some(&header))
             .map_err(|error| unreadable(line, error))?;
         let fail = |column: &str, found: String, advice: &str| {

@@ -21,7 +21,7 @@ use softrig_formats::error::write_atomically;
 
 /// The results of a case.
 #[derive(Clone, Debug)]
-pub struct Row {
+pub struct CaseResult {
     /// Its name.
     pub case: String,
     /// `diagnosed`, `failed` or `missing`.
@@ -34,7 +34,7 @@ pub struct Row {
     pub verdict: Option<Value>,
 }
 
-impl Row {
+impl CaseResult {
     /// Reads what the folder of a case holds.
     ///
     /// # Errors
@@ -138,8 +138,9 @@ enum Cells {
 }
 
 /// The table's columns, in its order.
-fn columns(rows: &[Row]) -> Vec<(&'static str, Cells)> {
-    let text = |of: &dyn Fn(&Row) -> Option<String>| Cells::Text(rows.iter().map(of).collect());
+fn columns(rows: &[CaseResult]) -> Vec<(&'static str, Cells)> {
+    let text =
+        |of: &dyn Fn(&CaseResult) -> Option<String>| Cells::Text(rows.iter().map(of).collect());
     let number = |at: &str| Cells::Number(rows.iter().map(|row| row.number(at)).collect());
     vec![
         ("case", text(&|row| Some(row.case.clone()))),
@@ -149,9 +150,9 @@ fn columns(rows: &[Row]) -> Vec<(&'static str, Cells)> {
         ("verdict", text(&|row| row.text("/verdict"))),
         ("strength", text(&|row| row.text("/strength"))),
         ("family", text(&|row| row.text("/family"))),
-        ("effects", text(&Row::effects)),
-        ("parameters_json", text(&Row::parameters)),
-        ("alternatives", text(&Row::alternatives)),
+        ("effects", text(&CaseResult::effects)),
+        ("parameters_json", text(&CaseResult::parameters)),
+        ("alternatives", text(&CaseResult::alternatives)),
         ("probability", number("/effects/0/probability")),
         ("closure_overall", number("/closure/overall")),
         ("closure_full", number("/closure/full")),
@@ -187,7 +188,7 @@ fn columns(rows: &[Row]) -> Vec<(&'static str, Cells)> {
 /// # Errors
 ///
 /// Errors of the library and of the disk.
-pub fn write(path: &Path, rows: &[Row]) -> anyhow::Result<()> {
+pub fn write(path: &Path, rows: &[CaseResult]) -> anyhow::Result<()> {
     let columns = columns(rows);
     let fields = columns
         .iter()
@@ -262,14 +263,14 @@ mod tests {
             "upload": true,
         });
         let rows = [
-            Row {
+            CaseResult {
                 case: "a".into(),
                 status: "diagnosed",
                 error: None,
                 warnings: Some("a.csv: is not complete".into()),
                 verdict: Some(verdict),
             },
-            Row {
+            CaseResult {
                 case: "b".into(),
                 status: "failed",
                 error: Some("no such file".into()),

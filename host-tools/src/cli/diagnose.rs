@@ -171,7 +171,7 @@ fn run_batch(args: &Args, path: &Path, out: &Path) -> anyhow::Result<()> {
         let outcome = batch::diagnose(case, out, &settings)?;
         let seconds = clock.elapsed().as_secs_f64();
         let mut known = |how: String| {
-            let row = results::Row::read(out, case)?;
+            let row = results::CaseResult::read(out, case)?;
             let how: Vec<String> = [how].into_iter().chain(row.warned()).collect();
             if row.warnings.is_some() {
                 warned.push(Folder::of(out, case).warnings());
@@ -195,7 +195,7 @@ fn run_batch(args: &Args, path: &Path, out: &Path) -> anyhow::Result<()> {
     if args.share.is_none() {
         let rows: Vec<_> = all
             .iter()
-            .map(|case| results::Row::read(out, case))
+            .map(|case| results::CaseResult::read(out, case))
             .collect::<Result<_, _>>()?;
         let table = out.join("results.parquet");
         results::write(&table, &rows)?;

@@ -13,7 +13,7 @@ use wire::protocol::Named;
 use super::{Interrupt, record};
 use crate::monitor::{Trace, View, draw};
 use softrig_formats::terminal::remark;
-use softrig_link::record::{COLUMNS, Recorder, Row, line};
+use softrig_link::record::{COLUMNS, LoggedSample, Recorder, line};
 use softrig_link::{Clock, Event, Link, SerialConnector, Timing};
 
 /// Shows a rig live: angle, prediction, pressure, state, faults.
@@ -114,7 +114,7 @@ fn plain(
                 // The board's milliseconds are exact; half of one is none.
                 if time_s + 0.0005 >= due_s {
                     due_s = (due_s + args.every).max(time_s);
-                    super::print(&line(&Row {
+                    super::print(&line(&LoggedSample {
                         time_ms: placed.time_ms,
                         sample: received.sample,
                     }))?;

@@ -129,12 +129,12 @@ pub struct Tape {
     expressions: RefCell<Vec<Expression>>,
     places: RefCell<HashMap<Expression, Id>>,
     symbols: RefCell<Vec<String>>,
-    run: RefCell<Run>,
+    run: RefCell<Tracing>,
 }
 
 /// Answers to the comparisons of one run of a function.
 #[derive(Debug, Default)]
-struct Run {
+struct Tracing {
     /// The first answers; all later answers are yes.
     given: Vec<bool>,
     /// The conditions asked, with their answers.
@@ -232,7 +232,7 @@ impl Tape {
         if *runs > MOST_RUNS {
             return Err(TooManyBranches);
         }
-        *self.run.borrow_mut() = Run {
+        *self.run.borrow_mut() = Tracing {
             given: given.clone(),
             asked: Vec::new(),
         };

@@ -31,7 +31,7 @@ const REACH: f64 = 0.25;
 
 /// One run with the residual of a model.
 #[derive(Clone, Copy, Debug)]
-pub struct Run<'a> {
+pub struct RunResiduals<'a> {
     /// Time of each sample (s), increasing.
     pub time: &'a [f64],
     /// Simulated minus measured.
@@ -102,8 +102,8 @@ pub struct Correlations {
 impl Correlations {
     /// Correlates over lags up to `longest` (s); none if there are no samples, or the
     /// residual is zero.
-    pub fn of(runs: &[Run<'_>], longest: f64) -> Option<Self> {
-        let duration = |run: &Run<'_>| Some(run.time.last()? - run.time.first()?);
+    pub fn of(runs: &[RunResiduals<'_>], longest: f64) -> Option<Self> {
+        let duration = |run: &RunResiduals<'_>| Some(run.time.last()? - run.time.first()?);
         let longest_run = runs.iter().filter_map(duration).fold(0.0, f64::max);
         let longest = longest.min(REACH * longest_run);
         let step = step(runs, longest)?;
@@ -148,8 +148,8 @@ impl Correlations {
 
 /// The common step (s) of the lags: that of the slowest run, so that nothing is
 /// interpolated, or the multiple of it that [`MOST_LAGS`] requires.
-fn step(runs: &[Run<'_>], longest: f64) -> Option<f64> {
-    let usual = |run: &Run<'_>| {
+fn step(runs: &[RunResiduals<'_>], longest: f64) -> Option<f64> {
+    let usual = |run: &RunResiduals<'_>| {
         let mut steps: Vec<f64> = run.time.windows(2).map(|pair| pair[1] - pair[0]).collect();
         softrig::statistics::median(&mut steps)
     };
@@ -173,7 +173,7 @@ struct Grid {
 impl Grid {
     /// Puts each sample at the nearest tick; of several, the first. Means or interpolated
     /// values would be correlated even if the samples are not.
-    fn of(run: &Run<'_>, step: f64) -> Option<Self> {
+    fn of(run: &RunResiduals<'_>, step: f64) -> Option<Self> {
         let (first, last) = (run.time.first()?, run.time.last()?);
         // Times increase, and a recording with a gap of years is refused before.
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
@@ -267,7 +267,7 @@ mod tests {
     fn correlate(residual: &[f64], input: &[f64], longest: f64) -> Correlations {
         let time = clock(residual.len());
         let silent = vec![false; residual.len()];
-        let run = Run {
+        let run = RunResiduals {
             time: &time,
             residual,
             input,
@@ -353,14 +353,14 @@ mod tests {
         }
         let mut silent = vec![false; 2_000];
         silent[200..300].fill(true);
-        let run = Run {
+        let run = RunResiduals {
             time: &time,
             residual: &residual,
             input: &input,
             silent: &silent,
         };
         let slow_time: Vec<f64> = (0..500).map(|k| f64::from(k) * 4.0 * STEP).collect();
-        let slow = Run {
+        let slow = RunResiduals {
             time: &slow_time,
             residual: &residual[..500],
             input: &input[..500],
@@ -382,7 +382,7 @@ mod tests {
         assert_eq!(found.with_input, None);
         assert_eq!(found.own.lags(), 74);
         let time = clock(300);
-        let flat = Run {
+        let flat = RunResiduals {
             time: &time,
             residual: &[0.0; 300],
             input: &[1.0; 300],

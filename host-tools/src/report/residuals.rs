@@ -1,7 +1,7 @@
 //! The residual before and after the repair: one sentence and two panels on whether it is
 //! white and whether it is correlated with the pressure ([`super::correlation`]).
 
-use super::correlation::{Correlation, Correlations, Run};
+use super::correlation::{Correlation, Correlations, RunResiduals};
 use super::pictures::{COLUMN_PX, NOMINAL, REFITTED, REPAIRED, ROW_HEIGHT_PX, style_of};
 use super::runs::RunView;
 use crate::plot::{Figure, Mark, Panel, Role, Series, Style};
@@ -63,9 +63,9 @@ impl Residuals {
         let left: Vec<Left> = labels
             .iter()
             .filter_map(|&label| {
-                let runs: Vec<Run<'_>> = chosen
+                let runs: Vec<RunResiduals<'_>> = chosen
                     .iter()
-                    .map(|view| Run {
+                    .map(|view| RunResiduals {
                         time: &view.recording.time,
                         residual: match label {
                             NOMINAL => &view.nominal,

@@ -31,10 +31,12 @@ pub const INFO: Info = Info {
     name: "maxwell_branch",
     title: "viscoelastic creep (Maxwell branch)",
     place: Place::Force,
-    equation: "Q = k₁ [(1 − s)(θ − z) + s (θ − z₂)], ż = (θ − z)/τ, ż₂ = (θ − z₂)/(10 τ)",
+    equation: "Q = k₁ (θ − z), ż = (θ − z)/τ; a share s with 10 τ",
     text: "The elastomer creeps: a part of its stiffness relaxes with a time constant of seconds. \
            After a pressure step the angle does not settle but goes on growing \
-           slowly at constant pressure, and after the release it returns slowly.",
+           slowly at constant pressure, and after the release it returns slowly. Many \
+           elastomers do so over decades of time: with a slow share of 0.387 the branch follows \
+           a power law, and `rig diagnose` takes that where it leaves a tenth less.",
     signature: "time since the last command edge",
     look_alikes: &["stiffness_drift", "mullins_softening", "sensor_drift"],
 };

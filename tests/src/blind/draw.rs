@@ -11,14 +11,14 @@ use super::cases;
 use super::verdicts::remaining;
 
 /// Counts cases that are drawn.
-struct Progress<'a> {
+struct ProgressPlot<'a> {
     what: &'a str,
     of: usize,
     drawn: AtomicUsize,
     clock: Instant,
 }
 
-impl<'a> Progress<'a> {
+impl<'a> ProgressPlot<'a> {
     fn new(what: &'a str, of: usize) -> Self {
         Self {
             what,
@@ -49,7 +49,7 @@ pub fn runs(
     folder: &Path,
 ) -> Result<Vec<cases::Answer>, InputError> {
     let set = plans.first().map_or("", |plan| plan.set.name());
-    let progress = Progress::new(set, plans.len());
+    let progress = ProgressPlot::new(set, plans.len());
     cases::make_all(plans, seed, |made| {
         made.write(&folder.join(&made.answer.case))?;
         progress.one_more();
@@ -76,7 +76,7 @@ pub fn bench(
     if open.len() < plans.len() {
         eprintln!("{} cases are there already", plans.len() - open.len());
     }
-    let progress = Progress::new("bench", open.len());
+    let progress = ProgressPlot::new("bench", open.len());
     sessions::make_all(plans, &open, seed, |made| {
         made.write(&folder.join(&made.answer.case))?;
         keep(&made.answer)?;

@@ -2,7 +2,7 @@
 //! and for counting. The diagnosis has families of its own, which are not asked here.
 
 /// A kind of the catalogue.
-struct Row {
+struct EffectWords {
     kind: &'static str,
     /// What it acts by: of a pair, the two are drawn from different groups.
     group: &'static str,
@@ -17,8 +17,8 @@ const fn row(
     group: &'static str,
     family: &'static str,
     look_alikes: &'static [&'static str],
-) -> Row {
-    Row {
+) -> EffectWords {
+    EffectWords {
         kind,
         group,
         family,
@@ -27,7 +27,7 @@ const fn row(
 }
 
 #[rustfmt::skip] // A table.
-const ROWS: [Row; 27] = [
+const ROWS: [EffectWords; 27] = [
     row("coulomb_friction", "friction", "dry friction", &["bouc_wen_hysteresis", "input_backlash"]),
     row("stribeck_friction", "friction", "dry friction", &["coulomb_friction"]),
     row("bouc_wen_hysteresis", "friction", "dry friction", &["input_backlash", "maxwell_branch"]),
@@ -58,7 +58,7 @@ const ROWS: [Row; 27] = [
     row("second_mode", "oscillation", "second mode", &["periodic_disturbance"]),
 ];
 
-fn of(kind: &str) -> Option<&'static Row> {
+fn of(kind: &str) -> Option<&'static EffectWords> {
     ROWS.iter().find(|row| row.kind == kind)
 }
 

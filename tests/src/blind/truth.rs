@@ -78,7 +78,7 @@ const fn kpa(key: &'static str) -> Quantity {
 
 /// What is known about a formula beside its equation.
 #[derive(Clone, Copy, Debug)]
-pub struct Row {
+pub struct FormulaWords {
     /// Name in answers.
     pub name: &'static str,
     /// The kind of the catalogue that it is a case of; none if it is outside.
@@ -104,8 +104,8 @@ macro_rules! formulas {
             pub const ALL: &'static [Self] = &[$( Self::$variant ),+];
 
             /// Its row of the table.
-            pub const fn row(self) -> &'static Row {
-                match self { $( Self::$variant => const { &Row {
+            pub const fn row(self) -> &'static FormulaWords {
+                match self { $( Self::$variant => const { &FormulaWords {
                     name: $name, kind: $kind, same: $same,
                     quantities: &[$($quantity),*], sizes: &[$($size),*],
                 } }, )+ }

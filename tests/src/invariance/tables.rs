@@ -136,7 +136,7 @@ impl Times {
 
 /// One case in one way, for programs.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Row {
+pub struct WayCounts {
     /// The case.
     pub case: String,
     /// The way.
@@ -169,7 +169,7 @@ pub struct Figures {
     /// By way, the plain one first.
     pub worth: Vec<(&'static str, Worth)>,
     /// Each case in each way, the plain one included.
-    pub rows: Vec<Row>,
+    pub rows: Vec<WayCounts>,
 }
 
 impl Figures {
@@ -196,7 +196,7 @@ impl Figures {
             let grade = asked
                 .answer()
                 .and_then(|answer| set.labels.get(&case.name)?.grade(answer));
-            Row {
+            WayCounts {
                 case: case.name.clone(),
                 way: way.name(),
                 before: case.plain.in_words(),

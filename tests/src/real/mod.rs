@@ -81,7 +81,7 @@ impl Options {
 
 /// The results of one rig.
 #[derive(Debug)]
-struct Row {
+struct RigResult {
     rig: Rig,
     /// The diagnosis with its time, or why there is none.
     diagnosis: Result<(Verdict, Seconds), String>,
@@ -159,7 +159,7 @@ struct Bench<'a> {
 }
 
 impl Bench<'_> {
-    fn row(&self, rig: Rig) -> Row {
+    fn row(&self, rig: Rig) -> RigResult {
         let folder = self.folder(&rig);
         // Results of an earlier run would be taken for those of this one.
         let _ = fs::remove_dir_all(&folder);
@@ -167,7 +167,7 @@ impl Bench<'_> {
             .map_err(|error| format!("cannot make {}: {error}", folder.display()));
         let case = made.and_then(|()| self.case(&rig));
         let case = || case.as_ref().map_err(Clone::clone);
-        Row {
+        RigResult {
             diagnosis: case().and_then(|case| self.diagnose(case, &folder)),
             black_boxes: case().and_then(|case| self.black_boxes(case, &folder)),
             rig,
@@ -230,7 +230,7 @@ impl Bench<'_> {
     }
 
     /// Draws the validation run on which the refit misses most.
-    fn draw(&self, row: &Row) -> Result<(), String> {
+    fn draw(&self, row: &RigResult) -> Result<(), String> {
         let Ok((verdict, _)) = &row.diagnosis else {
             return Ok(());
         };

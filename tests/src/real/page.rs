@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::results::{BlackBox, BlackBoxes, significant};
-use super::{COMMAND, Row};
+use super::{COMMAND, RigResult};
 use crate::verdict::Verdict;
 
 /// Headings of the table.
@@ -29,7 +29,7 @@ const SAME: f64 = 1e-3;
 /// Columns of text; the others are numbers.
 const TEXT_COLUMNS: usize = 3;
 
-impl Row {
+impl RigResult {
     /// The cells of the table's row.
     fn cells(&self) -> [String; HEADINGS.len()] {
         let number = |value: Option<f64>| value.map_or("–".into(), significant);
@@ -84,9 +84,9 @@ fn one_cell(text: &str) -> String {
 }
 
 /// The table for a terminal.
-pub(super) fn plain_table(rows: &[Row]) -> String {
+pub(super) fn plain_table(rows: &[RigResult]) -> String {
     let mut lines = vec![HEADINGS.map(str::to_owned)];
-    lines.extend(rows.iter().map(Row::cells));
+    lines.extend(rows.iter().map(RigResult::cells));
     let width = |column: usize| {
         let widths = lines.iter().map(|cells| cells[column].chars().count());
         widths.max().unwrap_or(0)
@@ -108,7 +108,7 @@ pub(super) fn plain_table(rows: &[Row]) -> String {
 }
 
 /// The table in Markdown.
-fn markdown_table(rows: &[Row]) -> String {
+fn markdown_table(rows: &[RigResult]) -> String {
     let mut text = format!("| {} |\n|", HEADINGS.join(" | "));
     for column in 0..HEADINGS.len() {
         text += if column < TEXT_COLUMNS {
@@ -139,7 +139,7 @@ fn anchor(title: &str) -> String {
 }
 
 /// The summary of the rows.
-pub(super) fn summary(rows: &[Row]) -> String {
+pub(super) fn summary(rows: &[RigResult]) -> String {
     let count = |control: bool, holds: fn(&Verdict) -> bool| {
         let rows = || {
             rows.iter()
@@ -210,7 +210,7 @@ const READING: &str = "\
 ";
 
 /// The page of the documentation.
-pub(super) fn page(rows: &[Row]) -> String {
+pub(super) fn page(rows: &[RigResult]) -> String {
     let mut text = format!(
         "# Real rigs\n\nWritten by `{COMMAND}`; do not edit.\n\n{INTRODUCTION}\n{}\n\n{}\n{READING}",
         summary(rows),
@@ -222,7 +222,7 @@ pub(super) fn page(rows: &[Row]) -> String {
     text
 }
 
-fn section(row: &Row) -> String {
+fn section(row: &RigResult) -> String {
     let rig = &row.rig;
     let about = &rig.page;
     let control = if rig.known.control {
@@ -287,7 +287,7 @@ mod tests {
     use crate::real::results::Seconds;
     use crate::real::rigs::all;
 
-    fn rows() -> Vec<Row> {
+    fn rows() -> Vec<RigResult> {
         let mut rigs = all().unwrap();
         let verdict = r#"{"verdict": "effect_found", "effects": [{"kind": "gravity"}],
             "adequacy": {"holdout_gap_closed": 0.955},
@@ -305,7 +305,7 @@ mod tests {
             .unwrap()
         };
         vec![
-            Row {
+            RigResult {
                 rig: rigs.remove(0),
                 diagnosis: Ok((Verdict::parse(verdict).unwrap(), seconds)),
                 black_boxes: Ok(BlackBoxes {
@@ -314,7 +314,7 @@ mod tests {
                     sampled_alike: false,
                 }),
             },
-            Row {
+            RigResult {
                 rig: rigs.remove(6),
                 diagnosis: Err("rig | took\ntoo long".into()),
                 black_boxes: Err("no numpy".into()),

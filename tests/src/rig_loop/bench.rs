@@ -98,12 +98,12 @@ pub fn bench(programs: &Programs, options: &Options) -> Result<(), String> {
         .build()
         .map_err(|error| error.to_string())?;
     let case = |&seed: &u64| {
-        let row = Row::of(programs, seed, options.folder.join(seed.to_string()));
+        let row = LoopResult::of(programs, seed, options.folder.join(seed.to_string()));
         println!("{}", row.line());
         row
     };
     let seeds = &options.seeds;
-    let mut rows: Vec<Row> =
+    let mut rows: Vec<LoopResult> =
         workers.install(|| seeds.each.par_iter().with_max_len(1).map(case).collect());
     rows.sort_by_key(|row| row.seed);
     println!("\n{}", Summary::of(&rows).text());
@@ -118,7 +118,7 @@ pub fn bench(programs: &Programs, options: &Options) -> Result<(), String> {
 
 /// One actuator.
 #[derive(Clone, Debug)]
-struct Row {
+struct LoopResult {
     seed: u64,
     /// The hidden effects; empty where the actuator only has other parameters.
     hidden: Kinds,
@@ -213,7 +213,7 @@ impl Score {
     }
 }
 
-impl Row {
+impl LoopResult {
     fn of(programs: &Programs, seed: u64, folder: PathBuf) -> Self {
         let folder = Folder::clear(folder);
         let went = folder.as_ref().map_err(Clone::clone);
@@ -364,9 +364,9 @@ struct Summary {
 }
 
 impl Summary {
-    fn of(rows: &[Row]) -> Self {
+    fn of(rows: &[LoopResult]) -> Self {
         let count = |wanted: &[Score]| {
-            let scores = rows.iter().filter_map(Row::score);
+            let scores = rows.iter().filter_map(LoopResult::score);
             scores.filter(|score| wanted.contains(score)).count()
         };
         let done = || rows.iter().filter_map(|row| row.went.as_ref().ok());
@@ -409,7 +409,7 @@ impl Summary {
 }
 
 /// The page of the documentation.
-fn page(asked: &str, rows: &[Row]) -> String {
+fn page(asked: &str, rows: &[LoopResult]) -> String {
     let mut text = format!(
         "# The whole loop on drawn actuators\n\n\
          Written by `cargo xtask bench loop --seeds {asked} --docs`.\n\n\
@@ -436,8 +436,8 @@ mod tests {
     use super::super::Side;
     use super::*;
 
-    fn row(seed: u64, hidden: &[&str], verdict: &str, gaps: (f64, f64)) -> Row {
-        Row {
+    fn row(seed: u64, hidden: &[&str], verdict: &str, gaps: (f64, f64)) -> LoopResult {
+        LoopResult {
             seed,
             hidden: hidden.iter().map(|&kind| kind.into()).collect(),
             went: Ok(Done {
@@ -518,7 +518,7 @@ mod tests {
             row(1, &["gravity"], GRAVITY, (4.0, 1.0)),
             row(2, &["creep"], GRAVITY, (1.0, 2.0)),
             row(3, &["creep"], OPEN, (3.0, 1.0)),
-            Row {
+            LoopResult {
                 seed: 4,
                 hidden: Kinds::new(),
                 went: Err("rig took\n|too long".into()),

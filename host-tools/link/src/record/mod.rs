@@ -23,7 +23,7 @@ use softrig_formats::error::{InputError, Pending, replace_with_meta, write_atomi
 
 /// A sample at its place on the time axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Row {
+pub struct LoggedSample {
     /// Time since the first sample (ms).
     pub time_ms: i64,
     /// The sample.
@@ -42,8 +42,8 @@ pub struct Recorder {
     /// Rows that are no recording because a sensor had no reading.
     faulty: Option<Sheet>,
     clock: Clock,
-    kept: Option<Vec<Row>>,
-    last: Option<Row>,
+    kept: Option<Vec<LoggedSample>>,
+    last: Option<LoggedSample>,
     failure: Option<InputError>,
 }
 
@@ -94,7 +94,7 @@ impl Recorder {
     }
 
     /// The last sample and its time.
-    pub fn last(&self) -> Option<&Row> {
+    pub fn last(&self) -> Option<&LoggedSample> {
         self.last.as_ref()
     }
 
@@ -117,7 +117,7 @@ impl Recorder {
         let Some(placed) = self.clock.place(received) else {
             return Ok(());
         };
-        let row = Row {
+        let row = LoggedSample {
             time_ms: placed.time_ms,
             sample: received.sample,
         };

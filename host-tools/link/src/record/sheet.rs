@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use wire::decimal::Hundredths;
 use wire::telemetry::Setpoint;
 
-use super::Row;
+use super::LoggedSample;
 use softrig_formats::error::{InputError, Pending};
 
 /// The columns, in their order.
@@ -60,7 +60,7 @@ impl Sheet {
     /// # Errors
     ///
     /// Names the file.
-    pub fn write(&mut self, row: &Row) -> Result<(), InputError> {
+    pub fn write(&mut self, row: &LoggedSample) -> Result<(), InputError> {
         self.append(&line(row))?;
         if self.synced.elapsed() >= SYNC_EVERY {
             self.sync()?;
@@ -111,7 +111,7 @@ fn not_written(path: &Path, error: &std::io::Error) -> InputError {
 }
 
 /// A row with its end. What is not known stays empty.
-pub fn line(row: &Row) -> String {
+pub fn line(row: &LoggedSample) -> String {
     let sample = &row.sample;
     let (angle, pressure) = match sample.setpoint {
         Setpoint::None => (None, None),
@@ -153,7 +153,7 @@ mod tests {
 
     #[test]
     fn a_line_has_the_boards_decimals_and_no_number_where_there_is_no_reading() {
-        let mut row = Row {
+        let mut row = LoggedSample {
             time_ms: 12_345,
             sample: Telemetry {
                 sequence: 7,

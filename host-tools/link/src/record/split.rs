@@ -12,7 +12,7 @@ use wire::telemetry::{PERIOD_MS, Setpoint};
 
 use super::meta::About;
 use super::sheet::{COLUMNS, line};
-use super::{Counts, Row, meta_path};
+use super::{Counts, LoggedSample, meta_path};
 use softrig_formats::error::{InputError, write_with_meta};
 use softrig_formats::protocol_file::ProtocolFile;
 use softrig_formats::recording::SegmentMeta;
@@ -146,7 +146,7 @@ pub(super) struct Run<'r> {
     /// The step, if the part is one.
     pub(super) step: Option<Step>,
     /// Its rows; at least one.
-    pub(super) rows: &'r [Row],
+    pub(super) rows: &'r [LoggedSample],
     /// Time of the first row after it (ms); where there is none, the time at which
     /// one would be.
     end_ms: i64,
@@ -168,7 +168,7 @@ impl Run<'_> {
 
 /// The parts of a protocol that were played to their end, in order. They do not
 /// overlap. `complete` says that all of the protocol was played.
-pub(super) fn split<'r>(rows: &'r [Row], parts: &[Part], complete: bool) -> Vec<Run<'r>> {
+pub(super) fn split<'r>(rows: &'r [LoggedSample], parts: &[Part], complete: bool) -> Vec<Run<'r>> {
     let onsets = onsets(rows);
     let begins = |onset: usize| {
         let rest = rows[onset].time_ms - REST_MS;
@@ -214,13 +214,13 @@ pub(super) fn split<'r>(rows: &'r [Row], parts: &[Part], complete: bool) -> Vec<
 }
 
 /// Whether a protocol tracks something at this row.
-fn tracks(row: &Row) -> bool {
+fn tracks(row: &LoggedSample) -> bool {
     row.sample.state == State::Running && row.sample.setpoint != Setpoint::None
 }
 
 /// The rows at which a set-point begins. It follows a limited rate, so its level
 /// is not yet the step's there; that it is there at all marks the beginning.
-fn onsets(rows: &[Row]) -> Vec<usize> {
+fn onsets(rows: &[LoggedSample]) -> Vec<usize> {
     (0..rows.len())
         .filter(|&row| tracks(&rows[row]) && (row == 0 || !tracks(&rows[row - 1])))
         .collect()
@@ -251,7 +251,7 @@ impl Place {
 /// Times do not tell: a release lasts until the plunger is back. Where the number
 /// of onsets is right, their order does; where lines were lost or the protocol was
 /// cut off, the order and the level that the set-point came to.
-fn place(rows: &[Row], onsets: &[usize], parts: &[Part]) -> Vec<Place> {
+fn place(rows: &[LoggedSample], onsets: &[usize], parts: &[Part]) -> Vec<Place> {
     let expected: Vec<(Place, Option<Setpoint>)> = (0..)
         .zip(parts)
         .flat_map(|(number, part)| {
@@ -297,7 +297,7 @@ fn place(rows: &[Row], onsets: &[usize], parts: &[Part]) -> Vec<Place> {
 pub(super) fn write_run(
     path: &Path,
     step: &Step,
-    rows: &[Row],
+    rows: &[LoggedSample],
     whole: &About,
 ) -> Result<(), InputError> {
     let Some(first) = rows.first() else {
@@ -306,7 +306,7 @@ pub(super) fn write_run(
     let last = rows.last().unwrap_or(first);
     let mut text = format!("{COLUMNS}\n");
     for row in rows {
-        text += &line(&Row {
+        text += &line(&LoggedSample {
             time_ms: row.time_ms - first.time_ms,
             ..*row
         });
@@ -381,8 +381,8 @@ mod tests {
         }
     }
 
-    fn row(time_ms: i64, setpoint: Setpoint, state: State) -> Row {
-        Row {
+    fn row(time_ms: i64, setpoint: Setpoint, state: State) -> LoggedSample {
+        LoggedSample {
             time_ms,
             sample: Telemetry {
                 sequence: u16::try_from(time_ms / 10).unwrap(),
@@ -400,7 +400,7 @@ mod tests {
     }
 
     /// Two steps of a second and a half with a second between them.
-    fn two_steps() -> Vec<Row> {
+    fn two_steps() -> Vec<LoggedSample> {
         (0..700)
             .map(|k| {
                 let time = k * 10;
@@ -492,7 +492,7 @@ mod tests {
         step.level = 90.0;
         let levels = |from: i64, to: i64| -> Vec<f64> {
             let kept = all.iter().filter(|row| !(from..to).contains(&row.time_ms));
-            let kept: Vec<Row> = kept.copied().collect();
+            let kept: Vec<LoggedSample> = kept.copied().collect();
             let runs = split(&kept, &parts, true);
             runs.iter()
                 .filter_map(|run| run.step)

@@ -195,7 +195,7 @@ impl Calm<'_> {
 
 /// Groups recordings with the same pressure within its noise.
 pub fn repeats(recordings: &[Recording]) -> Vec<Vec<usize>> {
-    let runs: Vec<Run<'_>> = recordings.iter().map(Run::of).collect();
+    let runs: Vec<NoisyRun<'_>> = recordings.iter().map(NoisyRun::of).collect();
     let mut groups: Vec<Vec<usize>> = Vec::new();
     for (index, run) in runs.iter().enumerate() {
         let found = groups.iter_mut().find(|group| {
@@ -212,14 +212,14 @@ pub fn repeats(recordings: &[Recording]) -> Vec<Vec<usize>> {
 }
 
 /// A recording with its statistics, for comparison with every other one.
-struct Run<'a> {
+struct NoisyRun<'a> {
     recording: &'a Recording,
     interval: f64,
     noise: f64,
     level: f64,
 }
 
-impl<'a> Run<'a> {
+impl<'a> NoisyRun<'a> {
     fn of(recording: &'a Recording) -> Self {
         Self {
             recording,

@@ -80,9 +80,9 @@ pub fn proposals(
         .filter_map(|protocol| {
             let recording = drive(&protocol, nominal, limits)?;
             let prior = Prior::of(&recording);
-            let runs: Vec<Run> = rivals
+            let runs: Vec<PredictedRun> = rivals
                 .iter()
-                .map(|rival| Run::of(rival, nominal, &recording, &prior, noise))
+                .map(|rival| PredictedRun::of(rival, nominal, &recording, &prior, noise))
                 .collect::<Option<_>>()?;
             let mut worst: Option<((usize, usize), f64)> = None;
             for a in 0..rivals.len() {
@@ -109,7 +109,7 @@ pub fn proposals(
 }
 
 /// A run simulated with one rival.
-struct Run {
+struct PredictedRun {
     /// The sensor reading (rad); the actuator rests at first.
     shown: DVector<f64>,
     /// The first reading (rad).
@@ -125,7 +125,7 @@ struct Run {
     start_deviation: f64,
 }
 
-impl Run {
+impl PredictedRun {
     /// The run of a rival under the pressure of `recording`; none without samples.
     fn of(
         rival: &Candidate,
@@ -171,7 +171,7 @@ impl Run {
 
 /// The remaining error of a rival against the assumed truth, after its parameters, zeros
 /// and initial angle are refitted within their priors.
-fn missed(truth: &Run, rival: &Run, candidate: &Candidate, noise: f64) -> f64 {
+fn missed(truth: &PredictedRun, rival: &PredictedRun, candidate: &Candidate, noise: f64) -> f64 {
     // The number of samples that would be recorded.
     let weight = 100.0 / f64::from(RATE_HZ);
     let variance = noise.powi(2).max(1e-12);

@@ -5,7 +5,7 @@
 //! from here, and a test holds them there.
 
 /// A row of the table: name, value, unit, meaning, origin.
-pub type Row = (&'static str, f64, &'static str, &'static str, &'static str);
+pub type Constant = (&'static str, f64, &'static str, &'static str, &'static str);
 
 macro_rules! policy {
     ($(#[doc = $about:literal])+ $name:ident: $( $(#[doc = $meaning:literal])+ $field:ident: $value:literal, $unit:literal, $origin:literal; )+) => {
@@ -20,7 +20,7 @@ macro_rules! policy {
             pub const STANDARD: Self = Self { $( $field: $value, )+ };
 
             /// The table.
-            pub const ROWS: &'static [Row] = &[$(
+            pub const ROWS: &'static [Constant] = &[$(
                 (stringify!($field), $value, $unit, concat!($($meaning),+), $origin),
             )+];
         }
