@@ -391,6 +391,15 @@ impl<R: Real, P: Power<R>> Model<R, P> {
         }
     }
 
+    /// The same actuator on a base that has been turned further by so much (rad).
+    #[must_use]
+    pub fn turned(mut self, by: R) -> Self {
+        self.effects = self
+            .effects
+            .map(|slot| slot.map(|effect| effect.turned(by)));
+        self
+    }
+
     /// The same model with this power function.
     pub fn with_power<Q: Power<R>>(&self, power: Q) -> Model<R, Q> {
         Model {
@@ -818,7 +827,7 @@ mod tests {
     #[test]
     fn holding_pressure_balances_the_forces() {
         let model: Model<f64> =
-            Model::new(paper(), &[Kind::Gravity.build(&[0.05, 0.4]).unwrap()]).unwrap();
+            Model::new(paper(), &[Kind::Gravity.build(&[0.05, 0.4, 0.0]).unwrap()]).unwrap();
         let pressure = model.holding_pressure(1.2);
         let state = model.at_rest(1.2, pressure);
         let rates = model.derivative(&state, &crate::input::Held(pressure), 0.0);

@@ -488,6 +488,17 @@ impl<R: Copy> Effect<R> {
     }
 }
 
+impl<R: Real, T> Effect<R, T> {
+    /// The same effect on a base that has been turned further by so much (rad).
+    #[must_use]
+    pub fn turned(mut self, by: R) -> Self {
+        if let Self::Gravity(gravity) = &mut self {
+            gravity.turned += by;
+        }
+        self
+    }
+}
+
 impl<R: Real> Effect<R> {
     /// The same effect in another shape with as many parameters to find, which a fit can take
     /// instead: a creep over decades; none if it has but one.

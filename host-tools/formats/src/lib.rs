@@ -30,5 +30,6 @@ pub mod protocol_file;
 pub mod ranges;
 pub mod recording;
 pub mod settings_file;
+pub mod setup;
 pub mod terminal;
 mod toml_reader;

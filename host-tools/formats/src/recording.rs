@@ -16,6 +16,7 @@ use crate::bounded::{Limits, read_text};
 use crate::columns::{Columns, Layout};
 use crate::error::InputError;
 use crate::formats::{self, Samples};
+use crate::setup::Setup;
 
 /// Pascals in a kilopascal.
 pub const PASCAL_PER_KPA: f64 = 1000.0;
@@ -90,6 +91,9 @@ pub struct Meta {
     pub calibration: Option<CalibrationMeta>,
     /// An error of the model below this does not matter (°).
     pub tolerance_deg: Option<f64>,
+    /// How the rig stood.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub setup: Option<Setup>,
     /// Whether it was recorded to its end.
     pub complete: Option<bool>,
     /// Rows that were written; none while it is recorded.
@@ -136,7 +140,7 @@ impl Meta {
     ///
     /// Names file, line, column and remedy.
     pub fn parse(text: &str, path: &Path) -> Result<Self, InputError> {
-        toml::from_str(text).map_err(|error| {
+        let meta: Self = toml::from_str(text).map_err(|error| {
             let fault = InputError::new(
                 in_words(error.message()),
                 "correct the metadata, or delete the file: it is optional",
@@ -146,7 +150,11 @@ impl Meta {
                 Some(span) => fault.at_offset(text, span.start),
                 None => fault,
             }
-        })
+        })?;
+        if let Some(setup) = &meta.setup {
+            setup.check().map_err(|fault| fault.in_file(path))?;
+        }
+        Ok(meta)
     }
 
     /// When the recording began (s since 1970-01-01, UTC); none where that is not

@@ -16,6 +16,7 @@ use super::Interrupt;
 use super::output::{self, FileKind, Output};
 use softrig_formats::error::InputError;
 use softrig_formats::protocol_file::{ProtocolFile, describe};
+use softrig_formats::setup::Setup;
 use softrig_formats::terminal::printable_line;
 use softrig_link::line::command_text;
 use softrig_link::record::{
@@ -35,6 +36,7 @@ Examples:
   rig record --list
   rig record --port /dev/ttyACM0 --protocol steps -o run.csv
   rig record --port /dev/ttyACM0 --protocol mine.toml -o mine.csv --dry-run
+  rig record --port /dev/ttyACM0 --protocol steps --setup tilt_deg=90 -o aside.csv
   rig record --port /dev/ttyACM0 --seconds 10 -o rest.csv
   rig diagnose --model m.toml run.csv
 
@@ -70,6 +72,11 @@ pub struct Args {
     /// Wait for this time for a pulled cable to be plugged in again, in seconds
     #[arg(long, value_name = "N", default_value_t = 30.0, value_parser = seconds)]
     patience: f64,
+    /// How the rig stands, with commas: tilt_deg (by how much the base is turned since the
+    /// angle was zeroed), tip_load_g, tube_mm, temperature_c, rested_s,
+    /// new_part=actuator|sensor
+    #[arg(long, value_name = "KEY=VALUE,…")]
+    setup: Option<Setup>,
     /// Print what would be sent and its duration, and open no port
     #[arg(long, requires = "protocol")]
     dry_run: bool,
@@ -154,6 +161,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     }
     let about = About {
         angle_range_deg,
+        setup: args.setup.clone(),
         ..about(&link, port, protocol.as_ref())
     };
     let recorder = Recorder::create(output, about, !parts.is_empty())?;

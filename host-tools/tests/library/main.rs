@@ -7,6 +7,7 @@ mod not_for_the_board;
 mod sentences;
 mod serial_manual;
 mod tolerance;
+mod turned;
 
 use std::path::Path;
 

@@ -1,9 +1,13 @@
-//! Gravity: Q = G [sin(θ + θ₀) − sin θ₀].
+//! Gravity: Q = G [sin(θ + θ₀ + φ) − sin θ₀].
 //!
 //! G (N) is the generalised weight (mass × g × lever over the length that
 //! makes the force generalised), θ₀ (rad) the tilt of the base: 0 hangs down,
 //! π upside down (the same as a negative G). The constant sin θ₀ is taken off
 //! because the angle is zeroed at rest with the weight already on.
+//!
+//! φ (rad) is by how much the base has been turned since: it belongs to a session and not to
+//! the actuator, and a session's metadata (`[setup] tilt_deg`) say it. Nothing but a weight
+//! changes when a rig is turned, so that two sessions tell it from every curve of a spring.
 
 use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
 use crate::dynamics::{Dynamics, Rates};
@@ -18,7 +22,7 @@ pub const INFO: Info = Info {
     name: "gravity",
     title: "gravity",
     place: Place::Force,
-    equation: "Q = G [sin(θ + θ₀) − sin θ₀]",
+    equation: "Q = G [sin(θ + θ₀ + φ) − sin θ₀]",
     text: "The weight of the actuator, or of what it carries, pulls with the sine of the angle. \
            It is static: it bends the curve of angle against pressure, and it changes its sign \
            when the base is turned over.",
@@ -51,12 +55,23 @@ parameters! {
             default: None,
             starts: &[-1.5, 1.5],
         },
+        /// Turn φ of the base since the angle was zeroed (rad).
+        turned: Parameter {
+            key: "turned_rad",
+            symbol: "φ",
+            unit: Unit::Radian,
+            lower: -6.3,
+            upper: 6.3,
+            held: Some(0.0),
+            default: None,
+            starts: &[],
+        },
     }
 }
 
 impl<R: Real> Mechanism<R> for Gravity<R> {
     fn force(&self, at: &Instant<R>, _hidden: &Hidden<R>, _rates: &mut Hidden<R>) -> R {
-        self.weight * ((at.angle + self.tilt).sin() - self.tilt.sin())
+        self.weight * ((at.angle + self.tilt + self.turned).sin() - self.tilt.sin())
     }
 
     fn fastest_rate(&self, dynamics: &Dynamics<R>, _angle: R) -> Rates<R> {
@@ -71,13 +86,13 @@ impl Preparation for Gravity<f32> {
     const CYCLES: u16 = 2_200;
     type Part = Weight;
     #[cfg(test)]
-    const TRIAL: Trial = Trial::smooth(&[0.3, 0.4]);
+    const TRIAL: Trial = Trial::smooth(&[0.3, 0.4, 0.5]);
 
     fn prepare(&self, base: &Base) -> Self::Part {
         let weight = self.weight * base.leapfrog.per_newton();
         Weight {
             force: weight,
-            tilt: self.tilt,
+            tilt: self.tilt + self.turned,
             at_zero: weight * sin_near(self.tilt),
         }
     }
@@ -88,7 +103,7 @@ impl Preparation for Gravity<f32> {
 pub struct Weight {
     /// γ·G (rad).
     force: f32,
-    /// θ₀ (rad).
+    /// θ₀ + φ (rad).
     tilt: f32,
     /// γ·G·sin θ₀ (rad).
     at_zero: f32,
@@ -116,7 +131,7 @@ mod tests {
     #[test]
     fn free_pendulum_has_the_elliptic_period() {
         let (inertia, weight, amplitude) = (0.5, 2.0, 2.0f64);
-        let gravity = Kind::Gravity.build(&[weight, 0.0]).unwrap();
+        let gravity = Kind::Gravity.build(&[weight, 0.0, 0.0]).unwrap();
         let model = spring(inertia, 0.0, 0.0, &[gravity]);
         let (mut a, mut b) = (1.0, (amplitude / 2.0).cos());
         for _ in 0..8 {
@@ -137,7 +152,7 @@ mod tests {
     #[test]
     fn base_turned_over_flips_the_sign_and_rest_is_free_of_force() {
         let force = |weight, tilt, angle| {
-            let gravity = Kind::Gravity.build(&[weight, tilt]).unwrap();
+            let gravity = Kind::Gravity.build(&[weight, tilt, 0.0]).unwrap();
             crate::effects::testing::force(&gravity, angle, 0.0)
         };
         let pi = core::f64::consts::PI;

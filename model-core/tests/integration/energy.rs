@@ -202,10 +202,8 @@ fn stored(kind: Kind, values: &[f64], d: &Dynamics<f64>, state: &State<f64>) -> 
         Kind::CubicStiffness => 0.25 * values[0] * state.angle.powi(4),
         Kind::EndStop => 0.5 * values[0] * (state.angle - values[1]).max(0.0).powi(2),
         Kind::Gravity => {
-            values[0]
-                * (values[1].cos()
-                    - (state.angle + values[1]).cos()
-                    - state.angle * values[1].sin())
+            let tilt = values[1] + values[2];
+            values[0] * (tilt.cos() - (state.angle + tilt).cos() - state.angle * values[1].sin())
         }
         // The base spring less what is lost.
         Kind::MullinsSoftening => {

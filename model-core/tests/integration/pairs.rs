@@ -224,7 +224,12 @@ fn lag_and_dead_time_commute_in_a_linear_plant() {
 fn two_of_a_kind_are_one_with_the_sum() {
     for (kind, first, second, sum) in [
         (Kind::QuadraticDamping, &[0.4][..], &[0.3][..], &[0.7][..]),
-        (Kind::Gravity, &[0.8, 0.3], &[-0.2, 0.3], &[0.6, 0.3]),
+        (
+            Kind::Gravity,
+            &[0.8, 0.3, 0.1],
+            &[-0.2, 0.3, 0.1],
+            &[0.6, 0.3, 0.1],
+        ),
         (Kind::CubicStiffness, &[0.5], &[-0.2], &[0.3]),
         (Kind::ExponentShift, &[0.4], &[-0.7], &[-0.3]),
         (

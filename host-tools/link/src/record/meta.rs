@@ -4,6 +4,7 @@ use serde::Serialize;
 
 use crate::{Break, Counters};
 use softrig_formats::recording::SegmentMeta;
+use softrig_formats::setup::Setup;
 
 /// The metadata written beside a recording. Readers use the fields that
 /// [`Meta`](softrig_formats::recording::Meta) lists.
@@ -62,6 +63,9 @@ pub struct About {
     /// See `part_of`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub begins_s: Option<f64>,
+    /// How the rig stood, as far as somebody said.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub setup: Option<Setup>,
     /// The runs within the recording, on its time axis.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub segment: Vec<SegmentMeta>,
@@ -154,6 +158,7 @@ mod tests {
             segments: vec!["step open 60.00 6000".into()],
             part_of: Some("run.csv".into()),
             begins_s: Some(30.5),
+            setup: Some("tilt_deg=90,new_part=sensor".parse().unwrap()),
             complete: true,
             counts: Some(Counts {
                 samples: 7,
@@ -192,6 +197,7 @@ mod tests {
             calibration: None,
             complete: Some(true),
             tolerance_deg: None,
+            setup: about.setup,
             samples: Some(7),
         };
         assert_eq!(meta, expected);

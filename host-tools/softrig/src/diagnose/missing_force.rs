@@ -121,10 +121,18 @@ struct Sample {
     missing: f64,
 }
 
+/// The motion of a session.
+#[derive(Clone, Debug)]
+struct Motion {
+    /// By how much the base was turned (rad).
+    turned: f64,
+    samples: Vec<Sample>,
+}
+
 /// The missing force of a model along the motion of each session.
 #[derive(Clone, Debug)]
 pub struct MissingForce {
-    sessions: Vec<Vec<Sample>>,
+    sessions: Vec<Motion>,
     /// Sum of squares of the missing force that the base leaves by itself.
     left_by_base: f64,
     base: Dynamics<f64>,
@@ -184,7 +192,10 @@ impl MissingForce {
                     let (before, at) = (samples[k - 1], samples[k]);
                     samples[k].acceleration = (at.rate - before.rate) / (at.time - before.time);
                 }
-                samples
+                Motion {
+                    turned: session.turned(),
+                    samples,
+                }
             })
             .collect();
         let mut this = Self {
@@ -287,7 +298,7 @@ impl MissingForce {
             let of = |effect| forces(&self.base, effect, session);
             let columns: Vec<Vec<f64>> = effects.iter().map(of).collect();
             let known = fixed.map(of);
-            for (k, sample) in session.iter().enumerate() {
+            for (k, sample) in session.samples.iter().enumerate() {
                 let exponent = self.base.exponent;
                 row[0] = sample.rate;
                 row[1] = sample.angle.abs().powf(exponent).copysign(sample.angle);
@@ -332,7 +343,9 @@ impl MissingForce {
 }
 
 /// The force (N) that an effect adds against the motion, at each sample.
-fn forces(base: &Dynamics<f64>, effect: &Effect<f64>, session: &[Sample]) -> Vec<f64> {
+fn forces(base: &Dynamics<f64>, effect: &Effect<f64>, session: &Motion) -> Vec<f64> {
+    let effect = &effect.turned(session.turned);
+    let session = session.samples.as_slice();
     let Some(first) = session.first() else {
         return Vec::new();
     };

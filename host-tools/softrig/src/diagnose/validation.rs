@@ -551,9 +551,7 @@ fn board_squares(fitter: &Fitter<'_>, model: &Model<f64>) -> Vec<f64> {
         nuisances,
     } = fitter.validate(model);
     let data = fitter.data;
-    let Ok(board) = OnBoard::new(model, board::farthest(data.largest_angle())) else {
-        return squares(&residuals);
-    };
+    let farthest = board::farthest(data.largest_angle());
     let mut found = residuals;
     let mut places = found.iter_mut();
     for (index, (session, nuisance)) in data.sessions().iter().zip(&nuisances).enumerate() {
@@ -561,7 +559,9 @@ fn board_squares(fitter: &Fitter<'_>, model: &Model<f64>) -> Vec<f64> {
         let predicted = if ranges.is_empty() {
             None
         } else {
-            session.predict(&board, nuisance).ok()
+            OnBoard::new(&session.placed(model), farthest)
+                .ok()
+                .and_then(|board| session.predict(&board, nuisance).ok())
         };
         let residual = predicted.map(|predicted| session.residual_of(&predicted));
         for (range, place) in ranges.into_iter().zip(&mut places) {

@@ -93,7 +93,10 @@ impl Assembled {
     #[must_use]
     pub fn from_rest(mut self, fitted: &[Recording]) -> Self {
         let was_said = |recording: &Recording| recording.columns.angle_zero_deg.is_some();
-        if !fitted.iter().any(was_said)
+        // A turned rig rests where its weight pulls it.
+        let is_turned = self.data.sessions().iter().any(|it| it.turned() != 0.0);
+        if !is_turned
+            && !fitted.iter().any(was_said)
             && let Some(rest) = resting_angle(&self.data)
         {
             let zero_deg = rest.to_degrees().round();

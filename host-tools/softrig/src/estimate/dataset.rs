@@ -34,6 +34,8 @@ pub struct Session {
     estimated: bool,
     /// Time on the rig's clock at the first sample (s).
     clock: f64,
+    /// By how much the base was turned since the angle was zeroed (rad).
+    turned: f64,
     interval: f64,
     /// The usual time between samples as they were recorded (s).
     sampled_every: f64,
@@ -43,6 +45,14 @@ pub struct Session {
     silent: Vec<Range<usize>>,
     /// Step length of simulations.
     grain: Grain,
+}
+
+/// By how much the base was turned (rad), as the metadata say.
+fn turn(recording: &Recording) -> f64 {
+    let setup = recording.meta.setup.as_ref();
+    setup
+        .and_then(|setup| setup.tilt_deg)
+        .map_or(0.0, f64::to_radians)
 }
 
 /// What the angle sensor shows (rad), its zero included.
@@ -71,6 +81,7 @@ impl Session {
             prior,
             estimated: true,
             clock,
+            turned: turn(&recording),
             interval: recording.interval(),
             sampled_every: recording.interval(),
             largest_angle: largest(&recording.angle),
@@ -161,6 +172,16 @@ impl Session {
         self.clock
     }
 
+    /// By how much the base was turned since the angle was zeroed (rad).
+    pub fn turned(&self) -> f64 {
+        self.turned
+    }
+
+    /// The model as the rig stood in this session: everything else is shared between sessions.
+    pub fn placed<R: FromF64, P: Power<R>>(&self, model: &Model<R, P>) -> Model<R, P> {
+        model.turned(R::from_f64(self.turned))
+    }
+
     /// The usual time between samples (s).
     pub fn interval(&self) -> f64 {
         self.interval
@@ -194,7 +215,10 @@ impl Session {
     /// The simulated reading of the angle sensor (rad), its zero included.
     pub fn simulate(&self, model: &Model<f64>, nuisance: &Nuisance) -> Vec<f64> {
         let (origin, stepping) = (self.origin(nuisance), self.stepping(model));
-        shown(run_from(model, &self.signal, origin, stepping), nuisance)
+        shown(
+            run_from(&self.placed(model), &self.signal, origin, stepping),
+            nuisance,
+        )
     }
 
     /// The same in another arithmetic.
@@ -205,7 +229,7 @@ impl Session {
     ) -> Vec<f64> {
         let (origin, stepping) = (self.origin(nuisance), self.stepping(model));
         shown(
-            run_as_it_is(model, &self.signal, origin, stepping),
+            run_as_it_is(&self.placed(model), &self.signal, origin, stepping),
             nuisance,
         )
     }

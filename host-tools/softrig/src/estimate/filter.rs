@@ -158,6 +158,7 @@ pub fn walk<const N: usize>(
         ..session.origin(nuisance)
     };
     let prepared = FixedPower::of(model);
+    let model = &session.placed(model);
     let model = &model.with_power(Fixed::new(prepared.as_ref()));
     let mut state = state_at(model, signal, &origin);
     let mut force = Dual::constant(0.0);

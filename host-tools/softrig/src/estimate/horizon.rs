@@ -134,6 +134,7 @@ fn over_blocks(
     let plain: Model<f64> = model.map(|value| value.value());
     let stepping = session.stepping(&plain);
     let prepared = FixedPower::of(model);
+    let model = &session.placed(model);
     let model = &model.with_power(Fixed::new(prepared.as_ref()));
     let mut begin = state_at(model, signal, &session.origin(nuisance));
     let silent = session.silence();

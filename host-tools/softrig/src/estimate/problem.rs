@@ -554,7 +554,9 @@ impl<'a> Problem<'a> {
             clock: Dual::constant(session.clock()),
         };
         let plain: Model<f64> = model.map(|value| value.value());
-        let reading = run_from(model, session.signal(), origin, session.stepping(&plain)).reading;
+        let placed = session.placed(model);
+        let stepping = session.stepping(&plain);
+        let reading = run_from(&placed, session.signal(), origin, stepping).reading;
         let slopes = session.prior().deviations();
         let measured = &session.recording().angle;
         let silent = |sample: usize| session.silent().iter().any(|range| range.contains(&sample));

@@ -245,6 +245,7 @@ fn on_board(
 ) -> Result<Vec<f64>, InputError> {
     let refuse = |why: String| InputError::new(why, "simulate it in f64");
     let farthest = board::farthest(session.largest_angle());
+    let model = &session.placed(model);
     board::plan(model, farthest).map_err(refuse)?;
     let board = OnBoard::new(model, farthest).map_err(|why| refuse(format!("the model {why}")))?;
     session

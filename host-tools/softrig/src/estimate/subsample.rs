@@ -9,7 +9,7 @@ use super::nuisance::Nuisance;
 use crate::estimate::smooth::{half_window, motion};
 use crate::sim::simulate::{InitialState, substeps};
 use crate::statistics::{noise_by_differences, squares_about_mean};
-use softrig_formats::recording::Recording;
+use softrig_formats::recording::{Meta, Recording};
 
 /// Cuts the fitted segments into short segments that each start from the measured motion
 /// (multiple shooting), for initial guesses.
@@ -269,6 +269,11 @@ fn cut(session: &Session, samples: Range<usize>, stride: usize) -> Recording {
         time: pick(&recording.time),
         pressure: pick(session.signal().values()),
         angle: pick(&recording.angle),
+        // The rig stood as it did; what is known of the zeros is passed on beside it.
+        meta: Meta {
+            setup: recording.meta.setup.clone(),
+            ..Meta::default()
+        },
         ..Recording::default()
     }
 }

@@ -1,0 +1,166 @@
+//! How the rig stood while a recording was made: `[setup]` of its metadata.
+//!
+//! A static curve cannot be split into a weight, an exponent and a linear spring by any
+//! pressure. A person would turn the rig over, hang a weight on it, or wait an hour. What was
+//! changed stands with the recording, and the model of that session is changed with it: see
+//! `Session::placed` of the library. Keys that are missing are unknown, and the same for all
+//! recordings of a sitting.
+
+use std::fmt::Write as _;
+use std::ops::RangeInclusive;
+use std::str::FromStr;
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::InputError;
+
+/// How the rig stood.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Setup {
+    /// By how much the base was turned against gravity since the angle was zeroed (°).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tilt_deg: Option<f64>,
+    /// What hung at the tip (g).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tip_load_g: Option<f64>,
+    /// Length of the tube between the pressure sensor and the actuator (mm).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tube_mm: Option<f64>,
+    /// Temperature of the actuator (°C).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub temperature_c: Option<f64>,
+    /// How long the actuator had rested without pressure before (s).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rested_s: Option<f64>,
+    /// What was new since the recording before.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub new_part: Option<NewPart>,
+}
+
+/// A part that has been replaced.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum NewPart {
+    /// Another actuator of the same kind, never stretched before.
+    Actuator,
+    /// Another angle sensor.
+    Sensor,
+}
+
+/// A number of the setup, its unit and what it may be.
+type Bounded = (&'static str, &'static str, RangeInclusive<f64>);
+
+/// The numbers, in the order of the fields.
+const NUMBERS: [Bounded; 5] = [
+    ("tilt_deg", "°", -360.0..=360.0),
+    ("tip_load_g", "g", 0.0..=100_000.0),
+    ("tube_mm", "mm", 0.0..=100_000.0),
+    ("temperature_c", "°C", -100.0..=300.0),
+    ("rested_s", "s", 0.0..=1e9),
+];
+
+impl Setup {
+    fn numbers(&self) -> [Option<f64>; NUMBERS.len()] {
+        [
+            self.tilt_deg,
+            self.tip_load_g,
+            self.tube_mm,
+            self.temperature_c,
+            self.rested_s,
+        ]
+    }
+
+    /// Refuses numbers that no bench has.
+    ///
+    /// # Errors
+    ///
+    /// Names the key, its value and the range.
+    pub fn check(&self) -> Result<(), InputError> {
+        for (value, (key, unit, range)) in self.numbers().into_iter().zip(&NUMBERS) {
+            match value {
+                Some(value) if !range.contains(&value) => {
+                    return Err(InputError::new(
+                        format!("{key} = {value} {unit} in [setup]"),
+                        format!(
+                            "give a number from {} to {} {unit}",
+                            range.start(),
+                            range.end()
+                        ),
+                    ));
+                }
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+}
+
+/// `tilt_deg=90,tip_load_g=20`, as a command line has it.
+impl FromStr for Setup {
+    type Err = InputError;
+
+    fn from_str(text: &str) -> Result<Self, InputError> {
+        let mut lines = String::new();
+        for assignment in text.split(',').map(str::trim).filter(|it| !it.is_empty()) {
+            let (key, value) = assignment.split_once('=').ok_or_else(|| {
+                InputError::new(
+                    format!("\"{assignment}\" in a setup says no value"),
+                    "write KEY=VALUE, several with commas: tilt_deg=90,tip_load_g=20",
+                )
+            })?;
+            let value = value.trim();
+            // A word stands in quotation marks in a file.
+            let quote = if value.parse::<f64>().is_ok() {
+                ""
+            } else {
+                "\""
+            };
+            let _ = writeln!(lines, "{} = {quote}{value}{quote}", key.trim());
+        }
+        let setup: Self = toml::from_str(&lines).map_err(|error| {
+            InputError::new(
+                format!("the setup \"{text}\": {}", error.message()),
+                "known are tilt_deg, tip_load_g, tube_mm, temperature_c, rested_s and \
+                 new_part=actuator or new_part=sensor",
+            )
+        })?;
+        setup.check()?;
+        Ok(setup)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn assignments_and_a_file_say_the_same() {
+        let given: Setup = "tilt_deg=90, tip_load_g = 20,new_part=sensor"
+            .parse()
+            .unwrap();
+        let file: Setup =
+            toml::from_str("tilt_deg = 90.0\ntip_load_g = 20\nnew_part = \"sensor\"").unwrap();
+        assert_eq!(given, file);
+        assert_eq!(given.tilt_deg, Some(90.0));
+        let again: Setup = toml::from_str(&toml::to_string(&given).unwrap()).unwrap();
+        assert_eq!(again, given);
+        assert_eq!("".parse::<Setup>().unwrap(), Setup::default());
+    }
+
+    #[test]
+    fn what_no_bench_has_is_refused_with_the_reason() {
+        for (text, word) in [
+            ("tilt=90", "tilt"),
+            ("tilt_deg", "no value"),
+            ("tilt_deg=steep", "tilt_deg"),
+            ("tilt_deg=nan", "tilt_deg"),
+            ("tip_load_g=-1", "tip_load_g = -1 g"),
+            ("new_part=pump", "pump"),
+            ("tilt_deg=1,tilt_deg=2", "tilt_deg"),
+        ] {
+            let error = text.parse::<Setup>().unwrap_err().to_string();
+            assert!(error.contains(word), "{text}: {error}");
+        }
+    }
+}
