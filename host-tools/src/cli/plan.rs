@@ -15,7 +15,7 @@ use softrig::diagnose::finding::names;
 use softrig::diagnose::identifiability::{self, Refitted};
 use softrig::diagnose::missing_force::Guesses;
 use softrig::diagnose::noise::NoiseFloor;
-use softrig::diagnose::plan::{Limits, proposals};
+use softrig::diagnose::plan::{Limits, VERY_STRONG, proposals};
 use softrig::estimate::assemble::assemble;
 use softrig::estimate::checkpoint::Checkpoint;
 use softrig::estimate::fit::Fitter;
@@ -57,9 +57,12 @@ pub struct Args {
     /// Noise of the angle (° RMS) [default: from the recordings, or 0.4]
     #[arg(long, value_name = "DEG")]
     noise_deg: Option<f64>,
-    /// Write the best run as a protocol file
+    /// Write the best run as a protocol file, if it decides
     #[arg(short, long, value_name = "PROTOCOL.toml")]
     output: Option<PathBuf>,
+    /// Write it although it does not decide
+    #[arg(long, requires = "output")]
+    force: bool,
     #[command(flatten)]
     input: InputArgs,
 }
@@ -124,19 +127,40 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     );
     for proposal in list.iter().take(LISTED) {
         text += &format!(
-            "{:<20} {:>8.0} {:>12}  {}\n",
+            "{:<20} {:>8.0} {:>12}  {}{}\n",
             proposal.protocol.name,
             f64::from(proposal.protocol.total_ms()) / 1000.0,
             evidence(proposal.evidence),
+            proposal
+                .setup
+                .tilt_deg
+                .map(|tilt| format!("on a base turned by {tilt}°: "))
+                .unwrap_or_default(),
             proposal.protocol.title
         );
     }
-    text += "\nThe parameters of each effect may change as far as the recordings allow. A Δχ² of 20 is\nvery strong; if no run comes near it, these effects cannot be told apart on this rig.\n";
-    if let Some(path) = &args.output {
+    text += "\nThe parameters of each effect may change as far as the recordings allow. A Δχ² of 20 is\nvery strong.\n";
+    let decides = best.evidence >= VERY_STRONG;
+    if !decides {
+        text += "No run comes near it: neither a pressure nor a turned base tells these effects apart.\nA better calibration, a weight at the tip or another length of tube may.\n";
+    }
+    if let Some(path) = args.output.as_ref().filter(|_| decides || args.force) {
         write_atomically(path, best.protocol.to_text().as_bytes())?;
         text += &format!("Protocol: {}\n", path.display());
+        if let Some(tilt) = best.setup.tilt_deg {
+            text +=
+                &format!("Turn the base by {tilt}° and record it with --setup tilt_deg={tilt}.\n");
+        }
     }
-    Ok(super::print(&text)?)
+    super::print(&text)?;
+    if args.output.is_some() && !decides && !args.force {
+        return Err(InputError::new(
+            "no protocol is written: none of these runs decides",
+            "write the best all the same with --force",
+        )
+        .into());
+    }
+    Ok(())
 }
 
 /// The two explanations in `--between`.

@@ -179,7 +179,10 @@ fn next(content: &Content) -> Option<String> {
         });
     };
     let [a, b] = &run.separates;
-    let run_is = format!("{} ({}), {} s", run.protocol, run.title, run.seconds);
+    let run_is = format!(
+        "{}{} ({}), {} s",
+        run.before, run.protocol, run.title, run.seconds
+    );
     Some(if content.next_suffices {
         format!(
             "Next experiment: {run_is}; it separates {a} from {b} by about {} in χ².",

@@ -7,6 +7,7 @@ use model_core::catalogue::Kind;
 use rand::SeedableRng;
 use rand_distr::{Distribution, Normal};
 use rand_pcg::Pcg64Mcg;
+use softrig::diagnose::plan::VERY_STRONG;
 use softrig::diagnose::verdict::Answer;
 use softrig::diagnose::{Diagnosis, Progress, Request, diagnose};
 use softrig::sim::simulate::{InitialState, Signal, run};
@@ -95,6 +96,10 @@ fn a_turned_rig_shows_its_weight() {
     assert_eq!(before.finding.answer(), Answer::CannotTell);
     let rivals = before.finding.explanations();
     assert!(rivals.iter().any(|it| it.kinds == [Kind::Gravity]));
+    // The experiment that decides is to turn it.
+    let (best, _) = &before.proposals[0];
+    assert_eq!(best.setup.tilt_deg, Some(90.0));
+    assert!(best.evidence > VERY_STRONG, "{}", best.evidence);
     let both = [upright, said(aside, "tilt_deg=90")].concat();
     let after = diagnosis(&file, &both);
     assert_eq!(after.finding.answer(), Answer::EffectFound);

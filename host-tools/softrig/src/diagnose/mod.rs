@@ -643,6 +643,7 @@ impl Diagnosis {
                 .iter()
                 .map(|(proposal, [a, b])| Experiment {
                     protocol: proposal.protocol.name.clone(),
+                    tilt_deg: proposal.setup.tilt_deg,
                     separates: [a, b].map(|kinds| names(kinds).join("+")).to_vec(),
                     expected_delta_chi2: tidy(proposal.evidence),
                 })

@@ -1,9 +1,12 @@
 //! Plans the next experiment: the run that best separates the remaining rivals.
 //!
 //! Every named protocol of the board, and families of steps, ramps, small reversals, holds
-//! and multisines within the limits, are simulated with each rival. With rival A taken as
+//! and multisines within the limits, are simulated with each rival, and where one of them is a
+//! weight, once more on a base that is turned by 90°: no pressure tells a weight from a
+//! spring, and a person would turn the rig. With rival A taken as
 //! true, rival B is refitted within the information of the existing recordings. Its
-//! remaining error, in units of the noise, is the expected evidence of the run:
+//! remaining error, in units of the noise, is the expected evidence of the run
+//! (T-optimality: Atkinson and Fedorov 1975):
 //!
 //! ```text
 //! Δχ² = min over dp, dz of |δ − J dp − N dz|²/σ² + dpᵀ Λ dp + Σ (dz/s)²,   δ = y_A − y_B
@@ -13,21 +16,33 @@
 //! existing recordings (a profile likelihood to second order). The zeros of both sensors and
 //! the initial state are estimated in every fit, so differences that they can compensate are
 //! no evidence: N are the derivatives of B's run by them, and s their prior standard
-//! deviations ([`Prior`]). The smaller evidence of both directions counts.
+//! deviations ([`Prior`]). Nor is what the sensor's own curve can be off: a square and a cubic
+//! of the angle, each known to a share of the range. The smaller evidence of both directions
+//! counts.
 
 use model_core::actuator::Model;
-use nalgebra::{DMatrix, DVector, RowVector3};
+use model_core::catalogue::Kind;
+use nalgebra::{DMatrix, DVector, RowSVector};
 use rayon::prelude::*;
 use wire::decimal::Hundredths;
 use wire::protocol::{ControlMode, Named, Segment, total_ms};
 
 use super::candidates::Candidate;
+use super::policy::Policy;
 use crate::estimate::fit::Fitter;
 use crate::estimate::nuisance::Prior;
 use crate::estimate::{Dataset, Nuisance, Session};
 use crate::sim::protocol::play;
 use softrig_formats::protocol_file::ProtocolFile;
 use softrig_formats::recording::{PASCAL_PER_KPA, Recording};
+use softrig_formats::setup::Setup;
+
+/// Evidence (Δχ²) from which a run is expected to separate two rivals: very strong (Kass and
+/// Raftery 1995: 10) for the best of some dozens of runs.
+pub const VERY_STRONG: f64 = 20.0;
+
+/// Evidence (Δχ²) about one pair beyond which more decides nothing.
+const BEYOND_DOUBT: f64 = 5.0 * VERY_STRONG;
 
 /// Samples per second of a simulated run.
 const RATE_HZ: u32 = 50;
@@ -58,14 +73,16 @@ impl Default for Limits {
 pub struct Proposal {
     /// The run.
     pub protocol: ProtocolFile,
+    /// How the rig is to stand for it; as before where nothing is said.
+    pub setup: Setup,
     /// The pair of rivals that it separates least, by index.
     pub separates: (usize, usize),
     /// Expected evidence about that pair (twice a log-likelihood ratio).
     pub evidence: f64,
 }
 
-/// Ranks runs that separate `rivals`, best first, by the evidence about the pair that a
-/// run separates least. `noise` is the standard deviation of the measured angle (rad).
+/// Ranks runs that separate `rivals`, best first, by the evidence about all pairs, of each at
+/// most what is beyond doubt. `noise` is the standard deviation of the measured angle (rad).
 pub fn proposals(
     nominal: &Model<f64>,
     rivals: &[Candidate],
@@ -75,38 +92,93 @@ pub fn proposals(
     if rivals.len() < 2 {
         return Vec::new();
     }
-    let mut proposals: Vec<Proposal> = protocols(limits)
+    let runs = protocols(limits);
+    let mut proposals: Vec<(f64, Proposal)> = setups(rivals)
         .into_par_iter()
-        .filter_map(|protocol| {
-            let recording = drive(&protocol, nominal, limits)?;
+        .flat_map(|setup| {
+            let runs = runs.par_iter();
+            runs.map(move |protocol| (protocol.clone(), setup.clone()))
+        })
+        .filter_map(|(protocol, setup)| {
+            let mut recording = drive(&protocol, nominal, limits)?;
+            recording.meta.setup = Some(setup.clone());
             let prior = Prior::of(&recording);
             let runs: Vec<PredictedRun> = rivals
                 .iter()
                 .map(|rival| PredictedRun::of(rival, nominal, &recording, &prior, noise))
                 .collect::<Option<_>>()?;
-            let mut worst: Option<((usize, usize), f64)> = None;
-            for a in 0..rivals.len() {
-                for b in a + 1..rivals.len() {
+            let pairs = (0..rivals.len()).flat_map(|a| (a + 1..rivals.len()).map(move |b| (a, b)));
+            let each: Vec<((usize, usize), f64)> = pairs
+                .map(|(a, b)| {
                     let one_way = |truth: usize, rival: usize| {
                         missed(&runs[truth], &runs[rival], &rivals[rival], noise)
                     };
-                    let evidence = one_way(a, b).min(one_way(b, a));
-                    if evidence.is_finite() && worst.is_none_or(|(_, least)| evidence < least) {
-                        worst = Some(((a, b), evidence));
-                    }
-                }
-            }
-            let (separates, evidence) = worst?;
-            Some(Proposal {
+                    ((a, b), one_way(a, b).min(one_way(b, a)))
+                })
+                .filter(|(_, evidence)| evidence.is_finite())
+                .collect();
+            let &(separates, evidence) = each.iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
+            let decided = each
+                .iter()
+                .map(|(_, evidence)| evidence.min(BEYOND_DOUBT))
+                .sum();
+            let proposal = Proposal {
                 protocol,
+                setup,
                 separates,
                 evidence,
-            })
+            };
+            Some((decided, proposal))
         })
         .collect();
-    proposals.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+    let rank = |(decided, proposal): &(f64, Proposal)| [*decided, proposal.evidence];
+    proposals.sort_by(|a, b| {
+        let by = rank(b).into_iter().zip(rank(a));
+        by.map(|(b, a)| b.total_cmp(&a))
+            .fold(std::cmp::Ordering::Equal, std::cmp::Ordering::then)
+    });
     proposals
+        .into_iter()
+        .map(|(_, proposal)| proposal)
+        .collect()
 }
+
+/// How the rig could stand: as it does, and turned where that changes what a rival says.
+fn setups(rivals: &[Candidate]) -> Vec<Setup> {
+    /// A quarter of a turn (°): the weight pulls most at the zero of the angle.
+    const TURNED: f64 = 90.0;
+    let has_weight = |rival: &Candidate| {
+        let mut effects = rival.fit.model.effects();
+        effects.any(|effect| effect.kind() == Kind::Gravity)
+    };
+    let turned = Setup {
+        tilt_deg: Some(TURNED),
+        ..Setup::default()
+    };
+    let is_of_use = rivals.iter().any(has_weight);
+    std::iter::once(Setup::default())
+        .chain(is_of_use.then_some(turned))
+        .collect()
+}
+
+/// Where an actuator rests without pressure (rad): a turned one sags.
+fn resting(model: &Model<f64>) -> f64 {
+    /// Halvings of half a turn: a millionth of a radian.
+    const HALVINGS: usize = 21;
+    let [mut low, mut high] = [-std::f64::consts::FRAC_PI_2, std::f64::consts::FRAC_PI_2];
+    for _ in 0..HALVINGS {
+        let middle = f64::midpoint(low, high);
+        if model.holding_pressure(middle) * model.dynamics().input_gain > 0.0 {
+            high = middle;
+        } else {
+            low = middle;
+        }
+    }
+    f64::midpoint(low, high)
+}
+
+/// Unknowns of a session's own: both zeros, the initial angle, and the sensor's curve.
+const OWN: usize = 5;
 
 /// A run simulated with one rival.
 struct PredictedRun {
@@ -117,7 +189,8 @@ struct PredictedRun {
     /// Derivatives by its parameters, in the solver coordinates of its fit.
     by_parameters: DMatrix<f64>,
     /// Derivatives by the session's own unknowns, in prior standard deviations: the
-    /// pressure zero, the angle zero at the same motion, and the initial angle.
+    /// pressure zero, the angle zero at the same motion, the initial angle, and a square and
+    /// a cubic of the sensor's curve.
     by_nuisance: DMatrix<f64>,
     /// Standard deviation of the zero of the angle (rad).
     zero_deviation: f64,
@@ -138,7 +211,14 @@ impl PredictedRun {
         const STEP: f64 = 0.1;
         let model = &rival.fit.model;
         let mut rest = Nuisance::AT_ZERO;
-        rest.start.angle = model.reading(&model.at_rest(0.0, 0.0));
+        let as_it_is = Dataset::known(recording.clone(), rest);
+        let placed = as_it_is.sessions().first()?.placed(model);
+        let settled = if as_it_is.sessions().first()?.turned() == 0.0 {
+            0.0
+        } else {
+            resting(&placed)
+        };
+        rest.start.angle = placed.reading(&placed.at_rest(settled, 0.0));
         let data = Dataset::known(recording.clone(), rest);
         let session: &Session = data.sessions().first()?;
         let shown = |nuisance: &Nuisance| DVector::from_vec(session.simulate(model, nuisance));
@@ -158,11 +238,21 @@ impl PredictedRun {
             moved
         });
         let by_angle_zero = DVector::from_element(by_start.len(), zero_deviation);
+        let as_shown = shown(&rest);
+        let range = as_shown.amax().max(f64::MIN_POSITIVE);
+        let off = Policy::STANDARD.tolerance * range;
+        let [square, cubic] = [2, 3].map(|power| as_shown.map(|it| off * (it / range).powi(power)));
         Some(Self {
-            shown: shown(&rest),
+            shown: as_shown,
             start: rest.start.angle,
             by_parameters: Fitter::new(nominal, &data).derivatives(&rival.fit),
-            by_nuisance: DMatrix::from_columns(&[by_pressure_zero, by_angle_zero, by_start]),
+            by_nuisance: DMatrix::from_columns(&[
+                by_pressure_zero,
+                by_angle_zero,
+                by_start,
+                square,
+                cubic,
+            ]),
             zero_deviation,
             start_deviation,
         })
@@ -192,13 +282,15 @@ fn missed(truth: &PredictedRun, rival: &PredictedRun, candidate: &Candidate, noi
     let measured = (truth.start - rival.start) / rival.start_deviation;
     let of_zero = rival.zero_deviation / rival.start_deviation;
     let known_before = [
-        ([1.0, 0.0, 0.0], 0.0),
-        ([0.0, 1.0, 0.0], 0.0),
-        ([0.0, of_zero, 1.0], measured),
+        ([1.0, 0.0, 0.0, 0.0, 0.0], 0.0),
+        ([0.0, 1.0, 0.0, 0.0, 0.0], 0.0),
+        ([0.0, of_zero, 1.0, 0.0, 0.0], measured),
+        ([0.0, 0.0, 0.0, 1.0, 0.0], 0.0),
+        ([0.0, 0.0, 0.0, 0.0, 1.0], 0.0),
     ];
     let mut unmoved = weight * difference.norm_squared();
     for (row, value) in known_before {
-        let row = RowVector3::from(row);
+        let row = RowSVector::<f64, OWN>::from(row);
         let mut of_nuisance = normal.view_mut((free, free), (own, own));
         of_nuisance += row.transpose() * row * variance;
         let mut moved = scaled.rows_mut(free, own);
@@ -402,7 +494,6 @@ fn cycles_holds_and_sines() -> Vec<ProtocolFile> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use model_core::catalogue::Kind;
     use model_core::dynamics::Dynamics;
 
     fn nominal() -> Model<f64> {
@@ -502,7 +593,7 @@ mod tests {
                         .total_ms(),
                 )
         };
-        assert!(evidence("small") > evidence("paper"));
+        assert!(evidence("small_reversals_45") > evidence("step45"));
         assert!(list[0].evidence > 100.0);
         assert!(
             list.windows(2)

@@ -320,6 +320,9 @@ impl fmt::Display for Zeros {
 pub struct Experiment {
     /// Name of the protocol.
     pub protocol: String,
+    /// By how much the base is to be turned for it (°), if it is.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tilt_deg: Option<f64>,
     /// The rivals that it separates.
     pub separates: Vec<String>,
     /// Expected evidence.

@@ -7,6 +7,7 @@ use super::explained::of_the_refit;
 use super::words::{probability, titles};
 use crate::report::shares::Explained;
 use softrig::diagnose::finding::{Finding, are_the_same, names};
+use softrig::diagnose::plan::VERY_STRONG;
 use softrig::diagnose::selection::FittedStructure;
 use softrig::diagnose::{Diagnosis, Request};
 use softrig_formats::numbers::{evidence, percent};
@@ -36,6 +37,10 @@ pub struct Rival {
 pub struct NextRun {
     /// Name of the protocol.
     pub protocol: String,
+    /// What is to be changed at the rig before, as a sentence begins; empty if nothing is.
+    pub before: String,
+    /// The option of `rig record` that says so; empty if nothing is changed.
+    pub setup: String,
     /// Its title.
     pub title: String,
     /// How long it lasts (s).
@@ -47,9 +52,6 @@ pub struct NextRun {
     /// The command that writes it as a protocol file.
     pub command: String,
 }
-
-/// Evidence (Δχ²) from which a run is expected to separate two rivals.
-const VERY_STRONG: f64 = 20.0;
 
 /// The rivals, or the closest structures.
 pub(super) fn rivals(diagnosis: &Diagnosis) -> Vec<Rival> {
@@ -117,6 +119,16 @@ pub(super) fn next(request: &Request<'_>, diagnosis: &Diagnosis) -> Vec<NextRun>
             let [a, b] = pair.each_ref().map(|kinds| names(kinds));
             NextRun {
                 protocol: proposal.protocol.name.clone(),
+                before: proposal
+                    .setup
+                    .tilt_deg
+                    .map(|tilt| format!("turn the base by {tilt}°, then "))
+                    .unwrap_or_default(),
+                setup: proposal
+                    .setup
+                    .tilt_deg
+                    .map(|tilt| format!(" --setup tilt_deg={tilt}"))
+                    .unwrap_or_default(),
                 title: proposal.protocol.title.clone(),
                 seconds: format!("{:.0}", f64::from(proposal.protocol.total_ms()) / 1000.0),
                 separates: [a.join(" + "), b.join(" + ")],
