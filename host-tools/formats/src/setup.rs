@@ -71,6 +71,11 @@ impl Setup {
         ]
     }
 
+    /// By how much the base was turned (rad); not at all where nothing is said.
+    pub fn turned_rad(&self) -> f64 {
+        self.tilt_deg.map_or(0.0, f64::to_radians)
+    }
+
     /// Refuses numbers that no bench has.
     ///
     /// # Errors

@@ -13,6 +13,7 @@ use softrig::sim::board;
 use softrig_formats::error::InputError;
 use softrig_formats::model_file::ModelFile;
 use softrig_formats::settings_file::{self, Assignment, key_text, shown};
+use softrig_formats::setup::Setup;
 use softrig_link::{Link, SerialConnector, Timing};
 
 /// Writes a model or settings to a board, and reads everything back.
@@ -26,6 +27,7 @@ Examples:
   rig upload --port /dev/ttyACM0 --model repaired.toml --dry-run
   rig upload --port /dev/ttyACM0 --model repaired.toml
   rig upload --port /dev/ttyACM0 --model repaired.toml --zeros verdict.json
+  rig upload --port /dev/ttyACM0 --model repaired.toml --setup tilt_deg=90
   rig upload --port /dev/ttyACM0 --settings limits.toml
   rig upload --port /dev/ttyACM0 --read > board.toml
 
@@ -38,6 +40,10 @@ pub struct Args {
     /// Model file whose dynamics and effects the board is to use
     #[arg(long, value_name = "MODEL.toml")]
     model: Option<PathBuf>,
+    /// How the rig stands: with tilt_deg=90 the board predicts an actuator on a base that has
+    /// been turned since the angle was zeroed
+    #[arg(long, value_name = "KEY=VALUE,…", requires = "model")]
+    setup: Option<Setup>,
     /// File of settings: calibration, limits, gains
     #[arg(long, value_name = "SETTINGS.toml")]
     settings: Option<PathBuf>,
@@ -61,7 +67,10 @@ pub struct Args {
 /// Invalid files before the port is opened; then settings that the board refuses.
 pub fn run(args: &Args) -> anyhow::Result<()> {
     let mut wanted: Vec<Assignment> = Vec::new();
-    let model = args.model.as_deref().map(super::read_model).transpose()?;
+    let mut model = args.model.as_deref().map(super::read_model).transpose()?;
+    if let (Some(file), Some(setup)) = (&mut model, &args.setup) {
+        file.model = file.model.turned(setup.turned_rad());
+    }
     if let Some(model) = &model {
         wanted.extend(settings_file::from_model(model)?);
     }

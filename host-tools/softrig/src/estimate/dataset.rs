@@ -19,6 +19,7 @@ use crate::sim::simulate::{
 };
 use softrig_formats::model_file::KnownRange;
 use softrig_formats::recording::Recording;
+use softrig_formats::setup::Setup;
 
 /// A recording that is simulated whole.
 ///
@@ -47,14 +48,6 @@ pub struct Session {
     grain: Grain,
 }
 
-/// By how much the base was turned (rad), as the metadata say.
-fn turn(recording: &Recording) -> f64 {
-    let setup = recording.meta.setup.as_ref();
-    setup
-        .and_then(|setup| setup.tilt_deg)
-        .map_or(0.0, f64::to_radians)
-}
-
 /// What the angle sensor shows (rad), its zero included.
 fn shown<R: FromF64>(run: Trajectory<R>, nuisance: &Nuisance) -> Vec<f64> {
     let readings = run.reading.into_iter();
@@ -81,7 +74,7 @@ impl Session {
             prior,
             estimated: true,
             clock,
-            turned: turn(&recording),
+            turned: recording.meta.setup.as_ref().map_or(0.0, Setup::turned_rad),
             interval: recording.interval(),
             sampled_every: recording.interval(),
             largest_angle: largest(&recording.angle),
