@@ -826,8 +826,11 @@ mod tests {
 
     #[test]
     fn holding_pressure_balances_the_forces() {
-        let model: Model<f64> =
-            Model::new(paper(), &[Kind::Gravity.build(&[0.05, 0.4, 0.0]).unwrap()]).unwrap();
+        let model: Model<f64> = Model::new(
+            paper(),
+            &[Kind::Gravity.build(&[0.05, 0.4, 0.0, 1.0]).unwrap()],
+        )
+        .unwrap();
         let pressure = model.holding_pressure(1.2);
         let state = model.at_rest(1.2, pressure);
         let rates = model.derivative(&state, &crate::input::Held(pressure), 0.0);

@@ -501,10 +501,11 @@ impl<R: Real, T> Effect<R, T> {
 
 impl<R: Real> Effect<R> {
     /// The same effect in another shape with as many parameters to find, which a fit can take
-    /// instead: a creep over decades; none if it has but one.
+    /// instead: a creep over decades, the weight of what bends; none if it has but one.
     pub fn other_shape(self) -> Option<Self> {
         match self {
             Self::MaxwellBranch(branch) => Some(Self::MaxwellBranch(branch.over_decades())),
+            Self::Gravity(gravity) => Some(Self::Gravity(gravity.bending())),
             _ => None,
         }
     }

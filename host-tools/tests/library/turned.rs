@@ -2,15 +2,15 @@
 
 use std::path::Path;
 
-use model_core::actuator::Model;
 use model_core::catalogue::Kind;
+use model_core::dynamics::Dynamics;
+use model_core::effects::gravity::BENDING;
 use rand::SeedableRng;
 use rand_distr::{Distribution, Normal};
 use rand_pcg::Pcg64Mcg;
 use softrig::diagnose::plan::VERY_STRONG;
 use softrig::diagnose::verdict::Answer;
 use softrig::diagnose::{Diagnosis, Progress, Request, diagnose};
-use softrig::sim::simulate::{InitialState, Signal, run};
 use softrig::synth::example::{Hidden, make};
 use softrig_formats::model_file::ModelFile;
 use softrig_formats::recording::Recording;
@@ -20,34 +20,81 @@ use softrig_formats::setup::Setup;
 const NOISE_DEG: f64 = 0.3;
 const SEED: u64 = 6;
 
-/// Where the actuator hangs without pressure (rad), on a base turned by so much.
-fn sag(truth: &Model<f64>) -> f64 {
-    let time: Vec<f64> = (0..3000).map(|k| f64::from(k) * 0.01).collect();
-    let signal = Signal::new(time.clone(), vec![0.0; time.len()]);
-    let start = InitialState {
-        angle: 0.0,
-        rate: 0.0,
-    };
-    *run(truth, &signal, start, 4).reading.last().unwrap()
+/// How a weight pulls, by the angle and by how much the base was turned (rad).
+type Pull = dyn Fn(f64, f64) -> f64;
+
+/// A weight G at the end of a rigid arm, as the formula has it.
+fn of_an_arm(weight: f64) -> impl Fn(f64, f64) -> f64 {
+    move |angle, turned| weight * (angle + turned).sin()
 }
 
-/// The recordings of an actuator with a weight, made anew on a base turned by so much (°).
-fn turned(truth: &Model<f64>, recordings: &[Recording], by_deg: f64) -> Vec<Recording> {
+/// The weight of an actuator that bends with constant curvature, part by part along it: what is at
+/// the share u of its length turns by u θ. The formula knows only its leading term.
+fn of_what_bends(weight: f64) -> impl Fn(f64, f64) -> f64 {
+    const PARTS: u32 = 40;
+    move |angle, turned| {
+        let part = |k: u32| {
+            let u = (f64::from(k) + 0.5) / f64::from(PARTS);
+            6.0 * u * (1.0 - u) * (u * angle + turned).sin()
+        };
+        weight * (0..PARTS).map(part).sum::<f64>() / f64::from(PARTS)
+    }
+}
+
+/// The angles (rad) of an actuator with a weight, by an integrator of its own, from where it
+/// hangs without pressure.
+fn angles(dynamics: &Dynamics<f64>, pull: &Pull, turned: f64, run: &Recording) -> Vec<f64> {
+    const STEPS: u32 = 8;
+    let d = dynamics;
+    let acceleration = |pressure: f64, [angle, rate]: [f64; 2]| {
+        let spring = d.stiffness * angle.abs().powf(d.exponent).copysign(angle);
+        (d.input_gain * pressure - d.damping * rate - spring - pull(angle, turned)) / d.inertia
+    };
+    let step = |at: [f64; 2], [before, after]: [f64; 2], dt: f64| {
+        let slope =
+            |at: [f64; 2], share: f64| [at[1], acceleration(before + share * (after - before), at)];
+        let along = |by: [f64; 2], dt: f64| [at[0] + by[0] * dt, at[1] + by[1] * dt];
+        let k1 = slope(at, 0.0);
+        let k2 = slope(along(k1, dt / 2.0), 0.5);
+        let k3 = slope(along(k2, dt / 2.0), 0.5);
+        let k4 = slope(along(k3, dt), 1.0);
+        let mean = [0, 1].map(|k| (k1[k] + 2.0 * (k2[k] + k3[k]) + k4[k]) / 6.0);
+        along(mean, dt)
+    };
+    let mut at = [0.0; 2];
+    for _ in 0..20_000 {
+        at = step(at, [0.0; 2], 2e-3);
+    }
+    let mut found = vec![at[0]];
+    for k in 1..run.time.len() {
+        let dt = (run.time[k] - run.time[k - 1]) / f64::from(STEPS);
+        let pressure = |part: u32| {
+            let share = f64::from(part) / f64::from(STEPS);
+            run.pressure[k - 1] + share * (run.pressure[k] - run.pressure[k - 1])
+        };
+        for part in 0..STEPS {
+            at = step(at, [pressure(part), pressure(part + 1)], dt);
+        }
+        found.push(at[0]);
+    }
+    found
+}
+
+/// The recordings made anew on a base turned by so much (°).
+fn turned(
+    dynamics: &Dynamics<f64>,
+    pull: &Pull,
+    recordings: &[Recording],
+    by_deg: f64,
+) -> Vec<Recording> {
     let mut random = Pcg64Mcg::seed_from_u64(SEED);
     let noise = Normal::new(0.0, NOISE_DEG.to_radians()).unwrap();
-    let truth = truth.turned(by_deg.to_radians());
-    let start = InitialState {
-        angle: sag(&truth),
-        rate: 0.0,
-    };
     recordings
         .iter()
         .map(|recording| {
-            let signal = Signal::new(recording.time.clone(), recording.pressure.clone());
             let mut turned = recording.clone();
-            turned.angle = run(&truth, &signal, start, 4)
-                .reading
-                .iter()
+            turned.angle = angles(dynamics, pull, by_deg.to_radians(), recording)
+                .into_iter()
                 .map(|angle| angle + noise.sample(&mut random))
                 .collect();
             turned.name = format!("{}_{by_deg}", recording.name);
@@ -77,20 +124,27 @@ fn diagnosis(file: &ModelFile, recordings: &[Recording]) -> Diagnosis {
     diagnose(&request, &Progress::default()).unwrap()
 }
 
-#[test]
-fn a_turned_rig_shows_its_weight() {
+/// The model, the true dynamics and the weight of an example, and its steps.
+fn example() -> (ModelFile, Dynamics<f64>, f64, Vec<Recording>) {
     let example = make(Hidden::Effect(Kind::Gravity), NOISE_DEG, SEED).unwrap();
     let file = ModelFile::parse(&example.model, Path::new("model.toml")).unwrap();
     let truth = ModelFile::parse(&example.truth, Path::new("truth.toml")).unwrap();
-    let truth = truth.model;
-    let steps: Vec<Recording> = example
+    let weight = truth.model.effects().next().unwrap().value(0).unwrap();
+    let steps = example
         .recordings
-        .iter()
+        .into_iter()
         .filter(|(name, ..)| name.starts_with("step"))
-        .map(|(_, recording, _)| recording.clone())
+        .map(|(_, recording, _)| recording)
         .collect();
-    let upright = turned(&truth, &steps, 0.0);
-    let aside = turned(&truth, &steps, 90.0);
+    (file, *truth.model.dynamics(), weight, steps)
+}
+
+#[test]
+fn a_turned_rig_shows_its_weight() {
+    let (file, dynamics, weight, steps) = example();
+    let pull = of_an_arm(weight);
+    let upright = turned(&dynamics, &pull, &steps, 0.0);
+    let aside = turned(&dynamics, &pull, &steps, 90.0);
     // A static curve is a weight or a spring, whatever the pressure.
     let before = diagnosis(&file, &upright);
     assert_eq!(before.finding.answer(), Answer::CannotTell);
@@ -105,4 +159,23 @@ fn a_turned_rig_shows_its_weight() {
     assert_eq!(after.finding.answer(), Answer::EffectFound);
     assert_eq!(after.finding.named(), [Kind::Gravity]);
     assert!(after.adequacy.exact_form, "{:?}", after.adequacy);
+}
+
+/// The true weight of a bending actuator, which is not the formula's: it is found, and that it
+/// turns by half of the angle.
+#[test]
+fn the_weight_of_what_bends_is_named_too() {
+    let (file, dynamics, weight, steps) = example();
+    let weight = 2.5 * weight;
+    let pull = of_what_bends(weight);
+    let upright = turned(&dynamics, &pull, &steps, 0.0);
+    let aside = turned(&dynamics, &pull, &steps, 90.0);
+    let both = [upright, said(aside, "tilt_deg=90")].concat();
+    let found = diagnosis(&file, &both);
+    assert_eq!(found.finding.answer(), Answer::EffectFound);
+    assert_eq!(found.finding.named(), [Kind::Gravity]);
+    let gravity = found.repaired.fit.model.effects().next().unwrap();
+    let values: Vec<f64> = gravity.values().collect();
+    assert!((values[0] / weight - 1.0).abs() < 0.02, "{values:?}");
+    assert_eq!(values[3], f64::from(BENDING));
 }

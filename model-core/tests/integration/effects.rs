@@ -55,7 +55,7 @@ fn equations(kind: Kind, values: &'static [f64]) -> Equations {
         // Q = d ω|ω|
         Kind::QuadraticDamping => force(|v, at| v[0] * at[1] * at[1].abs()),
         // Q = G [sin(θ + θ₀) − sin θ₀]
-        Kind::Gravity => force(|v, at| v[0] * ((at[0] + v[1] + v[2]).sin() - v[1].sin())),
+        Kind::Gravity => force(|v, at| v[0] * ((v[3] * at[0] + v[1] + v[2]).sin() - v[1].sin())),
         // Q = k₃ θ³
         Kind::CubicStiffness => force(|v, at| v[0] * at[0].powi(3)),
         // n → n + Δn

@@ -202,8 +202,10 @@ fn stored(kind: Kind, values: &[f64], d: &Dynamics<f64>, state: &State<f64>) -> 
         Kind::CubicStiffness => 0.25 * values[0] * state.angle.powi(4),
         Kind::EndStop => 0.5 * values[0] * (state.angle - values[1]).max(0.0).powi(2),
         Kind::Gravity => {
-            let tilt = values[1] + values[2];
-            values[0] * (tilt.cos() - (state.angle + tilt).cos() - state.angle * values[1].sin())
+            let [weight, at_zero, turned, share] = [0, 1, 2, 3].map(|index| values[index]);
+            let tilt = at_zero + turned;
+            let lifted = (tilt.cos() - (share * state.angle + tilt).cos()) / share;
+            weight * (lifted - state.angle * at_zero.sin())
         }
         // The base spring less what is lost.
         Kind::MullinsSoftening => {

@@ -103,7 +103,7 @@ pub fn sample_values(kind: Kind) -> [&'static [f64]; 2] {
     match kind {
         Kind::CoulombFriction => [&[0.1, 0.02], &[0.3, 0.1]],
         Kind::QuadraticDamping => [&[0.4], &[1.5]],
-        Kind::Gravity => [&[0.8, 0.7, 0.0], &[-0.4, -1.2, 0.9]],
+        Kind::Gravity => [&[0.8, 0.7, 0.0, 1.0], &[-0.4, -1.2, 0.9, 0.5]],
         Kind::CubicStiffness => [&[0.5], &[-0.1]],
         Kind::ExponentShift => [&[0.4], &[-0.9]],
         Kind::MaxwellBranch => [&[1.2, 0.7, 0.0], &[0.4, 1.5, 0.4]],

@@ -60,9 +60,9 @@ fn mirrored(effect: Effect<f64>) -> Option<Effect<f64>> {
             return Kind::VentAsymmetry.build(&[vent, fill]);
         }
         Kind::Gravity => {
-            let [weight, tilt, turned] =
-                [0, 1, 2].map(|index| effect.value(index).expect("it has three"));
-            return Kind::Gravity.build(&[weight, -tilt, -turned]);
+            let [weight, tilt, turned, share] =
+                [0, 1, 2, 3].map(|index| effect.value(index).expect("it has four"));
+            return Kind::Gravity.build(&[weight, -tilt, -turned, share]);
         }
         Kind::SensorOffset
         | Kind::SensorNonlinearity
@@ -151,7 +151,7 @@ fn effects_are_odd_to_the_last_bit() {
 /// Gravity without a tilt has no direction of its own.
 #[test]
 fn gravity_without_tilt_is_odd() {
-    let gravity = Kind::Gravity.build(&[0.8, 0.0, 0.0]).unwrap();
+    let gravity = Kind::Gravity.build(&[0.8, 0.0, 0.0, 1.0]).unwrap();
     assert!(is_odd(gravity));
     assert_odd::<f32, Minimax>(&[gravity], F32);
 }

@@ -223,7 +223,7 @@ mod tests {
 
     #[test]
     fn what_was_not_let_go_rests() {
-        let gravity = Kind::Gravity.build(&[0.5, 0.3, 0.0]).unwrap();
+        let gravity = Kind::Gravity.build(&[0.5, 0.3, 0.0, 1.0]).unwrap();
         let model: Model<f64> = Model::new(dynamics(), &[gravity]).unwrap();
         let rests = Actuator::at_rest(&model, DT);
         let same = Actuator::let_go(&model, &LetGo::default(), DT);
