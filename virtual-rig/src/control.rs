@@ -12,6 +12,8 @@ pub enum Control {
     Fault(Fault, bool),
     /// `bend DEGREES`, `bend off`
     Bend(Option<f64>),
+    /// `tilt DEGREES`
+    Tilt(f64),
     /// `reset`
     Reset,
     /// `power-cycle`
@@ -25,8 +27,12 @@ pub enum Control {
 /// Bending angles (°) over which the flex sensor is one.
 const BENDS: std::ops::RangeInclusive<f64> = -20.0..=140.0;
 
+/// Angles (°) by which the base can be turned.
+pub const TILTS: std::ops::RangeInclusive<f64> = -360.0..=360.0;
+
 const COMMANDS: &str = "fault KIND on|off, press emergency-stop|end-switch, \
-                        release emergency-stop|end-switch, bend DEGREES|off, reset, power-cycle, status, quit";
+                        release emergency-stop|end-switch, bend DEGREES|off, tilt DEGREES, reset, \
+                        power-cycle, status, quit";
 
 impl FromStr for Control {
     type Err = String;
@@ -52,6 +58,12 @@ impl FromStr for Control {
                     "{degrees} is no bending angle; use -20 to 140 degrees, or off to let go"
                 )),
             },
+            ["tilt", degrees] => match degrees.trim_end_matches('°').parse() {
+                Ok(degrees) if TILTS.contains(&degrees) => Ok(Self::Tilt(degrees)),
+                _ => Err(format!(
+                    "{degrees} is no angle of the base; use -360 to 360 degrees"
+                )),
+            },
             ["reset"] => Ok(Self::Reset),
             ["power-cycle"] => Ok(Self::PowerCycle),
             ["status"] => Ok(Self::Status),
@@ -74,6 +86,10 @@ pub fn obey(control: Control, rig: &mut VirtualRig, connected: bool) -> String {
                 Some(degrees) => format!("ok bent to {degrees} degrees by hand"),
                 None => "ok let go".into(),
             }
+        }
+        Control::Tilt(degrees) => {
+            rig.turn_base(degrees);
+            format!("ok the base is turned by {degrees} degrees")
         }
         Control::Reset => {
             rig.reset(ResetCause::External);
@@ -132,6 +148,7 @@ mod tests {
         assert_eq!("status".parse(), Ok(Control::Status));
         assert_eq!("bend 30".parse(), Ok(Control::Bend(Some(30.0))));
         assert_eq!("bend off".parse(), Ok(Control::Bend(None)));
+        assert_eq!("tilt 90°".parse(), Ok(Control::Tilt(90.0)));
         for (line, hint) in [
             ("fault flood on", "open-flex"),
             ("press leak", "emergency-stop"),
@@ -139,6 +156,8 @@ mod tests {
             ("bend up", "140"),
             ("bend nan", "140"),
             ("bend 300", "140"),
+            ("tilt over", "360"),
+            ("tilt nan", "360"),
             ("", "status"),
         ] {
             let message = line.parse::<Control>().unwrap_err();

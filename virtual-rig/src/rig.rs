@@ -439,6 +439,11 @@ impl VirtualRig {
         self.plant.bend(angle_deg);
     }
 
+    /// The base is turned by an angle (°) against where it stood at power-on.
+    pub fn turn_base(&mut self, by_deg: f64) {
+        self.plant.turn_base(by_deg);
+    }
+
     /// How things really are.
     pub fn plant(&self) -> Truth {
         let steps = self.board.stepper();

@@ -22,7 +22,7 @@ use softrig_formats::model_file::ModelFile;
 use virtual_rig::{Bench, Image, Options, Planned, VirtualRig, board::EEPROM_BYTES};
 
 use crate::{
-    control::{self, Control},
+    control::{self, Control, TILTS},
     pty::{Change, Port},
 };
 
@@ -103,14 +103,24 @@ pub struct ServeArgs {
     /// Something that goes wrong, at a time in seconds; repeatable
     #[arg(long = "fault", value_name = "KIND@SECONDS[..SECONDS]")]
     faults: Vec<Planned>,
+    /// Turn the base by so many degrees: a weight pulls another way
+    #[arg(long, value_name = "DEGREES", default_value_t = 0.0, value_parser = tilt, allow_hyphen_values = true)]
+    tilt_deg: f64,
     /// Stop after so many seconds of simulated time
     #[arg(long, value_name = "SECONDS", value_parser = positive)]
     duration: Option<f64>,
     /// Read commands from standard input, one a line, and answer each with one
-    /// line: fault KIND on|off, press KIND, release KIND, bend DEGREES|off, reset,
-    /// power-cycle, status, quit
+    /// line: fault KIND on|off, press KIND, release KIND, bend DEGREES|off,
+    /// tilt DEGREES, reset, power-cycle, status, quit
     #[arg(long)]
     control: bool,
+}
+
+fn tilt(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(degrees) if TILTS.contains(&degrees) => Ok(degrees),
+        _ => Err("give an angle from -360 to 360 degrees".into()),
+    }
 }
 
 /// How fast simulated time passes.
@@ -164,7 +174,8 @@ pub fn run(args: &ServeArgs) -> anyhow::Result<()> {
     };
     let options = options(args)?;
     let stored = options.eeprom.clone();
-    let rig = VirtualRig::new(&image, options)?;
+    let mut rig = VirtualRig::new(&image, options)?;
+    rig.turn_base(args.tilt_deg);
 
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [

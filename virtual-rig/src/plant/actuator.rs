@@ -44,6 +44,8 @@ const INTERVAL_S: f64 = 5e-4;
 #[derive(Clone, Debug)]
 pub struct Actuator {
     model: Model<f64>,
+    /// The same on a base that is not turned.
+    upright: Model<f64>,
     state: State<f64>,
     interval: f64,
     substeps: usize,
@@ -63,6 +65,7 @@ impl Actuator {
         let length = (delay / interval).ceil() as usize + 3;
         Self {
             model: *model,
+            upright: *model,
             state: model.at_rest(0.0, 0.0),
             interval,
             substeps: substeps(model, interval, RESOLVED_RAD),
@@ -75,6 +78,12 @@ impl Actuator {
     /// A hand bends it to an angle (rad) and holds it there, or lets go.
     pub fn hold(&mut self, angle: Option<f64>) {
         self.held = angle;
+    }
+
+    /// The base is turned by an angle (rad) against where it stood at power-on: a weight pulls
+    /// another way, and nothing else changes.
+    pub fn turn_base(&mut self, by: f64) {
+        self.model = self.upright.turned(by);
     }
 
     /// An actuator that was let go before its time zero, for steps of `interval`

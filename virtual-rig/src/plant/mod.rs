@@ -123,6 +123,11 @@ impl Plant {
         self.actuator.hold(angle_deg.map(f64::to_radians));
     }
 
+    /// The base is turned by an angle (°) against where it stood at power-on.
+    pub fn turn_base(&mut self, by_deg: f64) {
+        self.actuator.turn_base(by_deg.to_radians());
+    }
+
     /// Drifts begin anew: the bench has been off and has cooled down.
     pub fn restart_clock(&mut self) {
         self.actuator.restart_clock();
