@@ -96,9 +96,16 @@ fn validate<R: Real>(
     effects: &[Option<Slot<R>>; MAX_EFFECTS],
     table: Option<&Table<R>>,
 ) -> Result<(), InvalidModel> {
-    use ParameterId::{Damping, Exponent, Inertia, Stiffness};
-    for (place, id) in ParameterId::BASE.into_iter().enumerate() {
-        if !d.value(place).is_some_and(R::is_finite) {
+    use ParameterId::{Damping, Exponent, Inertia, InputGain, Stiffness};
+    // Each by its name: a table of them would stand in the board's RAM.
+    for (value, id) in [
+        (d.inertia, Inertia),
+        (d.damping, Damping),
+        (d.stiffness, Stiffness),
+        (d.exponent, Exponent),
+        (d.input_gain, InputGain),
+    ] {
+        if !value.is_finite() {
             return Err(InvalidModel::NotFinite(id));
         }
     }

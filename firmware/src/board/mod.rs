@@ -121,17 +121,23 @@ impl Board {
 pub struct Room(());
 
 impl Room {
-    /// Makes the application and puts it there.
+    /// Makes the application, puts it there, and loads what is stored.
     ///
-    /// Not inlined: while it is made there are two of it, and the one on the
-    /// stack shall not stay there as part of `main`.
+    /// Not inlined: what loading needs of the stack shall not stay there as part of `main`.
     #[inline(never)]
     pub fn start(self, eeprom: &Eeprom, cause: ResetCause) -> &'static mut App {
-        static APP: place::Place<App> = place::Place::new();
-        // SAFETY: `Board::take` makes one room, and it is used up here.
-        let app = unsafe { APP.put(App::empty(cause)) };
+        let app = Self::put(cause);
         app.load(eeprom);
         app
+    }
+
+    /// Not inlined: while it is made there are two of it, and the one on the stack shall not
+    /// stay there while the settings are loaded.
+    #[inline(never)]
+    fn put(cause: ResetCause) -> &'static mut App {
+        static APP: place::Place<App> = place::Place::new();
+        // SAFETY: `Board::take` makes one room, and it is used up here.
+        unsafe { APP.put(App::empty(cause)) }
     }
 }
 
