@@ -5,7 +5,7 @@
 //! one source: the terminal shows it as it is.
 
 /// Functions, and words within equations. Other letters that follow each other are a product.
-const WORDS: [&str; 13] = [
+const WORDS: [&str; 14] = [
     "clamped",
     "else",
     "in",
@@ -15,6 +15,7 @@ const WORDS: [&str; 13] = [
     "of",
     "one",
     "piecewise",
+    "share",
     "sign",
     "sin",
     "tanh",

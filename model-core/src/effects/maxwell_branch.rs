@@ -31,7 +31,7 @@ pub const INFO: Info = Info {
     name: "maxwell_branch",
     title: "viscoelastic creep (Maxwell branch)",
     place: Place::Force,
-    equation: "Q = k₁ (θ − z), ż = (θ − z)/τ; a share s with 10 τ",
+    equation: "Q = k₁ (θ − z), ż = (θ − z)/τ; share s: 10 τ",
     text: "The elastomer creeps: a part of its stiffness relaxes with a time constant of seconds. \
            After a pressure step the angle does not settle but goes on growing \
            slowly at constant pressure, and after the release it returns slowly. Many \
