@@ -10,6 +10,7 @@ use softrig::diagnose::finding::{Finding, are_the_same, names};
 use softrig::diagnose::plan::VERY_STRONG;
 use softrig::diagnose::selection::FittedStructure;
 use softrig::diagnose::{Diagnosis, Request};
+use softrig_formats::family::Family;
 use softrig_formats::numbers::{evidence, percent};
 use softrig_formats::terminal::quoted;
 
@@ -143,6 +144,27 @@ pub(super) fn next(request: &Request<'_>, diagnosis: &Diagnosis) -> Vec<NextRun>
             }
         })
         .collect()
+}
+
+/// What a turned base would tell: a static curve that these runs leave open may be a weight,
+/// also where no formula of one is among the rivals.
+pub(super) fn turning(diagnosis: &Diagnosis) -> Option<String> {
+    let is_open = diagnosis
+        .finding
+        .families()
+        .contains(&Family::StiffnessShape);
+    let is_turned = diagnosis
+        .data
+        .sessions()
+        .iter()
+        .any(|it| it.turned() != 0.0);
+    let mut proposals = diagnosis.proposals.iter();
+    let is_proposed = proposals.any(|(proposal, _)| proposal.setup.tilt_deg.is_some());
+    (is_open && !is_turned && !is_proposed).then(|| {
+        "Whether it is a weight: turn the base by 90° without zeroing the angle anew, record the same \
+         runs with --setup tilt_deg=90, and give both. Nothing but a weight changes."
+            .into()
+    })
 }
 
 /// Whether the proposed run can be expected to separate the rivals.
