@@ -2,6 +2,7 @@
 //! energy, against itself at other steps, and that it is nobody else's.
 
 use model_core::catalogue::Kind;
+use model_core::effects::Parameter;
 use softrig_tests::blind::cases::{Hidden, Plan, make, plan, stable_hash, typical_effect};
 use softrig_tests::blind::experiments::{Experiment, Pump, Set};
 use softrig_tests::blind::score::Class;
@@ -375,8 +376,12 @@ fn the_catalogue_is_complete_and_the_tool_knows_no_other_kind() {
         let formula = Formula::of_kind(kind.name())[0];
         assert!(formula.row().same);
         let keys: Vec<&str> = formula.row().quantities.iter().map(|q| q.key).collect();
-        // What files may leave out, the formula may have built in.
-        for row in kind.parameters().iter().filter(|row| row.default.is_none()) {
+        // What files may leave out and no fit frees, the formula may have built in.
+        let is_free = |row: &&Parameter| match row.held {
+            Some(_) => !row.starts.is_empty(),
+            None => row.default.is_none(),
+        };
+        for row in kind.parameters().iter().filter(is_free) {
             assert!(
                 keys.contains(&row.key),
                 "{} has no {}",
