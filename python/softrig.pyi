@@ -453,6 +453,7 @@ class _Zeros:
 
 class _Experiment:
     protocol: str
+    tilt_deg: float | None
     separates: list[str]
     expected_delta_chi2: float
 

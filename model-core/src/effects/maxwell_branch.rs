@@ -120,7 +120,7 @@ impl<R: Real> Mechanism<R> for MaxwellBranch<R> {
 }
 
 impl Preparation for MaxwellBranch<f32> {
-    const CYCLES: u16 = 1_000;
+    const CYCLES: u16 = 1_500;
     type Part = Relaxing;
     #[cfg(test)]
     const TRIAL: Trial = Trial::smooth(&[0.5, 0.4, 0.3]);
