@@ -554,9 +554,18 @@ pub fn final_fit(context: &FitContext<'_>, candidate: &Candidate) -> Result<Cand
         ..*context.fitter
     };
     let fit = |model: &Model<f64>| context.executor.fit(&fitter, model, &free, Effort::Full);
-    let best = in_best_shape(context, fit(&candidate.fit.model)?, |it| fit(&it.model))?;
+    let best = in_best_shape(context, fit(&candidate.fit.model)?, |it| {
+        let executor = &context.executor;
+        let few = executor.fit(&fitter, &it.model, &free, SHAPED)?;
+        // Its residuals are those of the simple shape.
+        let is_ahead = few.cost() < it.cost();
+        if is_ahead { fit(&few.model) } else { Ok(few) }
+    })?;
     Ok(Candidate::of(candidate.added.clone(), best))
 }
+
+/// Steps after which another shape has to be ahead.
+const SHAPED: Effort = Effort::Steps(4);
 
 /// A fit, or what `fit` makes of it with an added effect in its other shape, if that has a
 /// smaller error: the simple shape needs no reason.
