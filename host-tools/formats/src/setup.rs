@@ -19,22 +19,22 @@ use crate::error::InputError;
 #[serde(deny_unknown_fields)]
 pub struct Setup {
     /// By how much the base was turned against gravity since the angle was zeroed (°).
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub tilt_deg: Option<f64>,
     /// What hung at the tip (g).
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub tip_load_g: Option<f64>,
     /// Length of the tube between the pressure sensor and the actuator (mm).
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub tube_mm: Option<f64>,
     /// Temperature of the actuator (°C).
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub temperature_c: Option<f64>,
     /// How long the actuator had rested without pressure before (s).
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub rested_s: Option<f64>,
     /// What was new since the recording before.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub new_part: Option<NewPart>,
 }
 
@@ -69,6 +69,21 @@ impl Setup {
             self.temperature_c,
             self.rested_s,
         ]
+    }
+
+    /// What is to be done at the rig, as a sentence begins; empty where it stays as it is.
+    pub fn instruction(&self) -> String {
+        self.tilt_deg
+            .map(|tilt| format!("turn the base by {tilt}°, then "))
+            .unwrap_or_default()
+    }
+
+    /// The option of `rig record` that says it, with a blank before; empty where there is
+    /// nothing to say.
+    pub fn option(&self) -> String {
+        self.tilt_deg
+            .map(|tilt| format!(" --setup tilt_deg={tilt}"))
+            .unwrap_or_default()
     }
 
     /// By how much the base was turned (rad); not at all where nothing is said.

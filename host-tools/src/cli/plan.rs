@@ -27,6 +27,7 @@ use softrig_formats::model_file::ModelFile;
 use softrig_formats::numbers::evidence;
 use softrig_formats::own_effects::OwnEffects;
 use softrig_formats::recording::Recording;
+use softrig_formats::setup::Setup;
 
 /// Finds the run that separates two effects, within the limits of the rig, and
 /// writes it as a protocol file that `rig record` plays.
@@ -131,11 +132,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
             proposal.protocol.name,
             f64::from(proposal.protocol.total_ms()) / 1000.0,
             evidence(proposal.evidence),
-            proposal
-                .setup
-                .tilt_deg
-                .map(|tilt| format!("on a base turned by {tilt}°: "))
-                .unwrap_or_default(),
+            proposal.setup.instruction(),
             proposal.protocol.title
         );
     }
@@ -147,9 +144,12 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     if let Some(path) = args.output.as_ref().filter(|_| decides || args.force) {
         write_atomically(path, best.protocol.to_text().as_bytes())?;
         text += &format!("Protocol: {}\n", path.display());
-        if let Some(tilt) = best.setup.tilt_deg {
-            text +=
-                &format!("Turn the base by {tilt}° and record it with --setup tilt_deg={tilt}.\n");
+        if best.setup != Setup::default() {
+            text += &format!(
+                "Before it plays, {}record it with{}.\n",
+                best.setup.instruction(),
+                best.setup.option()
+            );
         }
     }
     super::print(&text)?;

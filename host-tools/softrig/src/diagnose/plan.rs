@@ -211,13 +211,9 @@ impl PredictedRun {
         const STEP: f64 = 0.1;
         let model = &rival.fit.model;
         let mut rest = Nuisance::AT_ZERO;
-        let as_it_is = Dataset::known(recording.clone(), rest);
-        let placed = as_it_is.sessions().first()?.placed(model);
-        let settled = if as_it_is.sessions().first()?.turned() == 0.0 {
-            0.0
-        } else {
-            resting(&placed)
-        };
+        let turned = recording.meta.turned_rad();
+        let placed = model.turned(turned);
+        let settled = if turned == 0.0 { 0.0 } else { resting(&placed) };
         rest.start.angle = placed.reading(&placed.at_rest(settled, 0.0));
         let data = Dataset::known(recording.clone(), rest);
         let session: &Session = data.sessions().first()?;

@@ -552,17 +552,22 @@ fn board_squares(fitter: &Fitter<'_>, model: &Model<f64>) -> Vec<f64> {
     } = fitter.validate(model);
     let data = fitter.data;
     let farthest = board::farthest(data.largest_angle());
+    let prepared = |turned: f64| OnBoard::new(&model.turned(turned), farthest).ok();
+    // Most sessions stand as the one before.
+    let mut last: Option<(f64, Option<OnBoard>)> = None;
     let mut found = residuals;
     let mut places = found.iter_mut();
     for (index, (session, nuisance)) in data.sessions().iter().zip(&nuisances).enumerate() {
         let ranges = data.ranges(index, false);
-        let predicted = if ranges.is_empty() {
-            None
-        } else {
-            OnBoard::new(&session.placed(model), farthest)
-                .ok()
-                .and_then(|board| session.predict(&board, nuisance).ok())
+        let turned = session.turned();
+        let (_, board) = match last.take() {
+            Some(board) if board.0.to_bits() == turned.to_bits() => last.insert(board),
+            _ => last.insert((turned, prepared(turned))),
         };
+        let predicted = board
+            .as_ref()
+            .filter(|_| !ranges.is_empty())
+            .and_then(|board| session.predict(board, nuisance).ok());
         let residual = predicted.map(|predicted| session.residual_of(&predicted));
         for (range, place) in ranges.into_iter().zip(&mut places) {
             if let Some(residual) = &residual {

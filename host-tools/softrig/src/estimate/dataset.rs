@@ -19,7 +19,6 @@ use crate::sim::simulate::{
 };
 use softrig_formats::model_file::KnownRange;
 use softrig_formats::recording::Recording;
-use softrig_formats::setup::Setup;
 
 /// A recording that is simulated whole.
 ///
@@ -74,7 +73,7 @@ impl Session {
             prior,
             estimated: true,
             clock,
-            turned: recording.meta.setup.as_ref().map_or(0.0, Setup::turned_rad),
+            turned: recording.meta.turned_rad(),
             interval: recording.interval(),
             sampled_every: recording.interval(),
             largest_angle: largest(&recording.angle),

@@ -203,14 +203,18 @@ mod tests {
     }
 
     /// A curved valley (Rosenbrock, 1960) whose floor leads along a parabola.
-    #[test]
-    fn a_curved_valley_is_followed_to_its_end() {
-        let mut valley = Plain {
+    fn valley() -> Plain<impl Fn(&DVector<f64>) -> Vec<f64>> {
+        Plain {
             residuals: |at: &DVector<f64>| vec![10.0 * (at[1] - at[0] * at[0]), 1.0 - at[0], 1.0],
             position: DVector::from_vec(vec![-1.2, 1.0]),
             bounds: Vec::new(),
             moves: 0,
-        };
+        }
+    }
+
+    #[test]
+    fn a_curved_valley_is_followed_to_its_end() {
+        let mut valley = valley();
         assert_eq!(
             descend(&mut valley, 60, 1e-12, &|| false),
             Descent::Converged
@@ -225,12 +229,7 @@ mod tests {
 
     #[test]
     fn an_interrupted_descent_ends_before_its_next_move() {
-        let mut valley = Plain {
-            residuals: |at: &DVector<f64>| vec![10.0 * (at[1] - at[0] * at[0]), 1.0 - at[0], 1.0],
-            position: DVector::from_vec(vec![-1.2, 1.0]),
-            bounds: Vec::new(),
-            moves: 0,
-        };
+        let mut valley = valley();
         let asked = std::cell::Cell::new(0);
         let is_interrupted = || {
             asked.set(asked.get() + 1);

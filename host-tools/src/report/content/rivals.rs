@@ -120,16 +120,8 @@ pub(super) fn next(request: &Request<'_>, diagnosis: &Diagnosis) -> Vec<NextRun>
             let [a, b] = pair.each_ref().map(|kinds| names(kinds));
             NextRun {
                 protocol: proposal.protocol.name.clone(),
-                before: proposal
-                    .setup
-                    .tilt_deg
-                    .map(|tilt| format!("turn the base by {tilt}°, then "))
-                    .unwrap_or_default(),
-                setup: proposal
-                    .setup
-                    .tilt_deg
-                    .map(|tilt| format!(" --setup tilt_deg={tilt}"))
-                    .unwrap_or_default(),
+                before: proposal.setup.instruction(),
+                setup: proposal.setup.option(),
                 title: proposal.protocol.title.clone(),
                 seconds: format!("{:.0}", f64::from(proposal.protocol.total_ms()) / 1000.0),
                 separates: [a.join(" + "), b.join(" + ")],
@@ -167,8 +159,8 @@ pub(super) fn turning(diagnosis: &Diagnosis) -> Option<String> {
     })
 }
 
-/// Whether the proposed run can be expected to separate the rivals.
+/// Whether the run that is offered first can be expected to separate the rivals.
 pub(super) fn next_suffices(diagnosis: &Diagnosis) -> bool {
-    let mut all = diagnosis.proposals.iter();
-    all.any(|(proposal, _)| proposal.evidence >= VERY_STRONG)
+    let first = diagnosis.proposals.first();
+    first.is_some_and(|(proposal, _)| proposal.evidence >= VERY_STRONG)
 }
