@@ -541,7 +541,7 @@ fn whole<'de, D: serde::Deserializer<'de>, T: TryFrom<u64>>(
 }
 
 /// A TOML parser's message about types, in words for the author of the file.
-fn in_words(message: &str) -> String {
+pub(crate) fn in_words(message: &str) -> String {
     let mut text = message.trim().replace('\n', ", ");
     for (rust, words) in [
         ("expected f64", "expected a number without quotes"),

@@ -13,6 +13,7 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 use crate::error::InputError;
+use crate::recording::in_words;
 
 /// How the rig stood.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -140,7 +141,7 @@ impl FromStr for Setup {
         }
         let setup: Self = toml::from_str(&lines).map_err(|error| {
             InputError::new(
-                format!("the setup \"{text}\": {}", error.message()),
+                format!("the setup \"{text}\": {}", in_words(error.message())),
                 "known are tilt_deg, tip_load_g, tube_mm, temperature_c, rested_s and \
                  new_part=actuator or new_part=sensor",
             )
