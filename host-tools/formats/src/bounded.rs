@@ -40,6 +40,14 @@ impl Limits {
         fields: 40_000_000,
     };
 
+    /// For another table, from a file that was read whole and so has a limit already.
+    pub const TABLE: Self = Self {
+        bytes: u64::MAX,
+        row_bytes: MIB,
+        rows: u64::MAX,
+        fields: u64::MAX,
+    };
+
     /// Says that there are more rows or fields than are read.
     ///
     /// # Errors

@@ -31,5 +31,6 @@ pub mod ranges;
 pub mod recording;
 pub mod settings_file;
 pub mod setup;
+pub mod table;
 pub mod terminal;
 mod toml_reader;

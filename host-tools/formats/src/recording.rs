@@ -268,7 +268,7 @@ impl Recording {
         limits: Limits,
     ) -> Result<(Self, Vec<String>), InputError> {
         Ok(Self::of(
-            formats::dialect::read(text, path, layout, limits)?,
+            formats::text::read(text, path, layout, limits)?,
             path,
         ))
     }

@@ -2,9 +2,11 @@
 //!
 //! Tensile tests come as exports of many machines. Two layouts are read: that of
 //! the Soft Robotics Materials Database (a dozen lines about the test, then a
-//! line that starts with `Time (s)`, separated by semicolons) and a plain table
-//! whose first line names its columns. Anything else is refused with the file, the
-//! line and the column, since a misread curve would still give an exponent.
+//! line that starts with `Time (s)`) and a plain table whose first line names its
+//! columns. How a table is written (delimiter, decimal sign, encoding) is found
+//! out as for a recording, by [`softrig_formats::table`]. Anything else is refused
+//! with the file, the line and the column, since a misread curve would still give
+//! an exponent.
 //!
 //! | column | accepted names |
 //! |---|---|
@@ -13,13 +15,16 @@
 //! | time | `time`; checked, not used |
 //!
 //! Case, spaces and punctuation in a name do not matter; a name without a
-//! measure means engineering. A missing measure is derived, with ε the
+//! measure means engineering, and a unit may stand in a row beneath the names instead
+//! of in them. A missing measure is derived, with ε the
 //! engineering strain: true strain = ln(1 + ε), true stress = (1 + ε) ·
 //! engineering stress.
 
 use std::path::{Path, PathBuf};
 
+use softrig_formats::bounded::Limits;
 use softrig_formats::error::InputError;
+use softrig_formats::table::{Header, Numbers, Row, Rows, Wanted, seems_number};
 use strum::{Display, EnumMessage, EnumString, IntoStaticStr, VariantArray};
 
 /// A stress or strain measure.
@@ -104,69 +109,115 @@ const LARGEST_STRESS_MPA: f64 = 500.0;
 /// material of the database passes it at a strain of 0.07.
 const SMALLEST_PEAK_MPA: f64 = 1e-4;
 
+/// Lines about the test that are looked through for the header: four times as many
+/// as the database has.
+const LINES_ABOVE: usize = 64;
+
+/// What a column holds.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Meaning {
-    Strain { measure: Measure, scale: f64 },
-    Stress { measure: Measure, scale: f64 },
+enum Quantity {
+    Strain(Measure),
+    Stress(Measure),
     Time,
 }
 
 /// What is wrong, and what to do.
 type Fault = (&'static str, &'static str);
 
-/// Understands the name of a column; `None` for a column that is not needed,
-/// an error for one that looks needed but cannot be used.
-fn meaning(name: &str) -> Result<Option<Meaning>, Fault> {
-    let plain: String = name
-        .to_lowercase()
+/// The letters and digits of a name or a unit, in small.
+fn plain(text: &str) -> String {
+    text.to_lowercase()
         .replace('%', "percent")
         .replace('²', "2")
         .chars()
         .filter(|c| c.is_alphanumeric())
-        .collect();
-    if plain.starts_with("time") {
-        return Ok(Some(Meaning::Time));
+        .collect()
+}
+
+impl Quantity {
+    /// Understands the name of a column, as far as the unit in it, which is returned
+    /// with it; `None` for a column that is not needed.
+    fn of(name: &str) -> Option<(Self, String)> {
+        let plain = plain(name);
+        if plain.starts_with("time") {
+            return Some((Self::Time, String::new()));
+        }
+        let (measure, rest) = [
+            ("engineering", Measure::Engineering),
+            ("nominal", Measure::Engineering),
+            ("eng", Measure::Engineering),
+            ("logarithmic", Measure::True),
+            ("true", Measure::True),
+        ]
+        .into_iter()
+        .find_map(|(prefix, measure)| plain.strip_prefix(prefix).map(|rest| (measure, rest)))
+        .unwrap_or((Measure::Engineering, &plain));
+        if let Some(unit) = rest.strip_prefix("strain") {
+            let is_rate = matches!(unit, "rate" | "rate1s");
+            return (!is_rate).then(|| (Self::Strain(measure), unit.to_owned()));
+        }
+        let unit = rest.strip_prefix("stress")?;
+        Some((Self::Stress(measure), unit.to_owned()))
     }
-    let (measure, rest) = [
-        ("engineering", Measure::Engineering),
-        ("nominal", Measure::Engineering),
-        ("eng", Measure::Engineering),
-        ("logarithmic", Measure::True),
-        ("true", Measure::True),
-    ]
-    .into_iter()
-    .find_map(|(prefix, measure)| plain.strip_prefix(prefix).map(|rest| (measure, rest)))
-    .unwrap_or((Measure::Engineering, &plain));
-    if let Some(unit) = rest.strip_prefix("strain") {
-        let scale = match unit {
-            "" | "1" | "mmmm" => 1.0,
-            "percent" | "pct" => 0.01,
-            "rate" | "rate1s" => return Ok(None),
-            _ => {
+
+    /// What its numbers in a unit are multiplied by, to be fractions or MPa.
+    fn scale(self, unit: &str) -> Result<f64, Fault> {
+        Ok(match (self, unit) {
+            (Self::Time, _)
+            | (Self::Strain(_), "" | "1" | "mmmm")
+            | (Self::Stress(_), "mpa" | "nmm2") => 1.0,
+            (Self::Strain(_), "percent" | "pct") => 0.01,
+            (Self::Stress(_), "kpa") => 1e-3,
+            (Self::Stress(_), "pa") => 1e-6,
+            (Self::Strain(_), _) => {
                 return Err((
                     "has an unknown unit of strain",
                     "use a fraction, or `strain (%)`",
                 ));
             }
-        };
-        return Ok(Some(Meaning::Strain { measure, scale }));
-    }
-    if let Some(unit) = rest.strip_prefix("stress") {
-        let scale = match unit {
-            "mpa" | "nmm2" => 1.0,
-            "kpa" => 1e-3,
-            "pa" => 1e-6,
-            "" => {
+            (Self::Stress(_), "") => {
                 return Err((
                     "has no unit",
                     "name it `stress_mpa`, `stress_kpa` or `stress_pa`",
                 ));
             }
-            _ => return Err(("has an unknown unit of stress", "use MPa, kPa or Pa")),
-        };
-        return Ok(Some(Meaning::Stress { measure, scale }));
+            (Self::Stress(_), _) => {
+                return Err(("has an unknown unit of stress", "use MPa, kPa or Pa"));
+            }
+        })
     }
-    Ok(None)
+}
+
+/// Whether names are those of a tensile curve: as the database begins them, or with
+/// a strain and a stress among them.
+fn are_of_a_curve(names: &[String]) -> bool {
+    let quantities: Vec<Quantity> = names
+        .iter()
+        .filter_map(|name| Quantity::of(name))
+        .map(|(quantity, _)| quantity)
+        .collect();
+    let has = |is: fn(&Quantity) -> bool| quantities.iter().any(is);
+    let has_both =
+        has(|it| matches!(it, Quantity::Strain(_))) && has(|it| matches!(it, Quantity::Stress(_)));
+    let [first, _, ..] = names else {
+        return false;
+    };
+    has_both || first.starts_with("Time (s)")
+}
+
+/// Whether a row holds the units of the columns above it: it has no number in it, and
+/// one of strain or stress.
+fn is_of_units(row: &Row, header: &Header) -> bool {
+    let is_unit = |(column, name): (usize, &String)| {
+        let unit = plain(&row.field(column));
+        !unit.is_empty()
+            && Quantity::of(name).is_some_and(|(quantity, _)| {
+                quantity != Quantity::Time && quantity.scale(&unit).is_ok()
+            })
+    };
+    row.width() == header.names.len()
+        && !(0..row.width()).any(|column| seems_number(&row.field(column)))
+        && header.names.iter().enumerate().any(is_unit)
 }
 
 /// A column that is used: where it stands and what its numbers mean.
@@ -188,34 +239,52 @@ struct Columns {
 }
 
 impl Columns {
-    fn of(path: &Path, line: u64, header: &csv::StringRecord) -> Result<Self, InputError> {
-        let bad = |column: &str, (found, advice): Fault| {
+    /// Finds the columns in a header, with their units in it or in a row beneath it.
+    fn of(path: &Path, header: &Header, units: Option<&Row>) -> Result<Self, InputError> {
+        let bad = |line, column: &str, (found, advice): Fault| {
             InputError::new(found, advice)
                 .in_file(path)
                 .at_line(line)
                 .in_column(column)
         };
         let mut columns = Self {
-            names: header.iter().map(str::to_owned).collect(),
+            names: header.names.clone(),
             ..Self::default()
         };
-        for (index, name) in header.iter().enumerate() {
-            let Some(meaning) = meaning(name).map_err(|fault| bad(name, fault))? else {
+        for (index, name) in header.names.iter().enumerate() {
+            let Some((quantity, unit)) = Quantity::of(name) else {
                 continue;
             };
-            let (slot, scale) = match meaning {
-                Meaning::Strain { measure, scale } => match measure {
-                    Measure::Engineering => (&mut columns.engineering_strain, scale),
-                    Measure::True => (&mut columns.true_strain, scale),
-                },
-                Meaning::Stress { measure, scale } => match measure {
-                    Measure::Engineering => (&mut columns.engineering_stress, scale),
-                    Measure::True => (&mut columns.true_stress, scale),
-                },
-                Meaning::Time => (&mut columns.time, 1.0),
+            let beneath = units.map(|row| (row.line(), plain(&row.field(index))));
+            let (line, unit) = match &beneath {
+                Some((line, beneath)) if unit.is_empty() => (*line, beneath),
+                _ => (header.line, &unit),
+            };
+            let scale = quantity
+                .scale(unit)
+                .map_err(|fault| bad(line, name, fault))?;
+            if let Some((line, beneath)) = &beneath
+                && !beneath.is_empty()
+                && quantity
+                    .scale(beneath)
+                    .is_ok_and(|other| other.total_cmp(&scale).is_ne())
+            {
+                let fault = (
+                    "has another unit beneath its name than in it",
+                    "correct one of the two",
+                );
+                return Err(bad(*line, name, fault));
+            }
+            let slot = match quantity {
+                Quantity::Strain(Measure::Engineering) => &mut columns.engineering_strain,
+                Quantity::Strain(Measure::True) => &mut columns.true_strain,
+                Quantity::Stress(Measure::Engineering) => &mut columns.engineering_stress,
+                Quantity::Stress(Measure::True) => &mut columns.true_stress,
+                Quantity::Time => &mut columns.time,
             };
             if slot.is_some() {
                 return Err(bad(
+                    header.line,
                     name,
                     ("means the same as an earlier column", "keep one of the two"),
                 ));
@@ -232,7 +301,7 @@ impl Columns {
                 format!("name one `{example}`"),
             )
             .in_file(path)
-            .at_line(line)
+            .at_line(header.line)
         };
         if columns.engineering_strain.is_none() && columns.true_strain.is_none() {
             return Err(missing("strain", "strain"));
@@ -262,74 +331,65 @@ impl TensileCurve {
     ///
     /// As for [`read`](Self::read).
     pub fn parse(path: &Path, bytes: &[u8]) -> Result<Self, InputError> {
-        if bytes.contains(&0)
-            || bytes.starts_with(&[0xFF, 0xFE])
-            || bytes.starts_with(&[0xFE, 0xFF])
-        {
-            return Err(InputError::new(
-                "is not a text file in UTF-8",
-                "export the test again as CSV in UTF-8",
-            )
-            .in_file(path));
-        }
-        // A stray byte in a comment about the test does no harm, and in a number
-        // it is refused where it stands.
-        let text = String::from_utf8_lossy(bytes);
-        let text = text.trim_start_matches('\u{feff}');
-        let head = Head::find(path, text)?;
-
-        let mut reader = csv::ReaderBuilder::new()
-            .delimiter(head.delimiter)
-            .has_headers(false)
-            .flexible(true)
-            .trim(csv::Trim::All)
-            .from_reader(head.table.as_bytes());
-        let mut lines = Lines::new(head.table, head.lines_before);
-        let mut records = Vec::new();
-        for record in reader.records() {
-            // Reading from memory, valid UTF-8 and any number of fields leave
-            // the reader nothing to refuse.
-            let record = record.map_err(|error| InputError::from_io(path, &error.into()))?;
-            let line = lines.of(record.position().map_or(0, csv::Position::byte));
-            records.push((line, record));
-        }
-        let mut records = records.into_iter();
-        let Some((line, header)) = records.next() else {
-            return Err(InputError::new("is empty", "export the test again").in_file(path));
+        let fault = |found: &str, advice: &str| InputError::new(found, advice).in_file(path);
+        let wanted = Wanted {
+            names: &are_of_a_curve,
+            lines_above: LINES_ABOVE,
         };
-        let columns = Columns::of(path, line, &header)?;
-        let rows: Vec<(u64, csv::StringRecord)> = records
-            // Spreadsheets pad tables with lines of separators.
-            .filter(|(_, record)| record.iter().any(|field| !field.is_empty()))
-            .collect();
-        let reader = Rows {
+        let Some((header, rows)) = Rows::open(bytes, path, Limits::TABLE, wanted)? else {
+            return Err(fault("is empty", "export the test again"));
+        };
+        if header.names.first().is_some_and(|name| name == "PARAMETER") {
+            return Err(fault(
+                "describes a test but no line starts with `Time (s)`",
+                "the samples were cut off, fetch the file again",
+            ));
+        }
+        let mut rows = Filled { rows };
+        let mut row = Row::default();
+        let mut more = rows.next(&mut row)?;
+        let mut notes = Vec::new();
+        let columns = if more && is_of_units(&row, &header) {
+            let columns = Columns::of(path, &header, Some(&row))?;
+            notes.push(format!("line {} is taken for a row of units", row.line()));
+            more = rows.next(&mut row)?;
+            columns
+        } else {
+            Columns::of(path, &header, None)?
+        };
+        let mut reader = Reader {
             path,
             columns: &columns,
+            numbers: Numbers::default(),
         };
-        let last = rows.len().saturating_sub(1);
-        let mut curve = Self {
-            path: path.to_owned(),
-            material: head.material.unwrap_or_else(|| {
-                path.file_stem()
-                    .map(|stem| stem.to_string_lossy().into_owned())
-                    .unwrap_or_default()
-            }),
-            samples: Vec::with_capacity(rows.len()),
-            notes: Vec::new(),
-        };
+        let mut lines = Vec::new();
+        let mut samples = Vec::new();
+        let mut time = Time::default();
         let mut peak: f64 = 0.0;
-        for (index, (line, record)) in rows.iter().enumerate() {
-            let sample = reader.sample(*line, record, index == last)?;
+        while more {
+            if row.width() != header.names.len() {
+                let line = row.line();
+                let fields = row.width();
+                let is_last = matches!(rows.next(&mut row), Ok(false));
+                return Err(reader.wrong_width(line, fields, is_last));
+            }
+            time.note(reader.time(&row), row.line(), &mut notes);
+            let sample = reader.sample(&row)?;
             peak = peak.max(sample.true_stress_mpa.abs());
-            curve.samples.push(sample);
+            samples.push(sample);
+            lines.push(row.line());
+            more = rows.next(&mut row)?;
         }
-        if curve.samples.is_empty() {
-            return Err(InputError::new(
+        reader
+            .numbers
+            .check()
+            .map_err(|error| error.in_file(path))?;
+        let Some(last) = lines.last() else {
+            return Err(fault(
                 "names columns but holds no sample",
                 "export the test again",
-            )
-            .in_file(path));
-        }
+            ));
+        };
         if peak < SMALLEST_PEAK_MPA {
             let column = columns.engineering_stress.or(columns.true_stress);
             return Err(InputError::new(
@@ -337,12 +397,20 @@ impl TensileCurve {
                 "correct the column's name",
             )
             .in_file(path)
-            .at_line(rows[last].0)
+            .at_line(*last)
             .in_column(column.map(|column| column.name).unwrap_or_default()));
         }
-        reader.note_time(&rows, &mut curve.notes);
-        note_measures(&rows, &curve.samples, &mut curve.notes);
-        Ok(curve)
+        note_measures(&lines, &samples, &mut notes);
+        Ok(Self {
+            path: path.to_owned(),
+            material: material(&header).unwrap_or_else(|| {
+                path.file_stem()
+                    .map(|stem| stem.to_string_lossy().into_owned())
+                    .unwrap_or_default()
+            }),
+            samples,
+            notes,
+        })
     }
 
     /// The largest strain.
@@ -354,106 +422,38 @@ impl TensileCurve {
     }
 }
 
-/// Numbers the lines of records.
-///
-/// The CSV reader counts from the end of the previous record, so that blank
-/// lines would shift every number after them by one.
-struct Lines<'a> {
-    bytes: &'a [u8],
-    at: usize,
-    line: u64,
+/// The material that the lines above the header name.
+fn material(header: &Header) -> Option<String> {
+    let lines = header.above.iter().rev();
+    let mut named = lines.filter(|line| line.first().is_some_and(|first| first == "Material"));
+    let name = named.next()?.get(1)?;
+    (!name.is_empty()).then(|| name.clone())
 }
 
-impl<'a> Lines<'a> {
-    fn new(table: &'a str, lines_before: u64) -> Self {
-        Self {
-            bytes: table.as_bytes(),
-            at: 0,
-            line: lines_before + 1,
-        }
-    }
+/// The rows that hold something: spreadsheets pad tables with lines of separators.
+struct Filled<'a> {
+    rows: Rows<'a, &'a [u8]>,
+}
 
-    /// The line of the record that begins at or after an offset; offsets must
-    /// not decrease.
-    fn of(&mut self, offset: u64) -> u64 {
-        let offset = usize::try_from(offset).unwrap_or(usize::MAX);
-        while let Some(byte) = self.bytes.get(self.at)
-            && (self.at < offset || matches!(byte, b'\n' | b'\r'))
-        {
-            self.line += u64::from(*byte == b'\n');
-            self.at += 1;
+impl Filled<'_> {
+    fn next(&mut self, row: &mut Row) -> Result<bool, InputError> {
+        while self.rows.next(row)? {
+            if !row.is_blank() {
+                return Ok(true);
+            }
         }
-        self.line
+        Ok(false)
     }
 }
 
-/// Where the table starts in a file.
-struct Head<'a> {
-    table: &'a str,
-    lines_before: u64,
-    delimiter: u8,
-    material: Option<String>,
-}
-
-impl<'a> Head<'a> {
-    fn find(path: &Path, text: &'a str) -> Result<Self, InputError> {
-        let mut before = 0;
-        let mut material = None;
-        let mut rest = text;
-        while !rest.is_empty() {
-            let line = rest.lines().next().unwrap_or_default();
-            if line.starts_with("Time (s)") && line.contains(';') {
-                return Ok(Self {
-                    table: rest,
-                    lines_before: before,
-                    delimiter: b';',
-                    material,
-                });
-            }
-            if let Some(value) = line.strip_prefix("Material;") {
-                let value = value.split(';').next().unwrap_or_default().trim();
-                material = (!value.is_empty()).then(|| value.to_owned());
-            }
-            before += 1;
-            rest = rest.split_once('\n').map_or("", |(_, after)| after);
-        }
-        if text.starts_with("PARAMETER;") {
-            return Err(InputError::new(
-                "describes a test but no line starts with `Time (s)`",
-                "the samples were cut off, fetch the file again",
-            )
-            .in_file(path));
-        }
-        // A plain table: the first line that is neither empty nor a comment.
-        let mut before = 0;
-        let mut rest = text;
-        while !rest.is_empty() {
-            let line = rest.lines().next().unwrap_or_default().trim();
-            if !line.is_empty() && !line.starts_with('#') {
-                let count = |delimiter: &u8| line.bytes().filter(|b| b == delimiter).count();
-                return Ok(Self {
-                    table: rest,
-                    lines_before: before,
-                    delimiter: *[b',', b';', b'\t']
-                        .iter()
-                        .max_by_key(|delimiter| count(delimiter))
-                        .unwrap_or(&b','),
-                    material: None,
-                });
-            }
-            before += 1;
-            rest = rest.split_once('\n').map_or("", |(_, after)| after);
-        }
-        Err(InputError::new("is empty", "export the test again").in_file(path))
-    }
-}
-
-struct Rows<'a> {
+/// Reads the samples of a file.
+struct Reader<'a> {
     path: &'a Path,
     columns: &'a Columns,
+    numbers: Numbers,
 }
 
-impl Rows<'_> {
+impl Reader<'_> {
     fn bad(
         &self,
         line: u64,
@@ -467,69 +467,55 @@ impl Rows<'_> {
             .in_column(column.name.as_str())
     }
 
-    fn number(
-        &self,
-        line: u64,
-        record: &csv::StringRecord,
-        column: Option<&Column>,
-    ) -> Result<Option<f64>, InputError> {
+    /// A row with another number of fields than the header.
+    fn wrong_width(&self, line: u64, fields: usize, is_last: bool) -> InputError {
+        let expected = self.columns.names.len();
+        let advice = if is_last && fields < expected {
+            "the file ends in the middle of a line, so delete that line or export again"
+        } else {
+            "correct the line or delete it"
+        };
+        InputError::new(
+            format!(
+                "{} where the header names {expected}",
+                plural(fields, "field")
+            ),
+            advice,
+        )
+        .in_file(self.path)
+        .at_line(line)
+    }
+
+    fn number(&mut self, row: &Row, column: Option<&Column>) -> Result<Option<f64>, InputError> {
         let Some(column) = column else {
             return Ok(None);
         };
-        let field = record.get(column.index).unwrap_or_default();
-        if field.is_empty() {
-            return Err(self.bad(line, column, "is empty", "fill it in or delete the line"));
-        }
-        match field.parse::<f64>() {
-            Ok(value) if value.is_finite() => Ok(Some(value * column.scale)),
-            Ok(_) => Err(self.bad(
-                line,
+        let field = row.field(column.index);
+        let value = self
+            .numbers
+            .read(&field, row.line(), &column.name)
+            .map_err(|error| error.in_file(self.path))?;
+        if !value.is_finite() {
+            return Err(self.bad(
+                row.line(),
                 column,
                 format!("`{field}` is not a finite number"),
                 "correct it or delete the line",
-            )),
-            Err(_) if field.contains(',') && field.replacen(',', ".", 1).parse::<f64>().is_ok() => {
-                Err(self.bad(
-                    line,
-                    column,
-                    format!("`{field}` has a decimal comma"),
-                    "export with decimal points",
-                ))
-            }
-            Err(_) => Err(self.bad(
-                line,
-                column,
-                format!("`{field}` is not a number"),
-                "correct it or delete the line",
-            )),
+            ));
         }
+        Ok(Some(value * column.scale))
     }
 
-    fn sample(
-        &self,
-        line: u64,
-        record: &csv::StringRecord,
-        is_last: bool,
-    ) -> Result<Sample, InputError> {
+    /// The time of a row, if it is a number: no fit uses it.
+    fn time(&mut self, row: &Row) -> Option<f64> {
         let columns = self.columns;
-        if record.len() != columns.names.len() {
-            let advice = if is_last && record.len() < columns.names.len() {
-                "the file ends in the middle of a line, so delete that line or export again"
-            } else {
-                "correct the line or delete it"
-            };
-            return Err(InputError::new(
-                format!(
-                    "{} where the header names {}",
-                    plural(record.len(), "field"),
-                    columns.names.len()
-                ),
-                advice,
-            )
-            .in_file(self.path)
-            .at_line(line));
-        }
-        let given = |column: &Option<Column>| self.number(line, record, column.as_ref());
+        self.number(row, columns.time.as_ref()).ok().flatten()
+    }
+
+    fn sample(&mut self, row: &Row) -> Result<Sample, InputError> {
+        let line = row.line();
+        let columns = self.columns;
+        let mut given = |column: &Option<Column>| self.number(row, column.as_ref());
         let engineering_strain = given(&columns.engineering_strain)?;
         let true_strain = given(&columns.true_strain)?;
         let engineering_stress = given(&columns.engineering_stress)?;
@@ -592,33 +578,33 @@ impl Rows<'_> {
         }
         Ok(sample)
     }
+}
 
-    /// Says if time runs backwards, as in five files of the database.
-    fn note_time(&self, rows: &[(u64, csv::StringRecord)], notes: &mut Vec<String>) {
-        let Some(column) = &self.columns.time else {
-            return;
-        };
-        let mut previous: Option<f64> = None;
-        for (line, record) in rows {
-            let time = record
-                .get(column.index)
-                .and_then(|field| field.parse::<f64>().ok());
-            if let (Some(before), Some(now)) = (previous, time)
-                && now < before
-            {
-                notes.push(format!(
-                    "time runs backwards at line {line} ({before} s, then {now} s); the fit does \
-                     not use it"
-                ));
-                return;
-            }
-            previous = time;
+/// The time of the row before.
+#[derive(Default)]
+struct Time {
+    previous: Option<f64>,
+    noted: bool,
+}
+
+impl Time {
+    /// Says, once, if time runs backwards, as in five files of the database.
+    fn note(&mut self, now: Option<f64>, line: u64, notes: &mut Vec<String>) {
+        if let (Some(before), Some(now), false) = (self.previous, now, self.noted)
+            && now < before
+        {
+            self.noted = true;
+            notes.push(format!(
+                "time runs backwards at line {line} ({before} s, then {now} s); the fit does \
+                 not use it"
+            ));
         }
+        self.previous = now;
     }
 }
 
 /// Says if the two measures of the file contradict each other.
-fn note_measures(rows: &[(u64, csv::StringRecord)], samples: &[Sample], notes: &mut Vec<String>) {
+fn note_measures(lines: &[u64], samples: &[Sample], notes: &mut Vec<String>) {
     let apart = |a: f64, b: f64| (a - b).abs() > 1e-4 + 0.01 * a.abs().max(b.abs());
     let mut report = |what: &str, lines: Vec<u64>| {
         if let Some(first) = lines.first() {
@@ -631,10 +617,11 @@ fn note_measures(rows: &[(u64, csv::StringRecord)], samples: &[Sample], notes: &
         }
     };
     let faulty = |is_faulty: &dyn Fn(&Sample) -> bool| -> Vec<u64> {
-        rows.iter()
+        lines
+            .iter()
             .zip(samples)
             .filter(|(_, sample)| is_faulty(sample))
-            .map(|((line, _), _)| *line)
+            .map(|(line, _)| *line)
             .collect()
     };
     report(
@@ -705,6 +692,51 @@ mod tests {
         );
     }
 
+    /// However a test is exported, its samples are the same to the bit.
+    #[test]
+    fn a_curve_in_another_dialect_is_the_same_curve() {
+        let utf16 = |text: &str, bytes: fn(u16) -> [u8; 2]| -> Vec<u8> {
+            text.encode_utf16().flat_map(bytes).collect()
+        };
+        let with_commas = DATABASE.replace('.', ",");
+        let marked = format!("\u{feff}{with_commas}");
+        let latin_1 = with_commas.replace("450;;", "450;Universit\u{e9};");
+        let latin_1 = latin_1.chars().map(|c| u8::try_from(c).unwrap()).collect();
+        let table = DATABASE.split_inclusive('\n').skip(4).collect::<String>();
+        let beneath = with_commas
+            .replace(" (s);", ";")
+            .replace(" (MPa)", "")
+            .replace("\n0,2;", "\ns;-;MPa;mm/mm;[MPa]\n0,2;");
+        let beneath = beneath.split_inclusive('\n').skip(4).collect::<String>();
+        let samples = parse(DATABASE).unwrap().samples;
+        for (name, bytes) in [
+            ("decimal commas", with_commas.clone().into_bytes()),
+            ("tabs", with_commas.replace(';', "\t").into_bytes()),
+            ("commas between columns", DATABASE.replace(';', ",").into()),
+            ("UTF-16LE", utf16(&marked, u16::to_le_bytes)),
+            (
+                "UTF-16BE without a mark",
+                utf16(&with_commas, u16::to_be_bytes),
+            ),
+            ("Latin-1", latin_1),
+            ("a plain table", format!("% by hand\n{table}").into_bytes()),
+            ("a comment as header", format!("# {table}").into_bytes()),
+            ("a row of units", beneath.into_bytes()),
+        ] {
+            let curve = TensileCurve::parse(Path::new("Dragon Skin 20.csv"), &bytes)
+                .unwrap_or_else(|error| panic!("{name}: {error}"));
+            assert_eq!(curve.samples, samples, "{name}");
+            assert_eq!(curve.material, "Dragon Skin 20", "{name}");
+            assert_eq!(curve.notes.len(), usize::from(name == "a row of units"));
+        }
+        let percent = parse("Strain;Stress\n[%];[kPa]\n50;200\n").unwrap();
+        assert_eq!(
+            percent.samples,
+            parse("strain,stress_mpa\n0.5,0.2\n").unwrap().samples
+        );
+        assert_eq!(percent.notes, ["line 2 is taken for a row of units"]);
+    }
+
     #[test]
     fn oddities_of_the_database_are_noted() {
         let text = format!("{DATABASE}0.1;0.2623643;-0.039;0.3;0.03\n");
@@ -761,17 +793,41 @@ mod tests {
             ),
             (
                 "strain,stress_mpa\n0.1,0.2\n\n,0.3\n",
-                "silicone.csv, line 4, column strain: is empty; fill it in or delete the line",
+                "silicone.csv, line 4, column strain: is empty; \
+                 write numbers with a decimal point and no unit, or delete the row",
             ),
             (
                 "strain;stress_mpa\n0.1;0,2\n",
                 "silicone.csv, line 2, column stress_mpa: \
-                 `0,2` has a decimal comma; export with decimal points",
+                 \"0,2\" has a comma, and numbers above have decimal points; \
+                 write all numbers in one way, without separators between thousands",
+            ),
+            (
+                "% pulled by hand\r\nstrain;stress_kpa\r\n\r\n1;2\r\n2;1,234\r\n",
+                "silicone.csv, line 5, column stress_kpa: \
+                 \"1,234\" may be 1.234 or 1234: nothing in the file tells which; \
+                 write numbers with a decimal point, and without separators between thousands",
+            ),
+            (
+                "Time (s);strain;stress_mpa\n1,234;1;2\n",
+                "silicone.csv, line 2, column Time (s): \
+                 \"1,234\" may be 1.234 or 1234: nothing in the file tells which; \
+                 write numbers with a decimal point, and without separators between thousands",
+            ),
+            (
+                "strain;stress\n%;psi\n1;2\n",
+                "silicone.csv, line 2, column stress: has an unknown unit of stress; \
+                 use MPa, kPa or Pa",
+            ),
+            (
+                "strain;stress (kPa)\n%;MPa\n1;2\n",
+                "silicone.csv, line 2, column stress (kPa): \
+                 has another unit beneath its name than in it; correct one of the two",
             ),
             (
                 "strain,stress_mpa\n0.1,0.2\nx,0.3\n",
                 "silicone.csv, line 3, column strain: \
-                 `x` is not a number; correct it or delete the line",
+                 \"x\" is not a number; write numbers with a decimal point and no unit, or delete the row",
             ),
             (
                 "strain,stress_mpa\n0.1,0.2\n0.3\n0.2,0.3\n",
@@ -811,8 +867,8 @@ mod tests {
         ] {
             assert_eq!(message(text), expected, "for {text:?}");
         }
-        let binary = TensileCurve::parse(Path::new("a.csv"), b"\xFF\xFEs\0t\0").unwrap_err();
-        assert!(binary.to_string().contains("not a text file in UTF-8"));
+        let binary = TensileCurve::parse(Path::new("a.csv"), b"\x7FELF\x02\x01").unwrap_err();
+        assert!(binary.to_string().contains("text file in UTF-8"));
         let missing = TensileCurve::read(Path::new("no such file.csv")).unwrap_err();
         assert!(missing.to_string().contains("check the path"));
     }

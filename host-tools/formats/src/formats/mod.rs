@@ -6,7 +6,6 @@
 //! format.
 
 mod arrays;
-pub(crate) mod dialect;
 mod guard;
 pub(crate) mod mat;
 #[cfg(feature = "mcap")]
@@ -16,6 +15,7 @@ pub(crate) mod names;
 pub(crate) mod parquet;
 #[cfg(feature = "mcap")]
 mod ros;
+pub(crate) mod text;
 pub mod write;
 
 use std::fs::File;
@@ -213,7 +213,7 @@ pub fn read(path: &Path, layout: &Layout) -> Result<Samples, InputError> {
     if packed {
         // Files that were appended to have several members.
         let unpacked = flate2::bufread::MultiGzDecoder::new(BufReader::new(whole));
-        return dialect::read(unpacked, path, layout, limits);
+        return text::read(unpacked, path, layout, limits);
     }
     read_from(&start, whole, path, layout, limits)
 }
@@ -260,7 +260,7 @@ fn read_from(
             "export the sheet as CSV",
         )
     } else {
-        dialect::read(whole, path, layout, limits)
+        text::read(whole, path, layout, limits)
     }
 }
 

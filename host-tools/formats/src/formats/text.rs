@@ -1,0 +1,447 @@
+//! Recordings in tables of text.
+//!
+//! What is special about a recording in such a table: its three columns by their names, a row
+//! of units beneath them, other columns that are kept as text, and an end that may have been cut
+//! off. Everything else is that of any [`table`](crate::table).
+
+use std::borrow::Cow;
+use std::io::Read;
+use std::path::Path;
+
+use super::{LARGEST_NUMBER, Samples, names, not_usable, optional_name};
+use crate::bounded::Limits;
+use crate::columns::{Columns, Layout, Quantity, Unit};
+use crate::error::InputError;
+use crate::recording::Column;
+use crate::table::{Numbers, Row, Rows, Wanted, is_with_comma, seems_number};
+
+/// Reads a table, as far as `limits` allow; it is never held whole.
+///
+/// # Errors
+///
+/// Names file, line, column and remedy for anything that is not a recording.
+pub fn read(
+    text: impl Read,
+    path: &Path,
+    layout: &Layout,
+    limits: Limits,
+) -> Result<Samples, InputError> {
+    let wanted = Wanted {
+        names: &|names| has_all(names, layout),
+        lines_above: 0,
+    };
+    let Some((header, mut rows)) = Rows::open(text, path, limits, wanted)? else {
+        return Err(InputError::new(
+            "is empty",
+            "record it again, or leave it out of the command",
+        )
+        .in_file(path));
+    };
+    let header_line = header.line;
+    let header = header.names;
+    let places = names::find(&header, layout, "column")
+        .map_err(|error| error.in_file(path).at_line(header_line))?;
+    let other: Vec<usize> = (0..header.len())
+        .filter(|column| !places.contains(column))
+        .collect();
+    let mut samples = Samples {
+        extra: other
+            .iter()
+            .map(|&column| Column {
+                name: optional_name(&header[column], layout),
+                fields: Vec::new(),
+            })
+            .collect(),
+        columns: layout.columns,
+        ..Samples::default()
+    };
+    let mut numbers = Numbers::default();
+    let mut record = Row::default();
+    let mut first = true;
+    while rows.next(&mut record)? {
+        let line = record.line();
+        // What is known to stand elsewhere stays there.
+        let place = |error: InputError| match error.line {
+            Some(_) => error.in_file(path),
+            None => error.in_file(path).at_line(line),
+        };
+        if record.width() != header.len() {
+            let last = matches!(rows.next(&mut Row::default()), Ok(false));
+            return Err(place(wrong_length(record.width(), header.len(), last)));
+        }
+        let fields = places.map(|column| record.field(column));
+        if std::mem::take(&mut first) {
+            let said = units_row(&fields, layout).map_err(place)?;
+            if let Some((said, remark)) = said {
+                samples.columns = layout.columns.or(said);
+                let path = path.display();
+                samples
+                    .warnings
+                    .push(format!("{path}, line {line}: is a row of units: {remark}"));
+                samples.check_units_in_names(layout).map_err(place)?;
+                continue;
+            }
+            samples
+                .check_units_in_names(layout)
+                .map_err(|error| error.in_file(path).at_line(header_line))?;
+        }
+        let mut row = [0.0; 3];
+        for ((number, field), quantity) in row.iter_mut().zip(&fields).zip(Quantity::ALL) {
+            let column = layout.names.of(quantity);
+            *number = numbers.read(field, line, column).map_err(place)?;
+            if number.is_nan() || number.abs() > LARGEST_NUMBER {
+                return Err(place(not_usable(field).in_column(column)));
+            }
+            samples.decimals[quantity as usize].count(field);
+        }
+        if let Some((of, question)) = samples.push(row, layout).map_err(place)? {
+            let (path, column) = (path.display(), layout.names.of(of));
+            samples
+                .warnings
+                .push(format!("{path}, line {line}, column {column}: {question}"));
+        }
+        for (kept, &column) in samples.extra.iter_mut().zip(&other) {
+            kept.fields.push(record.field(column).into_owned());
+        }
+    }
+    numbers.check().map_err(|error| error.in_file(path))?;
+    if numbers.have_commas() {
+        let fields = samples.extra.iter_mut().flat_map(|it| &mut it.fields);
+        for field in fields.filter(|field| is_with_comma(field)) {
+            *field = field.replace(',', ".");
+        }
+    }
+    samples.forget_converted_decimals();
+    samples
+        .check_length()
+        .map_err(|error| error.in_file(path))?;
+    if !rows.end_with_line() {
+        samples.warnings.push(format!(
+            "{}: the last line has no line end; if the recording was cut off there, its last value may be wrong",
+            path.display()
+        ));
+    }
+    Ok(samples)
+}
+
+/// Whether all three wanted names are among those of a header.
+fn has_all(names: &[String], layout: &Layout) -> bool {
+    let wanted = Quantity::ALL.map(|quantity| layout.names.of(quantity));
+    wanted.iter().all(|name| names.iter().any(|it| it == name))
+}
+
+/// The units in a row beneath the header, with a sentence about them; none if the row is no
+/// such row: if one of its fields is a number, or none of them a unit.
+fn units_row(
+    fields: &[Cow<'_, str>; 3],
+    layout: &Layout,
+) -> Result<Option<(Columns, String)>, InputError> {
+    let units: [Option<Unit>; 3] =
+        std::array::from_fn(|at| Unit::of(Quantity::ALL[at], &fields[at]));
+    let has_number = fields.iter().any(|field| seems_number(field));
+    if has_number || units.iter().all(Option::is_none) {
+        return Ok(None);
+    }
+    let mut said = Columns::default();
+    let mut remarks = Vec::new();
+    for ((quantity, unit), field) in Quantity::ALL.into_iter().zip(units).zip(fields) {
+        let by_user = layout.columns.unit(quantity);
+        let bare = field.trim_matches(['[', ']', '(', ')', '-', ' ']);
+        match (unit, by_user) {
+            (_, Some(unit)) => remarks.push(format!(
+                "{} is read in {}, as you said",
+                quantity.key(),
+                unit.name()
+            )),
+            (Some(unit), None) => {
+                said.set(unit);
+                remarks.push(format!("{} in {}", quantity.key(), unit.name()));
+            }
+            (None, None) if bare.is_empty() => {}
+            (None, None) => {
+                return Err(InputError::new(
+                    format!(
+                        "is a row of units, and \"{field}\" is no unit of {} that is known: {}",
+                        quantity.key(),
+                        quantity.units()
+                    ),
+                    format!(
+                        "say in which unit it is with --units {}=UNIT, or convert the column",
+                        quantity.key()
+                    ),
+                )
+                .in_column(layout.names.of(quantity)));
+            }
+        }
+    }
+    Ok(Some((said, remarks.join(", "))))
+}
+
+/// A row with another number of fields than the header.
+fn wrong_length(found: usize, expected: usize, last: bool) -> InputError {
+    let advice = if last && found < expected {
+        "the recording was cut off while it was written: delete this line to use the rest"
+    } else {
+        "give every row as many fields as the header has"
+    };
+    InputError::new(format!("has {found} of {expected} fields"), advice)
+        .in_column((found.min(expected) + 1).to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::columns::Names;
+    use proptest::prelude::*;
+
+    fn read_as(bytes: &[u8], layout: &Layout) -> Result<Samples, InputError> {
+        read(bytes, Path::new("lab.csv"), layout, Limits::RECORDING)
+    }
+
+    fn refused(text: &str) -> String {
+        let error = read_as(text.as_bytes(), &Layout::default()).unwrap_err();
+        error.to_string()
+    }
+
+    fn numbers(samples: &Samples) -> Vec<[f64; 3]> {
+        (0..samples.len())
+            .map(|row| {
+                [
+                    samples.time_s[row],
+                    samples.pressure_kpa[row],
+                    samples.angle_deg[row],
+                ]
+            })
+            .collect()
+    }
+
+    const EXPECTED: [[f64; 3]; 2] = [[0.0, 1.5, -30.25], [0.01, 1.25, 7.0]];
+
+    fn utf16(text: &str, bytes: fn(u16) -> [u8; 2]) -> Vec<u8> {
+        text.encode_utf16().flat_map(bytes).collect()
+    }
+
+    /// The same two samples, as ten programs write them.
+    #[test]
+    fn dialects_are_read_without_a_flag() {
+        let plain = "time_s,pressure_kpa,angle_deg,note\n0.00,1.5,-30.25,a\n0.01,1.25,7,b\n";
+        let german = "time_s;pressure_kpa;angle_deg;note\n0,00;1,5;-30,25;a\n0,01;1,25;7;b\n";
+        let files: [(&str, Vec<u8>); 14] = [
+            ("plain", plain.into()),
+            ("tabs", plain.replace(',', "\t").into()),
+            ("semicolons", plain.replace(',', ";").into()),
+            ("decimal commas", german.into()),
+            ("tabs and commas", german.replace(';', "\t").into()),
+            ("quoted commas", "\"time_s\",\"pressure_kpa\",\"angle_deg\",\"note\"\n\"0,00\",\"1,5\",\"-30,25\",a\n\"0,01\",\"1,25\",7,b\n".into()),
+            ("UTF-8 with a mark", format!("\u{feff}{plain}").into()),
+            ("UTF-16LE", utf16(&format!("\u{feff}{german}"), u16::to_le_bytes)),
+            ("UTF-16BE", utf16(&format!("\u{feff}{plain}"), u16::to_be_bytes)),
+            ("UTF-16LE without a mark", utf16(plain, u16::to_le_bytes)),
+            ("UTF-16BE without a mark", utf16(plain, u16::to_be_bytes)),
+            ("comments", format!("# rig 3, Monday\n%\n\n{plain}").into()),
+            ("numpy", format!("# of numpy\n# {plain}").into()),
+            ("Windows line ends", plain.replace('\n', "\r\n").into()),
+        ];
+        for (name, bytes) in files {
+            let samples = read_as(&bytes, &Layout::default())
+                .unwrap_or_else(|error| panic!("{name}: {error}"));
+            assert_eq!(numbers(&samples), EXPECTED, "{name}");
+            assert_eq!(samples.extra[0].fields, ["a", "b"], "{name}");
+            assert_eq!(samples.warnings, Vec::<String>::new(), "{name}");
+        }
+    }
+
+    #[test]
+    fn latin_1_is_read_where_it_is_no_utf_8() {
+        let layout = Layout {
+            names: Names::parse("time=Zeit,pressure=Druck,angle=Winkel [\u{b0}]").unwrap(),
+            columns: Columns::default(),
+        };
+        let bytes = b"Zeit;Druck;Winkel [\xb0];Pr\xfcfer\n0,5;1;2;J\xfcrgen\n0,75;1;2;J\xfcrgen\n";
+        let samples = read_as(bytes, &layout).unwrap();
+        assert_eq!(samples.extra[0].name, "Pr\u{fc}fer");
+        assert_eq!(samples.extra[0].fields[1], "J\u{fc}rgen");
+        assert_eq!(samples.time_s, [0.5, 0.75]);
+    }
+
+    #[test]
+    fn a_row_of_units_counts_where_no_flag_does() {
+        for units in ["ms,bar,rad", "[ms],[bar],[rad]", "(ms),(bar),(rad)"] {
+            let text = format!("time_s,pressure_kpa,angle_deg\n{units}\n0,1,1\n500,2,-1\n");
+            let samples = read_as(text.as_bytes(), &Layout::default()).unwrap();
+            assert_eq!(samples.time_s, [0.0, 0.5]);
+            assert_eq!(samples.pressure_kpa, [100.0, 200.0]);
+            assert!((samples.angle_deg[1] + 57.295_78).abs() < 1e-5);
+            assert_eq!(
+                samples.warnings,
+                ["lab.csv, line 2: is a row of units: time in ms, pressure in bar, angle in rad"]
+            );
+            let layout = Layout::from(Columns::of_units("pressure=psi").unwrap());
+            let samples = read_as(text.as_bytes(), &layout).unwrap();
+            assert!((samples.pressure_kpa[0] - 6.894_757).abs() < 1e-9);
+            assert!(samples.warnings[0].contains("pressure is read in psi, as you said"));
+        }
+        let said = refused("time_s,pressure_kpa,angle_deg\ns,V,deg\n0,1,1\n1,2,2\n");
+        assert!(
+            said.contains("lab.csv, line 2, column pressure_kpa")
+                && said.contains("--units pressure=UNIT"),
+            "{said}"
+        );
+        let said = refused("time_s,pressure_kpa,angle_deg\nx,y,z\n0,1,1\n1,2,2\n");
+        assert!(
+            said.contains("line 2, column time_s: \"x\" is not a number"),
+            "{said}"
+        );
+    }
+
+    #[test]
+    fn lines_are_those_of_the_file() {
+        let said = refused("# a\n\n# b\ntime_s;pressure_kpa;angle_deg\ns;kPa;deg\n0;1;1\n1;x;1\n");
+        assert!(
+            said.starts_with("lab.csv, line 7, column pressure_kpa"),
+            "{said}"
+        );
+        let said = refused("# a\n# b\nt;p;theta\n0;1;1\n1;1;1\n");
+        assert!(said.starts_with("lab.csv, line 3, column time_s"), "{said}");
+        assert!(
+            said.contains("--columns time=t,pressure=p,angle=theta"),
+            "{said}"
+        );
+    }
+
+    #[test]
+    fn blank_lines_and_windows_line_ends_shift_no_line() {
+        let table = "time_s,pressure_kpa,angle_deg\n\n0,1,1\n\n\n1,x,1\n";
+        for text in [table.to_owned(), table.replace('\n', "\r\n")] {
+            let said = refused(&text);
+            assert!(
+                said.starts_with("lab.csv, line 6, column pressure_kpa"),
+                "{text:?}: {said}"
+            );
+        }
+    }
+
+    /// A number is never read as a thousand times another.
+    #[test]
+    fn commas_that_may_mean_two_things_are_refused() {
+        let table = |rows: &str| format!("time_s;pressure_kpa;angle_deg\n{rows}");
+        for (rows, place, part) in [
+            // Nothing tells.
+            (
+                "0;1,234;5\n1;2,345;6\n",
+                "line 2, column pressure_kpa",
+                "may be 1.234 or 1234",
+            ),
+            // A point elsewhere tells that commas are none before decimals.
+            (
+                "0;1,234;5\n1;2;6.5\n",
+                "line 2, column pressure_kpa",
+                "may be 1.234 or 1234",
+            ),
+            (
+                "0;1;6.5\n1;1,234;6.5\n",
+                "line 3, column pressure_kpa",
+                "has a comma",
+            ),
+            (
+                "0;1,5;5\n1;1.5;6\n",
+                "line 3, column pressure_kpa",
+                "has a point",
+            ),
+            ("0;1,234.5;5\n", "line 2, column pressure_kpa", "thousands"),
+            ("0;1.234,5;5\n", "line 2, column pressure_kpa", "thousands"),
+            (
+                "0;1,234,567;5\n",
+                "line 2, column pressure_kpa",
+                "thousands",
+            ),
+        ] {
+            let said = refused(&table(rows));
+            assert!(
+                said.contains(place) && said.contains(part),
+                "{rows}: {said}"
+            );
+        }
+        // One number that can only have decimals tells of all.
+        for rows in ["0;1,234;5\n1;2,345;6,5\n", "0,001;1,234;5\n1,001;2,345;6\n"] {
+            let samples = read_as(table(rows).as_bytes(), &Layout::default()).unwrap();
+            assert_eq!(samples.pressure_kpa, [1.234, 2.345]);
+        }
+    }
+
+    #[test]
+    fn a_column_whose_name_has_another_unit_needs_to_be_told() {
+        let text = "t,p_psi,theta\n0,1,2\n1,1,2\n";
+        let mut layout = Layout {
+            names: Names::parse("time=t,pressure=p_psi,angle=theta").unwrap(),
+            columns: Columns::default(),
+        };
+        let said = read_as(text.as_bytes(), &layout).unwrap_err().to_string();
+        assert!(
+            said.contains("line 1, column p_psi") && said.contains("--units pressure=psi"),
+            "{said}"
+        );
+        layout.columns = Columns::of_units("pressure=psi").unwrap();
+        let samples = read_as(text.as_bytes(), &layout).unwrap();
+        assert!((samples.pressure_kpa[0] - 6.894_757).abs() < 1e-9);
+    }
+
+    #[test]
+    fn optional_columns_keep_what_they_hold_and_take_their_names() {
+        let layout = Layout {
+            names: Names::parse("setpoint_deg=soll").unwrap(),
+            columns: Columns::default(),
+        };
+        let text = "time_s;pressure_kpa;angle_deg;soll;note\n0,0;1;2;60,5;a, b\n0,5;1;2;;1,2,3\n";
+        let samples = read_as(text.as_bytes(), &layout).unwrap();
+        assert_eq!(samples.extra[0].name, "setpoint_deg");
+        assert_eq!(samples.extra[0].fields, ["60.5", ""]);
+        assert_eq!(samples.extra[1].fields, ["a, b", "1,2,3"]);
+    }
+
+    #[test]
+    fn what_is_no_text_is_no_table() {
+        for bytes in [
+            &b"\xff\xd8\xff\xe0\x00\x10JFIF\x00\x01"[..],
+            b"\x7fELF\x02\x01\x01\x00\x00",
+        ] {
+            let said = read_as(bytes, &Layout::default()).unwrap_err().to_string();
+            assert!(said.contains("UTF-8"), "{said}");
+        }
+        for text in ["", "\n\n", "# only\n# comments", "\u{feff}"] {
+            assert!(refused(text).contains("is empty"), "{text:?}");
+        }
+    }
+
+    proptest! {
+        #[allow(clippy::float_cmp)] // To the bit is the point.
+        /// However a table is written, the numbers in it are the same or it is refused.
+        #[test]
+        fn a_dialect_never_changes_a_number(
+            rows in prop::collection::vec((-999.0..999.0f64, -999.0..999.0f64), 2..12),
+            decimals in 0..6usize,
+            delimiter in prop::sample::select(vec![',', ';', '\t']),
+            comma in any::<bool>(),
+        ) {
+            let shown = |number: f64| {
+                let text = format!("{number:.decimals$}");
+                if comma { format!("\"{}\"", text.replace('.', ",")) } else { text }
+            };
+            let mut text = format!("time_s{delimiter}pressure_kpa{delimiter}angle_deg\n");
+            for (row, (pressure, angle)) in rows.iter().enumerate() {
+                text += &format!("{row}{delimiter}{}{delimiter}{}\n", shown(*pressure), shown(*angle));
+            }
+            match read_as(text.as_bytes(), &Layout::default()) {
+                Ok(samples) => for (row, (pressure, angle)) in rows.iter().enumerate() {
+                    let expected: f64 = format!("{pressure:.decimals$}").parse().unwrap();
+                    prop_assert_eq!(samples.pressure_kpa[row], expected);
+                    let expected: f64 = format!("{angle:.decimals$}").parse().unwrap();
+                    prop_assert_eq!(samples.angle_deg[row], expected);
+                },
+                Err(error) => {
+                    prop_assert!(comma && decimals == 3, "{}", error);
+                }
+            }
+        }
+    }
+}
