@@ -746,9 +746,16 @@ mod tests {
         assert!(notes[1].contains("stress disagree on 1 of 3 lines, first on line 8"));
     }
 
+    /// Parses each text, which has to be refused with the message beside it.
+    fn refuse(cases: &[(&str, &str)]) {
+        for (text, expected) in cases {
+            assert_eq!(&message(text), expected, "for {text:?}");
+        }
+    }
+
     #[test]
-    fn every_refusal_says_where_and_what_to_do() {
-        for (text, expected) in [
+    fn a_header_is_refused_where_it_stands() {
+        refuse(&[
             ("", "silicone.csv: is empty; export the test again"),
             (
                 "\n# only a comment\n",
@@ -787,6 +794,26 @@ mod tests {
                  means the same as an earlier column; keep one of the two",
             ),
             (
+                "strain;stress\n%;psi\n1;2\n",
+                "silicone.csv, line 2, column stress: has an unknown unit of stress; \
+                 use MPa, kPa or Pa",
+            ),
+            (
+                "strain;stress (kPa)\n%;MPa\n1;2\n",
+                "silicone.csv, line 2, column stress (kPa): \
+                 has another unit beneath its name than in it; correct one of the two",
+            ),
+        ]);
+        let binary = TensileCurve::parse(Path::new("a.csv"), b"\x7FELF\x02\x01").unwrap_err();
+        assert!(binary.to_string().contains("text file in UTF-8"));
+        let missing = TensileCurve::read(Path::new("no such file.csv")).unwrap_err();
+        assert!(missing.to_string().contains("check the path"));
+    }
+
+    #[test]
+    fn a_row_is_refused_where_it_stands() {
+        refuse(&[
+            (
                 "strain,stress_mpa\n0.1,0.2\n0.2,NaN\n",
                 "silicone.csv, line 3, column stress_mpa: \
                  `NaN` is not a finite number; correct it or delete the line",
@@ -815,16 +842,6 @@ mod tests {
                  write numbers with a decimal point, and without separators between thousands",
             ),
             (
-                "strain;stress\n%;psi\n1;2\n",
-                "silicone.csv, line 2, column stress: has an unknown unit of stress; \
-                 use MPa, kPa or Pa",
-            ),
-            (
-                "strain;stress (kPa)\n%;MPa\n1;2\n",
-                "silicone.csv, line 2, column stress (kPa): \
-                 has another unit beneath its name than in it; correct one of the two",
-            ),
-            (
                 "strain,stress_mpa\n0.1,0.2\nx,0.3\n",
                 "silicone.csv, line 3, column strain: \
                  \"x\" is not a number; write numbers with a decimal point and no unit, or delete the row",
@@ -839,6 +856,12 @@ mod tests {
                 "silicone.csv, line 3: 1 field where the header names 2; \
                  the file ends in the middle of a line, so delete that line or export again",
             ),
+        ]);
+    }
+
+    #[test]
+    fn a_value_that_no_elastomer_has_is_refused() {
+        refuse(&[
             (
                 "strain,stress_mpa\n100,0.2\n",
                 "silicone.csv, line 2, column strain: a strain of 100 looks like percent; \
@@ -864,13 +887,7 @@ mod tests {
                 "silicone.csv, line 2, column strain: a strain of -1 leaves no material; \
                  correct it or delete the line",
             ),
-        ] {
-            assert_eq!(message(text), expected, "for {text:?}");
-        }
-        let binary = TensileCurve::parse(Path::new("a.csv"), b"\x7FELF\x02\x01").unwrap_err();
-        assert!(binary.to_string().contains("text file in UTF-8"));
-        let missing = TensileCurve::read(Path::new("no such file.csv")).unwrap_err();
-        assert!(missing.to_string().contains("check the path"));
+        ]);
     }
 
     proptest::proptest! {
