@@ -20,11 +20,13 @@ use softrig_formats::error::InputError;
 use strum::{Display, EnumMessage, EnumString, IntoStaticStr, VariantArray};
 
 /// How the modulus enters a fit.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Modulus {
     /// Fitted together with the exponent.
     Free,
     /// Held at a value in MPa, which must be finite and above zero.
+    #[serde(untagged)]
     Fixed(f64),
 }
 
@@ -62,7 +64,7 @@ impl Residual {
 }
 
 /// Everything that a fit has to decide and that moves its result.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Choice {
     /// The stress measure.
     pub stress: Measure,
@@ -71,6 +73,7 @@ pub struct Choice {
     /// The smallest and the largest strain that count; all if absent.
     pub range: Option<(f64, f64)>,
     /// Whether the modulus is fitted.
+    #[serde(rename = "modulus_mpa")]
     pub modulus: Modulus,
     /// The direction of the residual.
     pub residual: Residual,

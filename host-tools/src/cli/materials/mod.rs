@@ -1,13 +1,15 @@
 //! `rig materials`: the paper's table, exponents from tensile curves, exponents
 //! from data sheets.
 
+mod json;
+
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 use clap::{Parser, Subcommand};
 use model_core::material::{DataSheet, Material, TABLE_I};
-use serde_json::{Value, json};
+use serde::Serialize;
 
 use super::choice::choice;
 use super::output::{self, FileKind, Output};
@@ -192,7 +194,11 @@ fn check_outputs(command: &Command) -> Result<(), InputError> {
 }
 
 /// Writes a result as JSON if asked to; returns whether the text is still wanted.
-fn deliver_json(to: Option<&Path>, value: &Value, out: &mut dyn Write) -> anyhow::Result<bool> {
+fn deliver_json(
+    to: Option<&Path>,
+    value: &impl Serialize,
+    out: &mut dyn Write,
+) -> anyhow::Result<bool> {
     let Some(path) = to else {
         return Ok(true);
     };
@@ -219,16 +225,8 @@ fn list(args: &ListArgs, out: &mut dyn Write) -> anyhow::Result<()> {
     if let Some(path) = &args.plot {
         write_svg(path, &pictures::predictor_figure(&predictor, &unseen))?;
     }
-    let value = json!({
-        "schema": 1,
-        "source": format!("{SOURCE}, Tables I and II"),
-        "materials": TABLE_I.iter().map(material_json).collect::<Vec<_>>(),
-        "predictor": {
-            "eight_rows": predictor_json(&predictor),
-            "all_rows": predictor_json(&all_rows),
-            "leave_one_out": unseen,
-        },
-    });
+    let source = format!("{SOURCE}, Tables I and II");
+    let value = json::List::new(source, &predictor, &all_rows, unseen);
     if !deliver_json(args.json.as_deref(), &value, out)? {
         return Ok(());
     }
@@ -334,41 +332,6 @@ fn sentence_on_unseen(unseen: &LeaveOneOut) -> String {
     )
 }
 
-fn material_json(material: &Material) -> Value {
-    let sheet = material.data_sheet::<f64>();
-    json!({
-        "name": material.name,
-        "exponent": material.exponent::<f64>(),
-        "modulus_mpa": sheet.modulus_mpa(),
-        "mixed_viscosity_cps": sheet.mixed_viscosity_cps(),
-        "tensile_strength_mpa": sheet.tensile_strength_mpa(),
-        "table_ii": material.held_out.map(|held_out| json!({
-            "exponent": held_out.exponent::<f64>(),
-            "published_estimate": held_out.published_estimate::<f64>(),
-        })),
-    })
-}
-
-fn predictor_json(fit: &PredictorFit) -> Value {
-    let held_out: serde_json::Map<String, Value> = TABLE_I
-        .iter()
-        .filter(|material| material.held_out.is_some())
-        .map(|material| {
-            let prediction = fit.predict(&material.data_sheet());
-            (material.name.to_owned(), json!(prediction.exponent))
-        })
-        .collect();
-    json!({
-        "coefficients": fit.coefficients,
-        "standard_errors": fit.standard_errors,
-        "t_values": fit.t_values,
-        "critical_t": fit.critical_t(),
-        "residual_deviation": fit.residual_deviation,
-        "degrees_of_freedom": fit.degrees_of_freedom,
-        "estimates": held_out,
-    })
-}
-
 fn predict(args: &PredictArgs, out: &mut dyn Write) -> anyhow::Result<()> {
     let sheet = DataSheet::new(args.modulus_mpa, args.viscosity_cps, args.tensile_mpa).map_err(
         |error| InputError::new(error.to_string(), "take the figure from the data sheet"),
@@ -381,21 +344,7 @@ fn predict(args: &PredictArgs, out: &mut dyn Write) -> anyhow::Result<()> {
     let fit = PredictorFit::new(&rows)?;
     let unseen = leave_one_out(&TABLE_I)?;
     let prediction = fit.predict(&sheet);
-    let value = json!({
-        "schema": 1,
-        "exponent": prediction.exponent,
-        "standard_error": prediction.standard_error,
-        "interval95": prediction.interval95,
-        "warnings": prediction.warnings,
-        "data_sheet": {
-            "modulus_mpa": sheet.modulus_mpa(),
-            "mixed_viscosity_cps": sheet.mixed_viscosity_cps(),
-            "tensile_strength_mpa": sheet.tensile_strength_mpa(),
-        },
-        "rows": rows.len(),
-        "coefficients": fit.coefficients,
-        "leave_one_out": unseen,
-    });
+    let value = json::Predicted::new(&prediction, &sheet, rows.len(), &fit, unseen);
     if !deliver_json(args.json.as_deref(), &value, out)? {
         return Ok(());
     }
@@ -471,36 +420,6 @@ fn fit_curve(args: &FitCurveArgs, out: &mut dyn Write) -> anyhow::Result<()> {
     }
 }
 
-/// What is fitted, and how, as JSON.
-fn curve_json(args: &FitCurveArgs, curve: &TensileCurve, fit: &CurveFit) -> Value {
-    let choice = &fit.choice;
-    json!({
-        "schema": 1,
-        "file": curve.path.display().to_string(),
-        "material": curve.material,
-        "choice": {
-            "paper": args.paper,
-            "stress": choice.stress,
-            "strain": choice.strain,
-            "range": choice.range,
-            "modulus_mpa": match choice.modulus {
-                Modulus::Free => json!("free"),
-                Modulus::Fixed(mpa) => json!(mpa),
-            },
-            "residual": choice.residual,
-        },
-        "points": fit.points,
-        "strain_low": fit.strains.0,
-        "strain_high": fit.strains.1,
-        "residual_unit": choice.residual.unit(),
-        "ludwick": fit.ludwick,
-        "hooke": fit.hooke,
-        "table_i": table_row(curve).map(material_json),
-        "notes": fit.notes(curve),
-        "tool_version": env!("CARGO_PKG_VERSION"),
-    })
-}
-
 /// A row a curve, and all of them in one picture.
 fn fit_several(
     args: &FitCurveArgs,
@@ -523,11 +442,7 @@ fn fit_several(
             &pictures::curves_figure(fitted, &with_capital(&choice)),
         )?;
     }
-    let each: Vec<Value> = fitted
-        .iter()
-        .map(|(curve, fit)| curve_json(args, curve, fit))
-        .collect();
-    let value = json!({ "schema": 1, "curves": each });
+    let value = json::Curves::new(args.paper, fitted);
     if !deliver_json(args.json.as_deref(), &value, out)? {
         return Ok(());
     }
@@ -586,7 +501,7 @@ fn fit_one(
         let sentence = with_capital(&fit.choice_sentence());
         write_svg(path, &pictures::curve_figure(curve, fit, &sentence))?;
     }
-    let value = curve_json(args, curve, fit);
+    let value = json::Curve::new(args.paper, curve, fit);
     if !deliver_json(args.json.as_deref(), &value, out)? {
         return Ok(());
     }
@@ -656,6 +571,8 @@ fn with_capital(sentence: &str) -> String {
 
 #[cfg(test)]
 mod tests {
+    use serde_json::{Value, json};
+
     use super::*;
 
     fn rig(arguments: &[&str]) -> Result<String, String> {
