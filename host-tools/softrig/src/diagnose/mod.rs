@@ -727,10 +727,8 @@ impl Diagnosis {
                         .position(|&free| free == id)
                         .and_then(|index| fit.interval95(index));
                     if let Some((low, high)) = interval {
-                        interval95.insert(
-                            row.key.to_owned(),
-                            serde_json::json!([shown(low), shown(high)]),
-                        );
+                        let ends = [shown(low), shown(high)];
+                        interval95.insert(row.key.to_owned(), ends.into());
                     }
                 }
                 NamedEffect {
