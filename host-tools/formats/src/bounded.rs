@@ -40,7 +40,7 @@ impl Limits {
         fields: 40_000_000,
     };
 
-    /// For another table, from a file that was read whole and so has a limit already.
+    /// For a table that is no recording, from a file that was read whole and so has a limit.
     pub const TABLE: Self = Self {
         bytes: u64::MAX,
         row_bytes: MIB,

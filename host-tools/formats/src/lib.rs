@@ -1,8 +1,8 @@
 //! Files and the terminal: input is checked and converted to SI, output is written atomically
 //! and without control characters.
 //!
-//! Recordings ([`recording`], in many [`formats`] and [`columns`]), models, protocols, settings
-//! and effects of the user's own are read within limits ([`bounded`]) and refused with file, line,
+//! Recordings ([`recording`], in many [`formats`] and [`columns`]), other [`table`]s of text,
+//! models, protocols, settings and effects of the user's own are read within limits ([`bounded`]) and refused with file, line,
 //! column and what to do ([`error`]). [`numbers`] writes numbers as people read them, [`family`]
 //! the names of families of effects.
 #![forbid(unsafe_code)]

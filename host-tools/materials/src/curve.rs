@@ -109,8 +109,7 @@ const LARGEST_STRESS_MPA: f64 = 500.0;
 /// material of the database passes it at a strain of 0.07.
 const SMALLEST_PEAK_MPA: f64 = 1e-4;
 
-/// Lines about the test that are looked through for the header: four times as many
-/// as the database has.
+/// Lines about the test that are looked through for the header; the database has 17.
 const LINES_ABOVE: usize = 64;
 
 /// What a column holds.

@@ -22,8 +22,8 @@ pub struct Numbers {
 }
 
 impl Numbers {
-    /// Reads a number, which may be infinite or none. A number with a comma is only sure once
-    /// [`check`](Self::check) has passed.
+    /// Reads a number as it is written, infinities and `NaN` too. One with a comma is only sure
+    /// once [`check`](Self::check) has passed.
     ///
     /// # Errors
     ///
