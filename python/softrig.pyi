@@ -152,6 +152,7 @@ def read(  # type: ignore[overload-overlap]
     path: _Path,
     *,
     columns: _Names | None = None,
+    setup: Mapping[str, Any] | None = None,
     model: Model | None = None,
     **meaning: Unpack[_Meaning],
 ) -> Recording: ...
@@ -160,14 +161,17 @@ def read(
     path: Iterable[_Path],
     *,
     columns: _Names | None = None,
+    setup: Mapping[str, Any] | None = None,
     model: Model | None = None,
     **meaning: Unpack[_Meaning],
 ) -> list[Recording]:
     """Reads a recording, or several.
 
     ``columns`` and ``units`` describe a file with other columns:
-    ``{"time": "t", "pressure": "p_psi"}`` and ``{"time": "ms", "pressure": "psi"}``. The
-    section ``[recording]`` of ``model`` fills in what they leave open."""
+    ``{"time": "t", "pressure": "p_psi"}`` and ``{"time": "ms", "pressure": "psi"}``.
+    ``setup`` says how the rig stood, as far as the metadata of a recording do not:
+    ``{"tilt_deg": 90}``. The section ``[recording]`` of ``model`` fills in what they leave
+    open."""
 
 @final
 class Model:

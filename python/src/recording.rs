@@ -11,6 +11,7 @@ use serde_json::Value;
 use softrig_formats::columns::{self, ATMOSPHERE_KPA, Columns, Layout, Names};
 use softrig_formats::error::InputError as Fault;
 use softrig_formats::recording::{self, Column, Meta, PASCAL_PER_KPA, check_distinct};
+use softrig_formats::setup::Setup;
 
 use crate::fault::{OrRaise, raised, warn};
 use crate::frame;
@@ -248,20 +249,23 @@ pub fn angle_deg(recording: &recording::Recording) -> Vec<f64> {
 ///
 /// One path gives a recording, several give a list of them. `columns` and `units` say where
 /// the recording stands in a file with other columns: `{"time": "t", "pressure": "p_psi"}` and
-/// `{"time": "ms", "pressure": "psi"}`. What they leave open, `model` says, as its file may in
-/// the section `[recording]`.
+/// `{"time": "ms", "pressure": "psi"}`. `setup` says how the rig stood, as far as the metadata
+/// do not: `{"tilt_deg": 90}`. What they leave open, `model` says, as its file may in the
+/// section `[recording]`.
 #[pyfunction]
-#[pyo3(signature = (path, *, columns = None, model = None, **meaning))]
+#[pyo3(signature = (path, *, columns = None, setup = None, model = None, **meaning))]
 pub fn read<'py>(
     py: Python<'py>,
     path: &Bound<'py, PyAny>,
     columns: Option<&Bound<'py, PyDict>>,
+    setup: Option<&Bound<'py, PyAny>>,
     model: Option<&Bound<'py, Model>>,
     meaning: Option<&Bound<'py, PyDict>>,
 ) -> PyResult<Bound<'py, PyAny>> {
     let mut layout = Layout {
         names: names_of(py, columns)?,
         columns: columns_of(py, meaning)?,
+        setup: setup.map_or(Ok(Setup::default()), |given| setup_of(py, given))?,
     };
     if let Some(model) = model {
         layout = layout.or(&model.get().file.recording);
@@ -422,7 +426,21 @@ fn meta_of(py: Python<'_>, given: &Bound<'_, PyAny>) -> PyResult<Meta> {
             return Err(refuse(format!("there is no key {key:?}")));
         }
     }
+    if let Some(setup) = &meta.setup {
+        setup.check().or_raise(py)?;
+    }
     Ok(meta)
+}
+
+/// How the rig stood, from a dictionary.
+fn setup_of(py: Python<'_>, given: &Bound<'_, PyAny>) -> PyResult<Setup> {
+    let value = to_json(py, "setup", given)?;
+    let setup: Setup = serde_json::from_value(value).map_err(|error| {
+        let advice = "docs/formats.md lists what may be known about a rig";
+        raised(py, &Fault::new(format!("setup: {error}"), advice))
+    })?;
+    setup.check().or_raise(py)?;
+    Ok(setup)
 }
 
 /// The metadata that are known, by their keys in files.

@@ -156,6 +156,23 @@ def test_a_model_says_where_its_recordings_stand(tmp_path: Path, model: softrig.
     np.testing.assert_allclose(recording.angle_deg, ANGLE, atol=1e-6)
 
 
+def test_a_recording_says_how_its_rig_stood(tmp_path: Path, model: softrig.Model) -> None:
+    path = lab(tmp_path / "lab.csv")
+    columns = {"time": "t", "pressure": "p_psi", "angle": "theta"}
+    units = {"time": "ms", "pressure": "psi", "angle": "rad"}
+    said = {"columns": columns, "units": units}
+    beside = softrig.Model.from_toml(
+        model.to_toml() + "\n[recording.setup]\ntilt_deg = 45\ntube_mm = 300\n"
+    )
+    recording = softrig.read(path, setup={"tilt_deg": 90}, model=beside, **said)  # type: ignore[arg-type]
+    assert recording.metadata["setup"] == {"tilt_deg": 90, "tube_mm": 300}
+    for setup, says in [({"tilt": 90}, "tilt"), ({"tip_load_g": -1}, "tip_load_g = -1 g")]:
+        with pytest.raises(softrig.InputError, match=says):
+            softrig.read(path, setup=setup, **said)  # type: ignore[arg-type]
+        with pytest.raises(softrig.InputError, match=says):
+            of(metadata={"setup": setup})
+
+
 def test_a_frame_comes_back(tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
     path.write_text(

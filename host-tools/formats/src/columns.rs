@@ -7,6 +7,7 @@
 use strum::{EnumMessage, EnumString, IntoStaticStr, VariantArray};
 
 use crate::recording::PASCAL_PER_KPA;
+use crate::setup::Setup;
 
 /// Pressure of the air at sea level (kPa), the standard atmosphere.
 pub const ATMOSPHERE_KPA: f64 = 101.325;
@@ -482,6 +483,8 @@ pub struct Layout {
     pub names: Names,
     /// Their units and meaning.
     pub columns: Columns,
+    /// How the rig stood, as far as the metadata of a recording do not say it.
+    pub setup: Setup,
 }
 
 impl Layout {
@@ -490,6 +493,7 @@ impl Layout {
         Self {
             names: self.names.or(&other.names),
             columns: self.columns.or(other.columns),
+            setup: self.setup.or(&other.setup),
         }
     }
 }
@@ -497,8 +501,8 @@ impl Layout {
 impl From<Columns> for Layout {
     fn from(columns: Columns) -> Self {
         Self {
-            names: Names::default(),
             columns,
+            ..Self::default()
         }
     }
 }
@@ -586,10 +590,12 @@ mod tests {
         let flags = Layout {
             names: Names::parse("pressure=p").unwrap(),
             columns: Columns::of_units("pressure=bar").unwrap(),
+            ..Layout::default()
         };
         let model = Layout {
             names: Names::parse("time=t,pressure=druck").unwrap(),
             columns: Columns::of_units("pressure=psi,angle=rad").unwrap(),
+            ..Layout::default()
         };
         let both = flags.or(&model);
         assert_eq!(

@@ -447,8 +447,10 @@ impl ModelReader<'_> {
                 "absolute_pressure_kpa",
                 "angle_zero_deg",
                 "flip_angle",
+                "setup",
             ],
         )?;
+        layout.setup = self.toml.setup(table)?.unwrap_or_default();
         self.entries(table, "columns", "pressure = \"p_psi\"", |key, column| {
             layout.names.set(key, column)
         })?;

@@ -15,13 +15,14 @@ use wire::protocol::{
 };
 
 use crate::error::{InputError, line_of};
+use crate::setup::Setup;
 use crate::toml_reader::Reader;
 
 /// The schema number that this version reads and writes.
 const SCHEMA: i64 = 1;
 
 /// A protocol with its name.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct ProtocolFile {
     /// Name for recordings.
     pub name: String,
@@ -29,6 +30,8 @@ pub struct ProtocolFile {
     pub title: String,
     /// The protocol that the board knows by name, if it is one.
     pub named: Option<Named>,
+    /// How the rig is to stand while it is played; as it stands where nothing is said.
+    pub setup: Setup,
     /// Its segments, in order.
     pub segments: Vec<Segment>,
     /// Where it was read from.
@@ -55,6 +58,7 @@ impl ProtocolFile {
             name,
             title,
             named: None,
+            setup: Setup::default(),
             lines: vec![0; segments.len()],
             segments,
             path: None,
@@ -70,6 +74,7 @@ impl ProtocolFile {
             name: named.name().to_owned(),
             title: named.title().to_owned(),
             named: Some(named),
+            setup: Setup::default(),
             lines: vec![0; segments.len()],
             segments,
             path: None,
@@ -124,6 +129,10 @@ impl ProtocolFile {
         let mut text = format!("schema = {SCHEMA}\nname = {}\n", quoted(&self.name));
         if !self.title.is_empty() {
             let _ = writeln!(text, "title = {}", quoted(&self.title));
+        }
+        let setup = self.setup.to_toml();
+        if !setup.is_empty() {
+            let _ = write!(text, "\n[setup]\n{setup}");
         }
         for segment in &self.segments {
             text += "\n[[segment]]\n";
@@ -315,7 +324,7 @@ impl ProtocolReader<'_> {
         self.toml.known_keys(
             root,
             "the protocol",
-            &["schema", "name", "title", "segment"],
+            &["schema", "name", "title", "setup", "segment"],
         )?;
         self.toml.schema(root, SCHEMA)?;
         let stem = self
@@ -367,6 +376,7 @@ impl ProtocolReader<'_> {
             name,
             title,
             named: None,
+            setup: self.toml.setup(root)?.unwrap_or_default(),
             segments,
             path: Some(self.toml.path.to_owned()),
             lines,
@@ -608,6 +618,14 @@ mod tests {
                 vec!["line 9, column 8", "segment 2", "must go back"],
             ),
             (
+                format!("{head}level_kpa = 3\nduration_s = 1\n[setup]\ntilt = 3\n"),
+                vec!["line 7", "tilt", "known are tilt_deg"],
+            ),
+            (
+                format!("{head}level_kpa = 3\nduration_s = 1\n[setup]\ntip_load_g = -3\n"),
+                vec!["line 7", "tip_load_g = -3 g"],
+            ),
+            (
                 "schema = 1\n[[segment]]\nkind = \"step\"\ntrack = \"angle\"\n".into(),
                 vec!["line 4, column 9", "angle_open_loop"],
             ),
@@ -633,6 +651,7 @@ mod tests {
         fn any_segments_survive_their_file(
             level in -100_000..=100_000i32, amplitude in 0..=100_000i32,
             duration_ms in 1..=MAX_DURATION_MS, period_ms in 1..=MAX_DURATION_MS, times in 1..=MAX_REPEATS,
+            tilt in prop::option::of(-360.0..360.0),
             mode in prop::sample::select(&[ControlMode::Pressure, ControlMode::AngleOpenLoop, ControlMode::AngleClosedLoop][..]),
         ) {
             let level = Hundredths(level);
@@ -646,9 +665,12 @@ mod tests {
             ];
             let protocol = ProtocolFile {
                 name: "a \"name\"".into(), title: String::new(), named: None,
+                setup: Setup { tilt_deg: tilt, ..Setup::default() },
                 lines: Vec::new(), path: None, segments: segments.clone(),
             };
-            prop_assert_eq!(parse(&protocol.to_text()).unwrap().segments, segments);
+            let back = parse(&protocol.to_text()).unwrap();
+            prop_assert_eq!(back.segments, segments);
+            prop_assert_eq!(back.setup, protocol.setup);
         }
 
         #[test]

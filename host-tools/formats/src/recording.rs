@@ -199,7 +199,12 @@ impl Recording {
     ///
     /// Like [`Recording::read`].
     pub fn read_as(path: &Path, layout: &Layout) -> Result<(Self, Vec<String>), InputError> {
-        Self::assemble(formats::read(path, layout)?, path)
+        let (mut recording, warnings) = Self::assemble(formats::read(path, layout)?, path)?;
+        if layout.setup != Setup::default() {
+            let said = recording.meta.setup.take().unwrap_or_default();
+            recording.meta.setup = Some(said.or(&layout.setup));
+        }
+        Ok((recording, warnings))
     }
 
     /// Puts the metadata to the samples of a file, and compares them.

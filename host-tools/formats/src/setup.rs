@@ -6,7 +6,7 @@
 //! `Session::placed` of the library. Keys that are missing are unknown, and the same for all
 //! recordings of a sitting.
 
-use std::fmt::Write as _;
+use std::fmt::{self, Write as _};
 use std::ops::RangeInclusive;
 use std::str::FromStr;
 
@@ -62,6 +62,10 @@ const NUMBERS: [Bounded; 5] = [
 ];
 
 impl Setup {
+    /// The advice where a key is none.
+    pub(crate) const KNOWN: &str = "known are tilt_deg, tip_load_g, tube_mm, temperature_c, \
+        rested_s, and new_part, which is actuator or sensor";
+
     fn numbers(&self) -> [Option<f64>; NUMBERS.len()] {
         [
             self.tilt_deg,
@@ -72,19 +76,60 @@ impl Setup {
         ]
     }
 
+    /// What is said here; `other` fills in what is missing.
+    #[must_use]
+    pub fn or(&self, other: &Self) -> Self {
+        Self {
+            tilt_deg: self.tilt_deg.or(other.tilt_deg),
+            tip_load_g: self.tip_load_g.or(other.tip_load_g),
+            tube_mm: self.tube_mm.or(other.tube_mm),
+            temperature_c: self.temperature_c.or(other.temperature_c),
+            rested_s: self.rested_s.or(other.rested_s),
+            new_part: self.new_part.or(other.new_part),
+        }
+    }
+
+    /// What is to be done at the rig before it is recorded, each thing in a few words as a
+    /// command; none where it stays as it is.
+    pub fn instructions(&self) -> Vec<String> {
+        let numbers = [
+            self.tilt_deg.map(|it| format!("turn the base by {it}°")),
+            self.tip_load_g.map(|it| format!("hang {it} g at the tip")),
+            self.tube_mm
+                .map(|it| format!("use a tube of {it} mm between sensor and actuator")),
+            self.temperature_c
+                .map(|it| format!("bring the actuator to {it} °C")),
+            self.rested_s
+                .map(|it| format!("let it rest without pressure for {it} s")),
+        ];
+        let part = self.new_part.map(|part| match part {
+            NewPart::Actuator => "put in an actuator that was never stretched".to_owned(),
+            NewPart::Sensor => "put in another angle sensor".to_owned(),
+        });
+        numbers.into_iter().chain([part]).flatten().collect()
+    }
+
     /// What is to be done at the rig, as a sentence begins; empty where it stays as it is.
     pub fn instruction(&self) -> String {
-        self.tilt_deg
-            .map(|tilt| format!("turn the base by {tilt}°, then "))
-            .unwrap_or_default()
+        match self.instructions()[..] {
+            [] => String::new(),
+            ref steps => format!("{}, then ", steps.join(", ")),
+        }
     }
 
     /// The option of `rig record` that says it, with a blank before; empty where there is
     /// nothing to say.
     pub fn option(&self) -> String {
-        self.tilt_deg
-            .map(|tilt| format!(" --setup tilt_deg={tilt}"))
-            .unwrap_or_default()
+        match self.to_string().as_str() {
+            "" => String::new(),
+            text => format!(" --setup {text}"),
+        }
+    }
+
+    /// The lines of a section that reads back as this.
+    pub(crate) fn to_toml(&self) -> String {
+        // Numbers and words always can be written.
+        toml::to_string(self).unwrap_or_default()
     }
 
     /// By how much the base was turned (rad); not at all where nothing is said.
@@ -117,6 +162,24 @@ impl Setup {
     }
 }
 
+/// `tilt_deg=90,tip_load_g=20`, which reads back as the same.
+impl fmt::Display for Setup {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let numbers = self.numbers().into_iter().zip(&NUMBERS);
+        let mut all: Vec<String> = numbers
+            .filter_map(|(value, (key, ..))| Some(format!("{key}={}", value?)))
+            .collect();
+        all.extend(self.new_part.map(|part| {
+            let name = match part {
+                NewPart::Actuator => "actuator",
+                NewPart::Sensor => "sensor",
+            };
+            format!("new_part={name}")
+        }));
+        f.write_str(&all.join(","))
+    }
+}
+
 /// `tilt_deg=90,tip_load_g=20`, as a command line has it.
 impl FromStr for Setup {
     type Err = InputError;
@@ -142,8 +205,7 @@ impl FromStr for Setup {
         let setup: Self = toml::from_str(&lines).map_err(|error| {
             InputError::new(
                 format!("the setup \"{text}\": {}", in_words(error.message())),
-                "known are tilt_deg, tip_load_g, tube_mm, temperature_c, rested_s and \
-                 new_part=actuator or new_part=sensor",
+                Self::KNOWN,
             )
         })?;
         setup.check()?;
@@ -167,6 +229,21 @@ mod tests {
         let again: Setup = toml::from_str(&toml::to_string(&given).unwrap()).unwrap();
         assert_eq!(again, given);
         assert_eq!("".parse::<Setup>().unwrap(), Setup::default());
+        assert_eq!(given.to_string().parse::<Setup>().unwrap(), given);
+        assert_eq!(Setup::default().instruction(), "");
+        assert_eq!(
+            given.instruction(),
+            "turn the base by 90°, hang 20 g at the tip, put in another angle sensor, then "
+        );
+    }
+
+    #[test]
+    fn what_is_said_here_goes_before_what_is_said_elsewhere() {
+        let here: Setup = "tilt_deg=90".parse().unwrap();
+        let elsewhere: Setup = "tilt_deg=45,tube_mm=300".parse().unwrap();
+        let both: Setup = "tilt_deg=90,tube_mm=300".parse().unwrap();
+        assert_eq!(here.or(&elsewhere), both);
+        assert_eq!(Setup::default().or(&elsewhere), elsewhere);
     }
 
     #[test]

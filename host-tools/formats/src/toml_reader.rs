@@ -7,7 +7,9 @@ use std::path::Path;
 
 use toml_edit::{Document, Item, Table};
 
-use super::error::InputError;
+use super::error::{InputError, line_of};
+use super::recording::in_words;
+use super::setup::Setup;
 
 /// Reads sections of a TOML file and names the place of what is wrong with them.
 pub(crate) struct Reader<'a> {
@@ -163,6 +165,27 @@ impl Reader<'_> {
                 format!("add `{key} = …` to that section"),
             )
         })
+    }
+
+    /// How the rig stood, if a section says it.
+    pub(crate) fn setup(&self, root: &Table) -> Result<Option<Setup>, InputError> {
+        let Some(table) = self.table(root, "setup")? else {
+            return Ok(None);
+        };
+        let read: Result<Setup, _> = toml::from_str(&table.to_string());
+        let setup = read.map_err(|error| {
+            self.fail_at(
+                table.span(),
+                format!("[setup]: {}", in_words(error.message())),
+                Setup::KNOWN,
+            )
+        })?;
+        setup.check().map_err(|fault| InputError {
+            file: Some(self.path.to_owned()),
+            line: table.span().map(|span| line_of(self.text, span.start)),
+            ..fault
+        })?;
+        Ok(Some(setup))
     }
 
     /// A text, if it is there.

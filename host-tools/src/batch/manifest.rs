@@ -8,7 +8,9 @@
 //!
 //! Several files are separated by `;`. Paths are relative to the manifest. The column
 //! `holdout` is optional. The optional columns `columns` and `units` hold for one case, like
-//! `--columns` and `--units` on the command line. Further columns are ignored.
+//! `--columns` and `--units` on the command line, and `setup` says how the rig stood, like
+//! `--setup` of `rig record`, as far as the recordings' metadata do not. Further columns are
+//! ignored.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -45,6 +47,8 @@ struct ManifestLine {
     columns: String,
     #[serde(default)]
     units: String,
+    #[serde(default)]
+    setup: String,
 }
 
 /// Reads a manifest.
@@ -127,6 +131,10 @@ fn parse(text: &str, folder: &Path) -> Result<Vec<Case>, InputError> {
         if !row.units.is_empty() {
             layout.columns = Columns::of_units(&row.units).map_err(wrong("units"))?;
         }
+        layout.setup = row
+            .setup
+            .parse()
+            .map_err(|fault: InputError| fault.at_line(line).in_column("setup"))?;
         cases.push(Case {
             layout,
             model: folder.join(&row.model),
@@ -171,6 +179,27 @@ mod tests {
         assert!(cases[1].holdout.is_empty());
         let short = parse("model,case,recordings\nm.toml,a,x.csv\n", Path::new("")).unwrap();
         assert!(short[0].holdout.is_empty());
+    }
+
+    #[test]
+    fn a_case_says_how_its_rig_stood() {
+        let text =
+            "case,model,recordings,setup\na,m,x.csv,\"tilt_deg=90,tube_mm=300\"\nb,m,y.csv,\n";
+        let cases = parse(text, Path::new("")).unwrap();
+        assert_eq!(cases[0].layout.setup.tilt_deg, Some(90.0));
+        assert_eq!(cases[0].layout.setup.tube_mm, Some(300.0));
+        assert_eq!(cases[1].layout, Layout::default());
+        let error = parse(
+            "case,model,recordings,setup\na,m,x.csv,tilt=90\n",
+            Path::new(""),
+        )
+        .unwrap_err()
+        .in_file(Path::new("cases.csv"))
+        .to_string();
+        assert!(
+            error.contains("line 2, column setup") && error.contains("tilt"),
+            "{error}"
+        );
     }
 
     #[test]

@@ -90,6 +90,7 @@ impl InputArgs {
                 .units
                 .iter()
                 .fold(said, |earlier, later| later.or(earlier)),
+            ..Layout::default()
         }
     }
 }

@@ -22,6 +22,7 @@ pub mod upload;
 pub mod virtual_rig;
 mod watch;
 
+use std::io::{BufRead, IsTerminal};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -30,6 +31,8 @@ use softrig_formats::columns::Layout;
 use softrig_formats::error::InputError;
 use softrig_formats::model_file::ModelFile;
 use softrig_formats::recording::{Recording, read_all};
+use softrig_formats::setup::Setup;
+use softrig_formats::terminal::remark;
 
 pub use softrig_formats::terminal::{print, print_own};
 
@@ -57,6 +60,31 @@ pub(crate) fn read(
     let file = read_model(model)?;
     let recordings = read_all(recordings, &layout.or(&file.recording), warn)?;
     Ok((file, recordings))
+}
+
+/// Says what is to be done at the rig before a recording, and waits until Enter says that it
+/// is done.
+///
+/// # Errors
+///
+/// Where nobody can be asked, and nothing was said beforehand.
+pub(crate) fn ask_to_set_up(setup: &Setup) -> anyhow::Result<()> {
+    let steps = setup.instructions().join(", and ");
+    if steps.is_empty() {
+        return Ok(());
+    }
+    if !std::io::stdin().is_terminal() {
+        return Err(InputError::new(
+            format!("the protocol asks you to {steps}, and nobody is here to say that it is done"),
+            "do it, then add --ready",
+        )
+        .into());
+    }
+    remark(&format!(
+        "Now {steps}.\nPress Enter when it is done; Ctrl-C ends, and nothing moves."
+    ));
+    std::io::stdin().lock().read_line(&mut String::new())?;
+    Ok(())
 }
 
 /// A spinner for long work on a terminal, silent elsewhere.

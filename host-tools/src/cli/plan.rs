@@ -8,18 +8,14 @@ use model_core::catalogue::Kind;
 
 use super::input::InputArgs;
 use super::output::{self, FileKind, Output};
-use softrig::diagnose::Progress;
-use softrig::diagnose::candidates::{Candidate, FitContext, Scales, added, typical};
-use softrig::diagnose::executor::Executor;
+use softrig::diagnose::candidates::{Candidate, Scales, typical};
 use softrig::diagnose::finding::names;
 use softrig::diagnose::identifiability::{self, Refitted};
-use softrig::diagnose::missing_force::Guesses;
 use softrig::diagnose::noise::NoiseFloor;
 use softrig::diagnose::plan::{Limits, VERY_STRONG, proposals};
+use softrig::diagnose::structures;
 use softrig::estimate::assemble::assemble;
-use softrig::estimate::checkpoint::Checkpoint;
 use softrig::estimate::fit::Fitter;
-use softrig::estimate::subsample::subsample;
 use softrig::estimate::{Dataset, Nuisance};
 use softrig::sim::protocol::Protocol;
 use softrig_formats::error::{InputError, write_atomically};
@@ -27,7 +23,6 @@ use softrig_formats::model_file::ModelFile;
 use softrig_formats::numbers::evidence;
 use softrig_formats::own_effects::OwnEffects;
 use softrig_formats::recording::Recording;
-use softrig_formats::setup::Setup;
 
 /// Finds the run that separates two effects, within the limits of the rig, and
 /// writes it as a protocol file that `rig record` plays.
@@ -142,15 +137,14 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         text += "No run comes near it: neither a pressure nor a turned base tells these effects apart.\nA better calibration, a weight at the tip or another length of tube may.\n";
     }
     if let Some(path) = args.output.as_ref().filter(|_| decides || args.force) {
-        write_atomically(path, best.protocol.to_text().as_bytes())?;
-        text += &format!("Protocol: {}\n", path.display());
-        if best.setup != Setup::default() {
-            text += &format!(
-                "Before it plays, {}record it with{}.\n",
-                best.setup.instruction(),
-                best.setup.option()
-            );
-        }
+        let mut protocol = best.protocol.clone();
+        protocol.setup = best.setup.clone();
+        write_atomically(path, protocol.to_text().as_bytes())?;
+        let path = path.display();
+        text += &format!(
+            "Protocol: {path}\nNext: {}rig record --port PORT --plan {path} -o next.csv\n",
+            best.setup.instruction()
+        );
     }
     super::print(&text)?;
     if args.output.is_some() && !decides && !args.force {
@@ -282,30 +276,14 @@ fn fitted(
         )
         .in_file(&file.path)
     })?;
-    let fitter = Fitter::new(&file.model, &data);
-    let subsample = subsample(&data.guessing(&refit.fit.nuisances), &refit.fit.model);
-    let scales = Scales::of(&fitter, &refit.fit);
-    let (progress, checkpoint) = (Progress::default(), Checkpoint::default());
-    let context = FitContext {
-        file: &file,
-        fitter: &fitter,
-        short_segments: None,
-        subsample: &Fitter::new(&file.model, &subsample),
-        scales: &scales,
-        guesses: &Guesses::default(),
-        executor: Executor::new(&progress, &checkpoint),
-    };
     pair.iter()
         .map(|kinds| {
-            kinds
-                .iter()
-                .try_fold(refit.clone(), |base, &kind| added(&context, &base, kind))
-                .map_err(|_| {
-                    InputError::new(
-                        format!("{} cannot be simulated", names(kinds).join(" + ")),
-                        "check the model, or choose other effects",
-                    )
-                })
+            structures::fit(&file, &data, &refit, kinds).map_err(|_| {
+                InputError::new(
+                    format!("{} cannot be simulated", names(kinds).join(" + ")),
+                    "check the model, or choose other effects",
+                )
+            })
         })
         .collect()
 }

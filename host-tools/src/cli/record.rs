@@ -37,6 +37,7 @@ Examples:
   rig record --port /dev/ttyACM0 --protocol steps -o run.csv
   rig record --port /dev/ttyACM0 --protocol mine.toml -o mine.csv --dry-run
   rig record --port /dev/ttyACM0 --protocol steps --setup tilt_deg=90 -o aside.csv
+  rig record --port /dev/ttyACM0 --plan next.toml -o next.csv    what `rig plan -o` wrote
   rig record --port /dev/ttyACM0 --seconds 10 -o rest.csv
   rig diagnose --model m.toml run.csv
 
@@ -49,7 +50,7 @@ pub struct Args {
     #[arg(long, value_name = "PORT", required_unless_present_any = ["list", "dry_run"])]
     port: Option<String>,
     /// Name of a protocol that every board knows, or a protocol file
-    #[arg(long, value_name = "NAME|FILE.toml")]
+    #[arg(long, value_name = "NAME|FILE.toml", visible_alias = "plan")]
     protocol: Option<String>,
     /// Record for this time without moving anything, in seconds
     #[arg(long, value_name = "N", value_parser = seconds)]
@@ -77,6 +78,9 @@ pub struct Args {
     /// new_part=actuator|sensor
     #[arg(long, value_name = "KEY=VALUE,…")]
     setup: Option<Setup>,
+    /// The rig stands as the protocol file asks: do not wait for Enter
+    #[arg(long, requires = "protocol")]
+    ready: bool,
     /// Print what would be sent and its duration, and open no port
     #[arg(long, requires = "protocol")]
     dry_run: bool,
@@ -137,6 +141,11 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         .unwrap_or_default();
     let played = protocol.as_ref().and_then(|it| it.path.as_ref());
     check_output(output, played, &files, args.force)?;
+    let asked = protocol.as_ref().map(|it| it.setup.clone());
+    let setup = setup_of(args.setup.as_ref(), asked.as_ref());
+    if let Some(asked) = asked.filter(|_| !args.ready) {
+        super::ask_to_set_up(&asked)?;
+    }
     let interrupt = Interrupt::listen()?;
     let stage = Stage::new();
     stage.wait("waiting for the board, which restarts");
@@ -161,7 +170,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     }
     let about = About {
         angle_range_deg,
-        setup: args.setup.clone(),
+        setup,
         ..about(&link, port, protocol.as_ref())
     };
     let recorder = Recorder::create(output, about, !parts.is_empty())?;
@@ -180,6 +189,14 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     session.leave(armed && protocol.is_some());
     session.stage.finish();
     session.end(outcome, &parts, args.split, output)
+}
+
+/// How the rig stands: as the command line says, else as the protocol asks; none where
+/// nothing is said.
+fn setup_of(said: Option<&Setup>, asked: Option<&Setup>) -> Option<Setup> {
+    let none = Setup::default();
+    let both = said.unwrap_or(&none).or(asked.unwrap_or(&none));
+    (both != none || said.is_some()).then_some(both)
 }
 
 /// How a recording ended.
@@ -646,6 +663,9 @@ fn dry_run(protocol: &ProtocolFile) -> String {
         protocol.segments.len(),
         minutes(protocol.total_ms())
     );
+    for instruction in protocol.setup.instructions() {
+        text += &format!("first {instruction}\n");
+    }
     for (number, segment) in (1..).zip(&protocol.segments) {
         text += &format!("{number:>4}. {}\n", describe(segment));
     }

@@ -17,6 +17,7 @@ fn layout(columns: &str, units: &str) -> Layout {
     Layout {
         names: Names::parse(columns).unwrap(),
         columns: Columns::of_units(units).unwrap(),
+        ..Layout::default()
     }
 }
 
@@ -162,6 +163,8 @@ fn faults_of_the_section_recording_are_refused_with_their_place() {
             "units = { pressure = 3 }",
             ["line 18, column 22", "not in quotes"],
         ),
+        ("setup.tilt = 90", ["[setup]", "known are tilt_deg"]),
+        ("setup.tube_mm = -1", ["line 18", "tube_mm = -1 mm"]),
         ("absolute_pressure_kpa = 200", ["line 18", "from 0 to 110"]),
         (
             "flip_angle = 1",

@@ -267,7 +267,7 @@ fn values(numbers: Vec<f64>) -> Values {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::columns::{Columns, Names};
+    use crate::columns::Names;
     use proptest::prelude::*;
     use std::io::Write;
 
@@ -325,7 +325,7 @@ mod tests {
     fn read_as(bytes: &[u8], columns: &str) -> Result<Samples, InputError> {
         let layout = Layout {
             names: Names::parse(columns).unwrap(),
-            columns: Columns::default(),
+            ..Layout::default()
         };
         let path = Path::new("lab.mat");
         crate::formats::read_bytes(bytes, path, &layout)

@@ -255,7 +255,7 @@ mod tests {
     fn latin_1_is_read_where_it_is_no_utf_8() {
         let layout = Layout {
             names: Names::parse("time=Zeit,pressure=Druck,angle=Winkel [\u{b0}]").unwrap(),
-            columns: Columns::default(),
+            ..Layout::default()
         };
         let bytes = b"Zeit;Druck;Winkel [\xb0];Pr\xfcfer\n0,5;1;2;J\xfcrgen\n0,75;1;2;J\xfcrgen\n";
         let samples = read_as(bytes, &layout).unwrap();
@@ -374,7 +374,7 @@ mod tests {
         let text = "t,p_psi,theta\n0,1,2\n1,1,2\n";
         let mut layout = Layout {
             names: Names::parse("time=t,pressure=p_psi,angle=theta").unwrap(),
-            columns: Columns::default(),
+            ..Layout::default()
         };
         let said = read_as(text.as_bytes(), &layout).unwrap_err().to_string();
         assert!(
@@ -390,7 +390,7 @@ mod tests {
     fn optional_columns_keep_what_they_hold_and_take_their_names() {
         let layout = Layout {
             names: Names::parse("setpoint_deg=soll").unwrap(),
-            columns: Columns::default(),
+            ..Layout::default()
         };
         let text = "time_s;pressure_kpa;angle_deg;soll;note\n0,0;1;2;60,5;a, b\n0,5;1;2;;1,2,3\n";
         let samples = read_as(text.as_bytes(), &layout).unwrap();

@@ -246,6 +246,7 @@ time_s,pressure_kpa,angle_deg,setpoint_deg,setpoint_kpa,pump_ul,predicted_deg,st
         let layout = Layout {
             names: crate::columns::Names::parse("time=t").unwrap(),
             columns: Columns::of_units("time=ms,pressure=bar").unwrap(),
+            ..Layout::default()
         };
         let text = "t,time_s,pressure_kpa,angle_deg\n0,7,0.25,1.50\n20,8,0.5,2.50\n";
         let samples =

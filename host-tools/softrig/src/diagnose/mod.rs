@@ -12,7 +12,8 @@
 //! 7. [`validation`] tests structures on held-out runs, [`draws`] show how sure a difference
 //!    is, [`doubts`] what keeps a structure from being named, and [`mod@decide`] decides.
 //! 8. [`selection`] gives the answer, a [`finding`], written as a [`verdict`].
-//! 9. [`plan`] proposes the run that separates the rivals.
+//! 9. [`plan`] proposes the run that separates the rivals, and [`turns`] says where a session
+//!    behaves as if the rig had stood otherwise than it is said.
 //!
 //! A [`budget`] can end the search early; the answer then claims less. Where it is too short for
 //! a search on all samples, an [affordable](mod@affordable) part of them is used.
@@ -46,7 +47,9 @@ pub(crate) mod search;
 pub mod selection;
 pub(crate) mod singles;
 pub(crate) mod smoother;
+pub mod structures;
 pub(crate) mod tables;
+pub(crate) mod turns;
 pub mod validation;
 pub mod verdict;
 
@@ -357,6 +360,8 @@ fn diagnose_all(
         };
     concerns.extend(quality::slow_effects(&found.repaired, &data));
     concerns.extend(far_zeros(&found.repaired.fit, &data));
+    let matters = floor.rms.max(baseline::tolerance(&data));
+    concerns.extend(turns::contradictions(file, &data, &refit, matters));
     let proposals = if found.rivals.len() > 1 && progress.may_begin(SearchPart::Experiment) {
         propose(&file.model, &found.rivals, &floor)
     } else {

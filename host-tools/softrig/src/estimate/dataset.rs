@@ -544,6 +544,22 @@ impl Dataset {
         })
     }
 
+    /// The same data with the base turned by other angles (rad), by session.
+    pub fn turned_as(&self, turned: impl Fn(usize, &Session) -> f64) -> Self {
+        self.mapped(|index, session| {
+            let turned = turned(index, session);
+            let mut recording = Recording::clone(&session.recording);
+            // Parts of the session are placed by what is said of it.
+            let setup = recording.meta.setup.get_or_insert_default();
+            setup.tilt_deg = Some(turned.to_degrees());
+            Some(Session {
+                turned,
+                recording: Arc::new(recording),
+                ..session.clone()
+            })
+        })
+    }
+
     fn mapped(&self, change: impl Fn(usize, &Session) -> Option<Session>) -> Self {
         Self {
             sessions: self

@@ -125,6 +125,8 @@ pub enum Matter {
     ShortStretch,
     /// A recording seems to be of another actuator.
     OtherActuator,
+    /// A session behaves as if the base had been turned otherwise than it is said.
+    Turned,
     /// The time is too short for all samples.
     TooManySamples,
     /// A session was given beside files that were cut from it.

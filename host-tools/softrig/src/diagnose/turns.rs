@@ -1,0 +1,236 @@
+//! Was the base turned as the metadata say?
+//!
+//! A person forgets to turn the rig, or to write it down. Everything that is concluded from the
+//! weight of the actuator is then wrong. So where a session is said to be turned, a weight is
+//! fitted to all sessions as they are said to have stood, and once more with a group of them
+//! taken otherwise: the turned ones as if they had stayed, those of which nothing is said as if
+//! they had been turned like the others. What leaves less than half is reported; nothing is
+//! changed.
+
+use std::ops::Range;
+
+use model_core::catalogue::Kind;
+use rayon::prelude::*;
+
+use super::candidates::Candidate;
+use super::structures;
+use crate::estimate::fit::{Effort, Fitter};
+use crate::estimate::usable::{Concern, Matter};
+use crate::estimate::{Dataset, Session};
+use softrig_formats::model_file::ModelFile;
+
+/// Share of the error that a reading of the setup leaves at most to contradict the one that is
+/// said: a weight that pulls the wrong way leaves more than no weight.
+const CONTRADICTS: f64 = 0.5;
+
+/// The sessions that contradict their setup, where one of them is said to be turned. An error
+/// (rad) of `matters` or less contradicts nothing.
+pub fn contradictions(
+    file: &ModelFile,
+    data: &Dataset,
+    refit: &Candidate,
+    matters: f64,
+) -> Vec<Concern> {
+    let said: Vec<f64> = data.sessions().iter().map(|it| it.turned()).collect();
+    let Some(&turned) = said.iter().find(|&&turned| turned != 0.0) else {
+        return Vec::new();
+    };
+    let left = |data: &Dataset| with_weight(file, data, refit);
+    let Some(as_said) = left(data).filter(|&left| left > matters) else {
+        return Vec::new();
+    };
+    let groups = groups(data);
+    let mut found: Vec<(f64, &Group)> = groups
+        .par_iter()
+        .filter_map(|group| {
+            let taken = data.turned_as(|index, session| {
+                let is_member = group.sessions.contains(&index);
+                match (is_member, group.said) {
+                    (false, _) => session.turned(),
+                    (true, Some(_)) => 0.0,
+                    (true, None) => turned,
+                }
+            });
+            let left = left(&taken)?;
+            (left < CONTRADICTS * as_said).then_some((left, group))
+        })
+        .collect();
+    found.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let best = found.first();
+    best.map(|(left, group)| group.concern(data, turned, [as_said, *left]))
+        .into_iter()
+        .collect()
+}
+
+/// What a weight leaves of the recordings (rad), or no weight if that leaves less; none where
+/// the model cannot be fitted. A refit over sessions that stood differently is a poor start, so
+/// that the nominal model is another.
+fn with_weight(file: &ModelFile, data: &Dataset, refit: &Candidate) -> Option<f64> {
+    let fitter = Fitter::new(&file.model, data);
+    let without = fitter.fit(&refit.fit.model, &file.free, Effort::Full);
+    let mut left = vec![without.rmse()];
+    let mut effects = file.model.effects();
+    if !effects.any(|effect| effect.kind() == Kind::Gravity) {
+        let nominal = Candidate::of(Vec::new(), fitter.compare(&file.model));
+        left.extend([refit, &nominal].into_iter().filter_map(|base| {
+            let weight = structures::fit(file, data, base, &[Kind::Gravity]);
+            weight.ok().map(|weight| weight.fit.rmse())
+        }));
+    }
+    let finite = left.into_iter().filter(|left| left.is_finite());
+    finite.reduce(f64::min)
+}
+
+/// Sessions of which the same is said.
+struct Group {
+    /// The tilt that is said (°); none where nothing is said.
+    said: Option<f64>,
+    /// Their indices.
+    sessions: Range<usize>,
+}
+
+/// Sittings, which are sessions one after the other of which the same is said, and each session
+/// of a sitting on its own.
+fn groups(data: &Dataset) -> Vec<Group> {
+    let tilt = |session: &Session| session.recording().meta.setup.as_ref()?.tilt_deg;
+    let said: Vec<Option<f64>> = data.sessions().iter().map(|it| tilt(it)).collect();
+    let mut groups = Vec::new();
+    let mut begin = 0;
+    for sitting in said.chunk_by(|a, b| a == b) {
+        let members = begin..begin + sitting.len();
+        begin = members.end;
+        // Of one that is said to stand as it stood nothing else is to be supposed.
+        if sitting[0] == Some(0.0) {
+            continue;
+        }
+        let of = |sessions: Range<usize>| Group {
+            said: sitting[0],
+            sessions,
+        };
+        groups.push(of(members.clone()));
+        if members.len() > 1 {
+            groups.extend(members.map(|index| of(index..index + 1)));
+        }
+    }
+    groups
+}
+
+impl Group {
+    fn concern(&self, data: &Dataset, turned: f64, [as_said, left]: [f64; 2]) -> Concern {
+        let first = data.sessions().get(self.sessions.start);
+        let first = first.map(|session| session.recording());
+        let others = match self.sessions.len() - 1 {
+            0 => String::new(),
+            1 => "and another recording: ".to_owned(),
+            more => format!("and {more} other recordings: "),
+        };
+        let errors = format!(
+            "a weight then leaves {:.2}° instead of {:.2}°",
+            left.to_degrees(),
+            as_said.to_degrees()
+        );
+        let (text, advice) = match self.said {
+            Some(tilt) => (
+                format!(
+                    "{others}the base is said to be turned by {tilt}°, and the actuator behaves \
+                     as if it was not: {errors}"
+                ),
+                "if it stayed as it was, correct tilt_deg in the metadata; if it was turned, no \
+                 weight acts on the actuator",
+            ),
+            None => (
+                format!(
+                    "{others}nothing is said of a turned base, and the actuator behaves as if it \
+                     was turned by {}°: {errors}",
+                    turned.to_degrees().round()
+                ),
+                "if it was, write tilt_deg below [setup] in the metadata",
+            ),
+        };
+        Concern::of(Matter::Turned, first, text, advice)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use model_core::actuator::Model;
+    use softrig_formats::recording::Recording;
+    use softrig_formats::setup::Setup;
+
+    use super::*;
+    use crate::diagnose::identifiability;
+    use crate::estimate::Nuisance;
+    use crate::synth::example::{Hidden, make};
+
+    /// What is said of steps at several levels, of an actuator with a weight on a base that is
+    /// turned by `turned` and said to be turned by `said` (°), sitting by sitting.
+    fn said(turned: &[f64], said: &[Option<f64>]) -> Vec<String> {
+        let example = make(Hidden::Effect(Kind::Gravity), 0.05, 6).unwrap();
+        let file = ModelFile::parse(&example.model, Path::new("model.toml")).unwrap();
+        let truth = ModelFile::parse(&example.truth, Path::new("truth.toml")).unwrap();
+        // A third as heavy as the spring is stiff at a radian.
+        let dynamics = *truth.model.dynamics();
+        let gravity = Kind::Gravity.build(&[0.3 * dynamics.stiffness, 0.0, 0.0, 1.0]);
+        let truth = Model::new(dynamics, &[gravity.unwrap()]).unwrap();
+        let levels = example
+            .recordings
+            .iter()
+            .filter(|(name, ..)| name.starts_with("step"))
+            .step_by(2);
+        let runs: Vec<&Recording> = levels.map(|(_, recording, _)| recording).collect();
+        let sittings = turned.iter().zip(said);
+        let recordings: Vec<Recording> = sittings
+            .enumerate()
+            .flat_map(|(number, (turned, &said))| {
+                let truth = &truth;
+                runs.iter().map(move |&run| {
+                    let mut recording = run.clone();
+                    recording.name = format!("{}_{number}", run.name);
+                    recording.meta.setup = Some(Setup {
+                        tilt_deg: said,
+                        ..Setup::default()
+                    });
+                    let of = Dataset::of(std::slice::from_ref(&recording));
+                    let stood = of.turned_as(|_, _| turned.to_radians());
+                    recording.angle = stood.sessions()[0].simulate(truth, &Nuisance::AT_ZERO);
+                    recording
+                })
+            })
+            .collect();
+        let data = Dataset::of(&recordings);
+        let fitter = Fitter::new(&file.model, &data);
+        let refitted = identifiability::refit(&file, &fitter).unwrap();
+        contradictions(&refitted.file, &data, &refitted.refit, 1e-4)
+            .iter()
+            .map(ToString::to_string)
+            .collect()
+    }
+
+    #[test]
+    fn who_forgets_to_turn_the_base_is_told() {
+        let found = said(&[90.0, 0.0, 0.0], &[Some(90.0), None, Some(90.0)]);
+        assert_eq!(found.len(), 1, "{found:?}");
+        assert!(
+            found[0].contains("_2: and 4 other recordings: the base is said to be turned by 90°"),
+            "{found:?}"
+        );
+        assert!(found[0].contains("as if it was not"), "{found:?}");
+    }
+
+    #[test]
+    fn who_forgets_to_write_it_down_is_told() {
+        let found = said(&[0.0, 90.0, 90.0], &[Some(0.0), None, Some(90.0)]);
+        assert_eq!(found.len(), 1, "{found:?}");
+        assert!(found[0].contains("_1: and"), "{found:?}");
+        assert!(found[0].contains("as if it was turned by 90°"), "{found:?}");
+    }
+
+    #[test]
+    fn what_stands_as_it_is_said_contradicts_nothing() {
+        let none: [String; 0] = [];
+        assert_eq!(said(&[0.0, 90.0], &[None, Some(90.0)]), none);
+        assert_eq!(said(&[0.0, 0.0], &[None, None]), none);
+    }
+}
