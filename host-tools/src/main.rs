@@ -59,6 +59,7 @@ enum Command {
     Calibrate(cli::calibrate::Args),
     Virtual(cli::virtual_rig::Args),
     Plan(cli::plan::Args),
+    Next(cli::next::Args),
     /// Print the JSON Schema of a verdict
     #[command(after_help = "Examples:\n  rig schema > verdict.schema.json")]
     Schema,
@@ -102,6 +103,7 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Calibrate(args) => cli::calibrate::run(&args),
         Command::Virtual(args) => cli::virtual_rig::run(&args),
         Command::Plan(args) => cli::plan::run(&args),
+        Command::Next(args) => cli::next::run(&args),
         Command::Schema => {
             let schema = softrig::diagnose::verdict::schema();
             cli::print(&format!("{}\n", serde_json::to_string_pretty(&schema)?))?;

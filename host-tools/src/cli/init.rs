@@ -379,7 +379,7 @@ fn summary(first: &FirstModel) -> String {
 /// Asks for what the flags would have said; none if the user gives up.
 fn ask(output: &Path) -> anyhow::Result<Option<Known>> {
     // The list of choices hides the cursor.
-    ctrlc::set_handler(|| {
+    super::on_interrupt(|| {
         /// 128 and the number of the signal, as shells have it.
         const INTERRUPTED: i32 = 130;
         let _ = dialoguer::console::Term::stderr().show_cursor();

@@ -13,6 +13,7 @@ pub mod init;
 pub(crate) mod input;
 pub mod materials;
 pub mod monitor;
+pub mod next;
 pub mod output;
 pub mod plan;
 pub mod ports;
@@ -24,8 +25,8 @@ mod watch;
 
 use std::io::{BufRead, IsTerminal};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use softrig_formats::columns::Layout;
 use softrig_formats::error::InputError;
@@ -94,6 +95,27 @@ pub(crate) fn spinner() -> indicatif::ProgressBar {
     bar
 }
 
+/// What Ctrl-C does.
+type Handler = Box<dyn FnMut() + Send>;
+
+/// What it does now.
+static ON_INTERRUPT: Mutex<Option<Handler>> = Mutex::new(None);
+
+/// From now on Ctrl-C, and the signals of a closing session, do this and not what they did
+/// before: the system has one handler, and a command may work and then record.
+pub(crate) fn on_interrupt(handler: impl FnMut() + Send + 'static) -> anyhow::Result<()> {
+    let current = || ON_INTERRUPT.lock().unwrap_or_else(PoisonError::into_inner);
+    let is_first = current().replace(Box::new(handler)).is_none();
+    if is_first {
+        ctrlc::set_handler(move || {
+            if let Some(handler) = current().as_mut() {
+                handler();
+            }
+        })?;
+    }
+    Ok(())
+}
+
 /// Whether the user asked the program to end. From the moment it listens, Ctrl-C no
 /// longer ends the program by itself: a moving rig has to be stopped first.
 #[derive(Clone, Debug)]
@@ -104,7 +126,7 @@ impl Interrupt {
     pub(crate) fn listen() -> anyhow::Result<Self> {
         let flag = Arc::new(AtomicBool::new(false));
         let raised = Arc::clone(&flag);
-        ctrlc::set_handler(move || raised.store(true, Ordering::Relaxed))?;
+        on_interrupt(move || raised.store(true, Ordering::Relaxed))?;
         Ok(Self(flag))
     }
 

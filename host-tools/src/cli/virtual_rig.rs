@@ -15,6 +15,7 @@ use clap::{Parser, ValueEnum};
 
 use super::Interrupt;
 use softrig_formats::error::InputError;
+use softrig_formats::setup::Setup;
 
 /// Runs the real firmware image in a simulator, behind a serial port.
 ///
@@ -121,6 +122,73 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     Err(anyhow::anyhow!(
         "the simulator ended with {status}; what it said is above"
     ))
+}
+
+/// A virtual rig that another command uses for as long as it runs.
+pub(crate) struct Companion {
+    child: Child,
+    control: ChildStdin,
+    port: String,
+    /// It ends when nobody reads what it says.
+    _said: Receiver<String>,
+}
+
+impl Companion {
+    /// Starts it, as fast as this computer can, with the actuator of a model file.
+    ///
+    /// # Errors
+    ///
+    /// A model that cannot be read, missing programs, or a simulator that does not start.
+    pub(crate) fn start(actuator: &Path) -> anyhow::Result<Self> {
+        /// It has to read an image and open a port.
+        const STARTS: Duration = Duration::from_secs(30);
+        super::read_model(actuator)?;
+        let program = find_program()?;
+        let mut child = Command::new(&program)
+            .args(["serve", "--control", "--speed", "max", "--image"])
+            .arg(find_image(None)?)
+            .arg("--actuator")
+            .arg(actuator)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .with_context(|| format!("{} cannot be started", program.display()))?;
+        let said = lines_of(&mut child);
+        let until = Instant::now() + STARTS;
+        let port = loop {
+            let line = said.recv_timeout(until.saturating_duration_since(Instant::now()));
+            match line.context("the simulator did not start; what it said is above")? {
+                line if line.starts_with("port ") => break line["port ".len()..].to_owned(),
+                _ => {}
+            }
+        };
+        let control = child.stdin.take().context("it takes no lines")?;
+        Ok(Self {
+            child,
+            control,
+            port,
+            _said: said,
+        })
+    }
+
+    /// Its serial port.
+    pub(crate) fn port(&self) -> &str {
+        &self.port
+    }
+
+    /// Turns its base as a plan asks.
+    pub(crate) fn set_up(&mut self, setup: &Setup) -> anyhow::Result<()> {
+        writeln!(self.control, "tilt {}", setup.tilt_deg.unwrap_or(0.0))
+            .context("the simulator has ended")
+    }
+}
+
+impl Drop for Companion {
+    fn drop(&mut self) {
+        // It may have ended by itself.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
 }
 
 fn command(args: &Args, program: &Path, image: &Path) -> Command {

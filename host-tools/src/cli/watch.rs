@@ -40,7 +40,7 @@ impl Watched {
         let progress = Arc::new(Progress::within(budget).since(begun));
         let display = Arc::new(Mutex::new(Some(Display::of(Arc::clone(&progress)))));
         let (known, shown) = (Arc::clone(&progress), Arc::clone(&display));
-        ctrlc::set_handler(move || {
+        super::on_interrupt(move || {
             if let Some(display) = lock(&shown).take() {
                 display.close();
                 remark(unfinished(&known.state(), &go_on).trim_end());

@@ -1,0 +1,193 @@
+//! `rig next`: the experiments that decide, one after the other.
+//!
+//! A diagnosis that cannot tell ends with the run that would. Here it is made: the rig is set up
+//! as the plan asks, the run is recorded, and all recordings are diagnosed together, until the
+//! answer is clear or nothing that is known decides. What was recorded is kept, so that the
+//! command takes up where it was ended.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use anyhow::Context;
+use clap::Parser;
+
+use super::input::InputArgs;
+use super::record;
+use super::virtual_rig::Companion;
+use super::watch::Watched;
+use crate::report::content::Content;
+use softrig::diagnose::plan::{Proposal, VERY_STRONG};
+use softrig::diagnose::verdict::Answer;
+use softrig::diagnose::{Diagnosis, Request, diagnose};
+use softrig_formats::error::write_atomically;
+use softrig_formats::recording::Recording;
+
+/// Makes the experiments that decide: diagnoses, proposes a run, asks you to set up the
+/// rig, records it, and diagnoses all recordings together, until it can tell or nothing
+/// decides.
+///
+/// What is planned and recorded stays in the folder of -o. Repeat the command to go on after an
+/// interruption: a run that is complete is not recorded again.
+#[derive(Debug, Parser)]
+#[command(after_help = "\
+Examples:
+  rig next --port /dev/ttyACM0 --model m.toml run.csv -o decide
+  rig next --virtual truth.toml --model m.toml run.csv -o decide    on the virtual rig
+  rig diagnose --model m.toml run.csv decide/*.csv --report report.html
+
+The virtual rig turns its own base; on a bench you are asked to.")]
+pub struct Args {
+    /// Serial port of the board; `rig ports` lists them
+    #[arg(
+        long,
+        value_name = "PORT",
+        required_unless_present = "actuator",
+        conflicts_with = "actuator"
+    )]
+    port: Option<String>,
+    /// Record on the virtual rig, with the actuator of this model file
+    #[arg(long = "virtual", value_name = "TRUTH.toml")]
+    actuator: Option<PathBuf>,
+    /// Model file
+    #[arg(long, value_name = "MODEL.toml")]
+    model: PathBuf,
+    /// Recordings so far
+    #[arg(required = true, value_name = "REC.csv")]
+    recordings: Vec<PathBuf>,
+    /// Folder for the plans and their recordings
+    #[arg(short, long, value_name = "FOLDER", default_value = "next")]
+    output: PathBuf,
+    /// Experiments at most
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=20))]
+    most: u32,
+    /// The rig stands as each plan asks: do not wait for Enter
+    #[arg(long)]
+    ready: bool,
+    /// Random seed
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    #[command(flatten)]
+    input: InputArgs,
+}
+
+/// Runs the command.
+///
+/// # Errors
+///
+/// Faults of the input, of the link, or of the board.
+pub fn run(args: &Args) -> anyhow::Result<()> {
+    let mut recordings = args.recordings.clone();
+    let mut companion = None;
+    let mut made = 0;
+    loop {
+        let (sentence, best) = diagnosed(args, &recordings)?;
+        super::print(&format!("{sentence}\n"))?;
+        let Some(best) = best else { break };
+        if best.evidence < VERY_STRONG {
+            super::print(
+                "No run is expected to decide: neither a pressure nor a turned base tells these effects \
+                 apart.\nA better calibration, a weight at the tip or another length of tube may.\n",
+            )?;
+            break;
+        }
+        if made == args.most {
+            super::print(&format!(
+                "{made} experiments were made, the most that --most allows.\n"
+            ))?;
+            break;
+        }
+        made += 1;
+        let recording = args.output.join(format!("next{made}.csv"));
+        if is_complete(&recording) {
+            super::print(&format!("{} is recorded already.\n", recording.display()))?;
+        } else {
+            record_next(args, &best, &recording, &mut companion)?;
+        }
+        recordings.push(recording);
+    }
+    let files = recordings.iter().map(|path| path.display().to_string());
+    super::print(&format!(
+        "To keep the answer: rig diagnose --model {} {} --report report.html -o repaired.toml\n",
+        args.model.display(),
+        files.collect::<Vec<_>>().join(" ")
+    ))?;
+    Ok(())
+}
+
+/// What the recordings say, and the run that would say more; none where the answer is clear or
+/// no run is known.
+fn diagnosed(args: &Args, paths: &[PathBuf]) -> anyhow::Result<(String, Option<Proposal>)> {
+    let (file, recordings) = super::read(&args.model, paths, &args.input.layout())?;
+    let request = Request {
+        file: &file,
+        recordings: &recordings,
+        holdout: &[],
+        own: None,
+        seed: args.seed,
+    };
+    let go_on = "To go on, repeat the command.".to_owned();
+    let watched = Watched::start(go_on, None, Instant::now())?;
+    let diagnosis = diagnose(&request, &watched.progress);
+    drop(watched.finish());
+    let diagnosis: Diagnosis = diagnosis?;
+    for concern in &diagnosis.concerns {
+        super::warn(&concern.to_string());
+    }
+    let is_open = diagnosis.finding.answer() == Answer::CannotTell;
+    let best = diagnosis.proposals.first().filter(|_| is_open);
+    let best = best.map(|(proposal, _)| proposal.clone());
+    Ok((Content::of(&request, &diagnosis).sentence, best))
+}
+
+/// Whether a recording is there, to its end.
+fn is_complete(path: &Path) -> bool {
+    path.exists() && Recording::read(path).is_ok_and(|(it, _)| it.meta.complete == Some(true))
+}
+
+/// Writes the plan of a run, has the rig set up, and records it.
+fn record_next(
+    args: &Args,
+    best: &Proposal,
+    recording: &Path,
+    companion: &mut Option<Companion>,
+) -> anyhow::Result<()> {
+    let folder = &args.output;
+    std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
+    let plan = recording.with_extension("toml");
+    let mut protocol = best.protocol.clone();
+    protocol.setup = best.setup.clone();
+    write_atomically(&plan, protocol.to_text().as_bytes())?;
+    super::print(&format!(
+        "Next: {}{} ({:.0} s), expected Δχ² {:.0}: {}\n",
+        best.setup.instruction(),
+        protocol.title,
+        f64::from(protocol.total_ms()) / 1000.0,
+        best.evidence,
+        plan.display()
+    ))?;
+    let port = match (&args.actuator, &args.port) {
+        (Some(actuator), _) => {
+            let rig = match companion {
+                Some(rig) => rig,
+                none => none.insert(Companion::start(actuator)?),
+            };
+            rig.set_up(&best.setup)?;
+            rig.port().to_owned()
+        }
+        (None, Some(port)) => {
+            if !args.ready {
+                super::ask_to_set_up(&best.setup)?;
+            }
+            port.clone()
+        }
+        // The command line was checked for it.
+        (None, None) => anyhow::bail!("name a port"),
+    };
+    let words = ["record", "--ready", "--force", "--port", &port, "--plan"];
+    let words = words.iter().map(std::ffi::OsString::from).chain([
+        plan.into_os_string(),
+        "-o".into(),
+        recording.into(),
+    ]);
+    record::run(&record::Args::try_parse_from(words)?)
+}
