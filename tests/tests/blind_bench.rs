@@ -8,15 +8,22 @@ use softrig::diagnose::{Progress, Request, diagnose};
 use softrig_formats::columns::Layout;
 use softrig_formats::model_file::ModelFile;
 use softrig_formats::recording::{Recording, read_all};
+use softrig_tests::blind::answer::{Answer, Collection};
 use softrig_tests::blind::bench::cases::{Made, Plan, make, plan};
-use softrig_tests::blind::bench::score::{Figures, Scored};
 use softrig_tests::blind::bench::session::Rig;
-use softrig_tests::blind::bench::tables;
-use softrig_tests::blind::bench::world::{Law, Outside, Part, World, break_away, coloured};
-use softrig_tests::blind::cases::{Hidden, stable_hash, typical_effect};
+use softrig_tests::blind::cases::stable_hash;
+use softrig_tests::blind::counts::{Group, Rate};
 use softrig_tests::blind::experiments::{Experiment, Pump};
-use softrig_tests::blind::truth::{Base, Formula, Line, RATE_HZ, SAMPLES_HZ, Truth};
+use softrig_tests::blind::grade::{Grade, Strength};
+use softrig_tests::blind::hidden::{Hidden, kinds_of, names_of};
+use softrig_tests::blind::law::{Effect, Law, break_away};
+use softrig_tests::blind::score::Scored;
+use softrig_tests::blind::sizes::typical_effect;
 use softrig_tests::blind::verdicts::Outcome;
+use softrig_tests::blind::world::{
+    Base, Grid, Line, Outside, RATE_HZ, SAMPLES_HZ, World, coloured,
+};
+use softrig_tests::blind::{page, tables};
 
 const LINEAR: Base = Base {
     inertia: 0.05,
@@ -37,13 +44,16 @@ const SOFT: Base = Base {
 fn world(base: Base, law: Law, values: [f64; 4]) -> World {
     World {
         base,
-        parts: vec![Part { law, values }],
+        effects: vec![Effect { law, values }],
     }
 }
 
 /// From rest, a thousand readings a second.
 fn shown(world: &World, line: &Line) -> Vec<f64> {
-    world.simulate(&Outside::at_rest(line), RATE_HZ, RATE_HZ / 1000)
+    world.show(
+        &Outside::at_rest(line),
+        Grid::of_steps(RATE_HZ, RATE_HZ / 1000),
+    )
 }
 
 fn at(readings: &[f64], seconds: f64) -> f64 {
@@ -52,25 +62,24 @@ fn at(readings: &[f64], seconds: f64) -> f64 {
     readings[index]
 }
 
+/// Runs are looked at by samples with steps between them, sessions by steps.
 #[test]
-fn known_formulas_move_as_in_the_other_sets() {
+fn what_is_shown_does_not_depend_on_the_grid() {
     let pump = Pump {
         lag: 0.08,
         fastest: 300e3,
     };
     let line = pump.drive(&Experiment::Triangle(1.0), &SOFT);
-    for &formula in Formula::ALL {
-        let effect = typical_effect(formula, &SOFT, 4);
-        let here = world(SOFT, Law::Known(formula), effect.values);
-        let there = Truth {
+    for &law in Law::ALL {
+        let truth = World {
             base: SOFT,
-            effects: vec![effect],
+            effects: vec![typical_effect(law, &SOFT, 4)],
         };
-        let ours = shown(&here, &line);
-        let theirs = there.simulate(&line, 0, RATE_HZ / SAMPLES_HZ);
-        for (k, reading) in theirs.iter().enumerate() {
-            let off = (at(&ours, k as f64 * 0.01) - reading).abs();
-            assert!(off < 1e-9, "{formula:?}: {off} rad");
+        let by_steps = shown(&truth, &line);
+        let by_samples = truth.simulate(&line, 0, RATE_HZ / SAMPLES_HZ);
+        for (k, reading) in by_samples.iter().enumerate() {
+            let off = (at(&by_steps, k as f64 * 0.01) - reading).abs();
+            assert!(off < 1e-9, "{law:?}: {off} rad");
         }
     }
 }
@@ -188,8 +197,8 @@ fn a_pulsating_stiffness_moves_the_rest_angle() {
 #[test]
 fn the_shape_of_a_loop_is_what_its_coefficient_says() {
     let line = Line::new(5.0, (0..9).map(|k| 50e3 * f64::from(k % 3)).collect());
-    // With B = ½ it is the formula that the other sets have.
-    let plain = world(LINEAR, Law::Known(Formula::BoucWen), [1.5, 0.2, 0.0, 0.0]);
+    // With B = ½ it is the law that the other sets have.
+    let plain = world(LINEAR, Law::BoucWen, [1.5, 0.2, 0.0, 0.0]);
     let half = world(LINEAR, Law::BoucWenShape, [1.5, 0.2, 0.5, 0.0]);
     for (a, b) in shown(&plain, &line).iter().zip(shown(&half, &line)) {
         assert!((a - b).abs() < 1e-12);
@@ -245,16 +254,13 @@ fn a_start_in_motion_swings_as_the_textbook_says() {
         damping: 0.02,
         ..LINEAR
     };
-    let swing = World {
-        base,
-        parts: Vec::new(),
-    };
+    let swing = World::of(base);
     let line = Line::new(5.0, vec![0.0; 2]);
     let outside = Outside {
         start: [0.9, -0.2],
         ..Outside::at_rest(&line)
     };
-    let readings = swing.simulate(&outside, RATE_HZ, RATE_HZ / 1000);
+    let readings = swing.show(&outside, Grid::of_steps(RATE_HZ, RATE_HZ / 1000));
     let decay = base.damping / (2.0 * base.inertia);
     let ringing = (base.stiffness / base.inertia - decay * decay).sqrt();
     for k in 0..50 {
@@ -276,7 +282,7 @@ fn quiet(rig: Rig) -> Plan {
 fn hash(made: &Made) -> u64 {
     let mut text = serde_json::to_string(&made.answer).unwrap();
     for file in &made.files {
-        text += &format!("{} {:?} {:?}", file.name, file.meta, file.samples);
+        text += &format!("{} {:?} {:?}", file.name, file.meta, file.recording);
     }
     stable_hash(text.as_bytes())
 }
@@ -305,18 +311,18 @@ fn twelve_cases_hold_every_class_and_all_of_them_every_kind() {
             .filter(|plan| plan.hidden == Hidden::One && plan.rig != Rig::Actuator);
         assert_eq!(elsewhere.count(), 2);
     }
-    for kind in softrig_tests::blind::truth::kinds() {
+    for kind in softrig_tests::blind::law::kinds() {
         let hides = |plan: &&Plan| {
             plan.hidden == Hidden::One
                 && plan.rig == Rig::Actuator
-                && plan.laws[0].kind() == Some(kind)
+                && plan.laws[0].row().kind == Some(kind)
         };
         assert!(list.iter().filter(hides).count() >= 2, "{kind}");
     }
     for law in [
         Law::DwellStiction,
         Law::PulsatingStiffness,
-        Law::RandomForce,
+        Law::ColouredForce,
     ] {
         let count = list.iter().filter(|plan| plan.laws == [law]).count();
         assert_eq!(count, 8);
@@ -326,7 +332,10 @@ fn twelve_cases_hold_every_class_and_all_of_them_every_kind() {
         assert!(list.iter().any(|plan| is_quiet(&plan)), "{rig:?}");
     }
     let only = plan(5, &["leak".to_owned()], 1);
-    assert!(only.iter().all(|plan| plan.laws[0].kind() == Some("leak")));
+    assert!(
+        only.iter()
+            .all(|plan| plan.laws[0].row().kind == Some("leak"))
+    );
 }
 
 #[test]
@@ -334,13 +343,14 @@ fn an_effect_is_as_large_as_is_asked_for() {
     let plan = Plan {
         rig: Rig::Actuator,
         hidden: Hidden::One,
-        laws: vec![Law::Known(Formula::Backlash)],
+        laws: vec![Law::Backlash],
     };
     let answer = make(&plan, 2, 0).answer;
-    assert!(answer.visible);
-    assert!((1.5..=8.0).contains(&answer.misfit_over_noise));
+    let secret = &answer.secret;
+    assert!(secret.visible);
+    assert!((1.5..=8.0).contains(&secret.misfit_over_noise));
     assert!(answer.coloured_misfit > 0.0);
-    let nominal = answer.nominal.stiffness / answer.truth.base.stiffness - 1.0;
+    let nominal = secret.nominal.stiffness / secret.truth.base.stiffness - 1.0;
     assert!((0.1..0.3).contains(&nominal.abs()), "{nominal}");
 }
 
@@ -438,20 +448,16 @@ fn a_session_is_diagnosed_and_not_refused() {
 
 fn scored(plan: &Plan, verdict: serde_json::Value) -> Scored {
     let mut answer = make(&quiet(Rig::Swing), 1, 0).answer;
-    answer.hidden = plan.hidden;
-    answer.laws = plan.laws.iter().map(|law| law.name().to_owned()).collect();
-    answer.kinds = plan
-        .laws
-        .iter()
-        .filter_map(|law| law.kind().map(str::to_owned))
-        .collect();
+    answer.secret.hidden = plan.hidden;
+    answer.secret.laws = names_of(&plan.laws);
+    answer.secret.kinds = kinds_of(&plan.laws);
     let outcome = Outcome {
         verdict: Some(verdict),
         seconds: 2.0,
         cpu_seconds: Some(3.0),
         ..Outcome::default()
     };
-    Scored::of(&answer, &outcome)
+    Scored::of(&Answer::Session(answer), &outcome)
 }
 
 #[test]
@@ -459,7 +465,7 @@ fn tables_count_what_was_said() {
     let one = Plan {
         rig: Rig::Swing,
         hidden: Hidden::One,
-        laws: vec![Law::Known(Formula::Gravity)],
+        laws: vec![Law::Gravity],
     };
     let outside = Plan {
         hidden: Hidden::Outside,
@@ -478,17 +484,33 @@ fn tables_count_what_was_said() {
         scored(&outside, named("stribeck_friction", "part")),
         scored(&quiet(Rig::Swing), json!({ "verdict": "parameters_only" })),
     ];
-    let figures = Figures::of(&cases);
-    let pair = |rate: softrig_tests::blind::score::Rate| (rate.hits, rate.of);
-    assert_eq!(pair(figures.one.right), (2, 4));
-    assert_eq!(pair(figures.one.exact), (1, 4));
-    assert_eq!(pair(figures.one.wrong_full), (0, 4));
-    assert_eq!(pair(figures.one.wrong_part), (1, 4));
-    assert_eq!(pair(figures.one.open), (1, 4));
-    assert_eq!(pair(figures.outside_part), (1, 1));
-    assert_eq!(pair(figures.quiet_right), (1, 1));
-    assert!((figures.held_out.unwrap() - 0.5).abs() < 1e-12);
-    assert!((figures.cpu_worst.unwrap() - 3.0).abs() < 1e-12);
+    let all = Group::of(Collection::Bench, &cases);
+    let pair = |rate: Rate| (rate.hits, rate.of);
+    let graded = |cases: &Group, grade| pair(cases.rate(|case| case.grade == grade));
+    let single = all.hiding(&[Hidden::One]);
+    assert_eq!(pair(single.rate(|case| case.grade.is_right())), (2, 4));
+    assert_eq!(graded(&single, Grade::Exact), (1, 4));
+    assert_eq!(graded(&single, Grade::Wrong(Strength::Full)), (0, 4));
+    assert_eq!(graded(&single, Grade::Wrong(Strength::Part)), (1, 4));
+    assert_eq!(graded(&single, Grade::Open), (1, 4));
+    let beyond = all.hiding(&[Hidden::Outside]);
+    assert_eq!(graded(&beyond, Grade::Wrong(Strength::Part)), (1, 1));
+    let free = all.that(|case| case.secret().hidden.is_quiet());
+    assert_eq!(graded(&free, Grade::Denied), (1, 1));
+    let rows = tables::rows(Collection::Bench, &all);
+    let figure = |label: &str| {
+        let row = rows.iter().find(|(known, ..)| known == label);
+        row.unwrap().2.clone()
+    };
+    assert!(figure("one effect: right").ends_with("2 of 4"));
+    assert!(figure("one effect, free swing: right").ends_with("2 of 4"));
+    assert!(figure("outside: a name for a part").ends_with("1 of 1"));
+    assert!(figure("quiet: nothing or parameters only").ends_with("1 of 1"));
+    assert_eq!(
+        figure("held-out RMSE, repaired over refit, median"),
+        "0.500"
+    );
+    assert_eq!(figure("processor time a case, worst (s)"), "3.0");
 
     let text = tables::terminal(&cases);
     assert!(text.contains("stribeck_friction (part) 1"), "{text}");
@@ -500,26 +522,28 @@ fn tables_count_what_was_said() {
     assert!(lines.lines().all(|line| columns(line) == head), "{lines}");
 
     // The page keeps its other sections, and this one is written once.
-    let section = tables::section(&cases, "cargo xtask bench blind --set bench", "0000");
-    let page = tables::with_section("# Blind benchmark\n\nrich\n", &section);
-    assert!(page.starts_with("# Blind benchmark\n\nrich\n\n## The bench set\n"));
-    assert_eq!(tables::with_section(&page, &section), page);
-    assert_eq!(tables::own_section(&page), Some(section.as_str()));
+    let command = "cargo xtask bench blind --set bench";
+    let whole = page::page("# Blind benchmark\n\nrich\n", &cases, command, "0000");
+    assert!(whole.starts_with("# Blind benchmark\n\nrich\n\n## The bench set\n"));
+    assert_eq!(page::page(&whole, &cases, command, "0000"), whole);
+    let section = page::page("", &cases, command, "0000");
+    assert_eq!(page::parts(&whole).1, section);
 }
 
 #[test]
 fn the_documentation_describes_the_set() {
-    let page =
+    let text =
         std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/blind.md"))
             .unwrap();
-    assert!(tables::own_section(&page).is_some_and(|it| it.contains(tables::DESCRIPTION)));
+    assert!(page::parts(&text).1.contains(page::DESCRIPTION));
 }
 
 /// The truth must not come from the code that is tested with it.
 #[test]
 fn the_bench_shares_no_code_with_the_tool() {
     for text in [
-        include_str!("../src/blind/bench/world.rs"),
+        include_str!("../src/blind/hidden.rs"),
+        include_str!("../src/blind/folder.rs"),
         include_str!("../src/blind/bench/session.rs"),
         include_str!("../src/blind/bench/sizing.rs"),
         include_str!("../src/blind/bench/instruments.rs"),

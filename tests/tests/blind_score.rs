@@ -1,34 +1,34 @@
 //! Counting, the gate and the pages of the blind benchmark, on made-up
 //! verdicts.
 
+use serde_json::Value;
 use serde_json::json;
-use softrig_tests::blind::cases::{Answer, Hidden, Plan, make};
+use softrig_tests::blind::answer::{Answer, Collection};
+use softrig_tests::blind::cases::{self, Plan, make};
+use softrig_tests::blind::counts::{Group, Rate};
 use softrig_tests::blind::experiments::Set;
 use softrig_tests::blind::gate::Gate;
-use softrig_tests::blind::score::{Class, Errors, Figures, Said, Scored};
+use softrig_tests::blind::grade::Strength;
+use softrig_tests::blind::hidden::Hidden;
+use softrig_tests::blind::page::page;
+use softrig_tests::blind::picture::picture;
+use softrig_tests::blind::score::{Errors, Scored};
 use softrig_tests::blind::tables;
 use softrig_tests::blind::verdicts::Outcome;
 
-fn said(verdict: serde_json::Value) -> Said {
-    Said::of(&Outcome {
-        verdict: Some(verdict),
-        ..Outcome::default()
-    })
+fn named(kind: &str) -> Value {
+    json!({ "verdict": "effect_found", "effects": [{ "kind": kind }], "alternatives": [] })
 }
 
-fn named(kind: &str) -> Said {
-    said(json!({ "verdict": "effect_found", "effects": [{ "kind": kind }], "alternatives": [] }))
-}
-
-fn word(verdict: &str) -> Said {
-    said(json!({ "verdict": verdict, "effects": [], "alternatives": [] }))
+fn word(verdict: &str) -> Value {
+    json!({ "verdict": verdict, "effects": [], "alternatives": [] })
 }
 
 /// A case that hides gravity, or nothing, with what was said.
-fn scored(answer: &Answer, hidden: Hidden, class: Class, said: Said, ratio: f64) -> Scored {
+fn scored(answer: &cases::Answer, hidden: Hidden, verdict: Value, ratio: f64) -> Scored {
     let mut answer = answer.clone();
-    answer.hidden = hidden;
-    answer.kinds = match hidden {
+    answer.secret.hidden = hidden;
+    answer.secret.kinds = match hidden {
         Hidden::One => vec!["gravity".to_owned()],
         _ => Vec::new(),
     };
@@ -36,52 +36,57 @@ fn scored(answer: &Answer, hidden: Hidden, class: Class, said: Said, ratio: f64)
         noisy: 0.01 * factor,
         clean: 0.001 * factor,
     };
+    let outcome = Outcome {
+        verdict: Some(verdict),
+        seconds: 2.0,
+        ..Outcome::default()
+    };
     Scored {
-        answer,
-        class,
-        said,
         tool: Some(errors(ratio)),
         oracle: Some(errors(1.0)),
-        estimates: Vec::new(),
-        seconds: 2.0,
+        ..Scored::of(&Answer::Runs(answer), &outcome)
     }
 }
 
-fn five() -> Vec<Scored> {
+fn answer() -> cases::Answer {
     let plan = Plan {
         set: Set::Rich,
         hidden: Hidden::Nothing,
-        formulas: Vec::new(),
+        laws: Vec::new(),
         replicate: 0,
     };
-    let answer = make(&plan, "rich_000", 1).answer;
-    let of = |hidden, class, said, ratio| scored(&answer, hidden, class, said, ratio);
+    make(&plan, "rich_000", 1).answer
+}
+
+fn five() -> Vec<Scored> {
+    let answer = answer();
+    let of = |hidden, verdict, ratio| scored(&answer, hidden, verdict, ratio);
     vec![
-        of(Hidden::One, Class::One, named("gravity"), 1.0),
-        of(Hidden::One, Class::One, named("exponent_shift"), 1.3),
-        of(Hidden::One, Class::One, word("unexplained"), 1.1),
-        of(
-            Hidden::Nothing,
-            Class::EffectFree,
-            word("no_discrepancy"),
-            1.0,
-        ),
-        of(Hidden::Outside, Class::Outside, named("gravity"), 1.0),
+        of(Hidden::One, named("gravity"), 1.0),
+        of(Hidden::One, named("exponent_shift"), 1.3),
+        of(Hidden::One, word("unexplained"), 1.1),
+        of(Hidden::Nothing, word("no_discrepancy"), 1.0),
+        of(Hidden::Outside, named("gravity"), 1.0),
     ]
 }
 
 #[test]
 fn figures_count_what_they_say() {
-    let figures = Figures::of(Set::Rich, &five()).unwrap();
-    let pair = |rate: softrig_tests::blind::score::Rate| (rate.hits, rate.of);
-    assert_eq!(pair(figures.strict), (1, 3));
-    assert_eq!(pair(figures.wrong), (1, 3));
-    assert_eq!(pair(figures.in_set), (1, 3));
-    assert_eq!(pair(figures.false_names), (0, 1));
-    assert_eq!(pair(figures.outside), (1, 1));
-    assert_eq!(pair(figures.pair), (0, 0));
-    assert!((figures.held_out.unwrap() - 1.1).abs() < 1e-12);
-    assert_eq!(Figures::of(Set::Paper, &five()), None);
+    let five = five();
+    let cases = Group::of(Collection::Runs(Set::Rich), &five);
+    let pair = |rate: Rate| (rate.hits, rate.of);
+    let one = cases.hiding(&[Hidden::One]);
+    assert_eq!(pair(one.rate(Scored::is_exact)), (1, 3));
+    assert_eq!(pair(one.rate(Scored::names_else)), (1, 3));
+    assert_eq!(pair(one.rate(Scored::holds)), (1, 3));
+    assert!((one.median(Scored::over_oracle).unwrap() - 1.1).abs() < 1e-12);
+    let quiet = cases.that(|case| case.secret().hidden.is_quiet());
+    assert_eq!(pair(quiet.rate(Scored::names)), (0, 1));
+    let outside = cases.hiding(&[Hidden::Outside]);
+    let is_wrong = |case: &Scored| case.is_wrong(Strength::Full);
+    assert_eq!(pair(outside.rate(is_wrong)), (1, 1));
+    assert!(cases.hiding(&[Hidden::Two]).is_empty());
+    assert!(Group::of(Collection::Runs(Set::Paper), &five).is_empty());
 }
 
 #[test]
@@ -135,7 +140,7 @@ fn the_gate_names_what_got_worse() {
         );
     }
     let mut free = five();
-    free[3].said = named("leak");
+    free[3] = scored(&answer(), Hidden::Nothing, named("leak"), 1.0);
     assert!(gate.check(&free)[0].contains("names on data without an effect: 1 of 1"));
     assert_eq!(gate.check(&[]), ["no case was diagnosed"]);
     // The committed limits can be read.
@@ -145,7 +150,7 @@ fn the_gate_names_what_got_worse() {
 #[test]
 fn pages_and_pictures_show_every_answer() {
     let cases = five();
-    let page = tables::markdown(&cases, "cargo xtask bench blind", "0000");
+    let page = page("", &cases, "cargo xtask bench blind", "0000");
     assert!(
         page.contains("| one effect: named, strict |  | 33 % (6–79), 1 of 3 |"),
         "{page}"
@@ -156,7 +161,7 @@ fn pages_and_pictures_show_every_answer() {
     let columns = |line: &str| line.split(',').count();
     let head = columns(lines.lines().next().unwrap());
     assert!(lines.lines().all(|line| columns(line) == head), "{lines}");
-    let picture = tables::picture(Set::Rich, &cases);
+    let picture = picture(Set::Rich, &cases);
     let svg = roxmltree::Document::parse(&picture).unwrap();
     // Right once, wrong once in green and vermilion; abstentions in blue.
     let filled = |colour: &str| {

@@ -17,10 +17,10 @@ use softrig_formats::model_file::ModelFile;
 use softrig_formats::recording::read_all;
 use softrig_tests::blind::bench::cases::{self as bench, Plan};
 use softrig_tests::blind::bench::session::Rig;
-use softrig_tests::blind::bench::world::Law;
-use softrig_tests::blind::cases::{Hidden as Hides, make, plan};
+use softrig_tests::blind::cases::{make, plan};
 use softrig_tests::blind::experiments::Set;
-use softrig_tests::blind::truth::Formula;
+use softrig_tests::blind::hidden::Hidden as Hides;
+use softrig_tests::blind::law::Law;
 use softrig_tests::invariance::answer::{Answer, Likeness};
 use softrig_tests::invariance::ask::{Asked, CaseReplies, Reply};
 use softrig_tests::invariance::cases::{Case, CaseSet};
@@ -81,7 +81,7 @@ fn cases(folder: &Path) -> Vec<Case> {
     let plan = Plan {
         rig: Rig::Swing,
         hidden: Hides::One,
-        laws: vec![Law::Known(Formula::CoulombLugre)],
+        laws: vec![Law::CoulombLugre],
     };
     let mut made = bench::make(&plan, SEED, SWING);
     made.files.truncate(SWINGS);

@@ -5,12 +5,15 @@ use std::process::ExitCode;
 
 use clap::{Parser, ValueEnum};
 use softrig_formats::error::{InputError, write_atomically};
-use softrig_tests::blind::bench;
-use softrig_tests::blind::cases::{Answer, plan, stable_hash};
-use softrig_tests::blind::draw;
+use softrig_tests::blind::answer::{Answer, Collection, Plans};
+use softrig_tests::blind::cases::stable_hash;
+use softrig_tests::blind::draw::draw;
 use softrig_tests::blind::experiments::Set;
 use softrig_tests::blind::gate::Gate;
-use softrig_tests::blind::score::score;
+use softrig_tests::blind::law::kinds;
+use softrig_tests::blind::page::page;
+use softrig_tests::blind::picture::picture;
+use softrig_tests::blind::score::{Scored, score};
 use softrig_tests::blind::verdicts::{diagnose_all, tool_hash};
 use softrig_tests::blind::{GENERATOR, tables};
 
@@ -67,10 +70,20 @@ fn main() -> ExitCode {
     }
 }
 
-/// A benchmark: its sets, number of cases, seed.
+impl Which {
+    const fn collections(self) -> &'static [Collection] {
+        match self {
+            Self::Rich => &[Collection::Runs(Set::Rich)],
+            Self::Paper => &[Collection::Runs(Set::Paper)],
+            Self::Both => &[Collection::Runs(Set::Rich), Collection::Runs(Set::Paper)],
+            Self::Bench => &[Collection::Bench],
+        }
+    }
+}
+
+/// The cases of a run of this program, in a folder.
 struct Bench {
-    sets: Vec<Set>,
-    cases: u32,
+    plans: Vec<Plans>,
     seed: u64,
     folder: PathBuf,
 }
@@ -78,7 +91,7 @@ struct Bench {
 fn run(args: &Args) -> Result<ExitCode, InputError> {
     let gate = args.fast.then(Gate::committed).transpose()?;
     for kind in &args.kinds {
-        if !softrig_tests::blind::truth::kinds().contains(&kind.as_str()) {
+        if !kinds().contains(&kind.as_str()) {
             return Err(InputError::new(
                 format!("there is no kind {kind}"),
                 "use names of the catalogue of effects",
@@ -88,56 +101,30 @@ fn run(args: &Args) -> Result<ExitCode, InputError> {
     let (cases, seed) = gate
         .as_ref()
         .map_or((args.cases, args.seed), |gate| (gate.cases, gate.seed));
-    let sets = match args.set {
-        Which::Rich => vec![Set::Rich],
-        Which::Paper => vec![Set::Paper],
-        Which::Both => vec![Set::Rich, Set::Paper],
-        Which::Bench => return run_bench(args),
-    };
-    let name = folder_name(&format!("seed{seed}_{cases}"), &args.kinds, GENERATOR);
+    let plans = args.set.collections().iter();
     let bench = Bench {
-        sets,
-        cases,
+        plans: plans
+            .map(|&set| Plans::of(set, cases, &args.kinds, seed))
+            .collect(),
         seed,
-        folder: args.folder.join(name),
+        folder: args.folder.join(folder_name(args, cases, seed)),
     };
     let tool = tool_hash();
     let verdicts = bench.folder.join(format!("verdicts_{tool}"));
     println!("blind: {}", bench.folder.display());
 
-    let names = bench.make(&args.kinds)?;
+    bench.draw()?;
+    let names: Vec<String> = bench.plans.iter().flat_map(Plans::names).collect();
     diagnose_all(&bench.folder.join("cases"), &verdicts, &names, args.jobs)?;
 
-    let answers = bench.answers()?;
-    eprintln!("scoring; the first time, the oracle's refits take a second or two a case");
+    let answers = bench.answers(&names)?;
+    eprintln!("scoring; the first time, refits of an oracle take a second or two a case");
     let scored = score(&answers, &verdicts, &bench.sealed());
     let text = tables::terminal(&scored);
     print!("{text}");
-    let write = |path: &Path, text: &str| write_atomically(path, text.as_bytes());
     write(&verdicts.join("score.txt"), &text)?;
     write(&verdicts.join("cases.csv"), &tables::csv(&scored))?;
-    let command = format!("cargo xtask bench blind {}", arguments(args));
-    let page = tables::markdown(&scored, command.trim(), &tool);
-    write(&verdicts.join("blind.md"), &page)?;
-    let docs = softrig_tests::process::root().join("docs");
-    if args.docs {
-        let path = docs.join("blind.md");
-        let before = std::fs::read_to_string(&path).unwrap_or_default();
-        // The section of the set `bench` is written by another command.
-        let page = match bench::tables::own_section(&before) {
-            Some(section) => bench::tables::with_section(&page, section),
-            None => page,
-        };
-        write(&path, &page)?;
-    }
-    for &set in &bench.sets {
-        let picture = tables::picture(set, &scored);
-        let file = format!("blind_{}.svg", set.name());
-        write(&verdicts.join(&file), &picture)?;
-        if args.docs {
-            write(&docs.join("images").join(&file), &picture)?;
-        }
-    }
+    write_pages(args, &scored, &verdicts, &tool)?;
     println!("\nevery case: {}", verdicts.join("cases.csv").display());
     if let Some(gate) = gate {
         let failures = gate.check(&scored);
@@ -152,80 +139,55 @@ fn run(args: &Args) -> Result<ExitCode, InputError> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Cases of another generator are other cases.
-fn folder_name(start: &str, kinds: &[String], generator: &str) -> String {
-    let hash = stable_hash(generator.as_bytes()) >> 32;
-    let words: Vec<&str> = std::iter::once(start)
-        .chain(kinds.iter().map(String::as_str))
-        .collect();
-    format!("{}_{hash:08x}", words.join("_"))
+fn write(path: &Path, text: &str) -> Result<(), InputError> {
+    write_atomically(path, text.as_bytes())
 }
 
-/// The set `bench`: its cases do not depend on how many there are, so all of a
-/// seed share a folder.
-fn run_bench(args: &Args) -> Result<ExitCode, InputError> {
-    let start = format!("bench_seed{}", args.seed);
-    let folder = args
-        .folder
-        .join(folder_name(&start, &args.kinds, bench::GENERATOR));
-    let tool = tool_hash();
-    let verdicts = folder.join(format!("verdicts_{tool}"));
-    println!("blind: {}", folder.display());
-
-    let plans = bench::cases::plan(args.cases, &args.kinds, args.seed);
-    let names = draw_bench(&folder, &plans, args.seed)?;
-    diagnose_all(&folder.join("cases"), &verdicts, &names, args.jobs)?;
-
-    let mut answers = Vec::new();
-    for name in &names {
-        let path = folder.join("sealed").join(format!("{name}.json"));
-        let text =
-            std::fs::read_to_string(&path).map_err(|error| InputError::from_io(&path, &error))?;
-        answers.push(serde_json::from_str(&text).map_err(|error| {
-            InputError::new(
-                format!("is damaged: {error}"),
-                "delete the folder and run the command again",
-            )
-            .in_file(&path)
-        })?);
-    }
-    let scored = bench::score::score(&answers, &verdicts);
-    let text = bench::tables::terminal(&scored);
-    print!("{text}");
-    let write = |path: &Path, text: &str| write_atomically(path, text.as_bytes());
-    write(&verdicts.join("score.txt"), &text)?;
-    write(&verdicts.join("cases.csv"), &bench::tables::csv(&scored))?;
+/// Writes the page and the pictures beside the verdicts, and with `--docs` into the
+/// documentation.
+fn write_pages(
+    args: &Args,
+    scored: &[Scored],
+    verdicts: &Path,
+    tool: &str,
+) -> Result<(), InputError> {
+    let docs = softrig_tests::process::root().join("docs");
     let command = format!("cargo xtask bench blind {}", arguments(args));
-    let section = bench::tables::section(&scored, command.trim(), &tool);
-    write(&verdicts.join("blind.md"), &section)?;
+    write(
+        &verdicts.join("blind.md"),
+        &page("", scored, command.trim(), tool),
+    )?;
     if args.docs {
-        let path = softrig_tests::process::root().join("docs/blind.md");
-        let page =
-            std::fs::read_to_string(&path).map_err(|error| InputError::from_io(&path, &error))?;
-        write(&path, &bench::tables::with_section(&page, &section))?;
+        let path = docs.join("blind.md");
+        let before = std::fs::read_to_string(&path).unwrap_or_default();
+        write(&path, &page(&before, scored, command.trim(), tool))?;
     }
-    println!("\nevery case: {}", verdicts.join("cases.csv").display());
-    Ok(ExitCode::SUCCESS)
+    for collection in args.set.collections() {
+        let Collection::Runs(set) = *collection else {
+            continue;
+        };
+        let picture = picture(set, scored);
+        let file = format!("blind_{}.svg", set.name());
+        write(&verdicts.join(&file), &picture)?;
+        if args.docs {
+            write(&docs.join("images").join(&file), &picture)?;
+        }
+    }
+    Ok(())
 }
 
-/// Writes the cases that are not there yet, each answer into a file of its own;
-/// their names.
-fn draw_bench(
-    folder: &Path,
-    plans: &[bench::cases::Plan],
-    seed: u64,
-) -> Result<Vec<String>, InputError> {
-    let sealed = folder.join("sealed");
-    std::fs::create_dir_all(&sealed).map_err(|error| InputError::from_io(&sealed, &error))?;
-    let answer_of = |name: &str| sealed.join(format!("{name}.json"));
-    let is_there = |name: &str| answer_of(name).exists();
-    draw::bench(plans, seed, &folder.join("cases"), is_there, |answer| {
-        let text = serde_json::to_string_pretty(answer).map_err(|error| {
-            InputError::new(format!("the answer cannot be written: {error}"), "")
-        })?;
-        write_atomically(&answer_of(&answer.case), text.as_bytes())
-    })?;
-    Ok((0..plans.len()).map(bench::cases::case_name).collect())
+/// Cases of another generator are other cases, and runs are others where there are
+/// more of them; sessions of a seed share a folder.
+fn folder_name(args: &Args, cases: u32, seed: u64) -> String {
+    let mut name = match args.set {
+        Which::Bench => format!("bench_seed{seed}"),
+        _ => format!("seed{seed}_{cases}"),
+    };
+    for kind in &args.kinds {
+        name += &format!("_{kind}");
+    }
+    let hash = stable_hash(GENERATOR.as_bytes()) >> 32;
+    format!("{name}_{hash:08x}")
 }
 
 /// The options as they would be typed, without those that change no figure.
@@ -248,48 +210,41 @@ impl Bench {
         self.folder.join("sealed")
     }
 
-    /// Writes the cases that are not there yet; their names.
-    fn make(&self, kinds: &[String]) -> Result<Vec<String>, InputError> {
-        let sealed = self.sealed();
-        std::fs::create_dir_all(&sealed).map_err(|error| InputError::from_io(&sealed, &error))?;
-        let mut names = Vec::new();
-        for &set in &self.sets {
-            let plans = plan(set, self.cases, kinds, self.seed);
-            names.extend((0..plans.len()).map(|index| format!("{}_{index:03}", set.name())));
-            let path = self.answers_path(set);
-            if path.exists() {
-                eprintln!("the {} cases are there already", set.name());
-                continue;
-            }
-            let answers = draw::runs(&plans, self.seed, &self.folder.join("cases"))?;
-            let text = serde_json::to_string_pretty(&answers).map_err(|error| {
-                InputError::new(format!("the answers cannot be written: {error}"), "")
-            })?;
-            write_atomically(&path, text.as_bytes())?;
-        }
-        Ok(names)
+    fn answer_path(&self, case: &str) -> PathBuf {
+        self.sealed().join(format!("{case}.json"))
     }
 
-    fn answers_path(&self, set: Set) -> PathBuf {
-        self.sealed().join(format!("answers_{}.json", set.name()))
+    /// Writes the cases that are not there yet, each answer into a file of its own.
+    fn draw(&self) -> Result<(), InputError> {
+        let sealed = self.sealed();
+        std::fs::create_dir_all(&sealed).map_err(|error| InputError::from_io(&sealed, &error))?;
+        let cases = self.folder.join("cases");
+        let is_there = |case: &str| self.answer_path(case).exists();
+        for plans in &self.plans {
+            draw(plans, self.seed, &cases, is_there, |answer| {
+                let text = serde_json::to_string_pretty(answer).map_err(|error| {
+                    InputError::new(format!("the answer cannot be written: {error}"), "")
+                })?;
+                write(&self.answer_path(&answer.secret().case), &text)
+            })?;
+        }
+        Ok(())
     }
 
     /// Opens the answers. Only now: every verdict is written.
-    fn answers(&self) -> Result<Vec<Answer>, InputError> {
-        let mut all = Vec::new();
-        for &set in &self.sets {
-            let path = self.answers_path(set);
+    fn answers(&self, names: &[String]) -> Result<Vec<Answer>, InputError> {
+        let open = |name: &String| {
+            let path = self.answer_path(name);
             let text = std::fs::read_to_string(&path)
                 .map_err(|error| InputError::from_io(&path, &error))?;
-            let answers: Vec<Answer> = serde_json::from_str(&text).map_err(|error| {
+            serde_json::from_str(&text).map_err(|error| {
                 InputError::new(
                     format!("is damaged: {error}"),
                     "delete the folder and run the command again",
                 )
                 .in_file(&path)
-            })?;
-            all.extend(answers);
-        }
-        Ok(all)
+            })
+        };
+        names.iter().map(open).collect()
     }
 }

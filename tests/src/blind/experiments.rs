@@ -9,7 +9,7 @@ use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
 
-use super::truth::{Base, Line, RATE_HZ};
+use super::world::{Base, Line, RATE_HZ};
 
 /// Rest (s) before the first command.
 const REST_S: f64 = 0.6;

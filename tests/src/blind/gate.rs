@@ -3,8 +3,12 @@
 use serde::Deserialize;
 use softrig_formats::error::InputError;
 
+use super::answer::Collection;
+use super::counts::{Group, Rate};
 use super::experiments::Set;
-use super::score::{Figures, Rate, Scored};
+use super::grade::Strength;
+use super::hidden::Hidden;
+use super::score::Scored;
 
 /// Limits, from `tests/blind_gate.toml`.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -45,13 +49,13 @@ impl Gate {
 
     /// What has become worse than the limits allow, a sentence each.
     pub fn check(&self, scored: &[Scored]) -> Vec<String> {
-        match Figures::of(Set::Rich, scored) {
-            Some(figures) => self.check_figures(&figures),
-            None => vec!["no case was diagnosed".to_owned()],
+        let cases = Group::of(Collection::Runs(Set::Rich), scored);
+        if cases.is_empty() {
+            return vec!["no case was diagnosed".to_owned()];
         }
-    }
-
-    fn check_figures(&self, figures: &Figures) -> Vec<String> {
+        let one = cases.hiding(&[Hidden::One]);
+        let quiet = cases.that(|case| case.secret().hidden.is_quiet());
+        let outside = cases.hiding(&[Hidden::Outside]);
         let mut failures = Vec::new();
         let mut at_least = |what: &str, rate: Rate, limit: u32| {
             if rate.hits < limit {
@@ -61,10 +65,14 @@ impl Gate {
                 ));
             }
         };
-        at_least("single effects named", figures.lenient, self.named_at_least);
+        at_least(
+            "single effects named",
+            one.rate(Scored::is_lenient),
+            self.named_at_least,
+        );
         at_least(
             "answer sets that hold the truth",
-            figures.in_set,
+            one.rate(Scored::holds),
             self.in_answer_set_at_least,
         );
         let mut at_most = |what: &str, rate: Rate, limit: u32| {
@@ -77,20 +85,20 @@ impl Gate {
         };
         at_most(
             "wrong names for a single effect",
-            figures.wrong,
+            one.rate(Scored::names_else),
             self.wrong_at_most,
         );
         at_most(
             "names on data without an effect",
-            figures.false_names,
+            quiet.rate(Scored::names),
             self.false_names_at_most,
         );
         at_most(
             "names on effects outside the catalogue",
-            figures.outside,
+            outside.rate(|case| case.is_wrong(Strength::Full)),
             self.outside_names_at_most,
         );
-        match figures.held_out {
+        match one.median(Scored::over_oracle) {
             Some(ratio) if ratio > self.held_out_at_most => failures.push(format!(
                 "held-out error over the oracle's: {ratio:.3}, and {} is the most",
                 self.held_out_at_most

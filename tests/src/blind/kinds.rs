@@ -80,7 +80,7 @@ pub fn look_alike(a: &str, b: &str) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::super::truth::kinds;
+    use super::super::law::kinds;
     use super::*;
 
     #[test]

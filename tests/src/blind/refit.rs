@@ -8,7 +8,7 @@ use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use nalgebra::storage::Owned;
 use nalgebra::{DMatrix, DVector, Dyn};
 
-use super::truth::{Base, Line, Truth};
+use super::world::{Base, Line, World};
 
 /// One number that a refit may move.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -32,18 +32,16 @@ pub enum Free {
 pub const BASE: [Free; 3] = [Free::Damping, Free::Stiffness, Free::InputGain];
 
 /// The base parameters and every number of the effects.
-pub fn everything(truth: &Truth) -> Vec<Free> {
+pub fn everything(truth: &World) -> Vec<Free> {
     let mut free = BASE.to_vec();
     for (slot, effect) in truth.effects.iter().enumerate() {
-        free.extend(
-            (0..effect.formula.row().quantities.len()).map(|index| Free::Value { slot, index }),
-        );
+        free.extend((0..effect.law.numbers()).map(|index| Free::Value { slot, index }));
     }
     free
 }
 
 impl Free {
-    fn of(self, truth: &mut Truth) -> &mut f64 {
+    fn of(self, truth: &mut World) -> &mut f64 {
         let Base {
             damping,
             stiffness,
@@ -71,12 +69,12 @@ pub struct Fitted {
 }
 
 /// RMS of simulated minus shown (rad) over all runs.
-pub fn misfit(truth: &Truth, runs: &[Fitted], steps: u32) -> f64 {
+pub fn misfit(truth: &World, runs: &[Fitted], steps: u32) -> f64 {
     let residuals = residuals(truth, runs, steps);
     (residuals.iter().map(|r| r * r).sum::<f64>() / residuals.len() as f64).sqrt()
 }
 
-fn residuals(truth: &Truth, runs: &[Fitted], steps: u32) -> Vec<f64> {
+fn residuals(truth: &World, runs: &[Fitted], steps: u32) -> Vec<f64> {
     runs.iter()
         .flat_map(|run| {
             truth
@@ -91,7 +89,7 @@ fn residuals(truth: &Truth, runs: &[Fitted], steps: u32) -> Vec<f64> {
 
 /// Moves the numbers in `free` from where `start` has them to the least sum of
 /// squares nearby.
-pub fn refit(start: &Truth, free: &[Free], runs: &[Fitted], steps: u32) -> Truth {
+pub fn refit(start: &World, free: &[Free], runs: &[Fitted], steps: u32) -> World {
     let mut from = start.clone();
     let origin: Vec<f64> = free.iter().map(|free| *free.of(&mut from)).collect();
     let scale: Vec<f64> = origin

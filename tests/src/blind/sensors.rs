@@ -6,7 +6,7 @@ use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
 use softrig_formats::recording::Recording;
 
-use super::truth::{Line, SAMPLES_HZ};
+use super::world::{Line, SAMPLES_HZ};
 
 /// Angle of one count (rad): 0.26°.
 pub const ANGLE_COUNT: f64 = 0.26 * std::f64::consts::PI / 180.0;

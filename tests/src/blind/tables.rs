@@ -1,15 +1,21 @@
-//! The score for people (terminal, Markdown, a picture) and for programs (CSV).
+//! The score in rows: of figures, of kinds, of cases; for people (terminal) and for
+//! programs (CSV). The pages are made of the same rows ([`page`](super::page)).
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
-use super::cases::Hidden;
+use super::answer::{Answer, Collection};
+use super::bench::cases as session;
+use super::bench::session::Rig;
+use super::counts::{Group, Rate, median};
 use super::experiments::Set;
-use super::score::{Class, Figures, Rate, Scored};
-use super::truth::kinds;
+use super::grade::{Grade, Strength};
+use super::hidden::Hidden;
+use super::law::{Law, kinds};
+use super::score::{Estimate, Scored};
 
 /// "92 % (85–96), 74 of 80".
-pub(super) fn shown(rate: Rate) -> String {
+fn shown(rate: Rate) -> String {
     match (rate.share(), rate.wilson()) {
         (Some(share), Some((low, high))) => format!(
             "{:.0} % ({:.0}–{:.0}), {} of {}",
@@ -23,7 +29,7 @@ pub(super) fn shown(rate: Rate) -> String {
     }
 }
 
-pub(super) fn number(value: Option<f64>, digits: usize) -> String {
+fn number(value: Option<f64>, digits: usize) -> String {
     value.map_or_else(|| "–".to_owned(), |value| format!("{value:.digits$}"))
 }
 
@@ -31,247 +37,367 @@ fn percent(value: Option<f64>) -> String {
     value.map_or_else(|| "–".to_owned(), |value| format!("{:.1} %", 100.0 * value))
 }
 
-/// The rows of the main table: label, what is asked for, and the figure.
-fn rows(figures: &Figures) -> Vec<(&'static str, &'static str, String)> {
-    let asked = |rich: &'static str, paper: &'static str| {
-        if figures.set == Set::Rich {
-            rich
-        } else {
-            paper
-        }
+/// A row of figures: label, what is asked for, and the figure.
+pub type Row = (String, &'static str, String);
+
+/// The rows of a set's figures.
+pub fn rows(collection: Collection, cases: &Group<'_>) -> Vec<Row> {
+    let mut rows = match collection {
+        Collection::Runs(set) => rows_of_runs(set, cases),
+        Collection::Bench => rows_of_bench(cases),
     };
-    vec![
-        (
-            "one effect: named, lenient",
-            asked("≥ 92 %", "≥ 70 %"),
-            shown(figures.lenient),
-        ),
-        ("one effect: named, strict", "", shown(figures.strict)),
-        (
-            "… by the catalogue's formula, lenient",
-            "",
-            shown(figures.same_formula),
-        ),
-        (
-            "… by another formula, lenient",
-            "",
-            shown(figures.other_formula),
-        ),
-        ("one effect: something else named", "", shown(figures.wrong)),
-        (
-            "one effect: in the answer set",
-            asked("≥ 97 %", "≥ 95 %"),
-            shown(figures.in_set),
-        ),
-        (
-            "nothing or parameters only: a name",
-            "≤ 3 %",
-            shown(figures.false_names),
-        ),
-        ("… nothing hidden", "", shown(figures.false_on_nothing)),
-        ("… parameters only", "", shown(figures.false_on_parameters)),
-        (
-            "outside the catalogue: a name at full strength",
-            asked("≤ 15 %", "≤ 25 %"),
-            shown(figures.outside),
-        ),
-        (
-            "two effects: exact pair",
-            asked("≥ 70 %", "–"),
-            shown(figures.pair),
-        ),
-        (
-            "two effects: all that is named is hidden",
-            "",
-            shown(figures.part_of_pair),
-        ),
-        (
-            "held-out RMSE over the oracle's, median",
-            asked("≤ 1.05", "≤ 1.10"),
-            number(figures.held_out, 3),
-        ),
-        (
-            "… against a perfect sensor",
-            "",
-            number(figures.held_out_clean, 2),
-        ),
-        (
-            "effect parameters: 95 % intervals cover",
-            "90–98 %",
-            shown(figures.effect_coverage),
-        ),
-        (
-            "base ratios: 95 % intervals cover",
-            "90–98 %",
-            shown(figures.base_coverage),
-        ),
-        (
-            "effect parameters: median relative error",
-            "",
-            percent(figures.effect_error),
-        ),
-        (
-            "base ratios: median relative error",
-            "",
-            percent(figures.base_error),
-        ),
+    let times = [
         (
             "wall time a case, median (s)",
-            "≤ 15",
-            number(figures.seconds_median, 1),
+            if collection == Collection::Bench {
+                ""
+            } else {
+                "≤ 15"
+            },
+            number(cases.median(|case| Some(case.seconds)), 1),
         ),
         (
             "wall time a case, worst (s)",
             "",
-            number(figures.seconds_worst, 1),
+            number(cases.worst(|case| Some(case.seconds)), 1),
         ),
-    ]
+    ];
+    rows.extend(times.map(|(label, asked, figure)| (label.to_owned(), asked, figure)));
+    if collection == Collection::Bench {
+        let cpu = |label: &str, figure| (label.to_owned(), "", number(figure, 1));
+        rows.push(cpu(
+            "processor time a case, median (s)",
+            cases.median(|case| case.cpu_seconds),
+        ));
+        rows.push(cpu(
+            "processor time a case, worst (s)",
+            cases.worst(|case| case.cpu_seconds),
+        ));
+    }
+    rows
 }
 
-/// What a case counts as in the rows of the confusion matrix.
+fn rows_of_runs(set: Set, cases: &Group<'_>) -> Vec<Row> {
+    let asked = |rich: &'static str, paper: &'static str| match set {
+        Set::Rich => rich,
+        Set::Paper => paper,
+    };
+    let one = cases.hiding(&[Hidden::One]);
+    let two = cases.hiding(&[Hidden::Two]);
+    let nothing = cases.hiding(&[Hidden::Nothing]);
+    let parameters = cases.hiding(&[Hidden::Parameters]);
+    let quiet = cases.that(|case| case.secret().hidden.is_quiet());
+    let outside = cases.hiding(&[Hidden::Outside]);
+    let estimates = |base: bool| {
+        let all = cases.iter().flat_map(|case| &case.estimates);
+        all.filter(move |estimate: &&Estimate| estimate.base == base)
+    };
+    let covered = |base| shown(Rate::count(estimates(base).filter_map(|it| it.covered)));
+    let error = |base| percent(median(estimates(base).map(|it| it.relative_error)));
+    let same = one.that(|case| case.secret().same_laws);
+    let other = one.that(|case| !case.secret().same_laws);
+    let lenient = |cases: &Group<'_>| shown(cases.rate(Scored::is_lenient));
+    let names = |cases: &Group<'_>| shown(cases.rate(Scored::names));
+    [
+        (
+            "one effect: named, lenient",
+            asked("≥ 92 %", "≥ 70 %"),
+            lenient(&one),
+        ),
+        (
+            "one effect: named, strict",
+            "",
+            shown(one.rate(Scored::is_exact)),
+        ),
+        ("… by the catalogue's formula, lenient", "", lenient(&same)),
+        ("… by another formula, lenient", "", lenient(&other)),
+        (
+            "one effect: something else named",
+            "",
+            shown(one.rate(Scored::names_else)),
+        ),
+        (
+            "one effect: in the answer set",
+            asked("≥ 97 %", "≥ 95 %"),
+            shown(one.rate(Scored::holds)),
+        ),
+        ("nothing or parameters only: a name", "≤ 3 %", names(&quiet)),
+        ("… nothing hidden", "", names(&nothing)),
+        ("… parameters only", "", names(&parameters)),
+        (
+            "outside the catalogue: a name at full strength",
+            asked("≤ 15 %", "≤ 25 %"),
+            shown(outside.rate(|case| case.is_wrong(Strength::Full))),
+        ),
+        (
+            "two effects: exact pair",
+            asked("≥ 70 %", "–"),
+            shown(two.rate(Scored::is_exact)),
+        ),
+        (
+            "two effects: all that is named is hidden",
+            "",
+            shown(two.rate(Scored::names_what_is_hidden)),
+        ),
+        (
+            "held-out RMSE over the oracle's, median",
+            asked("≤ 1.05", "≤ 1.10"),
+            number(one.median(Scored::over_oracle), 3),
+        ),
+        (
+            "… against a perfect sensor",
+            "",
+            number(one.median(Scored::over_oracle_clean), 2),
+        ),
+        (
+            "effect parameters: 95 % intervals cover",
+            "90–98 %",
+            covered(false),
+        ),
+        (
+            "base ratios: 95 % intervals cover",
+            "90–98 %",
+            covered(true),
+        ),
+        ("effect parameters: median relative error", "", error(false)),
+        ("base ratios: median relative error", "", error(true)),
+    ]
+    .map(|(label, asked, figure)| (label.to_owned(), asked, figure))
+    .to_vec()
+}
+
+fn rows_of_bench(cases: &Group<'_>) -> Vec<Row> {
+    let one = cases.hiding(&[Hidden::One]);
+    let two = cases.hiding(&[Hidden::Two]);
+    let quiet = cases.that(|case| case.secret().hidden.is_quiet());
+    let outside = cases.hiding(&[Hidden::Outside]);
+    let right = |cases: &Group<'_>| shown(cases.rate(|case| case.grade.is_right()));
+    let graded = |cases: &Group<'_>, grade| shown(cases.rate(|case| case.grade == grade));
+    let (full, part) = (Grade::Wrong(Strength::Full), Grade::Wrong(Strength::Part));
+    let session = |is: &dyn Fn(Rig, bool) -> bool| {
+        let is = |case: &Scored| case.answer.session().is_some_and(|it| is(it.rig, it.cut));
+        right(&one.that(is))
+    };
+    let as_part = one.that(|case| case.is_exact() && case.said.in_part).len();
+    let held_out = |cases: &Group<'_>| number(cases.median(|case| case.said.held_out), 3);
+    let mut rows = vec![
+        ("one effect: right", right(&one)),
+        ("… the exact name", graded(&one, Grade::Exact)),
+        ("… … of these, for a part of the gap", as_part.to_string()),
+        ("… its family", graded(&one, Grade::Family)),
+        (
+            "… in an answer set of at most three",
+            graded(&one, Grade::Set),
+        ),
+        (
+            "one effect: another family at full strength",
+            graded(&one, full),
+        ),
+        ("one effect: another family for a part", graded(&one, part)),
+        (
+            "one effect: cannot tell, without the truth",
+            graded(&one, Grade::Open),
+        ),
+        (
+            "one effect: silent (unexplained)",
+            graded(&one, Grade::Silent),
+        ),
+        (
+            "one effect: nothing missing, or refused",
+            shown(one.rate(|case| matches!(case.grade, Grade::Denied | Grade::Refused))),
+        ),
+    ]
+    .into_iter()
+    .map(|(label, figure)| (label.to_owned(), "", figure))
+    .collect::<Vec<Row>>();
+    rows.extend(Rig::ALL.map(|rig| {
+        let label = format!("one effect, {}: right", rig.name());
+        (label, "", session(&|of, _| of == rig))
+    }));
+    rows.extend(
+        [
+            (
+                "one effect, whole session: right",
+                session(&|rig, cut| rig != Rig::Swing && !cut),
+            ),
+            (
+                "one effect, session cut into files: right",
+                session(&|rig, cut| rig != Rig::Swing && cut),
+            ),
+            ("two effects: right", right(&two)),
+            ("two effects: one of the two", graded(&two, Grade::OneOfTwo)),
+            (
+                "two effects: another family at full strength",
+                graded(&two, full),
+            ),
+            ("two effects: another family for a part", graded(&two, part)),
+            ("quiet: a name at full strength", graded(&quiet, full)),
+            ("quiet: a name for a part", graded(&quiet, part)),
+            (
+                "quiet: nothing or parameters only",
+                graded(&quiet, Grade::Denied),
+            ),
+            ("outside: a name at full strength", graded(&outside, full)),
+            ("outside: a name for a part", graded(&outside, part)),
+            (
+                "outside: silent (unexplained)",
+                graded(&outside, Grade::Silent),
+            ),
+            ("any case: refused", graded(cases, Grade::Refused)),
+            (
+                "held-out RMSE, repaired over refit, median",
+                held_out(&cases.that(|case| case.secret().hidden.has_a_name())),
+            ),
+            (
+                "… where the cause is outside the catalogue",
+                held_out(&outside),
+            ),
+        ]
+        .map(|(label, figure)| (label.to_owned(), "", figure)),
+    );
+    rows
+}
+
+/// What a case counts as in the rows of a table of kinds.
 pub fn row_label(case: &Scored) -> String {
-    match case.answer.hidden {
-        Hidden::Nothing => "(nothing)".to_owned(),
-        Hidden::Parameters => "(parameters)".to_owned(),
-        Hidden::Outside => "(outside)".to_owned(),
-        Hidden::Two => "(two)".to_owned(),
-        Hidden::One => case.answer.kinds.concat(),
+    let secret = case.secret();
+    match (secret.hidden, &case.answer) {
+        (Hidden::Nothing, _) => "(nothing)".to_owned(),
+        (Hidden::Parameters, _) => "(parameters)".to_owned(),
+        (Hidden::Two, _) => "(two)".to_owned(),
+        (Hidden::Outside, Answer::Runs(_)) => "(outside)".to_owned(),
+        (Hidden::Outside, Answer::Session(_)) => format!("({})", secret.laws.concat()),
+        (Hidden::One, _) => secret.kinds.concat(),
     }
 }
 
-/// What the verdict counts as in the columns of the confusion matrix.
+/// The labels of rows in their order.
+pub(super) fn row_order() -> Vec<String> {
+    let special = ["(two)", "(nothing)", "(parameters)", "(outside)"];
+    let kinds = kinds().into_iter().chain(special).map(str::to_owned);
+    let of_benches = Law::OF_BENCHES.map(|law| format!("({})", law.row().name));
+    kinds.chain(of_benches).collect()
+}
+
+/// What the verdict counts as: in the columns of the confusion matrix, and beside
+/// the runs of a kind.
 pub fn column_label(case: &Scored) -> String {
     match case.said.named.as_slice() {
         [] => format!("({})", case.said.verdict),
         [one] => one.clone(),
-        several if several == case.answer.kinds => "(the pair)".to_owned(),
+        _ if case.is_exact() => "(the pair)".to_owned(),
         _ => "(several)".to_owned(),
     }
 }
 
-/// Rows of the matrix in their order.
-fn row_order() -> Vec<String> {
-    let special = ["(two)", "(nothing)", "(parameters)", "(outside)"];
-    kinds()
-        .into_iter()
-        .chain(special)
-        .map(str::to_owned)
-        .collect()
-}
-
-/// Columns of the matrix in their order.
-fn column_order() -> Vec<String> {
-    let special = [
-        "(the pair)",
-        "(several)",
-        "(cannot_tell)",
-        "(unexplained)",
-        "(parameters_only)",
-        "(no_discrepancy)",
-        "(refused)",
-    ];
-    kinds()
-        .into_iter()
-        .chain(special)
-        .map(str::to_owned)
-        .collect()
-}
-
-/// How often each truth got each answer.
-pub fn confusion<'a>(cases: impl Iterator<Item = &'a Scored>) -> BTreeMap<(String, String), u32> {
-    let mut counts = BTreeMap::new();
-    for case in cases {
-        *counts
-            .entry((row_label(case), column_label(case)))
-            .or_default() += 1;
+/// What the verdict on a session said, in a few words.
+fn answer_label(case: &Scored) -> String {
+    let said = &case.said;
+    if !said.named.is_empty() {
+        let part = match Strength::of(said) {
+            Strength::Full => "",
+            Strength::Part => " (part)",
+        };
+        return format!("{}{part}", said.named.join(" + "));
     }
-    counts
+    match (&said.family, &said.repair) {
+        (Some(family), _) => format!("({}: {family})", said.verdict),
+        (None, Some(repair)) => format!("({}, table of {repair})", said.verdict),
+        (None, None) => format!("({})", said.verdict),
+    }
 }
 
-/// One line for each kind: counts of what was answered.
-fn kind_rows(set: Set, scored: &[Scored]) -> Vec<[String; 6]> {
-    row_order()
-        .into_iter()
-        .filter_map(|label| {
-            let cases: Vec<&Scored> = scored
-                .iter()
-                .filter(|case| case.answer.set == set && row_label(case) == label)
-                .collect();
-            let first = cases.first()?;
-            let truth_counts = matches!(first.class, Class::One | Class::Two);
-            let strict = Rate::count(
-                cases
-                    .iter()
-                    .map(|case| case.said.names_exactly(&case.answer.kinds)),
-            );
-            let lenient = Rate::count(
-                cases
-                    .iter()
-                    .map(|case| case.said.names_group(&case.answer.kinds)),
-            );
-            let holds = Rate::count(cases.iter().map(|case| case.said.holds(&case.answer.kinds)));
-            let is_right =
-                |case: &Scored| truth_counts && case.said.names_exactly(&case.answer.kinds);
-            let others = cases.iter().filter(|case| !is_right(case));
-            let rate = |rate: Rate| {
-                if truth_counts {
-                    shown(rate)
-                } else {
-                    String::new()
-                }
-            };
-            Some([
-                label,
-                cases.len().to_string(),
-                rate(strict),
-                rate(lenient),
-                rate(holds),
-                counted(others.map(|case| column_label(case))),
-            ])
-        })
-        .collect()
-}
-
-const KIND_HEAD: [&str; 6] = [
-    "hidden",
-    "cases",
-    "strict",
-    "lenient",
-    "in the answer set",
-    "other answers",
-];
-
-fn sets(scored: &[Scored]) -> Vec<Figures> {
-    [Set::Rich, Set::Paper]
-        .into_iter()
-        .filter_map(|set| Figures::of(set, scored))
-        .collect()
+/// What was answered to each kind, a line each under a head.
+pub fn kind_rows(collection: Collection, cases: &Group<'_>) -> Vec<Vec<String>> {
+    let head: &[&str] = match collection {
+        Collection::Runs(_) => &[
+            "hidden",
+            "cases",
+            "strict",
+            "lenient",
+            "in the answer set",
+            "other answers",
+        ],
+        Collection::Bench => &[
+            "hidden",
+            "cases",
+            "exact",
+            "family",
+            "set",
+            "wrong, full",
+            "wrong, part",
+            "silent",
+            "other answers than the exact name",
+        ],
+    };
+    let mut rows = vec![head.iter().map(|&word| word.to_owned()).collect()];
+    for label in row_order() {
+        let cases = cases.that(|case| row_label(case) == label);
+        let Some(first) = cases.iter().next() else {
+            continue;
+        };
+        // Where nothing of the catalogue is hidden, no name is right.
+        let has_name = first.secret().hidden.has_a_name();
+        let if_named = |figure: String| if has_name { figure } else { String::new() };
+        let rate = |is: fn(&Scored) -> bool| if_named(shown(cases.rate(is)));
+        let count = |grade| cases.rate(|case| case.grade == grade).hits.to_string();
+        let others = cases.that(|case| !case.is_exact());
+        let mut row = vec![label, cases.len().to_string()];
+        match collection {
+            Collection::Runs(_) => row.extend([
+                rate(Scored::is_exact),
+                rate(Scored::is_lenient),
+                rate(Scored::holds),
+                counted(others.iter().map(column_label)),
+            ]),
+            Collection::Bench => row.extend([
+                if_named(count(Grade::Exact)),
+                if_named(count(Grade::Family)),
+                if_named(count(Grade::Set)),
+                count(Grade::Wrong(Strength::Full)),
+                count(Grade::Wrong(Strength::Part)),
+                count(Grade::Silent),
+                counted(others.iter().map(answer_label)),
+            ]),
+        }
+        rows.push(row);
+    }
+    rows
 }
 
 /// How many effects could not be drawn as large as is asked for. They count
 /// like all others.
-fn faint(scored: &[Scored]) -> String {
-    let cases = scored.iter().map(|case| &case.answer);
-    too_faint(cases.map(|answer| (answer.case.as_str(), answer.visible)))
-}
-
-/// The cases, by name, that are not as visible as is asked for.
-pub(super) fn too_faint<'a>(cases: impl Iterator<Item = (&'a str, bool)>) -> String {
-    let cases: Vec<(&str, bool)> = cases.collect();
-    let faint = cases.iter().filter(|(_, visible)| !visible);
-    let faint: Vec<&str> = faint.map(|(case, _)| *case).collect();
+pub(super) fn faint(scored: &[Scored]) -> String {
+    let cases = scored.iter().map(Scored::secret);
+    let faint: Vec<&str> = cases
+        .filter(|secret| !secret.visible)
+        .map(|secret| secret.case.as_str())
+        .collect();
     format!(
         "effects that are fainter or coarser than the range that is asked for: {} of {} cases {}",
         faint.len(),
-        cases.len(),
+        scored.len(),
         faint.join(" ")
     )
     .trim_end()
     .to_owned()
 }
 
+/// A line for each session without a verdict: why.
+pub(super) fn refusals(scored: &[Scored]) -> Vec<String> {
+    let sessions = scored.iter().filter(|case| case.answer.session().is_some());
+    sessions
+        .filter_map(|case| {
+            let reason = case.refused.as_deref()?;
+            // The path before the file's name says nothing.
+            let reason = reason.rsplit_once("recordings/").map_or(reason, |it| it.1);
+            Some(format!("{} was refused: {reason}", case.secret().case))
+        })
+        .collect()
+}
+
 /// What was answered how often.
-pub(super) fn counted(answers: impl Iterator<Item = String>) -> String {
+fn counted(answers: impl Iterator<Item = String>) -> String {
     let mut counts: BTreeMap<String, u32> = BTreeMap::new();
     for answer in answers {
         *counts.entry(answer).or_default() += 1;
@@ -280,17 +406,8 @@ pub(super) fn counted(answers: impl Iterator<Item = String>) -> String {
     counts.collect::<Vec<_>>().join(", ")
 }
 
-/// A table in Markdown.
-pub(super) fn markdown_table<const N: usize>(head: [&str; N], rows: &[[String; N]]) -> String {
-    let mut text = format!("| {} |\n|{}\n", head.join(" | "), "---|".repeat(N));
-    for row in rows {
-        let _ = writeln!(text, "| {} |", row.join(" | "));
-    }
-    text
-}
-
 /// Columns padded to their widest entry.
-pub(super) fn aligned(rows: &[Vec<String>]) -> String {
+fn aligned(rows: &[Vec<String>]) -> String {
     let mut text = String::new();
     let columns = rows.first().map_or(0, Vec::len);
     let width = |column: usize| {
@@ -310,159 +427,121 @@ pub(super) fn aligned(rows: &[Vec<String>]) -> String {
     text
 }
 
+/// The sets that were scored, with their cases.
+pub fn sets(scored: &[Scored]) -> Vec<(Collection, Group<'_>)> {
+    let sets = Collection::ALL.map(|collection| (collection, Group::of(collection, scored)));
+    let mut sets = Vec::from(sets);
+    sets.retain(|(_, cases)| !cases.is_empty());
+    sets
+}
+
 /// The tables for a terminal.
 pub fn terminal(scored: &[Scored]) -> String {
     let mut text = String::new();
-    for figures in sets(scored) {
-        let _ = writeln!(text, "\n{} set\n", figures.set.name());
-        let table: Vec<Vec<String>> = rows(&figures)
+    for (collection, cases) in sets(scored) {
+        let figures: Vec<Vec<String>> = rows(collection, &cases)
             .into_iter()
-            .map(|(label, asked, figure)| vec![label.to_owned(), asked.to_owned(), figure])
+            .map(|(label, asked, figure)| vec![label, asked.to_owned(), figure])
             .collect();
-        text += &aligned(&table);
-        let mut table = vec![KIND_HEAD.map(str::to_owned).to_vec()];
-        table.extend(kind_rows(figures.set, scored).into_iter().map(Vec::from));
-        let _ = writeln!(text);
-        text += &aligned(&table);
+        let _ = writeln!(
+            text,
+            "\n{} set\n\n{}\n{}",
+            collection.name(),
+            aligned(&figures),
+            aligned(&kind_rows(collection, &cases)).trim_end()
+        );
     }
     let _ = writeln!(text, "\n  {}", faint(scored));
-    text
-}
-
-/// The page of the documentation.
-pub fn markdown(scored: &[Scored], command: &str, tool: &str) -> String {
-    let mut text = format!(
-        "# Blind benchmark\n\nWritten by the command below; do not edit. What each figure counts is in\n`tests/src/blind/score.rs`, how truths are drawn in `cases.rs`, their equations in\n`truth.rs`.\n\n```\n{command}\n```\n\nSources of the tool: {tool}. Rates are followed by their 95 % interval (Wilson).\n"
-    );
-    for figures in sets(scored) {
-        let name = figures.set.name();
-        let _ = write!(
-            text,
-            "\n## The {name} set\n\n| | asked for | |\n|---|---|---|\n"
-        );
-        for (label, asked, figure) in rows(&figures) {
-            let _ = writeln!(text, "| {label} | {asked} | {figure} |");
-        }
-        let _ = write!(
-            text,
-            "\n![Confusion matrix](images/blind_{name}.svg)\n\n{}",
-            markdown_table(KIND_HEAD, &kind_rows(figures.set, scored))
-        );
+    for line in refusals(scored) {
+        let _ = writeln!(text, "  {line}");
     }
-    let _ = writeln!(text, "\n{}.", faint(scored));
     text
 }
 
-/// A line for each case.
+/// A line for each case; what a set does not have is left empty.
 pub fn csv(scored: &[Scored]) -> String {
-    let mut text = String::from(
-        "case,set,hidden,kinds,formulas,misfit_over_noise,partner_over_noise,visible,noise_deg,verdict,named,answer_set,held_out_over_oracle,held_out_over_oracle_clean,seconds\n",
-    );
-    for case in scored {
-        let open: Vec<String> = case
-            .said
-            .answer_set
-            .iter()
-            .map(|set| set.join("+"))
-            .collect();
-        let _ = writeln!(
-            text,
-            "{},{},{},{},{},{:.3},{},{},{:.3},{},{},{},{},{},{:.2}",
-            case.answer.case,
-            case.answer.set.name(),
-            format!("{:?}", case.answer.hidden).to_lowercase(),
-            case.answer.kinds.join("+"),
-            case.answer.formulas.join("+"),
-            case.answer.misfit_over_noise,
-            number(case.answer.partner_over_noise, 3),
-            case.answer.visible,
-            case.answer.sensors.angle_noise.to_degrees(),
-            case.said.verdict,
-            case.said.named.join("+"),
-            open.join(" "),
-            number(case.ratios().map(|(noisy, _)| noisy), 4),
-            number(case.ratios().map(|(_, clean)| clean), 4),
-            case.seconds
-        );
-    }
-    text
+    let head = CSV.map(|(name, _)| name).join(",");
+    let line = |case: &Scored| CSV.map(|(_, field)| field(case)).join(",");
+    let lines: Vec<String> = std::iter::once(head)
+        .chain(scored.iter().map(line))
+        .collect();
+    lines.join("\n") + "\n"
 }
 
-/// The confusion matrix as a picture: the share of each row in its columns.
-pub fn picture(set: Set, scored: &[Scored]) -> String {
-    const CELL: usize = 20;
-    const LEFT: usize = 190;
-    const TOP: usize = 175;
-    let counts = confusion(scored.iter().filter(|case| case.answer.set == set));
-    let rows: Vec<String> = row_order()
-        .into_iter()
-        .filter(|row| counts.keys().any(|(truth, _)| truth == row))
-        .collect();
-    let columns: Vec<String> = column_order()
-        .into_iter()
-        .filter(|column| rows.contains(column) || counts.keys().any(|(_, answer)| answer == column))
-        .collect();
-    let (width, height) = (
-        // Slanted labels of the last columns lean over the edge.
-        LEFT + CELL * columns.len() + 100,
-        TOP + CELL * rows.len() + 40,
-    );
-    let mut svg = format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {width} {height}\" font-family=\"sans-serif\" font-size=\"11\">\n<rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>\n<text x=\"8\" y=\"18\" font-size=\"14\">Hidden (rows) and answered (columns), {} set: cases</text>\n",
-        set.name()
-    );
-    for (k, column) in columns.iter().enumerate() {
-        let x = LEFT + CELL * k + CELL / 2 + 4;
-        let _ = writeln!(
-            svg,
-            "<text transform=\"translate({x},{}) rotate(-60)\">{column}</text>",
-            TOP - 6
-        );
-    }
-    for (r, row) in rows.iter().enumerate() {
-        let y = TOP + CELL * r;
-        let _ = writeln!(
-            svg,
-            "<text x=\"{}\" y=\"{}\" text-anchor=\"end\">{row}</text>",
-            LEFT - 6,
-            y + 14
-        );
-        let all: u32 = counts
-            .iter()
-            .filter(|((truth, _), _)| truth == row)
-            .map(|(_, count)| count)
-            .sum();
-        for (k, column) in columns.iter().enumerate() {
-            let count = counts
-                .get(&(row.clone(), column.clone()))
-                .copied()
-                .unwrap_or(0);
-            let x = LEFT + CELL * k;
-            let share = f64::from(count) / f64::from(all.max(1));
-            // Right names are green, wrong ones vermilion, the rest blue.
-            let colour = if column == row || column == "(the pair)" {
-                "#009E73"
-            } else if column.starts_with('(') && column != "(several)" {
-                "#0072B2"
-            } else {
-                "#D55E00"
-            };
-            let _ = writeln!(
-                svg,
-                "<rect x=\"{x}\" y=\"{y}\" width=\"{CELL}\" height=\"{CELL}\" fill=\"{colour}\" fill-opacity=\"{:.3}\" stroke=\"#ddd\"/>",
-                if count == 0 { 0.0 } else { 0.15 + 0.85 * share }
-            );
-            if count > 0 {
-                let ink = if share > 0.5 { "#fff" } else { "#000" };
-                let _ = writeln!(
-                    svg,
-                    "<text x=\"{}\" y=\"{}\" text-anchor=\"middle\" fill=\"{ink}\">{count}</text>",
-                    x + CELL / 2,
-                    y + 14
-                );
-            }
-        }
-    }
-    svg += "</svg>\n";
-    svg
+/// What only a session has.
+fn of_session(case: &Scored, field: fn(&session::Answer) -> String) -> String {
+    case.answer.session().map(field).unwrap_or_default()
 }
+
+/// A column of the CSV file: its name, and what a case has there.
+type Field = (&'static str, fn(&Scored) -> String);
+
+const CSV: [Field; 26] = [
+    ("case", |case| case.secret().case.clone()),
+    ("set", |case| case.answer.collection().name().to_owned()),
+    ("rig", |case| {
+        of_session(case, |it| it.rig.name().to_owned())
+    }),
+    ("cut", |case| of_session(case, |it| it.cut.to_string())),
+    ("hidden", |case| {
+        format!("{:?}", case.secret().hidden).to_lowercase()
+    }),
+    ("kinds", |case| case.secret().kinds.join("+")),
+    ("laws", |case| case.secret().laws.join("+")),
+    ("misfit_over_noise", |case| {
+        number(Some(case.secret().misfit_over_noise), 3)
+    }),
+    ("partner_over_noise", |case| {
+        number(case.secret().partner_over_noise, 3)
+    }),
+    ("visible", |case| case.secret().visible.to_string()),
+    ("noise_deg", |case| {
+        let noise = match &case.answer {
+            Answer::Runs(answer) => answer.sensors.angle_noise,
+            Answer::Session(answer) => answer.instruments.angle_noise,
+        };
+        number(Some(noise.to_degrees()), 3)
+    }),
+    ("coloured_misfit_deg", |case| {
+        of_session(case, |it| number(Some(it.coloured_misfit.to_degrees()), 3))
+    }),
+    ("rate_hz", |case| {
+        of_session(case, |it| it.instruments.rate_hz.to_string())
+    }),
+    ("samples", |case| {
+        of_session(case, |it| it.samples.to_string())
+    }),
+    ("verdict", |case| case.said.verdict.clone()),
+    ("strength", |case| match Strength::of(&case.said) {
+        _ if !case.names() => String::new(),
+        Strength::Full => "full".to_owned(),
+        Strength::Part => "part".to_owned(),
+    }),
+    ("family", |case| {
+        case.said.family.clone().unwrap_or_default()
+    }),
+    ("named", |case| case.said.named.join("+")),
+    ("answer_set", |case| {
+        let sets = case.said.answer_set.iter();
+        sets.map(|set| set.join("+")).collect::<Vec<_>>().join(" ")
+    }),
+    ("repair", |case| {
+        let repair = case.said.repair.clone().unwrap_or_default();
+        repair.replace(", ", "+")
+    }),
+    ("grade", |case| match case.grade {
+        Grade::Wrong(Strength::Full) => "wrong".to_owned(),
+        Grade::Wrong(Strength::Part) => "wrong_part".to_owned(),
+        Grade::OneOfTwo => "one_of_two".to_owned(),
+        grade => format!("{grade:?}").to_lowercase(),
+    }),
+    ("held_out_over_oracle", |case| number(case.over_oracle(), 4)),
+    ("held_out_over_oracle_clean", |case| {
+        number(case.over_oracle_clean(), 4)
+    }),
+    ("held_out_repaired_over_refit", |case| {
+        number(case.said.held_out, 4)
+    }),
+    ("seconds", |case| number(Some(case.seconds), 2)),
+    ("cpu_seconds", |case| number(case.cpu_seconds, 2)),
+];

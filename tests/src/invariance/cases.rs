@@ -8,9 +8,11 @@ use clap::ValueEnum;
 use super::known::{self, Known, Labels};
 use super::pose::text_of;
 use super::ways::{columns_of, model_file};
-use crate::blind::cases::{self as clean, stable_hash};
+use crate::blind;
+use crate::blind::answer::{Collection, Plans};
+use crate::blind::cases::stable_hash;
+use crate::blind::draw::draw;
 use crate::blind::experiments::Set as Experiments;
-use crate::blind::{self, bench, draw};
 use crate::shared;
 
 /// Where a case keeps the recordings to fit: `before` is what `cargo xtask bench loop` writes.
@@ -107,11 +109,11 @@ impl CaseSet {
                 Self::below(name, &folder, labels)
             }
             Set::Drawn => {
-                let (folder, labels) = draw_runs(places)?;
+                let (folder, labels) = draw_set(Collection::Runs(Experiments::Rich), places)?;
                 Self::below(name, &folder, labels)
             }
             Set::Bench => {
-                let (folder, labels) = draw_sessions(places)?;
+                let (folder, labels) = draw_set(Collection::Bench, places)?;
                 let mut set = Self::below(name, &folder, labels)?;
                 // Those of an earlier and larger draw lie there as well.
                 set.cases.truncate(places.count as usize);
@@ -240,36 +242,25 @@ fn recordings_in(folder: &Path) -> Result<Vec<PathBuf>, String> {
     Ok(paths)
 }
 
-/// Writes the drawn cases that are not there yet; their folder, and what they hide.
-fn draw_runs(places: &Places) -> Result<(PathBuf, Labels), String> {
+/// Writes the drawn cases of a set that are not there yet; their folder, and what they
+/// hide.
+fn draw_set(set: Collection, places: &Places) -> Result<(PathBuf, Labels), String> {
     let generator = stable_hash(blind::GENERATOR.as_bytes()) >> 32;
-    // A case depends on how many there are.
-    let name = format!("seed{}_{}_{generator:08x}", places.seed, places.count);
-    let folder = places.drawn.join(name);
-    let set = Experiments::Rich;
-    let plans = clean::plan(set, places.count, &[], places.seed);
-    let name = |number: usize| format!("{}_{number:03}", set.name());
-    let is_drawn = |number| folder.join(name(number)).join("model.toml").exists();
-    if !(0..plans.len()).all(is_drawn) {
-        draw::runs(&plans, places.seed, &folder).map_err(|error| error.to_string())?;
-    }
-    let known = plans.iter().enumerate();
-    let labels = known.filter_map(|(number, plan)| Some((name(number), known::of_drawn(plan)?)));
-    Ok((folder, labels.collect()))
-}
-
-/// Writes the bench sessions that are not there yet; their folder, and what they hide.
-fn draw_sessions(places: &Places) -> Result<(PathBuf, Labels), String> {
-    let generator = stable_hash(bench::GENERATOR.as_bytes()) >> 32;
-    let name = format!("bench_seed{}_{generator:08x}", places.seed);
-    let folder = places.drawn.join(name);
-    let plans = bench::cases::plan(places.count, &[], places.seed);
-    let name = bench::cases::case_name;
+    let name = match set {
+        // A case depends on how many there are.
+        Collection::Runs(_) => format!("seed{}_{}", places.seed, places.count),
+        Collection::Bench => format!("bench_seed{}", places.seed),
+    };
+    let folder = places.drawn.join(format!("{name}_{generator:08x}"));
+    let plans = Plans::of(set, places.count, &[], places.seed);
     let is_there = |case: &str| folder.join(case).join("model.toml").exists();
-    draw::bench(&plans, places.seed, &folder, is_there, |_| Ok(()))
-        .map_err(|error| error.to_string())?;
-    let known = plans.iter().enumerate();
-    let labels = known.filter_map(|(number, plan)| Some((name(number), known::of_plan(plan)?)));
+    draw(&plans, places.seed, &folder, is_there, |_| Ok(())).map_err(|error| error.to_string())?;
+    let hidden = plans.hidden();
+    let known = hidden
+        .into_iter()
+        .map(|(hidden, laws)| known::of_drawn(hidden, laws));
+    let labels = plans.names().into_iter().zip(known);
+    let labels = labels.filter_map(|(name, known)| Some((name, known?)));
     Ok((folder, labels.collect()))
 }
 

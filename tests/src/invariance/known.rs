@@ -11,8 +11,8 @@ use serde::{Deserialize, Serialize};
 
 use super::answer::{Answer, Kinds};
 use super::pose::text_of;
-use crate::blind::bench::cases::Plan;
-use crate::blind::cases::{self as clean, Hidden};
+use crate::blind::hidden::{Hidden, kinds_of};
+use crate::blind::law::Law;
 
 /// Labels by the name of the case.
 pub type Labels = BTreeMap<String, Known>;
@@ -153,22 +153,9 @@ pub fn of_answers(path: &Path) -> Result<Labels, String> {
         .collect())
 }
 
-/// What a drawn bench session hides; none if it is outside the catalogue.
-pub fn of_plan(plan: &Plan) -> Option<Known> {
-    if plan.hidden == Hidden::Outside {
-        return None;
-    }
-    let kinds = plan.laws.iter().filter_map(|law| law.kind());
-    Some(Known::exactly(kinds.map(str::to_owned).collect()))
-}
-
 /// What a drawn case hides; none if it is outside the catalogue.
-pub fn of_drawn(plan: &clean::Plan) -> Option<Known> {
-    if plan.hidden == Hidden::Outside {
-        return None;
-    }
-    let kinds = plan.formulas.iter().filter_map(|it| it.row().kind);
-    Some(Known::exactly(kinds.map(str::to_owned).collect()))
+pub fn of_drawn(hidden: Hidden, laws: &[Law]) -> Option<Known> {
+    (hidden != Hidden::Outside).then(|| Known::exactly(kinds_of(laws).into_iter().collect()))
 }
 
 /// The kinds of a model file's effects, in their order.

@@ -1,47 +1,44 @@
-//! Drawing the cases of the set, and writing them as a lab would hand them over.
+//! The cases of the set `bench`: what they hide, and what a lab would hand over.
 //!
 //! What a case is depends on the seed of the set and on its number alone, not on
 //! how many cases there are: twelve in a row hold seven single effects, a pair,
 //! a case without anything, one with parameters only, and two causes outside
-//! the catalogue. The size of an effect is drawn as in the other sets, between
-//! 1.5 and 8 times what is there without it ([`sizing`](super::sizing)).
+//! the catalogue. How large an effect is drawn is as in the other sets
+//! ([`sizes`](super::super::sizes)); what is there without it is the sensor's noise
+//! and what a refit leaves of the coloured force ([`sizing`](super::sizing)).
 
 use std::path::Path;
 
 use rand::seq::{IndexedRandom, SliceRandom};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use softrig_formats::error::{InputError, write_atomically};
-use softrig_formats::recording::{Recording, to_csv};
+use softrig_formats::error::InputError;
+use softrig_formats::recording::Recording;
 
-use super::super::cases::{Hidden, Scale, largest, logarithmic, stable_hash, typical};
+use super::super::cases::stable_hash;
 use super::super::experiments::Pump;
+use super::super::folder::{File, write};
+use super::super::hidden::{Hidden, Secret, kinds_of, names_of};
 use super::super::kinds::group;
-use super::super::truth::{Base, Effect, Formula, Line, RATE_HZ, kinds};
-use super::instruments::{Instruments, Samples, Shown};
+use super::super::law::{Effect, Law, kinds};
+use super::super::sizes::{
+    CORRELATION, REACH, Scale, Shows, best_of, largest, logarithmic, off, over_floor, sized,
+    typical, wanted,
+};
+use super::super::world::{Base, Grid, Line, Outside, RATE_HZ, World, coloured};
+use super::instruments::{Instruments, Shown};
 use super::session::{Drive, Mark, Rig, Supply, play};
 use super::sizing::Seen;
-use super::world::{Law, Outside, Part, World, coloured};
 
-/// What the refitted base leaves with what is there without the effect, over
-/// that.
-const VISIBLE: std::ops::RangeInclusive<f64> = 1.5..=8.0;
-/// … for two effects together.
-const VISIBLE_PAIR: std::ops::RangeInclusive<f64> = 1.5..=12.0;
-/// What leaving out one of a pair has to leave, likewise.
-const PARTNER: f64 = 1.3;
 /// Actuators that are drawn before one is taken as it is.
 const ATTEMPTS: u32 = 12;
 /// The coloured force of every bench, over the force of reference.
 const COLOURED: std::ops::Range<f64> = 0.01..0.02;
-/// The same, where it is what is hidden.
-const RANDOM_FORCE: std::ops::Range<f64> = 0.1..0.2;
-/// Correlation time of both (s).
-const CORRELATION: std::ops::Range<f64> = 0.3..5.0;
 /// Share of the sessions that are cut into files.
 const CUT: f64 = 1.0 / 3.0;
+/// Least angle (rad) that rigs other than an actuator have to reach.
+const REACH_ELSEWHERE: f64 = 0.35;
 /// Seconds of the runs for which the other sets draw what grows with time.
 const SHORT_RUN_S: f64 = 24.0;
 
@@ -59,22 +56,12 @@ pub struct Plan {
 /// The answer to a case.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Answer {
-    /// Name of the case's folder.
-    pub case: String,
+    /// What is hidden.
+    pub secret: Secret,
     /// Which rig.
     pub rig: Rig,
     /// Whether the session was cut into files without metadata.
     pub cut: bool,
-    /// What is hidden.
-    pub hidden: Hidden,
-    /// Kinds of the catalogue, in alphabetical order.
-    pub kinds: Vec<String>,
-    /// Names of the laws.
-    pub laws: Vec<String>,
-    /// The truth, in SI units.
-    pub truth: World,
-    /// The nominal parameters.
-    pub nominal: Base,
     /// What drives the rig.
     pub supply: Supply,
     /// The instruments.
@@ -83,28 +70,10 @@ pub struct Answer {
     pub coloured: [f64; 2],
     /// What the refitted base leaves of the coloured force (rad).
     pub coloured_misfit: f64,
-    /// What the refitted base leaves of everything, over what it leaves without
-    /// the effect.
-    pub misfit_over_noise: f64,
-    /// Of a pair: the least that leaving out one of the two leaves, likewise.
-    pub partner_over_noise: Option<f64>,
-    /// Whether both are in the range that is asked for.
-    pub visible: bool,
-    /// Samples of all files.
+    /// Recording of all files.
     pub samples: usize,
     /// Duration of all files (s).
     pub seconds: f64,
-}
-
-/// A file of a case.
-#[derive(Clone, Debug)]
-pub struct File {
-    /// Its name without extension.
-    pub name: String,
-    /// What was recorded.
-    pub samples: Samples,
-    /// The text of its metadata, if there is any.
-    pub meta: Option<String>,
 }
 
 /// A case in memory.
@@ -117,41 +86,29 @@ pub struct Made {
 }
 
 /// Laws that a rig other than the actuator can hide, one at a time.
-fn special(rig: Rig) -> Vec<Law> {
-    let known = |formulas: &[Formula]| formulas.iter().copied().map(Law::Known).collect();
+const fn special(rig: Rig) -> &'static [Law] {
     match rig {
-        Rig::Actuator => Vec::new(),
-        Rig::Integrator => known(&[
-            Formula::CoulombTanh,
-            Formula::StribeckGauss,
-            Formula::CoulombLugre,
-            Formula::StribeckLugre,
-            Formula::StribeckExponential,
-        ]),
-        Rig::Swing => known(&[
-            Formula::CoulombLugre,
-            Formula::Gravity,
-            Formula::QuadraticDrag,
-            Formula::CoulombTanh,
-            Formula::AngleDamping,
-            Formula::Cubic,
-            Formula::QuadraticBlasius,
-            Formula::ExponentShift,
-            Formula::SensorNonlinearity,
-        ]),
-        Rig::BroadBand => vec![Law::BoucWenShape],
+        Rig::Actuator => &[],
+        Rig::Integrator => &[
+            Law::CoulombTanh,
+            Law::StribeckGauss,
+            Law::CoulombLugre,
+            Law::StribeckLugre,
+            Law::StribeckExponential,
+        ],
+        Rig::Swing => &[
+            Law::CoulombLugre,
+            Law::Gravity,
+            Law::QuadraticDrag,
+            Law::CoulombTanh,
+            Law::AngleDamping,
+            Law::Cubic,
+            Law::QuadraticBlasius,
+            Law::ExponentShift,
+            Law::SensorNonlinearity,
+        ],
+        Rig::BroadBand => &[Law::BoucWenShape],
     }
-}
-
-/// The formula that a kind has in its n-th turn: every second time another one
-/// than the catalogue's, where there is one.
-fn of_kind(kind: &str, turn: usize) -> Law {
-    let formulas = Formula::of_kind(kind);
-    Law::Known(if turn.is_multiple_of(2) || formulas.len() == 1 {
-        formulas[0]
-    } else {
-        formulas[1 + turn / 2 % (formulas.len() - 1)]
-    })
 }
 
 fn random_for(seed: u64, what: &str) -> Pcg64Mcg {
@@ -175,7 +132,7 @@ pub fn plan(count: u32, only: &[String], seed: u64) -> Vec<Plan> {
     let outside = [
         Law::DwellStiction,
         Law::PulsatingStiffness,
-        Law::RandomForce,
+        Law::ColouredForce,
     ];
     // Turns of single effects on actuators, on other rigs, and of the rest.
     let (mut on_actuator, mut elsewhere, mut two, mut quiet, mut beyond) = (0, 0, 0, 0, 0);
@@ -199,9 +156,9 @@ pub fn plan(count: u32, only: &[String], seed: u64) -> Vec<Plan> {
                         (rig, vec![laws[turn / 3 % laws.len()]])
                     } else {
                         let turn = take(&mut on_actuator);
-                        // Half of the kinds begin with another formula.
+                        // Half of the kinds begin with another law.
                         let index = turn % names.len();
-                        let law = of_kind(names[index], turn / names.len() + index % 2);
+                        let law = Law::in_turn(names[index], turn / names.len() + index % 2);
                         (Rig::Actuator, vec![law])
                     }
                 }
@@ -236,21 +193,21 @@ pub fn plan(count: u32, only: &[String], seed: u64) -> Vec<Plan> {
 
 /// Two effects of different families, or a pair that another rig is known for.
 fn pair(turn: usize, names: &[&str], random: &mut Pcg64Mcg) -> (Rig, Vec<Law>) {
-    let known = |formulas: [Formula; 2]| formulas.map(Law::Known).to_vec();
     match turn % 4 {
         // Friction that is not the same to both sides.
         2 => (
             Rig::Integrator,
-            known([Formula::CoulombTanh, Formula::AsymmetricDamping]),
+            vec![Law::CoulombTanh, Law::AsymmetricDamping],
         ),
         // A pendulum with a dry bearing.
-        3 => (Rig::Swing, known([Formula::CoulombTanh, Formula::Gravity])),
+        3 => (Rig::Swing, vec![Law::CoulombTanh, Law::Gravity]),
         _ => loop {
             let drawn: Vec<&str> = names.sample(random, 2).copied().collect();
             if group(drawn[0]) != group(drawn[1]) {
-                let mut laws: Vec<Law> = drawn.iter().map(|kind| of_kind(kind, turn)).collect();
+                let in_turn = drawn.iter().map(|kind| Law::in_turn(kind, turn));
+                let mut laws: Vec<Law> = in_turn.collect();
                 // A dead time looks at the line itself, so it is first.
-                laws.sort_by_key(|law| (*law != Law::Known(Formula::DeadTime), law.name()));
+                laws.sort_by_key(|law| (*law != Law::DeadTime, law.row().name));
                 break (Rig::Actuator, laws);
             }
         },
@@ -269,9 +226,7 @@ struct Drawn {
     coloured: [f64; 2],
     noise_seed: u64,
     coloured_misfit: f64,
-    ratio: f64,
-    partner: f64,
-    reach: f64,
+    shows: Shows,
 }
 
 /// The base model of a rig, what drives it, and a force (N), pressure (Pa) and
@@ -338,36 +293,18 @@ fn rig(rig: Rig, random: &mut Pcg64Mcg) -> (Base, Supply, Scale) {
             (base, quick(random, pressure))
         }
     };
-    let force = match rig {
-        Rig::Integrator => base.input_gain * pressure,
-        _ => base.stiffness * right.powf(base.exponent),
-    };
-    let damping = base.damping;
-    let scale = Scale {
-        force,
-        pressure,
-        damping,
+    let scale = Scale::of(&base, pressure);
+    // What drives a rig without elastic force.
+    let driving = base.input_gain * pressure;
+    let scale = match rig {
+        Rig::Integrator => Scale {
+            force: driving,
+            reference: driving,
+            ..scale
+        },
+        _ => scale,
     };
     (base, supply, scale)
-}
-
-/// Nominal parameters, each off by 10 to 30 %.
-fn off(base: &Base, random: &mut Pcg64Mcg) -> Base {
-    let mut off = |value: f64| {
-        let by: f64 = random.random_range(0.1..0.3);
-        value
-            * if random.random_bool(0.5) {
-                1.0 + by
-            } else {
-                1.0 - by
-            }
-    };
-    Base {
-        damping: off(base.damping),
-        stiffness: off(base.stiffness),
-        input_gain: off(base.input_gain),
-        ..*base
-    }
 }
 
 impl Drawn {
@@ -379,47 +316,39 @@ impl Drawn {
             off(&base, random)
         };
         let drives = play(plan.rig, &supply, &nominal, random);
-        // The elastic force at 60°, or what drives a rig without any.
-        let reference = match plan.rig {
-            Rig::Integrator => scale.force,
-            _ => base.stiffness * 60f64.to_radians().powf(base.exponent),
-        };
         let mut drawn = Self {
-            truth: World {
-                base,
-                parts: Vec::new(),
-            },
+            truth: World::of(base),
             nominal,
             supply,
             instruments: Instruments::draw(random),
             drives,
             coloured: [
-                reference * random.random_range(COLOURED),
+                scale.reference * random.random_range(COLOURED),
                 random.random_range(CORRELATION),
             ],
             noise_seed: random.random(),
             coloured_misfit: 0.0,
-            ratio: 1.0,
-            partner: f64::INFINITY,
-            reach: 0.0,
+            shows: Shows::NOTHING,
         };
         let alone = Seen::of(plan.rig, &drawn.truth, &drawn.drives, &drawn.forces());
         drawn.coloured_misfit = alone.base_misfit(&base);
-        drawn.reach = alone.reach();
         for &law in &plan.laws {
-            let (part, most) = drawn.typical(law, &scale, reference, random);
-            let wanted = if plan.laws.len() == 1 {
-                logarithmic(random, 1.7, 6.5)
-            } else {
-                logarithmic(random, 2.0, 5.0)
-            };
+            let (typical, most) = drawn.typical(law, &scale, random);
+            let wanted = wanted(plan.laws.len(), random);
             // A random force has the size that is asked for.
-            let part = if law == Law::RandomForce {
-                part
+            let effect = if law == Law::ColouredForce {
+                typical
             } else {
-                drawn.sized(plan.rig, part, wanted, most)
+                sized(typical, most, wanted, drawn.floor(), |effect| {
+                    let world = World {
+                        base,
+                        effects: vec![effect],
+                    };
+                    let seen = Seen::of(plan.rig, &world.resolved(), &drawn.drives, &[]);
+                    seen.base_misfit(&base)
+                })
             };
-            drawn.truth.parts.push(part);
+            drawn.truth.effects.push(effect);
         }
         drawn.truth = drawn.truth.resolved();
         drawn.measure(plan.rig);
@@ -429,13 +358,8 @@ impl Drawn {
     /// The paths of the coloured force, one for each drive, and of a random force
     /// if that is hidden.
     fn forces(&self) -> Vec<Line> {
-        let random_force = self
-            .truth
-            .parts
-            .iter()
-            .find(|part| part.law == Law::RandomForce);
-        let [deviation, time] = match random_force {
-            Some(part) => [part.values[0], part.values[1]],
+        let [deviation, time] = match self.coloured_force() {
+            Some(effect) => [effect.values[0], effect.values[1]],
             None => self.coloured,
         };
         (0..)
@@ -447,69 +371,38 @@ impl Drawn {
             .collect()
     }
 
-    /// A part in a size that is seen in real rigs, and the most by which it may
-    /// be enlarged.
-    fn typical(
-        &self,
-        law: Law,
-        scale: &Scale,
-        reference: f64,
-        random: &mut Pcg64Mcg,
-    ) -> (Part, f64) {
-        let mut within = |low: f64, high: f64| random.random_range(low..high);
-        let values = match law {
-            Law::BoucWenShape => [0.1 * scale.force, within(0.1, 0.4), within(-0.4, 0.5), 0.0],
-            Law::DwellStiction => [
-                0.05 * scale.force,
-                0.05 * scale.force * within(1.5, 4.0),
-                within(0.3, 3.0),
-                within(0.004, 0.012),
-            ],
-            Law::PulsatingStiffness => [0.2, within(0.2, 2.5), within(-3.0, 3.0), 0.0],
-            Law::RandomForce => [
-                reference * random.random_range(RANDOM_FORCE),
-                random.random_range(CORRELATION),
-                0.0,
-                0.0,
-            ],
-            Law::Known(formula) => return self.known(formula, scale, random),
-        };
-        let most = match law {
-            Law::PulsatingStiffness => 0.9 / values[0],
-            _ => 8.0,
-        };
-        (Part { law, values }, most)
+    /// The large coloured force, if that is hidden.
+    fn coloured_force(&self) -> Option<&Effect> {
+        let mut effects = self.truth.effects.iter();
+        effects.find(|effect| effect.law == Law::ColouredForce)
     }
 
-    /// As the other sets draw a formula; what goes with time is stretched to the
-    /// length of the session.
-    fn known(&self, formula: Formula, scale: &Scale, random: &mut Pcg64Mcg) -> (Part, f64) {
-        let mut effect = Effect {
-            formula,
-            values: typical(formula, scale, random),
-        };
+    /// An effect in a size that is seen in real rigs, and the most by which it may
+    /// be enlarged. What the other sets draw as well and goes with time is stretched
+    /// to the length of the session.
+    fn typical(&self, law: Law, scale: &Scale, random: &mut Pcg64Mcg) -> (Effect, f64) {
+        let mut effect = typical(law, scale, random);
         let most = largest(&effect);
+        if Law::OF_BENCHES.contains(&law) {
+            return (effect, most);
+        }
         let session: f64 = self.drives.iter().map(|drive| drive.line.duration()).sum();
         let stretch = session / SHORT_RUN_S;
         let longer = logarithmic(random, 1.0, 4.0);
         let values = &mut effect.values;
-        match formula {
-            Formula::StiffnessDrift | Formula::SensorDrift => values[0] /= stretch,
-            Formula::StiffnessDriftLog | Formula::SensorDriftSettling => {
+        match law {
+            Law::StiffnessDrift | Law::SensorDrift => values[0] /= stretch,
+            Law::StiffnessDriftLog | Law::SensorDriftSettling => {
                 values[0] /= stretch;
                 values[1] *= stretch;
             }
-            Formula::MaxwellOne => values[1] *= longer,
-            Formula::MaxwellTwo => values[3] *= longer,
+            Law::MaxwellOne => values[1] *= longer,
+            Law::MaxwellTwo => values[3] *= longer,
             // An offset within what a calibration leaves is none.
-            Formula::SensorOffset => values[0] *= 5.0,
+            Law::SensorOffset => values[0] *= 5.0,
             _ => {}
         }
-        let part = Part {
-            law: Law::Known(formula),
-            values: effect.values,
-        };
-        (part, most)
+        (effect, most)
     }
 
     /// RMS of everything that is there without an effect (rad).
@@ -517,143 +410,78 @@ impl Drawn {
         self.instruments.angle_floor().hypot(self.coloured_misfit)
     }
 
-    /// A misfit with the floor, over the floor.
-    fn over_noise(&self, misfit: f64) -> f64 {
-        let floor = self.floor();
-        if misfit.is_finite() && floor.is_finite() {
-            misfit.hypot(floor) / floor
-        } else {
-            f64::INFINITY
-        }
-    }
-
-    /// The part in the size whose misfit with the floor is `wanted` times the
-    /// floor, as nearly as its limits allow.
-    fn sized(&self, rig: Rig, part: Part, wanted: f64, most: f64) -> Part {
-        let aim = self.floor() * (wanted * wanted - 1.0).sqrt();
-        let mut factor = 1.0;
-        for _ in 0..6 {
-            let world = World {
-                base: self.truth.base,
-                parts: vec![part.scaled(factor)],
-            }
-            .resolved();
-            let seen = Seen::of(rig, &world, &self.drives, &[]);
-            let misfit = seen.base_misfit(&self.truth.base);
-            if (0.8..1.25).contains(&(misfit / aim)) {
-                break;
-            }
-            let by = if misfit.is_finite() {
-                aim / misfit
-            } else {
-                0.3
-            };
-            let next = (factor * by.clamp(0.2, 4.0)).min(most);
-            if (next / factor - 1.0).abs() < 0.02 {
-                break;
-            }
-            factor = next;
-        }
-        part.scaled(factor)
-    }
-
     fn measure(&mut self, rig: Rig) {
         let base = self.truth.base;
         // With the coloured force only to see how far everything reaches.
-        self.reach = Seen::of(rig, &self.truth, &self.drives, &self.forces()).reach();
-        if self.truth.parts.is_empty() || !self.reach.is_finite() {
+        self.shows.reach = Seen::of(rig, &self.truth, &self.drives, &self.forces()).reach();
+        if self.truth.effects.is_empty() || !self.shows.reach.is_finite() {
             return;
         }
-        let random_force = self.truth.parts.iter().any(|p| p.law == Law::RandomForce);
-        let forces = if random_force {
-            self.forces()
-        } else {
-            Vec::new()
+        let forces = match self.coloured_force() {
+            Some(_) => self.forces(),
+            None => Vec::new(),
         };
         let seen = Seen::of(rig, &self.truth, &self.drives, &forces);
-        self.ratio = self.over_noise(seen.base_misfit(&base));
-        if self.truth.parts.len() < 2 {
+        let floor = self.floor();
+        let over_noise = |misfit: f64| over_floor(misfit, floor);
+        self.shows.ratio = over_noise(seen.base_misfit(&base));
+        if self.truth.effects.len() < 2 {
             return;
         }
-        self.partner = (0..self.truth.parts.len())
+        self.shows.partner = (0..self.truth.effects.len())
             .map(|slot| {
-                let mut left = self.truth.parts.clone();
+                let mut left = self.truth.effects.clone();
                 left.remove(slot);
-                self.over_noise(seen.misfit(&base, &left))
+                over_noise(seen.misfit(&base, &left))
             })
             .fold(f64::INFINITY, f64::min);
     }
 
     /// How far the draw is from what is asked for; zero if it is that.
     fn miss(&self, plan: &Plan) -> f64 {
-        let outside = |value: f64, range: &std::ops::RangeInclusive<f64>| {
-            if value < *range.start() {
-                (range.start() / value).ln()
-            } else {
-                (value / range.end()).ln().max(0.0)
-            }
+        let least = match plan.rig {
+            Rig::Actuator => REACH,
+            _ => REACH_ELSEWHERE,
         };
-        let least = if plan.rig == Rig::Actuator { 0.8 } else { 0.35 };
-        let reach = 10.0 * outside(self.reach, &(least..=2.7));
-        reach
-            + match plan.laws.as_slice() {
-                [] | [Law::RandomForce] => 0.0,
-                [_] => outside(self.ratio, &VISIBLE),
-                _ => {
-                    outside(self.ratio, &VISIBLE_PAIR)
-                        + outside(self.partner, &(PARTNER..=f64::INFINITY))
-                }
-            }
+        let searched = plan.laws.iter().filter(|law| **law != Law::ColouredForce);
+        self.shows.miss(searched.count(), least)
     }
 }
 
 /// Draws the case with this number.
 pub fn make(plan: &Plan, seed: u64, number: usize) -> Made {
     let mut random = random_for(seed, &format!("case {number}"));
-    let mut best: Option<(f64, Drawn)> = None;
-    for _ in 0..ATTEMPTS {
+    let (miss, drawn) = best_of(ATTEMPTS, || {
         let drawn = Drawn::draw(plan, &mut random);
-        let miss = drawn.miss(plan);
-        if best.as_ref().is_none_or(|(least, _)| miss < *least) {
-            best = Some((miss, drawn));
-        }
-        if miss <= 0.0 {
-            break;
-        }
-    }
-    // There is at least one attempt.
-    let Some((miss, drawn)) = best else {
-        unreachable!("no attempt was made")
-    };
+        (drawn.miss(plan), drawn)
+    });
     let mut random = random_for(seed, &format!("recording {number}"));
     let cut = plan.rig == Rig::Swing || random.random_bool(CUT);
     let files = drawn.record(plan.rig, cut, number, &mut random);
-    let mut kinds: Vec<String> = plan
-        .laws
-        .iter()
-        .filter_map(|law| law.kind().map(str::to_owned))
-        .collect();
-    kinds.sort_unstable();
-    let answer = Answer {
+    let secret = Secret {
         case: case_name(number),
-        rig: plan.rig,
-        cut,
         hidden: plan.hidden,
-        kinds,
-        laws: plan.laws.iter().map(|law| law.name().to_owned()).collect(),
-        misfit_over_noise: drawn.ratio,
-        partner_over_noise: drawn.partner.is_finite().then_some(drawn.partner),
-        visible: miss <= 0.0,
+        kinds: kinds_of(&plan.laws),
+        laws: names_of(&plan.laws),
+        same_laws: plan.laws.iter().all(|law| law.row().same),
         truth: drawn.truth,
         nominal: drawn.nominal,
+        misfit_over_noise: drawn.shows.ratio,
+        partner_over_noise: drawn.shows.known_partner(),
+        visible: miss <= 0.0,
+    };
+    let answer = Answer {
+        secret,
+        rig: plan.rig,
+        cut,
         supply: drawn.supply,
         instruments: drawn.instruments,
         coloured: drawn.coloured,
         coloured_misfit: drawn.coloured_misfit,
-        samples: files.iter().map(|file| file.samples.time.len()).sum(),
+        samples: files.iter().map(|file| file.recording.time.len()).sum(),
         seconds: files
             .iter()
-            .filter_map(|file| file.samples.time.last())
+            .filter_map(|file| file.recording.time.last())
             .sum(),
     };
     Made { answer, files }
@@ -678,7 +506,7 @@ impl Drawn {
                     start: drive.start,
                     ..Outside::at_rest(&drive.line)
                 };
-                self.truth.simulate(&outside, RATE_HZ, 1)
+                self.truth.show(&outside, Grid::of_steps(RATE_HZ, 1))
             })
             .collect();
         let limit = self.instruments.limit(&readings);
@@ -690,57 +518,58 @@ impl Drawn {
             };
             self.instruments.record(&shown, limit, random)
         });
-        let mut recorded: Vec<Samples> = recorded.collect();
+        let mut recorded: Vec<Recording> = recorded.collect();
         if rig == Rig::Swing {
             return numbered("release", recorded);
         }
         // One drive for every other rig.
-        let samples = recorded.remove(0);
+        let recording = recorded.remove(0);
         let marks = &self.drives[0].marks;
         if cut {
-            return numbered("part", pieces(&samples, marks));
+            return numbered("part", pieces(&recording, marks));
         }
         // A table of an actuator's sensor begins a little below zero.
         let least = if rig == Rig::Actuator { -30.0 } else { -180.0 };
         let range = [least, limit.map_or(180.0, f64::to_degrees)];
-        let meta = metadata(&samples, marks, range, number, random);
+        let meta = metadata(&recording, marks, range, number, random);
         vec![File {
             name: "session".to_owned(),
-            samples,
+            recording,
             meta: Some(meta),
         }]
     }
 }
 
 /// Files without metadata.
-fn numbered(name: &str, list: Vec<Samples>) -> Vec<File> {
+fn numbered(name: &str, list: Vec<Recording>) -> Vec<File> {
     (1..)
         .zip(list)
-        .map(|(number, samples)| File {
+        .map(|(number, recording)| File {
             name: format!("{name}_{number:02}"),
-            samples,
+            recording,
             meta: None,
         })
         .collect()
 }
 
 /// A session cut where its sections begin, each piece with its time from zero.
-fn pieces(samples: &Samples, marks: &[Mark]) -> Vec<Samples> {
-    let at = |time: f64| samples.time.partition_point(|t| *t < time);
+fn pieces(session: &Recording, marks: &[Mark]) -> Vec<Recording> {
+    let at = |time: f64| session.time.partition_point(|t| *t < time);
     let mut bounds: Vec<usize> = marks.iter().map(|mark| at(mark.from)).collect();
-    bounds.push(samples.time.len());
+    bounds.push(session.time.len());
     bounds
         .windows(2)
         .map(|bounds| {
             let range = bounds[0]..bounds[1];
-            let begin = samples.time[range.start];
-            Samples {
-                time: samples.time[range.clone()]
+            let begin = session.time[range.start];
+            Recording {
+                time: session.time[range.clone()]
                     .iter()
                     .map(|time| time - begin)
                     .collect(),
-                pressure: samples.pressure[range.clone()].to_vec(),
-                angle: samples.angle[range].to_vec(),
+                pressure: session.pressure[range.clone()].to_vec(),
+                angle: session.angle[range].to_vec(),
+                ..Recording::default()
             }
         })
         .collect()
@@ -748,7 +577,7 @@ fn pieces(samples: &Samples, marks: &[Mark]) -> Vec<Samples> {
 
 /// The metadata of a session, as a recorder writes it.
 fn metadata(
-    samples: &Samples,
+    session: &Recording,
     marks: &[Mark],
     [least, most]: [f64; 2],
     number: usize,
@@ -764,7 +593,7 @@ fn metadata(
         random.random_range(8..19),
         random.random_range(0..60),
         random.random_range(3.0..900.0),
-        samples.time.len(),
+        session.time.len(),
         sent.join(", "),
     );
     for mark in marks {
@@ -783,66 +612,18 @@ fn metadata(
 }
 
 impl Made {
-    /// Writes `model.toml` and the recordings into a folder. Nothing in it tells
-    /// what is hidden.
+    /// Writes the case into a folder.
     ///
     /// # Errors
     ///
     /// Says what cannot be written.
     pub fn write(&self, folder: &Path) -> Result<(), InputError> {
-        let recordings = folder.join("recordings");
-        std::fs::create_dir_all(&recordings)
-            .map_err(|error| InputError::from_io(&recordings, &error))?;
-        for file in &self.files {
-            let path = recordings.join(format!("{}.csv", file.name));
-            if let Some(meta) = &file.meta {
-                write_atomically(&path.with_extension("meta.toml"), meta.as_bytes())?;
-            }
-            let recording = Recording {
-                time: file.samples.time.clone(),
-                pressure: file.samples.pressure.clone(),
-                angle: file.samples.angle.clone(),
-                ..Recording::default()
-            };
-            write_atomically(&path, to_csv(&recording, &[]).as_bytes())?;
-        }
-        // Last, so that a folder with a model is complete.
-        write_atomically(&folder.join("model.toml"), self.model().as_bytes())
-    }
-
-    fn model(&self) -> String {
-        let nominal = &self.answer.nominal;
+        let Secret { case, nominal, .. } = &self.answer.secret;
         // Without pressure nothing says what a pressure does.
-        let free = if self.answer.rig == Rig::Swing {
-            "\"damping\", \"stiffness\""
-        } else {
-            "\"damping\", \"stiffness\", \"input_gain\""
+        let free: &[&str] = match self.answer.rig {
+            Rig::Swing => &["damping", "stiffness"],
+            _ => &["damping", "stiffness", "input_gain"],
         };
-        format!(
-            "schema = 1\nname = \"{}\"\n\n[dynamics]\ninertia_kg_m = {:.6}\ndamping_n_s_per_rad = {:.6}\nstiffness_n_per_rad_n = {:.6}\nexponent = {}\ninput_gain_n_per_kpa = {:.6}\n\n[fit]\nfree = [{free}]\n",
-            self.answer.case,
-            nominal.inertia,
-            nominal.damping,
-            nominal.stiffness,
-            nominal.exponent,
-            nominal.input_gain * 1e3,
-        )
+        write(folder, case, nominal, free, &self.files)
     }
-}
-
-/// Draws the cases with these numbers in parallel and hands each to `done` as
-/// soon as it is made.
-///
-/// # Errors
-///
-/// The first error of `done`.
-pub fn make_all<E: Send>(
-    plans: &[Plan],
-    numbers: &[usize],
-    seed: u64,
-    done: impl Fn(Made) -> Result<(), E> + Sync,
-) -> Result<(), E> {
-    numbers
-        .par_iter()
-        .try_for_each(|&number| done(make(&plans[number], seed, number)))
 }

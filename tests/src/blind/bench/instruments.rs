@@ -6,9 +6,10 @@ use rand::seq::IndexedRandom;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
+use softrig_formats::recording::Recording;
 
 use super::super::sensors::PRESSURE_COUNT;
-use super::super::truth::Line;
+use super::super::world::Line;
 
 /// Share of the angle's range that is left where the sensor is cut off.
 pub const LEFT_OF_RANGE: f64 = 0.99;
@@ -55,17 +56,6 @@ pub struct Shown<'a> {
     pub reading: &'a [f64],
     /// Samples of it a second.
     pub rate_hz: f64,
-}
-
-/// Samples.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Samples {
-    /// Time (s).
-    pub time: Vec<f64>,
-    /// Pressure (Pa).
-    pub pressure: Vec<f64>,
-    /// Angle (rad).
-    pub angle: Vec<f64>,
 }
 
 impl Instruments {
@@ -133,14 +123,19 @@ impl Instruments {
     }
 
     /// What is recorded of a drive.
-    pub fn record(&self, shown: &Shown<'_>, limit: Option<f64>, random: &mut Pcg64Mcg) -> Samples {
+    pub fn record(
+        &self,
+        shown: &Shown<'_>,
+        limit: Option<f64>,
+        random: &mut Pcg64Mcg,
+    ) -> Recording {
         let last = shown.reading.len() - 1;
         let time = self.times(last as f64 / shown.rate_hz, random);
         let mut noisy = |value: f64, noise: f64, count: f64| {
             let normal: f64 = StandardNormal.sample(random);
             ((value + noise * normal) / count).round() * count
         };
-        let mut samples = Samples::default();
+        let mut samples = Recording::default();
         for &time in &time {
             let position = time * shown.rate_hz;
             // Not negative, and within the readings.

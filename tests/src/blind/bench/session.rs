@@ -9,7 +9,7 @@ use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
 
 use super::super::experiments::Pump;
-use super::super::truth::{Base, Line, RATE_HZ};
+use super::super::world::{Base, Line, RATE_HZ};
 
 /// Rest (s) before the first section.
 const REST_S: f64 = 1.0;

@@ -6,10 +6,11 @@
 //! recording begins in motion. Its noise is the angle sensor's together with
 //! what the same refit leaves of the coloured force.
 
+use super::super::law::Effect;
 use super::super::refit::least_squares;
-use super::super::truth::{Base, Line, RATE_HZ};
+use super::super::sizes::reach;
+use super::super::world::{Base, Grid, Line, Outside, RATE_HZ, World};
 use super::session::{Drive, Rig};
-use super::world::{Outside, Part, World};
 
 /// Samples per second that are compared.
 const COMPARED_HZ: u32 = 50;
@@ -44,7 +45,7 @@ impl<'a> Seen<'a> {
                     start: drive.start,
                     ..Outside::at_rest(&drive.line)
                 };
-                world.simulate(&outside, RATE_HZ, RATE_HZ / COMPARED_HZ)
+                world.show(&outside, Grid::of_steps(RATE_HZ, RATE_HZ / COMPARED_HZ))
             })
             .collect();
         Self {
@@ -56,16 +57,7 @@ impl<'a> Seen<'a> {
 
     /// Largest angle (rad); infinite if the world left all bounds.
     pub fn reach(&self) -> f64 {
-        self.readings
-            .iter()
-            .flatten()
-            .fold(0.0, |reach: f64, angle| {
-                if angle.is_finite() {
-                    reach.max(angle.abs())
-                } else {
-                    f64::INFINITY
-                }
-            })
+        reach(&self.readings)
     }
 
     /// RMS (rad) that a base model leaves, refitted; infinite where the world or
@@ -74,8 +66,8 @@ impl<'a> Seen<'a> {
         self.misfit(base, &[])
     }
 
-    /// RMS (rad) that a base model with one part leaves, everything refitted.
-    pub fn misfit(&self, base: &Base, parts: &[Part]) -> f64 {
+    /// RMS (rad) that a base model with one effect leaves, everything refitted.
+    pub fn misfit(&self, base: &Base, effects: &[Effect]) -> f64 {
         if !self.reach().is_finite() {
             return f64::INFINITY;
         }
@@ -86,9 +78,9 @@ impl<'a> Seen<'a> {
             } else {
                 0
             },
-            parts,
+            effects,
         };
-        let rate_hz = if parts.is_empty() { BASE_HZ } else { RATE_HZ };
+        let rate_hz = if effects.is_empty() { BASE_HZ } else { RATE_HZ };
         let residuals = |position: &[f64]| self.residuals(base, &layout, position, rate_hz);
         let fitted = least_squares(layout.count(), &residuals);
         let left = residuals(&fitted);
@@ -124,7 +116,7 @@ impl<'a> Seen<'a> {
                 };
                 moved
                     .world
-                    .simulate(&outside, rate_hz, rate_hz / COMPARED_HZ)
+                    .show(&outside, Grid::of_steps(rate_hz, rate_hz / COMPARED_HZ))
                     .into_iter()
                     .zip(reading)
                     .map(|(simulated, shown)| simulated + moved.angle_zero - shown)
@@ -135,12 +127,12 @@ impl<'a> Seen<'a> {
 }
 
 /// Which numbers a refit moves, in this order: damping, stiffness, input gain,
-/// both zeros, starts, numbers of parts.
+/// both zeros, starts, numbers of effects.
 struct Layout<'a> {
     gain: bool,
     /// Drives whose start is moved.
     starts: usize,
-    parts: &'a [Part],
+    effects: &'a [Effect],
 }
 
 struct Moved {
@@ -152,7 +144,7 @@ struct Moved {
 
 impl Layout<'_> {
     fn count(&self) -> usize {
-        let numbers: usize = self.parts.iter().map(|part| part.law.numbers()).sum();
+        let numbers: usize = self.effects.iter().map(|effect| effect.law.numbers()).sum();
         4 + usize::from(self.gain) + 2 * self.starts + numbers
     }
 
@@ -168,15 +160,15 @@ impl Layout<'_> {
         let pressure_zero = PRESSURE_ZERO * next().tanh();
         let angle_zero = ANGLE_ZERO * next().tanh();
         let starts = (0..2 * self.starts).map(|_| next()).collect();
-        let mut parts = self.parts.to_vec();
-        for part in &mut parts {
-            let count = part.law.numbers();
-            for value in part.values.iter_mut().take(count) {
+        let mut effects = self.effects.to_vec();
+        for effect in &mut effects {
+            let count = effect.law.numbers();
+            for value in effect.values.iter_mut().take(count) {
                 *value *= 1.0 + next();
             }
         }
         Moved {
-            world: World { base, parts },
+            world: World { base, effects },
             pressure_zero,
             angle_zero,
             starts,

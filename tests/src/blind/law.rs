@@ -1,28 +1,21 @@
-//! The physics behind the benchmark's recordings, written again from the
-//! catalogue's equations.
+//! What a case can hide: one table of laws with their equations, which are
+//! written again from the catalogue's.
 //!
 //! A diagnosis that is tested on recordings of its own simulator is tested
-//! against itself. Nothing here comes from the crates under test: the
-//! equations, the integrator (RK4 at 2 kHz, [`World`]) and the memory of hysteresis are
-//! the benchmark's own, and for a part of the effects there are other formulas for
-//! the same phenomenon, as real actuators have them.
+//! against itself. Nothing here comes from the crates under test, and for a part
+//! of the effects there are other formulas for the same phenomenon, as real
+//! actuators have them. [`World`](super::world::World) integrates them.
 //!
 //! M θ̈ + C θ̇ + K sign(θ)|θ|ⁿ + Q = g p_c, everything in SI units and radians:
 //! θ angle (rad), ω = θ̇ (rad/s), p pressure that the sensor in the line
 //! measures (Pa), p_c pressure that acts (Pa), y what the angle sensor shows
-//! (rad). The table of [`Formula`]s gives each equation and its source.
+//! (rad).
 
 use serde::{Deserialize, Serialize};
 
-use super::bench::world::{Grid, Outside, World};
+use super::world::{Base, Line, power};
 
-/// Integration steps per second of the truth.
-pub const RATE_HZ: u32 = 2000;
-
-/// Samples per second of a recording.
-pub const SAMPLES_HZ: u32 = 100;
-
-/// The most numbers that a formula has.
+/// The most numbers that a law has.
 pub const VALUES: usize = 4;
 
 /// Integrated states of one effect.
@@ -32,38 +25,11 @@ pub(super) const MEMORY: usize = 8;
 /// The most effects at once.
 pub const EFFECTS: usize = 2;
 
-/// The base parameters.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Base {
-    /// M (kg·m).
-    pub inertia: f64,
-    /// C (N·s/rad).
-    pub damping: f64,
-    /// K (N/radⁿ).
-    pub stiffness: f64,
-    /// n.
-    pub exponent: f64,
-    /// g (N/Pa).
-    pub input_gain: f64,
-}
-
-impl Base {
-    /// Pressure (Pa) that holds an angle (rad).
-    pub fn holding_pressure(&self, angle: f64) -> f64 {
-        self.stiffness * power(angle, self.exponent) / self.input_gain
-    }
-}
-
-/// sign(θ)|θ|ⁿ.
-pub(super) fn power(angle: f64, exponent: f64) -> f64 {
-    angle.abs().powf(exponent).copysign(angle)
-}
-
-/// A number of a formula.
+/// A number of a law.
 #[derive(Clone, Copy, Debug)]
 pub struct Quantity {
-    /// Key in model files; keys of other formulas than the catalogue's are
-    /// only read by people.
+    /// Key in model files; keys of other laws than the catalogue's are only
+    /// read by people.
     pub key: &'static str,
     /// Value in files for one SI unit.
     pub per_si: f64,
@@ -76,9 +42,9 @@ const fn kpa(key: &'static str) -> Quantity {
     Quantity { key, per_si: 1e-3 }
 }
 
-/// What is known about a formula beside its equation.
+/// What is known about a law beside its equation.
 #[derive(Clone, Copy, Debug)]
-pub struct FormulaWords {
+pub struct LawWords {
     /// Name in answers.
     pub name: &'static str,
     /// The kind of the catalogue that it is a case of; none if it is outside.
@@ -91,21 +57,24 @@ pub struct FormulaWords {
     pub sizes: &'static [(usize, f64)],
 }
 
-macro_rules! formulas {
+macro_rules! laws {
     ($( $(#[$doc:meta])* $variant:ident $name:literal $kind:expr, $same:expr, [$($quantity:expr),*], [$($size:expr),*]; )+) => {
-        /// The formulas that a truth can have. Symbols in square brackets are
-        /// its numbers, in the order in which they are stored.
+        /// The laws that a case can hide: an equation, in brackets its numbers in
+        /// the order in which they are stored, and its source where it has one.
+        ///
+        /// A case is drawn with its laws' names in this table as a seed, so a law
+        /// that is renamed is drawn anew.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
         #[serde(rename_all = "snake_case")]
-        pub enum Formula { $( $(#[$doc])* $variant, )+ }
+        pub enum Law { $( $(#[$doc])* $variant, )+ }
 
-        impl Formula {
-            /// Every formula.
+        impl Law {
+            /// Every law.
             pub const ALL: &'static [Self] = &[$( Self::$variant ),+];
 
             /// Its row of the table.
-            pub const fn row(self) -> &'static FormulaWords {
-                match self { $( Self::$variant => const { &FormulaWords {
+            pub const fn row(self) -> &'static LawWords {
+                match self { $( Self::$variant => const { &LawWords {
                     name: $name, kind: $kind, same: $same,
                     quantities: &[$($quantity),*], sizes: &[$($size),*],
                 } }, )+ }
@@ -114,7 +83,7 @@ macro_rules! formulas {
     };
 }
 
-formulas! {
+laws! {
     /// Q = T tanh(ω/ω_s) (T, ω_s).
     CoulombTanh "coulomb_tanh" Some("coulomb_friction"), true, [q("force_n"), q("smoothing_rad_per_s")], [(0, 1.0)];
     /// LuGre without Stribeck effect: ż = ω − |ω|z/s, Q = T(z/s) + σ₁ż with σ₁
@@ -264,34 +233,74 @@ formulas! {
     /// Outside: a force without any rule, twelve sines between 0.15 and 4 Hz whose
     /// phases are others in every run (A, seed).
     RandomForce "random_force" None, false, [q("force_n"), q("seed")], [(0, 1.0)];
+
+    /// A loop with a shape, on benches only: Q = a w, D ẇ = ω − ½|ω|w − B ω|w|
+    /// (a, D, B) (Wen 1976, with β = ½ and γ = B).
+    BoucWenShape "bouc_wen_shape" Some("bouc_wen_hysteresis"), false, [q("force_n"), q("yield_rad"), q("shape")], [(0, 1.0)];
+    /// Outside, on benches only: stiction that grows with the time at rest. A
+    /// bristle holds up to [`break_away`] after a rest; once it slips, F_c
+    /// (F_c, ΔF, τ, s) (Armstrong-Hélouvry et al. 1994, section 2.2).
+    DwellStiction "dwell_stiction" None, false, [q("force_n"), q("extra_force_n"), q("time_constant_s"), q("presliding_rad")], [(0, 1.0), (1, 1.0)];
+    /// Outside, on benches only: K → K(1 + a sin(2πft + φ)) (a, f, φ).
+    PulsatingStiffness "pulsating_stiffness" None, false, [q("ratio"), q("frequency_hz"), q("phase_rad")], [(0, 1.0)];
+    /// Outside, on benches only: a large force without any rule, whose path is
+    /// drawn by [`coloured`](super::world::coloured) and acts from outside (sd, τ).
+    ColouredForce "random_force" None, false, [q("force_n"), q("time_constant_s")], [(0, 1.0)];
 }
 
-impl Formula {
-    /// The formulas for a kind of the catalogue, the catalogue's own first.
+impl Law {
+    /// What only benches hide. The other sets draw from the rest by its number, so
+    /// that their cases stay what they were.
+    pub const OF_BENCHES: [Self; 4] = [
+        Self::BoucWenShape,
+        Self::DwellStiction,
+        Self::PulsatingStiffness,
+        Self::ColouredForce,
+    ];
+
+    /// The laws that every set can hide.
+    pub fn of_every_set() -> impl Iterator<Item = Self> {
+        let all = Self::ALL.iter().copied();
+        all.filter(|law| !Self::OF_BENCHES.contains(law))
+    }
+
+    /// The laws for a kind of the catalogue, the catalogue's own first.
     pub fn of_kind(kind: &str) -> Vec<Self> {
-        let mut list: Vec<Self> = Self::ALL
-            .iter()
-            .copied()
-            .filter(|formula| formula.row().kind == Some(kind))
+        let mut list: Vec<Self> = Self::of_every_set()
+            .filter(|law| law.row().kind == Some(kind))
             .collect();
-        list.sort_by_key(|formula| !formula.row().same);
+        list.sort_by_key(|law| !law.row().same);
         list
     }
 
-    /// The formulas outside the catalogue.
+    /// The law that a kind has in its n-th turn: every second time another one
+    /// than the catalogue's, where there is one.
+    pub fn in_turn(kind: &str, turn: usize) -> Self {
+        let laws = Self::of_kind(kind);
+        if turn.is_multiple_of(2) || laws.len() == 1 {
+            laws[0]
+        } else {
+            laws[1 + turn / 2 % (laws.len() - 1)]
+        }
+    }
+
+    /// The laws outside the catalogue that every set can hide.
     pub fn outside() -> Vec<Self> {
-        Self::ALL
-            .iter()
-            .copied()
-            .filter(|formula| formula.row().kind.is_none())
+        Self::of_every_set()
+            .filter(|law| law.row().kind.is_none())
             .collect()
+    }
+
+    /// How many numbers it has.
+    pub const fn numbers(self) -> usize {
+        self.row().quantities.len()
     }
 }
 
 /// The names of the catalogue's kinds, each once, in its order.
 pub fn kinds() -> Vec<&'static str> {
     let mut names = Vec::new();
-    for kind in Formula::ALL.iter().filter_map(|formula| formula.row().kind) {
+    for kind in Law::ALL.iter().filter_map(|law| law.row().kind) {
         if !names.contains(&kind) {
             names.push(kind);
         }
@@ -299,11 +308,11 @@ pub fn kinds() -> Vec<&'static str> {
     names
 }
 
-/// A formula with its numbers.
+/// A law with its numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Effect {
-    /// The formula.
-    pub formula: Formula,
+    /// The law.
+    pub law: Law,
     /// Its numbers in SI units; unused ones are zero.
     pub values: [f64; VALUES],
 }
@@ -311,61 +320,10 @@ pub struct Effect {
 impl Effect {
     /// The effect made larger by a factor.
     pub fn scaled(mut self, factor: f64) -> Self {
-        for &(index, exponent) in self.formula.row().sizes {
+        for &(index, exponent) in self.law.row().sizes {
             self.values[index] *= factor.powf(exponent);
         }
         self
-    }
-}
-
-/// A base model with effects.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Truth {
-    /// The base parameters.
-    pub base: Base,
-    /// At most two effects.
-    pub effects: Vec<Effect>,
-}
-
-/// Pressure in the line over time, on an even grid, as a smooth curve through
-/// its samples (Catmull–Rom), held beyond both ends.
-#[derive(Clone, Debug)]
-pub struct Line {
-    interval: f64,
-    values: Vec<f64>,
-}
-
-impl Line {
-    /// A curve through values (Pa) that are `interval` seconds apart.
-    pub fn new(interval: f64, values: Vec<f64>) -> Self {
-        Self { interval, values }
-    }
-
-    /// Pressure (Pa) at a time (s).
-    pub fn at(&self, time: f64) -> f64 {
-        let position = time / self.interval;
-        let last = self.values.len() - 1;
-        if position <= 0.0 {
-            return self.values[0];
-        }
-        // Not negative and below the number of samples.
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-        let k = position.floor() as usize;
-        if k >= last {
-            return self.values[last];
-        }
-        let u = position - k as f64;
-        let (a, b) = (self.values[k], self.values[k + 1]);
-        let before = self.values[k.saturating_sub(1)];
-        let after = self.values[(k + 2).min(last)];
-        let (left, right) = (0.5 * (b - before), 0.5 * (after - a));
-        let rise = b - a;
-        a + u * (left + u * (3.0 * rise - 2.0 * left - right + u * (left + right - 2.0 * rise)))
-    }
-
-    /// Duration (s).
-    pub fn duration(&self) -> f64 {
-        (self.values.len() - 1) as f64 * self.interval
     }
 }
 
@@ -408,24 +366,24 @@ impl Effect {
     ) -> f64 {
         let p = at.pressure;
         let [a, b, ..] = self.values;
-        match self.formula {
-            Formula::Lag => {
+        match self.law {
+            Law::Lag => {
                 rates[0] = (p - states[0]) / a;
                 states[0]
             }
-            Formula::LagSecondOrder => {
+            Law::LagSecondOrder => {
                 let natural = 2.0 * b / a;
                 rates[0] = states[1];
                 rates[1] = natural * natural * (p - states[0]) - 2.0 * b * natural * states[1];
                 states[0]
             }
-            Formula::LagDistributed => {
+            Law::LagDistributed => {
                 rates[0] = (p - states[0]) / (2.0 * a / 3.0);
                 rates[1] = (states[0] - states[1]) / (a / 3.0);
                 states[1]
             }
-            Formula::DeadTime => line.at(at.time - a),
-            Formula::DeadTimeDispersed => {
+            Law::DeadTime => line.at(at.time - a),
+            Law::DeadTimeDispersed => {
                 let mut before = p;
                 for k in 0..8 {
                     rates[k] = (before - states[k]) * 8.0 / a;
@@ -433,11 +391,11 @@ impl Effect {
                 }
                 before
             }
-            Formula::VentAsymmetry => {
+            Law::VentAsymmetry => {
                 rates[0] = (p - states[0]) / if p > states[0] { a } else { b };
                 states[0]
             }
-            Formula::VentOrifice => {
+            Law::VentOrifice => {
                 rates[0] = if p > states[0] {
                     (p - states[0]) / a
                 } else {
@@ -445,30 +403,30 @@ impl Effect {
                 };
                 states[0]
             }
-            Formula::Threshold => (p - a).max(0.0),
-            Formula::ThresholdSmooth => {
+            Law::Threshold => (p - a).max(0.0),
+            Law::ThresholdSmooth => {
                 let corner = |p: f64| {
                     let x = (p - a) / b;
                     b * (x.max(0.0) + (-x.abs()).exp().ln_1p())
                 };
                 corner(p) - corner(0.0)
             }
-            Formula::Backlash => play(memory[0], p, a),
-            Formula::BacklashPlays => {
+            Law::Backlash => play(memory[0], p, a),
+            Law::BacklashPlays => {
                 let of = |k: usize| play(memory[k], p, 0.5 * a * (k + 1) as f64);
                 (of(0) + of(1) + of(2)) / 3.0
             }
-            Formula::Leak => {
+            Law::Leak => {
                 rates[0] = (p - states[0]) / a;
                 p - states[0]
             }
-            Formula::LeakOrifice => {
+            Law::LeakOrifice => {
                 rates[0] = orifice(p - states[0]) / a;
                 p - states[0]
             }
-            Formula::ReliefValve => p.min(a),
-            Formula::PressureDependentDelay => line.at(at.time - a * (-p.max(0.0) / b).exp()),
-            Formula::AmplitudeLag => {
+            Law::ReliefValve => p.min(a),
+            Law::PressureDependentDelay => line.at(at.time - a * (-p.max(0.0) / b).exp()),
+            Law::AmplitudeLag => {
                 rates[0] = (p - states[0]) / (a * (0.1 + at.angle * at.angle));
                 states[0]
             }
@@ -484,41 +442,44 @@ impl Effect {
         memory: &[f64; MEMORY],
         base: &mut Base,
     ) {
-        let [a, b, ..] = self.values;
-        match self.formula {
-            Formula::AngleDamping => base.damping *= 1.0 + a * at.angle.abs(),
-            Formula::AngleDampingSquare => base.damping *= 1.0 + a * at.angle * at.angle,
-            Formula::AsymmetricDamping if at.rate < 0.0 => base.damping *= 1.0 + a,
-            Formula::AsymmetricSmooth => {
+        let [a, b, c, _] = self.values;
+        match self.law {
+            Law::AngleDamping => base.damping *= 1.0 + a * at.angle.abs(),
+            Law::AngleDampingSquare => base.damping *= 1.0 + a * at.angle * at.angle,
+            Law::AsymmetricDamping if at.rate < 0.0 => base.damping *= 1.0 + a,
+            Law::AsymmetricSmooth => {
                 base.damping *= 1.0 + 0.5 * a * (1.0 - (at.rate / b).tanh());
             }
-            Formula::ExponentShift => base.exponent += a,
-            Formula::StiffnessDrift => base.stiffness *= 1.0 + a * at.time,
-            Formula::StiffnessDriftLog => {
+            Law::ExponentShift => base.exponent += a,
+            Law::StiffnessDrift => base.stiffness *= 1.0 + a * at.time,
+            Law::StiffnessDriftLog => {
                 base.stiffness *= 1.0 + a * b * (at.time / b).ln_1p();
             }
-            Formula::Mullins => {
+            Law::Mullins => {
                 let most = memory[0].max(at.angle.abs());
                 base.stiffness *= 1.0 - a * (1.0 - (-most / b).exp());
             }
-            Formula::MullinsSquare => {
+            Law::MullinsSquare => {
                 let most = memory[0].max(at.angle.abs()) / b;
                 base.stiffness *= 1.0 - a * (most * most).tanh();
             }
-            Formula::PressureStiffening => base.stiffness *= 1.0 + a * at.pressure,
-            Formula::PressureStiffeningSaturating => {
+            Law::PressureStiffening => base.stiffness *= 1.0 + a * at.pressure,
+            Law::PressureStiffeningSaturating => {
                 base.stiffness *= 1.0 + a * at.pressure / (1.0 + at.pressure.max(0.0) / b);
             }
-            Formula::TwoStepStiffness => base.stiffness *= 1.0 + a * states[0],
-            Formula::WarmingDamping => {
+            Law::TwoStepStiffness => base.stiffness *= 1.0 + a * states[0],
+            Law::WarmingDamping => {
                 base.damping *= 1.0 - a * (1.0 - (-at.time / b).exp());
+            }
+            Law::PulsatingStiffness => {
+                base.stiffness *= 1.0 + a * (std::f64::consts::TAU * b * at.time + c).sin();
             }
             _ => {}
         }
     }
 
     /// Q (N).
-    // One arm for each formula of the table.
+    // One arm for each law of the table.
     #[allow(clippy::too_many_lines)]
     pub(super) fn force(
         &self,
@@ -536,32 +497,28 @@ impl Effect {
             rates[0] = rate - rate.abs() * states[0] * stiffness / level;
             stiffness * states[0] + 0.3 * (stiffness * inertia).sqrt() * rates[0]
         };
-        match self.formula {
-            Formula::CoulombTanh => a * (rate / b).tanh(),
-            Formula::CoulombLugre => bristle(a, a / b, rates),
-            Formula::CoulombRoot => a * rate / rate.hypot(b),
-            Formula::StribeckGauss => {
-                (a + b * (-(rate / c) * (rate / c)).exp()) * (rate / d).tanh()
-            }
-            Formula::StribeckExponential => {
-                (a + b * (-rate.abs() / c).exp()) * rate / rate.hypot(d)
-            }
-            Formula::StribeckLugre => {
+        match self.law {
+            Law::CoulombTanh => a * (rate / b).tanh(),
+            Law::CoulombLugre => bristle(a, a / b, rates),
+            Law::CoulombRoot => a * rate / rate.hypot(b),
+            Law::StribeckGauss => (a + b * (-(rate / c) * (rate / c)).exp()) * (rate / d).tanh(),
+            Law::StribeckExponential => (a + b * (-rate.abs() / c).exp()) * rate / rate.hypot(d),
+            Law::StribeckLugre => {
                 let level = a + b * (-(rate / c) * (rate / c)).exp();
                 bristle(level, (a + b) / d, rates)
             }
-            Formula::QuadraticDrag => a * rate * rate.abs(),
-            Formula::QuadraticBlasius => a * power(rate, 1.75),
-            Formula::MaxwellOne => {
+            Law::QuadraticDrag => a * rate * rate.abs(),
+            Law::QuadraticBlasius => a * power(rate, 1.75),
+            Law::MaxwellOne => {
                 rates[0] = (angle - states[0]) / b;
                 a * (angle - states[0])
             }
-            Formula::MaxwellTwo => {
+            Law::MaxwellTwo => {
                 rates[0] = (angle - states[0]) / b;
                 rates[1] = (angle - states[1]) / d;
                 a * (angle - states[0]) + c * (angle - states[1])
             }
-            Formula::MaxwellPower => [0.25, 1.0, 4.0, 16.0]
+            Law::MaxwellPower => [0.25, 1.0, 4.0, 16.0]
                 .iter()
                 .enumerate()
                 .map(|(k, &ratio): (usize, &f64)| {
@@ -569,17 +526,22 @@ impl Effect {
                     a * ratio.powf(-0.3) * (angle - states[k])
                 })
                 .sum(),
-            Formula::BoucWen => {
+            Law::BoucWen => {
                 let w = states[0];
                 rates[0] = (rate - 0.5 * rate.abs() * w - 0.5 * rate * w.abs()) / b;
                 a * w
             }
-            Formula::HysteresisDahl => {
+            Law::BoucWenShape => {
+                let w = states[0];
+                rates[0] = (rate - 0.5 * rate.abs() * w - c * rate * w.abs()) / b;
+                a * w
+            }
+            Law::HysteresisDahl => {
                 let w = states[0];
                 rates[0] = rate / b * power(1.0 - w * rate.signum(), 1.5);
                 a * w
             }
-            Formula::HysteresisStops => {
+            Law::HysteresisStops => {
                 let moved = angle - memory[6];
                 let sum: f64 = STOPS
                     .iter()
@@ -591,8 +553,8 @@ impl Effect {
                     .sum();
                 a * sum / STOPS.len() as f64
             }
-            Formula::Gravity => a * ((angle + b).sin() - b.sin()),
-            Formula::GravityArc => {
+            Law::Gravity => a * ((angle + b).sin() - b.sin()),
+            Law::GravityArc => {
                 let mean = if angle.abs() < 1e-4 {
                     b.sin() + 0.5 * angle * b.cos()
                 } else {
@@ -600,41 +562,50 @@ impl Effect {
                 };
                 2.0 * a * (mean - b.sin())
             }
-            Formula::Cubic => a * angle * angle * angle,
-            Formula::CubicSinh => a * ((b * angle).sinh() / b - angle),
-            Formula::LinearStiffness => a * angle,
-            Formula::LinearSoftening => a * b * (angle / b).tanh(),
-            Formula::EndStop => a * (angle - b).max(0.0),
-            Formula::EndStopProgressive => {
+            Law::Cubic => a * angle * angle * angle,
+            Law::CubicSinh => a * ((b * angle).sinh() / b - angle),
+            Law::LinearStiffness => a * angle,
+            Law::LinearSoftening => a * b * (angle / b).tanh(),
+            Law::EndStop => a * (angle - b).max(0.0),
+            Law::EndStopProgressive => {
                 let depth = (angle - b).max(0.0);
                 a * depth * depth.sqrt() * (1.0 + 0.2 * rate).max(0.0)
             }
-            Formula::Periodic => a * (std::f64::consts::TAU * b * time + c).sin(),
-            Formula::PeriodicTriangle => {
+            Law::Periodic => a * (std::f64::consts::TAU * b * time + c).sin(),
+            Law::PeriodicTriangle => {
                 let phase = std::f64::consts::TAU * b * time + c;
                 a * phase.sin().asin() * std::f64::consts::FRAC_2_PI
             }
-            Formula::PeriodicUnsynchronised => {
+            Law::PeriodicUnsynchronised => {
                 let phase = c + drawn_phase(1.0, at.run);
                 a * (std::f64::consts::TAU * b * time + phase).sin()
             }
-            Formula::TwoStepStiffness => {
+            Law::TwoStepStiffness => {
                 // The fold takes 50 ms to open or close.
                 rates[0] = (memory[0] - states[0]) / 0.05;
                 0.0
             }
-            Formula::Torsion => a * angle * (b * angle).sin(),
-            Formula::PeriodicStiffness => a * (std::f64::consts::TAU * angle / b).sin(),
-            Formula::StictionAgeing => {
+            Law::Torsion => a * angle * (b * angle).sin(),
+            Law::PeriodicStiffness => a * (std::f64::consts::TAU * angle / b).sin(),
+            Law::StictionAgeing => {
                 let sliding = rate.abs() / 0.05;
                 rates[1] = (1.0 - states[1]) / c - states[1] * sliding / 0.1;
                 bristle(a * (1.0 + b * states[1]), a * (1.0 + b) / 0.006, rates)
             }
-            Formula::SnapThrough => {
+            Law::DwellStiction => {
+                let stiffness = (a + b) / d;
+                rates[0] = if Contact::of(memory).slides {
+                    rate - rate.abs() * stiffness * states[0] / a
+                } else {
+                    rate
+                };
+                stiffness * states[0] + 0.3 * (stiffness * inertia).sqrt() * rates[0]
+            }
+            Law::SnapThrough => {
                 let bump = |u: f64| u * (0.5 - 0.5 * u * u).exp();
                 -a * (bump((angle - b) / c) - bump(-b / c))
             }
-            Formula::RandomForce => (0..12)
+            Law::RandomForce => (0..12)
                 .map(|k| {
                     let frequency = 0.15 * 1.35f64.powi(k);
                     let phase = drawn_phase(f64::from(k) + b, at.run);
@@ -663,55 +634,74 @@ impl Effect {
                 - coupling * acceleration;
             states[k]
         };
-        match self.formula {
-            Formula::SecondMode => shown + mode(0, a, c),
-            Formula::SecondModePair => shown + mode(0, a, c) + mode(2, 2.7 * a, c / 3.0),
-            Formula::SensorLag => {
+        match self.law {
+            Law::SecondMode => shown + mode(0, a, c),
+            Law::SecondModePair => shown + mode(0, a, c) + mode(2, 2.7 * a, c / 3.0),
+            Law::SensorLag => {
                 rates[0] = (shown - states[0]) / a;
                 states[0]
             }
-            Formula::SensorLagSecondOrder => {
+            Law::SensorLagSecondOrder => {
                 let natural = 2.0 * b / a;
                 rates[0] = states[1];
                 rates[1] = natural * natural * (shown - states[0]) - 2.0 * b * natural * states[1];
                 states[0]
             }
-            Formula::SensorOffset => shown + a,
-            Formula::SensorNonlinearity => shown + a * shown * shown,
-            Formula::SensorNonlinearitySaturating => {
+            Law::SensorOffset => shown + a,
+            Law::SensorNonlinearity => shown + a * shown * shown,
+            Law::SensorNonlinearitySaturating => {
                 shown + a * shown * shown / (1.0 + b * shown.abs())
             }
-            Formula::SensorDrift => shown + a * at.time,
-            Formula::SensorDriftSettling => shown + a * b * (1.0 - (-at.time / b).exp()),
-            Formula::SensorDeadZone => shown - (shown - b).clamp(-a, a) - a,
+            Law::SensorDrift => shown + a * at.time,
+            Law::SensorDriftSettling => shown + a * b * (1.0 - (-at.time / b).exp()),
+            Law::SensorDeadZone => shown - (shown - b).clamp(-a, a) - a,
             _ => shown,
         }
     }
 
     /// Brings what is remembered up to the end of a step.
-    pub(super) fn remember(&self, at: Moment, memory: &mut [f64; MEMORY]) {
-        let [a, b, c, _] = self.values;
-        match self.formula {
-            Formula::Mullins | Formula::MullinsSquare => memory[0] = memory[0].max(at.angle.abs()),
-            Formula::Backlash => memory[0] = play(memory[0], at.pressure, a),
-            Formula::BacklashPlays => {
+    pub(super) fn remember(&self, at: Moment, states: &[f64], memory: &mut [f64; MEMORY]) {
+        let [a, b, c, d] = self.values;
+        match self.law {
+            Law::Mullins | Law::MullinsSquare => memory[0] = memory[0].max(at.angle.abs()),
+            Law::Backlash => memory[0] = play(memory[0], at.pressure, a),
+            Law::BacklashPlays => {
                 for (k, slot) in memory.iter_mut().take(3).enumerate() {
                     *slot = play(*slot, at.pressure, 0.5 * a * (k + 1) as f64);
                 }
             }
-            Formula::HysteresisStops => {
+            Law::HysteresisStops => {
                 let moved = at.angle - memory[6];
                 for (slot, radius) in memory.iter_mut().zip(STOPS) {
                     *slot = (*slot + moved).clamp(-radius * b, radius * b);
                 }
                 memory[6] = at.angle;
             }
-            Formula::TwoStepStiffness => {
+            Law::TwoStepStiffness => {
                 if at.angle > b {
                     memory[0] = 1.0;
                 } else if at.angle < c {
                     memory[0] = 0.0;
                 }
+            }
+            Law::DwellStiction => {
+                let contact = Contact::of(memory);
+                let rested = at.time - contact.since;
+                let held = (a + b) / d * states[0].abs();
+                let next = if contact.slides {
+                    // A bristle that is bent further than sliding bends it still slips.
+                    Contact {
+                        slides: at.rate.abs() > RESTS_BELOW || held > a,
+                        since: at.time,
+                    }
+                } else {
+                    Contact {
+                        slides: held > break_away(a, b, c, rested),
+                        ..contact
+                    }
+                };
+                memory[0] = f64::from(u8::from(next.slides));
+                memory[1] = next.since;
             }
             _ => {}
         }
@@ -723,22 +713,28 @@ fn play(before: f64, input: f64, half: f64) -> f64 {
     before.clamp(input - half, input + half)
 }
 
-impl Truth {
-    /// What the sensor would show without noise (rad), 100 times a second, from
-    /// rest, with `steps` integration steps a sample. `run` numbers the runs of
-    /// a case, for what differs between them.
-    ///
-    /// A run that leaves all bounds ends in NaN.
-    pub fn simulate(&self, line: &Line, run: u32, steps: u32) -> Vec<f64> {
-        let outside = Outside {
-            run,
-            ..Outside::at_rest(line)
-        };
-        let grid = Grid {
-            interval: 1.0 / f64::from(SAMPLES_HZ),
-            steps,
-            every: 1,
-        };
-        World::from(self).show(&outside, grid)
+/// F_c + ΔF (1 − e^{−t/τ}): the force (N) up to which a contact holds after a rest
+/// of t (s), with F_c `sliding` (N), ΔF `extra` (N) and τ `time` (s).
+pub fn break_away(sliding: f64, extra: f64, time: f64, rested: f64) -> f64 {
+    sliding + extra * (1.0 - (-rested / time).exp())
+}
+
+/// Below this rate (rad/s) a sliding contact comes to rest.
+const RESTS_BELOW: f64 = 0.02;
+
+/// The state of a contact with dwell-time stiction.
+#[derive(Clone, Copy)]
+struct Contact {
+    slides: bool,
+    /// Since when it rests (s).
+    since: f64,
+}
+
+impl Contact {
+    fn of(memory: &[f64; MEMORY]) -> Self {
+        Self {
+            slides: memory[0] > 0.5,
+            since: memory[1],
+        }
     }
 }
