@@ -495,7 +495,7 @@ fn tables_count_what_was_said() {
     assert_eq!(graded(&single, Grade::Open), (1, 4));
     let beyond = all.hiding(&[Hidden::Outside]);
     assert_eq!(graded(&beyond, Grade::Wrong(Strength::Part)), (1, 1));
-    let free = all.that(|case| case.secret().hidden.is_quiet());
+    let free = all.quiet();
     assert_eq!(graded(&free, Grade::Denied), (1, 1));
     let rows = tables::rows(Collection::Bench, &all);
     let figure = |label: &str| {

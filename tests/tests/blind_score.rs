@@ -80,7 +80,7 @@ fn figures_count_what_they_say() {
     assert_eq!(pair(one.rate(Scored::names_else)), (1, 3));
     assert_eq!(pair(one.rate(Scored::holds)), (1, 3));
     assert!((one.median(Scored::over_oracle).unwrap() - 1.1).abs() < 1e-12);
-    let quiet = cases.that(|case| case.secret().hidden.is_quiet());
+    let quiet = cases.quiet();
     assert_eq!(pair(quiet.rate(Scored::names)), (0, 1));
     let outside = cases.hiding(&[Hidden::Outside]);
     let is_wrong = |case: &Scored| case.is_wrong(Strength::Full);

@@ -73,6 +73,11 @@ impl<'a> Group<'a> {
         self.that(|case| hidden.contains(&case.secret().hidden))
     }
 
+    /// Those of the cases that hide nothing, or parameters only.
+    pub fn quiet(&self) -> Self {
+        self.that(|case| case.secret().hidden.is_quiet())
+    }
+
     /// The cases.
     pub fn iter(&self) -> impl Iterator<Item = &'a Scored> + '_ {
         self.0.iter().copied()

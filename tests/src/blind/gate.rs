@@ -54,7 +54,7 @@ impl Gate {
             return vec!["no case was diagnosed".to_owned()];
         }
         let one = cases.hiding(&[Hidden::One]);
-        let quiet = cases.that(|case| case.secret().hidden.is_quiet());
+        let quiet = cases.quiet();
         let outside = cases.hiding(&[Hidden::Outside]);
         let mut failures = Vec::new();
         let mut at_least = |what: &str, rate: Rate, limit: u32| {

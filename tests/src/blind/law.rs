@@ -62,8 +62,8 @@ macro_rules! laws {
         /// The laws that a case can hide: an equation, in brackets its numbers in
         /// the order in which they are stored, and its source where it has one.
         ///
-        /// A case is drawn with its laws' names in this table as a seed, so a law
-        /// that is renamed is drawn anew.
+        /// The names of these variants are a part of the seed of runs: where one is
+        /// renamed, its cases are others.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
         #[serde(rename_all = "snake_case")]
         pub enum Law { $( $(#[$doc])* $variant, )+ }
@@ -245,6 +245,7 @@ laws! {
     PulsatingStiffness "pulsating_stiffness" None, false, [q("ratio"), q("frequency_hz"), q("phase_rad")], [(0, 1.0)];
     /// Outside, on benches only: a large force without any rule, whose path is
     /// drawn by [`coloured`](super::world::coloured) and acts from outside (sd, τ).
+    /// To who reads an answer it is what [`RandomForce`](Self::RandomForce) is.
     ColouredForce "random_force" None, false, [q("force_n"), q("time_constant_s")], [(0, 1.0)];
 }
 

@@ -42,135 +42,77 @@ pub type Row = (String, &'static str, String);
 
 /// The rows of a set's figures.
 pub fn rows(collection: Collection, cases: &Group<'_>) -> Vec<Row> {
-    let mut rows = match collection {
-        Collection::Runs(set) => rows_of_runs(set, cases),
-        Collection::Bench => rows_of_bench(cases),
+    let mut rows = Vec::new();
+    let mut row = |label: &str, asked, figure| rows.push((label.to_owned(), asked, figure));
+    let most = match collection {
+        Collection::Runs(set) => {
+            rows_of_runs(set, cases, &mut row);
+            "≤ 15"
+        }
+        Collection::Bench => {
+            rows_of_bench(cases, &mut |label, figure| row(label, "", figure));
+            ""
+        }
     };
-    let times = [
-        (
-            "wall time a case, median (s)",
-            if collection == Collection::Bench {
-                ""
-            } else {
-                "≤ 15"
-            },
-            number(cases.median(|case| Some(case.seconds)), 1),
-        ),
-        (
-            "wall time a case, worst (s)",
-            "",
-            number(cases.worst(|case| Some(case.seconds)), 1),
-        ),
-    ];
-    rows.extend(times.map(|(label, asked, figure)| (label.to_owned(), asked, figure)));
+    let seconds = |case: &Scored| Some(case.seconds);
+    let median = number(cases.median(seconds), 1);
+    row("wall time a case, median (s)", most, median);
+    let worst = number(cases.worst(seconds), 1);
+    row("wall time a case, worst (s)", "", worst);
     if collection == Collection::Bench {
-        let cpu = |label: &str, figure| (label.to_owned(), "", number(figure, 1));
-        rows.push(cpu(
-            "processor time a case, median (s)",
-            cases.median(|case| case.cpu_seconds),
-        ));
-        rows.push(cpu(
-            "processor time a case, worst (s)",
-            cases.worst(|case| case.cpu_seconds),
-        ));
+        let median = number(cases.median(|case| case.cpu_seconds), 1);
+        row("processor time a case, median (s)", "", median);
+        let worst = number(cases.worst(|case| case.cpu_seconds), 1);
+        row("processor time a case, worst (s)", "", worst);
     }
     rows
 }
 
-fn rows_of_runs(set: Set, cases: &Group<'_>) -> Vec<Row> {
+// A table: a row of it is a line.
+#[rustfmt::skip]
+fn rows_of_runs(set: Set, cases: &Group<'_>, row: &mut dyn FnMut(&str, &'static str, String)) {
     let asked = |rich: &'static str, paper: &'static str| match set {
         Set::Rich => rich,
         Set::Paper => paper,
     };
     let one = cases.hiding(&[Hidden::One]);
     let two = cases.hiding(&[Hidden::Two]);
-    let nothing = cases.hiding(&[Hidden::Nothing]);
-    let parameters = cases.hiding(&[Hidden::Parameters]);
-    let quiet = cases.that(|case| case.secret().hidden.is_quiet());
     let outside = cases.hiding(&[Hidden::Outside]);
+    let by_the = |same: bool| one.that(|case| case.secret().same_laws == same);
+    let rate = |cases: &Group<'_>, is: fn(&Scored) -> bool| shown(cases.rate(is));
+    let full: fn(&Scored) -> bool = |case| case.is_wrong(Strength::Full);
     let estimates = |base: bool| {
         let all = cases.iter().flat_map(|case| &case.estimates);
         all.filter(move |estimate: &&Estimate| estimate.base == base)
     };
     let covered = |base| shown(Rate::count(estimates(base).filter_map(|it| it.covered)));
     let error = |base| percent(median(estimates(base).map(|it| it.relative_error)));
-    let same = one.that(|case| case.secret().same_laws);
-    let other = one.that(|case| !case.secret().same_laws);
-    let lenient = |cases: &Group<'_>| shown(cases.rate(Scored::is_lenient));
-    let names = |cases: &Group<'_>| shown(cases.rate(Scored::names));
-    [
-        (
-            "one effect: named, lenient",
-            asked("≥ 92 %", "≥ 70 %"),
-            lenient(&one),
-        ),
-        (
-            "one effect: named, strict",
-            "",
-            shown(one.rate(Scored::is_exact)),
-        ),
-        ("… by the catalogue's formula, lenient", "", lenient(&same)),
-        ("… by another formula, lenient", "", lenient(&other)),
-        (
-            "one effect: something else named",
-            "",
-            shown(one.rate(Scored::names_else)),
-        ),
-        (
-            "one effect: in the answer set",
-            asked("≥ 97 %", "≥ 95 %"),
-            shown(one.rate(Scored::holds)),
-        ),
-        ("nothing or parameters only: a name", "≤ 3 %", names(&quiet)),
-        ("… nothing hidden", "", names(&nothing)),
-        ("… parameters only", "", names(&parameters)),
-        (
-            "outside the catalogue: a name at full strength",
-            asked("≤ 15 %", "≤ 25 %"),
-            shown(outside.rate(|case| case.is_wrong(Strength::Full))),
-        ),
-        (
-            "two effects: exact pair",
-            asked("≥ 70 %", "–"),
-            shown(two.rate(Scored::is_exact)),
-        ),
-        (
-            "two effects: all that is named is hidden",
-            "",
-            shown(two.rate(Scored::names_what_is_hidden)),
-        ),
-        (
-            "held-out RMSE over the oracle's, median",
-            asked("≤ 1.05", "≤ 1.10"),
-            number(one.median(Scored::over_oracle), 3),
-        ),
-        (
-            "… against a perfect sensor",
-            "",
-            number(one.median(Scored::over_oracle_clean), 2),
-        ),
-        (
-            "effect parameters: 95 % intervals cover",
-            "90–98 %",
-            covered(false),
-        ),
-        (
-            "base ratios: 95 % intervals cover",
-            "90–98 %",
-            covered(true),
-        ),
-        ("effect parameters: median relative error", "", error(false)),
-        ("base ratios: median relative error", "", error(true)),
-    ]
-    .map(|(label, asked, figure)| (label.to_owned(), asked, figure))
-    .to_vec()
+    row("one effect: named, lenient", asked("≥ 92 %", "≥ 70 %"), rate(&one, Scored::is_lenient));
+    row("one effect: named, strict", "", rate(&one, Scored::is_exact));
+    row("… by the catalogue's formula, lenient", "", rate(&by_the(true), Scored::is_lenient));
+    row("… by another formula, lenient", "", rate(&by_the(false), Scored::is_lenient));
+    row("one effect: something else named", "", rate(&one, Scored::names_else));
+    row("one effect: in the answer set", asked("≥ 97 %", "≥ 95 %"), rate(&one, Scored::holds));
+    row("nothing or parameters only: a name", "≤ 3 %", rate(&cases.quiet(), Scored::names));
+    row("… nothing hidden", "", rate(&cases.hiding(&[Hidden::Nothing]), Scored::names));
+    row("… parameters only", "", rate(&cases.hiding(&[Hidden::Parameters]), Scored::names));
+    row("outside the catalogue: a name at full strength", asked("≤ 15 %", "≤ 25 %"), rate(&outside, full));
+    row("two effects: exact pair", asked("≥ 70 %", "–"), rate(&two, Scored::is_exact));
+    row("two effects: all that is named is hidden", "", rate(&two, Scored::names_what_is_hidden));
+    row("held-out RMSE over the oracle's, median", asked("≤ 1.05", "≤ 1.10"), number(one.median(Scored::over_oracle), 3));
+    row("… against a perfect sensor", "", number(one.median(Scored::over_oracle_clean), 2));
+    row("effect parameters: 95 % intervals cover", "90–98 %", covered(false));
+    row("base ratios: 95 % intervals cover", "90–98 %", covered(true));
+    row("effect parameters: median relative error", "", error(false));
+    row("base ratios: median relative error", "", error(true));
 }
 
-fn rows_of_bench(cases: &Group<'_>) -> Vec<Row> {
+// A table: a row of it is a line.
+#[rustfmt::skip]
+fn rows_of_bench(cases: &Group<'_>, row: &mut dyn FnMut(&str, String)) {
     let one = cases.hiding(&[Hidden::One]);
     let two = cases.hiding(&[Hidden::Two]);
-    let quiet = cases.that(|case| case.secret().hidden.is_quiet());
-    let outside = cases.hiding(&[Hidden::Outside]);
+    let (quiet, outside) = (cases.quiet(), cases.hiding(&[Hidden::Outside]));
     let right = |cases: &Group<'_>| shown(cases.rate(|case| case.grade.is_right()));
     let graded = |cases: &Group<'_>, grade| shown(cases.rate(|case| case.grade == grade));
     let (full, part) = (Grade::Wrong(Strength::Full), Grade::Wrong(Strength::Part));
@@ -179,83 +121,36 @@ fn rows_of_bench(cases: &Group<'_>) -> Vec<Row> {
         right(&one.that(is))
     };
     let as_part = one.that(|case| case.is_exact() && case.said.in_part).len();
+    let denied = |case: &Scored| matches!(case.grade, Grade::Denied | Grade::Refused);
     let held_out = |cases: &Group<'_>| number(cases.median(|case| case.said.held_out), 3);
-    let mut rows = vec![
-        ("one effect: right", right(&one)),
-        ("… the exact name", graded(&one, Grade::Exact)),
-        ("… … of these, for a part of the gap", as_part.to_string()),
-        ("… its family", graded(&one, Grade::Family)),
-        (
-            "… in an answer set of at most three",
-            graded(&one, Grade::Set),
-        ),
-        (
-            "one effect: another family at full strength",
-            graded(&one, full),
-        ),
-        ("one effect: another family for a part", graded(&one, part)),
-        (
-            "one effect: cannot tell, without the truth",
-            graded(&one, Grade::Open),
-        ),
-        (
-            "one effect: silent (unexplained)",
-            graded(&one, Grade::Silent),
-        ),
-        (
-            "one effect: nothing missing, or refused",
-            shown(one.rate(|case| matches!(case.grade, Grade::Denied | Grade::Refused))),
-        ),
-    ]
-    .into_iter()
-    .map(|(label, figure)| (label.to_owned(), "", figure))
-    .collect::<Vec<Row>>();
-    rows.extend(Rig::ALL.map(|rig| {
-        let label = format!("one effect, {}: right", rig.name());
-        (label, "", session(&|of, _| of == rig))
-    }));
-    rows.extend(
-        [
-            (
-                "one effect, whole session: right",
-                session(&|rig, cut| rig != Rig::Swing && !cut),
-            ),
-            (
-                "one effect, session cut into files: right",
-                session(&|rig, cut| rig != Rig::Swing && cut),
-            ),
-            ("two effects: right", right(&two)),
-            ("two effects: one of the two", graded(&two, Grade::OneOfTwo)),
-            (
-                "two effects: another family at full strength",
-                graded(&two, full),
-            ),
-            ("two effects: another family for a part", graded(&two, part)),
-            ("quiet: a name at full strength", graded(&quiet, full)),
-            ("quiet: a name for a part", graded(&quiet, part)),
-            (
-                "quiet: nothing or parameters only",
-                graded(&quiet, Grade::Denied),
-            ),
-            ("outside: a name at full strength", graded(&outside, full)),
-            ("outside: a name for a part", graded(&outside, part)),
-            (
-                "outside: silent (unexplained)",
-                graded(&outside, Grade::Silent),
-            ),
-            ("any case: refused", graded(cases, Grade::Refused)),
-            (
-                "held-out RMSE, repaired over refit, median",
-                held_out(&cases.that(|case| case.secret().hidden.has_a_name())),
-            ),
-            (
-                "… where the cause is outside the catalogue",
-                held_out(&outside),
-            ),
-        ]
-        .map(|(label, figure)| (label.to_owned(), "", figure)),
-    );
-    rows
+    row("one effect: right", right(&one));
+    row("… the exact name", graded(&one, Grade::Exact));
+    row("… … of these, for a part of the gap", as_part.to_string());
+    row("… its family", graded(&one, Grade::Family));
+    row("… in an answer set of at most three", graded(&one, Grade::Set));
+    row("one effect: another family at full strength", graded(&one, full));
+    row("one effect: another family for a part", graded(&one, part));
+    row("one effect: cannot tell, without the truth", graded(&one, Grade::Open));
+    row("one effect: silent (unexplained)", graded(&one, Grade::Silent));
+    row("one effect: nothing missing, or refused", shown(one.rate(denied)));
+    for rig in Rig::ALL {
+        row(&format!("one effect, {}: right", rig.name()), session(&|of, _| of == rig));
+    }
+    row("one effect, whole session: right", session(&|rig, cut| rig != Rig::Swing && !cut));
+    row("one effect, session cut into files: right", session(&|rig, cut| rig != Rig::Swing && cut));
+    row("two effects: right", right(&two));
+    row("two effects: one of the two", graded(&two, Grade::OneOfTwo));
+    row("two effects: another family at full strength", graded(&two, full));
+    row("two effects: another family for a part", graded(&two, part));
+    row("quiet: a name at full strength", graded(&quiet, full));
+    row("quiet: a name for a part", graded(&quiet, part));
+    row("quiet: nothing or parameters only", graded(&quiet, Grade::Denied));
+    row("outside: a name at full strength", graded(&outside, full));
+    row("outside: a name for a part", graded(&outside, part));
+    row("outside: silent (unexplained)", graded(&outside, Grade::Silent));
+    row("any case: refused", graded(cases, Grade::Refused));
+    row("held-out RMSE, repaired over refit, median", held_out(&cases.hiding(&[Hidden::One, Hidden::Two])));
+    row("… where the cause is outside the catalogue", held_out(&outside));
 }
 
 /// What a case counts as in the rows of a table of kinds.
