@@ -6,8 +6,8 @@
 //! answers into files beside; [`verdicts`] diagnoses the folders and writes
 //! what it found; [`score`] opens the answers. The physics is [`law`] and [`world`],
 //! which share no code with the crates under test. There are two generations of
-//! cases, runs from rest ([`cases`]) and whole sessions ([`bench`]); what is hidden,
-//! how it is counted and how it is shown is the same for both.
+//! cases, runs from rest ([`cases`]) and whole sessions ([`mod@bench`]); what is
+//! hidden, how it is counted and how it is shown is the same for both.
 
 pub mod answer;
 pub mod bench;
