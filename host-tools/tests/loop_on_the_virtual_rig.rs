@@ -159,7 +159,8 @@ fn serve(image: &Path, simulator: &Path, folder: &TempDir) -> (Served, String) {
     (served, port)
 }
 
-fn rig(folder: &TempDir, arguments: &[&str]) {
+/// What `rig` prints.
+fn rig(folder: &TempDir, arguments: &[&str]) -> String {
     let output = Command::new(env!("CARGO_BIN_EXE_rig"))
         .args(arguments)
         .current_dir(folder.path())
@@ -167,6 +168,7 @@ fn rig(folder: &TempDir, arguments: &[&str]) {
         .output()
         .expect("rig starts");
     assert!(output.status.success(), "{arguments:?}: {output:?}");
+    String::from_utf8(output.stdout).unwrap()
 }
 
 /// A number that a comment of the answer tells.
@@ -296,4 +298,41 @@ fn fitted_parameters_are_those_of_the_truth() {
         }
     }
     assert_eq!(missed, [""; 0]);
+}
+
+/// A weight that no pressure tells from a spring: the rig is turned, and the answer is clear.
+#[test]
+fn the_next_experiment_decides() {
+    if env::var_os(IMAGE).is_none() || env::var_os(VIRTUAL_RIG).is_none() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let example = ["--hide", "6", "--effect", "gravity", "-o", "drawn"];
+    rig(&folder, &[&["example"][..], &example].concat());
+    // Heavier, so that it matters.
+    let drawn = fs::read_to_string(folder.path().join("drawn/truth.toml")).unwrap();
+    let heavy: Vec<&str> = drawn
+        .lines()
+        .map(|line| {
+            let is_weight = line.starts_with("force_n = ");
+            if is_weight { "force_n = 3.0" } else { line }
+        })
+        .collect();
+    fs::write(folder.path().join("heavy.toml"), heavy.join("\n")).unwrap();
+    let upright = ["--hide", "6", "--actuator", "heavy.toml", "-o", "upright"];
+    rig(&folder, &[&["example"][..], &upright].concat());
+    let mut runs: Vec<String> = fs::read_dir(folder.path().join("upright/recordings"))
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .filter(|name| name.starts_with("step") && !name.contains(".meta."))
+        .map(|name| format!("upright/recordings/{name}"))
+        .collect();
+    runs.sort();
+    let runs: Vec<&str> = runs.iter().map(String::as_str).collect();
+    let next = ["next", "--virtual", "heavy.toml", "--model"];
+    let next = [&next[..], &["upright/model.toml", "-o", "decide"], &runs].concat();
+    let said = rig(&folder, &next);
+    assert!(said.contains("cannot tell apart"), "{said}");
+    assert!(said.contains("turn the base by 90°"), "{said}");
+    assert!(said.contains("The model lacks gravity."), "{said}");
 }

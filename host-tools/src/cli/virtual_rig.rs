@@ -76,7 +76,7 @@ pub struct Args {
     #[arg(long, value_name = "S")]
     duration: Option<f64>,
     /// Image of the firmware
-    #[arg(long, value_name = "FIRMWARE.elf", env = "SOFTRIG_FIRMWARE")]
+    #[arg(long, value_name = "FIRMWARE.elf", env = IMAGE)]
     image: Option<PathBuf>,
 }
 
@@ -87,6 +87,9 @@ enum Speed {
     /// As fast as possible
     Max,
 }
+
+/// The variable that names an image of the firmware.
+const IMAGE: &str = "SOFTRIG_FIRMWARE";
 
 /// The simulator's file name.
 const PROGRAM: &str = if cfg!(windows) {
@@ -144,9 +147,10 @@ impl Companion {
         const STARTS: Duration = Duration::from_secs(30);
         super::read_model(actuator)?;
         let program = find_program()?;
+        let image = std::env::var_os(IMAGE).map(PathBuf::from);
         let mut child = Command::new(&program)
             .args(["serve", "--control", "--speed", "max", "--image"])
-            .arg(find_image(None)?)
+            .arg(find_image(image.as_deref())?)
             .arg("--actuator")
             .arg(actuator)
             .stdin(Stdio::piped())
