@@ -49,6 +49,8 @@ pub struct Verdict {
 pub struct Effect {
     /// Its kind.
     pub kind: String,
+    /// The stated probability.
+    pub probability: Option<f64>,
 }
 
 /// An alternative, which may be several effects together.
@@ -122,6 +124,12 @@ impl Verdict {
     /// If it is no verdict.
     pub fn parse(text: &str) -> Result<Self, serde_json::Error> {
         serde_json::from_str(text)
+    }
+
+    /// The stated probability of the effects that are named: that of the least sure one.
+    pub fn probability(&self) -> Option<f64> {
+        let stated = self.effects.iter().filter_map(|it| it.probability);
+        stated.reduce(f64::min)
     }
 
     /// The kinds of the named effects.
@@ -234,6 +242,7 @@ mod tests {
         );
         verdict.effects = vec![Effect {
             kind: "gravity".into(),
+            probability: None,
         }];
         for (name, part) in [
             ("effect_found", "gravity is missing."),

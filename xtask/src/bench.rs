@@ -50,7 +50,7 @@ struct Program {
 }
 
 /// The programs by the names of the benchmarks.
-const PROGRAMS: [(&str, Program); 7] = [
+const PROGRAMS: [(&str, Program); 8] = [
     (
         "blind",
         Program {
@@ -64,6 +64,14 @@ const PROGRAMS: [(&str, Program); 7] = [
         Program {
             name: "calibration",
             folders: &[("--keep", "invariance"), ("--loops", "loop")],
+            asks: true,
+        },
+    ),
+    (
+        "decide",
+        Program {
+            name: "decide",
+            folders: &[("--folder", "decide")],
             asks: true,
         },
     ),
@@ -124,7 +132,8 @@ impl Program {
         if self.asks && !options.iter().any(|option| option.starts_with("--rig")) {
             build.args(["-p", "host-tools", "--bin", "rig"]);
         }
-        if name == "loop" {
+        let plays = ["decide", "loop"].contains(&name);
+        if plays {
             build.args(["-p", "virtual-rig", "--bin", "virtual-rig"]);
         }
         run(&mut build)?;
@@ -138,7 +147,7 @@ impl Program {
         let asks_for_help = options.iter().any(|word| ["-h", "--help"].contains(word));
         match name {
             _ if asks_for_help => {}
-            "loop" => {
+            _ if plays => {
                 command.arg("--simulator").arg(target.join("virtual-rig"));
                 command.arg("--image").arg(avr::build()?);
             }

@@ -61,6 +61,9 @@ Tasks:
                          the demo's loop for many actuators, drawn from seeds A
                          to B (both included) or a list 1,5,9; --jobs at a time
                          (half the cores); --docs writes docs/loop.md
+  bench decide --seeds A..B [--only KIND,…] [--jobs N] [--docs]
+                         for every effect: one session, then the experiments
+                         that `rig next` makes; --docs writes docs/decide.md
   bench invariance [OPTIONS]
                          the same question asked otherwise (another seed, order,
                          first model, …): is the answer the same? Needs no labels;

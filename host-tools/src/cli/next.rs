@@ -12,6 +12,7 @@ use anyhow::Context;
 use clap::Parser;
 
 use super::input::InputArgs;
+use super::output::{self, FileKind, Output};
 use super::record;
 use super::virtual_rig::Companion;
 use super::watch::Watched;
@@ -57,6 +58,9 @@ pub struct Args {
     /// Folder for the plans and their recordings
     #[arg(short, long, value_name = "FOLDER", default_value = "next")]
     output: PathBuf,
+    /// Write the last verdict as JSON
+    #[arg(long, value_name = "VERDICT.json")]
+    json: Option<PathBuf>,
     /// Experiments at most
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=20))]
     most: u32,
@@ -76,6 +80,11 @@ pub struct Args {
 ///
 /// Faults of the input, of the link, or of the board.
 pub fn run(args: &Args) -> anyhow::Result<()> {
+    let read = args.recordings.iter().chain([&args.model]);
+    output::check(
+        &[Output::of("--json", FileKind::Json, args.json.as_ref())],
+        read.chain(&args.actuator),
+    )?;
     let mut recordings = args.recordings.clone();
     let mut companion = None;
     let mut made = 0;
@@ -127,9 +136,15 @@ fn diagnosed(args: &Args, paths: &[PathBuf]) -> anyhow::Result<(String, Option<P
     };
     let go_on = "To go on, repeat the command.".to_owned();
     let watched = Watched::start(go_on, None, Instant::now())?;
+    let clock = Instant::now();
     let diagnosis = diagnose(&request, &watched.progress);
     drop(watched.finish());
     let diagnosis: Diagnosis = diagnosis?;
+    if let Some(path) = &args.json {
+        let verdict = diagnosis.verdict(&request, clock.elapsed().as_secs_f64());
+        let text = serde_json::to_string_pretty(&verdict)? + "\n";
+        write_atomically(path, text.as_bytes())?;
+    }
     for concern in &diagnosis.concerns {
         super::warn(&concern.to_string());
     }

@@ -25,9 +25,9 @@ const REFUSED: &str = "the board still uses its old settings";
 const SHORT_LIMIT: Duration = Duration::from_secs(180);
 /// How long a recording may take: some 75 s of the board's time, simulated slower
 /// than that where cores are shared.
-const RECORD_LIMIT: Duration = Duration::from_secs(1_200);
+pub(super) const RECORD_LIMIT: Duration = Duration::from_secs(1_200);
 /// How long a diagnosis may take.
-const DIAGNOSE_LIMIT: Duration = Duration::from_secs(1_800);
+pub(super) const DIAGNOSE_LIMIT: Duration = Duration::from_secs(1_800);
 /// An answer set of more rivals than this does not count as an answer.
 const LARGEST_ANSWER: usize = 3;
 /// More seeds than anyone waits for: a slip in the range.
@@ -57,13 +57,13 @@ pub struct Options {
 
 /// Seeds, as they were asked for.
 #[derive(Clone, Debug, PartialEq, Eq)]
-struct Seeds {
-    asked: String,
-    each: Vec<u64>,
+pub(super) struct Seeds {
+    pub asked: String,
+    pub each: Vec<u64>,
 }
 
 impl Seeds {
-    fn parse(text: &str) -> Result<Self, String> {
+    pub fn parse(text: &str) -> Result<Self, String> {
         let each = seeds(text).filter(|seeds| !seeds.is_empty());
         Ok(Self {
             asked: text.into(),
@@ -91,12 +91,7 @@ fn seeds(text: &str) -> Option<Vec<u64>> {
 ///
 /// If the page cannot be written; a case that does not go through is a row of the table.
 pub fn bench(programs: &Programs, options: &Options) -> Result<(), String> {
-    let half = thread::available_parallelism().map_or(1, usize::from) / 2;
-    let jobs = options.jobs.map_or(half.max(1), usize::from);
-    let workers = rayon::ThreadPoolBuilder::new()
-        .num_threads(jobs)
-        .build()
-        .map_err(|error| error.to_string())?;
+    let workers = workers(options.jobs)?;
     let case = |&seed: &u64| {
         let row = LoopResult::of(programs, seed, options.folder.join(seed.to_string()));
         println!("{}", row.line());
@@ -114,6 +109,21 @@ pub fn bench(programs: &Programs, options: &Options) -> Result<(), String> {
         println!("table: docs/loop.md");
     }
     Ok(())
+}
+
+/// Threads for so many cases at a time, or for half the cores.
+pub(super) fn workers(jobs: Option<u16>) -> Result<rayon::ThreadPool, String> {
+    let half = thread::available_parallelism().map_or(1, usize::from) / 2;
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(jobs.map_or(half.max(1), usize::from))
+        .build()
+        .map_err(|error| error.to_string())
+}
+
+/// Why a case failed, on one line and without what ends a cell of a table.
+pub(super) fn in_a_cell(why: &str) -> String {
+    let why = why.split_whitespace().collect::<Vec<_>>().join(" ");
+    why.replace('|', "/").chars().take(160).collect()
 }
 
 /// One actuator.
@@ -166,7 +176,7 @@ impl Uploaded {
 
 /// The score of an answer against the truth.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Score {
+pub(super) enum Score {
     /// The hidden effects, and nothing else, are named.
     Named,
     /// It is one of a few answers that are left open.
@@ -182,7 +192,7 @@ enum Score {
 }
 
 impl Score {
-    fn of(hidden: &Kinds, verdict: &Verdict) -> Self {
+    pub fn of(hidden: &Kinds, verdict: &Verdict) -> Self {
         let named = verdict.kinds();
         let holds = |kinds: &[String]| kinds.iter().cloned().collect::<Kinds>() == *hidden;
         match verdict.verdict.as_str() {
@@ -201,7 +211,7 @@ impl Score {
         }
     }
 
-    fn words(self) -> &'static str {
+    pub fn words(self) -> &'static str {
         match self {
             Self::Named => "named",
             Self::Among => "in the answer set",
@@ -262,10 +272,7 @@ impl LoopResult {
                 ]);
             }
             Err(why) => {
-                // One line, and nothing that ends a cell of the table.
-                let why = why.split_whitespace().collect::<Vec<_>>().join(" ");
-                let why: String = why.replace('|', "/").chars().take(160).collect();
-                cells.extend(["failed".into(), why]);
+                cells.extend(["failed".into(), in_a_cell(why)]);
                 cells.extend(std::iter::repeat_n(String::new(), 5));
             }
         }

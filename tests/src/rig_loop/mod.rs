@@ -2,9 +2,10 @@
 //!
 //! Nothing in it is staged: the simulator executes the image that a board would get, and
 //! every number comes over the serial port or from `rig`. [`mod@bench`] runs it for many
-//! actuators.
+//! actuators, [`decide`] makes the experiments that a diagnosis proposes.
 
 pub mod bench;
+pub mod decide;
 
 use std::fs;
 use std::io::{self, BufRead, BufReader};
