@@ -19,7 +19,8 @@ use crate::recording::in_words;
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Setup {
-    /// By how much the base was turned against gravity since the angle was zeroed (°).
+    /// By how much the base was turned against gravity since the angle was zeroed (°), positive
+    /// in the direction in which the actuator bends.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tilt_deg: Option<f64>,
     /// What hung at the tip (g).
@@ -47,6 +48,15 @@ pub enum NewPart {
     Actuator,
     /// Another angle sensor.
     Sensor,
+}
+
+/// What is done to turn the base by so much (°).
+fn turn(tilt_deg: f64) -> String {
+    let direction = if tilt_deg < 0.0 { "against" } else { "in" };
+    format!(
+        "turn the base by {}° {direction} the direction in which the actuator bends",
+        tilt_deg.abs()
+    )
 }
 
 /// A number of the setup, its unit and what it may be.
@@ -93,7 +103,7 @@ impl Setup {
     /// command; none where it stays as it is.
     pub fn instructions(&self) -> Vec<String> {
         let numbers = [
-            self.tilt_deg.map(|it| format!("turn the base by {it}°")),
+            self.tilt_deg.map(turn),
             self.tip_load_g.map(|it| format!("hang {it} g at the tip")),
             self.tube_mm
                 .map(|it| format!("use a tube of {it} mm between sensor and actuator")),
@@ -233,7 +243,8 @@ mod tests {
         assert_eq!(Setup::default().instruction(), "");
         assert_eq!(
             given.instruction(),
-            "turn the base by 90°, hang 20 g at the tip, put in another angle sensor, then "
+            "turn the base by 90° in the direction in which the actuator bends, hang 20 g at the \
+             tip, put in another angle sensor, then "
         );
     }
 

@@ -20,7 +20,7 @@ use crate::report::content::Content;
 use softrig::diagnose::plan::{Proposal, VERY_STRONG};
 use softrig::diagnose::verdict::Answer;
 use softrig::diagnose::{Diagnosis, Request, diagnose};
-use softrig_formats::error::write_atomically;
+use softrig_formats::error::{InputError, write_atomically};
 use softrig_formats::recording::Recording;
 
 /// Makes the experiments that decide: diagnoses, proposes a run, asks you to set up the
@@ -108,9 +108,14 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         made += 1;
         let recording = args.output.join(format!("next{made}.csv"));
         if is_complete(&recording) {
+            refuse_another_plan(&best, &recording)?;
             super::print(&format!("{} is recorded already.\n", recording.display()))?;
         } else {
             record_next(args, &best, &recording, &mut companion)?;
+        }
+        if !is_complete(&recording) {
+            super::print("The run was ended early. To go on, repeat the command.\n")?;
+            return Ok(());
         }
         recordings.push(recording);
     }
@@ -159,6 +164,27 @@ fn is_complete(path: &Path) -> bool {
     path.exists() && Recording::read(path).is_ok_and(|(it, _)| it.meta.complete == Some(true))
 }
 
+/// The plan of a run, as a file.
+fn plan_text(best: &Proposal) -> String {
+    let mut protocol = best.protocol.clone();
+    protocol.setup = best.setup.clone();
+    protocol.to_text()
+}
+
+/// Refuses a recording that answers another question, such as that of another actuator.
+fn refuse_another_plan(best: &Proposal, recording: &Path) -> Result<(), InputError> {
+    let plan = recording.with_extension("toml");
+    let was = std::fs::read_to_string(&plan).unwrap_or_default();
+    if was == plan_text(best) {
+        return Ok(());
+    }
+    Err(InputError::new(
+        "was recorded for another plan than the one that these recordings ask for",
+        "give another folder with -o, or name the recording beside the others",
+    )
+    .in_file(recording))
+}
+
 /// Writes the plan of a run, has the rig set up, and records it.
 fn record_next(
     args: &Args,
@@ -169,14 +195,12 @@ fn record_next(
     let folder = &args.output;
     std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
     let plan = recording.with_extension("toml");
-    let mut protocol = best.protocol.clone();
-    protocol.setup = best.setup.clone();
-    write_atomically(&plan, protocol.to_text().as_bytes())?;
+    write_atomically(&plan, plan_text(best).as_bytes())?;
     super::print(&format!(
         "Next: {}{} ({:.0} s), expected Δχ² {:.0}: {}\n",
         best.setup.instruction(),
-        protocol.title,
-        f64::from(protocol.total_ms()) / 1000.0,
+        best.protocol.title,
+        f64::from(best.protocol.total_ms()) / 1000.0,
         best.evidence,
         plan.display()
     ))?;

@@ -84,7 +84,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         None => None,
     };
     let pair = between(&args.between, own.as_ref())?;
-    let limits = limits(args.limits.as_deref())?;
+    let limits = limits(args.limits.as_deref())?.of_sensor(&recordings);
     let noise = match args.noise_deg {
         Some(noise) if noise > 0.0 && noise.is_finite() => noise.to_radians(),
         Some(noise) => {

@@ -74,8 +74,8 @@ pub struct Args {
     #[arg(long, value_name = "N", default_value_t = 30.0, value_parser = seconds)]
     patience: f64,
     /// How the rig stands, with commas: tilt_deg (by how much the base is turned since the
-    /// angle was zeroed), tip_load_g, tube_mm, temperature_c, rested_s,
-    /// new_part=actuator|sensor
+    /// angle was zeroed, positive in the direction in which the actuator bends), tip_load_g,
+    /// tube_mm, temperature_c, rested_s, new_part=actuator|sensor
     #[arg(long, value_name = "KEY=VALUE,…")]
     setup: Option<Setup>,
     /// The rig stands as the protocol file asks: do not wait for Enter

@@ -363,7 +363,8 @@ fn diagnose_all(
     let matters = floor.rms.max(baseline::tolerance(&data));
     concerns.extend(turns::contradictions(file, &data, &refit, matters));
     let proposals = if found.rivals.len() > 1 && progress.may_begin(SearchPart::Experiment) {
-        propose(&file.model, &found.rivals, &floor)
+        let sensor = Limits::default().of_sensor(request.recordings);
+        propose(&file.model, &found.rivals, &floor, &sensor)
     } else {
         Vec::new()
     };
@@ -496,9 +497,10 @@ fn propose(
     nominal: &Model<f64>,
     rivals: &[Candidate],
     floor: &NoiseFloor,
+    limits: &Limits,
 ) -> Vec<(Proposal, [Vec<Kind>; 2])> {
     let added = |index: usize| rivals[index].added.clone();
-    plan::proposals(nominal, rivals, floor.rms, &Limits::default())
+    plan::proposals(nominal, rivals, floor.rms, limits)
         .into_iter()
         .take(PROPOSALS)
         .map(|proposal| {

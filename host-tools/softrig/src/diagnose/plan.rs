@@ -2,8 +2,9 @@
 //!
 //! Every named protocol of the board, and families of steps, ramps, small reversals, holds
 //! and multisines within the limits, are simulated with each rival, and where one of them is a
-//! weight, once more on a base that is turned by 90°: no pressure tells a weight from a
-//! spring, and a person would turn the rig. With rival A taken as
+//! weight, once more on a base that is turned by 90° one way or the other: no pressure tells a
+//! weight from a spring, and a person would turn the rig. What the angle sensor does not show
+//! is no evidence. With rival A taken as
 //! true, rival B is refitted within the information of the existing recordings. Its
 //! remaining error, in units of the noise, is the expected evidence of the run
 //! (T-optimality: Atkinson and Fedorov 1975):
@@ -56,6 +57,26 @@ pub struct Limits {
     pub highest_kpa: f64,
     /// Longest run (s).
     pub longest_s: f64,
+    /// The angles (rad) between which the angle sensor was calibrated; none where that is not
+    /// known. What lies beyond is not fitted, and decides nothing.
+    pub shown: Option<[f64; 2]>,
+}
+
+impl Limits {
+    /// The same with the range of the angle sensor by which these recordings were made: the
+    /// narrowest where they differ.
+    #[must_use]
+    pub fn of_sensor<'a>(self, recordings: impl IntoIterator<Item = &'a Recording>) -> Self {
+        let ranges = recordings
+            .into_iter()
+            .filter_map(|recording| recording.meta.angle_range_deg)
+            .map(|range| range.map(f64::to_radians));
+        let narrowest = |a: [f64; 2], b: [f64; 2]| [a[0].max(b[0]), a[1].min(b[1])];
+        Self {
+            shown: ranges.reduce(narrowest),
+            ..self
+        }
+    }
 }
 
 impl Default for Limits {
@@ -64,6 +85,7 @@ impl Default for Limits {
             highest_deg: 90.0,
             highest_kpa: 170.0,
             longest_s: 180.0,
+            shown: None,
         }
     }
 }
@@ -111,7 +133,13 @@ pub fn proposals(
             let each: Vec<((usize, usize), f64)> = pairs
                 .map(|(a, b)| {
                     let one_way = |truth: usize, rival: usize| {
-                        missed(&runs[truth], &runs[rival], &rivals[rival], noise)
+                        missed(
+                            &runs[truth],
+                            &runs[rival],
+                            &rivals[rival],
+                            noise,
+                            limits.shown,
+                        )
                     };
                     ((a, b), one_way(a, b).min(one_way(b, a)))
                 })
@@ -145,19 +173,20 @@ pub fn proposals(
 
 /// How the rig could stand: as it does, and turned where that changes what a rival says.
 fn setups(rivals: &[Candidate]) -> Vec<Setup> {
-    /// A quarter of a turn (°): the weight pulls most at the zero of the angle.
-    const TURNED: f64 = 90.0;
+    /// A quarter of a turn (°), one way and the other: the weight pulls most at the zero of the
+    /// angle, and the actuator sags where its sensor sees it or where it does not.
+    const TURNED: [f64; 2] = [90.0, -90.0];
     let has_weight = |rival: &Candidate| {
         let mut effects = rival.fit.model.effects();
         effects.any(|effect| effect.kind() == Kind::Gravity)
     };
-    let turned = Setup {
-        tilt_deg: Some(TURNED),
+    let turned = TURNED.map(|tilt| Setup {
+        tilt_deg: Some(tilt),
         ..Setup::default()
-    };
+    });
     let is_of_use = rivals.iter().any(has_weight);
     std::iter::once(Setup::default())
-        .chain(is_of_use.then_some(turned))
+        .chain(turned.into_iter().filter(|_| is_of_use))
         .collect()
 }
 
@@ -256,17 +285,30 @@ impl PredictedRun {
 }
 
 /// The remaining error of a rival against the assumed truth, after its parameters, zeros
-/// and initial angle are refitted within their priors.
-fn missed(truth: &PredictedRun, rival: &PredictedRun, candidate: &Candidate, noise: f64) -> f64 {
+/// and initial angle are refitted within their priors. Angles that the sensor does not show
+/// (rad) count for nothing.
+fn missed(
+    truth: &PredictedRun,
+    rival: &PredictedRun,
+    candidate: &Candidate,
+    noise: f64,
+    sensor: Option<[f64; 2]>,
+) -> f64 {
     // The number of samples that would be recorded.
     let weight = 100.0 / f64::from(RATE_HZ);
     let variance = noise.powi(2).max(1e-12);
     let (parameters, nuisance) = (&rival.by_parameters, &rival.by_nuisance);
-    let difference = &truth.shown - &rival.shown;
+    let mut difference = &truth.shown - &rival.shown;
     let (free, own) = (parameters.ncols(), nuisance.ncols());
     let mut jacobian = DMatrix::zeros(difference.len(), free + own);
     jacobian.columns_mut(0, free).copy_from(parameters);
     jacobian.columns_mut(free, own).copy_from(nuisance);
+    for (row, angle) in truth.shown.iter().enumerate() {
+        if sensor.is_some_and(|[low, high]| !(low..=high).contains(angle)) {
+            difference[row] = 0.0;
+            jacobian.row_mut(row).fill(0.0);
+        }
+    }
     let mut scaled = jacobian.tr_mul(&difference) * weight;
     let mut normal = jacobian.tr_mul(&jacobian) * weight;
     if let Some(known) = candidate.fit.curvature() {

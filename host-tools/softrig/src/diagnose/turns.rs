@@ -3,8 +3,8 @@
 //! A person forgets to turn the rig, or to write it down. Everything that is concluded from the
 //! weight of the actuator is then wrong. So where a session is said to be turned, a weight is
 //! fitted to all sessions as they are said to have stood, and once more with a group of them
-//! taken otherwise: the turned ones as if they had stayed, those of which nothing is said as if
-//! they had been turned like the others. What leaves less than half is reported; nothing is
+//! taken otherwise: the turned ones as if they had stayed or had been turned the other way, those
+//! of which nothing is said as if they had been turned like the others. What leaves less than half is reported; nothing is
 //! changed.
 
 use std::ops::Range;
@@ -40,24 +40,29 @@ pub fn contradictions(
         return Vec::new();
     };
     let groups = groups(data);
-    let mut found: Vec<(f64, &Group)> = groups
+    let readings = groups.iter().flat_map(|group| {
+        let readings = match group.said {
+            Some(_) => [0.0, -turned],
+            None => [turned, -turned],
+        };
+        readings.map(|reading| (group, reading))
+    });
+    let readings: Vec<(&Group, f64)> = readings.collect();
+    let best = readings
         .par_iter()
-        .filter_map(|group| {
+        .filter_map(|(group, reading)| {
             let taken = data.turned_as(|index, session| {
-                let is_member = group.sessions.contains(&index);
-                match (is_member, group.said) {
-                    (false, _) => session.turned(),
-                    (true, Some(_)) => 0.0,
-                    (true, None) => turned,
+                if group.sessions.contains(&index) {
+                    *reading
+                } else {
+                    session.turned()
                 }
             });
             let left = left(&taken)?;
-            (left < CONTRADICTS * as_said).then_some((left, group))
+            (left < CONTRADICTS * as_said).then_some((left, group, *reading))
         })
-        .collect();
-    found.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let best = found.first();
-    best.map(|(left, group)| group.concern(data, turned, [as_said, *left]))
+        .min_by(|a, b| a.0.total_cmp(&b.0));
+    best.map(|(left, group, reading)| group.concern(data, reading, [as_said, left]))
         .into_iter()
         .collect()
 }
@@ -116,7 +121,8 @@ fn groups(data: &Dataset) -> Vec<Group> {
 }
 
 impl Group {
-    fn concern(&self, data: &Dataset, turned: f64, [as_said, left]: [f64; 2]) -> Concern {
+    /// What is to be said where it behaves as if the base was turned by `reading` (rad).
+    fn concern(&self, data: &Dataset, reading: f64, [as_said, left]: [f64; 2]) -> Concern {
         let first = data.sessions().get(self.sessions.start);
         let first = first.map(|session| session.recording());
         let others = match self.sessions.len() - 1 {
@@ -129,24 +135,23 @@ impl Group {
             left.to_degrees(),
             as_said.to_degrees()
         );
-        let (text, advice) = match self.said {
+        let taken = if reading == 0.0 {
+            "was not turned".to_owned()
+        } else {
+            format!("was turned by {}°", reading.to_degrees().round())
+        };
+        let (said, advice) = match self.said {
             Some(tilt) => (
-                format!(
-                    "{others}the base is said to be turned by {tilt}°, and the actuator behaves \
-                     as if it was not: {errors}"
-                ),
-                "if it stayed as it was, correct tilt_deg in the metadata; if it was turned, no \
-                 weight acts on the actuator",
+                format!("the base is said to be turned by {tilt}°"),
+                "correct tilt_deg in the metadata, positive in the direction in which it bends; if it \
+                 is right, no weight acts on the actuator",
             ),
             None => (
-                format!(
-                    "{others}nothing is said of a turned base, and the actuator behaves as if it \
-                     was turned by {}°: {errors}",
-                    turned.to_degrees().round()
-                ),
+                "nothing is said of a turned base".to_owned(),
                 "if it was, write tilt_deg below [setup] in the metadata",
             ),
         };
+        let text = format!("{others}{said}, and the actuator behaves as if it {taken}: {errors}");
         Concern::of(Matter::Turned, first, text, advice)
     }
 }
@@ -216,7 +221,7 @@ mod tests {
             found[0].contains("_2: and 4 other recordings: the base is said to be turned by 90°"),
             "{found:?}"
         );
-        assert!(found[0].contains("as if it was not"), "{found:?}");
+        assert!(found[0].contains("as if it was not turned"), "{found:?}");
     }
 
     #[test]
@@ -225,6 +230,17 @@ mod tests {
         assert_eq!(found.len(), 1, "{found:?}");
         assert!(found[0].contains("_1: and"), "{found:?}");
         assert!(found[0].contains("as if it was turned by 90°"), "{found:?}");
+    }
+
+    #[test]
+    fn who_turns_the_base_the_other_way_is_told() {
+        let found = said(&[0.0, -90.0], &[None, Some(90.0)]);
+        assert_eq!(found.len(), 1, "{found:?}");
+        assert!(found[0].contains("said to be turned by 90°"), "{found:?}");
+        assert!(
+            found[0].contains("as if it was turned by -90°"),
+            "{found:?}"
+        );
     }
 
     #[test]
