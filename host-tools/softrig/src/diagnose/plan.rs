@@ -104,7 +104,7 @@ pub struct Proposal {
 }
 
 /// Ranks runs that separate `rivals`, best first, by the evidence about all pairs, of each at
-/// most what is beyond doubt. `noise` is the standard deviation of the measured angle (rad).
+/// most what is beyond doubt; then by how much of the run the angle sensor shows. `noise` is the standard deviation of the measured angle (rad).
 pub fn proposals(
     nominal: &Model<f64>,
     rivals: &[Candidate],
@@ -115,7 +115,7 @@ pub fn proposals(
         return Vec::new();
     }
     let runs = protocols(limits);
-    let mut proposals: Vec<(f64, Proposal)> = setups(rivals)
+    let mut proposals: Vec<([f64; 2], Proposal)> = setups(rivals)
         .into_par_iter()
         .flat_map(|setup| {
             let runs = runs.par_iter();
@@ -146,7 +146,7 @@ pub fn proposals(
                 .filter(|(_, evidence)| evidence.is_finite())
                 .collect();
             let &(separates, evidence) = each.iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
-            let decided = each
+            let decided: f64 = each
                 .iter()
                 .map(|(_, evidence)| evidence.min(BEYOND_DOUBT))
                 .sum();
@@ -156,10 +156,11 @@ pub fn proposals(
                 separates,
                 evidence,
             };
-            Some((decided, proposal))
+            let seen = runs.iter().map(|run| run.seen(limits.shown));
+            Some(([decided, seen.fold(1.0, f64::min)], proposal))
         })
         .collect();
-    let rank = |(decided, proposal): &(f64, Proposal)| [*decided, proposal.evidence];
+    let rank = |(first, proposal): &([f64; 2], Proposal)| [first[0], first[1], proposal.evidence];
     proposals.sort_by(|a, b| {
         let by = rank(b).into_iter().zip(rank(a));
         by.map(|(b, a)| b.total_cmp(&a))
@@ -228,6 +229,15 @@ struct PredictedRun {
 }
 
 impl PredictedRun {
+    /// The share of it that a sensor with such a range (rad) shows.
+    fn seen(&self, sensor: Option<[f64; 2]>) -> f64 {
+        let Some([low, high]) = sensor else {
+            return 1.0;
+        };
+        let shown = self.shown.iter().filter(|it| (low..=high).contains(*it));
+        shown.count() as f64 / self.shown.len().max(1) as f64
+    }
+
     /// The run of a rival under the pressure of `recording`; none without samples.
     fn of(
         rival: &Candidate,
@@ -607,6 +617,26 @@ mod tests {
         let (without, beside) = (of(0.0), of(0.02));
         assert!(without > 50.0, "{without}");
         assert!((beside / without - 1.0).abs() < 0.1, "{without} {beside}");
+    }
+
+    /// A weight that pulls an actuator out of its sensor's range is turned the other way.
+    #[test]
+    fn the_base_is_turned_to_where_the_sensor_sees() {
+        let rivals = [
+            with(Kind::Gravity, &[1.0, 0.0, 0.0, 1.0]),
+            with(Kind::LinearStiffness, &[1.0]),
+        ];
+        let best = |shown: Option<[f64; 2]>| {
+            let limits = Limits {
+                shown,
+                ..Limits::default()
+            };
+            let best = proposals(&nominal(), &rivals, 0.007, &limits).remove(0);
+            assert!(best.evidence > VERY_STRONG, "{}", best.evidence);
+            best.setup.tilt_deg
+        };
+        assert_eq!(best(Some([0.0, 2.0])), Some(-90.0));
+        assert_eq!(best(Some([-2.0, 1.57])), Some(90.0));
     }
 
     /// Hysteresis and friction differ most in small reversals, creep and drift
