@@ -86,7 +86,6 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         read.chain(&args.actuator),
     )?;
     let mut recordings = args.recordings.clone();
-    let mut companion = None;
     let mut made = 0;
     loop {
         let (sentence, best) = diagnosed(args, &recordings)?;
@@ -111,7 +110,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
             refuse_another_plan(&best, &recording)?;
             super::print(&format!("{} is recorded already.\n", recording.display()))?;
         } else {
-            record_next(args, &best, &recording, &mut companion)?;
+            record_next(args, &best, &recording)?;
         }
         if !is_complete(&recording) {
             super::print("The run was ended early. To go on, repeat the command.\n")?;
@@ -186,12 +185,7 @@ fn refuse_another_plan(best: &Proposal, recording: &Path) -> Result<(), InputErr
 }
 
 /// Writes the plan of a run, has the rig set up, and records it.
-fn record_next(
-    args: &Args,
-    best: &Proposal,
-    recording: &Path,
-    companion: &mut Option<Companion>,
-) -> anyhow::Result<()> {
+fn record_next(args: &Args, best: &Proposal, recording: &Path) -> anyhow::Result<()> {
     let folder = &args.output;
     std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
     let plan = recording.with_extension("toml");
@@ -204,12 +198,11 @@ fn record_next(
         best.evidence,
         plan.display()
     ))?;
+    // A virtual rig at full speed takes a core for as long as it is there.
+    let mut companion = None;
     let port = match (&args.actuator, &args.port) {
         (Some(actuator), _) => {
-            let rig = match companion {
-                Some(rig) => rig,
-                none => none.insert(Companion::start(actuator)?),
-            };
+            let rig = companion.insert(Companion::start(actuator)?);
             rig.set_up(&best.setup)?;
             rig.port().to_owned()
         }
