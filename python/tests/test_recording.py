@@ -158,17 +158,24 @@ def test_a_model_says_where_its_recordings_stand(tmp_path: Path, model: softrig.
 
 def test_a_recording_says_how_its_rig_stood(tmp_path: Path, model: softrig.Model) -> None:
     path = lab(tmp_path / "lab.csv")
-    columns = {"time": "t", "pressure": "p_psi", "angle": "theta"}
-    units = {"time": "ms", "pressure": "psi", "angle": "rad"}
-    said = {"columns": columns, "units": units}
+
+    def read(setup: dict[str, Any], model: softrig.Model) -> softrig.Recording:
+        return softrig.read(
+            path,
+            columns={"time": "t", "pressure": "p_psi", "angle": "theta"},
+            units={"time": "ms", "pressure": "psi", "angle": "rad"},
+            setup=setup,
+            model=model,
+        )
+
     beside = softrig.Model.from_toml(
         model.to_toml() + "\n[recording.setup]\ntilt_deg = 45\ntube_mm = 300\n"
     )
-    recording = softrig.read(path, setup={"tilt_deg": 90}, model=beside, **said)  # type: ignore[arg-type]
+    recording = read({"tilt_deg": 90}, beside)
     assert recording.metadata["setup"] == {"tilt_deg": 90, "tube_mm": 300}
     for setup, says in [({"tilt": 90}, "tilt"), ({"tip_load_g": -1}, "tip_load_g = -1 g")]:
         with pytest.raises(softrig.InputError, match=says):
-            softrig.read(path, setup=setup, **said)  # type: ignore[arg-type]
+            read(setup, model)
         with pytest.raises(softrig.InputError, match=says):
             of(metadata={"setup": setup})
 
