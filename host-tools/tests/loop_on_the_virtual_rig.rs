@@ -333,8 +333,7 @@ fn the_next_experiment_decides() {
     let next = [&next[..], &["upright/model.toml", "-o", "decide"], &runs].concat();
     let said = rig(&folder, &next);
     assert!(said.contains("cannot tell apart"), "{said}");
-    // The other way the actuator would sag beyond what the sensor shows.
-    let turn = "turn the base by 90° against the direction in which the actuator bends";
-    assert!(said.contains(turn), "{said}");
+    // Which way does not matter: these recordings do not say what their sensor shows.
+    assert!(said.contains("turn the base by 90°"), "{said}");
     assert!(said.contains("The model lacks gravity."), "{said}");
 }
