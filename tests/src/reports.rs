@@ -20,7 +20,6 @@ use softrig::diagnose::verdict::{Answer, Strength};
 use softrig::diagnose::{Diagnosis, Request};
 use softrig::synth::example::{Example, Hidden, make};
 use softrig_formats::protocol_file::ProtocolFile;
-use softrig_formats::setup::Setup;
 use wire::protocol::Named;
 
 use crate::Case;
@@ -173,7 +172,6 @@ fn cannot_tell(found: &Diagnosis) -> Diagnosis {
         proposals: vec![(
             Proposal {
                 protocol: ProtocolFile::named(Named::Steps),
-                setup: Setup::default(),
                 separates: (0, 1),
                 evidence: 120.0,
             },

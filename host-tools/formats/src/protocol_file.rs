@@ -141,6 +141,12 @@ impl ProtocolFile {
         text
     }
 
+    /// The same for a rig that stands so.
+    #[must_use]
+    pub fn standing(self, setup: Setup) -> Self {
+        Self { setup, ..self }
+    }
+
     /// How long it takes (ms).
     pub fn total_ms(&self) -> u32 {
         total_ms(&self.segments[..])

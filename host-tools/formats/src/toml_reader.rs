@@ -7,7 +7,7 @@ use std::path::Path;
 
 use toml_edit::{Document, Item, Table};
 
-use super::error::{InputError, line_of};
+use super::error::InputError;
 use super::recording::in_words;
 use super::setup::Setup;
 
@@ -180,11 +180,8 @@ impl Reader<'_> {
                 Setup::KNOWN,
             )
         })?;
-        setup.check().map_err(|fault| InputError {
-            file: Some(self.path.to_owned()),
-            line: table.span().map(|span| line_of(self.text, span.start)),
-            ..fault
-        })?;
+        let refused = setup.check();
+        refused.map_err(|fault| self.fail_at(table.span(), fault.found, fault.advice))?;
         Ok(Some(setup))
     }
 

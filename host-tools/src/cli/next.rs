@@ -13,6 +13,7 @@ use clap::Parser;
 
 use super::input::InputArgs;
 use super::output::{self, FileKind, Output};
+use super::plan::NOTHING_DECIDES;
 use super::record;
 use super::virtual_rig::Companion;
 use super::watch::Watched;
@@ -92,10 +93,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         super::print(&format!("{sentence}\n"))?;
         let Some(best) = best else { break };
         if best.evidence < VERY_STRONG {
-            super::print(
-                "No run is expected to decide: neither a pressure nor a turned base tells these effects \
-                 apart.\nA better calibration, a weight at the tip or another length of tube may.\n",
-            )?;
+            super::print(&format!("No run is expected to decide: {NOTHING_DECIDES}"))?;
             break;
         }
         if made == args.most {
@@ -163,18 +161,11 @@ fn is_complete(path: &Path) -> bool {
     path.exists() && Recording::read(path).is_ok_and(|(it, _)| it.meta.complete == Some(true))
 }
 
-/// The plan of a run, as a file.
-fn plan_text(best: &Proposal) -> String {
-    let mut protocol = best.protocol.clone();
-    protocol.setup = best.setup.clone();
-    protocol.to_text()
-}
-
 /// Refuses a recording that answers another question, such as that of another actuator.
 fn refuse_another_plan(best: &Proposal, recording: &Path) -> Result<(), InputError> {
     let plan = recording.with_extension("toml");
     let was = std::fs::read_to_string(&plan).unwrap_or_default();
-    if was == plan_text(best) {
+    if was == best.protocol.to_text() {
         return Ok(());
     }
     Err(InputError::new(
@@ -189,10 +180,10 @@ fn record_next(args: &Args, best: &Proposal, recording: &Path) -> anyhow::Result
     let folder = &args.output;
     std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
     let plan = recording.with_extension("toml");
-    write_atomically(&plan, plan_text(best).as_bytes())?;
+    write_atomically(&plan, best.protocol.to_text().as_bytes())?;
     super::print(&format!(
         "Next: {}{} ({:.0} s), expected Δχ² {:.0}: {}\n",
-        best.setup.instruction(),
+        best.protocol.setup.instruction(),
         best.protocol.title,
         f64::from(best.protocol.total_ms()) / 1000.0,
         best.evidence,
@@ -203,12 +194,12 @@ fn record_next(args: &Args, best: &Proposal, recording: &Path) -> anyhow::Result
     let port = match (&args.actuator, &args.port) {
         (Some(actuator), _) => {
             let rig = companion.insert(Companion::start(actuator)?);
-            rig.set_up(&best.setup)?;
+            rig.set_up(&best.protocol.setup)?;
             rig.port().to_owned()
         }
         (None, Some(port)) => {
             if !args.ready {
-                super::ask_to_set_up(&best.setup)?;
+                super::ask_to_set_up(&best.protocol.setup)?;
             }
             port.clone()
         }

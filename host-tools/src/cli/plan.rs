@@ -8,13 +8,16 @@ use model_core::catalogue::Kind;
 
 use super::input::InputArgs;
 use super::output::{self, FileKind, Output};
+use softrig::diagnose::Progress;
 use softrig::diagnose::candidates::{Candidate, Scales, typical};
+use softrig::diagnose::executor::Executor;
 use softrig::diagnose::finding::names;
 use softrig::diagnose::identifiability::{self, Refitted};
 use softrig::diagnose::noise::NoiseFloor;
 use softrig::diagnose::plan::{Limits, VERY_STRONG, proposals};
 use softrig::diagnose::structures;
 use softrig::estimate::assemble::assemble;
+use softrig::estimate::checkpoint::Checkpoint;
 use softrig::estimate::fit::Fitter;
 use softrig::estimate::{Dataset, Nuisance};
 use softrig::sim::protocol::Protocol;
@@ -62,6 +65,12 @@ pub struct Args {
     #[command(flatten)]
     input: InputArgs,
 }
+
+/// What is to be said where no run that is known decides.
+pub(super) const NOTHING_DECIDES: &str =
+    "neither a pressure nor a turned base tells these effects apart.
+A better calibration, a weight at the tip or another length of tube may.
+";
 
 /// Runs that are listed.
 const LISTED: usize = 5;
@@ -127,23 +136,22 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
             proposal.protocol.name,
             f64::from(proposal.protocol.total_ms()) / 1000.0,
             evidence(proposal.evidence),
-            proposal.setup.instruction(),
+            proposal.protocol.setup.instruction(),
             proposal.protocol.title
         );
     }
     text += "\nThe parameters of each effect may change as far as the recordings allow. A Δχ² of 20 is\nvery strong.\n";
     let decides = best.evidence >= VERY_STRONG;
     if !decides {
-        text += "No run comes near it: neither a pressure nor a turned base tells these effects apart.\nA better calibration, a weight at the tip or another length of tube may.\n";
+        text += "No run comes near it: ";
+        text += NOTHING_DECIDES;
     }
     if let Some(path) = args.output.as_ref().filter(|_| decides || args.force) {
-        let mut protocol = best.protocol.clone();
-        protocol.setup = best.setup.clone();
-        write_atomically(path, protocol.to_text().as_bytes())?;
+        write_atomically(path, best.protocol.to_text().as_bytes())?;
         let path = path.display();
         text += &format!(
             "Protocol: {path}\nNext: {}rig record --port PORT --plan {path} -o next.csv\n",
-            best.setup.instruction()
+            best.protocol.setup.instruction()
         );
     }
     super::print(&text)?;
@@ -276,9 +284,11 @@ fn fitted(
         )
         .in_file(&file.path)
     })?;
+    let (progress, checkpoint) = (Progress::default(), Checkpoint::default());
+    let executor = Executor::new(&progress, &checkpoint);
     pair.iter()
         .map(|kinds| {
-            structures::fit(&file, &data, &refit, kinds).map_err(|_| {
+            structures::fit(&file, &data, &refit, kinds, executor).map_err(|_| {
                 InputError::new(
                     format!("{} cannot be simulated", names(kinds).join(" + ")),
                     "check the model, or choose other effects",

@@ -152,7 +152,7 @@ fn a_turned_rig_shows_its_weight() {
     assert!(rivals.iter().any(|it| it.kinds == [Kind::Gravity]));
     // The experiment that decides is to turn it.
     let (best, _) = &before.proposals[0];
-    assert_eq!(best.setup.tilt_deg.map(f64::abs), Some(90.0));
+    assert_eq!(best.protocol.setup.tilt_deg.map(f64::abs), Some(90.0));
     assert!(best.evidence > VERY_STRONG, "{}", best.evidence);
     let both = [upright, said(aside, "tilt_deg=90")].concat();
     let after = diagnosis(&file, &both);

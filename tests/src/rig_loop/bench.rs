@@ -299,17 +299,29 @@ impl LoopResult {
     }
 }
 
-/// One pass through the loop.
-fn case(programs: &Programs, seed: u64, folder: &Folder) -> Result<Done, String> {
+/// A board with the image and a drawn actuator, whose complaints go into the folder.
+pub(super) fn board(programs: &Programs, drawn: &Drawn, folder: &Folder) -> Result<Board, String> {
     let complaints =
         fs::File::create(folder.path("simulator.log")).map_or_else(|_| Stdio::null(), Stdio::from);
-    let drawn = Drawn { seed, effect: None };
     let image = Some(programs.image.as_path());
-    let board = Board::start(&programs.simulator, &drawn, folder, image, complaints)?;
-    let log = |name: &str, command: &mut Command, limit: Duration| {
-        let said = succeed(command, limit, &folder.path(name));
-        said.map_err(|why| format!("{name}: {why}"))
-    };
+    Board::start(&programs.simulator, drawn, folder, image, complaints)
+}
+
+/// Runs a command that has to succeed; what it says goes into a file of the folder.
+pub(super) fn logged(
+    folder: &Folder,
+    name: &str,
+    command: &mut Command,
+    limit: Duration,
+) -> Result<(), String> {
+    let said = succeed(command, limit, &folder.path(name));
+    said.map_err(|why| format!("{name}: {why}"))
+}
+
+/// One pass through the loop.
+fn case(programs: &Programs, seed: u64, folder: &Folder) -> Result<Done, String> {
+    let board = board(programs, &Drawn { seed, effect: None }, folder)?;
+    let log = |name: &str, command: &mut Command, limit| logged(folder, name, command, limit);
     log(
         "1-upload.txt",
         &mut upload_model(programs, &board, folder),

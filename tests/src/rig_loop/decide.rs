@@ -8,17 +8,16 @@
 use std::fmt::Write as _;
 use std::fs;
 use std::path::PathBuf;
-use std::process::{Command, Stdio};
-use std::time::Duration;
+use std::process::Command;
 
 use clap::Args;
 use model_core::catalogue::Kind;
 use rayon::prelude::*;
 
-use super::bench::{DIAGNOSE_LIMIT, RECORD_LIMIT, Score, Seeds, in_a_cell, workers};
-use super::{Board, Drawn, Folder, Programs, diagnose, record};
+use super::bench::{DIAGNOSE_LIMIT, RECORD_LIMIT, Score, Seeds, board, in_a_cell, logged, workers};
+use super::{Drawn, Folder, Programs, diagnose, record};
 use crate::invariance::answer::Kinds;
-use crate::process::{root, succeed};
+use crate::process::root;
 use crate::verdict::{Verdict, in_words};
 
 /// Experiments at most.
@@ -162,18 +161,12 @@ impl Decided {
 
 /// One session, its diagnosis, and the experiments that it proposes.
 fn answers(programs: &Programs, kind: &str, seed: u64, folder: &Folder) -> Result<Answers, String> {
-    let complaints =
-        fs::File::create(folder.path("simulator.log")).map_or_else(|_| Stdio::null(), Stdio::from);
     let drawn = Drawn {
         seed,
         effect: Some(kind.into()),
     };
-    let image = Some(programs.image.as_path());
-    let board = Board::start(&programs.simulator, &drawn, folder, image, complaints)?;
-    let log = |name: &str, command: &mut Command, limit: Duration| {
-        let said = succeed(command, limit, &folder.path(name));
-        said.map_err(|why| format!("{name}: {why}"))
-    };
+    let board = board(programs, &drawn, folder)?;
+    let log = |name: &str, command: &mut Command, limit| logged(folder, name, command, limit);
     let mut recorded = record(programs, &board, folder, "before");
     log("1-record.txt", &mut recorded, RECORD_LIMIT)?;
     board.stop()?;

@@ -36,6 +36,8 @@ pub enum SearchPart {
     Calibrated,
     /// Everything again without the outlying recording.
     WithoutOutlier,
+    /// The setups that sessions contradict.
+    Setups,
     /// The next experiment.
     Experiment,
 }
@@ -59,6 +61,7 @@ impl SearchPart {
             Self::Table => "table of what is left",
             Self::Calibrated => "zeros as calibrated",
             Self::WithoutOutlier => "without the odd recording",
+            Self::Setups => "contradicted setups",
             Self::Experiment => "next experiment",
         }
     }
@@ -74,6 +77,7 @@ impl SearchPart {
             Self::WithoutOutlier => {
                 "nothing was tried again without the recording that behaves like another actuator"
             }
+            Self::Setups => "whether the rig stood as it is said was not looked at",
             Self::Experiment => "no run that would separate what remains was looked for",
         }
     }

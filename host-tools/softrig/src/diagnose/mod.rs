@@ -361,7 +361,9 @@ fn diagnose_all(
     concerns.extend(quality::slow_effects(&found.repaired, &data));
     concerns.extend(far_zeros(&found.repaired.fit, &data));
     let matters = floor.rms.max(baseline::tolerance(&data));
-    concerns.extend(turns::contradictions(file, &data, &refit, matters));
+    concerns.extend(turns::contradictions(
+        file, &data, &refit, matters, progress,
+    ));
     let proposals = if found.rivals.len() > 1 && progress.may_begin(SearchPart::Experiment) {
         let sensor = Limits::default().of_sensor(request.recordings);
         propose(&file.model, &found.rivals, &floor, &sensor)
@@ -650,7 +652,7 @@ impl Diagnosis {
                 .iter()
                 .map(|(proposal, [a, b])| Experiment {
                     protocol: proposal.protocol.name.clone(),
-                    tilt_deg: proposal.setup.tilt_deg,
+                    tilt_deg: proposal.protocol.setup.tilt_deg,
                     separates: [a, b].map(|kinds| names(kinds).join("+")).to_vec(),
                     expected_delta_chi2: tidy(proposal.evidence),
                 })

@@ -35,7 +35,7 @@ use crate::estimate::nuisance::Prior;
 use crate::estimate::{Dataset, Nuisance, Session};
 use crate::sim::protocol::play;
 use softrig_formats::protocol_file::ProtocolFile;
-use softrig_formats::recording::{PASCAL_PER_KPA, Recording};
+use softrig_formats::recording::{Meta, PASCAL_PER_KPA, Recording};
 use softrig_formats::setup::Setup;
 
 /// Evidence (Δχ²) from which a run is expected to separate two rivals: very strong (Kass and
@@ -93,10 +93,8 @@ impl Default for Limits {
 /// A proposed run with its expected evidence.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Proposal {
-    /// The run.
+    /// The run, and how the rig is to stand for it.
     pub protocol: ProtocolFile,
-    /// How the rig is to stand for it; as before where nothing is said.
-    pub setup: Setup,
     /// The pair of rivals that it separates least, by index.
     pub separates: (usize, usize),
     /// Expected evidence about that pair (twice a log-likelihood ratio).
@@ -104,7 +102,8 @@ pub struct Proposal {
 }
 
 /// Ranks runs that separate `rivals`, best first, by the evidence about all pairs, of each at
-/// most what is beyond doubt; then by how much of the run the angle sensor shows. `noise` is the standard deviation of the measured angle (rad).
+/// most what is beyond doubt; then by how much of the run the angle sensor shows. `noise` is the
+/// standard deviation of the measured angle (rad).
 pub fn proposals(
     nominal: &Model<f64>,
     rivals: &[Candidate],
@@ -119,11 +118,10 @@ pub fn proposals(
         .into_par_iter()
         .flat_map(|setup| {
             let runs = runs.par_iter();
-            runs.map(move |protocol| (protocol.clone(), setup.clone()))
+            runs.map(move |protocol| protocol.clone().standing(setup.clone()))
         })
-        .filter_map(|(protocol, setup)| {
-            let mut recording = drive(&protocol, nominal, limits)?;
-            recording.meta.setup = Some(setup.clone());
+        .filter_map(|protocol| {
+            let recording = drive(&protocol, nominal, limits)?;
             let prior = Prior::of(&recording);
             let runs: Vec<PredictedRun> = rivals
                 .iter()
@@ -152,7 +150,6 @@ pub fn proposals(
                 .sum();
             let proposal = Proposal {
                 protocol,
-                setup,
                 separates,
                 evidence,
             };
@@ -365,6 +362,10 @@ fn drive(protocol: &ProtocolFile, nominal: &Model<f64>, limits: &Limits) -> Opti
         pressure: play.pressure,
         // A rough angle, which bounds the step length.
         angle: play.setpoint,
+        meta: Meta {
+            setup: Some(protocol.setup.clone()),
+            ..Meta::default()
+        },
         ..Recording::default()
     })
 }
@@ -633,7 +634,7 @@ mod tests {
             };
             let best = proposals(&nominal(), &rivals, 0.007, &limits).remove(0);
             assert!(best.evidence > VERY_STRONG, "{}", best.evidence);
-            best.setup.tilt_deg
+            best.protocol.setup.tilt_deg
         };
         assert_eq!(best(Some([0.0, 2.0])), Some(-90.0));
         assert_eq!(best(Some([-2.0, 1.57])), Some(90.0));

@@ -2,12 +2,10 @@
 
 use model_core::catalogue::Kind;
 
-use super::Progress;
 use super::candidates::{Candidate, FitContext, Scales, added};
 use super::executor::{Executor, Unfitted};
 use super::missing_force::Guesses;
 use crate::estimate::Dataset;
-use crate::estimate::checkpoint::Checkpoint;
 use crate::estimate::fit::Fitter;
 use crate::estimate::subsample::subsample;
 use softrig_formats::model_file::ModelFile;
@@ -16,16 +14,16 @@ use softrig_formats::model_file::ModelFile;
 ///
 /// # Errors
 ///
-/// [`Unfitted::Diverged`] where a structure on the way cannot be simulated.
+/// [`Unfitted`] where a structure on the way cannot be simulated, or is not reached.
 pub fn fit(
     file: &ModelFile,
     data: &Dataset,
     refit: &Candidate,
     kinds: &[Kind],
+    executor: Executor<'_>,
 ) -> Result<Candidate, Unfitted> {
     let fitter = Fitter::new(&file.model, data);
     let subsample = subsample(&data.guessing(&refit.fit.nuisances), &refit.fit.model);
-    let (progress, checkpoint) = (Progress::default(), Checkpoint::default());
     let context = FitContext {
         file,
         fitter: &fitter,
@@ -33,7 +31,7 @@ pub fn fit(
         subsample: &Fitter::new(&file.model, &subsample),
         scales: &Scales::of(&fitter, &refit.fit),
         guesses: &Guesses::default(),
-        executor: Executor::new(&progress, &checkpoint),
+        executor,
     };
     kinds
         .iter()

@@ -4,16 +4,20 @@
 //! weight of the actuator is then wrong. So where a session is said to be turned, a weight is
 //! fitted to all sessions as they are said to have stood, and once more with a group of them
 //! taken otherwise: the turned ones as if they had stayed or had been turned the other way, those
-//! of which nothing is said as if they had been turned like the others. What leaves less than half is reported; nothing is
-//! changed.
+//! of which nothing is said as if they had been turned like the others. What leaves less than half
+//! is reported; nothing is changed.
 
 use std::ops::Range;
 
 use model_core::catalogue::Kind;
 use rayon::prelude::*;
 
+use super::Progress;
+use super::budget::SearchPart;
 use super::candidates::Candidate;
+use super::executor::{Executor, Unfitted};
 use super::structures;
+use crate::estimate::checkpoint::Checkpoint;
 use crate::estimate::fit::{Effort, Fitter};
 use crate::estimate::usable::{Concern, Matter};
 use crate::estimate::{Dataset, Session};
@@ -30,19 +34,29 @@ pub fn contradictions(
     data: &Dataset,
     refit: &Candidate,
     matters: f64,
+    progress: &Progress,
 ) -> Vec<Concern> {
     let said: Vec<f64> = data.sessions().iter().map(|it| it.turned()).collect();
     let Some(&turned) = said.iter().find(|&&turned| turned != 0.0) else {
         return Vec::new();
     };
-    let left = |data: &Dataset| with_weight(file, data, refit);
+    if !progress.may_begin(SearchPart::Setups) {
+        return Vec::new();
+    }
+    // None of these fits is asked for again.
+    let checkpoint = Checkpoint::default();
+    let executor = Executor::new(progress, &checkpoint);
+    let left = |data: &Dataset| {
+        let left = with_weight(file, data, refit, executor);
+        executor.reached(SearchPart::Setups, left)
+    };
     let Some(as_said) = left(data).filter(|&left| left > matters) else {
         return Vec::new();
     };
     let groups = groups(data);
     let readings = groups.iter().flat_map(|group| {
         let readings = match group.said {
-            Some(_) => [0.0, -turned],
+            Some(tilt) => [0.0, -tilt.to_radians()],
             None => [turned, -turned],
         };
         readings.map(|reading| (group, reading))
@@ -67,23 +81,34 @@ pub fn contradictions(
         .collect()
 }
 
-/// What a weight leaves of the recordings (rad), or no weight if that leaves less; none where
-/// the model cannot be fitted. A refit over sessions that stood differently is a poor start, so
-/// that the nominal model is another.
-fn with_weight(file: &ModelFile, data: &Dataset, refit: &Candidate) -> Option<f64> {
+/// What a weight leaves of the recordings (rad), or no weight if that leaves less. A refit over
+/// sessions that stood differently is a poor start, so that the nominal model is another.
+///
+/// # Errors
+///
+/// [`Unfitted`] where no model can be fitted, or the time is up.
+fn with_weight(
+    file: &ModelFile,
+    data: &Dataset,
+    refit: &Candidate,
+    executor: Executor<'_>,
+) -> Result<f64, Unfitted> {
     let fitter = Fitter::new(&file.model, data);
-    let without = fitter.fit(&refit.fit.model, &file.free, Effort::Full);
+    let without = executor.fit(&fitter, &refit.fit.model, &file.free, Effort::Full)?;
     let mut left = vec![without.rmse()];
     let mut effects = file.model.effects();
     if !effects.any(|effect| effect.kind() == Kind::Gravity) {
         let nominal = Candidate::of(Vec::new(), fitter.compare(&file.model));
-        left.extend([refit, &nominal].into_iter().filter_map(|base| {
-            let weight = structures::fit(file, data, base, &[Kind::Gravity]);
-            weight.ok().map(|weight| weight.fit.rmse())
-        }));
+        for base in [refit, &nominal] {
+            match structures::fit(file, data, base, &[Kind::Gravity], executor) {
+                Ok(weight) => left.push(weight.fit.rmse()),
+                Err(Unfitted::Diverged) => {}
+                Err(Unfitted::NotReached) => return Err(Unfitted::NotReached),
+            }
+        }
     }
     let finite = left.into_iter().filter(|left| left.is_finite());
-    finite.reduce(f64::min)
+    finite.reduce(f64::min).ok_or(Unfitted::Diverged)
 }
 
 /// Sessions of which the same is said.
@@ -207,10 +232,16 @@ mod tests {
         let data = Dataset::of(&recordings);
         let fitter = Fitter::new(&file.model, &data);
         let refitted = identifiability::refit(&file, &fitter).unwrap();
-        contradictions(&refitted.file, &data, &refitted.refit, 1e-4)
-            .iter()
-            .map(ToString::to_string)
-            .collect()
+        contradictions(
+            &refitted.file,
+            &data,
+            &refitted.refit,
+            1e-4,
+            &Progress::default(),
+        )
+        .iter()
+        .map(ToString::to_string)
+        .collect()
     }
 
     #[test]

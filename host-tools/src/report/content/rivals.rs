@@ -120,8 +120,8 @@ pub(super) fn next(request: &Request<'_>, diagnosis: &Diagnosis) -> Vec<NextRun>
             let [a, b] = pair.each_ref().map(|kinds| names(kinds));
             NextRun {
                 protocol: proposal.protocol.name.clone(),
-                before: proposal.setup.instruction(),
-                setup: proposal.setup.option(),
+                before: proposal.protocol.setup.instruction(),
+                setup: proposal.protocol.setup.option(),
                 title: proposal.protocol.title.clone(),
                 seconds: format!("{:.0}", f64::from(proposal.protocol.total_ms()) / 1000.0),
                 separates: [a.join(" + "), b.join(" + ")],
@@ -151,7 +151,7 @@ pub(super) fn turning(diagnosis: &Diagnosis) -> Option<String> {
         .iter()
         .any(|it| it.turned() != 0.0);
     let mut proposals = diagnosis.proposals.iter();
-    let is_proposed = proposals.any(|(proposal, _)| proposal.setup.tilt_deg.is_some());
+    let is_proposed = proposals.any(|(proposal, _)| proposal.protocol.setup.tilt_deg.is_some());
     (is_open && !is_turned && !is_proposed).then(|| {
         "Whether it is a weight: turn the base by 90° without zeroing the angle anew, record the same \
          runs with --setup tilt_deg=90, and give both. Nothing but a weight changes."
