@@ -86,6 +86,10 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         &[Output::of("--json", FileKind::Json, args.json.as_ref())],
         read.chain(&args.actuator),
     )?;
+    if let Some(actuator) = &args.actuator {
+        // Before the long work, with line and column.
+        super::read_model(actuator)?;
+    }
     let mut recordings = args.recordings.clone();
     let mut made = 0;
     loop {

@@ -141,11 +141,10 @@ impl Companion {
     ///
     /// # Errors
     ///
-    /// A model that cannot be read, missing programs, or a simulator that does not start.
+    /// Missing programs, or a simulator that does not start.
     pub(crate) fn start(actuator: &Path) -> anyhow::Result<Self> {
         /// It has to read an image and open a port.
         const STARTS: Duration = Duration::from_secs(30);
-        super::read_model(actuator)?;
         let program = find_program()?;
         let image = std::env::var_os(IMAGE).map(PathBuf::from);
         let mut child = Command::new(&program)
