@@ -360,10 +360,9 @@ fn diagnose_all(
         };
     concerns.extend(quality::slow_effects(&found.repaired, &data));
     concerns.extend(far_zeros(&found.repaired.fit, &data));
-    let matters = floor.rms.max(baseline::tolerance(&data));
-    concerns.extend(turns::contradictions(
-        file, &data, &refit, matters, progress,
-    ));
+    // What the answer stands on is said first.
+    let setups = turns::contradictions(file, &data, &refit, floor.rms, progress);
+    concerns.splice(0..0, setups);
     let proposals = if found.rivals.len() > 1 && progress.may_begin(SearchPart::Experiment) {
         let sensor = Limits::default().of_sensor(request.recordings);
         propose(&file.model, &found.rivals, &floor, &sensor)

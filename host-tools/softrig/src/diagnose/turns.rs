@@ -27,13 +27,14 @@ use softrig_formats::model_file::ModelFile;
 /// said: a weight that pulls the wrong way leaves more than no weight.
 const CONTRADICTS: f64 = 0.5;
 
-/// The sessions that contradict their setup, where one of them is said to be turned. An error
-/// (rad) of `matters` or less contradicts nothing.
+/// The sessions that contradict their setup, where one of them is said to be turned. What is
+/// no more than `noise` (rad) contradicts nothing; what a model may be off without it mattering
+/// does, since another effect would be named for it.
 pub fn contradictions(
     file: &ModelFile,
     data: &Dataset,
     refit: &Candidate,
-    matters: f64,
+    noise: f64,
     progress: &Progress,
 ) -> Vec<Concern> {
     let said: Vec<f64> = data.sessions().iter().map(|it| it.turned()).collect();
@@ -50,7 +51,7 @@ pub fn contradictions(
         let left = with_weight(file, data, refit, executor);
         executor.reached(SearchPart::Setups, left)
     };
-    let Some(as_said) = left(data).filter(|&left| left > matters) else {
+    let Some(as_said) = left(data).filter(|&left| left > noise) else {
         return Vec::new();
     };
     let groups = groups(data);

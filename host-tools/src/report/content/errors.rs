@@ -120,5 +120,5 @@ pub(super) fn notices(diagnosis: &Diagnosis) -> Vec<Notice> {
         text: concern.text.clone(),
         advice: concern.advice.clone(),
     });
-    repeats.into_iter().chain(concerns).collect()
+    concerns.chain(repeats).collect()
 }
