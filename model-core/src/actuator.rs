@@ -407,6 +407,38 @@ impl<R: Real, P: Power<R>> Model<R, P> {
         self
     }
 
+    /// The same actuator with a tube to it that is so many times as long: see
+    /// [`Effect::with_tube`].
+    #[must_use]
+    pub fn with_tube(mut self, times: R) -> Self {
+        self.effects = self
+            .effects
+            .map(|slot| slot.map(|effect| effect.with_tube(times)));
+        self
+    }
+
+    /// The same actuator with `mass` (kg) hung at its tip: a weight and an inertia take the
+    /// place of its [`crate::effects::tip_load`]. Without one, or without a mass, nothing
+    /// changes.
+    #[cfg(feature = "desktop")]
+    #[must_use]
+    pub fn loaded(mut self, mass: R) -> Self {
+        if mass == R::zero() {
+            return self;
+        }
+        let tilt = self.occupied().find_map(|slot| match slot {
+            Effect::Gravity(own) => Some(own.tilt),
+            _ => None,
+        });
+        for slot in self.effects.iter_mut().flatten() {
+            if let Effect::TipLoad(load) = slot {
+                self.dynamics.inertia += load.inertia(mass);
+                *slot = Effect::Gravity(load.weight(mass, tilt.unwrap_or(R::zero())));
+            }
+        }
+        self
+    }
+
     /// The same model with this power function.
     pub fn with_power<Q: Power<R>>(&self, power: Q) -> Model<R, Q> {
         Model {

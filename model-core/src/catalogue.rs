@@ -7,10 +7,10 @@
 
 use crate::actuator::Model;
 use crate::dynamics::{Dynamics, Rates};
-#[cfg(feature = "formula")]
-use crate::effects::custom;
 use crate::effects::table::{self, InModel, Table};
 use crate::effects::{Hidden, Info, Instant, Mechanism, Motion, Parameter, Rest, Sign};
+#[cfg(feature = "desktop")]
+use crate::effects::{custom, tip_load};
 #[cfg(test)]
 use crate::part::Trial;
 use crate::part::{Base, Part, Phases, Preparation, RateLaw, Step};
@@ -30,8 +30,11 @@ macro_rules! catalogue {
             )+
             /// See [`crate::effects::table`].
             Table,
+            /// See [`crate::effects::tip_load`].
+            #[cfg(feature = "desktop")]
+            TipLoad,
             /// See [`crate::effects::custom`].
-            #[cfg(feature = "formula")]
+            #[cfg(feature = "desktop")]
             Custom(custom::Formula),
         }
 
@@ -48,8 +51,11 @@ macro_rules! catalogue {
             )+
             /// See [`crate::effects::table`].
             Table(T),
+            /// See [`crate::effects::tip_load`].
+            #[cfg(feature = "desktop")]
+            TipLoad(tip_load::TipLoad<R>),
             /// See [`crate::effects::custom`].
-            #[cfg(feature = "formula")]
+            #[cfg(feature = "desktop")]
             Custom(custom::Custom<R>),
         }
 
@@ -63,8 +69,11 @@ macro_rules! catalogue {
             )+
             /// See [`crate::effects::table`].
             Table(table::OfTable),
+            /// See [`crate::effects::tip_load`].
+            #[cfg(feature = "desktop")]
+            TipLoad(<tip_load::TipLoad<f32> as Preparation>::Part),
             /// See [`crate::effects::custom`].
-            #[cfg(feature = "formula")]
+            #[cfg(feature = "desktop")]
             Custom(<custom::Custom<f32> as Preparation>::Part),
         }
 
@@ -78,7 +87,9 @@ macro_rules! catalogue {
                 match $matched {
                     $( Self::$name($effect) => $result, )+
                     Self::Table($table) => $other,
-                    #[cfg(feature = "formula")]
+                    #[cfg(feature = "desktop")]
+                    Self::TipLoad($effect) => $result,
+                    #[cfg(feature = "desktop")]
                     Self::Custom($effect) => $result,
                 }
             };
@@ -96,7 +107,9 @@ macro_rules! catalogue {
                 match $matched {
                     $( Self::$name => { type $effect<R> = $module::$name<R>; $result } )+
                     Self::Table => $other,
-                    #[cfg(feature = "formula")]
+                    #[cfg(feature = "desktop")]
+                    Self::TipLoad => { type $effect<R> = tip_load::TipLoad<R>; $result }
+                    #[cfg(feature = "desktop")]
                     Self::Custom($formula) => $given,
                 }
             };
@@ -116,7 +129,9 @@ macro_rules! catalogue {
                 Some(match self {
                     $( Self::$name => Effect::$name($module::$name::from_values(values)?), )+
                     Self::Table => return None,
-                    #[cfg(feature = "formula")]
+                    #[cfg(feature = "desktop")]
+                    Self::TipLoad => Effect::TipLoad(tip_load::TipLoad::from_values(values)?),
+                    #[cfg(feature = "desktop")]
                     Self::Custom(formula) => {
                         Effect::Custom(custom::Custom::from_values(formula, values)?)
                     }
@@ -130,7 +145,9 @@ macro_rules! catalogue {
                 match self {
                     $( Self::$name(_) => Kind::$name, )+
                     Self::Table(_) => Kind::Table,
-                    #[cfg(feature = "formula")]
+                    #[cfg(feature = "desktop")]
+                    Self::TipLoad(_) => Kind::TipLoad,
+                    #[cfg(feature = "desktop")]
                     Self::Custom(effect) => Kind::Custom(effect.formula()),
                 }
             }
@@ -145,7 +162,9 @@ macro_rules! catalogue {
                 Some(match self {
                     $( Self::$name(effect) => Effect::$name(effect.map(f)), )+
                     Self::Table(_) => Effect::Table(table?),
-                    #[cfg(feature = "formula")]
+                    #[cfg(feature = "desktop")]
+                    Self::TipLoad(effect) => Effect::TipLoad(effect.map(f)),
+                    #[cfg(feature = "desktop")]
                     Self::Custom(effect) => Effect::Custom(effect.map(f)),
                 })
             }
@@ -158,7 +177,9 @@ macro_rules! catalogue {
                 match self {
                     $( Self::$name(effect) => AnyPart::$name(effect.prepare(base)), )+
                     Self::Table(effect) => AnyPart::Table(effect.prepare(base)),
-                    #[cfg(feature = "formula")]
+                    #[cfg(feature = "desktop")]
+                    Self::TipLoad(effect) => AnyPart::TipLoad(effect.prepare(base)),
+                    #[cfg(feature = "desktop")]
                     Self::Custom(effect) => AnyPart::Custom(effect.prepare(base)),
                 }
             }
@@ -170,7 +191,9 @@ macro_rules! catalogue {
                 match self {
                     $( Self::$name(effect) => Effect::$name(effect.map(f)), )+
                     Self::Table(table) => Effect::Table(table.map(f)),
-                    #[cfg(feature = "formula")]
+                    #[cfg(feature = "desktop")]
+                    Self::TipLoad(effect) => Effect::TipLoad(effect.map(f)),
+                    #[cfg(feature = "desktop")]
                     Self::Custom(effect) => Effect::Custom(effect.map(f)),
                 }
             }
@@ -464,12 +487,26 @@ impl Kind {
     /// Whether it names a cause. A table does not: it repairs a model and says what
     /// the missing force depends on.
     pub const fn is_name(self) -> bool {
+        #[cfg(feature = "desktop")]
+        if matches!(self, Self::TipLoad) {
+            return false;
+        }
         !matches!(self, Self::Table)
     }
 
+    /// What a model file can have beside what the board has: a load at the tip, which becomes
+    /// a weight and an inertia there.
+    #[cfg(feature = "desktop")]
+    pub const ON_DESKTOP: &'static [Self] = &[Self::TipLoad];
+
+    /// See [`Self::ON_DESKTOP`].
+    #[cfg(not(feature = "desktop"))]
+    pub const ON_DESKTOP: &'static [Self] = &[];
+
     /// Looks an effect up by the name that it has in files.
     pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.iter().copied().find(|kind| kind.name() == name)
+        let all = Self::ALL.iter().chain(Self::ON_DESKTOP);
+        all.copied().find(|kind| kind.name() == name)
     }
 }
 
@@ -494,6 +531,24 @@ impl<R: Real, T> Effect<R, T> {
     pub fn turned(mut self, by: R) -> Self {
         if let Self::Gravity(gravity) = &mut self {
             gravity.turned += by;
+        }
+        self
+    }
+
+    /// The same effect where the tube to the actuator is so many times as long. The flow through
+    /// a tube is laminar (Hagen and Poiseuille: R = 128 μ l/(π d⁴)), so that its lag R·C into the
+    /// actuator's capacity C is proportional to its length l, and so is the time l/c that sound
+    /// takes.
+    #[must_use]
+    pub fn with_tube(mut self, times: R) -> Self {
+        match &mut self {
+            Self::PneumaticLag(lag) => lag.time_constant = lag.time_constant * times,
+            Self::VentAsymmetry(lag) => {
+                lag.fill = lag.fill * times;
+                lag.vent = lag.vent * times;
+            }
+            Self::DeadTime(dead) => dead.delay = dead.delay * times,
+            _ => {}
         }
         self
     }
@@ -543,7 +598,7 @@ mod tests {
 
     #[test]
     fn names_are_unique_and_found_again() {
-        for &kind in Kind::ALL {
+        for &kind in Kind::ALL.iter().chain(Kind::ON_DESKTOP) {
             assert_eq!(Kind::from_name(kind.name()), Some(kind));
         }
         assert_eq!(Kind::from_name("warp_drive"), None);
@@ -559,7 +614,7 @@ mod tests {
 
     #[test]
     fn tables_are_consistent() {
-        for &kind in Kind::ALL {
+        for &kind in Kind::ALL.iter().chain(Kind::ON_DESKTOP) {
             let rows = kind.parameters();
             assert!(rows.iter().any(|row| row.held.is_none()), "{kind:?}");
             for row in rows {

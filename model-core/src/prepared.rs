@@ -59,7 +59,7 @@ pub enum Unsteppable {
     /// Its exponent is outside what a table of the power can hold.
     Exponent,
     /// It has a force by a user's formula ([`crate::effects::custom`]).
-    #[cfg(feature = "formula")]
+    #[cfg(feature = "desktop")]
     Formula,
 }
 
@@ -69,7 +69,7 @@ impl fmt::Display for Unsteppable {
             Self::TooMuchDelay => "has more dead time than the board's 0.6 s of memory",
             Self::TooFast => "moves too fast for the steps that the board has time for",
             Self::Exponent => "has an exponent outside the board's 0.25 … 5",
-            #[cfg(feature = "formula")]
+            #[cfg(feature = "desktop")]
             Self::Formula => "has an effect by a formula, which the board cannot compute",
         })
     }
@@ -186,7 +186,7 @@ pub fn plan(
     farthest: f32,
     interval: f32,
 ) -> Result<Plan, Unsteppable> {
-    #[cfg(feature = "formula")]
+    #[cfg(feature = "desktop")]
     if model
         .occupied()
         .any(|slot| matches!(slot, crate::catalogue::Effect::Custom(_)))

@@ -66,13 +66,13 @@ pub trait Real:
     fn is_finite(self) -> bool;
 
     /// Converts a number of a user's formula.
-    #[cfg(feature = "formula")]
+    #[cfg(feature = "desktop")]
     fn from_double(x: f64) -> Self;
     /// The natural logarithm.
-    #[cfg(feature = "formula")]
+    #[cfg(feature = "desktop")]
     fn ln(self) -> Self;
     /// −1, 0 or 1. Its slope is zero everywhere.
-    #[cfg(feature = "formula")]
+    #[cfg(feature = "desktop")]
     fn sign(self) -> Self {
         if self > Self::zero() {
             Self::one()
@@ -84,12 +84,12 @@ pub trait Real:
         }
     }
     /// The smaller of two numbers; `self` if they do not compare.
-    #[cfg(feature = "formula")]
+    #[cfg(feature = "desktop")]
     fn least(self, other: Self) -> Self {
         if other < self { other } else { self }
     }
     /// A power of a number that is not negative; not a number for one that is.
-    #[cfg(feature = "formula")]
+    #[cfg(feature = "desktop")]
     fn power_of_positive(self, exponent: Self) -> Self {
         if self < Self::zero() {
             Self::zero() / Self::zero()

@@ -35,13 +35,13 @@ impl Real for f32 {
     fn is_finite(self) -> bool {
         f32::is_finite(self)
     }
-    #[cfg(feature = "formula")]
+    #[cfg(feature = "desktop")]
     #[allow(clippy::cast_possible_truncation)] // Rounding is the point.
     fn from_double(x: f64) -> Self {
         x as f32
     }
     // The platform's, for no board runs a formula.
-    #[cfg(feature = "formula")]
+    #[cfg(feature = "desktop")]
     fn ln(self) -> Self {
         f32::ln(self)
     }
@@ -72,11 +72,11 @@ impl Real for f64 {
     fn is_finite(self) -> bool {
         f64::is_finite(self)
     }
-    #[cfg(feature = "formula")]
+    #[cfg(feature = "desktop")]
     fn from_double(x: f64) -> Self {
         x
     }
-    #[cfg(feature = "formula")]
+    #[cfg(feature = "desktop")]
     fn ln(self) -> Self {
         f64::ln(self)
     }

@@ -17,6 +17,7 @@ use host_tools::report::terminal::{KEEP, summary};
 use library::diagnose::verdict::{Verdict, schema};
 use library::diagnose::{Budget, Diagnosis as Found, Progress, Request, diagnose_from};
 use library::estimate::checkpoint::Checkpoint;
+use library::estimate::placement::with_tip_load;
 use minijinja::value::Serde;
 use minijinja::{Environment, context};
 use pyo3::exceptions::PyRuntimeError;
@@ -412,7 +413,8 @@ pub fn diagnose(
         Some(folder) => Checkpoint::open(&folder).or_raise(py)?,
         None => Checkpoint::default(),
     };
-    let file = Arc::clone(&given.file);
+    let file = Arc::new(with_tip_load(ModelFile::clone(&given.file), &fitted));
+    let as_fitted = Arc::clone(&file);
     let clock = Instant::now();
     let work = move |progress: &Progress| {
         let request = Request {
@@ -434,7 +436,7 @@ pub fn diagnose(
     let repaired = given.with(py, &found.model_text(&given.file))?;
     Ok(Diagnosis {
         model: Py::new(py, repaired)?,
-        file: Arc::clone(&given.file),
+        file: as_fitted,
         fitted,
         held_out,
         own,

@@ -14,6 +14,14 @@ pub enum Control {
     Bend(Option<f64>),
     /// `tilt DEGREES`
     Tilt(f64),
+    /// `load GRAMS`
+    Load(f64),
+    /// `tube MILLIMETRES`
+    Tube(f64),
+    /// `rest SECONDS`
+    Rest(f64),
+    /// `replace actuator`
+    Replace,
     /// `reset`
     Reset,
     /// `power-cycle`
@@ -30,8 +38,21 @@ const BENDS: std::ops::RangeInclusive<f64> = -20.0..=140.0;
 /// Angles (°) by which the base can be turned.
 pub const TILTS: std::ops::RangeInclusive<f64> = -360.0..=360.0;
 
+/// What can be hung at the tip (g).
+pub const LOADS: std::ops::RangeInclusive<f64> = 0.0..=1_000.0;
+
+/// Lengths of a tube (mm).
+pub const TUBES: std::ops::RangeInclusive<f64> = 10.0..=10_000.0;
+
+/// The tube that an actuator is written for (mm).
+pub const USUAL_TUBE_MM: f64 = 300.0;
+
+/// How long it can be left alone (s): a day.
+const RESTS: std::ops::RangeInclusive<f64> = 0.0..=86_400.0;
+
 const COMMANDS: &str = "fault KIND on|off, press emergency-stop|end-switch, \
-                        release emergency-stop|end-switch, bend DEGREES|off, tilt DEGREES, reset, \
+                        release emergency-stop|end-switch, bend DEGREES|off, tilt DEGREES, \
+                        load GRAMS, tube MILLIMETRES, rest SECONDS, replace actuator, reset, \
                         power-cycle, status, quit";
 
 impl FromStr for Control {
@@ -46,6 +67,13 @@ impl FromStr for Control {
                 "{other} cannot be pressed; use emergency-stop or end-switch"
             )),
         };
+        let number = |text: &str, range: std::ops::RangeInclusive<f64>, what: &str, unit: &str| {
+            let number = text.trim_end_matches('°').parse();
+            number.ok().filter(|it| range.contains(it)).ok_or_else(|| {
+                let (from, to) = range.into_inner();
+                format!("{text} is no {what}; use {from} to {to} {unit}")
+            })
+        };
         match words[..] {
             ["fault", name, "on"] => Ok(Self::Fault(fault(name)?, true)),
             ["fault", name, "off"] => Ok(Self::Fault(fault(name)?, false)),
@@ -58,12 +86,11 @@ impl FromStr for Control {
                     "{degrees} is no bending angle; use -20 to 140 degrees, or off to let go"
                 )),
             },
-            ["tilt", degrees] => match degrees.trim_end_matches('°').parse() {
-                Ok(degrees) if TILTS.contains(&degrees) => Ok(Self::Tilt(degrees)),
-                _ => Err(format!(
-                    "{degrees} is no angle of the base; use -360 to 360 degrees"
-                )),
-            },
+            ["tilt", text] => number(text, TILTS, "angle of the base", "degrees").map(Self::Tilt),
+            ["load", text] => number(text, LOADS, "load", "grams").map(Self::Load),
+            ["tube", text] => number(text, TUBES, "length of a tube", "mm").map(Self::Tube),
+            ["rest", text] => number(text, RESTS, "rest", "seconds").map(Self::Rest),
+            ["replace", "actuator"] => Ok(Self::Replace),
             ["reset"] => Ok(Self::Reset),
             ["power-cycle"] => Ok(Self::PowerCycle),
             ["status"] => Ok(Self::Status),
@@ -88,8 +115,24 @@ pub fn obey(control: Control, rig: &mut VirtualRig, connected: bool) -> String {
             }
         }
         Control::Tilt(degrees) => {
-            rig.turn_base(degrees);
+            rig.change(|placement| placement.turned_rad = degrees.to_radians());
             format!("ok the base is turned by {degrees} degrees")
+        }
+        Control::Load(grams) => {
+            rig.change(|placement| placement.load_kg = grams / 1000.0);
+            format!("ok {grams} grams hang at the tip")
+        }
+        Control::Tube(millimetres) => {
+            rig.change(|placement| placement.tube = millimetres / USUAL_TUBE_MM);
+            format!("ok the tube has {millimetres} mm")
+        }
+        Control::Rest(seconds) => {
+            rig.rest(seconds);
+            format!("ok it rested for {seconds} seconds")
+        }
+        Control::Replace => {
+            rig.replace_actuator();
+            "ok another actuator of the same make".into()
         }
         Control::Reset => {
             rig.reset(ResetCause::External);
@@ -149,6 +192,10 @@ mod tests {
         assert_eq!("bend 30".parse(), Ok(Control::Bend(Some(30.0))));
         assert_eq!("bend off".parse(), Ok(Control::Bend(None)));
         assert_eq!("tilt 90°".parse(), Ok(Control::Tilt(90.0)));
+        assert_eq!("load 20".parse(), Ok(Control::Load(20.0)));
+        assert_eq!("tube 900".parse(), Ok(Control::Tube(900.0)));
+        assert_eq!("rest 600".parse(), Ok(Control::Rest(600.0)));
+        assert_eq!("replace actuator".parse(), Ok(Control::Replace));
         for (line, hint) in [
             ("fault flood on", "open-flex"),
             ("press leak", "emergency-stop"),
@@ -158,6 +205,10 @@ mod tests {
             ("bend 300", "140"),
             ("tilt over", "360"),
             ("tilt nan", "360"),
+            ("load -1", "1000 grams"),
+            ("tube 0", "10 to 10000 mm"),
+            ("rest long", "86400"),
+            ("replace pump", "replace actuator"),
             ("", "status"),
         ] {
             let message = line.parse::<Control>().unwrap_err();

@@ -13,6 +13,7 @@ use model_core::actuator::Model;
 use model_core::dynamics::Dynamics;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
+use softrig::estimate::Placement;
 use wire::settings::{Key, Settings};
 
 use crate::{
@@ -155,6 +156,8 @@ pub struct VirtualRig {
     faults: BTreeSet<Fault>,
     pressure_drift_millivolts: f64,
     planned: Vec<(Planned, ServeState)>,
+    /// How it stands.
+    placement: Placement,
     to_board: Noise,
     from_board: Noise,
     output: Vec<u8>,
@@ -211,6 +214,7 @@ impl VirtualRig {
                 .into_iter()
                 .map(|planned| (planned, ServeState::Waiting))
                 .collect(),
+            placement: Placement::USUAL,
             to_board,
             from_board,
             output: Vec::new(),
@@ -439,9 +443,21 @@ impl VirtualRig {
         self.plant.bend(angle_deg);
     }
 
-    /// The base is turned by an angle (°) against where it stood at power-on.
-    pub fn turn_base(&mut self, by_deg: f64) {
-        self.plant.turn_base(by_deg);
+    /// The rig is changed as `change` says, against how it stands.
+    pub fn change(&mut self, change: impl FnOnce(&mut Placement)) {
+        change(&mut self.placement);
+        self.plant.stand(&self.placement);
+    }
+
+    /// It is left alone without pressure for so many seconds, for which the board does not
+    /// run: a person has lunch.
+    pub fn rest(&mut self, seconds: f64) {
+        self.plant.rest(seconds);
+    }
+
+    /// Another actuator of the same make takes the place of this one.
+    pub fn replace_actuator(&mut self) {
+        self.plant.replace_actuator();
     }
 
     /// How things really are.

@@ -4,6 +4,7 @@
 use std::{
     fs,
     io::{self, BufRead, Write},
+    ops::RangeInclusive,
     path::{Path, PathBuf},
     sync::{
         Arc,
@@ -17,12 +18,12 @@ use std::{
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use model_core::catalogue::Kind;
-use softrig::synth::example::rig_models;
+use softrig::{estimate::Placement, synth::example::rig_models};
 use softrig_formats::model_file::ModelFile;
 use virtual_rig::{Bench, Image, Options, Planned, VirtualRig, board::EEPROM_BYTES};
 
 use crate::{
-    control::{self, Control, TILTS},
+    control::{self, Control, LOADS, TILTS, TUBES, USUAL_TUBE_MM},
     pty::{Change, Port},
 };
 
@@ -104,22 +105,34 @@ pub struct ServeArgs {
     #[arg(long = "fault", value_name = "KIND@SECONDS[..SECONDS]")]
     faults: Vec<Planned>,
     /// Turn the base by so many degrees: a weight pulls another way
-    #[arg(long, value_name = "DEGREES", default_value_t = 0.0, value_parser = tilt, allow_hyphen_values = true)]
+    #[arg(long, value_name = "DEGREES", default_value_t = 0.0, value_parser = within(TILTS, "degrees"), allow_hyphen_values = true)]
     tilt_deg: f64,
+    /// Hang so many grams at the tip
+    #[arg(long, value_name = "GRAMS", default_value_t = 0.0, value_parser = within(LOADS, "grams"))]
+    tip_load_g: f64,
+    /// Length of the tube between pressure sensor and actuator; the actuator is written for the
+    /// default
+    #[arg(long, value_name = "MM", default_value_t = USUAL_TUBE_MM, value_parser = within(TUBES, "mm"))]
+    tube_mm: f64,
     /// Stop after so many seconds of simulated time
     #[arg(long, value_name = "SECONDS", value_parser = positive)]
     duration: Option<f64>,
     /// Read commands from standard input, one a line, and answer each with one
     /// line: fault KIND on|off, press KIND, release KIND, bend DEGREES|off,
-    /// tilt DEGREES, reset, power-cycle, status, quit
+    /// tilt DEGREES, load GRAMS, tube MILLIMETRES, rest SECONDS, replace actuator,
+    /// reset, power-cycle, status, quit
     #[arg(long)]
     control: bool,
 }
 
-fn tilt(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(degrees) if TILTS.contains(&degrees) => Ok(degrees),
-        _ => Err("give an angle from -360 to 360 degrees".into()),
+/// Reads a number in a range.
+fn within(
+    range: RangeInclusive<f64>,
+    unit: &'static str,
+) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync + 'static {
+    move |text| {
+        let number = text.parse().ok().filter(|it| range.contains(it));
+        number.ok_or_else(|| format!("give {} to {} {unit}", range.start(), range.end()))
     }
 }
 
@@ -175,7 +188,13 @@ pub fn run(args: &ServeArgs) -> anyhow::Result<()> {
     let options = options(args)?;
     let stored = options.eeprom.clone();
     let mut rig = VirtualRig::new(&image, options)?;
-    rig.turn_base(args.tilt_deg);
+    rig.change(|placement| {
+        *placement = Placement {
+            turned_rad: args.tilt_deg.to_radians(),
+            load_kg: args.tip_load_g / 1000.0,
+            tube: args.tube_mm / USUAL_TUBE_MM,
+        };
+    });
 
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [

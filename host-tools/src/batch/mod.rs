@@ -25,6 +25,7 @@ use crate::report::provenance::Provenance;
 use manifest::Case;
 use softrig::diagnose::{Budget, Progress, Request, diagnose_from};
 use softrig::estimate::checkpoint::Checkpoint;
+use softrig::estimate::placement::with_tip_load;
 use softrig_formats::columns::Layout;
 use softrig_formats::error::{InputError, write_atomically};
 use softrig_formats::model_file::ModelFile;
@@ -199,6 +200,7 @@ fn solve(case: &Case, settings: &Settings) -> anyhow::Result<Solved> {
     let layout = settings.layout.or(&case.layout).or(&file.recording);
     let recordings = read_all(&case.recordings, &layout, &mut warn)?;
     let holdout = read_all(&case.holdout, &layout, &mut warn)?;
+    let file = with_tip_load(file, &recordings);
     let request = Request {
         file: &file,
         recordings: &recordings,

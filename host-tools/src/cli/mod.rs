@@ -28,6 +28,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
+use softrig::estimate::placement::with_tip_load;
 use softrig_formats::columns::Layout;
 use softrig_formats::error::InputError;
 use softrig_formats::model_file::ModelFile;
@@ -60,7 +61,7 @@ pub(crate) fn read(
 ) -> Result<(ModelFile, Vec<Recording>), InputError> {
     let file = read_model(model)?;
     let recordings = read_all(recordings, &layout.or(&file.recording), warn)?;
-    Ok((file, recordings))
+    Ok((with_tip_load(file, &recordings), recordings))
 }
 
 /// Says what is to be done at the rig before a recording, and waits until Enter says that it

@@ -9,6 +9,7 @@ use wire::settings::{Key, Settings};
 use wire::state::State;
 
 use softrig::diagnose::verdict::read_zeros;
+use softrig::estimate::Placement;
 use softrig::sim::board;
 use softrig_formats::error::InputError;
 use softrig_formats::model_file::ModelFile;
@@ -69,7 +70,15 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let mut wanted: Vec<Assignment> = Vec::new();
     let mut model = args.model.as_deref().map(super::read_model).transpose()?;
     if let (Some(file), Some(setup)) = (&mut model, &args.setup) {
-        file.model = file.model.turned(setup.turned_rad());
+        if setup.tube_mm.is_some() && file.recording.setup.tube_mm.is_none() {
+            return Err(InputError::new(
+                "--setup has tube_mm, and the model does not say for which tube it is written",
+                "add tube_mm below [recording.setup] in it, with the tube that it was fitted with",
+            )
+            .in_file(&file.path)
+            .into());
+        }
+        file.model = Placement::of(setup, file.recording.setup.tube_mm).place(&file.model);
     }
     if let Some(model) = &model {
         wanted.extend(settings_file::from_model(model)?);

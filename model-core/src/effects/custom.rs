@@ -5,7 +5,7 @@
 //! instructions over numbered results, which runs in any [`Real`]: in `f64` for
 //! simulations and on numbers with derivatives for fits.
 //!
-//! For the desktop alone, behind the feature `formula`: the firmware is built
+//! For the desktop alone, behind the feature `desktop`: the firmware is built
 //! without it, has no room for programs, and is refused a model that has one
 //! ([`crate::prepared::Unsteppable::Formula`]). A [`crate::effects::table`] of the
 //! same force runs there.

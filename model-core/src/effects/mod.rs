@@ -29,7 +29,7 @@ pub mod asymmetric_damping;
 pub mod bouc_wen_hysteresis;
 pub mod coulomb_friction;
 pub mod cubic_stiffness;
-#[cfg(feature = "formula")]
+#[cfg(feature = "desktop")]
 pub mod custom;
 pub mod dead_time;
 pub mod end_stop;
@@ -53,6 +53,8 @@ pub mod sensor_offset;
 pub mod stiffness_drift;
 pub mod stribeck_friction;
 pub mod table;
+#[cfg(feature = "desktop")]
+pub mod tip_load;
 pub mod vent_asymmetry;
 
 /// Hidden states of one effect; unused ones stay zero.
@@ -234,8 +236,14 @@ pub enum Unit {
     PerKiloPascal,
     /// kPa in files, Pa inside.
     KiloPascal,
+    /// N/kg, a generalised force by a mass.
+    #[cfg(feature = "desktop")]
+    NewtonPerKilogram,
+    /// m.
+    #[cfg(feature = "desktop")]
+    Metre,
     /// What a user says of a parameter of a formula, which is taken as it is.
-    #[cfg(feature = "formula")]
+    #[cfg(feature = "desktop")]
     Given(&'static str),
 }
 
@@ -260,7 +268,11 @@ impl Unit {
             Self::PerRadian => "1/rad",
             Self::PerKiloPascal => "1/kPa",
             Self::KiloPascal => "kPa",
-            #[cfg(feature = "formula")]
+            #[cfg(feature = "desktop")]
+            Self::NewtonPerKilogram => "N/kg",
+            #[cfg(feature = "desktop")]
+            Self::Metre => "m",
+            #[cfg(feature = "desktop")]
             Self::Given(symbol) => symbol,
         }
     }
@@ -268,13 +280,17 @@ impl Unit {
     /// Whether it measures a force, or a force by something: an effect is twice as
     /// strong with twice as much.
     pub const fn is_force(self) -> bool {
-        #[cfg(feature = "formula")]
+        #[cfg(feature = "desktop")]
         if let Self::Given(symbol) = self {
             // N, or N by something.
             return matches!(
                 symbol.as_bytes(),
                 [b'N'] | [b'N', b'/' | b'*' | b' ', ..] | [b'N', 0xC2, 0xB7, ..]
             );
+        }
+        #[cfg(feature = "desktop")]
+        if matches!(self, Self::NewtonPerKilogram) {
+            return true;
         }
         matches!(
             self,

@@ -3,14 +3,17 @@
 //!
 //! The pressure is linear between two steps, and a dead time uses its history. Steps are
 //! divided if the model's own rates require it.
+//!
+//! What hangs at the tip moves as the tip of an arc does, by its position alone ([`Load`]).
 
 use model_core::{
-    actuator::{Model, State},
+    actuator::{Model, ParameterId, State},
+    catalogue::Effect,
     effects::Mechanism,
     input::FromFn,
     integrate::{Scheme, step},
 };
-use softrig::sim::simulate::substeps;
+use softrig::{estimate::Placement, sim::simulate::substeps};
 
 /// Angles up to which the steps resolve the model (rad).
 const RESOLVED_RAD: f64 = 4.0;
@@ -40,12 +43,93 @@ impl LetGo {
 /// interval after it.
 const INTERVAL_S: f64 = 5e-4;
 
+/// How long a rest (s) lets what has warmed up cool down, so that drifts begin anew.
+const COOLS_S: f64 = 600.0;
+
+/// What hangs at the tip of an actuator that bends to an arc of constant curvature.
+///
+/// The tip of an arc of length l is at x = l(1 − cos θ)/θ aside of its base and z = l sin θ/θ below
+/// it, so that a mass m has the energy −m g₀ (z cos φ − x sin φ) on a base turned by φ, and the
+/// inertia m(x′² + z′²).
+#[derive(Clone, Copy, Debug)]
+struct Load {
+    /// Force (N) at θ = 0 on a base that is turned by a right angle: m·a.
+    force: f64,
+    /// Inertia (kg·m) at θ = 0.
+    inertia: f64,
+    /// By how much the base is turned, with the tilt at which its angle was zeroed (rad).
+    turned: f64,
+}
+
+/// Force (N/kg) and lever (m) of a load where the actuator as it is says nothing of one: what a
+/// tenth of a metre of silicone has.
+const OF_A_LOAD: [f64; 2] = [10.0, 0.05];
+
+impl Load {
+    /// Of `placement`, on an actuator; none where nothing hangs there.
+    fn of(model: &Model<f64>, placement: &Placement) -> Option<Self> {
+        const STANDARD_GRAVITY: f64 = 9.806_65;
+        let [mut force, mut lever] = OF_A_LOAD;
+        let mut turned = placement.turned_rad;
+        for effect in model.effects() {
+            match effect {
+                Effect::TipLoad(load) => [force, lever] = [load.force_per_mass, load.lever],
+                Effect::Gravity(own) => turned += own.tilt,
+                _ => {}
+            }
+        }
+        let force = placement.load_kg * force;
+        (placement.load_kg > 0.0).then_some(Self {
+            force,
+            inertia: force.abs() * lever / STANDARD_GRAVITY,
+            turned,
+        })
+    }
+
+    /// x′ and z′ by the angle (rad), in halves of the length: 1 and 0 at θ = 0.
+    fn slopes(angle: f64) -> [f64; 2] {
+        /// Below, the series to θ³ is exact to twelve digits.
+        const SMALL: f64 = 1e-3;
+        let square = angle * angle;
+        if angle.abs() < SMALL {
+            return [1.0 - square / 4.0, -angle * (2.0 / 3.0)];
+        }
+        let (sin, cos) = angle.sin_cos();
+        [
+            2.0 * (angle * sin - 1.0 + cos) / square,
+            2.0 * (angle * cos - sin) / square,
+        ]
+    }
+
+    /// The force (N) against the angle.
+    fn force(&self, angle: f64) -> f64 {
+        let [aside, below] = Self::slopes(angle);
+        self.force * (aside * self.turned.sin() - below * self.turned.cos())
+    }
+
+    /// What it adds to the inertia (kg·m).
+    fn inertia(&self, angle: f64) -> f64 {
+        let [aside, below] = Self::slopes(angle);
+        self.inertia * (aside * aside + below * below)
+    }
+
+    /// The force (N) against a motion with this rate (rad/s): the inertia changes with the
+    /// angle, so that half of its slope by the square of the rate is needed to keep the energy.
+    fn force_in_motion(&self, angle: f64, rate: f64) -> f64 {
+        /// rad.
+        const STEP: f64 = 1e-4;
+        let slope = (self.inertia(angle + STEP) - self.inertia(angle - STEP)) / (2.0 * STEP);
+        self.force(angle) + slope * rate * rate / 2.0
+    }
+}
+
 /// An actuator in motion.
 #[derive(Clone, Debug)]
 pub struct Actuator {
     model: Model<f64>,
-    /// The same on a base that is not turned.
-    upright: Model<f64>,
+    /// The same as its file says, whatever is changed about the rig.
+    as_written: Model<f64>,
+    load: Option<Load>,
     state: State<f64>,
     interval: f64,
     substeps: usize,
@@ -59,13 +143,11 @@ pub struct Actuator {
 impl Actuator {
     /// An actuator that rests without pressure, for steps of `interval` seconds.
     pub fn at_rest(model: &Model<f64>, interval: f64) -> Self {
-        let delay: f64 = model.effects().map(|effect| effect.delay()).sum();
-        // Delays are bounded by the effect's table.
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-        let length = (delay / interval).ceil() as usize + 3;
+        let length = remembered(model, interval);
         Self {
             model: *model,
-            upright: *model,
+            as_written: *model,
+            load: None,
             state: model.at_rest(0.0, 0.0),
             interval,
             substeps: substeps(model, interval, RESOLVED_RAD),
@@ -80,10 +162,40 @@ impl Actuator {
         self.held = angle;
     }
 
-    /// The base is turned by an angle (rad) against where it stood at power-on: a weight pulls
-    /// another way, and nothing else changes.
-    pub fn turn_base(&mut self, by: f64) {
-        self.model = self.upright.turned(by);
+    /// The rig is changed: its base is turned against where it stood at power-on, so that a
+    /// weight pulls another way; something is hung at the tip; the tube is another.
+    pub fn stand(&mut self, placement: &Placement) {
+        self.load = Load::of(&self.as_written, placement);
+        let with_tube = self.as_written.with_tube(placement.tube);
+        self.model = with_tube.turned(placement.turned_rad);
+        self.substeps = substeps(&self.model, self.interval, RESOLVED_RAD);
+        // The pressures so far, the oldest first, behind as many of the oldest as a longer
+        // delay reaches back.
+        let oldest_at = (self.newest + 1) % self.history.len();
+        self.history.rotate_left(oldest_at);
+        let oldest = self.history[0];
+        let more = remembered(&self.model, self.interval).saturating_sub(self.history.len());
+        self.history.splice(0..0, std::iter::repeat_n(oldest, more));
+        self.newest = self.history.len() - 1;
+    }
+
+    /// It is left alone without pressure for so many seconds.
+    pub fn rest(&mut self, seconds: f64) {
+        // Hours at most.
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let steps = (seconds / self.interval).round() as usize;
+        for _ in 0..steps {
+            self.step(0.0);
+        }
+        if seconds >= COOLS_S {
+            self.restart_clock();
+        }
+    }
+
+    /// Another one of the same make takes its place, which was never stretched.
+    pub fn replace(&mut self) {
+        self.state = self.model.at_rest(0.0, 0.0);
+        self.history.fill(0.0);
     }
 
     /// An actuator that was let go before its time zero, for steps of `interval`
@@ -116,7 +228,21 @@ impl Actuator {
             let (history, newest, interval) = (&self.history, self.newest, self.interval);
             let input =
                 FromFn(|offset: f64| past(history, newest, (interval - begin - offset) / interval));
-            step(Scheme::Rk4, &self.model, &mut self.state, &input, dt);
+            match self.load {
+                Some(load) => {
+                    let inertia = self.model.dynamics().inertia + load.inertia(self.state.angle);
+                    let loaded = self.model.with_value(ParameterId::Inertia, inertia);
+                    // Half of what the load does before the step and half after it.
+                    let kick = |state: &mut State<f64>| {
+                        let force = load.force_in_motion(state.angle, state.rate);
+                        state.rate -= force / inertia * dt / 2.0;
+                    };
+                    kick(&mut self.state);
+                    step(Scheme::Rk4, &loaded, &mut self.state, &input, dt);
+                    kick(&mut self.state);
+                }
+                None => step(Scheme::Rk4, &self.model, &mut self.state, &input, dt),
+            }
         }
         if !self.state.angle.is_finite() {
             self.state = self.model.at_rest(0.0, pressure);
@@ -154,6 +280,15 @@ impl Actuator {
     pub fn interval(&self) -> f64 {
         self.interval
     }
+}
+
+/// Pressures that a model's delays reach back to, in steps of `interval` seconds.
+fn remembered(model: &Model<f64>, interval: f64) -> usize {
+    let delay: f64 = model.effects().map(|effect| effect.delay()).sum();
+    // Delays are bounded by the effect's table.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    let steps = (delay / interval).ceil() as usize;
+    steps + 3
 }
 
 /// The pressure `back` intervals before the newest entry, on a straight line
@@ -237,6 +372,75 @@ mod tests {
         let rests = Actuator::at_rest(&model, DT);
         let same = Actuator::let_go(&model, &LetGo::default(), DT);
         assert_eq!(rests.state, same.state);
+    }
+
+    /// The energy of what hangs at the tip and of the spring is what it was, with an inertia
+    /// that changes by the angle; and at rest it hangs where the forces balance.
+    #[test]
+    fn a_load_swings_with_its_energy_and_comes_to_rest_where_it_is_held() {
+        let linear = Dynamics {
+            exponent: 1.0,
+            damping: 0.0,
+            ..dynamics()
+        };
+        let model: Model<f64> = Model::new(linear, &[]).unwrap();
+        let mut actuator = Actuator::at_rest(&model, DT);
+        let placement = Placement {
+            turned_rad: 0.6,
+            load_kg: 0.3,
+            tube: 1.0,
+        };
+        actuator.stand(&placement);
+        let load = actuator.load.unwrap();
+        let height = |angle: f64| {
+            let (aside, below) = ((1.0 - angle.cos()) / angle, angle.sin() / angle);
+            2.0 * load.force * (aside * load.turned.sin() - below * load.turned.cos())
+        };
+        let energy = |actuator: &Actuator| {
+            let State { angle, rate, .. } = actuator.state;
+            let inertia = linear.inertia + load.inertia(angle);
+            inertia * rate * rate / 2.0 + linear.stiffness * angle * angle / 2.0 + height(angle)
+        };
+        actuator.state = model.at_rest(1.0, 0.0);
+        let before = energy(&actuator);
+        let mut lost = 0.0f64;
+        for _ in 0..1_000 {
+            actuator.step(0.0);
+            lost = lost.max((energy(&actuator) - before).abs());
+        }
+        assert!(lost < 1e-3 * before.abs(), "{lost} of {before}");
+
+        let damped: Model<f64> = Model::new(dynamics(), &[]).unwrap();
+        let mut actuator = Actuator::at_rest(&damped, DT);
+        actuator.stand(&placement);
+        actuator.rest(30.0);
+        let angle = actuator.angle();
+        let spring = -dynamics().stiffness * angle.abs().powf(dynamics().exponent);
+        assert!(
+            (spring.abs() - load.force(angle).abs()).abs() < 1e-3,
+            "{angle}"
+        );
+        assert!(angle < -0.1, "{angle}");
+    }
+
+    #[test]
+    fn a_longer_tube_is_felt_later() {
+        let dead = Kind::DeadTime.build(&[0.1]).unwrap();
+        let model: Model<f64> = Model::new(dynamics(), &[dead]).unwrap();
+        let mut actuator = Actuator::at_rest(&model, DT);
+        actuator.stand(&Placement {
+            tube: 3.0,
+            ..Placement::USUAL
+        });
+        let mut moved_at = 0.0;
+        for step in 1..2_000 {
+            actuator.step(PRESSURE);
+            if actuator.angle() > 1e-9 {
+                moved_at = f64::from(step) * DT;
+                break;
+            }
+        }
+        assert!((moved_at - 0.3).abs() < 3.0 * DT, "{moved_at}");
     }
 
     #[test]

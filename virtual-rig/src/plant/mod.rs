@@ -11,6 +11,7 @@ pub mod sensors;
 pub mod syringe;
 
 use model_core::actuator::Model;
+use softrig::estimate::Placement;
 
 use actuator::Actuator;
 pub use actuator::LetGo;
@@ -123,9 +124,20 @@ impl Plant {
         self.actuator.hold(angle_deg.map(f64::to_radians));
     }
 
-    /// The base is turned by an angle (°) against where it stood at power-on.
-    pub fn turn_base(&mut self, by_deg: f64) {
-        self.actuator.turn_base(by_deg.to_radians());
+    /// The rig is changed to stand like this, against how it stood at power-on.
+    pub fn stand(&mut self, placement: &Placement) {
+        self.actuator.stand(placement);
+    }
+
+    /// It is left alone without pressure for so many seconds.
+    pub fn rest(&mut self, seconds: f64) {
+        self.actuator.rest(seconds);
+    }
+
+    /// Another actuator of the same make takes the place of this one.
+    pub fn replace_actuator(&mut self) {
+        self.actuator.replace();
+        self.actuator.restart_clock();
     }
 
     /// Drifts begin anew: the bench has been off and has cooled down.

@@ -25,6 +25,7 @@ use super::smoother::Smoother;
 use crate::estimate::filter::Pace;
 use crate::estimate::fit::{Fit, Fitter};
 use crate::estimate::nuisance::Nuisance;
+use crate::estimate::placement::Placement;
 
 /// Samples of the motion that are enough for a guess.
 const ENOUGH: usize = 2_000;
@@ -124,8 +125,8 @@ struct Sample {
 /// The motion of a session.
 #[derive(Clone, Debug)]
 struct Motion {
-    /// By how much the base was turned (rad).
-    turned: f64,
+    /// How the rig stood.
+    placement: Placement,
     samples: Vec<Sample>,
 }
 
@@ -193,7 +194,7 @@ impl MissingForce {
                     samples[k].acceleration = (at.rate - before.rate) / (at.time - before.time);
                 }
                 Motion {
-                    turned: session.turned(),
+                    placement: session.placement(),
                     samples,
                 }
             })
@@ -344,7 +345,7 @@ impl MissingForce {
 
 /// The force (N) that an effect adds against the motion, at each sample.
 fn forces(base: &Dynamics<f64>, effect: &Effect<f64>, session: &Motion) -> Vec<f64> {
-    let effect = &effect.turned(session.turned);
+    let effect = &session.placement.place_effect(*effect);
     let session = session.samples.as_slice();
     let Some(first) = session.first() else {
         return Vec::new();

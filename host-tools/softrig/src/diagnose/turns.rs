@@ -37,7 +37,11 @@ pub fn contradictions(
     noise: f64,
     progress: &Progress,
 ) -> Vec<Concern> {
-    let said: Vec<f64> = data.sessions().iter().map(|it| it.turned()).collect();
+    let said: Vec<f64> = data
+        .sessions()
+        .iter()
+        .map(|it| it.placement().turned_rad)
+        .collect();
     let Some(&turned) = said.iter().find(|&&turned| turned != 0.0) else {
         return Vec::new();
     };
@@ -70,7 +74,7 @@ pub fn contradictions(
                 if group.sessions.contains(&index) {
                     *reading
                 } else {
-                    session.turned()
+                    session.placement().turned_rad
                 }
             });
             let left = left(&taken)?;

@@ -21,6 +21,7 @@ use super::policy::Search;
 use crate::estimate::Segment;
 use crate::estimate::fit::{Effort, Fitter, Residuals, Validation};
 use crate::estimate::horizon::{Squares, block_errors};
+use crate::estimate::placement::Placement;
 use crate::sim::board::{self, OnBoard};
 use softrig_formats::model_file::{ModelFile, parameters};
 
@@ -552,17 +553,17 @@ fn board_squares(fitter: &Fitter<'_>, model: &Model<f64>) -> Vec<f64> {
     } = fitter.validate(model);
     let data = fitter.data;
     let farthest = board::farthest(data.largest_angle());
-    let prepared = |turned: f64| OnBoard::new(&model.turned(turned), farthest).ok();
+    let prepared = |stood: Placement| OnBoard::new(&stood.place(model), farthest).ok();
     // Most sessions stand as the one before.
-    let mut last: Option<(f64, Option<OnBoard>)> = None;
+    let mut last: Option<(Placement, Option<OnBoard>)> = None;
     let mut found = residuals;
     let mut places = found.iter_mut();
     for (index, (session, nuisance)) in data.sessions().iter().zip(&nuisances).enumerate() {
         let ranges = data.ranges(index, false);
-        let turned = session.turned();
+        let stood = session.placement();
         let (_, board) = match last.take() {
-            Some(board) if board.0.to_bits() == turned.to_bits() => last.insert(board),
-            _ => last.insert((turned, prepared(turned))),
+            Some(board) if board.0 == stood => last.insert(board),
+            _ => last.insert((stood, prepared(stood))),
         };
         let predicted = board
             .as_ref()

@@ -93,9 +93,10 @@ impl Assembled {
     #[must_use]
     pub fn from_rest(mut self, fitted: &[Recording]) -> Self {
         let was_said = |recording: &Recording| recording.columns.angle_zero_deg.is_some();
-        // A turned rig rests where its weight pulls it.
-        let is_turned = self.data.sessions().iter().any(|it| it.turned() != 0.0);
-        if !is_turned
+        // A turned rig rests where its weight pulls it, and one with a load where that does.
+        let mut sessions = self.data.sessions().iter();
+        let hangs_elsewhere = sessions.any(|it| it.placement().moves_the_rest());
+        if !hangs_elsewhere
             && !fitted.iter().any(was_said)
             && let Some(rest) = resting_angle(&self.data)
         {

@@ -12,6 +12,7 @@ use model_core::actuator::Model;
 use model_core::power::Power;
 
 use super::nuisance::{Nuisance, Prior};
+use super::placement::Placement;
 use crate::estimate::denoise;
 use crate::sim::board::{OnBoard, Unseen};
 use crate::sim::simulate::{
@@ -34,8 +35,8 @@ pub struct Session {
     estimated: bool,
     /// Time on the rig's clock at the first sample (s).
     clock: f64,
-    /// By how much the base was turned since the angle was zeroed (rad).
-    turned: f64,
+    /// How the rig stood.
+    placement: Placement,
     interval: f64,
     /// The usual time between samples as they were recorded (s).
     sampled_every: f64,
@@ -73,7 +74,7 @@ impl Session {
             prior,
             estimated: true,
             clock,
-            turned: recording.meta.turned_rad(),
+            placement: Placement::of_recording(&recording, None),
             interval: recording.interval(),
             sampled_every: recording.interval(),
             largest_angle: largest(&recording.angle),
@@ -164,14 +165,14 @@ impl Session {
         self.clock
     }
 
-    /// By how much the base was turned since the angle was zeroed (rad).
-    pub fn turned(&self) -> f64 {
-        self.turned
+    /// How the rig stood.
+    pub fn placement(&self) -> Placement {
+        self.placement
     }
 
     /// The model as the rig stood in this session: everything else is shared between sessions.
     pub fn placed<R: FromF64, P: Power<R>>(&self, model: &Model<R, P>) -> Model<R, P> {
-        model.turned(R::from_f64(self.turned))
+        self.placement.place(model)
     }
 
     /// The usual time between samples (s).
@@ -319,6 +320,9 @@ pub struct Dataset {
     fitted: Vec<bool>,
     /// What is known of base parameters beside the recordings.
     known: Vec<KnownRange>,
+    /// Length of the tube to the actuator for which models are written (mm): that of the first
+    /// session that says it.
+    tube_mm: Option<f64>,
 }
 
 impl Dataset {
@@ -336,6 +340,14 @@ impl Dataset {
             this.push(Session::new(recording.clone(), 0.0, silent), vec![mark]);
         }
         this
+    }
+
+    /// No sessions yet, for models that are written for a tube of this length (mm).
+    pub fn for_tube(tube_mm: Option<f64>) -> Self {
+        Self {
+            tube_mm,
+            ..Self::default()
+        }
     }
 
     /// A data set of one recording whose zeros and initial state are known.
@@ -370,7 +382,31 @@ impl Dataset {
             }));
             self.fitted.push(mark.fitted);
         }
+        let said = session.recording.meta.setup.as_ref();
+        self.tube_mm = self.tube_mm.or(said.and_then(|setup| setup.tube_mm));
+        let session = Session {
+            placement: Placement::of_recording(&session.recording, self.tube_mm),
+            ..session
+        };
         self.sessions.push(Arc::new(session));
+    }
+
+    /// Length of the tube to the actuator for which models of these data are written (mm); none
+    /// where no session says it.
+    pub fn tube_mm(&self) -> Option<f64> {
+        self.tube_mm
+    }
+
+    /// The same data for models that are written for a tube of this length (mm).
+    #[must_use]
+    pub fn at_tube(&self, tube_mm: Option<f64>) -> Self {
+        let placed = self.mapped(|_, session| {
+            Some(Session {
+                placement: Placement::of_recording(&session.recording, tube_mm),
+                ..session.clone()
+            })
+        });
+        Self { tube_mm, ..placed }
     }
 
     /// The sessions.
@@ -509,6 +545,7 @@ impl Dataset {
             Some(Session {
                 sampled_every: session.sampled_every,
                 grain: session.grain,
+                placement: session.placement,
                 ..fresh
             })
         });
@@ -553,7 +590,10 @@ impl Dataset {
             let setup = recording.meta.setup.get_or_insert_default();
             setup.tilt_deg = Some(turned.to_degrees());
             Some(Session {
-                turned,
+                placement: Placement {
+                    turned_rad: turned,
+                    ..session.placement
+                },
                 recording: Arc::new(recording),
                 ..session.clone()
             })

@@ -333,12 +333,12 @@ impl<'a> Fitter<'a> {
         let data = sessions.flat_map(|(index, session)| {
             let recording = session.recording();
             let about = format!(
-                "{:?} {:?} {} {} {} {:?} {:?}",
+                "{:?} {:?} {} {} {:?} {:?} {:?}",
                 session.prior(),
                 session.guess(),
                 session.is_estimated(),
                 session.clock(),
-                session.turned(),
+                session.placement(),
                 session.silent(),
                 self.data.fitted_ranges(index),
             );

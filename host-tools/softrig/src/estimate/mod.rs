@@ -34,6 +34,7 @@ pub(crate) mod information;
 pub(crate) mod let_go;
 mod normal;
 pub(crate) mod nuisance;
+pub mod placement;
 mod problem;
 pub mod refit;
 pub mod simulation;
@@ -45,3 +46,4 @@ pub(crate) mod usable;
 
 pub use dataset::{Dataset, Segment, Session};
 pub use nuisance::Nuisance;
+pub use placement::Placement;

@@ -4,6 +4,7 @@ use super::assemble::assemble;
 use super::dataset::Dataset;
 use super::fit::{Fit, Fitter};
 use super::identify::{EXPONENTS, far_zeros, identify};
+use super::placement::with_tip_load;
 use crate::estimate::unit_errors;
 use crate::estimate::usable::Concern;
 use softrig_formats::error::InputError;
@@ -33,6 +34,7 @@ pub struct Refit {
 ///
 /// Refuses recordings that cannot be used, and columns in implausible units.
 pub fn refit(file: &ModelFile, recordings: &[Recording]) -> Result<Refit, InputError> {
+    let file = &with_tip_load(file.clone(), recordings);
     unit_errors::refuse(file, recordings)?;
     let mut assembled = assemble(recordings, &[])?;
     assembled.data = assembled.data.knowing(&file.within);

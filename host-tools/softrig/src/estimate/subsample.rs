@@ -59,7 +59,7 @@ pub fn short_segments(data: &Dataset, nominal: &Model<f64>) -> Dataset {
     }
     let samples: usize = short_segments.iter().map(|(piece, ..)| piece.len()).sum();
     let stride = samples.div_ceil(ENOUGH).max(1);
-    let mut found = Dataset::default();
+    let mut found = Dataset::for_tube(data.tube_mm());
     for (piece, clock, known, every) in short_segments.into_iter().step_by(stride) {
         let mark = whole(&piece, true);
         let session = Session::new(piece, clock, Vec::new())
@@ -144,7 +144,7 @@ fn taken(data: &Dataset, most: usize, thinning: impl Fn(&Session) -> usize) -> D
     }
     // Zeros of a fit go back to the sessions by their order.
     parts.sort_by_key(|(index, ..)| *index);
-    let mut found = Dataset::default();
+    let mut found = Dataset::for_tube(data.tube_mm());
     for (_, part, marks) in parts {
         found.push(part, marks);
     }

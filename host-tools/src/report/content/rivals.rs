@@ -145,11 +145,8 @@ pub(super) fn turning(diagnosis: &Diagnosis) -> Option<String> {
         .finding
         .families()
         .contains(&Family::StiffnessShape);
-    let is_turned = diagnosis
-        .data
-        .sessions()
-        .iter()
-        .any(|it| it.turned() != 0.0);
+    let mut sessions = diagnosis.data.sessions().iter();
+    let is_turned = sessions.any(|it| it.placement().turned_rad != 0.0);
     let mut proposals = diagnosis.proposals.iter();
     let is_proposed = proposals.any(|(proposal, _)| proposal.protocol.setup.tilt_deg.is_some());
     (is_open && !is_turned && !is_proposed).then(|| {
