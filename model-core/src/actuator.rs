@@ -676,6 +676,19 @@ impl<R: Real, P: Power<R>> Model<R, P> {
         self.coming_from(motion.angle + past, motion, pressure)
     }
 
+    /// The state of an actuator that was bent as far as `farthest` (rad) before: what is lost by
+    /// the first stretch stays lost, however long it rests.
+    #[cfg(feature = "desktop")]
+    #[must_use]
+    pub fn stretched(&self, mut state: State<R>, farthest: R) -> State<R> {
+        for (effect, hidden) in self.occupied().zip(&mut state.hidden) {
+            if matches!(effect, Effect::MullinsSoftening(_)) {
+                hidden[0] = hidden[0].max(farthest);
+            }
+        }
+        state
+    }
+
     /// Lets the effects with a memory of events (a largest angle, a play)
     /// take note of the state that a step arrived at, `offset` seconds after its
     /// start.

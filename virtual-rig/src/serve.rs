@@ -193,6 +193,7 @@ pub fn run(args: &ServeArgs) -> anyhow::Result<()> {
             turned_rad: args.tilt_deg.to_radians(),
             load_kg: args.tip_load_g / 1000.0,
             tube: args.tube_mm / USUAL_TUBE_MM,
+            ..Placement::USUAL
         };
     });
 

@@ -45,7 +45,9 @@ pub fn from_model(file: &ModelFile) -> Result<Vec<Assignment>, InputError> {
         (Key::InputGain, dynamics.input_gain),
     ];
     let mut kinds = Vec::new();
-    let effects: Vec<_> = file.model.effects().collect();
+    // A load of nothing: one that hangs there has become a weight and an inertia.
+    let on_board = |effect: &Effect<f64>| effect.kind() != Kind::TipLoad;
+    let effects: Vec<_> = file.model.effects().filter(on_board).collect();
     if effects.len() > usize::from(EFFECTS) {
         return Err(fail(
             format!(

@@ -14,7 +14,7 @@ use softrig::diagnose::executor::Executor;
 use softrig::diagnose::finding::names;
 use softrig::diagnose::identifiability::{self, Refitted};
 use softrig::diagnose::noise::NoiseFloor;
-use softrig::diagnose::plan::{Limits, VERY_STRONG, proposals};
+use softrig::diagnose::plan::{Limits, VERY_STRONG, proposals, work_min};
 use softrig::diagnose::structures;
 use softrig::estimate::assemble::assemble;
 use softrig::estimate::checkpoint::Checkpoint;
@@ -93,7 +93,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         None => None,
     };
     let pair = between(&args.between, own.as_ref())?;
-    let limits = limits(args.limits.as_deref())?.of_sensor(&recordings);
+    let limits = limits(args.limits.as_deref())?.of_rig(&recordings);
     let noise = match args.noise_deg {
         Some(noise) if noise > 0.0 && noise.is_finite() => noise.to_radians(),
         Some(noise) => {
@@ -121,20 +121,22 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         .into());
     };
     let mut text = format!(
-        "To tell {} from {}, with {:.2}° of noise:\n\n{:<20} {:>8} {:>12}  {}\n",
+        "To tell {} from {}, with {:.2}° of noise:\n\n{:<20} {:>6} {:>12} {:>12}  {}\n",
         names(&pair[0]).join(" + "),
         names(&pair[1]).join(" + "),
         noise.to_degrees(),
         "protocol",
         "s",
+        "work (min)",
         "expected Δχ²",
         "what it is"
     );
     for proposal in list.iter().take(LISTED) {
         text += &format!(
-            "{:<20} {:>8.0} {:>12}  {}{}\n",
+            "{:<20} {:>6.0} {:>12.1} {:>12}  {}{}\n",
             proposal.protocol.name,
             f64::from(proposal.protocol.total_ms()) / 1000.0,
+            work_min(&proposal.protocol),
             evidence(proposal.evidence),
             proposal.protocol.setup.instruction(),
             proposal.protocol.title

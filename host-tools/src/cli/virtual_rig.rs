@@ -15,7 +15,7 @@ use clap::{Parser, ValueEnum};
 
 use super::Interrupt;
 use softrig_formats::error::InputError;
-use softrig_formats::setup::Setup;
+use softrig_formats::setup::{NewPart, Setup};
 
 /// Runs the real firmware image in a simulator, behind a serial port.
 ///
@@ -179,9 +179,21 @@ impl Companion {
         &self.port
     }
 
-    /// Turns its base as a plan asks.
+    /// Changes it as a plan asks: what the plan does not say is as at its start.
     pub(crate) fn set_up(&mut self, setup: &Setup) -> anyhow::Result<()> {
-        writeln!(self.control, "tilt {}", setup.tilt_deg.unwrap_or(0.0))
+        let mut lines = format!(
+            "tilt {}\nload {}\n",
+            setup.tilt_deg.unwrap_or(0.0),
+            setup.tip_load_g.unwrap_or(0.0)
+        );
+        let others = [
+            setup.tube_mm.map(|it| format!("tube {it}\n")),
+            setup.rested_s.map(|it| format!("rest {it}\n")),
+            (setup.new_part == Some(NewPart::Actuator)).then(|| "replace actuator\n".to_owned()),
+        ];
+        lines.extend(others.into_iter().flatten());
+        self.control
+            .write_all(lines.as_bytes())
             .context("the simulator has ended")
     }
 }

@@ -109,6 +109,7 @@ impl Recorded {
                 rate: defaults.start_deg_per_s.to_radians(),
             },
             past: 0.0,
+            stretched: 0.0,
             pressure_zero: 1000.0 * defaults.pressure_zero_kpa,
             clock: 0.0,
         };

@@ -388,7 +388,7 @@ mod tests {
         let placement = Placement {
             turned_rad: 0.6,
             load_kg: 0.3,
-            tube: 1.0,
+            ..Placement::USUAL
         };
         actuator.stand(&placement);
         let load = actuator.load.unwrap();

@@ -364,7 +364,7 @@ fn diagnose_all(
     let setups = turns::contradictions(file, &data, &refit, floor.rms, progress);
     concerns.splice(0..0, setups);
     let proposals = if found.rivals.len() > 1 && progress.may_begin(SearchPart::Experiment) {
-        let sensor = Limits::default().of_sensor(request.recordings);
+        let sensor = Limits::default().of_rig(request.recordings);
         propose(&file.model, &found.rivals, &floor, &sensor)
     } else {
         Vec::new()
@@ -652,6 +652,10 @@ impl Diagnosis {
                 .map(|(proposal, [a, b])| Experiment {
                     protocol: proposal.protocol.name.clone(),
                     tilt_deg: proposal.protocol.setup.tilt_deg,
+                    tip_load_g: proposal.protocol.setup.tip_load_g,
+                    tube_mm: proposal.protocol.setup.tube_mm,
+                    rested_s: proposal.protocol.setup.rested_s,
+                    work_min: tidy(plan::work_min(&proposal.protocol)),
                     separates: [a, b].map(|kinds| names(kinds).join("+")).to_vec(),
                     expected_delta_chi2: tidy(proposal.evidence),
                 })

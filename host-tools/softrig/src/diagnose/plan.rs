@@ -3,8 +3,10 @@
 //! Every named protocol of the board, and families of steps, ramps, small reversals, holds
 //! and multisines within the limits, are simulated with each rival, and where one of them is a
 //! weight, once more on a base that is turned by 90° one way or the other: no pressure tells a
-//! weight from a spring, and a person would turn the rig. What the angle sensor does not show
-//! is no evidence. With rival A taken as
+//! weight from a spring, and a person would turn the rig. Where one of them is a lag of the air,
+//! they are simulated with a longer tube, if it is known how long it was; where one is a loss by
+//! the first stretch, after a rest, which everything else forgets. What the angle sensor does not
+//! show is no evidence. With rival A taken as
 //! true, rival B is refitted within the information of the existing recordings. Its
 //! remaining error, in units of the noise, is the expected evidence of the run
 //! (T-optimality: Atkinson and Fedorov 1975):
@@ -32,6 +34,7 @@ use super::candidates::Candidate;
 use super::policy::Policy;
 use crate::estimate::fit::Fitter;
 use crate::estimate::nuisance::Prior;
+use crate::estimate::placement::Placement;
 use crate::estimate::{Dataset, Nuisance, Session};
 use crate::sim::protocol::play;
 use softrig_formats::protocol_file::ProtocolFile;
@@ -44,6 +47,44 @@ pub const VERY_STRONG: f64 = 20.0;
 
 /// Evidence (Δχ²) about one pair beyond which more decides nothing.
 const BEYOND_DOUBT: f64 = 5.0 * VERY_STRONG;
+
+/// The share of a run that the angle sensor has to show for a person to call it a recording.
+const SEEN: f64 = 0.9;
+
+/// Minutes that any run takes beside its own time: to start it and to look at it.
+const ANY_RUN_MIN: f64 = 1.0;
+
+/// Minutes to turn the base.
+const TURN_MIN: f64 = 1.0;
+
+/// Minutes to hang something at the tip.
+const LOAD_MIN: f64 = 1.0;
+
+/// Minutes to put in another tube and to see that it is tight.
+const TUBE_MIN: f64 = 5.0;
+
+/// Minutes to put in another part and to calibrate it.
+const PART_MIN: f64 = 30.0;
+
+/// How many times as long another tube is.
+const LONGER: f64 = 4.0;
+
+/// How long a rest is proposed (s): a person has a coffee, and the bench cools down.
+const REST_S: f64 = 600.0;
+
+/// Minutes of work and waiting that a run takes.
+pub fn work_min(protocol: &ProtocolFile) -> f64 {
+    let setup = &protocol.setup;
+    let each = [
+        setup.tilt_deg.map(|_| TURN_MIN),
+        setup.tip_load_g.map(|_| LOAD_MIN),
+        setup.tube_mm.map(|_| TUBE_MIN),
+        setup.rested_s.map(|seconds| seconds / 60.0),
+        setup.new_part.map(|_| PART_MIN),
+    ];
+    let run_min = f64::from(protocol.total_ms()) / 60_000.0;
+    ANY_RUN_MIN + run_min + each.into_iter().flatten().sum::<f64>()
+}
 
 /// Samples per second of a simulated run.
 const RATE_HZ: u32 = 50;
@@ -60,20 +101,29 @@ pub struct Limits {
     /// The angles (rad) between which the angle sensor was calibrated; none where that is not
     /// known. What lies beyond is not fitted, and decides nothing.
     pub shown: Option<[f64; 2]>,
+    /// Length of the tube in the recordings so far (mm), where they say it.
+    pub tube_mm: Option<f64>,
+    /// How far the actuator was bent so far (rad).
+    pub stretched_rad: f64,
 }
 
 impl Limits {
-    /// The same with the range of the angle sensor by which these recordings were made: the
-    /// narrowest where they differ.
+    /// The same with what these recordings say of the rig: the range of the angle sensor (the
+    /// narrowest where they differ), the tube, and how far the actuator was bent.
     #[must_use]
-    pub fn of_sensor<'a>(self, recordings: impl IntoIterator<Item = &'a Recording>) -> Self {
+    pub fn of_rig(self, recordings: &[Recording]) -> Self {
         let ranges = recordings
-            .into_iter()
+            .iter()
             .filter_map(|recording| recording.meta.angle_range_deg)
             .map(|range| range.map(f64::to_radians));
         let narrowest = |a: [f64; 2], b: [f64; 2]| [a[0].max(b[0]), a[1].min(b[1])];
+        let mut setups = recordings.iter().filter_map(|it| it.meta.setup.as_ref());
+        let angles = recordings.iter().flat_map(|recording| &recording.angle);
+        let sizes = angles.map(|angle| angle.abs()).filter(|it| it.is_finite());
         Self {
             shown: ranges.reduce(narrowest),
+            tube_mm: setups.find_map(|setup| setup.tube_mm),
+            stretched_rad: sizes.fold(0.0, f64::max),
             ..self
         }
     }
@@ -86,6 +136,8 @@ impl Default for Limits {
             highest_kpa: 170.0,
             longest_s: 180.0,
             shown: None,
+            tube_mm: None,
+            stretched_rad: 0.0,
         }
     }
 }
@@ -101,9 +153,33 @@ pub struct Proposal {
     pub evidence: f64,
 }
 
-/// Ranks runs that separate `rivals`, best first, by the evidence about all pairs, of each at
-/// most what is beyond doubt; then by how much of the run the angle sensor shows. `noise` is the
-/// standard deviation of the measured angle (rad).
+/// What is expected of the pair that a run separates least. Formulas are not exact, and what a run
+/// decides narrowly may turn on that.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Expected {
+    /// Nothing certain.
+    Open,
+    /// Very strong evidence.
+    Decided,
+    /// More than what counts.
+    BeyondDoubt,
+}
+
+impl Expected {
+    fn of(evidence: f64) -> Self {
+        match evidence {
+            evidence if evidence >= BEYOND_DOUBT => Self::BeyondDoubt,
+            evidence if evidence >= VERY_STRONG => Self::Decided,
+            _ => Self::Open,
+        }
+    }
+}
+
+/// Ranks runs that separate `rivals`, best first: those that decide every pair beyond doubt, those
+/// that decide every pair, the others; among them those that the angle sensor shows, then by the
+/// evidence in a minute of work ([`work_min`]): that about the least decided pair, or where that
+/// stays open about all pairs, of each at most what is beyond doubt. `noise` is the standard
+/// deviation of the measured angle (rad).
 pub fn proposals(
     nominal: &Model<f64>,
     rivals: &[Candidate],
@@ -114,7 +190,7 @@ pub fn proposals(
         return Vec::new();
     }
     let runs = protocols(limits);
-    let mut proposals: Vec<([f64; 2], Proposal)> = setups(rivals)
+    let mut proposals: Vec<((Expected, bool, f64), Proposal)> = setups(rivals, limits)
         .into_par_iter()
         .flat_map(|setup| {
             let runs = runs.par_iter();
@@ -125,7 +201,7 @@ pub fn proposals(
             let prior = Prior::of(&recording);
             let runs: Vec<PredictedRun> = rivals
                 .iter()
-                .map(|rival| PredictedRun::of(rival, nominal, &recording, &prior, noise))
+                .map(|rival| PredictedRun::of(rival, nominal, &recording, &prior, noise, limits))
                 .collect::<Option<_>>()?;
             let pairs = (0..rivals.len()).flat_map(|a| (a + 1..rivals.len()).map(move |b| (a, b)));
             let each: Vec<((usize, usize), f64)> = pairs
@@ -153,39 +229,66 @@ pub fn proposals(
                 separates,
                 evidence,
             };
-            let seen = runs.iter().map(|run| run.seen(limits.shown));
-            Some(([decided, seen.fold(1.0, f64::min)], proposal))
+            let expected = Expected::of(evidence);
+            // Where the least decided pair stays open, as many of the others as can be had.
+            let told = if expected == Expected::Open {
+                decided
+            } else {
+                evidence
+            };
+            let is_seen = runs.iter().all(|run| run.is_seen(limits.shown));
+            let in_a_minute = told / work_min(&proposal.protocol);
+            Some(((expected, is_seen, in_a_minute), proposal))
         })
         .collect();
-    let rank = |(first, proposal): &([f64; 2], Proposal)| [first[0], first[1], proposal.evidence];
-    proposals.sort_by(|a, b| {
-        let by = rank(b).into_iter().zip(rank(a));
-        by.map(|(b, a)| b.total_cmp(&a))
-            .fold(std::cmp::Ordering::Equal, std::cmp::Ordering::then)
-    });
+    proposals.sort_by(
+        |((a_expected, a_seen, a), _), ((b_expected, b_seen, b), _)| {
+            let before = (b_expected, b_seen).cmp(&(a_expected, a_seen));
+            before.then(b.total_cmp(a))
+        },
+    );
     proposals
         .into_iter()
         .map(|(_, proposal)| proposal)
         .collect()
 }
 
-/// How the rig could stand: as it does, and turned where that changes what a rival says.
-fn setups(rivals: &[Candidate]) -> Vec<Setup> {
+/// How the rig could stand: as it does, and changed where that changes what a rival says.
+fn setups(rivals: &[Candidate], limits: &Limits) -> Vec<Setup> {
     /// A quarter of a turn (°), one way and the other: the weight pulls most at the zero of the
     /// angle, and the actuator sags where its sensor sees it or where it does not.
     const TURNED: [f64; 2] = [90.0, -90.0];
-    let has_weight = |rival: &Candidate| {
-        let mut effects = rival.fit.model.effects();
-        effects.any(|effect| effect.kind() == Kind::Gravity)
+    let has = |kinds: &[Kind]| {
+        rivals.iter().any(|rival| {
+            let mut effects = rival.fit.model.effects();
+            effects.any(|effect| kinds.contains(&effect.kind()))
+        })
     };
-    let turned = TURNED.map(|tilt| Setup {
-        tilt_deg: Some(tilt),
-        ..Setup::default()
-    });
-    let is_of_use = rivals.iter().any(has_weight);
-    std::iter::once(Setup::default())
-        .chain(turned.into_iter().filter(|_| is_of_use))
-        .collect()
+    let usual = Setup::default;
+    // What the first stretch has taken is not there to be seen again: all that such a run says
+    // is that nothing is forgotten over a rest.
+    let as_it_is = if has(&[Kind::MullinsSoftening]) && limits.stretched_rad > 0.0 {
+        Setup {
+            rested_s: Some(REST_S),
+            ..usual()
+        }
+    } else {
+        usual()
+    };
+    let mut all = vec![as_it_is];
+    if has(&[Kind::Gravity]) {
+        all.extend(TURNED.map(|tilt| Setup {
+            tilt_deg: Some(tilt),
+            ..usual()
+        }));
+    }
+    if has(&[Kind::PneumaticLag, Kind::VentAsymmetry, Kind::DeadTime]) {
+        all.extend(limits.tube_mm.map(|tube_mm| Setup {
+            tube_mm: Some(LONGER * tube_mm),
+            ..usual()
+        }));
+    }
+    all
 }
 
 /// Where an actuator rests without pressure (rad): a turned one sags.
@@ -226,13 +329,14 @@ struct PredictedRun {
 }
 
 impl PredictedRun {
-    /// The share of it that a sensor with such a range (rad) shows.
-    fn seen(&self, sensor: Option<[f64; 2]>) -> f64 {
+    /// Whether a sensor with such a range (rad) shows it, and where it begins.
+    fn is_seen(&self, sensor: Option<[f64; 2]>) -> bool {
         let Some([low, high]) = sensor else {
-            return 1.0;
+            return true;
         };
-        let shown = self.shown.iter().filter(|it| (low..=high).contains(*it));
-        shown.count() as f64 / self.shown.len().max(1) as f64
+        let range = low..=high;
+        let shown = self.shown.iter().filter(|it| range.contains(*it)).count();
+        range.contains(&self.start) && shown as f64 >= SEEN * self.shown.len() as f64
     }
 
     /// The run of a rival under the pressure of `recording`; none without samples.
@@ -242,16 +346,23 @@ impl PredictedRun {
         recording: &Recording,
         prior: &Prior,
         noise: f64,
+        limits: &Limits,
     ) -> Option<Self> {
         /// Step of the finite differences, in standard deviations.
         const STEP: f64 = 0.1;
         let model = &rival.fit.model;
         let mut rest = Nuisance::AT_ZERO;
-        let turned = recording.meta.turned_rad();
-        let placed = model.turned(turned);
-        let settled = if turned == 0.0 { 0.0 } else { resting(&placed) };
+        let placement = Placement::of_recording(recording, limits.tube_mm);
+        let placed = placement.place(model);
+        let settled = if placement.moves_the_rest() {
+            resting(&placed)
+        } else {
+            0.0
+        };
         rest.start.angle = placed.reading(&placed.at_rest(settled, 0.0));
-        let data = Dataset::known(recording.clone(), rest);
+        let data = Dataset::known(recording.clone(), rest)
+            .at_tube(limits.tube_mm)
+            .after_stretch(limits.stretched_rad);
         let session: &Session = data.sessions().first()?;
         let shown = |nuisance: &Nuisance| DVector::from_vec(session.simulate(model, nuisance));
         // One sample gives the initial angle, with the noise as its standard deviation.
@@ -663,10 +774,70 @@ mod tests {
                 )
         };
         assert!(evidence("small_reversals_45") > evidence("step45"));
-        assert!(list[0].evidence > 100.0);
+        assert!(list[0].evidence > VERY_STRONG);
         assert!(
             list.windows(2)
-                .all(|pair| pair[0].evidence >= pair[1].evidence)
+                .all(|pair| Expected::of(pair[0].evidence) >= Expected::of(pair[1].evidence))
         );
+        let in_a_minute: Vec<f64> = list
+            .iter()
+            .filter(|it| it.evidence > BEYOND_DOUBT)
+            .map(|it| it.evidence / work_min(&it.protocol))
+            .collect();
+        assert!(in_a_minute.len() > 3);
+        assert!(in_a_minute.windows(2).all(|pair| pair[0] >= pair[1]));
+    }
+
+    /// A lag of the air grows with the tube, and one of the sensor does not.
+    #[test]
+    fn a_longer_tube_tells_a_lag_of_the_air_from_one_of_the_sensor() {
+        let rivals = [
+            with(Kind::PneumaticLag, &[0.1]),
+            with(Kind::SensorLag, &[0.1]),
+        ];
+        let best = |tube_mm: Option<f64>| {
+            let limits = Limits {
+                tube_mm,
+                ..Limits::default()
+            };
+            proposals(&nominal(), &rivals, 0.007, &limits).remove(0)
+        };
+        assert_eq!(best(None).protocol.setup, Setup::default());
+        let longer = proposals(
+            &nominal(),
+            &rivals,
+            0.007,
+            &Limits {
+                tube_mm: Some(200.0),
+                ..Limits::default()
+            },
+        );
+        let evidence = |tube_mm: Option<f64>| {
+            let is = longer
+                .iter()
+                .filter(|it| it.protocol.setup.tube_mm == tube_mm);
+            is.map(|it| it.evidence).fold(0.0, f64::max)
+        };
+        assert!(evidence(Some(800.0)) > 3.0 * evidence(None));
+    }
+
+    /// A stretched actuator has nothing more to lose: a run after a rest tells what stays lost
+    /// from what comes back.
+    #[test]
+    fn what_is_lost_for_good_is_told_by_a_rest() {
+        let rivals = [
+            with(Kind::MullinsSoftening, &[0.3, 0.5]),
+            with(Kind::MaxwellBranch, &[2.0, 3.0, 0.0]),
+        ];
+        let limits = Limits {
+            stretched_rad: 1.4,
+            ..Limits::default()
+        };
+        let list = proposals(&nominal(), &rivals, 0.007, &limits);
+        assert!(
+            list.iter()
+                .all(|it| it.protocol.setup.rested_s == Some(REST_S))
+        );
+        assert!(list[0].evidence > VERY_STRONG);
     }
 }

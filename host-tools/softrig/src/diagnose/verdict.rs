@@ -323,6 +323,17 @@ pub struct Experiment {
     /// By how much the base is to be turned for it (°), if it is.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tilt_deg: Option<f64>,
+    /// What is to hang at the tip (g), if it is to change.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tip_load_g: Option<f64>,
+    /// The length of the tube (mm), if it is to change.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tube_mm: Option<f64>,
+    /// How long it is to rest before (s), if it is.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rested_s: Option<f64>,
+    /// Minutes of work and waiting, with the run.
+    pub work_min: f64,
     /// The rivals that it separates.
     pub separates: Vec<String>,
     /// Expected evidence.

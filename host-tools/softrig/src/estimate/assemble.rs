@@ -84,6 +84,7 @@ pub fn as_read(fitted: &[Recording], held_out: &[Recording]) -> Result<Assembled
     for group in &groups {
         add(&mut all, group, &clocks, alone)?;
     }
+    all.data = all.data.in_order();
     Ok(all)
 }
 

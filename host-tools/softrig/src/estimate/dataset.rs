@@ -20,6 +20,7 @@ use crate::sim::simulate::{
 };
 use softrig_formats::model_file::KnownRange;
 use softrig_formats::recording::Recording;
+use softrig_formats::setup::NewPart;
 
 /// A recording that is simulated whole.
 ///
@@ -107,6 +108,11 @@ impl Session {
             recording: Arc::new(recording),
             ..self
         }
+    }
+
+    /// The same session of a rig that stood like this.
+    pub fn standing(self, placement: Placement) -> Self {
+        Self { placement, ..self }
     }
 
     /// The same session as a part of one that was sampled every so many seconds.
@@ -248,6 +254,7 @@ impl Session {
                 rate: R::from_f64(nuisance.start.rate),
             },
             past: R::from_f64(nuisance.past),
+            stretched: self.placement.stretched_rad,
             pressure_zero: R::from_f64(nuisance.pressure_zero),
             clock: R::from_f64(self.clock),
         }
@@ -320,9 +327,6 @@ pub struct Dataset {
     fitted: Vec<bool>,
     /// What is known of base parameters beside the recordings.
     known: Vec<KnownRange>,
-    /// Length of the tube to the actuator for which models are written (mm): that of the first
-    /// session that says it.
-    tube_mm: Option<f64>,
 }
 
 impl Dataset {
@@ -339,15 +343,7 @@ impl Dataset {
             };
             this.push(Session::new(recording.clone(), 0.0, silent), vec![mark]);
         }
-        this
-    }
-
-    /// No sessions yet, for models that are written for a tube of this length (mm).
-    pub fn for_tube(tube_mm: Option<f64>) -> Self {
-        Self {
-            tube_mm,
-            ..Self::default()
-        }
+        this.in_order()
     }
 
     /// A data set of one recording whose zeros and initial state are known.
@@ -382,31 +378,76 @@ impl Dataset {
             }));
             self.fitted.push(mark.fitted);
         }
-        let said = session.recording.meta.setup.as_ref();
-        self.tube_mm = self.tube_mm.or(said.and_then(|setup| setup.tube_mm));
-        let session = Session {
-            placement: Placement::of_recording(&session.recording, self.tube_mm),
-            ..session
-        };
         self.sessions.push(Arc::new(session));
     }
 
-    /// Length of the tube to the actuator for which models of these data are written (mm); none
-    /// where no session says it.
+    /// The same data with what is said of each session counted from those before it: lengths of
+    /// tubes from the first that is said, and how far the actuator was bent.
+    #[must_use]
+    pub fn in_order(self) -> Self {
+        let mut sessions = self.sessions.iter();
+        if sessions.all(|session| session.recording.meta.setup.is_none()) {
+            return self;
+        }
+        let tube_mm = self.tube_mm();
+        let mut bent = 0.0;
+        let mut placements = self.sessions.iter().map(|session| {
+            let setup = session.recording.meta.setup.as_ref();
+            if setup.is_some_and(|setup| setup.new_part == Some(NewPart::Actuator)) {
+                bent = 0.0;
+            }
+            let has_rested = setup.is_some_and(|setup| setup.rested_s.is_some());
+            let before = if has_rested { bent } else { 0.0 };
+            bent = session.largest_angle.max(bent);
+            Placement {
+                stretched_rad: before,
+                ..Placement::of_recording(&session.recording, tube_mm)
+            }
+        });
+        self.mapped(|_, session| {
+            let placement = placements.next()?;
+            Some(Session {
+                placement,
+                ..session.clone()
+            })
+        })
+    }
+
+    /// Length of the tube to the actuator for which models of these data are written (mm): the
+    /// first that a session says.
     pub fn tube_mm(&self) -> Option<f64> {
-        self.tube_mm
+        let setups = self.sessions.iter();
+        setups
+            .filter_map(|session| session.recording.meta.setup.as_ref()?.tube_mm)
+            .next()
+    }
+
+    /// The same data of an actuator that was bent as far as this before (rad).
+    #[must_use]
+    pub fn after_stretch(&self, stretched_rad: f64) -> Self {
+        self.mapped(|_, session| {
+            Some(Session {
+                placement: Placement {
+                    stretched_rad,
+                    ..session.placement
+                },
+                ..session.clone()
+            })
+        })
     }
 
     /// The same data for models that are written for a tube of this length (mm).
     #[must_use]
     pub fn at_tube(&self, tube_mm: Option<f64>) -> Self {
-        let placed = self.mapped(|_, session| {
+        self.mapped(|_, session| {
             Some(Session {
-                placement: Placement::of_recording(&session.recording, tube_mm),
+                placement: Placement {
+                    stretched_rad: session.placement.stretched_rad,
+                    ..Placement::of_recording(&session.recording, tube_mm)
+                },
                 ..session.clone()
             })
-        });
-        Self { tube_mm, ..placed }
+        })
     }
 
     /// The sessions.
@@ -600,7 +641,7 @@ impl Dataset {
         })
     }
 
-    fn mapped(&self, change: impl Fn(usize, &Session) -> Option<Session>) -> Self {
+    fn mapped(&self, mut change: impl FnMut(usize, &Session) -> Option<Session>) -> Self {
         Self {
             sessions: self
                 .sessions

@@ -173,7 +173,13 @@ impl Prior {
         } else {
             at_rest(recording, rest, noise)
         };
-        let after = if rest == 0 { 1.0 } else { PAST_AFTER_REST };
+        let setup = recording.meta.setup.as_ref();
+        let has_rested = setup.is_some_and(|setup| setup.rested_s.is_some());
+        let after = if rest == 0 && !has_rested {
+            1.0
+        } else {
+            PAST_AFTER_REST
+        };
         let past = after * PAST * swing(&recording.angle);
         Self {
             mean: Nuisance {

@@ -550,6 +550,7 @@ impl<'a> Problem<'a> {
                 rate: unknown(nuisance.start.rate, 2),
             },
             past: unknown(nuisance.past, 3),
+            stretched: session.placement().stretched_rad,
             pressure_zero: unknown(nuisance.pressure_zero, 0),
             clock: Dual::constant(session.clock()),
         };

@@ -52,18 +52,19 @@ pub fn short_segments(data: &Dataset, nominal: &Model<f64>) -> Dataset {
                 let clock = session.clock() + recording.time[begin] - session.recording().time[0];
                 let first = segment.range.start + begin;
                 let piece = cut(session, first..first + length, 1);
-                short_segments.push((piece, clock, known, session.sampled_every()));
+                short_segments.push((piece, clock, known, session));
             }
             begin += length;
         }
     }
     let samples: usize = short_segments.iter().map(|(piece, ..)| piece.len()).sum();
     let stride = samples.div_ceil(ENOUGH).max(1);
-    let mut found = Dataset::for_tube(data.tube_mm());
-    for (piece, clock, known, every) in short_segments.into_iter().step_by(stride) {
+    let mut found = Dataset::default();
+    for (piece, clock, known, of) in short_segments.into_iter().step_by(stride) {
         let mark = whole(&piece, true);
         let session = Session::new(piece, clock, Vec::new())
-            .sampled(every)
+            .sampled(of.sampled_every())
+            .standing(of.placement())
             .knowing(known);
         found.push(session, vec![mark]);
     }
@@ -144,7 +145,7 @@ fn taken(data: &Dataset, most: usize, thinning: impl Fn(&Session) -> usize) -> D
     }
     // Zeros of a fit go back to the sessions by their order.
     parts.sort_by_key(|(index, ..)| *index);
-    let mut found = Dataset::for_tube(data.tube_mm());
+    let mut found = Dataset::default();
     for (_, part, marks) in parts {
         found.push(part, marks);
     }
@@ -205,6 +206,7 @@ fn part(
     let is_first = samples.start == 0;
     let part = Session::new(cut(session, samples, thin), clock, silent)
         .sampled(session.sampled_every())
+        .standing(session.placement())
         .coarse();
     let (mut guess, mut prior) = (session.guess(), session.prior().thinned(thin));
     if !is_first {

@@ -242,6 +242,7 @@ mod tests {
         Origin {
             start,
             past: R::zero(),
+            stretched: 0.0,
             pressure_zero: R::from_f64(zero),
             clock: R::from_f64(clock),
         }

@@ -234,6 +234,8 @@ pub struct Origin<R> {
     pub start: InitialState<R>,
     /// Where what creeps had settled before, from the angle at the start (rad).
     pub past: R,
+    /// How far it was bent before (rad).
+    pub stretched: f64,
     /// The zero of the pressure sensor (Pa).
     pub pressure_zero: R,
     /// Time on the rig's clock at the first sample (s): drifts run by it.
@@ -487,6 +489,7 @@ pub fn state_at<R: FromF64, P: Power<R>>(
     let Origin {
         start,
         past,
+        stretched,
         pressure_zero: zero,
         clock,
     } = *origin;
@@ -496,6 +499,9 @@ pub fn state_at<R: FromF64, P: Power<R>>(
         rate: start.rate,
     };
     let mut state: State<R> = model.showing_after(past, shown, pressure);
+    if stretched > 0.0 {
+        state = model.stretched(state, R::from_f64(stretched));
+    }
     if clock.to_f64() != 0.0 {
         // What has drifted by then is in the reading already.
         state.time = clock;
@@ -520,6 +526,7 @@ where
     let origin = Origin {
         start,
         past: R::zero(),
+        stretched: 0.0,
         pressure_zero: R::zero(),
         clock: R::zero(),
     };
@@ -668,6 +675,7 @@ mod tests {
                     rate: 0.0,
                 },
                 past: 0.0,
+                stretched: 0.0,
                 pressure_zero: 0.0,
                 clock: 0.0,
             };
