@@ -595,7 +595,8 @@ impl ModelReader<'_> {
     }
 
     fn effect(&self, table: &Table) -> Result<Effect<f64>, InputError> {
-        let known = Kind::ALL.iter().map(|kind| kind.name());
+        let known = Kind::ALL.iter().chain(Kind::ON_DESKTOP);
+        let known = known.map(|kind| kind.name());
         let known: Vec<&str> = known.chain([own_effects::KIND]).collect();
         let item = table.get("kind").ok_or_else(|| {
             self.toml.fail_at(

@@ -70,7 +70,7 @@ pub const KEYS: [Range; 8] = [
 
 /// Numbers of effects by their unit. Where [the catalogue](model_core::catalogue) is narrower,
 /// it counts.
-const UNITS: [(Unit, Range); 13] = [
+const UNITS: [(Unit, Range); 15] = [
     by_unit(Unit::One, "factors", 1e6, "a factor of a million"),
     by_unit(
         Unit::Newton,
@@ -114,6 +114,13 @@ const UNITS: [(Unit, Range); 13] = [
         1e6,
         "ten times that of a hydraulic pump",
     ),
+    by_unit(
+        Unit::NewtonPerKilogram,
+        "forces by a load",
+        1e6,
+        "a hundred thousand times its weight",
+    ),
+    by_unit(Unit::Metre, "levers", 1e3, "the length of a bridge"),
 ];
 
 const fn row(
@@ -253,7 +260,7 @@ mod tests {
 
     #[test]
     fn every_parameter_of_the_catalogue_has_a_range() {
-        for kind in Kind::ALL {
+        for kind in Kind::ALL.iter().chain(Kind::ON_DESKTOP) {
             for row in kind.parameters() {
                 let range = Range::of_parameter(row);
                 assert_eq!(range.unit, row.unit.symbol());

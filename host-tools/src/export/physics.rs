@@ -407,6 +407,8 @@ fn si_symbol(unit: Unit) -> &'static str {
         Unit::PerRadian => "1/rad",
         Unit::PerKiloPascal => "1/Pa",
         Unit::KiloPascal => "Pa",
+        Unit::NewtonPerKilogram => "N/kg",
+        Unit::Metre => "m",
         _ => "1",
     }
 }

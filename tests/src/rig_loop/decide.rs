@@ -168,6 +168,8 @@ fn answers(programs: &Programs, kind: &str, seed: u64, folder: &Folder) -> Resul
     let board = board(programs, &drawn, folder)?;
     let log = |name: &str, command: &mut Command, limit| logged(folder, name, command, limit);
     let mut recorded = record(programs, &board, folder, "before");
+    // What a tape measure says of the virtual rig.
+    recorded.args(["--setup", "tube_mm=300"]);
     log("1-record.txt", &mut recorded, RECORD_LIMIT)?;
     board.stop()?;
     log(
