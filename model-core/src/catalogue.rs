@@ -567,6 +567,14 @@ impl<R: Real> Effect<R> {
 }
 
 impl Kind {
+    /// Whether [`Effect::with_tube`] changes it.
+    pub const fn is_slower_in_a_longer_tube(self) -> bool {
+        matches!(
+            self,
+            Self::PneumaticLag | Self::VentAsymmetry | Self::DeadTime
+        )
+    }
+
     /// The effect that this one becomes at an end of its parameters: with no extra
     /// force at rest, with equal time constants, with a yield angle or a
     /// relaxation that vanishes.

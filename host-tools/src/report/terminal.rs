@@ -145,7 +145,7 @@ fn evidence(content: &Content) -> Vec<String> {
         lines.push(format!("{}: {}", content.rivals_title(), rivals.join("; ")));
     }
     lines.extend(next(content));
-    lines.extend(content.turning.clone());
+    lines.extend(content.changes.iter().cloned());
     lines.extend(content.untried.iter().map(|untried| {
         format!(
             "Not tried: {}, because {}",

@@ -258,16 +258,16 @@ fn setups(rivals: &[Candidate], limits: &Limits) -> Vec<Setup> {
     /// A quarter of a turn (°), one way and the other: the weight pulls most at the zero of the
     /// angle, and the actuator sags where its sensor sees it or where it does not.
     const TURNED: [f64; 2] = [90.0, -90.0];
-    let has = |kinds: &[Kind]| {
+    let has = |is_meant: &dyn Fn(Kind) -> bool| {
         rivals.iter().any(|rival| {
             let mut effects = rival.fit.model.effects();
-            effects.any(|effect| kinds.contains(&effect.kind()))
+            effects.any(|effect| is_meant(effect.kind()))
         })
     };
     let usual = Setup::default;
     // What the first stretch has taken is not there to be seen again: all that such a run says
     // is that nothing is forgotten over a rest.
-    let as_it_is = if has(&[Kind::MullinsSoftening]) && limits.stretched_rad > 0.0 {
+    let as_it_is = if has(&|kind| kind == Kind::MullinsSoftening) && limits.stretched_rad > 0.0 {
         Setup {
             rested_s: Some(REST_S),
             ..usual()
@@ -276,13 +276,13 @@ fn setups(rivals: &[Candidate], limits: &Limits) -> Vec<Setup> {
         usual()
     };
     let mut all = vec![as_it_is];
-    if has(&[Kind::Gravity]) {
+    if has(&|kind| kind == Kind::Gravity) {
         all.extend(TURNED.map(|tilt| Setup {
             tilt_deg: Some(tilt),
             ..usual()
         }));
     }
-    if has(&[Kind::PneumaticLag, Kind::VentAsymmetry, Kind::DeadTime]) {
+    if has(&Kind::is_slower_in_a_longer_tube) {
         all.extend(limits.tube_mm.map(|tube_mm| Setup {
             tube_mm: Some(LONGER * tube_mm),
             ..usual()

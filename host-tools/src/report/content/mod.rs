@@ -73,8 +73,8 @@ pub struct Content {
     pub next: Vec<NextRun>,
     /// Whether the first of them is expected to.
     pub next_suffices: bool,
-    /// What a turned base would tell, where that is open.
-    pub turning: Option<String>,
+    /// What a changed rig would tell that no plan can offer yet.
+    pub changes: Vec<String>,
     /// Sentences about what these recordings leave open.
     pub open: Vec<String>,
 }
@@ -110,7 +110,7 @@ impl Content {
             untried: tried::untried(diagnosis),
             next: rivals::next(request, diagnosis),
             next_suffices: rivals::next_suffices(diagnosis),
-            turning: rivals::turning(diagnosis),
+            changes: rivals::changes(diagnosis),
             open: open::open(diagnosis),
             rivals: rivals::rivals(diagnosis),
             lettered: rivals::lettered(diagnosis),

@@ -138,9 +138,17 @@ pub(super) fn next(request: &Request<'_>, diagnosis: &Diagnosis) -> Vec<NextRun>
         .collect()
 }
 
+/// What a changed rig would tell that no plan can offer yet.
+pub(super) fn changes(diagnosis: &Diagnosis) -> Vec<String> {
+    [turning(diagnosis), measuring_the_tube(diagnosis)]
+        .into_iter()
+        .flatten()
+        .collect()
+}
+
 /// What a turned base would tell: a static curve that these runs leave open may be a weight,
 /// also where no formula of one is among the rivals.
-pub(super) fn turning(diagnosis: &Diagnosis) -> Option<String> {
+fn turning(diagnosis: &Diagnosis) -> Option<String> {
     let is_open = diagnosis
         .finding
         .families()
@@ -152,6 +160,20 @@ pub(super) fn turning(diagnosis: &Diagnosis) -> Option<String> {
     (is_open && !is_turned && !is_proposed).then(|| {
         "Whether it is a weight: turn the base by 90° without zeroing the angle anew, record the same \
          runs with --setup tilt_deg=90, and give both. Nothing but a weight changes."
+            .into()
+    })
+}
+
+/// What a longer tube would tell, of which the length has to be known first.
+fn measuring_the_tube(diagnosis: &Diagnosis) -> Option<String> {
+    let explanations = diagnosis.finding.explanations().iter();
+    let has_air = |kinds: &[Kind]| kinds.iter().any(|kind| kind.is_slower_in_a_longer_tube());
+    let (with, without): (Vec<_>, Vec<_>) = explanations.partition(|it| has_air(&it.kinds));
+    let is_open = !with.is_empty() && !without.is_empty();
+    (is_open && diagnosis.data.tube_mm().is_none()).then(|| {
+        "Whether it is the air in the tube: write the tube's length (tube_mm) below [setup] in the \
+         metadata of these recordings, record again with a tube several times as long and --setup \
+         tube_mm=…, and give both. Nothing but what the air does changes."
             .into()
     })
 }
