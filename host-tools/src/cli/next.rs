@@ -18,7 +18,7 @@ use super::record;
 use super::virtual_rig::Companion;
 use super::watch::Watched;
 use crate::report::content::Content;
-use softrig::diagnose::plan::{Proposal, VERY_STRONG};
+use softrig::diagnose::plan::Proposal;
 use softrig::diagnose::verdict::Answer;
 use softrig::diagnose::{Diagnosis, Request, diagnose};
 use softrig_formats::error::{InputError, write_atomically};
@@ -96,7 +96,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         let (sentence, best) = diagnosed(args, &recordings)?;
         super::print(&format!("{sentence}\n"))?;
         let Some(best) = best else { break };
-        if best.evidence < VERY_STRONG {
+        if !best.decides {
             super::print(&format!("No run is expected to decide: {NOTHING_DECIDES}"))?;
             break;
         }

@@ -14,7 +14,7 @@ use softrig::diagnose::executor::Executor;
 use softrig::diagnose::finding::names;
 use softrig::diagnose::identifiability::{self, Refitted};
 use softrig::diagnose::noise::NoiseFloor;
-use softrig::diagnose::plan::{Limits, VERY_STRONG, proposals, work_min};
+use softrig::diagnose::plan::{Limits, proposals, work_min};
 use softrig::diagnose::structures;
 use softrig::estimate::assemble::assemble;
 use softrig::estimate::checkpoint::Checkpoint;
@@ -143,7 +143,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         );
     }
     text += "\nThe parameters of each effect may change as far as the recordings allow. A Δχ² of 20 is\nvery strong.\n";
-    let decides = best.evidence >= VERY_STRONG;
+    let decides = best.decides;
     if !decides {
         text += "No run comes near it: ";
         text += NOTHING_DECIDES;

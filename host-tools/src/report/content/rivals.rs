@@ -7,7 +7,6 @@ use super::explained::of_the_refit;
 use super::words::{probability, titles};
 use crate::report::shares::Explained;
 use softrig::diagnose::finding::{Finding, are_the_same, names};
-use softrig::diagnose::plan::VERY_STRONG;
 use softrig::diagnose::selection::FittedStructure;
 use softrig::diagnose::{Diagnosis, Request};
 use softrig_formats::family::Family;
@@ -181,5 +180,5 @@ fn measuring_the_tube(diagnosis: &Diagnosis) -> Option<String> {
 /// Whether the run that is offered first can be expected to separate the rivals.
 pub(super) fn next_suffices(diagnosis: &Diagnosis) -> bool {
     let first = diagnosis.proposals.first();
-    first.is_some_and(|(proposal, _)| proposal.evidence >= VERY_STRONG)
+    first.is_some_and(|(proposal, _)| proposal.decides)
 }
