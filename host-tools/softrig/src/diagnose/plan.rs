@@ -4,7 +4,8 @@
 //! and multisines within the limits, are simulated with each rival, and where one of them is a
 //! weight, once more on a base that is turned by 90° one way or the other: no pressure tells a
 //! weight from a spring, and a person would turn the rig. Where one of them is a lag of the air,
-//! they are simulated with a longer tube, if it is known how long it was; where one is a loss by
+//! they are simulated with a longer tube, if it is known how long it was; with twice the load, if
+//! one hung at the tip before and its lever is known; where one is a loss by
 //! the first stretch, after a rest, which everything else forgets. What the angle sensor does not
 //! show is no evidence. With rival A taken as
 //! true, rival B is refitted within the information of the existing recordings. Its
@@ -71,6 +72,9 @@ const PART_MIN: f64 = 30.0;
 /// How many times as long another tube is.
 const LONGER: f64 = 4.0;
 
+/// How many times as heavy another load is.
+const HEAVIER: f64 = 2.0;
+
 /// How long a rest is proposed (s): a person has a coffee, and the bench cools down.
 const REST_S: f64 = 600.0;
 
@@ -107,6 +111,9 @@ pub struct Limits {
     pub tube_mm: Option<f64>,
     /// How far the actuator was bent so far (rad).
     pub stretched_rad: f64,
+    /// The largest load that hung at its tip so far (g), so that its lever is known; none where
+    /// nothing did.
+    pub load_g: Option<f64>,
 }
 
 impl Limits {
@@ -119,12 +126,14 @@ impl Limits {
             .filter_map(|recording| recording.meta.angle_range_deg)
             .map(|range| range.map(f64::to_radians));
         let narrowest = |a: [f64; 2], b: [f64; 2]| [a[0].max(b[0]), a[1].min(b[1])];
-        let mut setups = recordings.iter().filter_map(|it| it.meta.setup.as_ref());
+        let setups = || recordings.iter().filter_map(|it| it.meta.setup.as_ref());
+        let loads = setups().filter_map(|setup| setup.tip_load_g);
         let angles = recordings.iter().flat_map(|recording| &recording.angle);
         let sizes = angles.map(|angle| angle.abs()).filter(|it| it.is_finite());
         Self {
             shown: ranges.reduce(narrowest),
-            tube_mm: setups.find_map(|setup| setup.tube_mm),
+            tube_mm: setups().find_map(|setup| setup.tube_mm),
+            load_g: loads.filter(|&grams| grams > 0.0).reduce(f64::max),
             stretched_rad: sizes.fold(0.0, f64::max),
             ..self
         }
@@ -140,6 +149,7 @@ impl Default for Limits {
             shown: None,
             tube_mm: None,
             stretched_rad: 0.0,
+            load_g: None,
         }
     }
 }
@@ -330,6 +340,11 @@ fn setups(rivals: &[Candidate], limits: &Limits) -> Vec<Setup> {
             ..usual()
         }));
     }
+    // Its weight and its inertia move with one lever, which no lag and no spring imitates.
+    all.extend(limits.load_g.map(|grams| Setup {
+        tip_load_g: Some(HEAVIER * grams),
+        ..usual()
+    }));
     if has(&Kind::is_slower_in_a_longer_tube) {
         all.extend(limits.tube_mm.map(|tube_mm| Setup {
             tube_mm: Some(LONGER * tube_mm),
