@@ -174,6 +174,7 @@ fn cannot_tell(found: &Diagnosis) -> Diagnosis {
                 protocol: ProtocolFile::named(Named::Steps),
                 separates: (0, 1),
                 evidence: 120.0,
+                decides: true,
             },
             rivals,
         )],
