@@ -18,7 +18,7 @@ use super::record;
 use super::virtual_rig::Companion;
 use super::watch::Watched;
 use crate::report::content::Content;
-use softrig::diagnose::plan::Proposal;
+use softrig::diagnose::plan::{Limits, Proposal};
 use softrig::diagnose::verdict::Answer;
 use softrig::diagnose::{Diagnosis, Request, diagnose};
 use softrig_formats::error::{InputError, write_atomically};
@@ -93,9 +93,10 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let mut recordings = args.recordings.clone();
     let mut made = 0;
     loop {
-        let (sentence, best) = diagnosed(args, &recordings)?;
+        let (sentence, next) = diagnosed(args, &recordings)?;
         super::print(&format!("{sentence}\n"))?;
-        let Some(best) = best else { break };
+        let Some(next) = next else { break };
+        let best = &next.proposal;
         if !best.decides {
             super::print(&format!("No run is expected to decide: {NOTHING_DECIDES}"))?;
             break;
@@ -109,10 +110,10 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         made += 1;
         let recording = args.output.join(format!("next{made}.csv"));
         if is_complete(&recording) {
-            refuse_another_plan(&best, &recording)?;
+            refuse_another_plan(best, &recording)?;
             super::print(&format!("{} is recorded already.\n", recording.display()))?;
         } else {
-            record_next(args, &best, &recording)?;
+            record_next(args, &next, &recording)?;
         }
         if !is_complete(&recording) {
             super::print("The run was ended early. To go on, repeat the command.\n")?;
@@ -129,9 +130,16 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// The run that would say more.
+struct Next {
+    proposal: Proposal,
+    /// How far the actuator was bent in the recordings so far (rad).
+    bent_rad: f64,
+}
+
 /// What the recordings say, and the run that would say more; none where the answer is clear or
 /// no run is known.
-fn diagnosed(args: &Args, paths: &[PathBuf]) -> anyhow::Result<(String, Option<Proposal>)> {
+fn diagnosed(args: &Args, paths: &[PathBuf]) -> anyhow::Result<(String, Option<Next>)> {
     let (file, recordings) = super::read(&args.model, paths, &args.input.layout())?;
     let request = Request {
         file: &file,
@@ -156,7 +164,10 @@ fn diagnosed(args: &Args, paths: &[PathBuf]) -> anyhow::Result<(String, Option<P
     }
     let is_open = diagnosis.finding.answer() == Answer::CannotTell;
     let best = diagnosis.proposals.first().filter(|_| is_open);
-    let best = best.map(|(proposal, _)| proposal.clone());
+    let best = best.map(|(proposal, _)| Next {
+        proposal: proposal.clone(),
+        bent_rad: Limits::default().of_rig(&recordings).stretched_rad,
+    });
     Ok((Content::of(&request, &diagnosis).sentence, best))
 }
 
@@ -180,7 +191,8 @@ fn refuse_another_plan(best: &Proposal, recording: &Path) -> Result<(), InputErr
 }
 
 /// Writes the plan of a run, has the rig set up, and records it.
-fn record_next(args: &Args, best: &Proposal, recording: &Path) -> anyhow::Result<()> {
+fn record_next(args: &Args, next: &Next, recording: &Path) -> anyhow::Result<()> {
+    let best = &next.proposal;
     let folder = &args.output;
     std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
     let plan = recording.with_extension("toml");
@@ -198,7 +210,7 @@ fn record_next(args: &Args, best: &Proposal, recording: &Path) -> anyhow::Result
     let port = match (&args.actuator, &args.port) {
         (Some(actuator), _) => {
             let rig = companion.insert(Companion::start(actuator)?);
-            rig.set_up(&best.protocol.setup)?;
+            rig.set_up(&best.protocol.setup, next.bent_rad)?;
             rig.port().to_owned()
         }
         (None, Some(port)) => {

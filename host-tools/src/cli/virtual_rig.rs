@@ -136,6 +136,9 @@ pub(crate) struct Companion {
     _said: Receiver<String>,
 }
 
+/// How far a hand can bend it (°).
+const FARTHEST_BEND_DEG: f64 = 140.0;
+
 impl Companion {
     /// Starts it, as fast as this computer can, with the actuator of a model file.
     ///
@@ -179,8 +182,10 @@ impl Companion {
         &self.port
     }
 
-    /// Changes it as a plan asks: what the plan does not say is as at its start.
-    pub(crate) fn set_up(&mut self, setup: &Setup) -> anyhow::Result<()> {
+    /// Changes it as a plan asks: what the plan does not say is as at its start. Where it is to
+    /// rest, it has been bent before as far as `bent_rad`, as the recorded one was.
+    pub(crate) fn set_up(&mut self, setup: &Setup, bent_rad: f64) -> anyhow::Result<()> {
+        let bent = bent_rad.to_degrees().min(FARTHEST_BEND_DEG);
         let mut lines = format!(
             "tilt {}\nload {}\n",
             setup.tilt_deg.unwrap_or(0.0),
@@ -188,7 +193,9 @@ impl Companion {
         );
         let others = [
             setup.tube_mm.map(|it| format!("tube {it}\n")),
-            setup.rested_s.map(|it| format!("rest {it}\n")),
+            setup
+                .rested_s
+                .map(|it| format!("bend {bent}\nrest 1\nbend off\nrest {it}\n")),
             (setup.new_part == Some(NewPart::Actuator)).then(|| "replace actuator\n".to_owned()),
         ];
         lines.extend(others.into_iter().flatten());

@@ -424,6 +424,21 @@ mod tests {
     }
 
     #[test]
+    fn a_stretch_by_hand_is_remembered_over_a_rest_and_not_by_a_new_actuator() {
+        let mullins = Kind::MullinsSoftening.build(&[0.3, 0.5]).unwrap();
+        let model: Model<f64> = Model::new(dynamics(), &[mullins]).unwrap();
+        let mut actuator = Actuator::at_rest(&model, DT);
+        actuator.hold(Some(1.4));
+        actuator.rest(1.0);
+        actuator.hold(None);
+        actuator.rest(20.0);
+        assert!(actuator.angle().abs() < 0.05, "{}", actuator.angle());
+        assert!((actuator.state.hidden[0][0] - 1.4).abs() < 0.02);
+        actuator.replace();
+        assert_eq!(actuator.state.hidden[0][0], 0.0);
+    }
+
+    #[test]
     fn a_longer_tube_is_felt_later() {
         let dead = Kind::DeadTime.build(&[0.1]).unwrap();
         let model: Model<f64> = Model::new(dynamics(), &[dead]).unwrap();
