@@ -6,6 +6,7 @@
 #![forbid(unsafe_code)]
 
 pub mod app;
+pub mod byte;
 pub mod control;
 pub mod design;
 pub mod homing;

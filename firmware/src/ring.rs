@@ -3,51 +3,48 @@
 //! One side writes and the other reads. Each changes only its own index: bytes are stored
 //! before the writer's index is released, and read before the reader's index is. On the board,
 //! with one core and byte-wide loads and stores, that only orders instructions and costs
-//! nothing.
+//! nothing; see [`Byte`].
 //!
 //! With 256 bytes the byte-wide indices wrap by themselves, so a push is a dozen
 //! instructions in an interrupt that runs 11 000 times a second. heapless' queue counts in
 //! words of the address width, whose loads an interrupt can tear here, so that it needs
 //! critical sections from portable-atomic around every one of them.
 //!
-//! The bytes are atomic too, so no unsafe code is needed: two writers at once would only lose
+//! The bytes are shared ones too, so no unsafe code is needed: two writers at once would only lose
 //! and mix up bytes.
 
-use core::sync::atomic::{
-    AtomicU8,
-    Ordering::{Acquire, Relaxed, Release},
-};
+use crate::byte::Byte;
 
 /// A queue of 255 bytes with one writer and one reader.
 #[derive(Debug)]
-pub struct Ring {
-    bytes: [AtomicU8; 256],
+pub struct Ring<B> {
+    bytes: [B; 256],
     /// Where the next byte goes; only the writer changes it.
-    head: AtomicU8,
+    head: B,
     /// Where the next byte comes from; only the reader changes it.
-    tail: AtomicU8,
+    tail: B,
 }
 
-impl Default for Ring {
+impl<B: Byte> Default for Ring<B> {
     fn default() -> Self {
         Self::new()
     }
 }
 
-impl Ring {
+impl<B: Byte> Ring<B> {
     /// An empty queue.
     pub const fn new() -> Self {
         Self {
-            bytes: [const { AtomicU8::new(0) }; 256],
-            head: AtomicU8::new(0),
-            tail: AtomicU8::new(0),
+            bytes: [const { B::ZERO }; 256],
+            head: B::ZERO,
+            tail: B::ZERO,
         }
     }
 
     /// Whether there is nothing to read.
     #[inline(always)]
     pub fn is_empty(&self) -> bool {
-        self.head.load(Acquire) == self.tail.load(Relaxed)
+        self.head.acquire() == self.tail.get()
     }
 
     /// Adds a byte; none if there is no room.
@@ -61,20 +58,20 @@ impl Ring {
     /// Takes the oldest byte.
     #[inline(always)]
     pub fn pop(&self) -> Option<u8> {
-        let tail = self.tail.load(Relaxed);
-        if tail == self.head.load(Acquire) {
+        let tail = self.tail.get();
+        if tail == self.head.acquire() {
             return None;
         }
-        let byte = self.at(tail).load(Relaxed);
-        self.tail.store(tail.wrapping_add(1), Release);
+        let byte = self.at(tail).get();
+        self.tail.release(tail.wrapping_add(1));
         Some(byte)
     }
 
     /// Bytes behind the end that are read only once all of them are there.
     #[inline(always)]
-    pub fn draft(&self) -> Draft<'_> {
-        let head = self.head.load(Relaxed);
-        let tail = self.tail.load(Acquire);
+    pub fn draft(&self) -> Draft<'_, B> {
+        let head = self.head.get();
+        let tail = self.tail.acquire();
         Draft {
             ring: self,
             head,
@@ -85,22 +82,22 @@ impl Ring {
     }
 
     #[inline(always)]
-    fn at(&self, place: u8) -> &AtomicU8 {
+    fn at(&self, place: u8) -> &B {
         &self.bytes[usize::from(place)]
     }
 }
 
 /// Bytes that are added all or none; see [`Ring::draft`].
 #[derive(Debug)]
-pub struct Draft<'ring> {
-    ring: &'ring Ring,
+pub struct Draft<'ring, B> {
+    ring: &'ring Ring<B>,
     head: u8,
     /// Free places when it was begun; meanwhile they can only become more.
     room: u8,
     fits: bool,
 }
 
-impl Draft<'_> {
+impl<B: Byte> Draft<'_, B> {
     /// Adds a byte, if there is room for it and all before it.
     #[inline(always)]
     pub fn push(&mut self, byte: u8) {
@@ -108,7 +105,7 @@ impl Draft<'_> {
             self.fits = false;
             return;
         }
-        self.ring.at(self.head).store(byte, Relaxed);
+        self.ring.at(self.head).set(byte);
         self.head = self.head.wrapping_add(1);
         self.room -= 1;
     }
@@ -117,7 +114,7 @@ impl Draft<'_> {
     #[inline(always)]
     pub fn commit(self) -> bool {
         if self.fits {
-            self.ring.head.store(self.head, Release);
+            self.ring.head.release(self.head);
         }
         self.fits
     }
@@ -127,6 +124,7 @@ impl Draft<'_> {
 mod tests {
     extern crate std;
     use super::*;
+    use core::sync::atomic::AtomicU8;
     use proptest::prelude::*;
     use std::{collections::VecDeque, thread, vec::Vec};
 
@@ -135,7 +133,7 @@ mod tests {
         fn it_is_a_queue_of_255_bytes(
             turns in prop::collection::vec((any::<bool>(), 0..300_usize), 1..60),
         ) {
-            let (ring, mut model) = (Ring::new(), VecDeque::new());
+            let (ring, mut model) = (Ring::<AtomicU8>::new(), VecDeque::new());
             for (writes, count) in turns {
                 for byte in (0..count).map(|index| (index * 7 % 251) as u8) {
                     if writes {
@@ -154,7 +152,7 @@ mod tests {
 
         #[test]
         fn a_draft_goes_whole_or_not_at_all(lines in prop::collection::vec(0..300_usize, 1..20)) {
-            let ring = Ring::new();
+            let ring = Ring::<AtomicU8>::new();
             for length in lines {
                 let mut draft = ring.draft();
                 for byte in 0..length {
@@ -174,7 +172,7 @@ mod tests {
     #[test]
     fn every_byte_arrives_once_and_in_order() {
         const BYTES: u32 = if cfg!(miri) { 600 } else { 1_000_000 };
-        let ring = Ring::new();
+        let ring = Ring::<AtomicU8>::new();
         thread::scope(|scope| {
             scope.spawn(|| {
                 for count in 0..BYTES {

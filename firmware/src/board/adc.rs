@@ -6,17 +6,16 @@
 //! sample has to be thrown away after a change of channel. At 1/128 of the clock a
 //! conversion takes 104 µs, at the 125 kHz that ten bits need.
 
-use core::sync::atomic::{AtomicU8, Ordering::Relaxed};
-
 use avr_device::atmega2560::{ADC as Converter, adc::RegisterBlock};
 use firmware::{
+    byte::Byte,
     io::Oversampled,
     wiring::{FLEX_CHANNEL, PRESSURE_CHANNEL},
 };
 
 use super::{
     periods::{self, BEATS},
-    shared::{self, Shared},
+    shared::{self, Shared, SharedByte},
 };
 
 /// Reference: the supply, to which both sensors are ratiometric.
@@ -25,7 +24,7 @@ const PRESSURE: u8 = REFERENCE | PRESSURE_CHANNEL;
 const FLEX: u8 = REFERENCE | FLEX_CHANNEL;
 
 /// The beat whose conversion is under way.
-static CONVERTING: AtomicU8 = AtomicU8::new(0);
+static CONVERTING: SharedByte = SharedByte::new(0);
 /// Sums of the period under way.
 static PRESSURE_SUM: Shared<u16> = Shared::new(0);
 static FLEX_SUM: Shared<u16> = Shared::new(0);
@@ -98,7 +97,7 @@ pub(super) fn start(beat: u8) {
     // SAFETY: the clock's interrupt only sets the start bit; the flag of a
     // conversion that is done was cleared by its interrupt.
     let converter = unsafe { &*Converter::ptr() };
-    CONVERTING.store(beat, Relaxed);
+    CONVERTING.set(beat);
     converter.adcsra.modify(|_, w| w.adsc().set_bit());
 }
 
@@ -109,7 +108,7 @@ fn ADC() {
     // SAFETY: between conversions nobody else touches the converter.
     let converter = unsafe { &*Converter::ptr() };
     let sample = converter.adc.read().bits();
-    let beat = CONVERTING.load(Relaxed);
+    let beat = CONVERTING.get();
     if beat % 2 == 0 {
         select(converter, FLEX);
         PRESSURE_SUM.set(section, PRESSURE_SUM.get(section).wrapping_add(sample));

@@ -7,10 +7,9 @@
 //! one begins the next control period: control sees samples that are never older
 //! than one conversion, and always equally old.
 
-use core::sync::atomic::{AtomicU8, Ordering::Relaxed};
-
 use avr_device::atmega2560::TC3;
 use firmware::{
+    byte::Byte,
     design::{CONTROL_HZ, CPU_HZ, PERIOD_MS},
     stepper::SLOTS,
 };
@@ -18,7 +17,9 @@ use firmware::{
 use super::{
     adc,
     periods::{self, BEATS},
-    pulses, shared, switches,
+    pulses,
+    shared::{self, SharedByte},
+    switches,
 };
 
 /// Beats in a slot of the pulse plan.
@@ -32,7 +33,7 @@ const _: () = assert!(CYCLES_PER_BEAT * CONTROL_HZ as u32 * BEATS as u32 == CPU_
 const _: () = assert!(CYCLES_PER_BEAT <= 0xffff);
 
 /// The beat of the period that comes next.
-static BEAT: AtomicU8 = AtomicU8::new(0);
+static BEAT: SharedByte = SharedByte::new(0);
 
 /// The clock.
 pub struct Clock {
@@ -107,9 +108,9 @@ impl Clock {
 fn TIMER3_COMPA() {
     // SAFETY: this is an interrupt handler.
     let section = unsafe { shared::in_interrupt() };
-    let beat = BEAT.load(Relaxed);
+    let beat = BEAT.get();
     adc::start(beat);
-    BEAT.store(if beat == BEATS - 1 { 0 } else { beat + 1 }, Relaxed);
+    BEAT.set(if beat == BEATS - 1 { 0 } else { beat + 1 });
     // A new plan begins at the last beat: its conversion begins the next control
     // period, so that the main program had a whole one to make the plan.
     if beat % BEATS_PER_SLOT == BEATS_PER_SLOT - 1 {

@@ -15,17 +15,11 @@
 //! within two looks at a pressed emergency stop or at an end switch that the plunger
 //! runs into, without waiting for the main program.
 
-use core::{
-    arch::global_asm,
-    mem::size_of,
-    sync::atomic::{
-        AtomicBool, AtomicU8,
-        Ordering::{Acquire, Relaxed, Release},
-    },
-};
+use core::{arch::global_asm, mem::size_of};
 
 use avr_device::atmega2560::{TC1, tc1::RegisterBlock as Timer};
 use firmware::{
+    byte::Byte,
     io,
     stepper::{HIGH_CYCLES, Plan, Planner, SHORTEST_GAP, SLOTS},
     wiring,
@@ -33,7 +27,7 @@ use firmware::{
 
 use super::{
     pins::{is_at, pin_type},
-    shared::{self, CriticalSection, Shared},
+    shared::{self, CriticalSection, Shared, SharedByte, SharedFlag},
     switches::{self, PUSHED, RETRACTED, STOP},
 };
 
@@ -86,27 +80,27 @@ static IS_RUNNING: Shared<bool> = Shared::new(false);
 static GAPS: [Shared<u32>; 2 * SLOTS] = [const { Shared::new(0) }; 2 * SLOTS];
 const _: () = assert!(SLOTS.is_power_of_two());
 /// Where the plan in use begins.
-static IN_USE: AtomicU8 = AtomicU8::new(0);
+static IN_USE: SharedByte = SharedByte::new(0);
 /// Whether the plan to come compresses.
-static NEXT_COMPRESSES: AtomicBool = AtomicBool::new(false);
+static NEXT_COMPRESSES: SharedFlag = SharedFlag::new(false);
 /// The other one is complete and begins with the next period.
-static IS_NEXT_READY: AtomicBool = AtomicBool::new(false);
+static IS_NEXT_READY: SharedFlag = SharedFlag::new(false);
 /// The slot that comes next.
-static SLOT: AtomicU8 = AtomicU8::new(0);
+static SLOT: SharedByte = SharedByte::new(0);
 /// Periods that began without a new plan since the one in use did.
-static LATE: AtomicU8 = AtomicU8::new(0);
+static LATE: SharedByte = SharedByte::new(0);
 /// With so many, the main program hangs: three periods have gone by since the plan in use
 /// began, four at most since the main program did anything.
 const LATEST: u8 = 2;
 
 /// Whether either end switch stops pulses in either direction: the plunger is homed and
 /// stands clear of both. Else only the one that it moves towards does.
-static IS_HOMED: AtomicBool = AtomicBool::new(true);
+static IS_HOMED: SharedFlag = SharedFlag::new(true);
 /// The switches that stopped pulses since the main program last looked.
-static STOPPED_BY: AtomicU8 = AtomicU8::new(0);
+static STOPPED_BY: SharedByte = SharedByte::new(0);
 
 /// Stopped at once; slots are passed over until a new plan begins.
-static IS_HALTED: AtomicBool = AtomicBool::new(true);
+static IS_HALTED: SharedFlag = SharedFlag::new(true);
 
 /// The pump's motor driver.
 pub struct Pulses {
@@ -149,7 +143,7 @@ impl Pulses {
     /// Does what the control logic asks for. `acceleration` is in microsteps/s²; a plunger
     /// that `is_homed` stands clear of both end switches.
     pub fn obey(&mut self, pump: io::Pump, acceleration: f32, is_homed: bool) {
-        IS_HOMED.store(is_homed, Relaxed);
+        IS_HOMED.set(is_homed);
         match pump {
             io::Pump::Off => {
                 self.halt();
@@ -163,17 +157,17 @@ impl Pulses {
                 self.enable.low();
                 // Every plan goes on from the one before and has to be played: one
                 // that was late, and still waits for its period, stays.
-                if IS_NEXT_READY.load(Acquire) {
+                if IS_NEXT_READY.acquire() {
                     return;
                 }
                 let Plan { compress, gaps } = self.planner.plan(rate, acceleration);
                 // The interrupt does not look at it before it is ready.
-                NEXT_COMPRESSES.store(compress, Relaxed);
-                let next = usize::from(IN_USE.load(Relaxed)) ^ SLOTS;
+                NEXT_COMPRESSES.set(compress);
+                let next = usize::from(IN_USE.get()) ^ SLOTS;
                 for (place, gap) in GAPS.iter().skip(next).zip(gaps) {
                     shared::free(|section| place.set(section, gap));
                 }
-                IS_NEXT_READY.store(true, Release);
+                IS_NEXT_READY.release(true);
             }
         }
     }
@@ -182,8 +176,8 @@ impl Pulses {
     fn halt(&mut self) {
         self.planner.halt();
         shared::free(|section| {
-            IS_NEXT_READY.store(false, Release);
-            IS_HALTED.store(true, Relaxed);
+            IS_NEXT_READY.release(false);
+            IS_HALTED.set(true);
             set_gap(section, 0);
             stop(section, &self.timer);
         });
@@ -192,8 +186,8 @@ impl Pulses {
     /// The switches that stopped the pulses since the last look.
     pub fn stopped_by(&mut self) -> u8 {
         shared::free(|_| {
-            let switches = STOPPED_BY.load(Relaxed);
-            STOPPED_BY.store(0, Relaxed);
+            let switches = STOPPED_BY.get();
+            STOPPED_BY.set(0);
             switches
         })
     }
@@ -297,30 +291,30 @@ pub(super) fn slot(section: CriticalSection<'_>, is_first: bool) {
     // SAFETY: the main program touches the timer in critical sections only.
     let timer = unsafe { &*TC1::ptr() };
     if is_first {
-        if IS_NEXT_READY.load(Acquire) {
+        if IS_NEXT_READY.acquire() {
             begin_plan(section, timer);
         } else {
-            LATE.store(LATE.load(Relaxed).saturating_add(1), Relaxed);
+            LATE.set(LATE.get().saturating_add(1));
         }
     }
-    if IS_HALTED.load(Relaxed) {
+    if IS_HALTED.get() {
         return;
     }
     // A switch that let go before the main program looked still counts: the plan that
     // was made meanwhile knows nothing of it.
-    let stopping = switches::now() & stopping(section) | STOPPED_BY.load(Relaxed);
-    if stopping != 0 || LATE.load(Relaxed) >= LATEST {
-        STOPPED_BY.store(STOPPED_BY.load(Relaxed) | stopping, Relaxed);
-        IS_HALTED.store(true, Relaxed);
+    let stopping = switches::now() & stopping(section) | STOPPED_BY.get();
+    if stopping != 0 || LATE.get() >= LATEST {
+        STOPPED_BY.set(STOPPED_BY.get() | stopping);
+        IS_HALTED.set(true);
         set_gap(section, 0);
         stop(section, timer);
         return;
     }
-    let slot = SLOT.load(Relaxed);
-    let index = usize::from(IN_USE.load(Relaxed) | slot) & (2 * SLOTS - 1);
+    let slot = SLOT.get();
+    let index = usize::from(IN_USE.get() | slot) & (2 * SLOTS - 1);
     let gap = GAPS[index].get(section);
     if slot < LAST_SLOT {
-        SLOT.store(slot + 1, Relaxed);
+        SLOT.set(slot + 1);
     }
     set_gap(section, gap);
     if gap == 0 {
@@ -333,7 +327,7 @@ pub(super) fn slot(section: CriticalSection<'_>, is_first: bool) {
 /// The switches that stop the pulses.
 #[inline(always)]
 fn stopping(section: CriticalSection<'_>) -> u8 {
-    let ends = if IS_HOMED.load(Relaxed) {
+    let ends = if IS_HOMED.get() {
         RETRACTED | PUSHED
     } else if STRIDE.get(section) == 1 {
         PUSHED
@@ -351,23 +345,19 @@ fn set_gap(section: CriticalSection<'_>, gap: u32) {
 
 /// The plan to come is the one in use now.
 fn begin_plan(section: CriticalSection<'_>, timer: &Timer) {
-    IS_NEXT_READY.store(false, Release);
-    IS_HALTED.store(false, Relaxed);
-    LATE.store(0, Relaxed);
-    IN_USE.store(IN_USE.load(Relaxed) ^ OTHER, Relaxed);
-    SLOT.store(0, Relaxed);
-    let stride = if NEXT_COMPRESSES.load(Relaxed) {
-        1
-    } else {
-        u16::MAX
-    };
+    IS_NEXT_READY.release(false);
+    IS_HALTED.set(false);
+    LATE.set(0);
+    IN_USE.set(IN_USE.get() ^ OTHER);
+    SLOT.set(0);
+    let stride = if NEXT_COMPRESSES.get() { 1 } else { u16::MAX };
     if stride == STRIDE.get(section) {
         return;
     }
     // The planner reverses at standstill only. Were it ever otherwise, the motor
     // would run away: rather no pulses at all.
     if IS_RUNNING.get(section) {
-        IS_HALTED.store(true, Relaxed);
+        IS_HALTED.set(true);
         set_gap(section, 0);
         stop(section, timer);
         return;

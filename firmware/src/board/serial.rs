@@ -4,18 +4,18 @@
 //! all, and what was dropped is counted. Replies are asked for, and wait for
 //! their turn.
 
-use core::{
-    convert::Infallible,
-    sync::atomic::{AtomicU8, Ordering::Relaxed},
-};
+use core::convert::Infallible;
 
 use avr_device::atmega2560::USART0;
 use embedded_hal_nb::serial::{ErrorType, Read, Write};
 use firmware::{
+    byte::Byte,
     design::CPU_HZ,
     ring::{self, Ring},
 };
 use ufmt::uWrite;
+
+use super::shared::SharedByte;
 
 /// Serial speed in baud. At 16 MHz it is 2.1 % fast, within what a receiver
 /// forgives; the bootloader uses it too.
@@ -25,10 +25,10 @@ const BAUD: u32 = 115_200;
 #[allow(clippy::cast_possible_truncation)]
 const BAUD_DIVISOR: u16 = ((CPU_HZ + 4 * BAUD) / (8 * BAUD) - 1) as u16;
 
-static RECEIVED: Ring = Ring::new();
-static TO_SEND: Ring = Ring::new();
+static RECEIVED: Ring<SharedByte> = Ring::new();
+static TO_SEND: Ring<SharedByte> = Ring::new();
 /// Bytes that arrived and found no place; stays at 255.
-static LOST: AtomicU8 = AtomicU8::new(0);
+static LOST: SharedByte = SharedByte::new(0);
 
 /// The serial port.
 pub struct Serial {
@@ -57,7 +57,7 @@ impl Serial {
 
     /// Bytes that arrived and were lost, at most 255.
     pub fn lost_bytes(&self) -> u8 {
-        LOST.load(Relaxed)
+        LOST.get()
     }
 
     /// Lines that were dropped for want of room.
@@ -91,7 +91,7 @@ impl Serial {
 }
 
 /// Text behind the end of the ring that is not sent unless all of it fits.
-pub struct Draft(ring::Draft<'static>);
+pub struct Draft(ring::Draft<'static, SharedByte>);
 
 impl uWrite for Draft {
     type Error = Infallible;
@@ -160,7 +160,7 @@ fn USART0_RX() {
     let usart = unsafe { &*USART0::ptr() };
     let byte = usart.udr0.read().bits();
     if RECEIVED.push(byte).is_none() {
-        LOST.store(LOST.load(Relaxed).saturating_add(1), Relaxed);
+        LOST.set(LOST.get().saturating_add(1));
     }
 }
 

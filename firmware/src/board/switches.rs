@@ -4,9 +4,9 @@
 //! or pulled out they read high. Long wires beside a motor's catch spikes, so a
 //! level counts once it was seen in two of the last three looks, 1.25 ms apart.
 
-use core::sync::atomic::{AtomicU8, Ordering::Relaxed};
+use firmware::byte::Byte;
 
-use super::pins::pin_type;
+use super::{pins::pin_type, shared::SharedByte};
 
 pub(super) const RETRACTED: u8 = 1;
 pub(super) const PUSHED: u8 = 2;
@@ -17,10 +17,10 @@ type PushedEnd = pin_type!(Input, PUSHED_END);
 type EmergencyStop = pin_type!(Input, EMERGENCY_STOP);
 
 /// The last look and the one before.
-static LAST: AtomicU8 = AtomicU8::new(0xff);
-static BEFORE: AtomicU8 = AtomicU8::new(0xff);
+static LAST: SharedByte = SharedByte::new(0xff);
+static BEFORE: SharedByte = SharedByte::new(0xff);
 /// What counts. Until they were looked at, all are pressed.
-static PRESSED: AtomicU8 = AtomicU8::new(0xff);
+static PRESSED: SharedByte = SharedByte::new(0xff);
 
 /// The three switches.
 pub struct Switches {
@@ -77,14 +77,14 @@ impl Switches {
 
     /// What is pressed now.
     pub fn pressed(&self) -> Pressed {
-        Pressed(PRESSED.load(Relaxed))
+        Pressed(PRESSED.get())
     }
 }
 
 /// What is pressed now, for the interrupt that makes pulses.
 #[inline(always)]
 pub(super) fn now() -> u8 {
-    PRESSED.load(Relaxed)
+    PRESSED.get()
 }
 
 /// Looks at the pins; called by the clock.
@@ -94,9 +94,9 @@ pub(super) fn sample() {
     let now = level(RetractedEnd::peek(), RETRACTED)
         | level(PushedEnd::peek(), PUSHED)
         | level(EmergencyStop::peek(), STOP);
-    let last = LAST.load(Relaxed);
-    let before = BEFORE.load(Relaxed);
-    PRESSED.store(now & last | last & before | now & before, Relaxed);
-    BEFORE.store(last, Relaxed);
-    LAST.store(now, Relaxed);
+    let last = LAST.get();
+    let before = BEFORE.get();
+    PRESSED.set(now & last | last & before | now & before);
+    BEFORE.set(last);
+    LAST.set(now);
 }
