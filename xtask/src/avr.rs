@@ -170,6 +170,15 @@ pub fn size(image: &Path) -> Outcome<Size> {
     })
 }
 
+/// The instructions of an image, as text.
+pub fn disassembly(image: &Path) -> Outcome<String> {
+    read(
+        Command::new("avr-objdump")
+            .args(["-d", "--no-show-raw-insn"])
+            .arg(image),
+    )
+}
+
 /// Prints the size of an image.
 pub fn print_size(image: &Path) -> Outcome {
     let Size { flash, static_ram } = size(image)?;

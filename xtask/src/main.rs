@@ -17,6 +17,7 @@ mod setup;
 mod shell;
 mod simulator;
 mod size;
+mod stack;
 mod test;
 mod venv;
 

@@ -62,6 +62,7 @@ fn pulses_do_not_jitter() {
     let intervals: Vec<u64> = edges.windows(2).map(|pair| pair[1] - pair[0]).collect();
     let settings = Settings::DEFAULT;
     let rate = settings.number(Key::MaxFlow) / settings.number(Key::VolumePerStep);
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // Some 1 120.
     let planned = (CLOCK_HZ as f32 / rate) as u64;
     let mut late: Vec<u64> = steady(&intervals, planned)
         .iter()
