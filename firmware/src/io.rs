@@ -5,11 +5,21 @@
 
 use crate::design::OVERSAMPLING;
 
-/// A sensor's reading: the sum of [`OVERSAMPLING`] conversions of ten bits.
+/// A sensor's reading: the sum of [`OVERSAMPLING`] conversions of ten bits, or
+/// [`Self::NOT_MEASURED`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Oversampled(pub u16);
 
 impl Oversampled {
+    /// A control period that lacked a conversion, since interrupts were off: no sum of
+    /// conversions is as large.
+    pub const NOT_MEASURED: Self = Self(u16::MAX);
+
+    /// Whether this is a reading.
+    pub fn is_measured(self) -> bool {
+        self != Self::NOT_MEASURED
+    }
+
     /// The mean in counts of a ten-bit converter, with fractions.
     pub fn counts(self) -> f32 {
         f32::from(self.0) / f32::from(OVERSAMPLING)

@@ -31,6 +31,7 @@
 #define MARK_REGISTER 0x3e // GPIOR0
 #define MCUSR 0x54
 #define WDTCSR 0x60
+#define ADCSRA 0x7a
 #define EECR 0x3f
 #define EEDR 0x40
 #define EEARL 0x41
@@ -41,6 +42,7 @@
 #define UBRR0H 0xc5
 
 #define WDTCSR_WDE 0x08
+#define ADCSRA_ADIF 0x10
 #define UCSR0A_U2X 0x02
 #define UCSR0B_RXEN 0x10
 #define EECR_EERE 0x01
@@ -93,6 +95,7 @@ struct softrig_board {
     avr_io_t module; // called by simavr when it resets
     avr_eeprom_t *eeprom_module;
     avr_uart_t *uart_module;
+    avr_adc_t *adc_module;
 
     // Reset
     uint8_t reset_flags; // MCUSR as the firmware left it
@@ -657,6 +660,16 @@ static void on_conversion(struct avr_irq_t *irq, uint32_t value, void *param)
         apply_channel(board, e.mux.src);
 }
 
+// The flag of a conversion that is done is cleared by writing a one; simavr keeps the one.
+static void on_converter_control(struct avr_t *avr, avr_io_addr_t addr, uint8_t value, void *param)
+{
+    struct softrig_board *board = param;
+    if (!(value & ADCSRA_ADIF))
+        return;
+    avr_clear_interrupt(avr, &board->adc_module->adc);
+    avr->data[addr] &= (uint8_t)~ADCSRA_ADIF;
+}
+
 void softrig_board_set_analog(struct softrig_board *board, uint8_t channel, double millivolts,
                               double noise)
 {
@@ -817,8 +830,10 @@ struct softrig_board *softrig_board_new(const char *processor, uint32_t hertz,
             board->eeprom_module = (avr_eeprom_t *)io;
         if (!strcmp(io->kind, "uart") && ((avr_uart_t *)io)->name == '0')
             board->uart_module = (avr_uart_t *)io;
+        if (!strcmp(io->kind, "adc"))
+            board->adc_module = (avr_adc_t *)io;
     }
-    if (!board->eeprom_module || !board->uart_module) {
+    if (!board->eeprom_module || !board->uart_module || !board->adc_module) {
         softrig_board_free(board);
         return NULL;
     }
@@ -835,6 +850,7 @@ struct softrig_board *softrig_board_new(const char *processor, uint32_t hertz,
     // After simavr's.
     avr_register_io_write(avr, UBRR0L, on_uart_setup, board);
     avr_register_io_write(avr, UCSR0A, on_uart_setup, board);
+    avr_register_io_write(avr, ADCSRA, on_converter_control, board);
     board->byte_cycles = hertz / 11520;
 
     no_level_polling(avr);

@@ -65,6 +65,9 @@ impl App {
             }
             Command::Raw => {
                 let Inputs { pressure, flex, .. } = self.inputs;
+                if !pressure.is_measured() || !flex.is_measured() {
+                    return reply::no(out, id, Refusal::NoReading);
+                }
                 let raw = Raw {
                     pressure: pressure.0,
                     flex: flex.0,

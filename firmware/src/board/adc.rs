@@ -5,6 +5,11 @@
 //! thirds of a beat, 200 µs, to settle before the next sample is taken, and no
 //! sample has to be thrown away after a change of channel. At 1/128 of the clock a
 //! conversion takes 104 µs, at the 125 kHz that ten bits need.
+//!
+//! While the self-test holds interrupts off, a beat comes late and the next one may find the
+//! converter busy: it has no conversion then. Which sensor a conversion is of is therefore read from
+//! the multiplexer and not told by the beat, conversions are counted, and a period that lacks
+//! one has no reading.
 
 use avr_device::atmega2560::{ADC as Converter, adc::RegisterBlock};
 use firmware::{
@@ -15,7 +20,7 @@ use firmware::{
 
 use super::{
     periods::{self, BEATS},
-    shared::{self, Shared, SharedByte},
+    shared::{self, Shared, SharedByte, SharedFlag},
 };
 
 /// Reference: the supply, to which both sensors are ratiometric.
@@ -23,13 +28,15 @@ const REFERENCE: u8 = 0b0100_0000;
 const PRESSURE: u8 = REFERENCE | PRESSURE_CHANNEL;
 const FLEX: u8 = REFERENCE | FLEX_CHANNEL;
 
-/// The beat whose conversion is under way.
-static CONVERTING: SharedByte = SharedByte::new(0);
+/// Whether the period ends with the conversion that is under way.
+static ENDS: SharedFlag = SharedFlag::new(false);
 /// Sums of the period under way.
 static PRESSURE_SUM: Shared<u16> = Shared::new(0);
 static FLEX_SUM: Shared<u16> = Shared::new(0);
+/// Conversions in both.
+static COUNT: SharedByte = SharedByte::new(0);
 /// Sums of the last whole period.
-static READINGS: Shared<[u16; 2]> = Shared::new([0; 2]);
+static READINGS: Shared<[Oversampled; 2]> = Shared::new([Oversampled::NOT_MEASURED; 2]);
 
 /// Both sensors in one control period.
 #[derive(Clone, Copy)]
@@ -76,10 +83,7 @@ impl Adc {
     /// What the sensors said in the last whole period.
     pub fn readings(&self) -> Readings {
         let [pressure, flex] = shared::free(|section| READINGS.get(section));
-        Readings {
-            pressure: Oversampled(pressure),
-            flex: Oversampled(flex),
-        }
+        Readings { pressure, flex }
     }
 }
 
@@ -91,14 +95,21 @@ fn select(converter: &RegisterBlock, channel: u8) {
     });
 }
 
-/// Starts the conversion of a beat.
+/// Starts the conversion of a beat, unless the converter is busy with the one before.
 #[inline(always)]
 pub(super) fn start(beat: u8) {
-    // SAFETY: the clock's interrupt only sets the start bit; the flag of a
-    // conversion that is done was cleared by its interrupt.
+    // SAFETY: the clock's interrupt only sets the start bit, and only while nothing is
+    // being converted.
     let converter = unsafe { &*Converter::ptr() };
-    CONVERTING.set(beat);
-    converter.adcsra.modify(|_, w| w.adsc().set_bit());
+    if beat == BEATS - 1 {
+        ENDS.set(true);
+    }
+    let now = converter.adcsra.read();
+    // One that is done has its interrupt pending. It shall see the multiplexer as it was, and
+    // writing the register would clear its flag.
+    if now.adsc().bit_is_clear() && now.adif().bit_is_clear() {
+        converter.adcsra.modify(|_, w| w.adsc().set_bit());
+    }
 }
 
 #[avr_device::interrupt(atmega2560)]
@@ -108,19 +119,32 @@ fn ADC() {
     // SAFETY: between conversions nobody else touches the converter.
     let converter = unsafe { &*Converter::ptr() };
     let sample = converter.adc.read().bits();
-    let beat = CONVERTING.get();
-    if beat % 2 == 0 {
+    // Only this interrupt selects a channel, so it is still the one that was converted.
+    if converter.admux.read().bits() == PRESSURE {
         select(converter, FLEX);
         PRESSURE_SUM.set(section, PRESSURE_SUM.get(section).wrapping_add(sample));
+    } else {
+        select(converter, PRESSURE);
+        FLEX_SUM.set(section, FLEX_SUM.get(section).wrapping_add(sample));
+    }
+    let count = COUNT.get().wrapping_add(1);
+    if !ENDS.get() {
+        COUNT.set(count);
         return;
     }
-    select(converter, PRESSURE);
-    let flex = FLEX_SUM.get(section).wrapping_add(sample);
-    FLEX_SUM.set(section, flex);
-    if beat == BEATS - 1 {
-        READINGS.set(section, [PRESSURE_SUM.get(section), flex]);
-        PRESSURE_SUM.set(section, 0);
-        FLEX_SUM.set(section, 0);
-        periods::begin();
-    }
+    ENDS.set(false);
+    // They alternate: as many as there are beats are half of either sensor.
+    let readings = if count == BEATS {
+        [
+            Oversampled(PRESSURE_SUM.get(section)),
+            Oversampled(FLEX_SUM.get(section)),
+        ]
+    } else {
+        [Oversampled::NOT_MEASURED; 2]
+    };
+    READINGS.set(section, readings);
+    PRESSURE_SUM.set(section, 0);
+    FLEX_SUM.set(section, 0);
+    COUNT.set(0);
+    periods::begin();
 }

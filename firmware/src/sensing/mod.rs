@@ -49,6 +49,8 @@ pub enum SensorFault {
     High,
     /// Farther beyond the calibration table than can be extrapolated.
     BeyondTable,
+    /// A conversion was missed: interrupts were off for too long.
+    NotMeasured,
     /// The same to the last bit while the rig moves; see [`stuck`].
     Stuck,
 }
@@ -56,6 +58,7 @@ pub enum SensorFault {
 /// The sum of conversions, if no broken wire gives it.
 fn within_wires(reading: Oversampled) -> Result<u16, SensorFault> {
     match reading.0 {
+        _ if !reading.is_measured() => Err(SensorFault::NotMeasured),
         ..LOWEST_SUM => Err(SensorFault::Low),
         sum if sum > HIGHEST_SUM => Err(SensorFault::High),
         sum => Ok(sum),
@@ -175,7 +178,10 @@ impl Sensors {
             .pressure
             .update(calibration.pressure.pressure(inputs.pressure));
         let mut angle = calibration.flex.angle(inputs.flex);
-        if self.stuck.update(inputs.flex.0, pressure.valid()) && angle.is_ok() {
+        if inputs.flex.is_measured()
+            && self.stuck.update(inputs.flex.0, pressure.valid())
+            && angle.is_ok()
+        {
             angle = Err(SensorFault::Stuck);
         }
         Readings {
@@ -337,6 +343,27 @@ mod tests {
         let back = sensors.update(&calibration(), &broken).angle;
         assert_eq!(back.fault, None);
         assert!((back.filtered.to_degrees() - 80.0).abs() < 0.1, "no ramp");
+    }
+
+    /// What lacks conversions is no reading, and a single one of it no fault.
+    #[test]
+    fn an_incomplete_period_carries_the_last_reading_on() {
+        let mut sensors = Sensors::new();
+        sensors.update(&calibration(), &inputs(10.0, 30.0, 0));
+        let lost = Inputs {
+            pressure: Oversampled::NOT_MEASURED,
+            flex: Oversampled::NOT_MEASURED,
+            ..Inputs::default()
+        };
+        let readings = sensors.update(&calibration(), &lost);
+        assert!((readings.pressure.value - 10_000.0).abs() < 100.0);
+        assert!((readings.angle.value.to_degrees() - 30.0).abs() < 0.1);
+        assert!(!readings.pressure.fresh && readings.pressure.fault.is_none());
+        for _ in 0..10 {
+            sensors.update(&calibration(), &lost);
+        }
+        let readings = sensors.update(&calibration(), &lost);
+        assert_eq!(readings.pressure.fault, Some(SensorFault::NotMeasured));
     }
 
     #[test]

@@ -3,7 +3,7 @@
 //! a recording) starts from it.
 
 use virtual_rig::{Options, ResetCause};
-use wire::{command::Command, telemetry::Telemetry};
+use wire::{command::Command, decimal::Hundredths, telemetry::Telemetry};
 
 use crate::bench::{Bench, healthy};
 
@@ -115,4 +115,29 @@ fn a_tare_after_a_second_is_as_good_as_a_later_one() {
             "{seed}: {degrees} degrees"
         );
     }
+}
+
+/// A step of the self-test holds the interrupts off for milliseconds. The conversions that are
+/// missed meanwhile do not go to the other sensor.
+#[test]
+fn the_self_test_moves_no_reading() {
+    let Some(mut bench) = Bench::start(healthy()) else {
+        return;
+    };
+    bench.run(1.0);
+    bench.samples.clear();
+    bench.obey(Command::SelfTest);
+    bench.run(8.0);
+    assert!(bench.garbage > 20, "a line for each model");
+    let farthest = |read: fn(&Telemetry) -> Option<Hundredths>| {
+        bench
+            .samples
+            .iter()
+            .map(|sample| read(sample).map_or(f32::INFINITY, |value| value.to_f32().abs()))
+            .fold(0.0, f32::max)
+    };
+    let kpa = farthest(|sample| sample.pressure_kpa);
+    let degrees = farthest(|sample| sample.angle_deg);
+    println!("{} samples: {kpa} kPa, {degrees} deg", bench.samples.len());
+    assert!(kpa < 1.0 && degrees < 2.0, "{kpa} kPa, {degrees} deg");
 }
