@@ -56,7 +56,7 @@ impl Config {
 enum Phase {
     /// Going back to the switch.
     Search,
-    /// It answered: standing still.
+    /// It answers: standing still, and looking whether it goes on. A spike on its wire does not.
     Stop,
     /// Leaving it.
     BackOff,
@@ -95,7 +95,7 @@ impl Homing {
     pub fn start(inputs: &Inputs) -> Self {
         Self {
             phase: if inputs.retracted_end {
-                Phase::BackOff
+                Phase::Stop
             } else {
                 Phase::Search
             },
@@ -135,14 +135,18 @@ impl Homing {
             Phase::Search if inputs.pushed_end && (is_clear || -moved > let_go) => {
                 return Progress::Failed(Fault::MotorReversed);
             }
-            Phase::Search if inputs.retracted_end => self.enter(Phase::Stop, inputs.steps),
+            // The search goes on from where it began, so that switches that flicker cannot
+            // make it endless.
+            Phase::Search if inputs.retracted_end => self.enter(Phase::Stop, self.from),
             Phase::Search if -moved > config.max_volume * LONGEST_SEARCH => {
                 return Progress::Failed(Fault::Stall);
             }
+            Phase::Stop if !inputs.retracted_end => self.enter(Phase::Search, self.from),
             Phase::Stop if settled => self.enter(Phase::BackOff, inputs.steps),
             Phase::BackOff if inputs.pushed_end => return Progress::Failed(Fault::EndSwitch),
             Phase::BackOff if !inputs.retracted_end => {
                 self.enter(Phase::Zero, 0);
+                self.before = 0;
                 set_steps = Some(0);
             }
             Phase::BackOff if moved > let_go => {
@@ -173,7 +177,6 @@ impl Homing {
         *self = Self {
             phase,
             from,
-            before: from,
             standing: 0,
             ..*self
         };
@@ -184,7 +187,7 @@ impl Homing {
 mod tests {
     extern crate std;
     use super::*;
-    use crate::plant::Plant;
+    use crate::{design::PERIOD_S, plant::Plant};
 
     /// Homes a plant; the seconds it took, or the fault.
     fn home(plant: &mut Plant) -> Result<f64, Fault> {
@@ -283,6 +286,64 @@ mod tests {
             stays.step(&config, &at(far, true)),
             Progress::Failed(Fault::MotorReversed)
         );
+    }
+
+    /// A wire beside a motor's catches spikes. One that lasts for two looks of the board counts
+    /// for a period, also the first.
+    #[test]
+    fn a_spike_is_no_home() {
+        for at in [0, 1, 100, 101, 300] {
+            let mut plant = Plant::new(60e3, 45e3);
+            let config = Config::of(&plant.settings);
+            plant.retracted_end = (at == 0).then_some(true);
+            let mut homing = Homing::start(&plant.inputs());
+            for period in 1.. {
+                plant.retracted_end = (period == at).then_some(true);
+                let inputs = plant.inputs();
+                match homing.step(&config, &inputs) {
+                    Progress::Moving(outputs) => plant.step(&outputs),
+                    Progress::Done => break,
+                    Progress::Failed(fault) => panic!("{fault:?}"),
+                }
+                assert!(period < 10_000);
+            }
+            assert!(
+                (plant.plunger - 500.0).abs() < 10.0,
+                "{at}: {}",
+                plant.plunger
+            );
+        }
+    }
+
+    /// A search that a switch interrupts again and again ends where any other does: the pump
+    /// steps, whether or not the plunger stands at its stop.
+    #[test]
+    #[allow(clippy::cast_possible_truncation)] // Some hundred steps a period.
+    fn a_switch_that_flickers_is_a_fault() {
+        let config = Config::of(&Settings::DEFAULT);
+        let mut inputs = Inputs::default();
+        let mut homing = Homing::start(&inputs);
+        for period in 0..10_000 {
+            inputs.retracted_end = period % 7 == 0;
+            match homing.step(&config, &inputs) {
+                Progress::Moving(Outputs {
+                    pump: Pump::Rate(rate),
+                    ..
+                }) => inputs.steps += (rate * PERIOD_S) as i32,
+                Progress::Moving(_) => {}
+                Progress::Done => panic!("homed on a switch that flickers"),
+                Progress::Failed(fault) => {
+                    assert_eq!(fault, Fault::Stall);
+                    let travel = -inputs.steps as f32 * config.volume_per_step;
+                    assert!(
+                        travel < config.max_volume * (LONGEST_SEARCH + 0.1),
+                        "{travel}"
+                    );
+                    return;
+                }
+            }
+        }
+        panic!("homing never ends");
     }
 
     #[test]

@@ -3,7 +3,7 @@
 
 use std::cell::Cell;
 
-use virtual_rig::{Fault as Broken, ResetCause};
+use virtual_rig::{Fault as Broken, Planned, ResetCause};
 use wire::{
     command::Command,
     fault::Fault,
@@ -135,6 +135,31 @@ fn a_retracted_switch_that_is_stuck() {
         homes_in_vain(Broken::RetractedSwitch, Fault::RetractedSwitch),
         0
     );
+}
+
+/// A wire beside a motor's catches a spike: the plunger is homed where it would be without.
+#[test]
+fn a_spike_on_the_retracted_switch_while_homing() {
+    for after_s in [0.05, 0.6, 1.5] {
+        let Some(mut bench) = Bench::start(healthy()) else {
+            return;
+        };
+        bench.arm();
+        let home_mm = bench.rig.plant().plunger_mm;
+        bench.obey(Command::Run(Some(Named::Paper)));
+        bench.run(4.0);
+        bench.obey(Command::Stop);
+        bench.run(4.0);
+        let from_s = bench.rig.time_s() + after_s;
+        bench.rig.plan_fault(Planned {
+            fault: Broken::RetractedSwitch,
+            from_s,
+            until_s: Some(from_s + 0.003),
+        });
+        bench.arm();
+        let away_mm = bench.rig.plant().plunger_mm - home_mm;
+        assert!(away_mm.abs() < 0.05, "{after_s} s: {away_mm} mm");
+    }
 }
 
 #[test]
