@@ -10,10 +10,19 @@
 //!
 //! An actuator that swells, a leak, and a small position error reduce it, so only a
 //! quarter is required, with twice the syringe for V.
+//!
+//! The board does not know the syringe. `max.ul` may be too large for it, and a window of a twelfth of
+//! 500 ml is never pushed in by one of 60 ml: the watch would be off. So it looks for the rise that
+//! the syringe of `docs/hardware` gives, or a smaller one by `max.ul`. A larger syringe has more air:
+//! 4 ml pushed into 160 ml give 2.5 kPa, half of it if the actuator swells as much, and 1 kPa is
+//! required. That is why `max.ul` ends at 100 ml.
 
 use wire::settings::{Key, Settings};
 
 use crate::control::ATMOSPHERE_PA;
+
+/// The largest volume (µl) of the syringe of `docs/hardware`.
+const SYRINGE_UL: f32 = 50_000.0;
 
 /// All the air that there may be, in largest volumes of the pump.
 const AIR: f32 = 2.0;
@@ -45,7 +54,7 @@ impl Watch {
     ) -> bool {
         match self.start {
             Some((from, at)) if valve_closed && volume >= from => {
-                let largest = settings.number(Key::MaxVolume);
+                let largest = settings.number(Key::MaxVolume).min(SYRINGE_UL);
                 if volume - from < largest * WINDOW {
                     return false;
                 }
@@ -67,12 +76,33 @@ mod tests {
     use super::*;
 
     fn compress(air_ul: f32, leak: f32) -> bool {
+        pushed_in(&Settings::DEFAULT, air_ul, leak).is_some()
+    }
+
+    /// The volume (µl) that is pushed in before the watch finds it, of 20 ml.
+    fn pushed_in(settings: &Settings, air_ul: f32, leak: f32) -> Option<f32> {
         let mut watch = Watch::default();
-        (0..400).any(|period| {
-            let volume = 500.0 + 50.0 * period as f32;
+        (0..400_u16).find_map(|period| {
+            let pushed = 50.0 * f32::from(period);
+            let volume = 500.0 + pushed;
             let gas = ATMOSPHERE_PA * (air_ul / (air_ul - volume) - 1.0);
-            watch.step(&Settings::DEFAULT, true, volume, gas * (1.0 - leak))
+            watch
+                .step(settings, true, volume, gas * (1.0 - leak))
+                .then_some(pushed)
         })
+    }
+
+    #[test]
+    fn a_volume_that_is_set_too_large_does_not_switch_it_off() {
+        let mut settings = Settings::DEFAULT;
+        for (largest, pushed) in [(10_000.0, 800.0), (50_000.0, 4_000.0), (100_000.0, 4_000.0)] {
+            settings.set(Key::MaxVolume, f32::to_bits(largest)).unwrap();
+            assert_eq!(pushed_in(&settings, 60e3, 1.0), Some(pushed), "{largest}");
+            // The syringe of that volume, and an actuator that swells by as much as is pushed in.
+            let air_ul = (largest + 60e3).min(2.0 * largest);
+            assert_eq!(pushed_in(&settings, air_ul, 0.5), None, "{largest}");
+        }
+        assert!(settings.set(Key::MaxVolume, 500e3_f32.to_bits()).is_err());
     }
 
     #[test]

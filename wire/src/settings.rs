@@ -137,7 +137,7 @@ scalars! {
     PressureSpan = 7, "p.span", 0.673_316, 0.05, 5.0, "kPa/count", "Pressure per count, of sensors to 40 kPa up to 4 MPa";
     MaxPressure = 8, "max.kpa", 180.0, 1.0, 400.0, "kPa", "Pressure at which the rig is stopped";
     MaxAngle = 9, "max.deg", 130.0, 1.0, 330.0, "deg", "Bending angle at which the rig is stopped";
-    MaxVolume = 10, "max.ul", 50_000.0, 100.0, 500_000.0, "ul", "Largest volume that the pump may displace";
+    MaxVolume = 10, "max.ul", 50_000.0, 100.0, 100_000.0, "ul", "Largest volume that the pump may displace";
     MaxFlow = 11, "max.flow", 5_000.0, 10.0, 20_000.0, "ul/s", "Fastest flow of the pump";
     MaxFlowRate = 12, "max.acc", 40_000.0, 100.0, 500_000.0, "ul/s^2", "Fastest change of the flow";
     SetpointMax = 13, "set.deg", 110.0, 1.0, 330.0, "deg", "Largest angle that may be asked for";

@@ -25,6 +25,19 @@ fn running() -> Option<Bench> {
     Some(bench)
 }
 
+/// The highest true pressure (kPa) until a fault.
+#[track_caller]
+fn highest_until_a_fault(bench: &mut Bench, within_s: f64) -> f64 {
+    let highest_kpa = Cell::new(0.0_f64);
+    bench.until(within_s, "a fault", |bench| {
+        // The valve opens with the fault.
+        let kpa = bench.rig.plant().pressure_kpa;
+        highest_kpa.set(highest_kpa.get().max(kpa));
+        bench.fault().is_some()
+    });
+    highest_kpa.get()
+}
+
 /// Breaks something, expects the fault, mends it and clears.
 fn breaks(broken: Broken, fault: Fault, within_s: f64) {
     let Some(mut bench) = running() else {
@@ -95,6 +108,28 @@ fn a_pressure_sensor_that_is_stuck() {
     );
     bench.run(0.05);
     assert!(bench.is_safe());
+}
+
+/// `max.ul` beyond the syringe's volume does not make the watch wait for a stroke that the
+/// syringe does not have.
+#[test]
+fn a_pressure_sensor_that_is_stuck_at_zero_and_a_volume_that_is_set_too_large() {
+    for largest_ul in [100_000.0_f32, 500_000.0] {
+        let Some(mut bench) = Bench::start(healthy()) else {
+            return;
+        };
+        let (key, bits) = (Key::MaxVolume, largest_ul.to_bits());
+        if bench.ask(Command::Set { key, bits }).is_err() {
+            continue;
+        }
+        bench.save();
+        bench.load(ControlMode::Pressure, 100.0);
+        bench.rig.set_fault(Broken::StuckPressure, true);
+        bench.obey(Command::Run(None));
+        let highest_kpa = highest_until_a_fault(&mut bench, 20.0);
+        assert!(highest_kpa < 20.0, "{largest_ul} ul: {highest_kpa} kPa");
+        assert_eq!(bench.fault(), Some(Fault::Stall));
+    }
 }
 
 #[test]
@@ -278,16 +313,10 @@ fn a_pressure_sensor_that_drifts_down() {
         return;
     };
     bench.rig.set_fault(Broken::DriftingPressure, true);
-    let highest_kpa = Cell::new(0.0_f64);
-    bench.until(120.0, "a fault", |bench| {
-        // The valve opens with the fault.
-        let kpa = bench.rig.plant().pressure_kpa;
-        highest_kpa.set(highest_kpa.get().max(kpa));
-        bench.fault().is_some()
-    });
+    let highest_kpa = highest_until_a_fault(&mut bench, 120.0);
     assert_eq!(bench.fault(), Some(Fault::Stall));
     let most_kpa = f64::from(Settings::DEFAULT.number(Key::SetpointMaxPressure));
-    assert!(highest_kpa.get() < most_kpa, "{highest_kpa:?} kPa");
+    assert!(highest_kpa < most_kpa, "{highest_kpa} kPa");
     // Mended, it stays a fault until somebody has looked.
     bench.rig.set_fault(Broken::DriftingPressure, false);
     bench.run(1.0);
