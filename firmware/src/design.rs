@@ -60,6 +60,11 @@ pub const STILL_PRESSURISED_PERIODS: u16 = 50;
 /// last air goes out in 0.2 s.
 pub const VENTING_PERIODS: u8 = 20;
 
+/// Time (s) that a plunger may take for its return beside that of twice the stroke at the fastest
+/// flow: for the tube, and eleven time constants of the slowest ramp. A run that waits longer is
+/// stopped, since nothing else would end it.
+pub const RETURN_S: f32 = 30.0;
+
 // ---- Commanded against observed ----
 
 /// Sensor and prediction disagree if they differ by more than this (rad), 15°, one of them is

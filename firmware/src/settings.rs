@@ -31,6 +31,10 @@ const _: () = assert!(
 /// single-precision number counts every step.
 const MOST_STEPS: f32 = 16_777_216.0;
 
+/// Longest time (s) from standstill to the fastest flow. A plunger approaches its place with that
+/// time constant: from 50 ml to a microstep it takes eleven of them.
+const SLOWEST_RAMP_S: f32 = 2.0;
+
 /// Why settings do not make sense as a whole.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
@@ -54,6 +58,9 @@ pub enum Flaw {
     /// A limit is beyond what its sensor can show, so that it would never stop
     /// the rig.
     LimitBeyondSensor,
+    /// The pump needs longer than [`SLOWEST_RAMP_S`] to its fastest flow, and ten times that to
+    /// come to rest at a place.
+    SlowRamp,
     /// The largest volume has more microsteps than are counted.
     TooManySteps,
 }
@@ -243,6 +250,9 @@ pub fn examine(settings: &Settings) -> Result<(), Flaw> {
         || limits.angle_rad > calibration.flex.largest()
     {
         return Err(Flaw::LimitBeyondSensor);
+    }
+    if number(Key::MaxFlow) > number(Key::MaxFlowRate) * SLOWEST_RAMP_S {
+        return Err(Flaw::SlowRamp);
     }
     if number(Key::MaxVolume) > number(Key::VolumePerStep) * MOST_STEPS {
         return Err(Flaw::TooManySteps);

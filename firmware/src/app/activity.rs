@@ -16,7 +16,7 @@ use model_core::predictor::Predictor;
 
 use crate::{
     control::{self, Controller, Measured, limit},
-    design::VENTING_PERIODS,
+    design::{PERIOD_S, RETURN_S, VENTING_PERIODS},
     homing::{self, Homing},
     io::{Outputs, Pump, Valve},
     monitor::Monitor,
@@ -46,6 +46,8 @@ pub(super) struct Play {
     setpoint: Setpoint,
     /// Periods for which the plunger has been back at its start.
     back: u8,
+    /// Time (s) for which the plunger has been on its way there.
+    returning: f32,
 }
 
 /// The inputs of a run in one period.
@@ -77,6 +79,7 @@ impl Play {
             controller: Controller::new(),
             setpoint: Setpoint::None,
             back: 0,
+            returning: 0.0,
         }
     }
 
@@ -111,6 +114,7 @@ impl Play {
         let outputs = match reference {
             Reference::Track { mode, level } => {
                 self.back = 0;
+                self.returning = 0.0;
                 let mut measured = *given.measured;
                 if mode == ControlMode::AngleClosedLoop {
                     measured.expected = given.monitor.expected(given.predictor);
@@ -130,6 +134,7 @@ impl Play {
             }
             Reference::Hold => {
                 self.setpoint = Setpoint::None;
+                self.returning = 0.0;
                 closed(0.0)
             }
             Reference::Release | Reference::Done => {
@@ -159,6 +164,14 @@ impl Play {
         }
         // Behind a narrow tube the air needs longer than the plunger.
         let is_back = self.back >= VENTING_PERIODS && !given.pressurised;
+        if matches!(reference, Reference::Release | Reference::Done) && !is_back {
+            self.returning += PERIOD_S;
+            let stroke_s =
+                given.settings.number(Key::MaxVolume) / given.settings.number(Key::MaxFlow);
+            if self.returning > RETURN_S + 2.0 * stroke_s {
+                return Progress::Failed(Fault::Internal);
+            }
+        }
         if reference == Reference::Done {
             if is_back {
                 return Progress::Done(outputs);

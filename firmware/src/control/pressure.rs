@@ -22,7 +22,7 @@ use super::{
     limit::{size, within},
 };
 
-use crate::design::{OUT_OF_REACH_PA, OUT_OF_REACH_PERIODS};
+use crate::design::{OUT_OF_REACH_PA, OUT_OF_REACH_PERIODS, PERIOD_S};
 
 /// Gains and limits of the pressure loop.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -55,6 +55,10 @@ const SMOOTHING: f32 = 0.1;
 
 /// Limit (Pa) of the smoothed error, so that an invalid reading has no lasting effect.
 const FAR_PA: f32 = 20_000.0;
+
+/// Largest share of the way left that is made in a second (1/s): a quarter in a control
+/// period, of the half at which a plunger that is seen two periods late begins to hunt.
+const FASTEST_APPROACH: f32 = 0.25 / PERIOD_S;
 
 /// Share of the fastest flow below which the stroke is at its end.
 const AT_END: f32 = 0.01;
@@ -157,16 +161,23 @@ impl Config {
     /// With a flow of at most k times the way left, the deceleration is k times
     /// the flow; k = acceleration/flow at full speed keeps it within the limit.
     pub fn attainable(&self, wanted: f32, volume: f32) -> f32 {
-        let per_volume = self.max_acceleration / self.max_flow;
+        let per_volume = self.per_volume();
         let up = within((self.max_volume - volume) * per_volume, 0.0, self.max_flow);
         let down = within(volume * per_volume, 0.0, self.max_flow);
         within(wanted, -down, up)
     }
 
+    /// k above (1/s). A slow pump with a fast ramp would have a k that corrects a gap within a
+    /// period. But what a plan does is seen two periods later, and the plunger would hunt about its
+    /// place for ever.
+    fn per_volume(&self) -> f32 {
+        (self.max_acceleration / self.max_flow).min(FASTEST_APPROACH)
+    }
+
     /// The flow (µl/s) that takes the plunger over the `gap` (µl) that is left
     /// and arrives there at rest.
     pub fn approach(&self, gap: f32) -> f32 {
-        let flow = gap * (self.max_acceleration / self.max_flow);
+        let flow = gap * self.per_volume();
         within(flow, -self.max_flow, self.max_flow)
     }
 }

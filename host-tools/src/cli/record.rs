@@ -100,6 +100,11 @@ fn seconds(text: &str) -> Result<f64, String> {
 const REST_MS: i64 = 1_000;
 /// Time recorded after the end of a protocol or after a fault (ms).
 const AFTER_MS: i64 = 500;
+/// How long (ms) a run may take beyond twice the time of its protocol: releases wait until the
+/// plunger is back. The board has a deadline for each of them; this is for a board that keeps
+/// none.
+const LATEST_END_MS: i64 = 600_000;
+
 /// Longest wait (wall clock) for the board to obey.
 const OBEY: Duration = Duration::from_secs(5);
 
@@ -427,6 +432,12 @@ impl Session {
                     let started = *started_ms.get_or_insert(now_ms);
                     let total = i64::from(protocol.total_ms());
                     self.stage.play(&name, now_ms - started, total);
+                    if now_ms - started > 2 * total + LATEST_END_MS {
+                        Err(self.link.late(
+                            "the protocol should have ended minutes ago",
+                            "look whether the plunger comes back to its start; the rig is stopped now",
+                        ))?;
+                    }
                 }
                 Some(State::Fault) => {
                     let code = self.recorder.last().map_or(0, |row| row.sample.fault);

@@ -301,3 +301,48 @@ fn closed_loop_steps_settle_without_overshoot() {
         }
     }
 }
+
+/// A pump that is slow and quick to start comes back to its place all the same, and the run ends.
+#[test]
+fn a_run_with_a_slow_pump_ends() {
+    for (flow, acceleration) in [(500.0, 40_000.0), (200.0, 500_000.0), (1_000.0, 500.0)] {
+        let Some(mut bench) = Bench::start(healthy()) else {
+            return;
+        };
+        bench.set(Key::MaxFlow, flow);
+        bench.set(Key::MaxFlowRate, acceleration);
+        bench.save();
+        bench.obey(Command::Load(2));
+        let segments = [
+            Segment::Step {
+                mode: ControlMode::Pressure,
+                level: Hundredths(500),
+                duration_ms: 8_000,
+            },
+            Segment::Release { duration_ms: 1_000 },
+        ];
+        for (index, segment) in (0..).zip(segments) {
+            bench.obey(Command::Segment { index, segment });
+        }
+        // Homing moves at half of the fastest flow.
+        bench.obey(Command::Arm);
+        bench.until(200.0, "ready", |bench| bench.state() == State::Ready);
+        bench.obey(Command::Run(None));
+        bench.run(1.0);
+        bench.until(60.0, "the end of the run", |bench| {
+            bench.state() != State::Running
+        });
+        assert_eq!((bench.state(), bench.fault()), (State::Ready, None));
+    }
+}
+
+/// One that would need minutes to come to rest is refused.
+#[test]
+fn a_pump_that_hardly_starts_is_refused() {
+    let Some(mut bench) = Bench::start(healthy()) else {
+        return;
+    };
+    bench.set(Key::MaxFlow, 20_000.0);
+    bench.set(Key::MaxFlowRate, 100.0);
+    assert_eq!(bench.ask(Command::Save), Err(Refusal::BadSettings));
+}
