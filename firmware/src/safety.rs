@@ -56,8 +56,8 @@ macro_rules! conditions {
         impl Faults {
             /// What latches in every state. Motion has nothing to do with these: the
             /// operator must have seen them before the rig is armed. Pressure above the
-            /// limit belongs here because in idle the valve is open: then it is a
-            /// blocked vent.
+            /// limit, and any that stays, belong here because in idle the valve is open: then
+            /// it is a blocked vent.
             const ALWAYS: Self = Self::NONE $( .with(Fault::$fault, $when) )+;
 
             /// What latches only while the pump may move. At rest these are only shown:
@@ -102,8 +102,9 @@ conditions! {
     /// [`LONGEST_VENTING_PERIODS`](crate::design::LONGEST_VENTING_PERIODS), and the pressure
     /// has not been near zero for
     /// [`STILL_PRESSURISED_PERIODS`](crate::design::STILL_PRESSURISED_PERIODS) since: it
-    /// stays, or a plunger that goes back sucks the actuator flat.
-    vent_blocked: Vent WHILE_ARMED,
+    /// stays, or a plunger that goes back sucks the actuator flat. In idle too: who is done
+    /// with the rig touches the actuator.
+    vent_blocked: Vent ALWAYS,
     /// The bending angle is above the limit of the settings.
     over_angle: OverAngle WHILE_ARMED,
     /// The plunger runs into an end; see [`runs_into_end`].
@@ -618,7 +619,7 @@ mod tests {
 | internal | stops | stops | stops | stops |
 | retracted switch | shown | stops | stops | stops |
 | motor direction | shown | stops | stops | stops |
-| vent | shown | stops | stops | stops |
+| vent | stops | stops | stops | stops |
 | out of reach | shown | stops | stops | stops |
 | disagreement | shown | stops | stops | stops |
 "

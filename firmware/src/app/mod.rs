@@ -282,9 +282,13 @@ impl App {
 
     /// Enters a fault if its condition holds.
     fn latch(&mut self) {
+        let was_vented = !self.supervisor.is_latched(Fault::Vent);
         if self.supervisor.update(&self.conditions).is_some() {
             self.sentence = self.supervisor.fault();
             self.activity = Activity::None;
+        } else if was_vented && self.supervisor.is_latched(Fault::Vent) {
+            // Beside what stopped the rig, this is what its operator has to know.
+            self.sentence = Some(Fault::Vent);
         }
     }
 

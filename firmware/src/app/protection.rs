@@ -60,7 +60,7 @@ impl Protection {
         let closed = seen.outputs.valve == Valve::Closed;
         self.venting = if closed {
             0
-        } else if pressurised {
+        } else if pressurised && readings.pressure.fault.is_none() {
             self.venting.saturating_add(1)
         } else {
             self.venting.saturating_add(1).min(LONGEST_VENTING_PERIODS)

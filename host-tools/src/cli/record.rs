@@ -100,6 +100,12 @@ fn seconds(text: &str) -> Result<f64, String> {
 const REST_MS: i64 = 1_000;
 /// Time recorded after the end of a protocol or after a fault (ms).
 const AFTER_MS: i64 = 500;
+/// In which time (wall clock) the air goes out of a rig at rest; the board's own fault comes 3.5 s
+/// after the vent was opened.
+const VENTED: Duration = Duration::from_secs(4);
+/// What a pressure sensor may show without pressure (kPa), as the board has it before it arms.
+const NO_PRESSURE_KPA: f32 = 5.0;
+
 /// How long (ms) a run may take beyond twice the time of its protocol: releases wait until the
 /// plunger is back. The board has a deadline for each of them; this is for a board that keeps
 /// none.
@@ -192,8 +198,19 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     };
     let armed = outcome.is_err() || !matches!(outcome, Ok(End::Complete));
     session.leave(armed && protocol.is_some());
+    let remaining_kpa = if protocol.is_some() {
+        session.remaining_kpa()
+    } else {
+        None
+    };
     session.stage.finish();
-    session.end(outcome, &parts, args.split, output)
+    let ended = session.end(outcome, &parts, args.split, output);
+    if let Some(kpa) = remaining_kpa {
+        super::warn(&format!(
+            "{kpa:.0} kPa are still in the actuator: open it by hand before you touch it"
+        ));
+    }
+    ended
 }
 
 /// How the rig stands: as the command line says, else as the protocol asks; none where
@@ -500,6 +517,24 @@ impl Session {
             }
             if matches!(self.state(), Some(State::Idle | State::Fault)) {
                 break;
+            }
+        }
+    }
+
+    /// The pressure that stays although the rig is at rest with its vent open; none if it goes
+    /// out or is not known.
+    fn remaining_kpa(&mut self) -> Option<f32> {
+        let until = Instant::now() + VENTED;
+        loop {
+            let kpa = self.recorder.last()?.sample.pressure_kpa?.to_f32();
+            if kpa.abs() <= NO_PRESSURE_KPA {
+                return None;
+            }
+            if Instant::now() >= until || !self.link.is_connected() {
+                return Some(kpa);
+            }
+            if let Some(event) = self.link.next_event(Duration::from_millis(20)) {
+                self.recorder.take(&event);
             }
         }
     }

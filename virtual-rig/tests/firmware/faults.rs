@@ -223,21 +223,76 @@ fn a_motor_that_turns_the_other_way() {
     );
 }
 
-/// The air of a run that was stopped stays, and the rig is not armed.
-#[test]
-fn a_vent_that_does_not_open() {
-    let Some(mut bench) = running() else {
-        return;
-    };
+/// A rig in a run, whose vent will not open; stopped in some way.
+fn stopped_with_a_vent_that_is_shut(stop: impl Fn(&mut Bench)) -> Option<Bench> {
+    let mut bench = running()?;
     bench.run(3.0);
     bench.rig.set_fault(Broken::VentShut, true);
-    bench.obey(Command::Stop);
+    stop(&mut bench);
     bench.run(5.0);
     assert!(bench.rig.plant().pressure_kpa > 20.0);
-    assert_eq!(bench.ask(Command::Arm), Err(Refusal::Pressurised));
+    Some(bench)
+}
+
+/// The air of a run that was stopped stays: that is a fault although the rig is idle, which
+/// cannot be cleared while it lasts.
+#[test]
+fn a_vent_that_does_not_open() {
+    let stop = |bench: &mut Bench| {
+        bench.obey(Command::Stop);
+    };
+    let Some(mut bench) = stopped_with_a_vent_that_is_shut(stop) else {
+        return;
+    };
+    assert_eq!(
+        (bench.state(), bench.fault()),
+        (State::Fault, Some(Fault::Vent))
+    );
+    assert!(
+        bench
+            .remarks
+            .iter()
+            .any(|said| said == Fault::Vent.sentence())
+    );
+    assert_eq!(bench.ask(Command::Clear), Err(Refusal::StillThere));
+    assert_eq!(bench.ask(Command::Arm), Err(Refusal::Faulted));
     bench.rig.set_fault(Broken::VentShut, false);
     bench.run(1.0);
+    bench.obey(Command::Clear);
     bench.arm();
+}
+
+/// What had stopped the rig stays on the display; that there is pressure is said too.
+#[test]
+fn a_vent_that_does_not_open_after_another_fault() {
+    let presses = |bench: &mut Bench| {
+        bench.rig.set_fault(Broken::EmergencyStop, true);
+        bench.run(0.1);
+        bench.rig.set_fault(Broken::EmergencyStop, false);
+    };
+    let pulls = |bench: &mut Bench| bench.beating = false;
+    for (stop, fault) in [
+        (&presses as &dyn Fn(&mut Bench), Fault::EmergencyStop),
+        (&pulls, Fault::HostLost),
+    ] {
+        let Some(mut bench) = stopped_with_a_vent_that_is_shut(stop) else {
+            return;
+        };
+        bench.run(2.0);
+        assert_eq!(bench.fault(), Some(fault));
+        assert!(
+            bench
+                .remarks
+                .iter()
+                .any(|said| said == Fault::Vent.sentence())
+        );
+        bench.beating = true;
+        assert_eq!(bench.ask(Command::Clear), Err(Refusal::StillThere));
+        bench.rig.set_fault(Broken::VentShut, false);
+        bench.run(1.0);
+        bench.obey(Command::Clear);
+        bench.arm();
+    }
 }
 
 /// Without pressure at first, nothing shows before the plunger goes back and sucks.
