@@ -9,6 +9,7 @@ pub mod app;
 pub mod byte;
 pub mod control;
 pub mod design;
+pub mod gas;
 pub mod homing;
 pub mod io;
 pub mod monitor;

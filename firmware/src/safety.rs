@@ -115,6 +115,8 @@ conditions! {
     retracted_switch: RetractedSwitch WHILE_ARMED,
     /// The pump moves and nothing follows, or homing finds no switch.
     stall: Stall WHILE_ARMED,
+    /// Pressure and pushed-in volume contradict each other; see [`crate::gas`].
+    gas_law: GasLaw WHILE_ARMED,
     /// The pump is at the end of its stroke and far from the pressure set-point.
     out_of_reach: Reach WHILE_ARMED,
     /// In closed loop, sensor and prediction show different angles.
@@ -420,6 +422,7 @@ mod tests {
             vent_blocked: bit(Fault::Vent),
             out_of_reach: bit(Fault::Reach),
             disagreement: bit(Fault::Disagreement),
+            gas_law: bit(Fault::GasLaw),
             pressurised: bits >> Fault::ALL.len() & 1 == 1,
         }
     }
@@ -622,6 +625,7 @@ mod tests {
 | vent | stops | stops | stops | stops |
 | out of reach | shown | stops | stops | stops |
 | disagreement | shown | stops | stops | stops |
+| gas law | shown | stops | stops | stops |
 "
         );
     }

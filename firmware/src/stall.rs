@@ -34,6 +34,16 @@ const SHARE: f32 = 0.25;
 /// 4 ml of 50, of which a quarter of the promise is 1 kPa, well above the noise.
 const WINDOW: f32 = 0.08;
 
+/// The volume (µl) over which a rise of the pressure can be told.
+pub fn window(settings: &Settings) -> f32 {
+    syringe(settings) * WINDOW
+}
+
+/// The largest volume (µl) of the syringe, as far as it is believed.
+fn syringe(settings: &Settings) -> f32 {
+    settings.number(Key::MaxVolume).min(SYRINGE_UL)
+}
+
 /// Where the present compression began.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Watch {
@@ -54,12 +64,11 @@ impl Watch {
     ) -> bool {
         match self.start {
             Some((from, at)) if valve_closed && volume >= from => {
-                let largest = settings.number(Key::MaxVolume).min(SYRINGE_UL);
-                if volume - from < largest * WINDOW {
+                if volume - from < window(settings) {
                     return false;
                 }
                 self.start = Some((volume, pressure));
-                let promised = ATMOSPHERE_PA * (volume - from) / (AIR * largest);
+                let promised = ATMOSPHERE_PA * (volume - from) / (AIR * syringe(settings));
                 pressure - at < promised * SHARE
             }
             _ => {

@@ -98,6 +98,9 @@ faults! {
     /// In closed loop, the sensor shows less than half or more than twice of the prediction.
     Disagreement = 18, "disagreement",
         "The flex sensor and the model show different angles, so the loop would drive blindly: check the sensor, or upload a model that fits.";
+    /// The volume pushed in allows a pressure above the limit, and the sensor shows less.
+    GasLaw = 19, "gas law",
+        "By the volume pushed in, the pressure may be higher than the sensor shows: look for a leak, or check the pressure sensor's zero.";
 }
 
 #[cfg(test)]

@@ -37,7 +37,9 @@ const ROWS: [Measure; 7] = [
         title: "flash",
         in_full: "flash",
         unit: "bytes",
-        budget: 104.0 * 1024.0,
+        // Below 128 KiB every function is in reach of a 16-bit word address, so that calls of
+        // computed addresses would need no trampolines. What the watches of safety need counts.
+        budget: 112.0 * 1024.0,
         tolerance: 1_024.0,
     },
     Measure {
@@ -45,7 +47,7 @@ const ROWS: [Measure; 7] = [
         title: "static RAM",
         in_full: "static RAM",
         unit: "bytes",
-        budget: 3_840.0,
+        budget: 4_096.0,
         tolerance: 32.0,
     },
     Measure {

@@ -5,6 +5,7 @@ use wire::settings::Settings;
 
 use crate::{
     design::{LARGEST_AT_REST_PA, LONGEST_VENTING_PERIODS, STILL_PRESSURISED_PERIODS},
+    gas,
     io::{Inputs, Outputs, Pump, Valve},
     safety::{Conditions, runs_into_end},
     sensing::Readings,
@@ -17,6 +18,7 @@ use wire::state::State;
 #[derive(Clone, Debug, Default)]
 pub(super) struct Protection {
     stall: Watch,
+    gas: gas::Watch,
     /// Periods for which the valve has been open; beyond [`LONGEST_VENTING_PERIODS`], those for
     /// which there is a pressure nevertheless.
     venting: u16,
@@ -70,6 +72,14 @@ impl Protection {
         // good and bad conversions, which can look like any pressure once.
         let high = readings.pressure.fresh && pressure > limits.pressure_pa;
         let over_pressure = core::mem::replace(&mut self.pressure_was_high, high) && high;
+        let gas_law = self.gas.step(&gas::Seen {
+            settings,
+            closed,
+            vented: self.venting >= LONGEST_VENTING_PERIODS,
+            volume: seen.volume,
+            pressure: readings.pressure.filtered,
+            limit: limits.pressure_pa,
+        });
         *conditions = Conditions {
             emergency_stop: inputs.emergency_stop,
             over_pressure,
@@ -87,6 +97,7 @@ impl Protection {
             vent_blocked: self.venting > LONGEST_VENTING_PERIODS + STILL_PRESSURISED_PERIODS,
             out_of_reach: false,
             disagreement: false,
+            gas_law,
             pressurised,
             ..*conditions
         };

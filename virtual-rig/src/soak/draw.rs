@@ -136,9 +136,10 @@ impl Misfortune {
                 L::Vent,
                 L::Reach,
                 L::Disagreement,
+                L::GasLaw,
             ],
             // Lost steps make the counted place wrong until the next homing.
-            Fault::Leak | Fault::VentOpen => &[L::EndSwitch, L::Stall, L::Reach],
+            Fault::Leak | Fault::VentOpen => &[L::EndSwitch, L::Stall, L::Reach, L::GasLaw],
             Fault::Stall | Fault::LostCoil => &[
                 L::EndSwitch,
                 L::Stall,
@@ -146,6 +147,7 @@ impl Misfortune {
                 L::MotorReversed,
                 L::Vent,
                 L::Reach,
+                L::GasLaw,
             ],
             // Reversed within a run, it pushes where it should let go.
             Fault::ReversedMotor => &[

@@ -3,11 +3,13 @@
 
 use std::cell::Cell;
 
-use virtual_rig::{Fault as Broken, Planned, ResetCause};
+use model_core::{actuator::Model, dynamics::Dynamics};
+use virtual_rig::{Fault as Broken, Options, Planned, ResetCause};
 use wire::{
     command::Command,
+    decimal::Hundredths,
     fault::Fault,
-    protocol::{ControlMode, Named},
+    protocol::{ControlMode, Named, Segment},
     reply::Refusal,
     settings::{Key, Settings},
     state::State,
@@ -379,6 +381,41 @@ fn a_pressure_sensor_that_drifts_down() {
     bench.arm();
 }
 
+/// Without a release, and with a set-point that goes to and fro, no compression is long enough
+/// for the stall watch, and a stiff actuator shows no angle that would be too large. The plunger's
+/// volume tells.
+#[test]
+fn a_pressure_sensor_that_drifts_while_the_set_point_moves() {
+    let believed = *virtual_rig::default_actuator().dynamics();
+    let stiff = Model::new(
+        Dynamics {
+            stiffness: 4.0 * believed.stiffness,
+            ..believed
+        },
+        &[],
+    )
+    .expect("a stiffness is a model");
+    let Some(mut bench) = Bench::start(Options::with_actuator(stiff)) else {
+        return;
+    };
+    bench.obey(Command::Load(1));
+    let segment = Segment::Multisine {
+        mode: ControlMode::Pressure,
+        centre: Hundredths(10_000),
+        amplitude: Hundredths(3_000),
+        period_ms: 4_000,
+        duration_ms: 400_000,
+    };
+    bench.obey(Command::Segment { index: 0, segment });
+    bench.arm();
+    bench.obey(Command::Run(None));
+    bench.run(5.0);
+    bench.rig.set_fault(Broken::DriftingPressure, true);
+    let highest_kpa = highest_until_a_fault(&mut bench, 400.0);
+    assert!(highest_kpa < 200.0, "{highest_kpa} kPa");
+    assert_eq!(bench.fault(), Some(Fault::GasLaw));
+}
+
 /// In closed loop a sensor that shows nothing asks for more and more.
 #[test]
 fn a_flex_sensor_that_has_come_off() {
@@ -447,10 +484,12 @@ fn a_pressure_sensor_with_a_wrong_zero() {
         };
         assert_eq!(bench.ask(set), Err(Refusal::OutOfBounds), "{counts}");
     }
-    // Within those bounds it is seen when the rig is armed.
+    // Within those bounds it is seen before the rig is armed, and soon shown.
     bench.set(Key::PressureZero, 120.0);
     bench.save();
-    assert_eq!(bench.ask(Command::Arm), Err(Refusal::Pressurised));
+    bench.until(10.0, "the fault", |bench| bench.now().fault != 0);
+    assert_eq!(bench.fault(), Some(Fault::Vent));
+    assert_eq!(bench.ask(Command::Arm), Err(Refusal::Faulted));
 }
 
 /// Seconds for which the pump went on stepping after something broke.
