@@ -184,7 +184,7 @@ mod tests {
     impl Rig {
         /// Plays set-points (Pa) over time; the time (s) of the fault and the highest true pressure
         /// (Pa) until then.
-        #[allow(clippy::cast_possible_truncation)]
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         fn play(self, seconds: f64, setpoint: impl Fn(f64) -> f64) -> (Option<f64>, f64) {
             let settings = Settings::DEFAULT;
             let mut watch = Watch::default();
@@ -263,7 +263,7 @@ mod tests {
         ] {
             for (centre, amplitude) in [(100e3, 0.0), (100e3, 40e3), (60e3, 50e3), (140e3, 0.0)] {
                 for air in [54_000.0, 59_500.0, 75_000.0, 95_000.0] {
-                    let rig = Rig { drift, air, ..RIG };
+                    let rig = Rig { air, drift, ..RIG };
                     let (at, highest) = rig.play(2_000.0, multisine(centre, amplitude));
                     println!("{drift} {centre} {amplitude} {air}: {at:?} {highest:.0}");
                     assert!(

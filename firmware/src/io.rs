@@ -36,6 +36,9 @@ pub enum ResetCause {
     BrownOut,
     /// The watchdog was not fed.
     Watchdog,
+    /// The rig was armed, and nothing says why the processor started: the reset line, or a cause
+    /// whose flag the bootloader has cleared.
+    WhileArmed,
 }
 
 /// The rig at the start of a control period.

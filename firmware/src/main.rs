@@ -74,6 +74,7 @@ fn main() -> ! {
             if let Some(steps) = outputs.set_steps {
                 board.pulses.set_position(steps);
             }
+            board::reset::note(!matches!(app.state(), State::Idle | State::Fault));
             board.valve.set(outputs.valve);
             let settings = app.settings();
             let acceleration =

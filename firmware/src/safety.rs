@@ -89,6 +89,9 @@ conditions! {
     /// The last reset came from a dip of the supply. True for the first period
     /// only, like [`Self::watchdog`].
     brown_out: BrownOut ALWAYS,
+    /// The rig was armed when the board restarted. True for the first period only, like
+    /// [`Self::watchdog`].
+    restarted: Restart ALWAYS,
     /// The settings in use are not those that were stored, because these are
     /// damaged; true until valid ones are saved.
     settings_damaged: Settings ALWAYS,
@@ -414,6 +417,7 @@ mod tests {
             host_silent: bit(Fault::HostLost),
             watchdog: bit(Fault::Watchdog),
             brown_out: bit(Fault::BrownOut),
+            restarted: bit(Fault::Restart),
             settings_damaged: bit(Fault::Settings),
             overrun: bit(Fault::Overrun),
             internal: bit(Fault::Internal),
@@ -626,6 +630,7 @@ mod tests {
 | out of reach | shown | stops | stops | stops |
 | disagreement | shown | stops | stops | stops |
 | gas law | shown | stops | stops | stops |
+| restart | stops | stops | stops | stops |
 "
         );
     }

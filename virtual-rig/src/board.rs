@@ -269,6 +269,12 @@ impl Board {
         self.simavr.resets()
     }
 
+    /// Whether the bootloader clears MCUSR before it starts the firmware, at this start and
+    /// at all later ones.
+    pub fn clear_reset_flags(&mut self, clears: bool) {
+        self.simavr.clear_flags(clears);
+    }
+
     /// The register MCUSR: causes of resets that the firmware has not cleared.
     pub fn reset_flags(&self) -> u8 {
         self.simavr.reset_flags()

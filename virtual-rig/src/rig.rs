@@ -52,6 +52,9 @@ pub struct Options {
     pub eeprom: Option<Vec<u8>>,
     /// The faults and their times.
     pub faults: Vec<Planned>,
+    /// Whether the bootloader leaves the reset flags in MCUSR to the firmware. That of the
+    /// Arduino Mega 2560 clears them.
+    pub keeps_reset_flags: bool,
 }
 
 impl Default for Options {
@@ -69,6 +72,7 @@ impl Options {
             seed: 1,
             eeprom: None,
             faults: Vec::new(),
+            keeps_reset_flags: false,
         }
     }
 }
@@ -195,6 +199,7 @@ impl VirtualRig {
             lowest: syringe.microsteps(syringe.lower_stop_mm),
             highest: syringe.microsteps(syringe.stroke_mm),
         });
+        board.clear_reset_flags(!options.keeps_reset_flags);
         board.seed_noise(random.random());
         let mut part = || Pcg64Mcg::seed_from_u64(random.random());
         let (to_board, from_board) = (Noise::new(part()), Noise::new(part()));

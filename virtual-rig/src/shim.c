@@ -99,6 +99,7 @@ struct softrig_board {
 
     // Reset
     uint8_t reset_flags; // MCUSR as the firmware left it
+    int clears_flags;    // the bootloader clears MCUSR before it starts the firmware
     int was_reset;
     uint64_t resets;
 
@@ -719,6 +720,8 @@ static void after_reset(struct softrig_board *board)
     board->resets++;
     end_of_hang(board);
     board->reset_flags |= avr->data[MCUSR]; // the watchdog's flag is there already
+    if (board->clears_flags)
+        board->reset_flags = 0;
     avr->data[MCUSR] = board->reset_flags;
     avr->run_cycle_limit = RUN_AT_MOST;
     no_level_polling(avr);
@@ -762,6 +765,13 @@ void softrig_board_reset(struct softrig_board *board, uint8_t flags, int power_o
 uint64_t softrig_board_resets(const struct softrig_board *board)
 {
     return board->resets;
+}
+
+void softrig_board_clear_flags(struct softrig_board *board, int clears)
+{
+    board->clears_flags = clears;
+    if (clears)
+        board->reset_flags = board->avr->data[MCUSR] = 0;
 }
 
 uint8_t softrig_board_reset_flags(const struct softrig_board *board)

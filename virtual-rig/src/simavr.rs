@@ -81,6 +81,7 @@ unsafe extern "C" {
     fn softrig_board_seed_noise(board: *mut Opaque, table: *const f32, seed: u64);
     fn softrig_board_reset(board: *mut Opaque, flags: u8, power_on: c_int);
     fn softrig_board_resets(board: *const Opaque) -> u64;
+    fn softrig_board_clear_flags(board: *mut Opaque, clears: c_int);
     fn softrig_board_reset_flags(board: *const Opaque) -> u8;
     fn softrig_board_first_written(board: *const Opaque, from: u16) -> u16;
     fn softrig_board_flash_get(board: *const Opaque, address: u32, into: *mut u8, len: u32);
@@ -362,6 +363,11 @@ impl Simavr {
     pub(crate) fn resets(&self) -> u64 {
         // SAFETY: the handle is live.
         unsafe { softrig_board_resets(self.get()) }
+    }
+
+    pub(crate) fn clear_flags(&mut self, clears: bool) {
+        // SAFETY: the handle is live.
+        unsafe { softrig_board_clear_flags(self.get_mut(), c_int::from(clears)) }
     }
 
     pub(crate) fn reset_flags(&self) -> u8 {

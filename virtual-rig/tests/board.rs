@@ -12,7 +12,10 @@ const BROWN_OUT: i64 = 4;
 const WATCHDOG: i64 = 8;
 
 fn rig() -> Option<VirtualRig> {
-    obeying(Options::default())
+    obeying(Options {
+        keeps_reset_flags: true,
+        ..Options::default()
+    })
 }
 
 #[test]
@@ -157,6 +160,7 @@ fn a_halted_board_stands_still_while_time_goes_on() {
 #[test]
 fn without_power_nothing_moves_or_answers() {
     let Some(mut rig) = obeying(Options {
+        keeps_reset_flags: true,
         faults: vec!["power-cut@1".parse().unwrap()],
         ..Options::default()
     }) else {

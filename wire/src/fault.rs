@@ -101,6 +101,9 @@ faults! {
     /// The volume pushed in allows a pressure above the limit, and the sensor shows less.
     GasLaw = 19, "gas law",
         "By the volume pushed in, the pressure may be higher than the sensor shows: look for a leak, or check the pressure sensor's zero.";
+    /// The board was armed when it restarted, and nothing says why it did.
+    Restart = 20, "restart",
+        "The board restarted while the rig was armed: look at the supply and the cable, then home it again.";
 }
 
 #[cfg(test)]

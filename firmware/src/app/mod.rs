@@ -134,6 +134,7 @@ impl App {
             conditions: Conditions {
                 watchdog: reset == ResetCause::Watchdog,
                 brown_out: reset == ResetCause::BrownOut,
+                restarted: reset == ResetCause::WhileArmed,
                 ..Conditions::default()
             },
             calibration: None,
@@ -180,6 +181,7 @@ impl App {
             ResetCause::Ordinary => {}
             ResetCause::BrownOut => line.write_str(", brown-out")?,
             ResetCause::Watchdog => line.write_str(", watchdog")?,
+            ResetCause::WhileArmed => line.write_str(", while armed")?,
         }
         line.finish()
     }
@@ -211,6 +213,7 @@ impl App {
         // Events, not conditions: once latched they are over.
         self.conditions.watchdog = false;
         self.conditions.brown_out = false;
+        self.conditions.restarted = false;
 
         let measured = Measured {
             pressure: readings.pressure.filtered,

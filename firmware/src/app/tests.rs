@@ -318,6 +318,7 @@ fn an_unusual_reset_is_told_and_has_to_be_seen() {
     for (cause, fault) in [
         (ResetCause::Watchdog, Fault::Watchdog),
         (ResetCause::BrownOut, Fault::BrownOut),
+        (ResetCause::WhileArmed, Fault::Restart),
     ] {
         let mut rig = Rig::new();
         rig.app = App::new(&rig.eeprom, cause);

@@ -7,9 +7,10 @@
 //!
 //! The reset flags are kept in GPIOR2 and cleared, because the watchdog cannot be
 //! stopped while its flag stands. Stock bootloaders clear the flags themselves
-//! before they start us, and every reset looks ordinary then; what the firmware
-//! knows about its own end, it therefore also leaves in a word of memory that a
-//! reset does not clear.
+//! before they start us, and every reset looks ordinary then: a dip of the supply, a program that hung with
+//! interrupts off. What the firmware knows it therefore also leaves in a word of memory that a reset
+//! does not clear: that it ended itself, or that the rig is armed. Who finds the latter was
+//! interrupted, whatever by.
 
 use core::arch::global_asm;
 
@@ -63,6 +64,10 @@ unsafe extern "C" {
 /// says this by chance is one in 65 536, and then costs a `clear`.
 const STOPPED_ITSELF: u16 = 0x5ca1;
 
+/// Says that the rig was armed. Far from the other in bits, so that a dip of the supply that
+/// turns some of them does not make one of the other.
+const ARMED: u16 = 0xa35e;
+
 const POWER_ON: u8 = 1 << 0;
 const BROWN_OUT: u8 = 1 << 2;
 const WATCHDOG: u8 = 1 << 3;
@@ -70,22 +75,30 @@ const WATCHDOG: u8 = 1 << 3;
 /// Why the processor started. To be asked once.
 pub fn cause(processor: &CPU) -> ResetCause {
     // SAFETY: before interrupts are on, nobody else touches the word.
-    let stopped_itself = unsafe {
+    let last_words = unsafe {
         let word = (&raw const LAST_WORDS).read_volatile();
         (&raw mut LAST_WORDS).write_volatile(0);
-        word == STOPPED_ITSELF
+        word
     };
     let flags = processor.gpior2.read().bits();
     // At power-on the supply rises through the brown-out level.
     if flags & POWER_ON != 0 {
         ResetCause::Ordinary
-    } else if flags & WATCHDOG != 0 || stopped_itself {
+    } else if flags & WATCHDOG != 0 || last_words == STOPPED_ITSELF {
         ResetCause::Watchdog
     } else if flags & BROWN_OUT != 0 {
         ResetCause::BrownOut
+    } else if last_words == ARMED {
+        ResetCause::WhileArmed
     } else {
         ResetCause::Ordinary
     }
+}
+
+/// Leaves a word whether the rig is armed; once in a control period, before the outputs are set.
+pub fn note(is_armed: bool) {
+    // SAFETY: the watchdog's interrupt writes it too, and then nothing else runs any more.
+    unsafe { (&raw mut LAST_WORDS).write_volatile(if is_armed { ARMED } else { 0 }) }
 }
 
 /// Makes the outputs safe and waits for the watchdog, whatever else is broken.

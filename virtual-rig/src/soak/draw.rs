@@ -106,8 +106,10 @@ impl Misfortune {
     /// Whether a latched fault, by its code, can come of it.
     pub fn explains(self, code: u8) -> bool {
         use Latched as L;
-        let Self::Broken(fault) = self else {
-            return false;
+        let fault = match self {
+            Self::Broken(fault) => fault,
+            Self::PortOpened | Self::ResetButton => return code == L::Restart.code(),
+            Self::Stop | Self::Disarm => return false,
         };
         let known: &[L] = match fault {
             // A flex sensor that lies lets the loop push until another limit.
@@ -166,7 +168,7 @@ impl Misfortune {
             Fault::VentShut => &[L::Vent, L::Stall, L::OverPressure],
             Fault::Noise | Fault::Unplugged => &[L::HostLost],
             Fault::EmergencyStop => &[L::EmergencyStop],
-            Fault::BrownOut => &[L::BrownOut],
+            Fault::BrownOut => &[L::BrownOut, L::Restart],
             Fault::Hang => &[L::Watchdog],
             Fault::PowerCut => &[],
         };

@@ -602,17 +602,35 @@ fn too_large_an_angle() {
     bench.expect_fault(Fault::OverAngle, 45.0);
 }
 
+/// With a bootloader that leaves the flags alone the cause is known, with Arduino's at least that
+/// the rig was armed.
 #[test]
 fn resets_that_nobody_asked_for_are_told_apart() {
-    for (cause, fault) in [
-        (ResetCause::Watchdog, Some(Fault::Watchdog)),
-        (ResetCause::BrownOut, Some(Fault::BrownOut)),
-        (ResetCause::External, None),
-        (ResetCause::PowerOn, None),
+    for (keeps_reset_flags, cause, fault) in [
+        (true, ResetCause::Watchdog, Some(Fault::Watchdog)),
+        (true, ResetCause::BrownOut, Some(Fault::BrownOut)),
+        (true, ResetCause::External, Some(Fault::Restart)),
+        (true, ResetCause::PowerOn, None),
+        (false, ResetCause::Watchdog, Some(Fault::Restart)),
+        (false, ResetCause::BrownOut, Some(Fault::Restart)),
+        (false, ResetCause::External, Some(Fault::Restart)),
+        (false, ResetCause::PowerOn, None),
     ] {
-        let Some(mut bench) = running() else {
+        let Some(mut bench) = Bench::start(Options {
+            keeps_reset_flags,
+            ..healthy()
+        }) else {
             return;
         };
+        // At rest a reset is nothing to tell.
+        if !keeps_reset_flags {
+            bench.rig.reset(cause);
+            bench.run(1.0);
+            assert_eq!((bench.state(), bench.fault()), (State::Idle, None));
+        }
+        bench.arm();
+        bench.obey(Command::Run(Some(Named::Paper)));
+        bench.run(1.0);
         bench.rig.reset(cause);
         bench.rig.run_for(0.001).expect("the board runs");
         assert!(bench.is_safe(), "{cause:?}: {:?}", bench.rig.plant());
