@@ -25,6 +25,7 @@
 #include <avr_uart.h>
 #include <sim_avr.h>
 #include <sim_cycle_timers.h>
+#include <sim_interrupts.h>
 #include <sim_irq.h>
 
 // Data-space addresses of the ATmega2560.
@@ -62,6 +63,11 @@
 #define EEPROM_HALF_US 1800
 // EEPE must follow EEMPE within so many cycles.
 #define EEPROM_WINDOW 4
+
+// ATmega2560 data sheet, 7.8.1: five cycles from an interrupt to its first instruction, with the three
+// bytes of its program counter; as many more out of a sleep. simavr takes none.
+#define CYCLES_TO_ENTER 5
+#define CYCLES_TO_WAKE 5
 
 // simavr looks for interrupts from its timers at least this often; without a
 // limit above one it does so after every instruction, at half the speed.
@@ -127,6 +133,7 @@ struct softrig_board {
     uint64_t mark_start;
     uint8_t mark_open;
     uint64_t slept;
+    int was_asleep;
 
     // EEPROM
     int eeprom_busy;
@@ -329,6 +336,18 @@ static void no_real_sleep(avr_t *avr, avr_cycle_count_t cycles)
     struct softrig_board *board = avr->custom.data;
     // simavr counts one cycle more itself.
     board->slept += cycles + 1;
+    board->was_asleep = 1;
+}
+
+// An interrupt begins, or ends with zero.
+static void on_interrupt(struct avr_irq_t *irq, uint32_t value, void *param)
+{
+    (void)irq;
+    struct softrig_board *board = param;
+    if (!value)
+        return;
+    board->avr->cycle += CYCLES_TO_ENTER + (board->was_asleep ? CYCLES_TO_WAKE : 0);
+    board->was_asleep = 0;
 }
 
 uint64_t softrig_board_slept(const struct softrig_board *board)
@@ -726,6 +745,7 @@ static void after_reset(struct softrig_board *board)
     avr->run_cycle_limit = RUN_AT_MOST;
     no_level_polling(avr);
     board->mark_open = 0;
+    board->was_asleep = 0;
     board->eeprom_armed = 0;
     board->step_level = 0;
     if (board->step.mask)
@@ -871,6 +891,8 @@ struct softrig_board *softrig_board_new(const char *processor, uint32_t hertz,
         on_uart_byte, board);
     avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_ADC_GETIRQ, ADC_IRQ_OUT_TRIGGER),
                             on_conversion, board);
+    avr_irq_register_notify(avr_get_interrupt_irq(avr, AVR_INT_ANY) + AVR_INT_IRQ_RUNNING,
+                            on_interrupt, board);
     // Neither echo lines to our standard output nor sleep when polled.
     uint32_t flags = 0;
     avr_ioctl(avr, AVR_IOCTL_UART_GET_FLAGS('0'), &flags);

@@ -8,22 +8,28 @@ use virtual_rig::{Image, Options, VirtualRig, stk500::seal};
 
 #[test]
 fn opening_the_port_resets_and_waits_a_second_before_the_program() {
-    let Some(mut rig) = obeying(Options::default()) else {
-        return;
-    };
-    rig.open_port();
-    let begin = rig.time_s();
-    wait(&mut rig, "ready");
-    assert!((1.0..1.02).contains(&(rig.time_s() - begin)));
-    assert_eq!(common::ask(&mut rig, "m", "cause"), 2);
+    for (keeps_reset_flags, cause) in [(true, "2"), (false, "0")] {
+        let Some(mut rig) = obeying(Options {
+            keeps_reset_flags,
+            ..Options::default()
+        }) else {
+            return;
+        };
+        rig.open_port();
+        let begin = rig.time_s();
+        wait(&mut rig, "ready");
+        assert!((1.0..1.02).contains(&(rig.time_s() - begin)));
+        rig.send(b"m").unwrap();
+        assert_eq!(wait(&mut rig, "cause"), cause);
 
-    // Whoever is no programmer need not wait.
-    rig.open_port();
-    let begin = rig.time_s();
-    rig.send(b"\nm").unwrap();
-    wait(&mut rig, "ready");
-    assert!(rig.time_s() - begin < 0.02);
-    assert_eq!(wait(&mut rig, "cause"), "2");
+        // Whoever is no programmer need not wait.
+        rig.open_port();
+        let begin = rig.time_s();
+        rig.send(b"\nm").unwrap();
+        wait(&mut rig, "ready");
+        assert!(rig.time_s() - begin < 0.02);
+        assert_eq!(wait(&mut rig, "cause"), cause);
+    }
 }
 
 #[test]

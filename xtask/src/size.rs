@@ -71,7 +71,7 @@ const ROWS: [Measure; 7] = [
         title: "processor at rest",
         in_full: "processor at rest: 100 Hz control, telemetry, prediction",
         unit: "%",
-        budget: 27.0,
+        budget: 28.0,
         tolerance: 1.0,
     },
     Measure {
@@ -79,7 +79,7 @@ const ROWS: [Measure; 7] = [
         title: "processor, pump at full flow",
         in_full: "processor in a run, pump at full flow, 14 300 steps/s",
         unit: "%",
-        budget: 56.0,
+        budget: 59.0,
         tolerance: 2.0,
     },
     Measure {
@@ -87,7 +87,7 @@ const ROWS: [Measure; 7] = [
         title: "… with the dearest model",
         in_full: "… with the three most expensive effects, at the largest number of steps",
         unit: "%",
-        budget: 63.0,
+        budget: 66.0,
         tolerance: 2.0,
     },
 ];

@@ -181,7 +181,7 @@ impl App {
             ResetCause::Ordinary => {}
             ResetCause::BrownOut => line.write_str(", brown-out")?,
             ResetCause::Watchdog => line.write_str(", watchdog")?,
-            ResetCause::WhileArmed => line.write_str(", while armed")?,
+            ResetCause::WhileArmed => line.write_str(", restart")?,
         }
         line.finish()
     }
