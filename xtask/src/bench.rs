@@ -49,16 +49,15 @@ struct Program {
     asks: bool,
 }
 
+const BLIND: Program = Program {
+    name: "blind",
+    folders: &[("--folder", "blind")],
+    asks: false,
+};
+
 /// The programs by the names of the benchmarks.
 const PROGRAMS: [(&str, Program); 8] = [
-    (
-        "blind",
-        Program {
-            name: "blind",
-            folders: &[("--folder", "blind")],
-            asks: false,
-        },
-    ),
+    ("blind", BLIND),
     (
         "calibration",
         Program {
@@ -117,6 +116,12 @@ const PROGRAMS: [(&str, Program); 8] = [
     ),
 ];
 
+/// Runs the gate of the blind benchmark with the program that was built for the tests, which
+/// computes the same: a build for users would compile everything once more.
+pub fn gate() -> Outcome {
+    run(BLIND.command(&target_dir().join("debug")).arg("--fast"))
+}
+
 /// Builds a benchmark's program and starts it with these options; none if there is no
 /// benchmark of this name. `--rig` takes another `rig` than the one of this source.
 pub fn start(name: &str, options: &[&str]) -> Option<Outcome> {
@@ -137,13 +142,7 @@ impl Program {
             build.args(["-p", "virtual-rig", "--bin", "virtual-rig"]);
         }
         run(&mut build)?;
-        let mut command = Command::new(target.join(self.name));
-        if self.asks {
-            command.arg("--rig").arg(target.join("rig"));
-        }
-        for (option, folder) in self.folders {
-            command.arg(option).arg(target_dir().join(folder));
-        }
+        let mut command = self.command(&target);
         let asks_for_help = options.iter().any(|word| ["-h", "--help"].contains(word));
         match name {
             _ if asks_for_help => {}
@@ -157,6 +156,18 @@ impl Program {
             _ => {}
         }
         run(command.args(options))
+    }
+
+    /// The program as it was built into a folder, with its own folders.
+    fn command(&self, built: &Path) -> Command {
+        let mut command = Command::new(built.join(self.name));
+        if self.asks {
+            command.arg("--rig").arg(built.join("rig"));
+        }
+        for (option, folder) in self.folders {
+            command.arg(option).arg(target_dir().join(folder));
+        }
+        command
     }
 }
 

@@ -131,8 +131,8 @@ fn main() -> ExitCode {
         ["wheel"] => python::wheel().map(drop),
         ["wheel", "--test"] => python::test(),
         ["firmware"] => firmware(),
-        ["size"] => avr::build().and_then(|image| size::size(&image, Golden::Check)),
-        ["size", "--accept"] => avr::build().and_then(|image| size::size(&image, Golden::Accept)),
+        ["size"] => image_size(Golden::Check),
+        ["size", "--accept"] => image_size(Golden::Accept),
         ["bench"] => bench::start("diagnosis", &[])
             .unwrap_or(Ok(()))
             .and_then(|()| bench::host())
@@ -184,6 +184,11 @@ fn main() -> ExitCode {
 fn usage(problem: &str) -> ExitCode {
     eprintln!("xtask: {problem}\n\n{HELP}");
     ExitCode::from(USAGE)
+}
+
+fn image_size(golden: Golden) -> Outcome {
+    let image = avr::build()?;
+    size::size(&image, golden, &simulator::virtual_rig()?)
 }
 
 fn firmware() -> Outcome {

@@ -12,7 +12,7 @@ use std::{
 };
 
 use crate::{
-    shell::{Outcome, cargo, root, run, run_quietly, target_dir},
+    shell::{INCREMENTAL, Outcome, cargo, root, run, run_quietly, target_dir},
     venv,
 };
 
@@ -95,6 +95,7 @@ fn build(profile: Profile, out: &Path) -> Outcome<PathBuf> {
     command
         .current_dir(root())
         .env("CARGO_TARGET_DIR", target_dir())
+        .env(INCREMENTAL, "0")
         .args(["-m", "maturin", "build", "--locked", "--quiet"])
         .args(["--manifest-path", "python/Cargo.toml", "--interpreter"])
         .arg(&python)

@@ -14,8 +14,11 @@ use std::{
 use crate::{
     avr,
     shell::{Outcome, read, root},
+<<<<<<< HEAD
     simulator::virtual_rig,
     stack,
+=======
+>>>>>>> 7e48967 (cargo xtask test compiles one set of features once)
 };
 
 /// A figure: its name in the golden file, what it is, in a few words and as the documentation
@@ -101,9 +104,9 @@ pub enum Golden {
     Accept,
 }
 
-/// Measures the image and compares.
-pub fn size(image: &Path, golden: Golden) -> Outcome {
-    let mut figures = measure(image)?;
+/// Measures the image in a simulator, and compares.
+pub fn size(image: &Path, golden: Golden, simulator: &Path) -> Outcome {
+    let mut figures = measure(image, simulator)?;
     let avr::Size { flash, static_ram } = avr::size(image)?;
     figures.push(("flash_bytes".into(), flash as f64));
     figures.push(("static_ram_bytes".into(), static_ram as f64));
@@ -191,8 +194,8 @@ fn golden_path() -> PathBuf {
 }
 
 /// Runs the image through its paces.
-fn measure(image: &Path) -> Outcome<Vec<(String, f64)>> {
-    let said = read(Command::new(virtual_rig()?).arg("measure").arg(image))?;
+fn measure(image: &Path, simulator: &Path) -> Outcome<Vec<(String, f64)>> {
+    let said = read(Command::new(simulator).arg("measure").arg(image))?;
     let figures = parse(&said);
     if value(&figures, "resets") != Some(0.0) {
         return Err("the board was reset while it was measured".into());
