@@ -52,7 +52,8 @@ pub fn target_dir() -> PathBuf {
 }
 
 /// The setting by which cargo compiles a crate in many parts, to compile fewer of them the next
-/// time. Set to "0": what is built here runs for minutes, and such parts take a quarter longer.
+/// time. Set to "0": what is built here is measured and tested for minutes, as whole as what
+/// users get.
 pub const INCREMENTAL: &str = "CARGO_INCREMENTAL";
 
 /// cargo as it was called, from the workspace's root, into the same target folder.
