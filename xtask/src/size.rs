@@ -1,9 +1,9 @@
 //! Size and load of the image, compared with budgets and with the golden file.
 //!
 //! Flash, static memory and the bound of the stack come from the image, the deepest stack and
-//! processor time from a run on the simulated rig, which is exact to the cycle. Exceeding a budget always fails. A changed
-//! figure may be correct, but must not go unnoticed: it fails too, until the golden file is
-//! updated. The table in `docs/benchmarks.md` is written from that file.
+//! processor time from a run on the simulated rig, which is exact to the cycle. Exceeding a budget
+//! always fails. A changed figure may be correct, but must not go unnoticed: it fails too, until
+//! the golden file is updated. The table in `docs/benchmarks.md` is written from that file.
 
 use std::{
     fs,
@@ -14,11 +14,7 @@ use std::{
 use crate::{
     avr,
     shell::{Outcome, read, root},
-<<<<<<< HEAD
-    simulator::virtual_rig,
     stack,
-=======
->>>>>>> 7e48967 (cargo xtask test compiles one set of features once)
 };
 
 /// A figure: its name in the golden file, what it is, in a few words and as the documentation
