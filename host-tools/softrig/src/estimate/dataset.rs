@@ -416,10 +416,8 @@ impl Dataset {
     /// Length of the tube to the actuator for which models of these data are written (mm): the
     /// first that a session says.
     pub fn tube_mm(&self) -> Option<f64> {
-        let setups = self.sessions.iter();
-        setups
-            .filter_map(|session| session.recording.meta.setup.as_ref()?.tube_mm)
-            .next()
+        let mut sessions = self.sessions.iter();
+        sessions.find_map(|session| session.recording.meta.setup.as_ref()?.tube_mm)
     }
 
     /// The same data of an actuator that was bent as far as this before (rad).
