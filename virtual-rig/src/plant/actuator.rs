@@ -4,7 +4,7 @@
 //! The pressure is linear between two steps, and a dead time uses its history. Steps are
 //! divided if the model's own rates require it.
 //!
-//! What hangs at the tip moves as the tip of an arc does, by its position alone ([`Load`]).
+//! What hangs at the tip moves as the tip of an arc does, by its position alone.
 
 use model_core::{
     actuator::{Model, ParameterId, State},
