@@ -20,7 +20,7 @@
 //! | air that cooled by ΔT | V (ΔT/T) (p₀ + p)/p |
 //!
 //! So the smallest A that was seen is nearest to the truth, and p̂ with that one is the largest
-//! pressure that there can be. It is a fault if it exceeds the limit by [`MARGIN_PA`] while the sensor
+//! pressure that there can be. It is a fault if it exceeds the limit by `MARGIN_PA` while the sensor
 //! shows less. What the tube and the actuator hold need not be known: it is within A.
 //!
 //! The price: a pump that makes up for a leak looks the same. With a leak of a time constant of
@@ -30,7 +30,7 @@
 //! valve, starts anew.
 //!
 //! Air that is compressed quickly is warm for about a second and shows too small an A, which would
-//! be a false alarm later: A counts only after [`SETTLING`] periods, and then as a mean.
+//! be a false alarm later: A counts only after `SETTLING` periods, and then as a mean.
 
 use crate::{control::ATMOSPHERE_PA, stall};
 use wire::settings::Settings;

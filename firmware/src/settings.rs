@@ -58,7 +58,7 @@ pub enum Flaw {
     /// A limit is beyond what its sensor can show, so that it would never stop
     /// the rig.
     LimitBeyondSensor,
-    /// The pump needs longer than [`SLOWEST_RAMP_S`] to its fastest flow, and ten times that to
+    /// The pump needs longer than `SLOWEST_RAMP_S` to its fastest flow, and ten times that to
     /// come to rest at a place.
     SlowRamp,
     /// The largest volume has more microsteps than are counted.
