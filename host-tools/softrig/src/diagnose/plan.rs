@@ -215,17 +215,16 @@ pub fn proposals(
                                b: &&((usize, usize), Separation)| {
                 a.1.evidence.total_cmp(&b.1.evidence)
             };
-            let told = each.iter().filter(|(_, it)| it.is_told());
-            let least_told = told.min_by(by_evidence);
+            let told: Vec<_> = each.iter().filter(|(_, it)| it.is_told()).collect();
+            let least_told = told.iter().copied().min_by(by_evidence);
             let &(separates, Separation { evidence, .. }) =
                 least_told.or_else(|| each.iter().max_by(by_evidence))?;
             let minutes = work_min(&protocol);
-            let worth: f64 = each.iter().map(|(_, it)| it.worth()).sum();
             let capped = each.iter().map(|(_, it)| it.evidence.min(BEYOND_DOUBT));
             let rank = Rank {
                 decides: least_told.is_some(),
                 is_seen: runs.iter().all(|run| run.is_seen(limits.shown)),
-                worth_in_a_minute: worth / minutes,
+                told_in_a_minute: told.len() as f64 / minutes,
                 evidence_in_a_minute: capped.sum::<f64>() / minutes,
             };
             let proposal = Proposal {
@@ -263,27 +262,12 @@ impl Separation {
         }
     }
 
-    /// The excess of a rival of which the error is so many times that of the truth.
-    fn of_errors(times: f64) -> f64 {
-        times * times - 1.0
-    }
-
     /// Whether the rival would be left behind. In thousands of samples a difference far below
     /// the noise is very strong evidence between two exact formulas, and no formula is exact: a
-    /// decision asks for an error that is smaller as well.
+    /// rival that leaves an error comparable with that of the best stays one.
     fn is_told(&self) -> bool {
-        let smaller = Self::of_errors(1.0 / Policy::STANDARD.sure_leaves);
-        self.evidence >= VERY_STRONG && self.excess >= smaller
-    }
-
-    /// 1 where the rival is not even comparable any more, 0 where it is not told.
-    fn worth(&self) -> f64 {
-        let not_comparable = Self::of_errors(Policy::STANDARD.comparable);
-        if self.is_told() {
-            (self.excess / not_comparable).min(1.0)
-        } else {
-            0.0
-        }
+        let times = (1.0 + self.excess).sqrt();
+        self.evidence >= VERY_STRONG && times > Policy::STANDARD.comparable
     }
 }
 
@@ -295,7 +279,7 @@ struct Rank {
     /// Whether the angle sensor shows it.
     is_seen: bool,
     /// Pairs of rivals told in a minute of work.
-    worth_in_a_minute: f64,
+    told_in_a_minute: f64,
     /// Evidence about all pairs in a minute of work, of each at most what is beyond doubt.
     evidence_in_a_minute: f64,
 }
@@ -303,7 +287,7 @@ struct Rank {
 impl Rank {
     fn compare(&self, other: &Self) -> Ordering {
         let first = (self.decides, self.is_seen).cmp(&(other.decides, other.is_seen));
-        let told = self.worth_in_a_minute.total_cmp(&other.worth_in_a_minute);
+        let told = self.told_in_a_minute.total_cmp(&other.told_in_a_minute);
         let evidence = self
             .evidence_in_a_minute
             .total_cmp(&other.evidence_in_a_minute);
