@@ -458,6 +458,10 @@ class _Zeros:
 class _Experiment:
     protocol: str
     tilt_deg: float | None
+    tip_load_g: float | None
+    tube_mm: float | None
+    rested_s: float | None
+    work_min: float
     separates: list[str]
     expected_delta_chi2: float
 

@@ -142,7 +142,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
             proposal.protocol.title
         );
     }
-    text += "\nThe parameters of each effect may change as far as the recordings allow. A Δχ² of 20 is\nvery strong.\n";
+    text += "\nThe parameters of each effect may change as far as the recordings allow. A Δχ² of 20 is\nvery strong between exact formulas; a run decides where the other would also be off by a third\nmore than the noise.\n";
     let decides = best.decides;
     if !decides {
         text += "No run comes near it: ";
