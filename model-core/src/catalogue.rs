@@ -613,6 +613,15 @@ mod tests {
     }
 
     #[test]
+    fn what_a_longer_tube_slows_down_is_said_to_be_slower() {
+        for &kind in Kind::NAMES {
+            let effect = kind.build(&[0.5; 8][..kind.parameter_count()]).unwrap();
+            let changes = effect.with_tube(2.0) != effect;
+            assert_eq!(changes, kind.is_slower_in_a_longer_tube(), "{kind:?}");
+        }
+    }
+
+    #[test]
     fn all_but_the_table_are_names() {
         let names = Kind::ALL.iter().copied().filter(|kind| kind.is_name());
         assert!(names.eq(Kind::NAMES.iter().copied()));

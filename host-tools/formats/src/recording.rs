@@ -134,11 +134,6 @@ pub struct CalibrationMeta {
 }
 
 impl Meta {
-    /// By how much the base was turned (rad); not at all where nothing is said.
-    pub fn turned_rad(&self) -> f64 {
-        self.setup.as_ref().map_or(0.0, Setup::turned_rad)
-    }
-
     /// Parses the text of a file of metadata; `path` is only named in messages.
     ///
     /// # Errors

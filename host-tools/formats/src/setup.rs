@@ -147,6 +147,11 @@ impl Setup {
         self.tilt_deg.map_or(0.0, f64::to_radians)
     }
 
+    /// Whether a person says that the actuator was left without pressure before.
+    pub fn has_rested(&self) -> bool {
+        self.rested_s.is_some()
+    }
+
     /// Refuses numbers that no bench has.
     ///
     /// # Errors

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use anyhow::Context;
 use clap::{ArgGroup, Parser};
 use indicatif::{ProgressBar, ProgressStyle};
+use model_core::catalogue::{Effect, Kind};
 use wire::settings::{Key, Settings};
 use wire::state::State;
 
@@ -74,6 +75,17 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
             return Err(InputError::new(
                 "--setup has tube_mm, and the model does not say for which tube it is written",
                 "add tube_mm below [recording.setup] in it, with the tube that it was fitted with",
+            )
+            .in_file(&file.path)
+            .into());
+        }
+        let is_load = |effect: Effect<f64>| effect.kind() == Kind::TipLoad;
+        let knows_loads = file.model.effects().any(is_load);
+        let hangs = setup.tip_load_g.is_some_and(|grams| grams > 0.0);
+        if hangs && !knows_loads {
+            return Err(InputError::new(
+                "--setup has tip_load_g, and the model does not say what a load does",
+                "fit it to recordings with a load first: rig fit adds [[effect]] kind = \"tip_load\"",
             )
             .in_file(&file.path)
             .into());

@@ -170,3 +170,17 @@ fn numbers_that_no_rig_has_are_refused_with_their_range() {
         }
     }
 }
+
+/// What is said of the rig is not dropped without a word where the model has no law for it.
+#[test]
+fn a_setup_that_a_model_knows_nothing_of_is_not_uploaded() {
+    let bench = Bench::new();
+    bench.put("m.toml", MODEL);
+    for (setup, parts) in [
+        ("tip_load_g=20", ["m.toml", "does not say what a load does"]),
+        ("tube_mm=300", ["m.toml", "for which tube it is written"]),
+    ] {
+        let line = format!("upload --port nowhere --model m.toml --setup {setup}");
+        bench.fails(&line, &parts);
+    }
+}

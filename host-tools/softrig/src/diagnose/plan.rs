@@ -399,7 +399,10 @@ impl PredictedRun {
         const STEP: f64 = 0.1;
         let model = &rival.fit.model;
         let mut rest = Nuisance::AT_ZERO;
-        let placement = Placement::of_recording(recording, limits.tube_mm);
+        let placement = Placement {
+            stretched_rad: limits.stretched_rad,
+            ..Placement::of_recording(recording, limits.tube_mm)
+        };
         let placed = placement.place(model);
         let settled = if placement.moves_the_rest() {
             resting(&placed)
@@ -407,9 +410,7 @@ impl PredictedRun {
             0.0
         };
         rest.start.angle = placed.reading(&placed.at_rest(settled, 0.0));
-        let data = Dataset::known(recording.clone(), rest)
-            .at_tube(limits.tube_mm)
-            .after_stretch(limits.stretched_rad);
+        let data = Dataset::known(recording.clone(), rest).standing(placement);
         let session: &Session = data.sessions().first()?;
         let shown = |nuisance: &Nuisance| DVector::from_vec(session.simulate(model, nuisance));
         // One sample gives the initial angle, with the noise as its standard deviation.

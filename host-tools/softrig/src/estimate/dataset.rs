@@ -20,7 +20,7 @@ use crate::sim::simulate::{
 };
 use softrig_formats::model_file::KnownRange;
 use softrig_formats::recording::Recording;
-use softrig_formats::setup::NewPart;
+use softrig_formats::setup::{NewPart, Setup};
 
 /// A recording that is simulated whole.
 ///
@@ -396,7 +396,7 @@ impl Dataset {
             if setup.is_some_and(|setup| setup.new_part == Some(NewPart::Actuator)) {
                 bent = 0.0;
             }
-            let has_rested = setup.is_some_and(|setup| setup.rested_s.is_some());
+            let has_rested = setup.is_some_and(Setup::has_rested);
             let before = if has_rested { bent } else { 0.0 };
             bent = session.largest_angle.max(bent);
             Placement {
@@ -420,32 +420,10 @@ impl Dataset {
         sessions.find_map(|session| session.recording.meta.setup.as_ref()?.tube_mm)
     }
 
-    /// The same data of an actuator that was bent as far as this before (rad).
+    /// The same data of a rig that stood like this in all sessions.
     #[must_use]
-    pub fn after_stretch(&self, stretched_rad: f64) -> Self {
-        self.mapped(|_, session| {
-            Some(Session {
-                placement: Placement {
-                    stretched_rad,
-                    ..session.placement
-                },
-                ..session.clone()
-            })
-        })
-    }
-
-    /// The same data for models that are written for a tube of this length (mm).
-    #[must_use]
-    pub fn at_tube(&self, tube_mm: Option<f64>) -> Self {
-        self.mapped(|_, session| {
-            Some(Session {
-                placement: Placement {
-                    stretched_rad: session.placement.stretched_rad,
-                    ..Placement::of_recording(&session.recording, tube_mm)
-                },
-                ..session.clone()
-            })
-        })
+    pub fn standing(&self, placement: Placement) -> Self {
+        self.mapped(|_, session| Some(session.clone().standing(placement)))
     }
 
     /// The sessions.

@@ -44,6 +44,7 @@ use crate::statistics::{
     mean, moves, noise_by_differences, quantisation_step, standard_deviation, swing,
 };
 use softrig_formats::recording::{PASCAL_PER_KPA, Recording};
+use softrig_formats::setup::Setup;
 
 /// Standard deviation of the pressure's zero where the metadata has no
 /// calibration (Pa): the offset of an 80 psi sensor after a tare.
@@ -174,7 +175,7 @@ impl Prior {
             at_rest(recording, rest, noise)
         };
         let setup = recording.meta.setup.as_ref();
-        let has_rested = setup.is_some_and(|setup| setup.rested_s.is_some());
+        let has_rested = setup.is_some_and(Setup::has_rested);
         let after = if rest == 0 && !has_rested {
             1.0
         } else {
