@@ -33,8 +33,11 @@ const RESTS: f64 = 0.3;
 pub struct Draws {
     /// The block of time and the state of each sample.
     places: Vec<(usize, usize)>,
-    /// Weights of every block, draw by draw.
-    blocks: Vec<Vec<f64>>,
+    /// Number of blocks.
+    blocks: usize,
+    /// Draws the weights of the blocks. They are drawn again whenever they are asked for: over
+    /// a thousand recordings they would take more memory than the recordings.
+    random: Pcg64Mcg,
     /// Weights of every state, draw by draw.
     states: Vec<Vec<f64>>,
 }
@@ -54,58 +57,68 @@ impl Draws {
             (0..samples).map(move |at| before + at * count / samples)
         });
         let places: Vec<(usize, usize)> = blocks.zip(states).collect();
-        let mut random = Pcg64Mcg::seed_from_u64(seed);
-        let mut weights = |count: usize| -> Vec<Vec<f64>> {
-            (0..DRAWS)
-                .map(|_| {
-                    let drawn: Vec<f64> = (0..count).map(|_| Exp1.sample(&mut random)).collect();
-                    let mean = drawn.iter().sum::<f64>() / count as f64;
-                    drawn.into_iter().map(|weight: f64| weight / mean).collect()
-                })
-                .collect()
-        };
+        let random = Pcg64Mcg::seed_from_u64(seed);
+        let mut after_blocks = random.clone();
+        for _ in 0..DRAWS {
+            weights(&mut after_blocks, first);
+        }
         Self {
-            blocks: weights(first),
-            states: weights(3 * BANDS),
+            blocks: first,
+            random,
+            states: (0..DRAWS)
+                .map(|_| weights(&mut after_blocks, 3 * BANDS))
+                .collect(),
             places,
         }
     }
 
-    /// The weighted sum of one value for each sample, in every draw.
-    pub fn sums(&self, values: &[f64]) -> Vec<f64> {
-        let mut table = vec![[0.0; 3 * BANDS]; self.blocks.first().map_or(0, Vec::len)];
+    /// In every draw: the weighted sum of one value for each sample, and the weighted root mean
+    /// square of residuals (rad).
+    pub fn sums_and_errors(&self, values: &[f64], residuals: &[Vec<f64>]) -> (Vec<f64>, Vec<f64>) {
+        let squares: Vec<f64> = residuals.iter().flatten().map(|r| r * r).collect();
+        let tables = [values, &squares, &vec![1.0; squares.len()]].map(|it| self.table(it));
+        let mut random = self.random.clone();
+        self.states
+            .iter()
+            .map(|states| {
+                let blocks = weights(&mut random, self.blocks);
+                let [sum, squares, count] =
+                    [0, 1, 2].map(|table| weighted(&tables[table], &blocks, states));
+                (sum, (squares / count).max(0.0).sqrt())
+            })
+            .unzip()
+    }
+
+    /// The sum of one value for each sample, by block and state.
+    fn table(&self, values: &[f64]) -> Vec<[f64; 3 * BANDS]> {
+        let mut table = vec![[0.0; 3 * BANDS]; self.blocks];
         for (&(block, state), value) in self.places.iter().zip(values) {
             table[block][state] += value;
         }
-        self.blocks
-            .iter()
-            .zip(&self.states)
-            .map(|(blocks, states)| {
-                let of_block = |row: &[f64; 3 * BANDS]| -> f64 {
-                    row.iter()
-                        .zip(states)
-                        .map(|(sum, weight)| sum * weight)
-                        .sum()
-                };
-                table
-                    .iter()
-                    .zip(blocks)
-                    .map(|(row, weight)| weight * of_block(row))
-                    .sum()
-            })
-            .collect()
+        table
     }
+}
 
-    /// The weighted root mean square of residuals (rad), in every draw.
-    pub fn errors(&self, residuals: &[Vec<f64>]) -> Vec<f64> {
-        let squares: Vec<f64> = residuals.iter().flatten().map(|r| r * r).collect();
-        let counts = self.sums(&vec![1.0; squares.len()]);
-        let sums = self.sums(&squares);
-        sums.iter()
-            .zip(counts)
-            .map(|(sum, count)| (sum / count).max(0.0).sqrt())
-            .collect()
-    }
+/// Weights whose mean is one.
+fn weights(random: &mut Pcg64Mcg, count: usize) -> Vec<f64> {
+    let drawn: Vec<f64> = (0..count).map(|_| Exp1.sample(random)).collect();
+    let mean = drawn.iter().sum::<f64>() / count as f64;
+    drawn.into_iter().map(|weight| weight / mean).collect()
+}
+
+/// The sum over a table, with a weight for each block and each state.
+fn weighted(table: &[[f64; 3 * BANDS]], blocks: &[f64], states: &[f64]) -> f64 {
+    let of_block = |row: &[f64; 3 * BANDS]| -> f64 {
+        row.iter()
+            .zip(states)
+            .map(|(sum, weight)| sum * weight)
+            .sum()
+    };
+    table
+        .iter()
+        .zip(blocks)
+        .map(|(row, weight)| weight * of_block(row))
+        .sum()
 }
 
 /// The state at each sample, over all segments: the band of the angle, and whether it
@@ -185,6 +198,12 @@ mod tests {
             .collect()
     }
 
+    /// The weighted sums of these values.
+    fn sums(segments: &[Recording], residuals: &[Vec<f64>], seed: u64, values: &[f64]) -> Vec<f64> {
+        let draws = Draws::of(segments, residuals, seed);
+        draws.sums_and_errors(values, residuals).0
+    }
+
     /// The standard deviation of a sum over the draws, as a share of its mean.
     fn spread(runs: usize, value: impl Fn(f64) -> f64) -> f64 {
         let segments = swings(runs);
@@ -192,7 +211,7 @@ mod tests {
             .iter()
             .flat_map(|segment| segment.angle.iter().map(|angle| value(*angle)))
             .collect();
-        let sums = Draws::of(&segments, &noise(runs), 1).sums(&values);
+        let sums = sums(&segments, &noise(runs), 1, &values);
         standard_deviation(&sums) / mean(&sums)
     }
 
@@ -200,9 +219,9 @@ mod tests {
     #[test]
     fn draws_have_the_sum_as_their_mean() {
         let segments = swings(4);
-        let sums = Draws::of(&segments, &noise(4), 1).sums(&vec![0.5; 4000]);
+        let (sums, errors) =
+            Draws::of(&segments, &noise(4), 1).sums_and_errors(&vec![0.5; 4000], &noise(4));
         assert!((mean(&sums) / 2000.0 - 1.0).abs() < 0.03, "{}", mean(&sums));
-        let errors = Draws::of(&segments, &noise(4), 1).errors(&noise(4));
         assert!((mean(&errors) - 1.0).abs() < 0.03, "{}", mean(&errors));
     }
 
@@ -220,7 +239,7 @@ mod tests {
     #[test]
     fn draws_repeat() {
         let segments = swings(2);
-        let sums = |seed| Draws::of(&segments, &noise(2), seed).sums(&vec![1.0; 2000]);
+        let sums = |seed| sums(&segments, &noise(2), seed, &vec![1.0; 2000]);
         assert_eq!(sums(3), sums(3));
         assert_ne!(sums(3), sums(4));
     }

@@ -128,31 +128,27 @@ const IN_RUN: usize = 6;
 /// standard deviation of the measured angle (rad). Sessions are smoothed whole, with the
 /// zeros in `nuisances` subtracted; features are taken from their fitted segments.
 pub fn localise(model: &Model<f64>, data: &Dataset, nuisances: &[Nuisance], noise: f64) -> Gap {
-    let sessions: Vec<Recording> = data
-        .sessions()
-        .iter()
-        .zip(nuisances)
-        .map(|(session, nuisance)| session.corrected(nuisance))
-        .collect();
-    let known = known_force(model, &sessions);
+    let with_zeros = || data.sessions().iter().map(Arc::as_ref).zip(nuisances);
+    let known = known_force(model, with_zeros().map(|(it, zeros)| it.corrected(zeros)));
     let smoother = Smoother {
         model,
         noise: noise.max(1e-6),
         force: known,
         pace: Pace::of(data),
     };
-    let with_zeros = || data.sessions().iter().map(Arc::as_ref).zip(nuisances);
     let intensity = smoother.likeliest_intensity(with_zeros());
     let mut runs: Vec<ForceSeries> = Vec::new();
-    let mut all: Vec<Sample> = Vec::new();
-    for (index, (recording, (session, nuisance))) in sessions.iter().zip(with_zeros()).enumerate() {
+    let count = data.fitted().map(|it| it.range.len()).sum();
+    let mut all: Vec<Sample> = Vec::with_capacity(count);
+    for (index, (session, nuisance)) in with_zeros().enumerate() {
         let ranges = data.fitted_ranges(index);
         if ranges.is_empty() {
             continue;
         }
         let series = smoother.smooth(session, nuisance, intensity);
+        let recording = session.corrected(nuisance);
         for range in ranges {
-            all.extend(samples(runs.len(), recording, &series, &range));
+            all.extend(samples(runs.len(), &recording, &series, &range));
             runs.push(series.slice(&range));
         }
     }
@@ -177,18 +173,17 @@ pub fn localise(model: &Model<f64>, data: &Dataset, nuisances: &[Nuisance], nois
 }
 
 /// The largest force of spring or drive in the recordings (N).
-fn known_force(model: &Model<f64>, recordings: &[Recording]) -> f64 {
+fn known_force(model: &Model<f64>, recordings: impl Iterator<Item = Recording>) -> f64 {
     let d = model.dynamics();
-    let largest = |of: fn(&Recording) -> &[f64]| {
-        recordings
-            .iter()
-            .flat_map(of)
-            .fold(0.0, |largest: f64, value| largest.max(value.abs()))
-    };
-    let spring = d.stiffness * largest(|r| &r.angle).powf(d.exponent);
-    spring
-        .max(d.input_gain.abs() * largest(|r| &r.pressure))
-        .max(1e-9)
+    let size = |largest: f64, value: &f64| largest.max(value.abs());
+    let [angle, pressure] = recordings.fold([0.0; 2], |[angle, pressure], recording| {
+        [
+            recording.angle.iter().fold(angle, size),
+            recording.pressure.iter().fold(pressure, size),
+        ]
+    });
+    let spring = d.stiffness * angle.powf(d.exponent);
+    spring.max(d.input_gain.abs() * pressure).max(1e-9)
 }
 
 /// Whether the pressure has an edge other than at the start of a run.

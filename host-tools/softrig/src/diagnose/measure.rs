@@ -14,10 +14,10 @@ use super::discrepancy;
 use super::executor::Unfitted;
 use super::levels::{Estimate, Levels};
 use super::policy::Policy;
-use super::validation::{CrossValidator, Errors, Predicted, at_horizons};
+use super::validation::{CrossValidator, Errors, at_horizons};
 use super::verdict::Closure;
 use crate::estimate::filter::Pace;
-use crate::estimate::fit::{Fit, Fitter, Residuals};
+use crate::estimate::fit::{Fit, Fitter};
 use crate::estimate::horizon::block_errors;
 
 /// A structure as fitted, and how it does.
@@ -29,8 +29,6 @@ pub struct MeasuredStructure {
     pub fitted: Errors,
     /// RMS errors on held-out segments (rad).
     pub held_out: Errors,
-    /// Residuals of simulations over whole held-out segments.
-    pub residuals: Residuals,
 }
 
 impl MeasuredStructure {
@@ -38,11 +36,9 @@ impl MeasuredStructure {
     pub fn of(validator: &CrossValidator<'_>, candidate: Candidate) -> Self {
         let fitter = validator.fitter();
         let horizons = horizons(&Pace::of(fitter.data));
-        let Predicted { errors, residuals } = validator.predicted(&candidate, horizons);
         Self {
             fitted: fitted_errors(fitter, &candidate.fit, horizons),
-            held_out: errors,
-            residuals,
+            held_out: validator.predicted(&candidate, horizons),
             candidate,
         }
     }
@@ -122,7 +118,7 @@ impl MeasureContext<'_> {
             let candidate = self.levels.candidate(&estimate, level)?;
             least(
                 &mut held_out,
-                self.validator.predicted(&candidate, self.horizons()).errors,
+                self.validator.predicted(&candidate, self.horizons()),
             );
             let horizons = self.horizons();
             least(&mut fitted[0], fitted_errors(self.subsample, fit, horizons));
@@ -284,8 +280,7 @@ fn horizons(pace: &Pace) -> [f64; 2] {
 /// segments.
 pub fn closed(validator: &CrossValidator<'_>, before: &Candidate, after: &Candidate) -> Closure {
     let horizons = horizons(&Pace::of(validator.fitter().data));
-    let [before, after] =
-        [before, after].map(|it| validator.predicted(it, horizons).errors.values());
+    let [before, after] = [before, after].map(|it| validator.predicted(it, horizons).values());
     closure(&before, &after, validator.floor())
 }
 

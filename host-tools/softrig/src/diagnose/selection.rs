@@ -135,14 +135,17 @@ impl Rows {
         let angles: Vec<f64> = segments.iter().flat_map(|it| &it.angle).copied().collect();
         let accuracy = (policy.accuracy * swing(&angles)).max(f64::MIN_POSITIVE);
         let at_noise = policy.at_noise * validator.floor().max(noise);
-        let draws = best.map(|best| Draws::of(&segments, &best.residuals, seed));
+        let draws = best.map(|best| {
+            let residuals = validator.residuals_of(&best.candidate);
+            Draws::of(&segments, &residuals, seed)
+        });
         let scored = all
             .par_iter()
             .map(|it| {
                 let row = &it.row;
                 let (density, errors) = draws.as_ref().map_or_else(Default::default, |draws| {
-                    let densities = log_densities(&row.residuals);
-                    (draws.sums(&densities), draws.errors(&row.residuals))
+                    let residuals = validator.residuals_of(&row.candidate);
+                    draws.sums_and_errors(&log_densities(&residuals), &residuals)
                 });
                 Scored {
                     kinds: row.candidate.set(),

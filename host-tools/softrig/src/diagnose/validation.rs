@@ -19,7 +19,7 @@ use super::candidates::{Candidate, free_parameters};
 use super::noise::{NoiseFloor, repeats};
 use super::policy::Search;
 use crate::estimate::Segment;
-use crate::estimate::fit::{Effort, Fitter, Residuals, Validation};
+use crate::estimate::fit::{Effort, Fitter, Validation};
 use crate::estimate::horizon::{Squares, block_errors};
 use crate::estimate::placement::Placement;
 use crate::sim::board::{self, OnBoard};
@@ -159,26 +159,17 @@ impl Squared for Vec<f64> {
     }
 }
 
-/// What was found on a segment: squared errors at three horizons, and residuals (rad) of
-/// the whole simulation.
-type Segmentwise = ([Squares; 3], Vec<f64>);
+/// What was found on a segment: squared errors at three horizons, the last of them that of the
+/// whole simulation.
+type Segmentwise = [Squares; 3];
 
 impl Squared for Segmentwise {
     fn sum(&self) -> f64 {
-        self.1.sum()
+        self[2].sum
     }
 }
 
-/// How a structure predicts held-out segments.
-#[derive(Clone, Debug)]
-pub struct Predicted {
-    /// RMS errors (rad).
-    pub errors: Errors,
-    /// Residuals over whole segments.
-    pub residuals: Residuals,
-}
-
-/// A structure as fitted: the key of its held-out residuals. Two fits of one structure
+/// A structure as fitted: the key of its held-out errors. Two fits of one structure
 /// predict differently.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Key {
@@ -218,8 +209,8 @@ pub struct CrossValidator<'a> {
     floor: f64,
     /// Whether every held-out segment repeats a fitted one.
     only_repeats: bool,
-    /// Residuals of each segment found before: several steps need the same ones.
-    memo: Mutex<BTreeMap<Key, Residuals>>,
+    /// Squared errors of each segment found before: several steps need the same ones.
+    memo: Mutex<BTreeMap<Key, Vec<f64>>>,
 }
 
 impl<'a> CrossValidator<'a> {
@@ -288,19 +279,14 @@ impl<'a> CrossValidator<'a> {
 
     /// Sum of squared errors of a fitted structure on each run.
     fn squares_of(&self, candidate: &Candidate) -> Vec<f64> {
-        squares(&self.residuals_of(candidate))
-    }
-
-    /// Residuals (rad) of a fitted structure on each held-out run.
-    pub fn residuals_of(&self, candidate: &Candidate) -> Residuals {
         let key = Key::of(candidate);
         let memo = || self.memo.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(known) = memo().get(&key) {
             return known.clone();
         }
-        let found: Residuals = self
-            .collect(candidate, |fitter, model| fitter.validate(model).residuals)
-            .into();
+        let found = self.collect(candidate, |fitter, model| {
+            squares(&fitter.validate(model).residuals)
+        });
         memo().insert(key, found.clone());
         found
     }
@@ -397,24 +383,28 @@ impl<'a> CrossValidator<'a> {
         })
     }
 
-    /// Predicts held-out segments with a fitted structure, over blocks of two horizons (s) and
-    /// over whole segments.
-    pub fn predicted(&self, candidate: &Candidate, horizons: [f64; 2]) -> Predicted {
-        let found = self.collect(candidate, |fitter, model| {
+    /// Residuals (rad) of a fitted structure on each held-out segment. They are simulated again
+    /// rather than kept: over a thousand recordings those of every structure take more memory
+    /// than all else.
+    pub fn residuals_of(&self, candidate: &Candidate) -> Vec<Vec<f64>> {
+        self.collect(candidate, |fitter, model| {
+            fitter.validate_near(model).residuals
+        })
+    }
+
+    /// RMS errors (rad) of a fitted structure on held-out segments, over blocks of two horizons
+    /// (s) and over whole segments.
+    pub fn predicted(&self, candidate: &Candidate, horizons: [f64; 2]) -> Errors {
+        let found: Vec<Segmentwise> = self.collect(candidate, |fitter, model| {
             let Validation {
                 residuals,
                 nuisances,
             } = fitter.validate_near(model);
-            let squares = at_horizons(&residuals, horizons, |horizon| {
+            at_horizons(&residuals, horizons, |horizon| {
                 block_errors(model, fitter.data, &nuisances, horizon, false)
-            });
-            squares.into_iter().zip(residuals).collect()
+            })
         });
-        let (squares, residuals): (Vec<_>, Vec<_>) = found.into_iter().unzip();
-        Predicted {
-            errors: Errors::of(&squares),
-            residuals: residuals.into(),
-        }
+        Errors::of(&found)
     }
 
     /// Evaluates the data with its held-out segments, or without each fold in turn, and
