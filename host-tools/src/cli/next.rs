@@ -22,7 +22,9 @@ use softrig::diagnose::plan::{Limits, Proposal};
 use softrig::diagnose::verdict::Answer;
 use softrig::diagnose::{Diagnosis, Request, diagnose};
 use softrig_formats::error::{InputError, write_atomically};
-use softrig_formats::recording::Recording;
+use softrig_formats::own_effects::OwnEffects;
+use softrig_formats::recording::{Recording, check_distinct, read_all};
+use softrig_formats::terminal::quoted;
 
 /// Makes the experiments that decide: diagnoses, proposes a run, asks you to set up the
 /// rig, records it, and diagnoses all recordings together, until it can tell or nothing
@@ -56,6 +58,12 @@ pub struct Args {
     /// Recordings so far
     #[arg(required = true, value_name = "REC.csv")]
     recordings: Vec<PathBuf>,
+    /// Validation recordings; without them, runs are left out in turn
+    #[arg(long, value_name = "REC.csv", num_args = 1..)]
+    holdout: Vec<PathBuf>,
+    /// File of your own effects, given by formulas, to try beside those of the catalogue
+    #[arg(long, value_name = "EFFECTS.toml")]
+    effects: Option<PathBuf>,
     /// Folder for the plans and their recordings
     #[arg(short, long, value_name = "FOLDER", default_value = "next")]
     output: PathBuf,
@@ -81,11 +89,13 @@ pub struct Args {
 ///
 /// Faults of the input, of the link, or of the board.
 pub fn run(args: &Args) -> anyhow::Result<()> {
-    let read = args.recordings.iter().chain([&args.model]);
+    let read = args.recordings.iter().chain(&args.holdout);
+    let read = read.chain([&args.model]).chain(&args.effects);
     output::check(
         &[Output::of("--json", FileKind::Json, args.json.as_ref())],
         read.chain(&args.actuator),
     )?;
+    check_distinct(&args.recordings, &args.holdout)?;
     if let Some(actuator) = &args.actuator {
         // Before the long work, with line and column.
         super::read_model(actuator)?;
@@ -121,13 +131,29 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         }
         recordings.push(recording);
     }
-    let files = recordings.iter().map(|path| path.display().to_string());
     super::print(&format!(
-        "To keep the answer: rig diagnose --model {} {} --report report.html -o repaired.toml\n",
-        args.model.display(),
-        files.collect::<Vec<_>>().join(" ")
+        "To keep the answer: {}\n",
+        to_keep(args, &recordings)
     ))?;
     Ok(())
+}
+
+/// The command that writes the last answer to files.
+fn to_keep(args: &Args, recordings: &[PathBuf]) -> String {
+    let name = |path: &PathBuf| quoted(&path.to_string_lossy());
+    let names = |paths: &[PathBuf]| paths.iter().map(name).collect::<Vec<_>>().join(" ");
+    let mut command = format!(
+        "rig diagnose --model {} {}",
+        name(&args.model),
+        names(recordings)
+    );
+    if !args.holdout.is_empty() {
+        command += &format!(" --holdout {}", names(&args.holdout));
+    }
+    if let Some(effects) = &args.effects {
+        command += &format!(" --effects {}", name(effects));
+    }
+    command + " --report report.html -o repaired.toml"
 }
 
 /// The run that would say more.
@@ -140,12 +166,18 @@ struct Next {
 /// What the recordings say, and the run that would say more; none where the answer is clear or
 /// no run is known.
 fn diagnosed(args: &Args, paths: &[PathBuf]) -> anyhow::Result<(String, Option<Next>)> {
-    let (file, recordings) = super::read(&args.model, paths, &args.input.layout())?;
+    let layout = args.input.layout();
+    let (file, recordings) = super::read(&args.model, paths, &layout)?;
+    let own = match &args.effects {
+        Some(path) => Some(OwnEffects::read(path, &file.model)?),
+        None => None,
+    };
+    let holdout = read_all(&args.holdout, &layout.or(&file.recording), super::warn)?;
     let request = Request {
         file: &file,
         recordings: &recordings,
-        holdout: &[],
-        own: None,
+        holdout: &holdout,
+        own: own.as_ref(),
         seed: args.seed,
     };
     let go_on = "To go on, repeat the command.".to_owned();

@@ -68,8 +68,9 @@ pub struct Args {
 
 /// What is to be said where no run that is known decides.
 pub(super) const NOTHING_DECIDES: &str =
-    "neither a pressure nor a turned base tells these effects apart.
-A better calibration, a weight at the tip or another length of tube may.
+    "no pressure tells these effects apart, nor what else is known to be
+changed on this rig: its base for a weight, the load at its tip and the length of its tube where the
+recordings say them, a rest for what the first stretch took.
 ";
 
 /// Runs that are listed.

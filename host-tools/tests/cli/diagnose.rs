@@ -293,6 +293,10 @@ fn a_diagnosis_needs_runs_that_were_not_fitted() {
             &["good.csv", "is given twice", "name each recording once"],
         );
     }
+    bench.refuses(
+        "next --virtual m.toml --model m.toml good.csv --holdout good.csv",
+        &["good.csv", "is given twice", "name each recording once"],
+    );
 }
 
 /// A search that its budget ends gives a whole verdict on what it tried; one that has time
