@@ -129,7 +129,7 @@ fn report(case: &Case, diagnosis: &Diagnosis) -> Report {
 fn without_a_name(found: &Diagnosis, finding: Finding) -> Diagnosis {
     let mut other = found.clone();
     other.finding = finding;
-    other.repaired = Candidate::of(Vec::new(), found.refit.clone());
+    other.repaired = Candidate::of(0, found.refit.clone());
     other.closure = None;
     other.gap_left = None;
     other.held_out.repaired = found.held_out.refit;

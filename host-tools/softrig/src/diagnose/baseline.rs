@@ -108,7 +108,7 @@ impl Baseline {
             .map(|it| it.released)
             .filter(|anew| anew.cost() < near.cost())
             .unwrap_or(near);
-        let refit = Candidate::of(Vec::new(), fit);
+        let refit = Candidate::of(0, fit);
         Some(Self {
             nominal: fitter.compare(&self.nominal.model),
             data: with_guesses(&data, &refit.fit),

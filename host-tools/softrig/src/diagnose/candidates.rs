@@ -31,10 +31,12 @@ pub struct Candidate {
 }
 
 impl Candidate {
-    /// A structure fitted by output error.
-    pub const fn of(added: Vec<Kind>, fit: Fit) -> Self {
+    /// A structure fitted by output error, of which the last `count` effects were added. Their
+    /// names are those of the fitted model, so that none carries another's parameters.
+    pub fn of(count: usize, fit: Fit) -> Self {
+        let kinds: Vec<Kind> = fit.model.effects().map(|effect| effect.kind()).collect();
         Self {
-            added,
+            added: kinds[kinds.len().saturating_sub(count)..].to_vec(),
             fit,
             level: None,
         }
@@ -524,7 +526,7 @@ pub fn coarse_fit(context: &FitContext<'_>, predicted: &Predicted) -> Result<Can
     let fit = context
         .executor
         .best_of(context.subsample, starts, &free, Effort::Coarse)?;
-    Ok(Candidate::of(predicted.added.clone(), fit))
+    Ok(Candidate::of(predicted.added.len(), fit))
 }
 
 /// Whether an effect has a memory.
@@ -561,7 +563,7 @@ pub fn final_fit(context: &FitContext<'_>, candidate: &Candidate) -> Result<Cand
         let is_ahead = few.cost() < it.cost();
         if is_ahead { fit(&few.model) } else { Ok(few) }
     })?;
-    Ok(Candidate::of(candidate.added.clone(), best))
+    Ok(Candidate::of(candidate.added.len(), best))
 }
 
 /// Steps after which another shape has to be ahead.
@@ -744,5 +746,5 @@ pub fn release(context: &FitContext<'_>, candidate: &Candidate) -> Result<Candid
     }
     let executor = &context.executor;
     let fit = executor.best_of(context.fitter, &models, &free, Effort::Full)?;
-    Ok(Candidate::of(candidate.added.clone(), fit))
+    Ok(Candidate::of(candidate.added.len(), fit))
 }

@@ -84,7 +84,7 @@ impl Graded {
         rows.par_iter()
             .filter_map(|(_, row)| {
                 let fit = row.estimate.fits.last()?.clone();
-                let candidate = Candidate::of(row.estimate.added.clone(), fit);
+                let candidate = Candidate::of(row.estimate.added.len(), fit);
                 executor.reached(SearchPart::Combinations, final_fit(context, &candidate))
             })
             .collect()

@@ -155,7 +155,7 @@ pub fn refit(file: &ModelFile, fitter: &Fitter<'_>) -> Option<Refitted> {
                 file.model = fit.model;
                 return Some(Refitted {
                     identified: Identifiability::of(&fit, &held, order),
-                    refit: Candidate::of(Vec::new(), fit),
+                    refit: Candidate::of(0, fit),
                     file,
                     remarks,
                 });

@@ -11,7 +11,7 @@
 use std::collections::BTreeSet;
 
 use model_core::actuator::{MAX_EFFECTS, Model};
-use model_core::catalogue::Kind;
+use model_core::catalogue::{Effect, Kind};
 use rayon::prelude::*;
 
 use super::budget::SearchPart;
@@ -195,19 +195,9 @@ impl<'a> Levels<'a> {
                 Some((task, sse, model))
             })
             .collect();
-        let mut chosen: Vec<Chosen<'b>> = Vec::new();
-        let mut keep = |added: Vec<Kind>, base, level: usize, model: &Model<f64>| {
-            let set = sorted(&added);
-            let place = chosen.iter().position(|it| sorted(&it.added) == set);
-            let place = place.unwrap_or_else(|| {
-                chosen.push(Chosen {
-                    added,
-                    base,
-                    starts: vec![None; self.horizons.len()],
-                });
-                chosen.len() - 1
-            });
-            chosen[place].starts[level] = Some(*model);
+        let mut shortlist = Shortlist {
+            levels: self.horizons.len(),
+            chosen: Vec::new(),
         };
         for level in 0..self.horizons.len() {
             let mut here: Vec<_> = screened
@@ -217,7 +207,7 @@ impl<'a> Levels<'a> {
             here.sort_by(|a, b| a.1.total_cmp(&b.1));
             for (task, _, model) in here.into_iter().take(KEPT) {
                 let added = task.added();
-                keep(added, Some(task.base), level, model);
+                shortlist.keep(added, Some(task.base), level, model);
             }
         }
         for candidate in coarse.iter().take(KEPT) {
@@ -227,8 +217,9 @@ impl<'a> Levels<'a> {
                     && candidate.added.starts_with(&base.estimate.added)
             };
             let base = bases.iter().find(extends);
-            keep(candidate.added.clone(), base, self.output_error(), model);
+            shortlist.keep(candidate.added.clone(), base, self.output_error(), model);
         }
+        let chosen = shortlist.chosen;
         let fits = chosen.len() * self.horizons.len();
         self.executor().progress().step("fits", fits);
         chosen
@@ -267,7 +258,7 @@ impl<'a> Levels<'a> {
         } = base;
         let added = appended(&estimate.added, kind);
         let free = free_parameters(self.context.file, &added);
-        let from = Candidate::of(estimate.added.clone(), estimate.fits[level].clone());
+        let from = Candidate::of(estimate.added.len(), estimate.fits[level].clone());
         let starts = starts_from(&self.context, &from, kind, beside);
         let best = fitter.least_predicted(&starts, &free, 1);
         best.into_iter().next().map(|(_, model)| model)
@@ -344,9 +335,11 @@ impl<'a> Levels<'a> {
         let best = in_best_shape(&self.context, best, |it| self.finished(it, level))?;
         let chosen = self.level(level);
         Ok(Candidate {
-            added: estimate.added.clone(),
-            fit: self.context.fitter.at(chosen.as_ref()).informed(&best),
             level: chosen,
+            ..Candidate::of(
+                estimate.added.len(),
+                self.context.fitter.at(chosen.as_ref()).informed(&best),
+            )
         })
     }
 
@@ -376,6 +369,49 @@ impl<'a> Levels<'a> {
     }
 }
 
+/// The structures to fit at all levels: a set of effects once, however often and in whatever
+/// order the screening found it.
+struct Shortlist<'a> {
+    /// Number of levels.
+    levels: usize,
+    chosen: Vec<Chosen<'a>>,
+}
+
+impl<'a> Shortlist<'a> {
+    /// Keeps a start of a structure at a level, its effects in the order in which the structure
+    /// was found first: free parameters are numbered by it.
+    fn keep(
+        &mut self,
+        added: Vec<Kind>,
+        base: Option<&'a Base<'a>>,
+        level: usize,
+        model: &Model<f64>,
+    ) {
+        let set = sorted(&added);
+        let place = self.chosen.iter().position(|it| sorted(&it.added) == set);
+        let place = place.unwrap_or_else(|| {
+            self.chosen.push(Chosen {
+                added,
+                base,
+                starts: vec![None; self.levels],
+            });
+            self.chosen.len() - 1
+        });
+        let chosen = &mut self.chosen[place];
+        chosen.starts[level] = in_order(model, &chosen.added);
+    }
+}
+
+/// A model with its last effects in the order `added`; none if it has not exactly these.
+fn in_order(model: &Model<f64>, added: &[Kind]) -> Option<Model<f64>> {
+    let mut effects: Vec<Effect<f64>> = model.effects().collect();
+    let last = effects.split_off(effects.len().checked_sub(added.len())?);
+    for kind in added {
+        effects.push(*last.iter().find(|effect| effect.kind() == *kind)?);
+    }
+    Model::new(*model.dynamics(), &effects).ok()
+}
+
 impl Task<'_> {
     fn added(&self) -> Vec<Kind> {
         appended(&self.base.estimate.added, self.kind)
@@ -394,4 +430,70 @@ fn sorted(kinds: &[Kind]) -> Vec<Kind> {
     let mut set = kinds.to_vec();
     set.sort_unstable();
     set
+}
+
+#[cfg(test)]
+mod tests {
+    use model_core::dynamics::Dynamics;
+
+    use super::*;
+
+    /// An effect whose parameters are told apart from those of every other.
+    fn effect(kind: Kind, first: f32) -> Option<Effect<f64>> {
+        let starts = kind.parameters().iter().map(|row| {
+            let start = row.held.or_else(|| row.starts.first().copied());
+            f64::from(first * start.unwrap_or(1.0))
+        });
+        kind.build(&starts.collect::<Vec<f64>>())
+    }
+
+    /// The screening finds a set of effects in both orders, each at another level. Every start
+    /// has them in the order of the structure, with their own values.
+    #[test]
+    fn names_travel_with_values_for_every_two_effects_in_every_order() {
+        let dynamics = *Model::<f64>::inert().dynamics();
+        let model = |effects: &[Effect<f64>]| {
+            Model::<f64>::new(
+                Dynamics {
+                    stiffness: 1.0,
+                    damping: 1.0,
+                    input_gain: 1.0,
+                    ..dynamics
+                },
+                effects,
+            )
+        };
+        let mut pairs = 0;
+        for &a in Kind::NAMES {
+            for &b in Kind::NAMES {
+                let (Some(first), Some(second)) = (effect(a, 1.0), effect(b, 1.0)) else {
+                    continue;
+                };
+                let (Ok(forth), Ok(back)) = (model(&[first, second]), model(&[second, first]))
+                else {
+                    continue;
+                };
+                if a == b {
+                    continue;
+                }
+                pairs += 1;
+                let mut shortlist = Shortlist {
+                    levels: 2,
+                    chosen: Vec::new(),
+                };
+                shortlist.keep(vec![a, b], None, 0, &forth);
+                shortlist.keep(vec![b, a], None, 1, &back);
+                let [only] = shortlist.chosen.as_slice() else {
+                    panic!("{a:?} and {b:?} are kept twice");
+                };
+                for start in &only.starts {
+                    let effects: Vec<_> = start.unwrap().effects().collect();
+                    assert_eq!(effects, [first, second], "{a:?} and {b:?}");
+                    let kinds: Vec<Kind> = effects.iter().map(Effect::kind).collect();
+                    assert_eq!(kinds, only.added);
+                }
+            }
+        }
+        assert!(pairs > 300, "{pairs}");
+    }
 }

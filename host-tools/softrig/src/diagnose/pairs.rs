@@ -283,10 +283,7 @@ mod tests {
         let recordings = swings(&file, effects, &[1.1, 0.7, 0.3]);
         let data = Dataset::of(&recordings);
         let fitter = Fitter::new(&file.model, &data);
-        let base = Candidate::of(
-            Vec::new(),
-            fitter.fit(&file.model, &file.free, Effort::Full),
-        );
+        let base = Candidate::of(0, fitter.fit(&file.model, &file.free, Effort::Full));
         let (progress, checkpoint) = (Progress::default(), Checkpoint::default());
         let context = FitContext {
             file: &file,

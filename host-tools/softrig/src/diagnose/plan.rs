@@ -753,7 +753,7 @@ mod tests {
         let model = Model::new(dynamics, &[kind.build(values).unwrap()]).unwrap();
         let none = Dataset::default();
         let fitter = Fitter::new(&model, &none);
-        Candidate::of(vec![kind], fitter.compare(&model))
+        Candidate::of(1, fitter.compare(&model))
     }
 
     /// The zeros of every fit follow an offset, so it is no evidence in any run.

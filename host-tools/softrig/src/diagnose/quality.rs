@@ -354,10 +354,7 @@ pub(crate) mod tests {
         };
         let data = Dataset::of(&recordings);
         let fitter = Fitter::new(&file.model, &data);
-        let refit = Candidate::of(
-            Vec::new(),
-            fitter.fit(&file.model, &file.free, Effort::Full),
-        );
+        let refit = Candidate::of(0, fitter.fit(&file.model, &file.free, Effort::Full));
         let floor = NoiseFloor::of(&recordings).white;
         let odd = outlying_recording(&file, &fitter, &refit, floor).unwrap();
         assert_eq!(
@@ -369,7 +366,7 @@ pub(crate) mod tests {
         let data = Dataset::of(&recordings);
         let fitter = Fitter::new(&file.model, &data);
         let fit = fitter.fit(&file.model, &file.free, Effort::Full);
-        let refit = Candidate::of(Vec::new(), fit);
+        let refit = Candidate::of(0, fit);
         assert_eq!(outlying_recording(&file, &fitter, &refit, floor), None);
     }
 

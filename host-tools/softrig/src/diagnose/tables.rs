@@ -50,7 +50,7 @@ pub fn with_table(context: &FitContext<'_>, base: &Candidate) -> Option<Candidat
         context.executor.fit(whole, &fit.model, &fit.free, FITTED)
     });
     let fit = context.executor.reached(SearchPart::Table, fitted)?;
-    Some(Candidate::of(best.added, whole.informed(&fit)))
+    Some(Candidate::of(best.added.len(), whole.informed(&fit)))
 }
 
 /// The variable of which an effect's force is a function; none for an effect with a
@@ -98,11 +98,11 @@ fn fitted(
         .filter(|id| !does_the_same(of, *id))
         .chain(forces)
         .collect();
-    let added = base.added.iter().copied().chain([Kind::Table]).collect();
+    let count = base.added.len() + 1;
     let executor = &context.executor;
     Some(executor.begin().and_then(|_job| {
         let fit = executor.fit(context.subsample, &model, &free, FITTED)?;
-        Ok(Candidate::of(added, fit))
+        Ok(Candidate::of(count, fit))
     }))
 }
 
@@ -175,10 +175,7 @@ mod tests {
             let recordings: Vec<_> = example.recordings.into_iter().map(|it| it.1).collect();
             let data = Dataset::of(&recordings);
             let fitter = Fitter::new(&file.model, &data);
-            let refit = Candidate::of(
-                Vec::new(),
-                fitter.fit(&file.model, &file.free, Effort::Full),
-            );
+            let refit = Candidate::of(0, fitter.fit(&file.model, &file.free, Effort::Full));
             let scales = Scales::of(&fitter, &refit.fit);
             let (progress, checkpoint) = (Progress::default(), Checkpoint::default());
             let context = FitContext {

@@ -103,7 +103,7 @@ fn with_weight(
     let mut left = vec![without.rmse()];
     let mut effects = file.model.effects();
     if !effects.any(|effect| effect.kind() == Kind::Gravity) {
-        let nominal = Candidate::of(Vec::new(), fitter.compare(&file.model));
+        let nominal = Candidate::of(0, fitter.compare(&file.model));
         for base in [refit, &nominal] {
             match structures::fit(file, data, base, &[Kind::Gravity], executor) {
                 Ok(weight) => left.push(weight.fit.rmse()),

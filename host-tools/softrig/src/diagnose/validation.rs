@@ -597,7 +597,7 @@ mod tests {
     fn two_fits_of_one_structure_have_their_own_errors() {
         let (file, data) = example(Hidden::Effect(Kind::CubicStiffness));
         let fitter = Fitter::new(&file.model, &data);
-        let fit = |from: &Model<f64>| Candidate::of(Vec::new(), fitter.compare(from));
+        let fit = |from: &Model<f64>| Candidate::of(0, fitter.compare(from));
         let right = fit(&file.model);
         let off = fit(&file.model.with_value(ParameterId::Stiffness, 100.0));
         let errors = |first: &Candidate, then: &Candidate| {
@@ -643,7 +643,7 @@ mod tests {
             data.push(session, vec![mark]);
         }
         let fitter = Fitter::new(&file.model, &data);
-        let candidate = Candidate::of(Vec::new(), fitter.compare(&file.model));
+        let candidate = Candidate::of(0, fitter.compare(&file.model));
         let validator = CrossValidator::new(&file, &fitter, 0.0);
         let found = validator.errors(&candidate, &candidate);
         let directly = (squares / samples as f64).sqrt();
@@ -662,7 +662,7 @@ mod tests {
         let late = Kind::DeadTime.build(&[0.7]).unwrap();
         let model = Model::new(*file.model.dynamics(), &[late]).unwrap();
         let fitter = Fitter::new(&model, &data);
-        let candidate = Candidate::of(Vec::new(), fitter.compare(&model));
+        let candidate = Candidate::of(0, fitter.compare(&model));
         let validator = CrossValidator::new(&file, &fitter, 0.0);
         let found = validator.errors(&candidate, &candidate);
         assert!(OnBoard::new(&model, 2.3).is_err());
