@@ -1,7 +1,7 @@
 //! `softrig.gap` and `softrig.compare`: how far a model that is given is off.
 
 use library::board_gap::{BoardGap, PredictedRun, predicted_runs};
-use library::comparison::Comparison;
+use library::comparison::{Comparison, check_comparable};
 use library::diagnose::Progress;
 use library::estimate::assemble::assemble;
 use pyo3::prelude::*;
@@ -61,6 +61,7 @@ pub fn compare<'py>(
             .collect::<PyResult<_>>()?,
     };
     let [used, _] = inputs(py, &crate::recording::recordings(recordings)?, &[])?;
+    warn(py, check_comparable(&files, &used).or_raise(py)?)?;
     let assembled = assemble(&used, &[]).or_raise(py)?;
     warn(py, assembled.concerns.iter().map(ToString::to_string))?;
     let work = move |_: &Progress| Comparison::of(&files, &assembled.data, linear);

@@ -1,5 +1,6 @@
 //! `softrig.simulate`.
 
+use library::comparison::check_comparable;
 use library::diagnose::Progress;
 use library::estimate::simulation::{ANGLES_DEG, Arithmetic, Drive, HOLDS_S, in_range};
 use library::statistics::rms;
@@ -122,7 +123,10 @@ pub fn simulate(
     arithmetic.check(&file).or_raise(py)?;
     let drive = match (recording, time_s, pressure_kpa, protocol) {
         (Some(recording), None, None, None) => {
-            Drive::measured(recording.get().inner.as_ref().clone())
+            let recording = recording.get().inner.as_ref().clone();
+            let checked = check_comparable([&*file], std::slice::from_ref(&recording));
+            warn(py, checked.or_raise(py)?)?;
+            Drive::measured(recording)
         }
         (None, Some(time), Some(pressure), None) => {
             let time = numbers(py, "time_s", time)?;

@@ -6,12 +6,15 @@
 use std::fmt;
 
 use model_core::actuator::{Model, ParameterId};
+use softrig_formats::error::InputError;
 use softrig_formats::model_file::ModelFile;
 use softrig_formats::recording::Recording;
 
 use crate::diagnose::noise::NoiseFloor;
 use crate::estimate::Dataset;
 use crate::estimate::fit::{Effort, Fitter, Residuals};
+use crate::estimate::placement::without_law;
+use crate::estimate::unit_errors;
 use crate::sim::linear::linear_rival;
 use crate::statistics::{mean, rms, squares_about_mean};
 
@@ -57,6 +60,43 @@ impl Comparison {
             groups,
             models,
         }
+    }
+}
+
+/// Refuses recordings that no model can be compared with: their columns hold something else than
+/// their header says. Of several models, one that agrees with them as they are is enough. Returns
+/// what a setup says of the rig that a model has no law for.
+///
+/// # Errors
+///
+/// Names the recordings, the columns, and the flags that say what they hold.
+pub fn check_comparable<'a>(
+    files: impl IntoIterator<Item = &'a ModelFile>,
+    recordings: &[Recording],
+) -> Result<Vec<String>, InputError> {
+    let mut warnings: Vec<String> = Vec::new();
+    let mut refused: Option<InputError> = None;
+    let mut agrees = false;
+    for file in files {
+        match unit_errors::refuse(file, recordings) {
+            Ok(()) => agrees = true,
+            Err(error) => {
+                refused.get_or_insert(error);
+            }
+        }
+        let missing = recordings.iter().find_map(|recording| {
+            let setup = recording.meta.setup.as_ref()?;
+            Some((recording, without_law(setup, file)?))
+        });
+        warnings.extend(missing.map(|(recording, (key, lacks, advice))| {
+            let found = format!("[setup] of {} has {key}, and {lacks}", recording.name);
+            let error = InputError::new(found, advice).in_file(&file.path);
+            format!("{error}; it is simulated without")
+        }));
+    }
+    match refused {
+        Some(error) if !agrees => Err(error),
+        _ => Ok(warnings),
     }
 }
 

@@ -11,7 +11,7 @@ use clap::Parser;
 use super::input::InputArgs;
 use super::output::{self, FileKind, Output};
 use crate::plot::{Figure, Mark, Panel, Role, Series, Style, write_svg};
-use softrig::comparison::{Comparison, Repeats, average, deviation};
+use softrig::comparison::{Comparison, Repeats, average, check_comparable, deviation};
 use softrig::estimate::assemble::assemble;
 use softrig_formats::columns::Layout;
 use softrig_formats::error::{InputError, write_atomically};
@@ -98,6 +98,9 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         .map(|path| super::read_model(path))
         .collect::<Result<Vec<_>, InputError>>()?;
     let recordings = read_all(&args.recordings, &layout(&files, args)?, super::warn)?;
+    for warning in check_comparable(&files, &recordings)? {
+        super::warn(&warning);
+    }
     let assembled = assemble(&recordings, &[])?;
     for concern in &assembled.concerns {
         super::warn(&concern.to_string());

@@ -19,6 +19,7 @@ use softrig::diagnose::structures;
 use softrig::estimate::assemble::assemble;
 use softrig::estimate::checkpoint::Checkpoint;
 use softrig::estimate::fit::Fitter;
+use softrig::estimate::unit_errors;
 use softrig::estimate::{Dataset, Nuisance};
 use softrig::sim::protocol::Protocol;
 use softrig_formats::error::{InputError, write_atomically};
@@ -89,6 +90,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         read,
     )?;
     let (file, recordings) = super::read(&args.model, &args.recordings, &args.input.layout())?;
+    unit_errors::refuse(&file, &recordings)?;
     let own = match &args.effects {
         Some(path) => Some(OwnEffects::read(path, &file.model)?),
         None => None,

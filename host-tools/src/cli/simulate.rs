@@ -8,6 +8,7 @@ use super::choice::choice;
 use super::input::InputArgs;
 use super::output::{self, FileKind, Output};
 use crate::plot::{Figure, Panel, Series, Style, write_svg};
+use softrig::comparison::check_comparable;
 use softrig::estimate::simulation::{ANGLES_DEG, Arithmetic, Drive, HOLDS_S, in_range};
 use softrig_formats::error::write_with_meta;
 use softrig_formats::recording::{PASCAL_PER_KPA, Recording, to_csv};
@@ -92,6 +93,9 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
                 Recording::read_as(path, &args.input.layout().or(&file.recording))?;
             for warning in &warnings {
                 super::warn(warning);
+            }
+            for warning in check_comparable([&file], std::slice::from_ref(&recording))? {
+                super::warn(&warning);
             }
             Drive::measured(recording)
         }

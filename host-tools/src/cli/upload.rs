@@ -5,12 +5,12 @@ use std::path::PathBuf;
 use anyhow::Context;
 use clap::{ArgGroup, Parser};
 use indicatif::{ProgressBar, ProgressStyle};
-use model_core::catalogue::{Effect, Kind};
 use wire::settings::{Key, Settings};
 use wire::state::State;
 
 use softrig::diagnose::verdict::read_zeros;
 use softrig::estimate::Placement;
+use softrig::estimate::placement::without_law;
 use softrig::sim::board;
 use softrig_formats::error::InputError;
 use softrig_formats::model_file::ModelFile;
@@ -71,24 +71,9 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let mut wanted: Vec<Assignment> = Vec::new();
     let mut model = args.model.as_deref().map(super::read_model).transpose()?;
     if let (Some(file), Some(setup)) = (&mut model, &args.setup) {
-        if setup.tube_mm.is_some() && file.recording.setup.tube_mm.is_none() {
-            return Err(InputError::new(
-                "--setup has tube_mm, and the model does not say for which tube it is written",
-                "add tube_mm below [recording.setup] in it, with the tube that it was fitted with",
-            )
-            .in_file(&file.path)
-            .into());
-        }
-        let is_load = |effect: Effect<f64>| effect.kind() == Kind::TipLoad;
-        let knows_loads = file.model.effects().any(is_load);
-        let hangs = setup.tip_load_g.is_some_and(|grams| grams > 0.0);
-        if hangs && !knows_loads {
-            return Err(InputError::new(
-                "--setup has tip_load_g, and the model does not say what a load does",
-                "fit it to recordings with a load first: rig fit adds [[effect]] kind = \"tip_load\"",
-            )
-            .in_file(&file.path)
-            .into());
+        if let Some((key, lacks, advice)) = without_law(setup, file) {
+            let found = format!("--setup has {key}, and {lacks}");
+            return Err(InputError::new(found, advice).in_file(&file.path).into());
         }
         file.model = Placement::of(setup, file.recording.setup.tube_mm).place(&file.model);
     }

@@ -297,7 +297,14 @@ fn flags_mend_what_columns_hold() {
 }
 
 #[test]
-fn a_fit_and_a_diagnosis_refuse_other_columns_at_once_and_name_the_flags() {
+fn what_holds_a_model_to_recordings_refuses_other_columns_at_once_and_names_the_flags() {
+    let commands = [
+        "fit --model demo/model.toml a.csv b.csv",
+        "diagnose --model demo/model.toml a.csv b.csv",
+        "compare --model demo/model.toml a.csv b.csv",
+        "simulate --model demo/model.toml --recording a.csv",
+        "plan --model demo/model.toml --between coulomb_friction,gravity a.csv b.csv",
+    ];
     let bench = Bench::with_example("none", "0.2");
     let right = bench.text("demo/recordings/step60_1.csv");
     for (flags, change) in MENDED {
@@ -305,15 +312,33 @@ fn a_fit_and_a_diagnosis_refuse_other_columns_at_once_and_name_the_flags() {
         bench.put("b.csv", rewritten(&right, change));
         // 95.0 kPa is what such a recording rests at, but for its noise.
         let flags = flags.strip_suffix("95").unwrap_or(flags);
-        for command in ["fit", "diagnose"] {
+        for command in commands {
             let clock = std::time::Instant::now();
-            bench.refuses(
-                &format!("{command} --model demo/model.toml a.csv b.csv"),
-                &["a.csv", "every recording", flags],
-            );
+            bench.refuses(command, &["a.csv", "every recording", flags]);
             assert!(clock.elapsed().as_secs() < 20, "{command} {flags}");
         }
     }
+}
+
+/// A model that is far off itself says nothing of the units if another agrees.
+#[test]
+fn one_model_that_agrees_is_enough_for_a_comparison() {
+    let bench = Bench::with_example("none", "0.2");
+    let model = bench.text("demo/model.toml");
+    let weak = |line: &str| match line.split_once("input_gain_n_per_kpa = ") {
+        Some((before, value)) => {
+            let gain: f64 = value.split_whitespace().next().unwrap().parse().unwrap();
+            format!("{before}input_gain_n_per_kpa = {}", gain / 6.894_757)
+        }
+        None => line.to_owned(),
+    };
+    let lines: Vec<String> = model.lines().map(weak).collect();
+    bench.put("psi.toml", lines.join("\n"));
+    let run = "demo/recordings/step60_1.csv";
+    bench.refuses(&format!("compare --model psi.toml {run}"), &["psi"]);
+    bench.prints(&format!(
+        "compare --model psi.toml --model demo/model.toml {run}"
+    ));
 }
 
 /// A sign and an offset are plain once the model is fitted.

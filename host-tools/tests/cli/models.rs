@@ -182,5 +182,18 @@ fn a_setup_that_a_model_knows_nothing_of_is_not_uploaded() {
     ] {
         let line = format!("upload --port nowhere --model m.toml --setup {setup}");
         bench.fails(&line, &parts);
+        bench.put(
+            "good.meta.toml",
+            format!("[setup]\n{}\n", setup.replace('=', " = ")),
+        );
+        for line in [
+            "compare --model m.toml good.csv",
+            "simulate --model m.toml --recording good.csv",
+        ] {
+            let said = super::common::stderr(&bench.line(line).assert().success());
+            for part in parts.into_iter().chain(["[setup] of good"]) {
+                assert!(said.contains(part), "{said}");
+            }
+        }
     }
 }

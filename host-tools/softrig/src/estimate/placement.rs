@@ -112,6 +112,29 @@ pub fn with_tip_load<'a>(
     file
 }
 
+/// What `setup` says of the rig without a law for it in the model: its key, what the model
+/// lacks, and the advice.
+pub fn without_law(
+    setup: &Setup,
+    file: &ModelFile,
+) -> Option<(&'static str, &'static str, &'static str)> {
+    if setup.tube_mm.is_some() && file.recording.setup.tube_mm.is_none() {
+        return Some((
+            "tube_mm",
+            "the model does not say for which tube it is written",
+            "add tube_mm below [recording.setup] in it, with the tube that it was fitted with",
+        ));
+    }
+    let mut effects = file.model.effects();
+    let knows_loads = effects.any(|effect| effect.kind() == Kind::TipLoad);
+    let hangs = setup.tip_load_g.is_some_and(|grams| grams > 0.0);
+    (hangs && !knows_loads).then_some((
+        "tip_load_g",
+        "the model does not say what a load does",
+        "fit it to recordings with a load first: rig fit adds [[effect]] kind = \"tip_load\"",
+    ))
+}
+
 #[cfg(test)]
 mod tests {
     use model_core::dynamics::Dynamics;
