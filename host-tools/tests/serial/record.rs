@@ -2,6 +2,7 @@
 
 use std::time::{Duration, Instant};
 
+use model_core::actuator::Model;
 use wire::answer::SettingsId;
 use wire::settings::Settings;
 use wire::state::State;
@@ -35,7 +36,7 @@ fn a_protocol_is_recorded_as_one_file_with_its_runs_as_segments() {
     let header = bench.text("run.csv").lines().next().unwrap().to_owned();
     assert_eq!(
         header,
-        "time_s,pressure_kpa,angle_deg,setpoint_deg,setpoint_kpa,pump_ul,predicted_deg,state,fault,seq"
+        "time_s,pressure_kpa,angle_deg,setpoint_deg,setpoint_kpa,pump_ul,predicted_deg,state,fault,seq,mismatch"
     );
     let whole = bench.recording("run.csv");
     assert!(whole.time[0] == 0.0 && whole.duration() > 7.0);
@@ -71,6 +72,44 @@ fn a_protocol_is_recorded_as_one_file_with_its_runs_as_segments() {
         let length = segment.to_s - segment.from_s;
         assert!((length - 3.5).abs() < 0.7, "{length}");
     }
+}
+
+/// A flex sensor that came off shows the rest whatever the pump does; open-loop runs go on.
+#[test]
+fn a_flex_sensor_that_came_off_is_in_the_recording_and_in_the_summary() {
+    let bench = Bench::new(Script {
+        speed: 10,
+        ..Script::default()
+    });
+    // A rig of which the board has the right model.
+    let right = firmware::plant::dynamics(&patient());
+    bench.board.script().plant.model = Model::new(right, &[]).unwrap();
+    let said = bench
+        .rig("record --port PORT --protocol two.toml -o well.csv")
+        .ok();
+    assert!(!said.out.contains("disagrees"), "{}", said.out);
+    let meta = bench.meta("well.meta.toml");
+    assert!(meta.get("mismatch_from_s").is_none());
+    let heard = bench.board.script().heard.len();
+    let child = bench.start("record --port PORT --protocol two.toml -o run.csv");
+    wait_until("it runs", || {
+        let script = bench.board.script();
+        script.heard[heard..].iter().any(|line| line == "run")
+    });
+    // 25 kΩ below 47 kΩ: what it shows at 0°.
+    bench.board.script().plant.flex_counts = Some(1024.0 * 47.0 / 72.0);
+    let output = child.wait_with_output().unwrap();
+    let said = String::from_utf8(output.stdout).unwrap();
+    assert!(
+        output.status.success() && said.contains("flex sensor that came off"),
+        "{said}"
+    );
+    let recording = bench.recording("run.csv");
+    let flags = recording.column("mismatch").unwrap();
+    let from = flags.iter().position(|flag| *flag > 0.0).unwrap();
+    let meta = bench.meta("run.meta.toml");
+    let noted = meta["mismatch_from_s"].as_float().unwrap();
+    assert!((noted - recording.time[from]).abs() < 0.02, "{noted}");
 }
 
 #[test]

@@ -47,6 +47,10 @@ pub struct About {
     /// Whether the protocol was played to its end, or all that was asked for
     /// recorded.
     pub complete: bool,
+    /// From when on the board's angle and its prediction disagreed (s): its
+    /// mismatch flag, in a run.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mismatch_from_s: Option<f64>,
     /// Lines received and lost. Unknown while it is recorded, so that nothing wrong is left
     /// beside the rows if the program is killed then.
     #[serde(flatten, skip_serializing_if = "Option::is_none")]

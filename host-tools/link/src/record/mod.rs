@@ -11,6 +11,7 @@ mod split;
 
 use std::path::{Path, PathBuf};
 
+use wire::state::State;
 use wire::telemetry::Telemetry;
 
 pub use limits::check_limits;
@@ -126,6 +127,11 @@ impl Recorder {
             self.write_meta()?;
         }
         self.last = Some(row);
+        // At rest it is that of an earlier run.
+        let disagrees = row.sample.mismatch && row.sample.state == State::Running;
+        if disagrees && self.about.mismatch_from_s.is_none() {
+            self.about.mismatch_from_s = Some(row.time_ms as f64 / 1000.0);
+        }
         if let Some(gap) = placed.gap {
             self.about.gap.push(Gap::new(gap));
             self.write_meta()?;

@@ -13,8 +13,7 @@ use super::LoggedSample;
 use softrig_formats::error::{InputError, Pending};
 
 /// The columns, in their order.
-pub const COLUMNS: &str =
-    "time_s,pressure_kpa,angle_deg,setpoint_deg,setpoint_kpa,pump_ul,predicted_deg,state,fault,seq";
+pub const COLUMNS: &str = "time_s,pressure_kpa,angle_deg,setpoint_deg,setpoint_kpa,pump_ul,predicted_deg,state,fault,seq,mismatch";
 
 /// A power cut costs at most this much.
 const SYNC_EVERY: Duration = Duration::from_secs(1);
@@ -128,10 +127,11 @@ pub fn line(row: &LoggedSample) -> String {
     push(&mut text, sample.predicted_deg);
     let _ = writeln!(
         text,
-        ",{},{},{}",
+        ",{},{},{},{}",
         sample.state.name(),
         sample.fault,
-        sample.sequence
+        sample.sequence,
+        u8::from(sample.mismatch)
     );
     text
 }
@@ -168,11 +168,12 @@ mod tests {
                 mismatch: false,
             },
         };
-        assert_eq!(line(&row), "12.345,-0.05,59.81,60.00,,-12,,running,0,7\n");
+        assert_eq!(line(&row), "12.345,-0.05,59.81,60.00,,-12,,running,0,7,0\n");
         row.sample.angle_deg = None;
+        row.sample.mismatch = true;
         row.sample.setpoint = Setpoint::Pressure(Hundredths(4_000));
         row.sample.predicted_deg = Some(Hundredths(100));
-        assert_eq!(line(&row), "12.345,-0.05,,,40.00,-12,1.00,running,0,7\n");
+        assert_eq!(line(&row), "12.345,-0.05,,,40.00,-12,1.00,running,0,7,1\n");
         assert_eq!(
             line(&row).matches(',').count(),
             COLUMNS.matches(',').count()
