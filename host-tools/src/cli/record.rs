@@ -1,6 +1,7 @@
 //! `rig record`: plays a protocol and records the rig.
 
 use std::cell::Cell;
+use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime};
 
@@ -17,7 +18,7 @@ use super::output::{self, FileKind, Output};
 use softrig_formats::error::InputError;
 use softrig_formats::protocol_file::{ProtocolFile, describe};
 use softrig_formats::setup::Setup;
-use softrig_formats::terminal::printable_line;
+use softrig_formats::terminal::{printable_line, remark};
 use softrig_link::line::command_text;
 use softrig_link::record::{
     About, Part, Recorder, Step, check_limits, meta_path, parts, run_path, steps,
@@ -70,7 +71,8 @@ pub struct Args {
     /// Clear a latched fault first, if its cause is gone
     #[arg(long)]
     clear: bool,
-    /// Wait for this time for a pulled cable to be plugged in again, in seconds
+    /// Wait for this time for a pulled cable to be plugged in again, or for a board that has
+    /// fallen silent, in seconds
     #[arg(long, value_name = "N", default_value_t = 30.0, value_parser = seconds)]
     patience: f64,
     /// How the rig stands, with commas: tilt_deg (by how much the base is turned since the
@@ -190,6 +192,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         recorder,
         interrupt,
         patience: Duration::from_secs_f64(args.patience),
+        heard: Instant::now(),
         stage,
     };
     let outcome = match &protocol {
@@ -235,6 +238,8 @@ struct Session {
     recorder: Recorder,
     interrupt: Interrupt,
     patience: Duration,
+    /// When the last sample came, or the connection.
+    heard: Instant,
     stage: Stage,
 }
 
@@ -296,11 +301,24 @@ impl Session {
     fn pump(&mut self) -> anyhow::Result<()> {
         let wait = Duration::from_millis(50);
         if let Some(event) = self.link.next_event(wait) {
+            if matches!(event, Event::Sample(_)) {
+                self.heard = Instant::now();
+            }
             self.recorder.take(&event);
         }
         self.recorder.check()?;
         if !self.link.is_connected() {
             self.reconnect()?;
+            self.heard = Instant::now();
+        }
+        if self.heard.elapsed() > self.patience && !self.interrupt.requested() {
+            Err(self.link.late(
+                &format!(
+                    "no sample has come for {:.0} s, although the port is open",
+                    self.patience.as_secs_f64()
+                ),
+                "press the board's reset button and record again; what was recorded so far is kept",
+            ))?;
         }
         Ok(())
     }
@@ -370,6 +388,9 @@ impl Session {
         #[allow(clippy::cast_possible_truncation)]
         let total = seconds.map(|seconds| (seconds * 1000.0).round() as i64);
         self.stage.wait("recording, Ctrl-C ends it");
+        if total.is_none() && !std::io::stderr().is_terminal() {
+            remark("recording until Ctrl-C or SIGTERM; --seconds N ends it by itself");
+        }
         while total.is_none_or(|total| self.recorder.elapsed_ms() < total) {
             if self.interrupt.requested() {
                 return Ok(if total.is_none() {
@@ -554,6 +575,7 @@ impl Session {
         recorder.about.complete = matches!(outcome, Ok(End::Complete));
         let counts = recorder.counts;
         let gaps = recorder.about.gap.len() as u64;
+        let mismatch_from_s = recorder.about.mismatch_from_s;
         let has_moved = !recorder.about.segments.is_empty();
         let finished = recorder.finish(parts, cut);
         let kept = format!(
@@ -581,6 +603,11 @@ impl Session {
             }
         }
         text.push('\n');
+        if let Some(from_s) = mismatch_from_s {
+            text += &format!(
+                "from {from_s:.1} s on the angle disagrees with the board's prediction (column mismatch): a flex sensor that came off, or a model that is wrong\n"
+            );
+        }
         if let (Some(first), Some(last)) = (runs.first(), runs.last()) {
             text += &format!(
                 "{} runs: {} … {}\n",

@@ -44,6 +44,30 @@ fn damaged_and_lost_lines_are_counted_and_leave_gaps() {
     assert!((missing - count("dropped_lines") as f64).abs() <= 2.0);
 }
 
+/// A board that hangs keeps its port open.
+#[test]
+fn a_board_that_falls_silent_ends_a_recording_with_what_there_is() {
+    for what in ["--seconds 900", ""] {
+        let bench = Bench::new(Script::default());
+        let child = bench.start(&format!(
+            "record --port PORT -o run.csv --patience 1 {what}"
+        ));
+        wait_until("rows", || bench.rows("run.csv") > 100);
+        bench.board.script().silent = true;
+        let begun = std::time::Instant::now();
+        let output = child.wait_with_output().unwrap();
+        assert!(begun.elapsed().as_secs() < 20);
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(1), "{said}");
+        assert!(said.contains("no sample has come for 1 s"), "{said}");
+        assert!(said.contains("samples are kept in run.csv"), "{said}");
+        assert_eq!(what.is_empty(), said.contains("recording until Ctrl-C"));
+        let meta = bench.meta("run.meta.toml");
+        assert_eq!(meta["complete"].as_bool(), Some(false));
+        assert!(bench.recording("run.csv").len() > 100);
+    }
+}
+
 #[test]
 fn a_cable_that_comes_back_leaves_a_gap_and_increasing_times() {
     let bench = Bench::new(Script {
