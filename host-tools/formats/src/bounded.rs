@@ -8,7 +8,7 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
 
-use crate::error::InputError;
+use crate::error::{InputError, is_stream_of_shell};
 
 /// The most bytes of a file that is read whole: a model, a protocol, metadata, settings. The
 /// metadata of a session with ten thousand gaps in it have one.
@@ -163,6 +163,28 @@ pub fn too_large(limit: u64) -> InputError {
     )
 }
 
+/// Refuses a pipe with a name: opening it waits for somebody to write, and what was read from it
+/// is gone for whoever looks at it again. What the shell makes of `<(…)` has its writer.
+///
+/// # Errors
+///
+/// Names the pipe, and how to make a file of it.
+pub fn refuse_pipe(path: &Path) -> Result<(), InputError> {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::FileTypeExt;
+        let is_pipe = std::fs::metadata(path).is_ok_and(|about| about.file_type().is_fifo());
+        if is_pipe && !is_stream_of_shell(path) {
+            return Err(InputError::new(
+                "is a pipe, which can be read only once and has no end while nobody writes",
+                format!("make a file of it: cat {} > run.csv", path.display()),
+            )
+            .in_file(path));
+        }
+    }
+    Ok(())
+}
+
 /// Reads a file whole.
 ///
 /// # Errors
@@ -170,6 +192,7 @@ pub fn too_large(limit: u64) -> InputError {
 /// Names the file, and the limit if it is larger than that.
 pub fn read_bytes(path: &Path) -> Result<Vec<u8>, InputError> {
     let fail = |error: io::Error| InputError::from_io(path, &error);
+    refuse_pipe(path)?;
     let file = File::open(path).map_err(fail)?;
     let mut bytes = Vec::new();
     file.take(TEXT_BYTES + 1)

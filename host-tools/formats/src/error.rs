@@ -116,12 +116,23 @@ fn quoted(text: &str) -> String {
     printable_line(&shown).into_owned()
 }
 
+/// Whether `path` is an open file of this program or another, as the shell names it.
+pub fn is_stream_of_shell(path: &Path) -> bool {
+    const OPEN_FILES: [&str; 5] = [
+        "/dev/stdin",
+        "/dev/stdout",
+        "/dev/stderr",
+        "/dev/fd",
+        "/proc",
+    ];
+    // A name there that is none is a slip of the keyboard.
+    OPEN_FILES.iter().any(|place| path.starts_with(place)) && path.symlink_metadata().is_ok()
+}
+
 /// Whether `path` is a pipe, a device, or what the shell made of an open file: it is
 /// written to and never replaced, nor read.
 pub fn is_stream(path: &Path) -> bool {
-    const OPEN_FILES: [&str; 4] = ["/dev/stdout", "/dev/stderr", "/dev/fd", "/proc"];
-    // A name there that is none is a slip of the keyboard.
-    (OPEN_FILES.iter().any(|place| path.starts_with(place)) && path.symlink_metadata().is_ok())
+    is_stream_of_shell(path)
         || std::fs::metadata(path).is_ok_and(|about| !about.is_file() && !about.is_dir())
 }
 

@@ -341,6 +341,14 @@ impl ProtocolReader<'_> {
         let name = self.toml.string(root, "name")?.unwrap_or(stem);
         let title = self.toml.string(root, "title")?.unwrap_or_default();
         let tables = self.toml.sections(root, "segment")?;
+        // Nothing else that is wrong with thousands of them would help.
+        if let Some(first) = tables.get(usize::from(MAX_SEGMENTS)) {
+            return Err(self.toml.fail_at(
+                first.span(),
+                InvalidProgram::TooLong.to_string(),
+                "shorten it with a repeat, or split it into two protocols",
+            ));
+        }
         let segments = tables
             .iter()
             .map(|table| self.segment(table))
@@ -360,12 +368,6 @@ impl ProtocolReader<'_> {
                         .and_then(|table| table.get("from"))
                         .and_then(Item::span),
                     "let `from` name an earlier segment, counted from 1, behind any other repeat",
-                ),
-                InvalidProgram::TooLong => (
-                    tables
-                        .get(usize::from(MAX_SEGMENTS))
-                        .and_then(|table| table.span()),
-                    "shorten it with a repeat, or split it into two protocols",
                 ),
                 _ => (None, "add a section [[segment]] with kind = \"step\""),
             };

@@ -318,22 +318,25 @@ impl<'a, S: Syntax> Printer<'a, S> {
                 }
             }
             Expression::Symbol(symbol) => (self.syntax.symbol(&self.tape.name(symbol)), Atom),
-            Expression::Unary(Unary::Negate, x) => (format!("-{}", self.within(x, Product)), Sum),
+            Expression::Unary(Unary::Negate, x) => {
+                (format!("-{}", within(&self.text(x), Product)), Sum)
+            }
             Expression::Unary(function, x) => (self.syntax.unary(function, &self.text(x).0), Atom),
             Expression::Binary(function, x, y) => {
+                // Once each: twice at every level would be 2ⁿ times for n terms of a sum.
+                let (of_x, of_y) = (self.text(x), self.text(y));
                 let infix = |sign: &str, left, right, own| {
-                    let (left, right) = (self.within(x, left), self.within(y, right));
+                    let (left, right) = (within(&of_x, left), within(&of_y, right));
                     (format!("{left} {sign} {right}"), own)
                 };
-                let [of_x, of_y] = [x, y].map(|id| self.text(id).0);
                 match function {
                     Binary::Add => infix("+", Sum, Product, Sum),
                     Binary::Subtract => infix("-", Sum, Product, Sum),
                     Binary::Multiply => infix("*", Product, Atom, Product),
                     Binary::Divide => infix("/", Product, Atom, Product),
-                    Binary::Max => (self.syntax.max(&of_x, &of_y), Atom),
-                    Binary::Power => (self.syntax.power(&of_x, &of_y), Atom),
-                    Binary::SignedPower => (self.syntax.signed_power(&of_x, &of_y), Atom),
+                    Binary::Max => (self.syntax.max(&of_x.0, &of_y.0), Atom),
+                    Binary::Power => (self.syntax.power(&of_x.0, &of_y.0), Atom),
+                    Binary::SignedPower => (self.syntax.signed_power(&of_x.0, &of_y.0), Atom),
                 }
             }
             Expression::Select(condition, yes, no) => {
@@ -343,13 +346,14 @@ impl<'a, S: Syntax> Printer<'a, S> {
             }
         }
     }
+}
 
-    /// A part of an expression, in parentheses where it would fall apart.
-    fn within(&self, id: Id, least: Tightness) -> String {
-        match self.text(id) {
-            (text, tightness) if tightness < least => format!("({text})"),
-            (text, _) => text,
-        }
+/// A part of an expression, in parentheses where it would fall apart.
+fn within((text, tightness): &(String, Tightness), least: Tightness) -> String {
+    if *tightness < least {
+        format!("({text})")
+    } else {
+        text.clone()
     }
 }
 

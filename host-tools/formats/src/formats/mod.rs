@@ -198,6 +198,7 @@ impl Samples {
 /// Names file, place and remedy for anything that is not a recording, or larger than any.
 pub fn read(path: &Path, layout: &Layout) -> Result<Samples, InputError> {
     let fail = |error: std::io::Error| InputError::from_io(path, &error);
+    bounded::refuse_pipe(path)?;
     let mut file = File::open(path).map_err(fail)?;
     let start = start_of(&mut file).map_err(fail)?;
     let limits = Limits::RECORDING;
