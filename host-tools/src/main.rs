@@ -78,9 +78,24 @@ fn main() -> ExitCode {
         Ok(cli) => cli,
         Err(error) => harmless(&error).exit(),
     };
-    match run(cli.command) {
+    match check_threads().and_then(|()| run(cli.command)) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => report(&error),
+    }
+}
+
+/// Refuses a number of threads that no machine has: starting them fails in the middle of a fit.
+fn check_threads() -> anyhow::Result<()> {
+    const NAME: &str = "RAYON_NUM_THREADS";
+    const MOST: usize = 1024;
+    let wanted: Option<usize> = std::env::var(NAME).ok().and_then(|text| text.parse().ok());
+    match wanted {
+        Some(count) if count > MOST => Err(InputError::new(
+            format!("{NAME} asks for {count} threads, and at most {MOST} are started"),
+            "leave it unset for one thread a processor, or give their number",
+        )
+        .into()),
+        _ => Ok(()),
     }
 }
 

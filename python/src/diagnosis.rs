@@ -29,6 +29,7 @@ use softrig_formats::model_file::ModelFile;
 use softrig_formats::own_effects::OwnEffects;
 use softrig_formats::recording;
 
+use crate::fault::warn;
 use crate::fault::OrRaise;
 use crate::frame::frame;
 use crate::model::Model;
@@ -413,6 +414,7 @@ pub fn diagnose(
         Some(folder) => Checkpoint::open(&folder).or_raise(py)?,
         None => Checkpoint::default(),
     };
+    warn(py, checkpoint.damaged().map(str::to_owned))?;
     let file = Arc::new(with_tip_load(ModelFile::clone(&given.file), &fitted));
     let as_fitted = Arc::clone(&file);
     let clock = Instant::now();

@@ -9,7 +9,7 @@
 //! OUT/CASE/verdict.json     as of --json
 //! OUT/CASE/repaired.toml    as of -o
 //! OUT/CASE/warnings.txt     warnings of the diagnosis, if any
-//! OUT/CASE/inputs.sha256    hashes of the inputs, as `sha256sum` writes them; written last
+//! OUT/CASE/inputs.sha256    hashes of the inputs and results, as `sha256sum` writes them; last
 //! OUT/CASE/error.txt        instead of them, if a case could not be diagnosed
 //! OUT/results.parquet       one row per case
 //! ```
@@ -21,7 +21,7 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use crate::report::provenance::Provenance;
+use crate::report::provenance::{Provenance, sha256};
 use manifest::Case;
 use softrig::diagnose::{Budget, Progress, Request, diagnose_from};
 use softrig::estimate::checkpoint::Checkpoint;
@@ -53,6 +53,22 @@ impl Folder {
         Self(out.join(&case.name))
     }
 
+    /// Refuses a link in its place: what it points to belongs to somebody else.
+    ///
+    /// # Errors
+    ///
+    /// Names the link.
+    pub fn refuse_link(&self) -> Result<(), InputError> {
+        if self.0.is_symlink() {
+            return Err(InputError::new(
+                "is a link, and the folder of a case is written to",
+                "remove the link, or choose another folder after -o",
+            )
+            .in_file(&self.0));
+        }
+        Ok(())
+    }
+
     /// The verdict.
     pub fn verdict(&self) -> PathBuf {
         self.0.join("verdict.json")
@@ -78,11 +94,21 @@ impl Folder {
         self.0.join("error.txt")
     }
 
-    /// Whether the results of these inputs are there.
-    fn holds(&self, inputs: &str) -> bool {
-        std::fs::read_to_string(self.inputs()).is_ok_and(|text| text == inputs)
-            && self.verdict().is_file()
-            && self.repaired().is_file()
+    /// What is there of the results of these inputs.
+    fn holds(&self, inputs: &str) -> Held {
+        let text = std::fs::read_to_string(self.inputs()).unwrap_or_default();
+        if !text.starts_with(inputs) {
+            return Held::Nothing;
+        }
+        let results = [self.verdict(), self.repaired()].map(|path| std::fs::read(path).ok());
+        match results {
+            [Some(verdict), Some(repaired)]
+                if text == with_results(inputs, &verdict, &repaired) =>
+            {
+                Held::Results
+            }
+            _ => Held::Damaged,
+        }
     }
 
     /// Removes a file, if it is there.
@@ -94,6 +120,23 @@ impl Folder {
             _ => Ok(()),
         }
     }
+}
+
+/// What a folder holds of the results of some inputs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Held {
+    /// Those of other inputs, or none.
+    Nothing,
+    /// All, as they were written.
+    Results,
+    /// Files that are missing or are not as they were written.
+    Damaged,
+}
+
+/// The hashes of inputs, and those of the results.
+fn with_results(inputs: &str, verdict: &[u8], repaired: &[u8]) -> String {
+    let [verdict, repaired] = [verdict, repaired].map(sha256);
+    format!("{inputs}# results\n{verdict}  verdict.json\n{repaired}  repaired.toml\n")
 }
 
 /// How cases are diagnosed.
@@ -117,12 +160,21 @@ pub struct Settings {
 /// [`Outcome::Failed`], so that the others go on.
 pub fn diagnose(case: &Case, out: &Path, settings: &Settings) -> Result<Outcome, InputError> {
     let folder = Folder::of(out, case);
+    if let Err(error) = folder.refuse_link() {
+        return Ok(Outcome::Failed(error.to_string()));
+    }
     std::fs::create_dir_all(&folder.0).map_err(|error| InputError::from_io(&folder.0, &error))?;
     let results = inputs(case, settings).and_then(|inputs| {
-        if folder.holds(&inputs) {
+        let held = folder.holds(&inputs);
+        if held == Held::Results {
             return Ok(None);
         }
-        Ok(Some((solve(case, settings)?, inputs)))
+        let mut solved = solve(case, settings)?;
+        if held == Held::Damaged {
+            let remark = "the results that were here were damaged; the case is diagnosed again";
+            solved.warnings.push(remark.to_owned());
+        }
+        Ok(Some((solved, inputs)))
     });
     let (solved, inputs) = match results {
         Ok(None) => {
@@ -146,7 +198,12 @@ pub fn diagnose(case: &Case, out: &Path, settings: &Settings) -> Result<Outcome,
         let text = solved.warnings.join("\n") + "\n";
         write_atomically(&folder.warnings(), text.as_bytes())?;
     }
-    write_atomically(&folder.inputs(), inputs.as_bytes())?;
+    let hashes = with_results(
+        &inputs,
+        solved.verdict.as_bytes(),
+        solved.repaired.as_bytes(),
+    );
+    write_atomically(&folder.inputs(), hashes.as_bytes())?;
     Ok(Outcome::Diagnosed)
 }
 

@@ -35,23 +35,32 @@ pub struct CaseResult {
 }
 
 impl CaseResult {
-    /// Reads what the folder of a case holds.
-    ///
-    /// # Errors
-    ///
-    /// A verdict that is no JSON.
-    pub fn read(out: &Path, case: &Case) -> anyhow::Result<Self> {
+    /// Reads what the folder of a case holds. A verdict that is no JSON, and a link in place of
+    /// the folder, are the error of this case.
+    pub fn read(out: &Path, case: &Case) -> Self {
         let folder = Folder::of(out, case);
-        let read = |path: &Path| std::fs::read_to_string(path).ok();
-        let error = read(&folder.error());
-        let verdict = match read(&folder.verdict()) {
-            Some(text) if error.is_none() => {
-                let path = folder.verdict();
-                Some(serde_json::from_str(&text).with_context(|| path.display().to_string())?)
-            }
-            _ => None,
+        let link = folder.refuse_link().err();
+        let read = |path: &Path| match link {
+            None => std::fs::read_to_string(path).ok(),
+            Some(_) => None,
         };
-        Ok(Self {
+        let mut error = link
+            .as_ref()
+            .map(ToString::to_string)
+            .or_else(|| read(&folder.error()));
+        let mut verdict = None;
+        if let (Some(text), None) = (read(&folder.verdict()), &error) {
+            match serde_json::from_str(&text) {
+                Ok(read) => verdict = Some(read),
+                Err(fault) => {
+                    error = Some(format!(
+                        "{}: is damaged: {fault}; diagnose the case again",
+                        folder.verdict().display()
+                    ));
+                }
+            }
+        }
+        Self {
             case: case.name.clone(),
             status: match (&error, &verdict) {
                 (Some(_), _) => "failed",
@@ -61,7 +70,7 @@ impl CaseResult {
             error: error.map(|text| text.trim_end().to_owned()),
             warnings: read(&folder.warnings()).map(|text| text.trim_end().to_owned()),
             verdict,
-        })
+        }
     }
 
     /// The answer in a few words, for a terminal.

@@ -171,7 +171,7 @@ fn run_batch(args: &Args, path: &Path, out: &Path) -> anyhow::Result<()> {
         let outcome = batch::diagnose(case, out, &settings)?;
         let seconds = clock.elapsed().as_secs_f64();
         let mut known = |how: String| {
-            let row = results::CaseResult::read(out, case)?;
+            let row = results::CaseResult::read(out, case);
             let how: Vec<String> = [how].into_iter().chain(row.warned()).collect();
             if row.warnings.is_some() {
                 warned.push(Folder::of(out, case).warnings());
@@ -196,7 +196,7 @@ fn run_batch(args: &Args, path: &Path, out: &Path) -> anyhow::Result<()> {
         let rows: Vec<_> = all
             .iter()
             .map(|case| results::CaseResult::read(out, case))
-            .collect::<Result<_, _>>()?;
+            .collect();
         let table = out.join("results.parquet");
         results::write(&table, &rows)?;
         super::print(&format!("{} cases in {}\n", rows.len(), table.display()))?;
@@ -211,6 +211,13 @@ fn run_batch(args: &Args, path: &Path, out: &Path) -> anyhow::Result<()> {
     }
     match failed.as_slice() {
         [] => Ok(()),
+        [first, ..] if !first.exists() => {
+            anyhow::bail!(
+                "{} of {} cases could not be diagnosed, for the reasons above",
+                failed.len(),
+                cases.len()
+            )
+        }
         [first, ..] => anyhow::bail!(
             "{} of {} cases could not be diagnosed; the first says why in {}",
             failed.len(),
@@ -269,6 +276,9 @@ fn run_one(args: &Args, model: &PathBuf) -> anyhow::Result<()> {
         Some(folder) => Checkpoint::open(folder)?,
         None => Checkpoint::default(),
     };
+    if let Some(damaged) = checkpoint.damaged() {
+        super::warn(damaged);
+    }
     let clock = Instant::now();
     let budget = args.budget.map(Budget::Time);
     let watched = Watched::start(go_on(args.resume.as_deref()), budget, begun)?;

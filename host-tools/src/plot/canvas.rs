@@ -9,6 +9,7 @@ use std::fmt::Display;
 use super::Mark;
 use super::rectangle::Rectangle;
 use super::style::Colour;
+use softrig_formats::terminal::printable_line;
 
 const FONT: &str = "Helvetica, Arial, Liberation Sans, sans-serif";
 const INK: Colour = Colour(0x22, 0x22, 0x22);
@@ -282,7 +283,8 @@ impl TextLook {
 
 /// Text as the value of an attribute.
 fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;")
+    printable_line(text)
+        .replace('&', "&amp;")
         .replace('<', "&lt;")
         .replace('>', "&gt;")
         .replace('"', "&quot;")

@@ -24,6 +24,7 @@ use softrig::diagnose::verdict::Answer;
 use softrig::diagnose::{Diagnosis, Request};
 use softrig::statistics::{median, squares_about_mean};
 use softrig_formats::numbers::{degrees, fit, percent, short};
+use softrig_formats::terminal::printable;
 
 const TEMPLATE: &str = include_str!("assets/template.html");
 const STYLE: &str = include_str!("assets/style.css");
@@ -224,6 +225,13 @@ pub fn page(
     environment.set_undefined_behavior(UndefinedBehavior::Strict);
     environment.add_filter("set", set);
     environment.add_filter("equation", equation);
+    // A name may hold what an editor or a terminal obeys in the source of the page.
+    environment.set_formatter(|out, state, value| match value.as_str() {
+        Some(text) if !value.is_safe() => {
+            minijinja::escape_formatter(out, state, &Value::from(printable(text)))
+        }
+        _ => minijinja::escape_formatter(out, state, value),
+    });
     // The name decides that values are escaped.
     environment.add_template("report.html", TEMPLATE)?;
     environment

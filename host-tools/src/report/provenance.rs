@@ -112,9 +112,14 @@ impl Source {
             role,
             path,
             bytes: bytes.len(),
-            sha256: hexadecimal(&Sha256::digest(bytes)),
+            sha256: sha256(bytes),
         }
     }
+}
+
+/// The SHA-256 hash of bytes, in hexadecimal digits.
+pub fn sha256(bytes: impl AsRef<[u8]>) -> String {
+    hexadecimal(&Sha256::digest(bytes))
 }
 
 fn hexadecimal(bytes: &[u8]) -> String {

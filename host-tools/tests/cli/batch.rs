@@ -57,6 +57,23 @@ fn a_batch_is_shared_resumed_and_collected() {
     assert!(!bench.path("out/second/error.txt").exists());
     assert!(bench.path("out/results.parquet").exists());
 
+    // Results that are not as they were written are not believed.
+    let verdict = bench.text("out/first/verdict.json");
+    bench.put(
+        "out/first/verdict.json",
+        verdict.replace("coulomb_friction", "gravity"),
+    );
+    bench
+        .line(batch)
+        .assert()
+        .success()
+        .stdout(contains("first   effect_found: coulomb_friction").and(contains("1 warning")));
+    assert!(
+        bench
+            .text("out/first/warnings.txt")
+            .contains("diagnosed again")
+    );
+
     // Another model is another case.
     bench.put("demo/model.toml", bench.text("demo/model.toml") + "\n");
     bench
@@ -100,4 +117,40 @@ fn a_batch_takes_effects_and_a_budget_for_each_case() {
     assert_eq!(again("1ms"), 0);
     bench.put("mine.toml", "schema = 1\n");
     bench.refuses(&format!("{batch} 0s"), &["mine.toml", "has no effect"]);
+}
+
+/// What is wrong with the folder of one case is that case's error.
+#[cfg(unix)]
+#[test]
+fn a_link_in_place_of_a_folder_is_the_error_of_one_case() {
+    let bench = Bench::with_example("none", "0.1");
+    bench.put(
+        "demo/cases.csv",
+        "case,model,recordings\nfirst,model.toml,recordings/triangle.csv\nsecond,model.toml,recordings/triangle.csv\n",
+    );
+    std::fs::create_dir_all(bench.path("elsewhere")).unwrap();
+    std::fs::create_dir_all(bench.path("out")).unwrap();
+    std::os::unix::fs::symlink(bench.path("elsewhere"), bench.path("out/first")).unwrap();
+    bench
+        .line("diagnose --batch demo/cases.csv -o out --budget 2s")
+        .assert()
+        .code(1)
+        .stdout(contains("is a link").and(contains("2 cases in")))
+        .stderr(contains("1 of 2 cases"));
+    let left = std::fs::read_dir(bench.path("elsewhere")).unwrap();
+    assert_eq!(left.count(), 0, "nothing is written through the link");
+    assert!(bench.path("out/second/verdict.json").exists());
+
+    // A share that only collects finds a damaged verdict.
+    bench.put("out/second/verdict.json", "{\"verdict\": ");
+    bench
+        .line("diagnose --batch demo/cases.csv -o out --share 0/2 --budget 2s")
+        .assert()
+        .code(1);
+    std::fs::remove_file(bench.path("out/first")).unwrap();
+    bench
+        .line("diagnose --batch demo/cases.csv -o out --budget 2s")
+        .assert()
+        .success()
+        .stdout(contains("2 cases in"));
 }

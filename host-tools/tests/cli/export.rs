@@ -46,6 +46,24 @@ fn an_export_starts_as_a_recording_does() {
         .stdout(is_match(r"(?m)^LARGEST_ANGLE_DEG = (8|9)[0-9.]+$").unwrap());
 }
 
+/// A sum is written term by term, however long it is.
+#[test]
+fn an_export_of_a_long_sum_takes_no_longer_than_it_is() {
+    let bench = Bench::new();
+    let terms: Vec<&str> = (0..240).map(|k| ["a*th", "w", "th"][k % 3]).collect();
+    let effect = format!(
+        "\n[[effect]]\nkind = \"custom\"\nname = \"long\"\nforce = \"{}\"\n[effect.parameters]\na = 0.01\n",
+        terms.join("+")
+    );
+    bench.put("long.toml", MODEL.to_owned() + &effect);
+    for language in ["c", "python", "matlab", "modelica"] {
+        let begun = std::time::Instant::now();
+        let code = bench.prints(&format!("export --model long.toml --to {language}"));
+        assert!(begun.elapsed().as_secs_f64() < 1.0, "{language}");
+        assert!(code.matches("th").count() > 80, "{language}");
+    }
+}
+
 #[test]
 fn an_export_replaces_nothing_else() {
     let bench = Bench::new();

@@ -5,7 +5,13 @@
 //! and the recorder of ROS 2.
 
 use std::path::Path;
+use std::sync::Arc;
 
+use parquet::basic::{BrotliLevel, Compression, GzipLevel, ZstdLevel};
+use parquet::data_type::DoubleType;
+use parquet::file::properties::WriterProperties;
+use parquet::file::writer::SerializedFileWriter;
+use parquet::schema::parser::parse_message_type;
 use predicates::prelude::*;
 use predicates::str::contains;
 use softrig_formats::columns::{Columns, Layout, Names};
@@ -63,6 +69,44 @@ fn a_file_of_pyarrow_is_read_with_the_unit_of_its_time_stamps() {
         ["idle", "run", "run", "", "idle"]
     );
     assert_eq!(recording.extra[1].fields, ["", "60.5", "60.5", "60.5", ""]);
+}
+
+/// A table of Parquet with a codec.
+fn packed(codec: Compression) -> Vec<u8> {
+    let message = "message m { required double time_s; required double pressure_kpa; required double angle_deg; }";
+    let schema = Arc::new(parse_message_type(message).unwrap());
+    let properties = WriterProperties::builder().set_compression(codec).build();
+    let mut writer = SerializedFileWriter::new(Vec::new(), schema, Arc::new(properties)).unwrap();
+    let mut group = writer.next_row_group().unwrap();
+    for factor in [0.01, 0.1, 0.2] {
+        let mut column = group.next_column().unwrap().unwrap();
+        let values: Vec<f64> = (0..200).map(|k| f64::from(k) * factor).collect();
+        let typed = column.typed::<DoubleType>();
+        typed.write_batch(&values, None, None).unwrap();
+        column.close().unwrap();
+    }
+    group.close().unwrap();
+    writer.into_inner().unwrap()
+}
+
+#[test]
+fn parquet_of_every_compression_is_read() {
+    let bench = Bench::new();
+    for codec in [
+        Compression::UNCOMPRESSED,
+        Compression::SNAPPY,
+        Compression::GZIP(GzipLevel::default()),
+        Compression::BROTLI(BrotliLevel::default()),
+        Compression::LZ4,
+        Compression::LZ4_RAW,
+        Compression::ZSTD(ZstdLevel::default()),
+    ] {
+        bench.put("packed.parquet", packed(codec));
+        let said = bench.prints("convert packed.parquet -o out.csv");
+        assert!(said.contains("200 samples"), "{codec:?}: {said}");
+        assert!((bench.recording("out.csv").angle[100].to_degrees() - 20.0).abs() < 1e-9);
+        std::fs::remove_file(bench.path("out.csv")).unwrap();
+    }
 }
 
 /// The pressure is logged at half the rate, 5 ms after the angle: between its messages it is

@@ -82,6 +82,47 @@ fn names_of_files_are_not_obeyed_by_the_terminal() {
     }
 }
 
+#[cfg(unix)]
+#[test]
+fn a_pipe_without_a_writer_and_too_many_threads_are_refused() {
+    let bench = Bench::new();
+    let made = std::process::Command::new("mkfifo")
+        .arg(bench.path("pipe.csv"))
+        .status();
+    assert!(made.unwrap().success());
+    let mut line = bench.line("compare --model m.toml pipe.csv");
+    let said = line.timeout(std::time::Duration::from_secs(20)).assert();
+    let said = super::common::stderr(&said.code(2));
+    assert!(
+        said.contains("is a pipe") && said.contains("cat "),
+        "{said}"
+    );
+    let mut line = bench.line("compare --model m.toml good.csv");
+    let said = line.env("RAYON_NUM_THREADS", "10000").assert().code(2);
+    let said = super::common::stderr(&said);
+    assert!(said.contains("10000 threads"), "{said}");
+}
+
+/// An editor and a terminal obey what is in the source of the page as well.
+#[cfg(unix)]
+#[test]
+fn names_of_files_are_not_obeyed_in_the_source_of_a_page() {
+    let bench = Bench::with_example("none", "0.2");
+    let name = format!("{HOSTILE}.csv");
+    let run = bench.text("demo/recordings/step60_1.csv");
+    bench.put(&name, run);
+    let mut line = bench.line(
+        "diagnose --model demo/model.toml demo/recordings/step60_2.csv --budget 1s --report page.html --plot gap.svg",
+    );
+    harmless(line.arg(&name));
+    let obeyed = |c: char| (c.is_control() && c != '\n') || matches!(c, '\u{202e}' | '\u{2066}');
+    for file in ["page.html", "gap.svg"] {
+        let source = bench.text(file);
+        assert!(!source.contains(obeyed), "{file}");
+    }
+    assert!(bench.text("page.html").contains("\\u001b]0;title"));
+}
+
 #[test]
 fn what_files_hold_is_not_obeyed_by_the_terminal() {
     let bench = Bench::new();

@@ -171,6 +171,19 @@ fn numbers_that_no_rig_has_are_refused_with_their_range() {
     }
 }
 
+#[test]
+fn a_protocol_of_thousands_of_segments_is_refused_at_once() {
+    let bench = Bench::new();
+    let segments = "[[segment]]\nkind = \"hold\"\nduration_s = 0.1\n".repeat(30_000);
+    bench.put("long.toml", format!("schema = 1\n{segments}"));
+    let begun = std::time::Instant::now();
+    bench.refuses(
+        "record --dry-run --protocol long.toml",
+        &["long.toml, line 98", "32 segments"],
+    );
+    assert!(begun.elapsed().as_secs() < 5, "{:?}", begun.elapsed());
+}
+
 /// What is said of the rig is not dropped without a word where the model has no law for it.
 #[test]
 fn a_setup_that_a_model_knows_nothing_of_is_not_uploaded() {

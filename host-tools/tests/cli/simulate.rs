@@ -36,6 +36,60 @@ fn an_example_is_the_same_for_the_same_seed() {
     );
 }
 
+/// A plan that separates nothing says what would, and writes nothing without being told to.
+#[test]
+fn a_plan_that_decides_nothing_is_written_only_by_force() {
+    let bench = Bench::with_example("none", "0.2");
+    let line = "plan --model demo/model.toml --between sensor_offset,linear_stiffness --limits kpa=10,deg=20 -o next.toml";
+    bench
+        .line(line)
+        .assert()
+        .code(2)
+        .stdout(contains("neither a pressure nor a turned base").and(contains("may")))
+        .stderr(contains("--force"));
+    assert!(!bench.path("next.toml").exists());
+    bench.prints(&format!("{line} --force"));
+    assert!(bench.path("next.toml").exists());
+}
+
+/// Sensors that are off take up a part of the angle: a fit says so, and its intervals are wider.
+#[test]
+fn a_fit_says_that_the_zeros_of_the_sensors_are_far() {
+    let bench = Bench::with_example("none", "0.2");
+    let right = bench.text("demo/recordings/step60_1.csv");
+    let rows = right.lines().skip(1).map(|line| {
+        let mut fields: Vec<f64> = line.split(',').map(|it| it.parse().unwrap()).collect();
+        fields[1] -= 1.9;
+        fields[2] += 7.7;
+        format!("{},{},{}\n", fields[0], fields[1], fields[2])
+    });
+    bench.put(
+        "off.csv",
+        "time_s,pressure_kpa,angle_deg\n".to_owned() + &rows.collect::<String>(),
+    );
+    let fit = |file: &str| {
+        bench
+            .line(&format!("fit --model demo/model.toml {file}"))
+            .assert()
+            .success()
+    };
+    // The ends of the 95 % interval of the gain, apart.
+    let width = |said: &str| -> f64 {
+        let line = said.lines().find(|it| it.starts_with("input_gain"));
+        let interval = line.unwrap().split(" … ");
+        let ends: Vec<f64> = interval
+            .flat_map(|part| part.split_whitespace().next_back())
+            .map(|it| it.parse().unwrap())
+            .collect();
+        ends[1] - ends[0]
+    };
+    let off = fit("off.csv").stderr(
+        contains("the zero of the pressure ends up to").and(contains("the zero of the angle")),
+    );
+    let right = fit("demo/recordings/step60_1.csv").stderr(contains("the zero").not());
+    assert!(width(&stdout(&off)) > 3.0 * width(&stdout(&right)));
+}
+
 /// The RMS error (°) that `rig simulate` prints.
 pub fn printed_error(assert: &Assert) -> f64 {
     let text = stdout(assert);

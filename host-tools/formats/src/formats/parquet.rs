@@ -6,12 +6,14 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use parquet::basic::{ConvertedType, LogicalType, Repetition, TimeUnit as Stamp, Type as Physical};
+use parquet::basic::{
+    Compression, ConvertedType, LogicalType, Repetition, TimeUnit as Stamp, Type as Physical,
+};
 use parquet::column::reader::{ColumnReader, ColumnReaderImpl};
 use parquet::column::writer::ColumnWriter;
 use parquet::data_type::{ByteArray, DataType};
 use parquet::errors::ParquetError;
-use parquet::file::metadata::KeyValue;
+use parquet::file::metadata::{ColumnChunkMetaData, KeyValue};
 use parquet::file::properties::WriterProperties;
 use parquet::file::reader::{ChunkReader, FileReader, SerializedFileReader};
 use parquet::file::writer::SerializedFileWriter;
@@ -67,6 +69,18 @@ fn sheet(
         > limits.bytes
     {
         return Err(crate::bounded::too_large(limits.bytes).in_file(path));
+    }
+    let columns = reader.metadata().row_groups().iter();
+    if let Some(unread) = columns
+        .flat_map(|group| group.columns())
+        .map(ColumnChunkMetaData::compression)
+        .find(|codec| matches!(codec, Compression::LZO))
+    {
+        return Err(InputError::new(
+            format!("is compressed with {unread}, which is not read"),
+            "write it again with another compression: pandas with to_parquet(\"run.parquet\", compression=\"zstd\")",
+        )
+        .in_file(path));
     }
     let kept = Kept::of(|key| {
         let entries = about.key_value_metadata()?.iter();

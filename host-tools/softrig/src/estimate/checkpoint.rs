@@ -3,8 +3,9 @@
 //! A folder holds one file, to which each finished fit appends a line: a fingerprint
 //! of what was fitted (model, recordings, structure, initial guess) and the solver's
 //! final position, bit for bit. A later run with the same folder reads these positions
-//! instead of solving again, and writes the same bytes. An incomplete last line is
-//! ignored.
+//! instead of solving again, and writes the same bytes. Each line ends with a checksum of
+//! itself. A line that does not have it is not believed: its fit is computed again, and the
+//! number of such lines is reported, except for a last line that was cut off.
 
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
@@ -30,6 +31,7 @@ pub struct Ended {
 #[derive(Debug, Default)]
 pub struct Checkpoint {
     known: BTreeMap<u64, Ended>,
+    damaged: Option<String>,
     file: Option<Mutex<File>>,
 }
 
@@ -54,7 +56,24 @@ impl Checkpoint {
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => String::new(),
             Err(error) => return Err(fail(error)),
         };
-        let known = text.lines().filter_map(parse).collect();
+        let (mut known, mut faulty) = (BTreeMap::new(), Vec::new());
+        for (number, line) in (1..).zip(text.split_inclusive('\n')) {
+            match parse(line.trim_end_matches('\n')) {
+                Some((fingerprint, ended)) => {
+                    known.insert(fingerprint, ended);
+                }
+                None if line.trim().is_empty() || !line.ends_with('\n') => {}
+                None => faulty.push(number),
+            }
+        }
+        let damaged = faulty.first().map(|first| {
+            format!(
+                "{}, line {first}: {} of {} kept fits are damaged or of another version, and are computed again",
+                path.display(),
+                faulty.len(),
+                faulty.len() + known.len()
+            )
+        });
         let mut file = OpenOptions::new()
             .create(true)
             .append(true)
@@ -66,8 +85,14 @@ impl Checkpoint {
         }
         Ok(Self {
             known,
+            damaged,
             file: Some(Mutex::new(file)),
         })
+    }
+
+    /// A sentence about lines that are not believed, if there are any.
+    pub fn damaged(&self) -> Option<&str> {
+        self.damaged.as_deref()
     }
 
     /// Number of fits found.
@@ -98,23 +123,28 @@ impl Checkpoint {
         for value in &ended.position {
             line += &format!(" {:016x}", value.to_bits());
         }
-        // The length at the end tells a whole line from an incomplete one.
-        line += &format!(" {}\n", ended.position.len());
+        line += &format!(" {:016x}\n", fingerprint_of(&line));
         let mut file = file.lock().unwrap_or_else(PoisonError::into_inner);
         let _ = file.write_all(line.as_bytes());
     }
 }
 
+/// The checksum of a line.
+fn fingerprint_of(line: &str) -> u64 {
+    fingerprint(line.bytes())
+}
+
 fn parse(line: &str) -> Option<(u64, Ended)> {
+    let (line, checksum) = line.rsplit_once(' ')?;
+    (u64::from_str_radix(checksum, 16) == Ok(fingerprint_of(line))).then_some(())?;
     let fields: Vec<&str> = line.split(' ').collect();
-    let [fingerprint, converged, values @ .., count] = fields.as_slice() else {
+    let [fingerprint, converged, values @ ..] = fields.as_slice() else {
         return None;
     };
     let position: Vec<f64> = values
         .iter()
         .map(|field| u64::from_str_radix(field, 16).ok().map(f64::from_bits))
         .collect::<Option<_>>()?;
-    (count.parse() == Ok(position.len())).then_some(())?;
     let ended = Ended {
         position,
         converged: *converged == "1",
@@ -153,5 +183,31 @@ mod tests {
         second.keep(9, &ended);
         let third = Checkpoint::open(folder.path()).unwrap();
         assert_eq!((third.len(), third.recall(9)), (2, Some(&ended)));
+    }
+
+    #[test]
+    fn a_line_with_one_letter_changed_is_not_believed_and_reported() {
+        let folder = tempfile::tempdir().unwrap();
+        let ended = Ended {
+            position: vec![1.5, 2.5],
+            converged: true,
+        };
+        let first = Checkpoint::open(folder.path()).unwrap();
+        first.keep(0x17, &ended);
+        first.keep(8, &ended);
+        let path = folder.path().join(FILE);
+        let text = std::fs::read_to_string(&path).unwrap();
+        let end = text.find('\n').unwrap();
+        for place in 0..end {
+            let mut bytes = text.clone().into_bytes();
+            bytes[place] = if bytes[place] == b'1' { b'2' } else { b'1' };
+            std::fs::write(&path, bytes).unwrap();
+            let again = Checkpoint::open(folder.path()).unwrap();
+            assert_eq!((again.len(), again.recall(8)), (1, Some(&ended)), "{place}");
+            let said = again.damaged().unwrap();
+            assert!(said.contains("line 1: 1 of 2"), "{said}");
+        }
+        std::fs::write(&path, &text).unwrap();
+        assert_eq!(Checkpoint::open(folder.path()).unwrap().damaged(), None);
     }
 }
