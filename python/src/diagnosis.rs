@@ -29,8 +29,8 @@ use softrig_formats::model_file::ModelFile;
 use softrig_formats::own_effects::OwnEffects;
 use softrig_formats::recording;
 
-use crate::fault::warn;
 use crate::fault::OrRaise;
+use crate::fault::warn;
 use crate::frame::frame;
 use crate::model::Model;
 use crate::recording::{Recording, inputs, recordings};

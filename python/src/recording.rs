@@ -266,6 +266,7 @@ pub fn read<'py>(
         names: names_of(py, columns)?,
         columns: columns_of(py, meaning)?,
         setup: setup.map_or(Ok(Setup::default()), |given| setup_of(py, given))?,
+        ..Layout::default()
     };
     if let Some(model) = model {
         layout = layout.or(&model.get().file.recording);

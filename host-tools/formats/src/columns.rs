@@ -406,6 +406,13 @@ impl Names {
         self.required[quantity as usize].as_deref()
     }
 
+    /// Whether time, pressure and angle are all called by their numbers, as in a table without a
+    /// header.
+    pub fn are_positions(&self) -> bool {
+        let mut all = Quantity::ALL.into_iter();
+        all.all(|quantity| position(self.of(quantity)).is_some())
+    }
+
     /// Says which column holds a quantity (`pressure`) or an optional column
     /// (`setpoint_deg`).
     ///
@@ -485,6 +492,15 @@ pub struct Layout {
     pub columns: Columns,
     /// How the rig stood, as far as the metadata of a recording do not say it.
     pub setup: Setup,
+    /// Lines at the start of a table of text that are not read; none where the header is to be
+    /// found.
+    pub skip_rows: Option<u64>,
+}
+
+/// The place, from 0, of a column that is called by its number: `#1` is the first.
+pub fn position(name: &str) -> Option<usize> {
+    let number: usize = name.strip_prefix('#')?.parse().ok()?;
+    number.checked_sub(1)
 }
 
 impl Layout {
@@ -494,6 +510,7 @@ impl Layout {
             names: self.names.or(&other.names),
             columns: self.columns.or(other.columns),
             setup: self.setup.or(&other.setup),
+            skip_rows: self.skip_rows.or(other.skip_rows),
         }
     }
 }

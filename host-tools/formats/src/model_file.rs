@@ -447,6 +447,7 @@ impl ModelReader<'_> {
                 "absolute_pressure_kpa",
                 "angle_zero_deg",
                 "flip_angle",
+                "skip_rows",
                 "setup",
             ],
         )?;
@@ -467,6 +468,16 @@ impl ModelReader<'_> {
             layout.columns.air_kpa = Some(kpa);
         }
         layout.columns.angle_zero_deg = self.toml.number(table, "angle_zero_deg")?;
+        if let Some(item) = table.get("skip_rows") {
+            let count = item.as_integer().and_then(|it| u64::try_from(it).ok());
+            layout.skip_rows = Some(count.ok_or_else(|| {
+                self.toml.fail_at(
+                    item.span(),
+                    "skip_rows is no number of lines",
+                    "write how many lines stand above the header, as `skip_rows = 22`",
+                )
+            })?);
+        }
         if let Some(item) = table.get("flip_angle") {
             layout.columns.flip_angle = item.as_bool().ok_or_else(|| {
                 self.toml.fail_at(

@@ -334,6 +334,8 @@ impl TensileCurve {
         let wanted = Wanted {
             names: &are_of_a_curve,
             lines_above: LINES_ABOVE,
+            skipped: 0,
+            is_headless: false,
         };
         let Some((header, rows)) = Rows::open(bytes, path, Limits::TABLE, wanted)? else {
             return Err(fault("is empty", "export the test again"));

@@ -10,8 +10,9 @@ use softrig_formats::columns::{self, AngleUnit, Columns, Layout, Names, Pressure
 #[derive(Clone, Debug, Default, Args)]
 #[command(next_help_heading = "If the columns mean something else")]
 pub struct InputArgs {
-    /// The columns of the recording: time=t,pressure=p_psi,angle=theta. For MCAP files,
-    /// topics: pressure=/rig/pressure.data. The section [recording] of the model file sets
+    /// The columns of the recording: time=t,pressure=p_psi,angle=theta; by their numbers, time=#1,
+    /// where there is no header. For MCAP files, topics: pressure=/rig/pressure.data,
+    /// angle=/joint_states.position[0]. The section [recording] of the model file sets
     /// the same permanently
     #[arg(long, value_name = "WHICH=COLUMN,…", value_parser = Names::parse)]
     columns: Vec<Names>,
@@ -63,6 +64,10 @@ pub struct InputArgs {
     /// Change the sign of the angle
     #[arg(long)]
     flip_angle: bool,
+    /// Do not read so many lines at the start of a table of text; lines above a header with the
+    /// wanted names are found without it
+    #[arg(long, value_name = "N")]
+    skip_rows: Option<u64>,
     /// Exchange the columns of pressure and angle
     #[arg(long)]
     exchange_columns: bool,
@@ -90,6 +95,7 @@ impl InputArgs {
                 .units
                 .iter()
                 .fold(said, |earlier, later| later.or(earlier)),
+            skip_rows: self.skip_rows,
             ..Layout::default()
         }
     }

@@ -1,8 +1,8 @@
 //! Recordings as laboratories have them, through the `rig` command: other columns, other
 //! units, other formats, and there and back.
 //!
-//! The files in `data/` were written by the programs whose names they have: scipy, pyarrow
-//! and the recorder of ROS 2.
+//! The files in `data/` were written by the programs whose names they have: scipy, pyarrow, numpy,
+//! h5py and the recorder of ROS 2.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -107,6 +107,218 @@ fn parquet_of_every_compression_is_read() {
         assert!((bench.recording("out.csv").angle[100].to_degrees() - 20.0).abs() < 1e-9);
         std::fs::remove_file(bench.path("out.csv")).unwrap();
     }
+}
+
+/// A step of 200 samples: time (s), pressure (kPa), angle (°).
+fn step() -> Vec<[f64; 3]> {
+    let row = |k| {
+        let time = f64::from(k) * 0.01;
+        [time, 30.0, 50.0 * (1.0 - (-2.0 * time).exp())]
+    };
+    (0..200).map(row).collect()
+}
+
+/// The rows of that step, as `of` writes them.
+fn rows(of: impl Fn(usize, [f64; 3]) -> String) -> String {
+    let rows = step().into_iter().enumerate();
+    rows.map(|(k, row)| of(k, row) + "\n").collect()
+}
+
+/// Files as the programs of a laboratory write them, with the flags that read them.
+#[test]
+fn files_of_the_laboratory_are_read() {
+    let plain =
+        |separator: &str| rows(|_, [t, p, a]| format!("{t:.2}{separator}{p:.1}{separator}{a:.4}"));
+    let named = "--columns time=#1,pressure=#2,angle=#3";
+    let labview = "LabVIEW Measurement\t\nWriter_Version\t2\nReader_Version\t2\nSeparator\tTab\nDecimal_Separator\t.\nMulti_Headings\tNo\nX_Columns\tOne\nTime_Pref\tRelative\nOperator\tlab\nDate\t2024/05/01\nTime\t12:00:00.5\n***End_of_Header***\t\n\t\nChannels\t2\t\t\t\nSamples\t200\t200\t\t\nDate\t2024/05/01\t2024/05/01\t\t\nX_Dimension\tTime\tTime\t\t\nX0\t0.0E+0\t0.0E+0\t\t\nDelta_X\t0.01\t0.01\t\t\n***End_of_Header***\t\t\t\nX_Value\tPressure\tAngle\tComment\n";
+    let files = [
+        (
+            "labview.lvm",
+            labview.to_owned() + &plain("\t"),
+            "--columns time=X_Value,pressure=Pressure,angle=Angle",
+        ),
+        (
+            "lines_above.csv",
+            format!(
+                "Rig 3;Monday\nOperator;Kim\n\ntime_s,pressure_kpa,angle_deg\n{}",
+                plain(",")
+            ),
+            "",
+        ),
+        (
+            "skipped.csv",
+            format!(
+                "time_s,pressure_kpa,angle_deg\n1,2,3\ntime_s,pressure_kpa,angle_deg\n{}",
+                plain(",")
+            ),
+            "--skip-rows 2",
+        ),
+        ("headless.csv", plain(","), named),
+        (
+            "headless_below_text.txt",
+            format!("a logger\nof the lab\n{}", plain(";")),
+            named,
+        ),
+        (
+            "savetxt.txt",
+            rows(|_, [t, p, a]| format!("{t:.18e} {p:.18e} {a:.18e}")),
+            named,
+        ),
+        (
+            "aligned.txt",
+            format!(
+                "# time_s pressure_kpa  angle_deg\n{}",
+                rows(|_, [t, p, a]| format!("  {t:8.3}   {p:6.1} {a:9.4}"))
+            ),
+            "",
+        ),
+        (
+            "stamps.csv",
+            "when,pressure_kpa,angle_deg\n".to_owned()
+                + &rows(|k, [_, p, a]| {
+                    format!("2024-05-01T12:00:{:05.2}+02:00,{p},{a}", 0.01 * k as f64)
+                }),
+            "--columns time=when",
+        ),
+        (
+            "stamps_with_blanks.csv",
+            "when;pressure_kpa;angle_deg\n".to_owned()
+                + &rows(|k, [_, p, a]| {
+                    format!("2024-05-01 23:59:{:06.3};{p};{a}", 58.0 + 0.01 * k as f64)
+                }),
+            "--columns time=when",
+        ),
+        (
+            "lines.jsonl",
+            rows(|_, [t, p, a]| {
+                format!(
+                    "{{\"t\": {t}, \"rig\": {{\"p\": {p}, \"joints\": [0, {a}]}}, \"state\": \"run\"}}"
+                )
+            }),
+            "--columns time=t,pressure=rig.p,angle=rig.joints[1]",
+        ),
+        (
+            "array.json",
+            {
+                let rows = rows(|k, [t, p, a]| {
+                    let end = if k == 199 { "" } else { "," };
+                    format!("{{\"time_s\": {t}, \"pressure_kpa\": {p}, \"angle_deg\": {a}}}{end}")
+                });
+                format!("[\n{rows}]\n")
+            },
+            "",
+        ),
+    ];
+    let bench = Bench::new();
+    for (name, text, flags) in files {
+        bench.put(name, &text);
+        bench.put(&format!("{name}.gz"), super::common::compressed(&text));
+        for name in [name, &format!("{name}.gz")] {
+            let said = bench.prints(&format!("convert {name} -o out.csv {flags}"));
+            assert!(said.contains("200 samples"), "{name}: {said}");
+            let read = bench.recording("out.csv");
+            for (row, [time, pressure, angle]) in step().into_iter().enumerate() {
+                assert!(
+                    (read.time[row] - read.time[0] - time).abs() < 1e-6,
+                    "{name}"
+                );
+                assert!((read.pressure[row] / 1e3 - pressure).abs() < 1e-6, "{name}");
+                assert!(
+                    (read.angle[row].to_degrees() - angle).abs() < 1e-3,
+                    "{name}"
+                );
+            }
+            std::fs::remove_file(bench.path("out.csv")).unwrap();
+        }
+    }
+}
+
+#[test]
+fn a_table_without_a_header_is_refused_with_the_flags_that_read_it() {
+    let bench = Bench::new();
+    bench.put("bare.csv", rows(|_, [t, p, a]| format!("{t},{p},{a}")));
+    let said = bench.fails("compare --model m.toml bare.csv", &["has no header"]);
+    let flags = said.split("--columns ").nth(1).unwrap();
+    let flags = flags.split(',').take(3).collect::<Vec<_>>().join(",");
+    bench.prints(&format!(
+        "compare --model m.toml bare.csv --columns {flags}"
+    ));
+    // Of a header with other names, below other lines.
+    bench.put("odd.csv", "Rig 3\nt;p;theta\n0;1;2\n1;1;2\n");
+    bench.fails(
+        "compare --model m.toml odd.csv",
+        &["odd.csv, line 2", "--columns time=t"],
+    );
+    // The model file says it once.
+    bench.put(
+        "m.toml",
+        format!("{MODEL}[recording]\nskip_rows = 1\ncolumns = {{ time = \"#1\", pressure = \"#2\", angle = \"#3\" }}\n"),
+    );
+    bench.prints("convert bare.csv -o out.csv --model m.toml");
+    assert_eq!(bench.recording("out.csv").len(), 199);
+}
+
+#[test]
+fn arrays_of_numpy_and_data_sets_of_h5py_are_read() {
+    let columns = "time=t,pressure=rig[0],angle=rig[1]";
+    let (recording, warnings) = read("numpy.npz", &layout(columns, "pressure=bar,angle=rad"));
+    assert!(warnings.is_empty(), "{warnings:?}");
+    let time = [0.0, 0.02, 0.04, 0.06, 0.08];
+    let pascal = [0.0, 10_000.0, 25_000.0, 22_500.0, 20_000.0];
+    let angle = [0.0, 0.1, 0.25, 0.3, 0.3];
+    for (name, columns) in [
+        ("numpy.npy", "time=#1,pressure=#2,angle=#3"),
+        ("h5py.h5", "time=t,pressure=rig/p,angle=rig/table[1]"),
+    ] {
+        let (other, _) = read(name, &layout(columns, "pressure=bar,angle=rad"));
+        assert!(near(&other.time, &recording.time), "{name}");
+        assert!(near(&other.pressure, &recording.pressure), "{name}");
+        assert!(near(&other.angle, &recording.angle), "{name}");
+    }
+    assert!(near(&recording.time, &time));
+    assert!(near(&recording.pressure, &pascal));
+    assert!(near(&recording.angle, &angle));
+}
+
+/// What is not read is named from its first bytes, with the line that converts it.
+#[test]
+fn formats_that_are_not_read_are_named_with_their_conversion() {
+    let bench = Bench::new();
+    for (start, parts) in [
+        (&b"TDSm\x0e\0\0\0"[..], ["TDMS", "nptdms"]),
+        (b"SQLite format 3\0", ["SQLite", "mcap convert run.bin"]),
+        (b"#ROSBAG V2.0\n", ["ROS 1", "mcap convert run.bin"]),
+        (b"ARROW1\0\0", ["Feather", "to_parquet"]),
+        (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", ["Excel", "CSV"]),
+        (b"ULog\x01\x12\x35", ["PX4", "ulog2csv run.bin"]),
+        (b"BZh91AY", ["bzip2", "bunzip2"]),
+    ] {
+        let bytes = [start, &[0; 64]].concat();
+        bench.put("run.bin", bytes);
+        bench.refuses("compare --model m.toml run.bin", &parts);
+    }
+}
+
+/// The folder of a bag stands for the recording in it.
+#[test]
+fn the_folder_of_a_bag_is_read() {
+    let bench = Bench::new();
+    let bag = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/ros2.mcap");
+    std::fs::create_dir(bench.path("bag")).unwrap();
+    std::fs::copy(bag, bench.path("bag/bag_0.mcap")).unwrap();
+    bench.put("bag/metadata.yaml", "rosbag2_bagfile_information:\n");
+    let flags = "--columns pressure=/rig/pressure.fluid_pressure,angle=/rig/angle --units pressure=pa,angle=rad";
+    let said = bench.prints(&format!("convert bag -o out.csv {flags}"));
+    assert!(said.contains("38 samples"), "{said}");
+    bench.put("bag/bag_0.mcap", "");
+    std::fs::rename(bench.path("bag/bag_0.mcap"), bench.path("bag/bag_0.db3")).unwrap();
+    bench.put("bag/bag_0.db3", b"SQLite format 3\0and more");
+    bench.refuses(
+        "compare --model m.toml bag",
+        &["SQLite", "mcap convert bag/bag_0.db3"],
+    );
+    std::fs::create_dir(bench.path("empty")).unwrap();
+    bench.refuses("compare --model m.toml empty", &["is a folder"]);
 }
 
 /// The pressure is logged at half the rate, 5 ms after the angle: between its messages it is

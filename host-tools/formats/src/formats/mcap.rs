@@ -432,6 +432,8 @@ fn path_in(topic: &str, called: &str) -> Option<Vec<String>> {
         return Some(Vec::new());
     }
     let fields = rest.strip_prefix('.')?;
+    // `position[0]` is the field 0 of `position`.
+    let fields = fields.replace('[', ".").replace(']', "");
     Some(fields.split('.').map(str::to_owned).collect())
 }
 

@@ -7,10 +7,15 @@
 
 mod arrays;
 mod guard;
+#[cfg(feature = "hdf5")]
+mod hdf5;
+mod json_lines;
 pub(crate) mod mat;
 #[cfg(feature = "mcap")]
 pub(crate) mod mcap;
 pub(crate) mod names;
+#[cfg(feature = "numpy")]
+mod numpy;
 #[cfg(feature = "parquet")]
 pub(crate) mod parquet;
 #[cfg(feature = "mcap")]
@@ -20,10 +25,10 @@ pub mod write;
 
 use std::fs::File;
 use std::io::{BufReader, Cursor, Read};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use crate::bounded::{self, Limits};
-use crate::columns::{Columns, Layout, Quantity};
+use crate::columns::{Columns, Layout, Quantity, TimeUnit};
 use crate::error::InputError;
 use crate::recording::Column;
 
@@ -46,6 +51,45 @@ const MATLAB_5: &[u8] = b"MATLAB 5.0";
 /// Not read, only told apart.
 const MATLAB_7: &[u8] = b"MATLAB 7.3";
 const HDF5: &[u8] = b"\x89HDF\r\n\x1a\n";
+const NUMPY: &[u8] = b"\x93NUMPY";
+const PACKED: &[u8] = b"PK\x03\x04";
+
+/// Formats that are not read, by their first bytes, and how they are converted; `FILE` is the
+/// file.
+const FOREIGN: [(&[u8], &str, &str); 8] = [
+    (
+        b"TDSm",
+        "a TDMS file of LabVIEW",
+        "convert it: python3 -c \"from nptdms import TdmsFile; TdmsFile.read('FILE').as_dataframe().to_csv('run.csv', index=False)\"",
+    ),
+    (
+        b"SQLite format 3",
+        "a data base of SQLite, as rosbag2 writes",
+        "convert a bag with: mcap convert FILE run.mcap",
+    ),
+    (
+        b"#ROSBAG V",
+        "a bag of ROS 1",
+        "convert it: mcap convert FILE run.mcap",
+    ),
+    (
+        b"ARROW1",
+        "a Feather file of Arrow",
+        "convert it: python3 -c \"import pandas; pandas.read_feather('FILE').to_parquet('run.parquet')\"",
+    ),
+    (
+        b"\xd0\xcf\x11\xe0",
+        "a spreadsheet of an old Excel",
+        "export the sheet as CSV",
+    ),
+    (b"ULog\x01", "a log of PX4", "convert it: ulog2csv FILE"),
+    (
+        b"\x80\x04\x95",
+        "a pickle of Python",
+        "convert it where you trust it: python3 -c \"import pandas; pandas.read_pickle('FILE').to_csv('run.csv', index=False)\"",
+    ),
+    (b"BZh", "compressed with bzip2", "unpack it: bunzip2 FILE"),
+];
 
 /// A recording as it was read, in the units of its header: s, kPa (gauge) and °.
 #[derive(Clone, Debug, Default)]
@@ -199,6 +243,9 @@ impl Samples {
 pub fn read(path: &Path, layout: &Layout) -> Result<Samples, InputError> {
     let fail = |error: std::io::Error| InputError::from_io(path, &error);
     bounded::refuse_pipe(path)?;
+    if path.is_dir() {
+        return read(&bag_in(path)?, layout);
+    }
     let mut file = File::open(path).map_err(fail)?;
     let start = start_of(&mut file).map_err(fail)?;
     let limits = Limits::RECORDING;
@@ -213,8 +260,10 @@ pub fn read(path: &Path, layout: &Layout) -> Result<Samples, InputError> {
     let packed = path.extension().is_some_and(|it| it == "gz") || start.starts_with(GZIP);
     if packed {
         // Files that were appended to have several members.
-        let unpacked = flate2::bufread::MultiGzDecoder::new(BufReader::new(whole));
-        return text::read(unpacked, path, layout, limits);
+        let mut unpacked = flate2::bufread::MultiGzDecoder::new(BufReader::new(whole));
+        let start = start_of(&mut unpacked).map_err(fail)?;
+        let whole = Cursor::new(start.clone()).chain(unpacked);
+        return read_from(&start, whole, path, layout, limits);
     }
     read_from(&start, whole, path, layout, limits)
 }
@@ -242,7 +291,10 @@ fn read_from(
     layout: &Layout,
     limits: Limits,
 ) -> Result<Samples, InputError> {
-    let refuse = |found: &str, advice: &str| Err(InputError::new(found, advice).in_file(path));
+    if let Some((_, what, advice)) = FOREIGN.iter().find(|(magic, ..)| start.starts_with(magic)) {
+        let advice = advice.replace("FILE", &path.display().to_string());
+        return Err(InputError::new(format!("is {what}, which is not read"), advice).in_file(path));
+    }
     if start.starts_with(MCAP) {
         #[cfg(feature = "mcap")]
         return mcap::read(whole, path, layout, limits);
@@ -251,22 +303,75 @@ fn read_from(
     } else if start.starts_with(MATLAB_5) {
         mat::read(whole, path, layout, limits)
     } else if start.starts_with(MATLAB_7) || start.starts_with(HDF5) {
-        refuse(
-            "is a MATLAB 7.3 or another HDF5 file, which is not read",
-            "save it again in MATLAB with save('run.mat', 'time_s', 'pressure_kpa', 'angle_deg', '-v7')",
-        )
-    } else if start.starts_with(b"PK\x03\x04") {
-        refuse(
-            "is a packed file, as spreadsheets are",
-            "export the sheet as CSV",
-        )
+        #[cfg(feature = "hdf5")]
+        return hdf5::read(whole, path, layout, limits);
+        #[cfg(not(feature = "hdf5"))]
+        return Err(left_out("HDF5").in_file(path));
+    } else if start.starts_with(PACKED) {
+        #[cfg(feature = "numpy")]
+        return numpy::read_npz(whole, path, layout, limits);
+        #[cfg(not(feature = "numpy"))]
+        return Err(left_out("packed").in_file(path));
+    } else if start.starts_with(NUMPY) {
+        #[cfg(feature = "numpy")]
+        return numpy::read_npy(whole, path, layout, limits);
+        #[cfg(not(feature = "numpy"))]
+        return Err(left_out("NumPy").in_file(path));
+    } else if is_json(start) {
+        json_lines::read(whole, path, layout, limits)
     } else {
         text::read(whole, path, layout, limits)
     }
 }
 
+/// Whether a text begins with an object of JSON, or an array of them.
+fn is_json(start: &[u8]) -> bool {
+    let start = start.strip_prefix(b"\xef\xbb\xbf").unwrap_or(start);
+    let start = start.trim_ascii_start();
+    start.starts_with(b"{")
+        || start.strip_prefix(b"[").is_some_and(|rest| {
+            let rest = rest.trim_ascii_start();
+            rest.is_empty() || rest.starts_with(b"{")
+        })
+}
+
+/// The recording in the folder of a bag of rosbag2.
+fn bag_in(folder: &Path) -> Result<PathBuf, InputError> {
+    let fail = |error: std::io::Error| InputError::from_io(folder, &error);
+    let mut files: Vec<PathBuf> = std::fs::read_dir(folder)
+        .map_err(fail)?
+        .map(|entry| entry.map(|it| it.path()))
+        .collect::<Result<_, _>>()
+        .map_err(fail)?;
+    files.sort();
+    let of_kind = |kind: &str| -> Vec<PathBuf> {
+        let is_kind = |path: &&PathBuf| path.extension().is_some_and(|it| it == kind);
+        files.iter().filter(is_kind).cloned().collect()
+    };
+    match (of_kind("mcap").as_slice(), of_kind("db3").first()) {
+        ([only], _) => Ok(only.clone()),
+        ([_, ..], _) => Err(InputError::new(
+            "is a bag in several files",
+            "name its .mcap files one by one: each is a recording",
+        )
+        .in_file(folder)),
+        // Its own error says how it is converted.
+        ([], Some(data_base)) => Ok(data_base.clone()),
+        ([], None) => Err(InputError::new(
+            "is a folder, and no bag of ROS 2",
+            "name the recordings in it",
+        )
+        .in_file(folder)),
+    }
+}
+
 /// The error for a format that a program which reads only models is built without.
-#[cfg(not(all(feature = "mcap", feature = "parquet")))]
+#[cfg(not(all(
+    feature = "hdf5",
+    feature = "mcap",
+    feature = "numpy",
+    feature = "parquet"
+)))]
 fn left_out(format: &str) -> InputError {
     InputError::new(
         format!("is a {format} file, which this program was built without"),
@@ -281,7 +386,7 @@ fn is_parquet(start: &[u8]) -> bool {
 /// Whether a file that starts so is a recording in a binary format or a packed table: nothing
 /// else that is read or written here is either. What HDF5 holds nobody knows.
 pub fn is_binary_recording(start: &[u8]) -> bool {
-    [GZIP, PARQUET, MCAP, MATLAB]
+    [GZIP, PARQUET, MCAP, MATLAB, NUMPY]
         .iter()
         .any(|it| start.starts_with(it))
 }
@@ -371,6 +476,14 @@ impl Sheet {
         let mut numbers: [Vec<f64>; 3] = Default::default();
         for ((quantity, place), into) in Quantity::ALL.into_iter().zip(places).zip(&mut numbers) {
             let name = layout.names.of(quantity);
+            if let (Quantity::Time, Values::Texts(texts)) = (quantity, &self.columns[place].1)
+                && let Some(seconds) = texts.iter().map(|it| iso_seconds(it)).collect()
+            {
+                *into = seconds;
+                samples.columns.time = Some(TimeUnit::S);
+                samples.decimals[quantity as usize] = Decimals::Various;
+                continue;
+            }
             let Values::Numbers(values, decimals) = &mut self.columns[place].1 else {
                 return Err(InputError::new(
                     format!("{what} {name} holds text"),
@@ -464,6 +577,38 @@ fn optional_name(found: &str, layout: &Layout) -> String {
         .map(|(name, _)| name.clone())
         .next()
         .unwrap_or_else(|| found.to_owned())
+}
+
+/// The time (s since 1970) of a time stamp as ISO 8601 has it, `2024-05-01T12:00:00.01Z`, with a
+/// blank for the T, without the Z or with an offset from UTC in its place; none if a field is
+/// none.
+fn iso_seconds(field: &str) -> Option<f64> {
+    let is_date = field.len() >= 19 && field.as_bytes()[4] == b'-' && field.is_ascii();
+    if !is_date {
+        return None;
+    }
+    let (date, offset) = field.split_at(19);
+    let (fraction, offset) = match offset.find(['Z', 'z', '+', '-']) {
+        Some(at) => offset.split_at(at),
+        None => (offset, ""),
+    };
+    let east_s = match offset {
+        "" | "Z" | "z" => 0.0,
+        offset => {
+            let digits: String = offset[1..].chars().filter(|it| *it != ':').collect();
+            let number: u32 = digits.parse().ok().filter(|_| digits.len() == 4)?;
+            let seconds = f64::from(number / 100 * 3600 + number % 100 * 60);
+            if offset.starts_with('-') {
+                -seconds
+            } else {
+                seconds
+            }
+        }
+    };
+    let text = format!("{date}{}", fraction.replace(',', ".")).replace(' ', "T");
+    let time = humantime::parse_rfc3339_weak(&text).ok()?;
+    let since = time.duration_since(std::time::UNIX_EPOCH).ok()?;
+    Some(since.as_secs_f64() - east_s)
 }
 
 /// A number that is none, or that no sensor shows.

@@ -4,8 +4,9 @@
 //! that would read the file, judging by its header. That is only a suggestion: no column is
 //! read because its name looks right.
 
-use crate::columns::{Layout, Quantity, Unit};
+use crate::columns::{Layout, Quantity, Unit, position};
 use crate::error::InputError;
+use crate::table::seems_number;
 use crate::terminal::quoted;
 
 /// Whole names, and words in longer ones.
@@ -22,6 +23,8 @@ const WORDS: [&[&str]; 3] = [
         "seconds",
         "elapsed",
         "clock",
+        "datetime",
+        "date",
     ],
     &[
         "p", "press", "pressure", "druck", "pression", "presion", "pres", "gauge",
@@ -69,6 +72,10 @@ pub(crate) fn find(
     let mut places = [0; 3];
     for (quantity, place) in Quantity::ALL.into_iter().zip(&mut places) {
         let name = layout.names.of(quantity);
+        if let Some(at) = position(name).filter(|&at| at < header.len()) {
+            *place = at;
+            continue;
+        }
         let mut found = (0..header.len()).filter(|&at| header[at] == name);
         *place = found.next().ok_or_else(|| {
             InputError::new(
@@ -90,9 +97,12 @@ pub(crate) fn find(
 
 /// How the file would be read, or what it needs.
 fn advice(header: &[String], layout: &Layout, what: &str) -> String {
+    if header.len() >= Quantity::ALL.len() && header.iter().all(|it| seems_number(it)) {
+        return "the table has no header: say which column is which by its number, --columns time=#1,pressure=#2,angle=#3, with the units if they are not s, kPa and deg".to_owned();
+    }
     if header.len() < Quantity::ALL.len() && what == "column" {
         return format!(
-            "separate the columns by commas, semicolons or tabs, and give them names in the first row: a recording needs {}",
+            "separate the columns by commas, semicolons, tabs or blanks, and give them names in the first row: a recording needs {}",
             Quantity::ALL.map(Quantity::column).join(", ")
         );
     }
@@ -174,6 +184,10 @@ fn split(name: &str) -> (&str, Option<&str>) {
 
 /// How much a name looks like that of a quantity.
 fn likeness(quantity: Quantity, name: &str) -> u32 {
+    // LabVIEW's measurement files.
+    if quantity == Quantity::Time && name == "X_Value" {
+        return 6;
+    }
     let (stem, unit) = split(name);
     let words = |text: &str| -> Vec<String> {
         text.split(|c: char| !c.is_alphanumeric())

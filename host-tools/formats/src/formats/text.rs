@@ -8,9 +8,9 @@ use std::borrow::Cow;
 use std::io::Read;
 use std::path::Path;
 
-use super::{LARGEST_NUMBER, Samples, names, not_usable, optional_name};
+use super::{LARGEST_NUMBER, Samples, iso_seconds, names, not_usable, optional_name};
 use crate::bounded::Limits;
-use crate::columns::{Columns, Layout, Quantity, Unit};
+use crate::columns::{Columns, Layout, Quantity, TimeUnit, Unit, position};
 use crate::error::InputError;
 use crate::recording::Column;
 use crate::table::{Numbers, Row, Rows, Wanted, is_with_comma, seems_number};
@@ -28,7 +28,14 @@ pub fn read(
 ) -> Result<Samples, InputError> {
     let wanted = Wanted {
         names: &|names| has_all(names, layout),
-        lines_above: 0,
+        // What is skipped is said to end above the header.
+        lines_above: if layout.skip_rows.is_some() {
+            0
+        } else {
+            LINES_ABOVE
+        },
+        skipped: layout.skip_rows.unwrap_or_default(),
+        is_headless: layout.names.are_positions(),
     };
     let Some((header, mut rows)) = Rows::open(text, path, limits, wanted)? else {
         return Err(InputError::new(
@@ -58,6 +65,9 @@ pub fn read(
     let mut numbers = Numbers::default();
     let mut record = Row::default();
     let mut first = true;
+    // LabVIEW leaves the comment at the end of its rows away.
+    let is_lvm = header.first().is_some_and(|name| name == "X_Value")
+        && header.last().is_some_and(|name| name == "Comment");
     while rows.next(&mut record)? {
         let line = record.line();
         // What is known to stand elsewhere stays there.
@@ -65,7 +75,8 @@ pub fn read(
             Some(_) => error.in_file(path),
             None => error.in_file(path).at_line(line),
         };
-        if record.width() != header.len() {
+        let is_without_comment = is_lvm && record.width() + 1 == header.len();
+        if record.width() != header.len() && !is_without_comment {
             let last = matches!(rows.next(&mut Row::default()), Ok(false));
             return Err(place(wrong_length(record.width(), header.len(), last)));
         }
@@ -88,7 +99,13 @@ pub fn read(
         let mut row = [0.0; 3];
         for ((number, field), quantity) in row.iter_mut().zip(&fields).zip(Quantity::ALL) {
             let column = layout.names.of(quantity);
-            *number = numbers.read(field, line, column).map_err(place)?;
+            *number = match iso_seconds(field).filter(|_| quantity == Quantity::Time) {
+                Some(seconds) => {
+                    samples.columns.time = Some(TimeUnit::S);
+                    seconds
+                }
+                None => numbers.read(field, line, column).map_err(place)?,
+            };
             if number.is_nan() || number.abs() > LARGEST_NUMBER {
                 return Err(place(not_usable(field).in_column(column)));
             }
@@ -124,8 +141,21 @@ pub fn read(
     Ok(samples)
 }
 
-/// Whether all three wanted names are among those of a header.
+/// Most lines above the header: those of LabVIEW and of loggers are some dozens.
+const LINES_ABOVE: usize = 200;
+
+/// Whether all three wanted names are among those of a header; of a table without one, whether
+/// all three are numbers in a row.
 fn has_all(names: &[String], layout: &Layout) -> bool {
+    if layout.names.are_positions() {
+        return Quantity::ALL.into_iter().all(|quantity| {
+            let place = position(layout.names.of(quantity));
+            let field = place.and_then(|place| names.get(place));
+            field.is_some_and(|field| {
+                seems_number(field) || (quantity == Quantity::Time && iso_seconds(field).is_some())
+            })
+        });
+    }
     let wanted = Quantity::ALL.map(|quantity| layout.names.of(quantity));
     wanted.iter().all(|name| names.iter().any(|it| it == name))
 }

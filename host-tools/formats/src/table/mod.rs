@@ -40,6 +40,11 @@ pub struct Wanted<'a> {
     /// comments. Where none of so many lines has the wanted names, nor the one beneath them,
     /// the first line is the header, for the caller to refuse.
     pub lines_above: usize,
+    /// How many lines at the start of the text are not looked at, whatever they hold.
+    pub skipped: u64,
+    /// Whether the table has no header: [`names`](Self::names) tells its first row, and the
+    /// columns are called `#1`, `#2`, ….
+    pub is_headless: bool,
 }
 
 /// The header of a table.
@@ -106,17 +111,27 @@ type Decoded<R> = DecodeReaderBytes<std::io::Chain<Cursor<Vec<u8>>, R>, Vec<u8>>
 struct Begun<R: Read> {
     seen: Cursor<Vec<u8>>,
     rest: Bounded<Decoded<R>>,
+    /// Where blanks separate: the byte before, so that several count as one.
+    blanks: Option<u8>,
     lines: Lines,
 }
 
 impl<R: Read> Read for Begun<R> {
     fn read(&mut self, into: &mut [u8]) -> std::io::Result<usize> {
-        let count = match self.seen.read(into)? {
-            0 => self.rest.read(into)?,
-            count => count,
-        };
-        self.lines.take(&into[..count]);
-        Ok(count)
+        loop {
+            let read = match self.seen.read(into)? {
+                0 => self.rest.read(into)?,
+                count => count,
+            };
+            let count = match &mut self.blanks {
+                Some(before) => top::single_blanks(&mut into[..read], before),
+                None => read,
+            };
+            if count > 0 || read == 0 {
+                self.lines.take(&into[..count]);
+                return Ok(count);
+            }
+        }
     }
 }
 
@@ -182,6 +197,7 @@ impl<'a, R: Read> Rows<'a, R> {
         let begun = Begun {
             seen: Cursor::new(top.seen_from(found.rows_at)),
             rest: bounded,
+            blanks: (found.delimiter == top::BLANK).then_some(b'\n'),
             lines: Lines::after(found.lines_above_rows),
         };
         let rows = Self {
@@ -255,6 +271,8 @@ mod tests {
                     .all(|it| names.iter().any(|name| name == it))
             },
             lines_above,
+            skipped: 0,
+            is_headless: false,
         };
         let path = Path::new("t.csv");
         let (header, mut rows) =

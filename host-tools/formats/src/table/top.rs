@@ -4,8 +4,26 @@ use std::ops::Range;
 
 use super::{Header, Wanted, seems_number, text_of};
 
+/// Any number of blanks: what numpy's `savetxt` and Fortran write.
+pub(super) const BLANK: u8 = b' ';
+
 /// The delimiters, the likeliest first where the header does not tell.
-const DELIMITERS: [u8; 3] = [b'\t', b';', b','];
+const DELIMITERS: [u8; 4] = [b'\t', b';', b',', BLANK];
+
+/// Leaves one of several blanks, and none at the start of a line; `before` is the byte before.
+/// Returns how many bytes are left.
+pub(super) fn single_blanks(bytes: &mut [u8], before: &mut u8) -> usize {
+    let mut left = 0;
+    for at in 0..bytes.len() {
+        let byte = bytes[at];
+        if byte != BLANK || !matches!(*before, BLANK | b'\n' | b'\r') {
+            bytes[left] = byte;
+            left += 1;
+        }
+        *before = byte;
+    }
+    left
+}
 
 /// The characters that begin a comment above the header.
 const COMMENTS: [char; 2] = ['#', '%'];
@@ -17,6 +35,8 @@ pub(super) struct Top<'a> {
     ended: bool,
     /// Where the line begins that is looked at.
     at: usize,
+    /// How many lines are before it.
+    passed: u64,
     /// Where the last comment above the first line stands.
     comment: Option<Range<usize>>,
     /// Lines that are neither empty nor comments.
@@ -42,6 +62,7 @@ impl<'a> Top<'a> {
             seen: Vec::new(),
             ended: false,
             at: 0,
+            passed: 0,
             comment: None,
             lines: Vec::new(),
             named: None,
@@ -107,7 +128,8 @@ impl<'a> Top<'a> {
             let line = self.at..end;
             let text = String::from_utf8_lossy(&self.seen[line.clone()]);
             let text = text.trim();
-            if text.is_empty() {
+            let is_skipped = self.passed < self.wanted.skipped;
+            if is_skipped || text.is_empty() {
             } else if text.starts_with(COMMENTS) {
                 if self.lines.is_empty() {
                     self.comment = Some(line);
@@ -122,6 +144,7 @@ impl<'a> Top<'a> {
                 self.complete = self.named.is_some() || looked_at;
             }
             self.at = end;
+            self.passed += 1;
             self.complete |= self.ended && end == self.seen.len();
         }
         true
@@ -131,7 +154,10 @@ impl<'a> Top<'a> {
     /// is the comment above, as numpy writes it.
     pub(super) fn header(&self) -> Option<Found> {
         let first = self.lines.first()?;
-        let place = self.named.unwrap_or_default();
+        if let (true, Some(place)) = (self.wanted.is_headless, self.named) {
+            return Some(self.headless(&self.lines[place]));
+        }
+        let place = self.named.unwrap_or_else(|| self.likely());
         if place == 0
             && let Some(found) = self.header_in_comment(first)
         {
@@ -152,6 +178,40 @@ impl<'a> Top<'a> {
             rows_at: line.end,
             lines_above_rows: self.lines_before(line.end),
         })
+    }
+
+    /// What looks most like a header where none has the wanted names: the first line of names
+    /// with numbers beneath, perhaps behind a row of units; else the first line.
+    fn likely(&self) -> usize {
+        let is_header = |place: &usize| {
+            let (names, delimiter) = self.separated(&self.seen[self.lines[*place].clone()]);
+            let are_names =
+                names.len() > 1 && names.iter().filter(|it| seems_number(it)).count() == 0;
+            let mut beneath = self.lines[place + 1..].iter().take(2);
+            are_names
+                && beneath.any(|line| {
+                    let row = split(&self.seen[line.clone()], delimiter);
+                    // The comment at the end of LabVIEW's rows is left out.
+                    let width = row.len()..=row.len() + 1;
+                    width.contains(&names.len()) && row.iter().all(|field| seems_number(field))
+                })
+        };
+        (0..self.lines.len()).find(is_header).unwrap_or_default()
+    }
+
+    /// A table that begins with its first row.
+    fn headless(&self, first: &Range<usize>) -> Found {
+        let (row, delimiter) = self.separated(&self.seen[first.clone()]);
+        Found {
+            header: Header {
+                names: (1..=row.len()).map(|number| format!("#{number}")).collect(),
+                line: self.lines_before(first.start) + 1,
+                above: Vec::new(),
+            },
+            delimiter,
+            rows_at: first.start,
+            lines_above_rows: self.lines_before(first.start),
+        }
     }
 
     /// The header in the comment above the first line, if there is one.
@@ -189,18 +249,20 @@ impl<'a> Top<'a> {
         let best = fits
             .or_else(|| splits.iter().position(|(names, _)| names.len() > 2))
             .or_else(|| splits.iter().position(|(names, _)| names.len() > 1))
-            .unwrap_or(DELIMITERS.len() - 1);
-        let [a, b, c] = splits;
-        match best {
-            0 => a,
-            1 => b,
-            _ => c,
-        }
+            .unwrap_or(DELIMITERS.len() - 2);
+        splits.into_iter().nth(best).unwrap_or_default()
     }
 }
 
 /// The fields of one line.
 fn split(line: &[u8], delimiter: u8) -> Vec<String> {
+    let mut blanks = line.to_vec();
+    let line = if delimiter == BLANK {
+        let count = single_blanks(&mut blanks, &mut b'\n');
+        blanks[..count].trim_ascii_end()
+    } else {
+        line
+    };
     let mut record = csv::ByteRecord::new();
     let mut reader = csv::ReaderBuilder::new()
         .delimiter(delimiter)
