@@ -60,9 +60,7 @@ enum Command {
     Virtual(cli::virtual_rig::Args),
     Plan(cli::plan::Args),
     Next(cli::next::Args),
-    /// Print the JSON Schema of a verdict
-    #[command(after_help = "Examples:\n  rig schema > verdict.schema.json")]
-    Schema,
+    Schema(cli::schema::Args),
     /// Print a completion script for a shell
     #[command(
         after_help = "Examples:\n  rig completions bash > ~/.local/share/bash-completion/completions/rig"
@@ -119,11 +117,7 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Virtual(args) => cli::virtual_rig::run(&args),
         Command::Plan(args) => cli::plan::run(&args),
         Command::Next(args) => cli::next::run(&args),
-        Command::Schema => {
-            let schema = softrig::diagnose::verdict::schema();
-            cli::print(&format!("{}\n", serde_json::to_string_pretty(&schema)?))?;
-            Ok(())
-        }
+        Command::Schema(args) => cli::schema::run(&args),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(shell, &mut Cli::command(), "rig", &mut script);

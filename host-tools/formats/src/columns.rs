@@ -5,6 +5,7 @@
 //! the file is read, so that all other code works in one set of units.
 
 use strum::{EnumMessage, EnumString, IntoStaticStr, VariantArray};
+use toml_edit::Value;
 
 use crate::recording::PASCAL_PER_KPA;
 use crate::setup::Setup;
@@ -512,6 +513,55 @@ impl Layout {
             setup: self.setup.or(&other.setup),
             skip_rows: self.skip_rows.or(other.skip_rows),
         }
+    }
+}
+
+impl Layout {
+    /// The section `[recording]` of a model file that says the same; empty if nothing is said.
+    pub fn to_toml(&self) -> String {
+        let texts = |entries: Vec<(&str, &str)>| -> String {
+            let entries = entries.into_iter();
+            let entries = entries.map(|(key, text)| format!("{key} = {}", Value::from(text)));
+            format!("{{ {} }}", entries.collect::<Vec<_>>().join(", "))
+        };
+        let mut lines: Vec<String> = Vec::new();
+        let required = Quantity::ALL.into_iter().filter_map(|quantity| {
+            let column = self.names.said(quantity)?;
+            Some((quantity.key(), column))
+        });
+        let optional = self.names.optional.iter();
+        let named: Vec<(&str, &str)> = required
+            .chain(optional.map(|(name, column)| (name.as_str(), column.as_str())))
+            .collect();
+        if !named.is_empty() {
+            lines.push(format!("columns = {}", texts(named)));
+        }
+        let units: Vec<(&str, &str)> = Quantity::ALL
+            .into_iter()
+            .filter_map(|quantity| Some((quantity.key(), self.columns.unit(quantity)?.name())))
+            .collect();
+        if !units.is_empty() {
+            lines.push(format!("units = {}", texts(units)));
+        }
+        for (key, number) in [
+            ("absolute_pressure_kpa", self.columns.air_kpa),
+            ("angle_zero_deg", self.columns.angle_zero_deg),
+        ] {
+            lines.extend(number.map(|number| format!("{key} = {}", Value::from(number))));
+        }
+        if self.columns.flip_angle {
+            lines.push("flip_angle = true".to_owned());
+        }
+        lines.extend(self.skip_rows.map(|count| format!("skip_rows = {count}")));
+        if self.columns.exchange {
+            lines.push(
+                "# The columns are exchanged: every command needs --exchange-columns.".into(),
+            );
+        }
+        if lines.is_empty() {
+            return String::new();
+        }
+        format!("[recording]\n{}\n", lines.join("\n"))
     }
 }
 

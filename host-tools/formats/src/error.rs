@@ -27,6 +27,18 @@ pub struct InputError {
     pub found: String,
     /// What to do next.
     pub advice: String,
+    /// How the columns of a recording would be read, if their names mean what they seem to.
+    pub suggestion: Option<Box<Suggestion>>,
+}
+
+/// Columns and units as `--columns` and `--units` take them; `COLUMN` stands for a column that
+/// nothing in the header looks like, and units may be empty.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Suggestion {
+    /// `time=t,pressure=p_psi`.
+    pub columns: String,
+    /// `pressure=psi`.
+    pub units: String,
 }
 
 impl InputError {
@@ -38,6 +50,7 @@ impl InputError {
             column: None,
             found: found.into(),
             advice: advice.into(),
+            suggestion: None,
         }
     }
 

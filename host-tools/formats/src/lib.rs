@@ -24,6 +24,7 @@ pub mod formats;
 pub mod formula;
 pub mod material_name;
 pub mod model_file;
+pub mod model_schema;
 pub mod numbers;
 pub mod own_effects;
 pub mod protocol_file;

@@ -34,7 +34,7 @@ const FREE_BY_DEFAULT: [ParameterId; 3] = [
 ];
 
 /// The base parameters with their rows.
-fn base() -> impl Iterator<Item = (ParameterId, &'static Parameter)> {
+pub(crate) fn base() -> impl Iterator<Item = (ParameterId, &'static Parameter)> {
     ParameterId::BASE
         .into_iter()
         .zip(Dynamics::<()>::PARAMETERS)

@@ -4,6 +4,7 @@
 //! next to the measured one. The gap needs no model and fits nothing: it subtracts two columns of
 //! a recording, before and after an upload.
 
+use schemars::JsonSchema;
 use serde::Serialize;
 use softrig_formats::error::InputError;
 use softrig_formats::recording::{Recording, SegmentMeta};
@@ -175,7 +176,7 @@ fn used_of<'a>(group: &Group<'a>) -> (Vec<&'a Recording>, Option<String>) {
 }
 
 /// The errors of a run, in degrees.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct RunError {
     /// Name of the run.
     pub name: String,
@@ -186,7 +187,7 @@ pub struct RunError {
 }
 
 /// The errors of some runs, in degrees.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct GapOf {
     /// RMS over all samples of all runs (°).
     pub rms_deg: f64,
@@ -217,7 +218,7 @@ impl GapOf {
 }
 
 /// The gap before and after an upload, as `rig gap --json` writes it.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct BoardGap {
     /// Version of the layout.
     pub schema: u32,

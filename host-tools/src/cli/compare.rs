@@ -7,8 +7,11 @@
 use std::path::PathBuf;
 
 use clap::Parser;
+use schemars::JsonSchema;
+use serde::Serialize;
 
 use super::input::InputArgs;
+use super::json::{JsonArgs, SCHEMA};
 use super::output::{self, FileKind, Output};
 use crate::plot::{Figure, Mark, Panel, Role, Series, Style, write_svg};
 use softrig::comparison::{Comparison, Repeats, average, check_comparable, deviation};
@@ -16,6 +19,7 @@ use softrig::estimate::assemble::assemble;
 use softrig_formats::columns::Layout;
 use softrig_formats::error::{InputError, write_atomically};
 use softrig_formats::model_file::ModelFile;
+use softrig_formats::numbers::tidy;
 use softrig_formats::recording::read_all;
 
 /// Compares models with recordings: RMS error for each set-point, against the
@@ -48,6 +52,8 @@ pub struct Args {
     /// every model
     #[arg(long, value_name = "STEPS.svg")]
     plot: Option<PathBuf>,
+    #[command(flatten)]
+    json: JsonArgs,
     #[command(flatten)]
     input: InputArgs,
 }
@@ -89,6 +95,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         &[
             Output::of("-o", FileKind::Table, args.output.as_ref()),
             Output::of("--plot", FileKind::Picture, args.plot.as_ref()),
+            args.json.output(),
         ],
         read,
     )?;
@@ -115,7 +122,53 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         write_svg(path, &figure(&comparison))?;
         text += &format!("\npicture: {}\n", path.display());
     }
-    Ok(super::print(&text)?)
+    args.json.deliver(&Errors::of(&comparison), &text)
+}
+
+/// What `rig compare --json` writes.
+#[derive(Clone, Debug, Serialize, JsonSchema)]
+pub(crate) struct Errors {
+    /// Version of the layout.
+    schema: u32,
+    /// A row for each model and set-point.
+    rows: Vec<Row>,
+}
+
+/// The error of a model at a set-point.
+#[derive(Clone, Debug, Serialize, JsonSchema)]
+struct Row {
+    /// Name of the runs.
+    run: String,
+    /// Set-point (°).
+    setpoint_deg: f64,
+    /// Number of runs that are averaged.
+    repeats: usize,
+    /// Name of the model.
+    model: String,
+    /// RMS error against the mean of the repeats (°).
+    rms_deg: f64,
+    /// The same in percent of the set-point; none where that is zero.
+    rms_percent: Option<f64>,
+}
+
+impl Errors {
+    fn of(comparison: &Comparison) -> Self {
+        let rows = comparison.models.iter().flat_map(|model| {
+            let errors = comparison.groups.iter().zip(&model.errors);
+            errors.map(|(group, error)| Row {
+                run: group.label.clone(),
+                setpoint_deg: tidy(group.setpoint_deg),
+                repeats: group.runs.len(),
+                model: model.name.clone(),
+                rms_deg: tidy(error.rms_deg),
+                rms_percent: Some(error.percent).filter(|it| it.is_finite()).map(tidy),
+            })
+        });
+        Self {
+            schema: SCHEMA,
+            rows: rows.collect(),
+        }
+    }
 }
 
 /// The paper's Figs. 8 and 9: the mean of the repeats to each set-point, and what each model

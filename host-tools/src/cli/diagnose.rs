@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 use clap::Parser;
 
 use super::input::InputArgs;
+use super::json::JsonArgs;
 use super::output::{self, FileKind, Output};
 use super::watch::Watched;
 use crate::batch::{self, Folder, Outcome, manifest, results};
@@ -65,9 +66,8 @@ pub struct Args {
     /// Validation recordings; without them, runs are left out in turn
     #[arg(long, num_args = 1.., value_name = "REC.csv")]
     holdout: Vec<PathBuf>,
-    /// Write the verdict as JSON
-    #[arg(long, value_name = "VERDICT.json")]
-    json: Option<PathBuf>,
+    #[command(flatten)]
+    json: JsonArgs,
     /// Write the whole diagnosis as one HTML page that needs no network
     #[arg(long, value_name = "REPORT.html")]
     report: Option<PathBuf>,
@@ -233,7 +233,7 @@ fn run_one(args: &Args, model: &PathBuf) -> anyhow::Result<()> {
     let read = args.recordings.iter().chain(&args.holdout);
     output::check(
         &[
-            Output::of("--json", FileKind::Json, args.json.as_ref()),
+            args.json.output(),
             Output::of("--report", FileKind::Page, args.report.as_ref()),
             Output::of("--plot", FileKind::Picture, args.plot.as_ref()),
             Output::of("-o", FileKind::Model, args.output.as_ref()),
@@ -289,12 +289,7 @@ fn run_one(args: &Args, model: &PathBuf) -> anyhow::Result<()> {
 
     let content = Content::of(&request, &diagnosis);
     let mut outputs = Outputs::default();
-    if let Some(path) = &args.json {
-        let mut text = serde_json::to_string_pretty(&diagnosis.verdict(&request, seconds))?;
-        text.push('\n');
-        write_atomically(path, text.as_bytes())?;
-        outputs.verdict = Some(path);
-    }
+    outputs.verdict = args.json.file().map(PathBuf::as_path);
     if let (Some(path), Some(provenance)) = (&args.report, &provenance) {
         let page = page(&request, &diagnosis, &content, provenance, seconds)?;
         write_atomically(path, page.as_bytes())?;
@@ -312,7 +307,8 @@ fn run_one(args: &Args, model: &PathBuf) -> anyhow::Result<()> {
     // A reader of the summary that waits can be interrupted again.
     drop(writing);
     let text = summary(&content, &outputs, args.seed, seconds);
-    Ok(super::print(&text)?)
+    args.json
+        .deliver(&diagnosis.verdict(&request, seconds), &text)
 }
 
 /// How an interrupted diagnosis is taken up.

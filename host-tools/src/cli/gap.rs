@@ -10,11 +10,12 @@ use std::path::PathBuf;
 use clap::Parser;
 
 use super::input::InputArgs;
+use super::json::JsonArgs;
 use super::output::{self, FileKind, Output};
 use crate::plot::{Figure, Panel, Series, Style, write_svg};
 use softrig::board_gap::{BoardGap, GapOf, PredictedRun, predicted_runs};
 use softrig_formats::columns::Layout;
-use softrig_formats::error::{InputError, write_atomically};
+use softrig_formats::error::InputError;
 use softrig_formats::recording::{check_distinct, read_all};
 
 /// Shows the gap between the angle that the board predicts and the angle that
@@ -40,9 +41,8 @@ pub struct Args {
     /// matched by name, else by set-point and repeat, else by their order
     #[arg(long, value_name = "FILE.svg")]
     plot: Option<PathBuf>,
-    /// Write the errors of every run and of all runs as JSON
-    #[arg(long, value_name = "GAP.json")]
-    json: Option<PathBuf>,
+    #[command(flatten)]
+    json: JsonArgs,
     #[command(flatten)]
     input: InputArgs,
 }
@@ -57,7 +57,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     output::check(
         &[
             Output::of("--plot", FileKind::Picture, args.plot.as_ref()),
-            Output::of("--json", FileKind::Json, args.json.as_ref()),
+            args.json.output(),
         ],
         read,
     )?;
@@ -71,12 +71,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         write_svg(path, &figure(&before, &after, &gap))?;
         text += &format!("\npicture: {}\n", path.display());
     }
-    if let Some(path) = &args.json {
-        let mut json = serde_json::to_string_pretty(&gap)?;
-        json.push('\n');
-        write_atomically(path, json.as_bytes())?;
-    }
-    Ok(super::print(&text)?)
+    args.json.deliver(&gap, &text)
 }
 
 fn gaps(paths: &[PathBuf], layout: &Layout) -> Result<Vec<PredictedRun>, InputError> {

@@ -8,18 +8,22 @@ use clap::Parser;
 use dialoguer::{Input, Select};
 use model_core::actuator::ParameterId;
 use model_core::material::{Material, TABLE_I};
+use schemars::JsonSchema;
+use serde::Serialize;
 
 use super::input::InputArgs;
+use super::json::{JsonArgs, Parameter, SCHEMA};
 use super::output::{self, FileKind, Output};
 use softrig::estimate::assemble::assemble;
 use softrig::estimate::identify::Order;
 use softrig::first_model::{
-    FirstModel, Geometry, authors_actuator, from_geometry, from_recordings, next_steps,
+    FirstModel, Geometry, Origin, authors_actuator, from_geometry, from_recordings, next_steps,
 };
+use softrig_formats::columns::{Columns, Layout, Names};
 use softrig_formats::error::{InputError, is_stream, write_atomically};
 use softrig_formats::material_name::{like, named};
 use softrig_formats::model_file::{ModelFile, parameter_name, parameter_unit, to_file_units};
-use softrig_formats::numbers::short;
+use softrig_formats::numbers::{short, tidy};
 use softrig_formats::ranges::Range;
 use softrig_formats::recording::{Recording, check_distinct, read_all};
 use softrig_formats::terminal::{printable_line, remark};
@@ -78,6 +82,8 @@ pub struct Args {
     #[arg(long)]
     dry_run: bool,
     #[command(flatten)]
+    json: JsonArgs,
+    #[command(flatten)]
     input: InputArgs,
 }
 
@@ -119,6 +125,8 @@ const HANDLED: Duration = Duration::from_millis(300);
 struct Known {
     geometry: Option<Geometry>,
     recordings: Vec<PathBuf>,
+    /// Which columns they have.
+    layout: Layout,
     output: PathBuf,
 }
 
@@ -131,7 +139,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let known = if args.says_something() {
         args.known()?
     } else if std::io::stdin().is_terminal() && std::io::stderr().is_terminal() {
-        match ask(&args.output) {
+        match ask(args) {
             Ok(Some(known)) => known,
             Ok(None) => return Ok(()),
             Err(error) => {
@@ -151,29 +159,82 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         refuse_existing(&known.output)?;
     }
     output::check(
-        &[Output::of("-o", FileKind::Model, Some(&known.output)).unless(args.dry_run)],
+        &[
+            Output::of("-o", FileKind::Model, Some(&known.output)).unless(args.dry_run),
+            args.json.output(),
+        ],
         &known.recordings,
     )?;
-    let first = identify(args, &known)?;
+    let first = identify(&known)?;
     let name = args.name.clone().unwrap_or_else(|| {
         let stem = known.output.file_stem().unwrap_or_default();
         stem.to_string_lossy().into_owned()
     });
-    let text = first.text(&name, &known.recordings, &known.output);
+    let text = first.text(&name, &known.recordings, &known.layout, &known.output);
     // What is written is read again before it is.
     ModelFile::parse(&text, &known.output)?;
     let summary = summary(&first);
+    let result = FirstResult::of(&first);
     if args.dry_run {
         remark(summary.trim_end());
-        return Ok(super::print(&text)?);
+        return args.json.deliver(&result, &text);
     }
     write_atomically(&known.output, text.as_bytes())?;
     let next = next_steps(&known.recordings, &known.output);
-    Ok(super::print(&format!(
+    let text = format!(
         "{summary}\nwritten: {}\n\n{}\n",
         known.output.display(),
         next.join("\n")
-    ))?)
+    );
+    args.json.deliver(&result, &text)
+}
+
+/// What `rig init --json` writes.
+#[derive(Clone, Debug, Serialize, JsonSchema)]
+pub(crate) struct FirstResult {
+    /// Version of the layout.
+    schema: u32,
+    /// The base parameters, in the units of model files.
+    parameters: Vec<Parameter>,
+    /// What later fits may move.
+    free: Vec<String>,
+    /// RMS error (°); absent without a recording.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    rmse_deg: Option<f64>,
+    /// Why a material that was given is not used.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    unused_material: Option<String>,
+}
+
+impl FirstResult {
+    fn of(first: &FirstModel) -> Self {
+        let parameter = |id: ParameterId| {
+            let value = first.model.value(id).unwrap_or_default();
+            let origin = first.origin(id);
+            Parameter {
+                name: parameter_name(&first.model, id),
+                unit: parameter_unit(&first.model, id).to_owned(),
+                nominal: None,
+                value: tidy(to_file_units(&first.model, id, value)),
+                interval95: match origin {
+                    Origin::Fitted(Some((low, high))) => Some([tidy(*low), tidy(*high)]),
+                    _ => None,
+                },
+                from: Some(origin.word().to_owned()),
+            }
+        };
+        Self {
+            schema: SCHEMA,
+            parameters: ParameterId::BASE.into_iter().map(parameter).collect(),
+            free: first
+                .free
+                .iter()
+                .map(|id| parameter_name(&first.model, *id))
+                .collect(),
+            rmse_deg: first.evidence.as_ref().map(|it| tidy(it.rms.to_degrees())),
+            unused_material: first.unused_material(),
+        }
+    }
 }
 
 impl Args {
@@ -226,6 +287,7 @@ impl Args {
             return Ok(Known {
                 geometry: None,
                 recordings: self.recording.clone(),
+                layout: self.input.layout(),
                 output: self.output.clone(),
             });
         };
@@ -236,6 +298,7 @@ impl Args {
                 assumed: false,
             }),
             recordings: self.recording.clone(),
+            layout: self.input.layout(),
             output: self.output.clone(),
         })
     }
@@ -275,14 +338,13 @@ fn refuse_existing(path: &Path) -> Result<(), InputError> {
     .in_file(path))
 }
 
-fn identify(args: &Args, known: &Known) -> anyhow::Result<FirstModel> {
+fn identify(known: &Known) -> anyhow::Result<FirstModel> {
     if known.recordings.is_empty() {
         return from_nothing(known.geometry).map_err(Into::into);
     }
     check_distinct(&known.recordings, &[])?;
-    let layout = args.input.layout();
-    let recordings = read_all(&known.recordings, &layout, super::warn)?;
-    if layout.columns.time.is_none() {
+    let recordings = read_all(&known.recordings, &known.layout, super::warn)?;
+    if known.layout.columns.time.is_none() {
         ask_about_time(&recordings);
     }
     let assembled = assemble(&recordings, &[])?;
@@ -350,6 +412,9 @@ fn summary(first: &FirstModel) -> String {
             first.origin(id).word()
         );
     }
+    if let Some(unused) = first.unused_material() {
+        text += &format!("\n{unused}\n");
+    }
     let Some(evidence) = &first.evidence else {
         text += "\nNothing of this was measured on your rig: guesses are marked in the file.\n";
         return text;
@@ -377,7 +442,7 @@ fn summary(first: &FirstModel) -> String {
 }
 
 /// Asks for what the flags would have said; none if the user gives up.
-fn ask(output: &Path) -> anyhow::Result<Option<Known>> {
+fn ask(args: &Args) -> anyhow::Result<Option<Known>> {
     // The list of choices hides the cursor.
     super::on_interrupt(|| {
         /// 128 and the number of the signal, as shells have it.
@@ -408,34 +473,85 @@ fn ask(output: &Path) -> anyhow::Result<Option<Known>> {
             assumed: false,
         }),
     };
-    let recording: String = Input::new()
-        .with_prompt("Recording of a step (CSV; empty for none)")
-        .allow_empty(true)
-        .validate_with(|text: &String| {
-            let text = text.trim();
-            if text.is_empty() || Path::new(text).is_file() {
-                Ok(())
-            } else {
-                Err(format!("there is no file {}", printable_line(text)))
-            }
-        })
-        .interact_text()?;
+    let (recordings, layout) = ask_recordings(args.input.layout())?;
     let output: String = Input::new()
         .with_prompt("Write the model to")
-        .default(output.display().to_string())
+        .default(args.output.display().to_string())
         .validate_with(|text: &String| {
             refuse_existing(Path::new(text.trim())).map_err(|error| error.to_string())
         })
         .interact_text()?;
     Ok(Some(Known {
         geometry,
-        recordings: Some(recording.trim())
-            .filter(|text| !text.is_empty())
-            .map(PathBuf::from)
-            .into_iter()
-            .collect(),
+        recordings,
+        layout,
         output: output.trim().into(),
     }))
+}
+
+/// The names in a line, with `;` between them.
+fn paths_in(text: &str) -> Vec<PathBuf> {
+    let names = text.split(';').map(str::trim);
+    names
+        .filter(|name| !name.is_empty())
+        .map(PathBuf::from)
+        .collect()
+}
+
+/// The recordings, read at once, and their columns: asked for as long as they are not known.
+fn ask_recordings(mut layout: Layout) -> anyhow::Result<(Vec<PathBuf>, Layout)> {
+    loop {
+        let text: String = Input::new()
+            .with_prompt("Recordings of steps (with ; between them; empty for none)")
+            .allow_empty(true)
+            .validate_with(|text: &String| {
+                match paths_in(text).into_iter().find(|path| !path.exists()) {
+                    None => Ok(()),
+                    Some(path) => Err(format!(
+                        "there is no file {}",
+                        printable_line(&path.to_string_lossy())
+                    )),
+                }
+            })
+            .interact_text()?;
+        let paths = paths_in(&text);
+        while let Err(error) = read_all(&paths, &layout, |_| ()) {
+            remark(&error.to_string());
+            let Some(suggestion) = error.suggestion else {
+                break;
+            };
+            let columns: String = Input::new()
+                .with_prompt("Columns (empty for other recordings)")
+                .with_initial_text(suggestion.columns)
+                .allow_empty(true)
+                .validate_with(|text: &String| match text.trim() {
+                    "" => Ok(()),
+                    text => Names::parse(text).map(drop),
+                })
+                .interact_text()?;
+            if columns.trim().is_empty() {
+                break;
+            }
+            let units: String = Input::new()
+                .with_prompt("Units (empty for s, kPa and °)")
+                .with_initial_text(suggestion.units)
+                .allow_empty(true)
+                .validate_with(|text: &String| match text.trim() {
+                    "" => Ok(()),
+                    text => Columns::of_units(text).map(drop),
+                })
+                .interact_text()?;
+            let said = Layout {
+                names: Names::parse(columns.trim()).unwrap_or_default(),
+                columns: Columns::of_units(units.trim()).unwrap_or_default(),
+                ..Layout::default()
+            };
+            layout = said.or(&layout);
+        }
+        if read_all(&paths, &layout, |_| ()).is_ok() {
+            return Ok((paths, layout));
+        }
+    }
 }
 
 /// Length, width and height (m), if all are known.

@@ -5,8 +5,11 @@ use std::path::PathBuf;
 use clap::Parser;
 use model_core::actuator::Model;
 use model_core::catalogue::Kind;
+use schemars::JsonSchema;
+use serde::Serialize;
 
 use super::input::InputArgs;
+use super::json::{JsonArgs, SCHEMA};
 use super::output::{self, FileKind, Output};
 use softrig::diagnose::Progress;
 use softrig::diagnose::candidates::{Candidate, Scales, typical};
@@ -24,7 +27,7 @@ use softrig::estimate::{Dataset, Nuisance};
 use softrig::sim::protocol::Protocol;
 use softrig_formats::error::{InputError, write_atomically};
 use softrig_formats::model_file::ModelFile;
-use softrig_formats::numbers::evidence;
+use softrig_formats::numbers::{evidence, tidy};
 use softrig_formats::own_effects::OwnEffects;
 use softrig_formats::recording::Recording;
 
@@ -64,6 +67,8 @@ pub struct Args {
     #[arg(long, requires = "output")]
     force: bool,
     #[command(flatten)]
+    json: JsonArgs,
+    #[command(flatten)]
     input: InputArgs,
 }
 
@@ -86,7 +91,10 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let read = args.recordings.iter().chain([&args.model]);
     let read = read.chain(&args.effects);
     output::check(
-        &[Output::of("-o", FileKind::Protocol, args.output.as_ref())],
+        &[
+            Output::of("-o", FileKind::Protocol, args.output.as_ref()),
+            args.json.output(),
+        ],
         read,
     )?;
     let (file, recordings) = super::read(&args.model, &args.recordings, &args.input.layout())?;
@@ -159,7 +167,25 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
             best.protocol.setup.instruction()
         );
     }
-    super::print(&text)?;
+    let runs = list.iter().map(|proposal| PlannedRun {
+        protocol: proposal.protocol.name.clone(),
+        title: proposal.protocol.title.clone(),
+        setup: proposal.protocol.setup.instructions(),
+        seconds: f64::from(proposal.protocol.total_ms()) / 1000.0,
+        work_min: tidy(work_min(&proposal.protocol)),
+        expected_delta_chi2: tidy(proposal.evidence),
+        decides: proposal.decides,
+    });
+    let plan = Plan {
+        schema: SCHEMA,
+        between: pair
+            .iter()
+            .map(|side| names(side).iter().map(ToString::to_string).collect())
+            .collect(),
+        noise_deg: tidy(noise.to_degrees()),
+        runs: runs.collect(),
+    };
+    args.json.deliver(&plan, &text)?;
     if args.output.is_some() && !decides && !args.force {
         return Err(InputError::new(
             "no protocol is written: none of these runs decides",
@@ -168,6 +194,38 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         .into());
     }
     Ok(())
+}
+
+/// What `rig plan --json` writes.
+#[derive(Clone, Debug, Serialize, JsonSchema)]
+pub(crate) struct Plan {
+    /// Version of the layout.
+    schema: u32,
+    /// The effects of each side.
+    between: Vec<Vec<String>>,
+    /// Standard deviation of the measured angle (°).
+    noise_deg: f64,
+    /// Runs, best first.
+    runs: Vec<PlannedRun>,
+}
+
+/// A run that could separate the two.
+#[derive(Clone, Debug, Serialize, JsonSchema)]
+struct PlannedRun {
+    /// Name of the protocol.
+    protocol: String,
+    /// What it is.
+    title: String,
+    /// What is to be done at the rig before.
+    setup: Vec<String>,
+    /// How long it takes (s).
+    seconds: f64,
+    /// Minutes of work and waiting, with the run.
+    work_min: f64,
+    /// Expected evidence: twice a log-likelihood ratio.
+    expected_delta_chi2: f64,
+    /// Whether that is expected to be enough.
+    decides: bool,
 }
 
 /// The two explanations in `--between`.

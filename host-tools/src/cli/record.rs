@@ -8,12 +8,15 @@ use std::time::{Duration, Instant, SystemTime};
 use anyhow::Context;
 use clap::{ArgGroup, Parser};
 use indicatif::{ProgressBar, ProgressStyle};
+use schemars::JsonSchema;
+use serde::Serialize;
 use wire::command::Command;
 use wire::protocol::Named;
 use wire::settings::{Key, Settings};
 use wire::state::State;
 
 use super::Interrupt;
+use super::json::{JsonArgs, SCHEMA};
 use super::output::{self, FileKind, Output};
 use softrig_formats::error::InputError;
 use softrig_formats::protocol_file::{ProtocolFile, describe};
@@ -89,6 +92,8 @@ pub struct Args {
     /// List the protocols that every board knows
     #[arg(long)]
     list: bool,
+    #[command(flatten)]
+    json: JsonArgs,
 }
 
 fn seconds(text: &str) -> Result<f64, String> {
@@ -124,7 +129,7 @@ const OBEY: Duration = Duration::from_secs(5);
 /// board.
 pub fn run(args: &Args) -> anyhow::Result<()> {
     if args.list {
-        return Ok(super::print(&list())?);
+        return args.json.deliver(&Protocols::known(), &list());
     }
     let protocol = args
         .protocol
@@ -707,6 +712,43 @@ fn check_output(
         )
         .in_file(&path)),
         _ => Ok(()),
+    }
+}
+
+/// What `rig record --list --json` writes.
+#[derive(Clone, Debug, Serialize, JsonSchema)]
+pub(crate) struct Protocols {
+    /// Version of the layout.
+    schema: u32,
+    /// The protocols that every board knows.
+    protocols: Vec<Listed>,
+}
+
+/// A protocol.
+#[derive(Clone, Debug, Serialize, JsonSchema)]
+struct Listed {
+    /// Its name.
+    name: String,
+    /// How long it takes (s).
+    seconds: f64,
+    /// What it is.
+    title: String,
+}
+
+impl Protocols {
+    fn known() -> Self {
+        let protocols = Named::ALL.iter().map(|&named| {
+            let protocol = ProtocolFile::named(named);
+            Listed {
+                seconds: f64::from(protocol.total_ms()) / 1000.0,
+                name: protocol.name,
+                title: protocol.title,
+            }
+        });
+        Self {
+            schema: SCHEMA,
+            protocols: protocols.collect(),
+        }
     }
 }
 

@@ -3,14 +3,18 @@
 use std::path::PathBuf;
 
 use clap::{ArgGroup, Parser};
+use schemars::JsonSchema;
+use serde::Serialize;
 
 use super::choice::choice;
 use super::input::InputArgs;
+use super::json::{JsonArgs, SCHEMA};
 use super::output::{self, FileKind, Output};
 use crate::plot::{Figure, Panel, Series, Style, write_svg};
 use softrig::comparison::check_comparable;
 use softrig::estimate::simulation::{ANGLES_DEG, Arithmetic, Drive, HOLDS_S, in_range};
 use softrig_formats::error::write_with_meta;
+use softrig_formats::numbers::tidy;
 use softrig_formats::recording::{PASCAL_PER_KPA, Recording, to_csv};
 use softrig_link::record::meta_path;
 
@@ -54,6 +58,8 @@ pub struct Args {
     #[arg(long, value_name = "OUT.svg")]
     plot: Option<PathBuf>,
     #[command(flatten)]
+    json: JsonArgs,
+    #[command(flatten)]
     input: InputArgs,
 }
 
@@ -82,6 +88,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
             Output::of("-o", FileKind::Recording, args.output.as_ref())
                 .replacing(args.output.as_deref().is_some_and(output::is_simulated)),
             Output::of("--plot", FileKind::Picture, args.plot.as_ref()),
+            args.json.output(),
         ],
         args.recording.iter().chain(&played).chain([&args.model]),
     )?;
@@ -124,16 +131,23 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     } else {
         file.name.clone()
     };
+    let angles = simulated_deg.iter().copied();
+    let mut result = Simulated {
+        schema: SCHEMA,
+        model: name.clone(),
+        samples: recording.len(),
+        duration_s: tidy(recording.duration()),
+        least_deg: angles.clone().fold(f64::INFINITY, f64::min),
+        largest_deg: angles.fold(f64::NEG_INFINITY, f64::max),
+        rmse_deg: None,
+    };
     let mut text = format!(
         "{name}: {} samples over {:.2} s, angle from {:.2}° to {:.2}°\n",
         recording.len(),
         recording.duration(),
         // Adding zero turns −0 into 0.
-        (100.0 * simulated_deg.iter().copied().fold(f64::INFINITY, f64::min)).round() / 100.0 + 0.0,
-        simulated_deg
-            .iter()
-            .copied()
-            .fold(f64::NEG_INFINITY, f64::max),
+        (100.0 * result.least_deg).round() / 100.0 + 0.0,
+        result.largest_deg,
     );
     if let Some(measured) = &measured_deg {
         let error: Vec<f64> = simulated_deg
@@ -141,10 +155,9 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
             .zip(measured)
             .map(|(a, b)| a - b)
             .collect();
-        text += &format!(
-            "RMS error against the recording: {:.3}°\n",
-            softrig::statistics::rms(&error)
-        );
+        let rmse = softrig::statistics::rms(&error);
+        result.rmse_deg = Some(rmse);
+        text += &format!("RMS error against the recording: {rmse:.3}°\n");
     }
     let shown = Shown {
         name,
@@ -165,7 +178,27 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         write_svg(path, &shown.figure())?;
         text += &format!("drawn: {}\n", path.display());
     }
-    Ok(super::print(&text)?)
+    args.json.deliver(&result, &text)
+}
+
+/// What `rig simulate --json` writes.
+#[derive(Clone, Debug, Serialize, JsonSchema)]
+pub(crate) struct Simulated {
+    /// Version of the layout.
+    schema: u32,
+    /// Name of the model.
+    model: String,
+    /// Number of samples.
+    samples: usize,
+    /// Time from the first to the last (s).
+    duration_s: f64,
+    /// Smallest angle (°).
+    least_deg: f64,
+    /// Largest angle (°).
+    largest_deg: f64,
+    /// RMS error against the recording (°); absent over a protocol.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    rmse_deg: Option<f64>,
 }
 
 /// A simulated run, with the recording to compare it with if there is one.

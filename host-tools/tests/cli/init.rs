@@ -377,7 +377,7 @@ fn on_a_terminal_it_asks() {
         &[
             // The last choice is none.
             ("> another material, or none", "\r"),
-            ("Recording of a step", "nothing.csv\r"),
+            ("Recordings of steps", "nothing.csv\r"),
             ("there is no file nothing.csv", "recordings/staircase.csv\r"),
             ("Write the model to", "\r"),
             ("written: model.toml", ""),
@@ -385,6 +385,62 @@ fn on_a_terminal_it_asks() {
     );
     assert_eq!(code, Some(0));
     assert!(error_deg(&bench, "recordings/staircase.csv") < 0.6);
+}
+
+/// Columns that are not known are asked for, with what the header looks like; several files are
+/// read at once, and the model file says their columns for the commands that follow.
+#[cfg(unix)]
+#[test]
+fn on_a_terminal_it_asks_for_columns_and_units() {
+    let (bench, _) = with_example(Hidden::Nothing, 5);
+    for (name, into) in [("staircase", "a.csv"), ("step60_1", "b.csv")] {
+        let text = bench.text(&format!("recordings/{name}.csv"));
+        let rows = text.lines().skip(1).map(|line| {
+            let mut fields: Vec<f64> = line.split(',').map(|it| it.parse().unwrap()).collect();
+            fields[1] /= 6.894_757;
+            format!("{},{},{}\n", fields[0], fields[1], fields[2])
+        });
+        bench.put(
+            into,
+            "t,p_psi,theta\n".to_owned() + &rows.collect::<String>(),
+        );
+    }
+    let code = converse(
+        &bench,
+        &[
+            ("> another material, or none", "\r"),
+            ("Recordings of steps", "a.csv; b.csv\r"),
+            ("time=t,pressure=p_psi,angle=theta", "\r"),
+            ("pressure=psi", "\r"),
+            ("Write the model to", "\r"),
+            ("written: model.toml", ""),
+        ],
+    );
+    assert_eq!(code, Some(0));
+    assert!(error_deg(&bench, "a.csv") < 0.6);
+    assert!(
+        bench
+            .text("model.toml")
+            .contains("units = { pressure = \"psi\" }")
+    );
+}
+
+/// A material of which nothing could be used is neither in the numbers nor forgotten.
+#[test]
+fn a_material_that_is_not_used_is_said_to_be_on_screen_and_in_the_file() {
+    let (bench, _) = with_example(Hidden::Nothing, 5);
+    let steps = "recordings/step30_1.csv recordings/step60_1.csv recordings/step90_1.csv recordings/staircase.csv";
+    bench
+        .line(&format!("init --recording {steps}"))
+        .args(["--material", "Ecoflex 00-30"])
+        .assert()
+        .success()
+        .stdout(contains("The material Ecoflex 00-30 is not used"));
+    assert!(
+        bench
+            .text("model.toml")
+            .contains("# The material Ecoflex 00-30 is not used")
+    );
 }
 
 #[cfg(unix)]

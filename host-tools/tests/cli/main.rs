@@ -14,6 +14,7 @@ mod export;
 mod formats;
 mod hostile;
 mod init;
+mod machines;
 mod models;
 mod outputs;
 mod simulate;

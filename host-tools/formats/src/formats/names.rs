@@ -5,7 +5,7 @@
 //! read because its name looks right.
 
 use crate::columns::{Layout, Quantity, Unit, position};
-use crate::error::InputError;
+use crate::error::{InputError, Suggestion};
 use crate::table::seems_number;
 use crate::terminal::quoted;
 
@@ -78,11 +78,11 @@ pub(crate) fn find(
         }
         let mut found = (0..header.len()).filter(|&at| header[at] == name);
         *place = found.next().ok_or_else(|| {
-            InputError::new(
-                format!("has no {what} {name} (it has {})", header.join(", ")),
-                advice(header, layout, what),
-            )
-            .in_column(name)
+            let found = format!("has no {what} {name} (it has {})", header.join(", "));
+            InputError {
+                suggestion: suggested(header, layout).map(Box::new),
+                ..InputError::new(found, advice(header, layout, what)).in_column(name)
+            }
         })?;
         if found.next().is_some() {
             return Err(InputError::new(
@@ -118,7 +118,17 @@ fn advice(header: &[String], layout: &Layout, what: &str) -> String {
 }
 
 /// The flags with which a header would be read; none if no name in it means anything.
-pub fn suggestion(header: &[String], layout: &Layout) -> Option<String> {
+fn suggestion(header: &[String], layout: &Layout) -> Option<String> {
+    let Suggestion { columns, units } = suggested(header, layout)?;
+    let mut flags = format!("--columns {}", quoted(&columns));
+    if !units.is_empty() {
+        flags += &format!(" --units {units}");
+    }
+    Some(flags)
+}
+
+/// The columns and units with which a header would be read; none if no name in it means anything.
+fn suggested(header: &[String], layout: &Layout) -> Option<Suggestion> {
     let mut names: Vec<String> = Vec::new();
     let mut units: Vec<String> = Vec::new();
     let mut taken: Vec<&str> = Vec::new();
@@ -150,11 +160,10 @@ pub fn suggestion(header: &[String], layout: &Layout) -> Option<String> {
     if !guessed {
         return None;
     }
-    let mut flags = format!("--columns {}", quoted(&names.join(",")));
-    if !units.is_empty() {
-        flags += &format!(" --units {}", units.join(","));
-    }
-    Some(flags)
+    Some(Suggestion {
+        columns: names.join(","),
+        units: units.join(","),
+    })
 }
 
 /// The unit that the name of a column has in it: `p_psi`, `Pressure [psi]`, `Zeit/ms`.

@@ -6,9 +6,13 @@ use model_core::actuator::ParameterId;
 use toml_edit::Value;
 
 use super::{Evidence, FirstModel, Geometry, Origin, beam_stiffness};
+use softrig_formats::columns::Layout;
 use softrig_formats::model_file::{parameter_name, parameter_unit, to_file_units};
 use softrig_formats::numbers::{four_digits, tidy};
 use softrig_formats::terminal::printable_line;
+
+/// The schema that editors look for beside a model.
+const SCHEMA_FILE: &str = "model.schema.json";
 
 /// What the base parameters are, in the order of [`ParameterId::BASE`].
 const WHAT: [&str; 5] = [
@@ -58,12 +62,43 @@ impl Origin {
 }
 
 impl FirstModel {
-    /// The text of a model file. `recordings` are named as the user named them, `path` is
-    /// where the file will stand.
-    pub fn text(&self, name: &str, recordings: &[impl AsRef<Path>], path: &Path) -> String {
+    /// Why the material that was given is not used, in a sentence; none if it is, or none was
+    /// given.
+    pub fn unused_material(&self) -> Option<String> {
+        let geometry = self.geometry.filter(|it| !it.assumed)?;
+        let name = geometry.material.name;
+        if matches!(self.origin(ParameterId::Exponent), Origin::Table(_)) {
+            return None;
+        }
+        let table: f64 = geometry.material.exponent();
+        let fitted = self.model.value(ParameterId::Exponent).unwrap_or(f64::NAN);
+        let why = format!(
+            "the recordings themselves say that the exponent is {}, and the table has {} for it",
+            four_digits(fitted),
+            four_digits(table)
+        );
+        Some(match geometry.dimensions {
+            Some(_) => format!("The exponent of {name} is not used: {why}."),
+            None => format!(
+                "The material {name} is not used: {why}. Without length, width and height there is no beam to compute either."
+            ),
+        })
+    }
+
+    /// The text of a model file. `recordings` are named as the user named them and have the
+    /// columns of `layout`; `path` is where the file will stand.
+    pub fn text(
+        &self,
+        name: &str,
+        recordings: &[impl AsRef<Path>],
+        layout: &Layout,
+        path: &Path,
+    ) -> String {
         let version = env!("CARGO_PKG_VERSION");
         let mut text = format!(
-            "# A first model, written by rig init {version}.\n\
+            "#:schema {SCHEMA_FILE}\n\
+             # (rig schema model > {SCHEMA_FILE}: then editors complete and check this file.)\n\
+             # A first model, written by rig init {version}.\n\
              #     M θ'' + C θ' + K sign(θ)|θ|^n = g p\n\
              # It serves any rig of second order with one input. What the columns pressure_kpa and\n\
              # angle_deg hold is up to you: the numbers below are in their units.\n#\n"
@@ -77,6 +112,9 @@ impl FirstModel {
             if evidence.explains_little() {
                 text += "# It explains little of the motion: see what rig init said.\n";
             }
+        }
+        if let Some(unused) = self.unused_material() {
+            text += &format!("# {}\n", unused.replace(". ", ".\n# "));
         }
         if let Some(geometry) = self.geometry {
             text += &actuator(&geometry, self.evidence.is_some());
@@ -103,6 +141,12 @@ impl FirstModel {
             },
             free.join(", ")
         );
+        let recording = layout.to_toml();
+        if !recording.is_empty() {
+            text += &format!(
+                "\n# The columns of these recordings; flags take precedence.\n{recording}"
+            );
+        }
         text
     }
 }
@@ -195,7 +239,12 @@ mod tests {
     fn the_text_is_a_model_file_whatever_the_names() {
         let first = from_geometry(authors_actuator().unwrap()).unwrap();
         let path = Path::new("my 'best'\n[dynamics]/m.toml");
-        let text = first.text("a \"b\"\n\u{1b}", &[Path::new("x\ny = 1\n.csv")], path);
+        let text = first.text(
+            "a \"b\"\n\u{1b}",
+            &[Path::new("x\ny = 1\n.csv")],
+            &Layout::default(),
+            path,
+        );
         let file = ModelFile::parse(&text, path).unwrap_or_else(|error| panic!("{error}\n{text}"));
         assert_eq!(file.name, "a \"b\"\n\u{1b}");
         assert_eq!(file.free, first.free);

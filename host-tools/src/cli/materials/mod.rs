@@ -6,12 +6,12 @@ mod json;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use anyhow::Context as _;
 use clap::{Parser, Subcommand};
 use model_core::material::{DataSheet, Material, TABLE_I};
 use serde::Serialize;
 
 use super::choice::choice;
+use super::json::{is_stdout, text_of};
 use super::output::{self, FileKind, Output};
 use crate::plot::materials as pictures;
 use crate::plot::write_svg;
@@ -181,9 +181,7 @@ fn check_outputs(command: &Command) -> Result<(), InputError> {
         Command::FitCurve(args) => (&args.json, &args.plot, args.files.as_slice()),
         Command::Predict(args) => (&args.json, &None, &[][..]),
     };
-    let json = json
-        .as_ref()
-        .filter(|path| path.as_path() != Path::new("-"));
+    let json = json.as_ref().filter(|path| !is_stdout(path));
     output::check(
         &[
             Output::of("--json", FileKind::Json, json),
@@ -202,9 +200,8 @@ fn deliver_json(
     let Some(path) = to else {
         return Ok(true);
     };
-    let mut text = serde_json::to_string_pretty(value).context("cannot write JSON")?;
-    text.push('\n');
-    if path == Path::new("-") {
+    let text = text_of(value)?;
+    if is_stdout(path) {
         out.write_all(text.as_bytes())?;
         return Ok(false);
     }

@@ -1,0 +1,82 @@
+//! `rig schema`: JSON Schemas of what commands write, and of files that people write.
+
+use clap::Parser;
+use schemars::{Schema, schema_for};
+use serde_json::Value;
+use strum::{EnumMessage, EnumString, IntoStaticStr, VariantArray};
+
+use super::choice::choice;
+use super::{compare, fit, init, plan, record, simulate};
+use softrig::board_gap::BoardGap;
+use softrig_formats::model_schema;
+
+/// Prints a JSON Schema: of what a command writes with --json, or of a model file.
+#[derive(Debug, Parser)]
+#[command(after_help = "\
+Examples:
+  rig schema > verdict.schema.json
+  rig schema fit > fit.schema.json
+  rig schema model > model.schema.json     for an editor that checks TOML")]
+pub struct Args {
+    /// The command, or the file
+    #[arg(value_parser = choice::<Of>(), default_value_t = Of::Diagnose)]
+    of: Of,
+}
+
+/// What has a schema.
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    EnumMessage,
+    EnumString,
+    IntoStaticStr,
+    VariantArray,
+    strum::Display,
+)]
+#[strum(serialize_all = "lowercase")]
+pub enum Of {
+    /// The verdict of rig diagnose and rig next
+    #[default]
+    Diagnose,
+    /// What rig fit --json writes
+    Fit,
+    /// What rig compare --json writes
+    Compare,
+    /// What rig gap --json writes
+    Gap,
+    /// What rig plan --json writes
+    Plan,
+    /// What rig simulate --json writes
+    Simulate,
+    /// What rig init --json writes
+    Init,
+    /// What rig record --list --json writes
+    Record,
+    /// A model file
+    Model,
+}
+
+/// Runs the command.
+///
+/// # Errors
+///
+/// That the reader has seen enough.
+pub fn run(args: &Args) -> anyhow::Result<()> {
+    let of_command = |schema: Schema| -> Value { schema.into() };
+    let schema = match args.of {
+        Of::Diagnose => softrig::diagnose::verdict::schema(),
+        Of::Fit => of_command(schema_for!(fit::FitResult)),
+        Of::Compare => of_command(schema_for!(compare::Errors)),
+        Of::Gap => of_command(schema_for!(BoardGap)),
+        Of::Plan => of_command(schema_for!(plan::Plan)),
+        Of::Simulate => of_command(schema_for!(simulate::Simulated)),
+        Of::Init => of_command(schema_for!(init::FirstResult)),
+        Of::Record => of_command(schema_for!(record::Protocols)),
+        Of::Model => model_schema::schema(),
+    };
+    Ok(super::print(&super::json::text_of(&schema)?)?)
+}

@@ -1,0 +1,140 @@
+//! What commands print for machines.
+
+use serde_json::Value;
+
+use super::common::Bench;
+
+fn json(text: &str) -> Value {
+    serde_json::from_str(text).unwrap_or_else(|error| panic!("{error}: {text}"))
+}
+
+/// Every key of a value is one of its schema, and every key that the schema requires is there.
+fn follows(schema: &Value, root: &Value, value: &Value, place: &str) {
+    let schema = match schema["$ref"].as_str() {
+        Some(path) => root.pointer(path.trim_start_matches('#')).unwrap(),
+        None => schema,
+    };
+    if let (Some(fields), Some(properties)) = (value.as_object(), schema["properties"].as_object())
+    {
+        for (key, value) in fields {
+            let of = properties.get(key);
+            let of = of.unwrap_or_else(|| panic!("{place} has {key}, its schema has not"));
+            follows(of, root, value, &format!("{place}.{key}"));
+        }
+        for key in schema["required"].as_array().into_iter().flatten() {
+            assert!(fields.contains_key(key.as_str().unwrap()), "{place}: {key}");
+        }
+    }
+    for value in value.as_array().into_iter().flatten() {
+        follows(&schema["items"], root, value, place);
+    }
+}
+
+/// With `--json -` standard output is JSON and nothing else, of the schema that is printed, and a
+/// file holds the same.
+#[test]
+fn every_command_writes_the_json_of_its_schema() {
+    let bench = Bench::with_example("none", "0.2");
+    bench.put(
+        "predicted.csv",
+        "time_s,pressure_kpa,angle_deg,predicted_deg\n0,0,0,3\n1,0,0,-4\n",
+    );
+    let run = "demo/recordings/step60_1.csv";
+    for (command, line) in [
+        ("fit", format!("fit --model demo/model.toml {run}")),
+        ("compare", format!("compare --model demo/model.toml {run}")),
+        (
+            "simulate",
+            format!("simulate --model demo/model.toml --recording {run}"),
+        ),
+        ("gap", "gap predicted.csv".to_owned()),
+        ("init", format!("init --dry-run --recording {run}")),
+        ("record", "record --list".to_owned()),
+        (
+            "plan",
+            format!("plan --model demo/model.toml --between coulomb_friction,gravity {run}"),
+        ),
+        (
+            "diagnose",
+            format!("diagnose --model demo/model.toml {run} --budget 1s"),
+        ),
+    ] {
+        let value = json(&bench.prints(&format!("{line} --json -")));
+        assert_eq!(value["schema"], 1, "{command}");
+        let schema = json(&bench.prints(&format!("schema {command}")));
+        follows(&schema, &schema, &value, command);
+        let said = bench.prints(&format!("{line} --json out.json"));
+        assert!(!said.trim_start().starts_with('{'), "{said}");
+        assert_eq!(json(&bench.text("out.json"))["schema"], 1, "{command}");
+        assert!(!bench.path("-").exists());
+    }
+}
+
+#[test]
+fn the_numbers_are_those_of_the_table() {
+    let bench = Bench::with_example("none", "0.2");
+    let run = "demo/recordings/step60_1.csv";
+    let fit = format!("fit --model demo/model.toml {run}");
+    let value = json(&bench.prints(&format!("{fit} --json -")));
+    let gain = value["parameters"].as_array().unwrap().iter();
+    let gain = gain
+        .into_iter()
+        .find(|it| it["name"] == "input_gain")
+        .unwrap();
+    assert_eq!(gain["unit"], "N/kPa");
+    let [low, high] = [0, 1].map(|end| gain["interval95"][end].as_f64().unwrap());
+    let found = gain["value"].as_f64().unwrap();
+    assert!(low < found && found < high);
+    let text = bench.prints(&fit);
+    let line = text
+        .lines()
+        .find(|it| it.starts_with("input_gain"))
+        .unwrap();
+    assert!(line.contains(&format!("{found:.3}")), "{line} {found}");
+}
+
+/// The schema of model files has what the reader has: every kind of effect, every key.
+#[test]
+fn the_schema_of_a_model_is_that_of_its_reader() {
+    let bench = Bench::with_example("stribeck_friction", "0.2");
+    let schema = json(&bench.prints("schema model"));
+    let truth: toml::Value = toml::from_str(&bench.text("demo/truth.toml")).unwrap();
+    let properties = &schema["properties"];
+    for (section, content) in truth.as_table().unwrap() {
+        assert!(properties.get(section).is_some(), "{section}");
+        for key in content.as_table().into_iter().flat_map(toml::Table::keys) {
+            assert!(
+                properties[section]["properties"].get(key).is_some(),
+                "{key}"
+            );
+        }
+    }
+    let kinds = properties["effect"]["items"]["oneOf"].as_array().unwrap();
+    let of = |name: &str| {
+        let mut kinds = kinds.iter();
+        kinds.find(|it| it["properties"]["kind"]["const"] == name)
+    };
+    let effect = truth["effect"][0].as_table().unwrap();
+    let known = &of("stribeck_friction").unwrap()["properties"];
+    assert!(effect.keys().all(|key| known.get(key).is_some()));
+    let damping = &properties["dynamics"]["properties"]["damping_n_s_per_rad"];
+    // The ends of the range are those that the reader has.
+    let most = damping["maximum"].as_f64().unwrap();
+    let model = bench.text("demo/model.toml");
+    let line = model.lines().find(|it| it.starts_with("damping")).unwrap();
+    for (factor, code) in [(0.5, 0), (2.0, 2)] {
+        let number = format!("damping_n_s_per_rad = {:e}", factor * most);
+        bench.put("m.toml", model.replace(line, &number));
+        bench
+            .line("simulate --model m.toml --protocol step --angle-deg 10 --hold-s 0.1")
+            .assert()
+            .code(code);
+    }
+    // What rig init writes says where editors find it.
+    bench.prints("init --recording demo/recordings/step60_1.csv -o first.toml");
+    assert!(
+        bench
+            .text("first.toml")
+            .starts_with("#:schema model.schema.json\n")
+    );
+}
