@@ -19,6 +19,7 @@ pub mod comparison;
 pub mod diagnose;
 pub mod estimate;
 pub mod first_model;
+pub mod residual_analysis;
 pub mod sim;
 pub mod statistics;
 pub mod synth;

@@ -19,6 +19,7 @@ pub mod output;
 pub mod plan;
 pub mod ports;
 pub mod record;
+pub mod residuals;
 pub mod schema;
 pub mod simulate;
 pub mod upload;

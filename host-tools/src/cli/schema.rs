@@ -6,7 +6,7 @@ use serde_json::Value;
 use strum::{EnumMessage, EnumString, IntoStaticStr, VariantArray};
 
 use super::choice::choice;
-use super::{compare, fit, init, plan, record, simulate};
+use super::{compare, fit, init, plan, record, residuals, simulate};
 use softrig::board_gap::BoardGap;
 use softrig_formats::model_schema;
 
@@ -48,6 +48,8 @@ pub enum Of {
     Compare,
     /// What rig gap --json writes
     Gap,
+    /// What rig residuals --json writes
+    Residuals,
     /// What rig plan --json writes
     Plan,
     /// What rig simulate --json writes
@@ -72,6 +74,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         Of::Fit => of_command(schema_for!(fit::FitResult)),
         Of::Compare => of_command(schema_for!(compare::Errors)),
         Of::Gap => of_command(schema_for!(BoardGap)),
+        Of::Residuals => of_command(schema_for!(residuals::Analysis)),
         Of::Plan => of_command(schema_for!(plan::Plan)),
         Of::Simulate => of_command(schema_for!(simulate::Simulated)),
         Of::Init => of_command(schema_for!(init::FirstResult)),

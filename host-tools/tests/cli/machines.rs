@@ -48,6 +48,10 @@ fn every_command_writes_the_json_of_its_schema() {
             format!("simulate --model demo/model.toml --recording {run}"),
         ),
         ("gap", "gap predicted.csv".to_owned()),
+        (
+            "residuals",
+            format!("residuals --model demo/model.toml {run}"),
+        ),
         ("init", format!("init --dry-run --recording {run}")),
         ("record", "record --list".to_owned()),
         (
@@ -137,4 +141,53 @@ fn the_schema_of_a_model_is_that_of_its_reader() {
             .text("first.toml")
             .starts_with("#:schema model.schema.json\n")
     );
+}
+
+/// The model that made the recordings leaves white noise of the size that was added; without its
+/// friction the residual has structure, and grows with the time ahead.
+#[test]
+fn residuals_of_the_truth_are_white_and_of_a_poorer_model_are_not() {
+    let bench = Bench::with_example("coulomb_friction", "0.2");
+    let runs =
+        "demo/recordings/step60_1.csv demo/recordings/step90_1.csv demo/recordings/triangle.csv";
+    let of = |model: &str| {
+        json(&bench.prints(&format!(
+            "residuals --model demo/{model}.toml {runs} --json -"
+        )))
+    };
+    let (truth, poor) = (of("truth"), of("model"));
+    assert_eq!(
+        truth["with_itself"]["by_chance"], true,
+        "{}",
+        truth["with_itself"]["outside"]
+    );
+    let deviation = truth["distribution"]["deviation_deg"].as_f64().unwrap();
+    assert!((deviation - 0.2).abs() < 0.03, "{deviation}");
+    assert!(
+        truth["distribution"]["excess_kurtosis"]
+            .as_f64()
+            .unwrap()
+            .abs()
+            < 0.5
+    );
+    assert_eq!(poor["with_itself"]["by_chance"], false);
+    let errors = |of: &Value| -> Vec<f64> {
+        let ahead = of["ahead"].as_array().unwrap().iter();
+        ahead.map(|it| it["rmse_deg"].as_f64().unwrap()).collect()
+    };
+    let (right, wrong) = (errors(&truth), errors(&poor));
+    let last = right.len() - 1;
+    // Of the truth it is that of the noise at any time ahead.
+    assert!(right.iter().all(|it| (it - 0.2).abs() < 0.05), "{right:?}");
+    assert!(wrong[last] > 3.0 * wrong[0], "{wrong:?}");
+
+    bench.prints(&format!(
+        "residuals --model demo/model.toml {runs} --report page.html --plot left.svg"
+    ));
+    let page = bench.text("page.html");
+    for part in ["<svg", "is not white", "Histogram", "Quantiles", "99 %"] {
+        assert!(page.contains(part), "{part}");
+    }
+    assert!(!page.contains("http://") || page.contains("http://www.w3.org"));
+    assert!(bench.text("left.svg").starts_with("<"));
 }

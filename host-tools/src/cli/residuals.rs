@@ -1,0 +1,360 @@
+//! `rig residuals`: what a model leaves of recordings, as control engineers look at it.
+
+use std::path::PathBuf;
+
+use clap::Parser;
+use schemars::JsonSchema;
+use serde::Serialize;
+
+use super::input::InputArgs;
+use super::json::{JsonArgs, SCHEMA};
+use super::output::{self, FileKind, Output};
+use crate::plot::{Figure, Mark, Panel, Role, Series, Style, to_svg_string, write_svg};
+use crate::report::correlation::{Correlation, Correlations, RunResiduals};
+use softrig::comparison::check_comparable;
+use softrig::estimate::assemble::assemble;
+use softrig::estimate::filter::Pace;
+use softrig::estimate::fit::Fitter;
+use softrig::residual_analysis::{Ahead, Distribution, errors_ahead};
+use softrig_formats::error::{InputError, write_atomically};
+use softrig_formats::numbers::{percent, short};
+
+/// Analyses what a model leaves of recordings: is it white, does it go with the pressure, how
+/// does it grow with the time ahead, and how is it distributed?
+///
+/// The model is simulated as it is, over whole runs; sensor zeros and initial states are
+/// estimated, nothing else.
+#[derive(Debug, Parser)]
+#[command(after_help = "\
+Examples:
+  rig residuals --model m.toml step60_*.csv
+  rig residuals --model m.toml step60_*.csv --report residuals.html --json residuals.json")]
+pub struct Args {
+    /// Model file
+    #[arg(long, value_name = "MODEL.toml")]
+    model: PathBuf,
+    /// Recordings
+    #[arg(required = true, value_name = "REC.csv")]
+    recordings: Vec<PathBuf>,
+    /// Write the pictures with their explanation as one HTML page that needs no network
+    #[arg(long, value_name = "PAGE.html")]
+    report: Option<PathBuf>,
+    /// Draw them
+    #[arg(long, value_name = "RESIDUALS.svg")]
+    plot: Option<PathBuf>,
+    #[command(flatten)]
+    json: JsonArgs,
+    #[command(flatten)]
+    input: InputArgs,
+}
+
+/// Half widths of the 95 % and the 99 % interval of normal values, in standard deviations.
+const NORMAL: [f64; 2] = [1.96, 2.576];
+
+/// Largest number of lags outside of the band by chance, in standard deviations: 99 of 100 white
+/// residuals have fewer.
+const BY_CHANCE: f64 = 2.33;
+
+/// What `rig residuals --json` writes.
+#[derive(Clone, Debug, Serialize, JsonSchema)]
+pub(crate) struct Analysis {
+    /// Version of the layout.
+    schema: u32,
+    /// Name of the model.
+    model: String,
+    /// Samples of the residual.
+    samples: usize,
+    /// RMS of the residual over whole runs (°).
+    rmse_deg: f64,
+    /// Its correlation with itself a lag earlier.
+    with_itself: Lagged,
+    /// Its correlation with the pressure a lag earlier; absent if that never changes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    with_pressure: Option<Lagged>,
+    /// RMS error of predictions over a time ahead, shortest first.
+    ahead: Vec<Ahead>,
+    /// How the residual is distributed; absent of fewer than ten samples.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    distribution: Option<Distribution>,
+}
+
+/// A correlation over the lag.
+#[derive(Clone, Debug, Serialize, JsonSchema)]
+struct Lagged {
+    /// Lags (s).
+    lag_s: Vec<f64>,
+    /// Correlation at each, −1 to 1.
+    correlation: Vec<f64>,
+    /// What chance alone stays within at 99 % of the lags.
+    band99: f64,
+    /// Share of the lags above zero beyond that.
+    outside: f64,
+    /// Whether chance alone makes that share.
+    by_chance: bool,
+}
+
+impl Lagged {
+    fn of(of: &Correlation) -> Self {
+        let band99 = of.band * NORMAL[1] / NORMAL[0];
+        let later = of.lag.iter().zip(&of.value).filter(|(lag, _)| **lag > 0.0);
+        let lags = later.clone().count().max(1) as f64;
+        let outside = later.filter(|(_, value)| value.abs() > band99).count() as f64 / lags;
+        Self {
+            lag_s: of.lag.clone(),
+            correlation: of.value.clone(),
+            band99,
+            outside,
+            by_chance: outside <= 0.01 + BY_CHANCE * (0.01 * 0.99 / lags).sqrt(),
+        }
+    }
+
+    /// A sentence about it.
+    fn sentence(&self, with: &str, without: &str, has: &str) -> String {
+        let verdict = if self.by_chance { without } else { has };
+        format!(
+            "Correlation with {with}: {} of the lags lie beyond the 99 % band (±{}), where chance puts 1 %: {verdict}.",
+            percent(self.outside),
+            short(self.band99)
+        )
+    }
+
+    fn panel(&self, title: &str) -> Panel {
+        let ends = [self.lag_s.first(), self.lag_s.last()].map(|it| it.copied().unwrap_or(0.0));
+        let band = [self.band99; 2];
+        Panel::new("lag (s)", "correlation")
+            .with_title(title)
+            .with_level(0.0)
+            .with_series(Series::band(
+                "99 %",
+                &ends,
+                &band.map(|it| -it),
+                &band,
+                Role::Measured,
+            ))
+            .with_series(Series::new(
+                "",
+                &self.lag_s,
+                &self.correlation,
+                Style::AFTER,
+            ))
+    }
+}
+
+/// Runs the command.
+///
+/// # Errors
+///
+/// Faults of the input, with place and remedy.
+pub fn run(args: &Args) -> anyhow::Result<()> {
+    let read = args.recordings.iter().chain([&args.model]);
+    output::check(
+        &[
+            Output::of("--report", FileKind::Page, args.report.as_ref()),
+            Output::of("--plot", FileKind::Picture, args.plot.as_ref()),
+            args.json.output(),
+        ],
+        read,
+    )?;
+    let (file, recordings) = super::read(&args.model, &args.recordings, &args.input.layout())?;
+    for warning in check_comparable([&file], &recordings)? {
+        super::warn(&warning);
+    }
+    let assembled = assemble(&recordings, &[])?;
+    for concern in &assembled.concerns {
+        super::warn(&concern.to_string());
+    }
+    let data = &assembled.data;
+    let fit = Fitter::new(&file.model, data).compare(&file.model);
+    let silences: Vec<Vec<bool>> = data
+        .fitted()
+        .map(|segment| data.sessions()[segment.session].silence()[segment.range.clone()].to_vec())
+        .collect();
+    let runs: Vec<RunResiduals<'_>> = data
+        .fitted()
+        .zip(&silences)
+        .zip(fit.residuals.iter())
+        .map(|((segment, silent), residual)| RunResiduals {
+            time: &segment.recording.time,
+            residual,
+            input: &segment.recording.pressure,
+            silent,
+        })
+        .collect();
+    let correlations = Correlations::of(&runs, Pace::of(data).period).ok_or_else(|| {
+        InputError::new(
+            "the model leaves nothing of these recordings, to the last digit",
+            "name recordings that were measured and not simulated with it",
+        )
+        .in_file(&args.model)
+    })?;
+    let usable: Vec<f64> = runs
+        .iter()
+        .flat_map(|run| run.residual.iter().zip(run.silent))
+        .filter(|(_, silent)| !**silent)
+        .map(|(residual, _)| *residual)
+        .collect();
+    let analysis = Analysis {
+        schema: SCHEMA,
+        model: file.name.clone(),
+        samples: usable.len(),
+        rmse_deg: fit.rmse().to_degrees(),
+        with_itself: Lagged::of(&correlations.own),
+        with_pressure: correlations.with_input.as_ref().map(Lagged::of),
+        ahead: errors_ahead(&fit, data),
+        distribution: Distribution::of(&usable),
+    };
+    let mut text = analysis.text();
+    if let Some(path) = &args.plot {
+        write_svg(path, &analysis.figure())?;
+        text += &format!("\npicture: {}\n", path.display());
+    }
+    if let Some(path) = &args.report {
+        write_atomically(path, analysis.page()?.as_bytes())?;
+        text += &format!("\npage: {}\n", path.display());
+    }
+    args.json.deliver(&analysis, &text)
+}
+
+impl Analysis {
+    /// The findings, a sentence each.
+    fn sentences(&self) -> Vec<String> {
+        let mut sentences = vec![
+            format!(
+                "{}: RMS residual {}° over whole runs, {} samples.",
+                self.model,
+                short(self.rmse_deg),
+                self.samples
+            ),
+            self.with_itself.sentence(
+                "itself",
+                "the residual is white",
+                "the residual is not white, and a better model could predict a part of it",
+            ),
+        ];
+        sentences.push(self.with_pressure.as_ref().map_or_else(
+            || "The pressure never changes in these runs.".to_owned(),
+            |it| {
+                it.sentence(
+                    "the pressure before",
+                    "nothing that the pressure does is missing",
+                    "dynamics between pressure and angle are missing",
+                )
+            },
+        ));
+        if let Some(it) = &self.distribution {
+            sentences.push(format!(
+                "Mean {}°, standard deviation {}°, skewness {}, excess kurtosis {} (0 and 0 for normal errors).",
+                short(it.mean_deg),
+                short(it.deviation_deg),
+                short(it.skewness),
+                short(it.excess_kurtosis)
+            ));
+        }
+        sentences
+    }
+
+    fn text(&self) -> String {
+        let mut text = self.sentences().join("\n") + "\n";
+        text += &format!(
+            "\n{:>10} {:>10} {:>14}\n",
+            "k (samples)", "s", "RMS error (°)"
+        );
+        for ahead in &self.ahead {
+            text += &format!(
+                "{:>11} {:>10} {:>14}\n",
+                ahead.samples,
+                short(ahead.seconds),
+                short(ahead.rmse_deg)
+            );
+        }
+        text
+    }
+
+    fn figure(&self) -> Figure {
+        let of = |values: fn(&Ahead) -> f64| self.ahead.iter().map(values).collect::<Vec<_>>();
+        let mut figure = Figure::new(format!("What {} leaves", self.model))
+            .with_subtitle(self.sentences().join(" "))
+            .with_columns(2)
+            .with_separate_x()
+            .with_panel(self.with_itself.panel("Residual with itself"));
+        if let Some(with_pressure) = &self.with_pressure {
+            figure = figure.with_panel(with_pressure.panel("Residual with the pressure"));
+        }
+        figure = figure.with_panel(
+            Panel::new("log10 of the time ahead (s)", "RMS error (°)")
+                .with_title("Prediction error over the time ahead")
+                .with_series(Series::new(
+                    "",
+                    &of(|it| it.seconds.log10()),
+                    &of(|it| it.rmse_deg),
+                    Style::AFTER,
+                )),
+        );
+        let Some(it) = &self.distribution else {
+            return figure;
+        };
+        let normal = |x: f64| {
+            let z = (x - it.mean_deg) / it.deviation_deg;
+            (-0.5 * z * z).exp() / (it.deviation_deg * std::f64::consts::TAU.sqrt())
+        };
+        let expected: Vec<f64> = it.centre_deg.iter().map(|x| normal(*x)).collect();
+        let line: Vec<f64> = it
+            .normal
+            .iter()
+            .map(|z| it.mean_deg + z * it.deviation_deg)
+            .collect();
+        let [x, y] = steps(&it.centre_deg, &it.density);
+        figure
+            .with_panel(
+                Panel::new("residual (°)", "density (1/°)")
+                    .with_title("Histogram")
+                    .with_series(Series::new("residual", &x, &y, Style::AFTER))
+                    .with_series(Series::new(
+                        "normal",
+                        &it.centre_deg,
+                        &expected,
+                        Style::REFERENCE,
+                    )),
+            )
+            .with_panel(
+                Panel::new("normal quantile", "quantile of the residual (°)")
+                    .with_title("Quantiles (QQ)")
+                    .with_series(Series::new("normal", &it.normal, &line, Style::REFERENCE))
+                    .with_series(Series::new(
+                        "residual",
+                        &it.normal,
+                        &it.quantile_deg,
+                        Style::new(Role::After, Mark::Points),
+                    )),
+            )
+    }
+
+    /// One page of HTML.
+    fn page(&self) -> Result<String, minijinja::Error> {
+        const TEMPLATE: &str = include_str!("residuals.html");
+        let mut environment = minijinja::Environment::new();
+        // The name decides that values are escaped.
+        environment.add_template("residuals.html", TEMPLATE)?;
+        environment
+            .get_template("residuals.html")?
+            .render(minijinja::context! {
+                title => format!("What {} leaves", self.model),
+                sentences => self.sentences(),
+                picture => minijinja::Value::from_safe_string(to_svg_string(&self.figure())),
+            })
+    }
+}
+
+/// The outline of bars of equal width.
+fn steps(centres: &[f64], heights: &[f64]) -> [Vec<f64>; 2] {
+    let half = centres
+        .windows(2)
+        .next()
+        .map_or(0.5, |it| 0.5 * (it[1] - it[0]));
+    let (mut x, mut y) = (Vec::new(), Vec::new());
+    for (centre, height) in centres.iter().zip(heights) {
+        x.extend([centre - half, centre + half]);
+        y.extend([*height; 2]);
+    }
+    [x, y]
+}
