@@ -378,7 +378,7 @@ pub fn unit_of(key: &str, unit: &str) -> Result<Unit, String> {
 }
 
 /// Optional columns that mean something to a reader.
-pub const OPTIONAL: [&str; 7] = [
+pub const OPTIONAL: [&str; 8] = [
     "setpoint_deg",
     "setpoint_kpa",
     "pump_ul",
@@ -386,6 +386,7 @@ pub const OPTIONAL: [&str; 7] = [
     "state",
     "fault",
     "seq",
+    "mismatch",
 ];
 
 /// The names of the columns, where they are not those of a recording.

@@ -57,7 +57,7 @@ pub struct NotChanged {
     /// Whether the board uses the new settings already.
     pub accepted: bool,
     /// The error of the link.
-    pub source: LinkError,
+    pub source: Box<LinkError>,
 }
 
 /// The value of a setting that is a number.
@@ -253,14 +253,14 @@ impl Link {
             let _ = self.request(Command::Discard);
             return Err(NotChanged {
                 accepted: false,
-                source,
+                source: Box::new(source),
             });
         }
         self.save()?;
         self.compare(changes, &mut |done| progress(done, total))
             .map_err(|source| NotChanged {
                 accepted: true,
-                source,
+                source: Box::new(source),
             })
     }
 
@@ -303,11 +303,11 @@ impl Link {
     fn save(&mut self) -> Result<(), NotChanged> {
         let refused = |source| NotChanged {
             accepted: false,
-            source,
+            source: Box::new(source),
         };
         let unconfirmed = |source| NotChanged {
             accepted: true,
-            source,
+            source: Box::new(source),
         };
         let mut saved = false;
         let mut failed = false;

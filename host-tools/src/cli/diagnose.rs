@@ -288,8 +288,10 @@ fn run_one(args: &Args, model: &PathBuf) -> anyhow::Result<()> {
     let seconds = clock.elapsed().as_secs_f64();
 
     let content = Content::of(&request, &diagnosis);
-    let mut outputs = Outputs::default();
-    outputs.verdict = args.json.file().map(PathBuf::as_path);
+    let mut outputs = Outputs {
+        verdict: args.json.file().map(PathBuf::as_path),
+        ..Outputs::default()
+    };
     if let (Some(path), Some(provenance)) = (&args.report, &provenance) {
         let page = page(&request, &diagnosis, &content, provenance, seconds)?;
         write_atomically(path, page.as_bytes())?;

@@ -17,7 +17,7 @@ use softrig::diagnose::executor::Executor;
 use softrig::diagnose::finding::names;
 use softrig::diagnose::identifiability::{self, Refitted};
 use softrig::diagnose::noise::NoiseFloor;
-use softrig::diagnose::plan::{Limits, proposals, work_min};
+use softrig::diagnose::plan::{Limits, Proposal, proposals, work_min};
 use softrig::diagnose::structures;
 use softrig::estimate::assemble::assemble;
 use softrig::estimate::checkpoint::Checkpoint;
@@ -167,25 +167,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
             best.protocol.setup.instruction()
         );
     }
-    let runs = list.iter().map(|proposal| PlannedRun {
-        protocol: proposal.protocol.name.clone(),
-        title: proposal.protocol.title.clone(),
-        setup: proposal.protocol.setup.instructions(),
-        seconds: f64::from(proposal.protocol.total_ms()) / 1000.0,
-        work_min: tidy(work_min(&proposal.protocol)),
-        expected_delta_chi2: tidy(proposal.evidence),
-        decides: proposal.decides,
-    });
-    let plan = Plan {
-        schema: SCHEMA,
-        between: pair
-            .iter()
-            .map(|side| names(side).iter().map(ToString::to_string).collect())
-            .collect(),
-        noise_deg: tidy(noise.to_degrees()),
-        runs: runs.collect(),
-    };
-    args.json.deliver(&plan, &text)?;
+    args.json.deliver(&Plan::of(&pair, noise, &list), &text)?;
     if args.output.is_some() && !decides && !args.force {
         return Err(InputError::new(
             "no protocol is written: none of these runs decides",
@@ -207,6 +189,28 @@ pub(crate) struct Plan {
     noise_deg: f64,
     /// Runs, best first.
     runs: Vec<PlannedRun>,
+}
+
+impl Plan {
+    /// Of two explanations, with `noise` (rad).
+    fn of(pair: &[Vec<Kind>; 2], noise: f64, list: &[Proposal]) -> Self {
+        let side = |side: &Vec<Kind>| names(side).iter().map(ToString::to_string).collect();
+        let run = |proposal: &Proposal| PlannedRun {
+            protocol: proposal.protocol.name.clone(),
+            title: proposal.protocol.title.clone(),
+            setup: proposal.protocol.setup.instructions(),
+            seconds: f64::from(proposal.protocol.total_ms()) / 1000.0,
+            work_min: tidy(work_min(&proposal.protocol)),
+            expected_delta_chi2: tidy(proposal.evidence),
+            decides: proposal.decides,
+        };
+        Self {
+            schema: SCHEMA,
+            between: pair.iter().map(side).collect(),
+            noise_deg: tidy(noise.to_degrees()),
+            runs: list.iter().map(run).collect(),
+        }
+    }
 }
 
 /// A run that could separate the two.

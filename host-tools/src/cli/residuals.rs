@@ -11,6 +11,7 @@ use super::json::{JsonArgs, SCHEMA};
 use super::output::{self, FileKind, Output};
 use crate::plot::{Figure, Mark, Panel, Role, Series, Style, to_svg_string, write_svg};
 use crate::report::correlation::{Correlation, Correlations, RunResiduals};
+use crate::report::residuals::BEYOND_CHANCE;
 use softrig::comparison::check_comparable;
 use softrig::estimate::assemble::assemble;
 use softrig::estimate::filter::Pace;
@@ -89,12 +90,21 @@ struct Lagged {
     band99: f64,
     /// Share of the lags above zero beyond that.
     outside: f64,
-    /// Whether chance alone makes that share.
+    /// Whether chance alone makes that.
     by_chance: bool,
 }
 
+/// Whether the lags of a correlation are independent without any.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Lags {
+    /// Of white noise with itself: the share beyond the band decides.
+    Independent,
+    /// Of a slow input: the largest decides.
+    Dependent,
+}
+
 impl Lagged {
-    fn of(of: &Correlation) -> Self {
+    fn of(of: &Correlation, lags_are: Lags) -> Self {
         let band99 = of.band * NORMAL[1] / NORMAL[0];
         let later = of.lag.iter().zip(&of.value).filter(|(lag, _)| **lag > 0.0);
         let lags = later.clone().count().max(1) as f64;
@@ -104,7 +114,13 @@ impl Lagged {
             correlation: of.value.clone(),
             band99,
             outside,
-            by_chance: outside <= 0.01 + BY_CHANCE * (0.01 * 0.99 / lags).sqrt(),
+            by_chance: match lags_are {
+                Lags::Independent => outside <= 0.01 + BY_CHANCE * (0.01 * 0.99 / lags).sqrt(),
+                Lags::Dependent => {
+                    let peak = of.peak().map_or(0.0, |(_, peak)| peak.abs());
+                    peak <= BEYOND_CHANCE * of.band
+                }
+            },
         }
     }
 
@@ -198,14 +214,23 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         model: file.name.clone(),
         samples: usable.len(),
         rmse_deg: fit.rmse().to_degrees(),
-        with_itself: Lagged::of(&correlations.own),
-        with_pressure: correlations.with_input.as_ref().map(Lagged::of),
+        with_itself: Lagged::of(&correlations.own, Lags::Independent),
+        with_pressure: correlations
+            .with_input
+            .as_ref()
+            .map(|it| Lagged::of(it, Lags::Dependent)),
         ahead: errors_ahead(&fit, data),
         distribution: Distribution::of(&usable),
     };
     let mut text = analysis.text();
     if let Some(path) = &args.plot {
-        write_svg(path, &analysis.figure())?;
+        let figure = Figure {
+            title: format!("What {} leaves", analysis.model),
+            ..analysis
+                .figure()
+                .with_subtitle(analysis.sentences().join(" "))
+        };
+        write_svg(path, &figure)?;
         text += &format!("\npicture: {}\n", path.display());
     }
     if let Some(path) = &args.report {
@@ -236,7 +261,7 @@ impl Analysis {
             |it| {
                 it.sentence(
                     "the pressure before",
-                    "nothing that the pressure does is missing",
+                    "no more than chance gives signals as slow as these",
                     "dynamics between pressure and angle are missing",
                 )
             },
@@ -272,8 +297,7 @@ impl Analysis {
 
     fn figure(&self) -> Figure {
         let of = |values: fn(&Ahead) -> f64| self.ahead.iter().map(values).collect::<Vec<_>>();
-        let mut figure = Figure::new(format!("What {} leaves", self.model))
-            .with_subtitle(self.sentences().join(" "))
+        let mut figure = Figure::new("")
             .with_columns(2)
             .with_separate_x()
             .with_panel(self.with_itself.panel("Residual with itself"));

@@ -22,7 +22,7 @@ const BY_CHANCE: f64 = 2.33;
 
 /// Multiple of the band beyond which the largest cross-correlation is no chance: three
 /// standard deviations, since the lags of a slow input are not independent.
-const BEYOND_CHANCE: f64 = 1.5;
+pub(crate) const BEYOND_CHANCE: f64 = 1.5;
 
 /// The residual of a model.
 #[derive(Clone, Debug)]

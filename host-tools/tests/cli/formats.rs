@@ -124,17 +124,28 @@ fn rows(of: impl Fn(usize, [f64; 3]) -> String) -> String {
     rows.map(|(k, row)| of(k, row) + "\n").collect()
 }
 
+/// The top of a LabVIEW measurement file.
+const LABVIEW: &str = "LabVIEW Measurement\t\nWriter_Version\t2\nReader_Version\t2\nSeparator\tTab\nDecimal_Separator\t.\nMulti_Headings\tNo\nX_Columns\tOne\nTime_Pref\tRelative\nOperator\tlab\nDate\t2024/05/01\nTime\t12:00:00.5\n***End_of_Header***\t\n\t\nChannels\t2\t\t\t\nSamples\t200\t200\t\t\nDate\t2024/05/01\t2024/05/01\t\t\nX_Dimension\tTime\tTime\t\t\nX0\t0.0E+0\t0.0E+0\t\t\nDelta_X\t0.01\t0.01\t\t\n***End_of_Header***\t\t\t\nX_Value\tPressure\tAngle\tComment\n";
+
+/// The step as one array of JSON.
+fn json_array() -> String {
+    let rows = rows(|k, [t, p, a]| {
+        let end = if k == 199 { "" } else { "," };
+        format!("{{\"time_s\": {t}, \"pressure_kpa\": {p}, \"angle_deg\": {a}}}{end}")
+    });
+    format!("[\n{rows}]\n")
+}
+
 /// Files as the programs of a laboratory write them, with the flags that read them.
 #[test]
 fn files_of_the_laboratory_are_read() {
     let plain =
         |separator: &str| rows(|_, [t, p, a]| format!("{t:.2}{separator}{p:.1}{separator}{a:.4}"));
     let named = "--columns time=#1,pressure=#2,angle=#3";
-    let labview = "LabVIEW Measurement\t\nWriter_Version\t2\nReader_Version\t2\nSeparator\tTab\nDecimal_Separator\t.\nMulti_Headings\tNo\nX_Columns\tOne\nTime_Pref\tRelative\nOperator\tlab\nDate\t2024/05/01\nTime\t12:00:00.5\n***End_of_Header***\t\n\t\nChannels\t2\t\t\t\nSamples\t200\t200\t\t\nDate\t2024/05/01\t2024/05/01\t\t\nX_Dimension\tTime\tTime\t\t\nX0\t0.0E+0\t0.0E+0\t\t\nDelta_X\t0.01\t0.01\t\t\n***End_of_Header***\t\t\t\nX_Value\tPressure\tAngle\tComment\n";
     let files = [
         (
             "labview.lvm",
-            labview.to_owned() + &plain("\t"),
+            LABVIEW.to_owned() + &plain("\t"),
             "--columns time=X_Value,pressure=Pressure,angle=Angle",
         ),
         (
@@ -197,17 +208,7 @@ fn files_of_the_laboratory_are_read() {
             }),
             "--columns time=t,pressure=rig.p,angle=rig.joints[1]",
         ),
-        (
-            "array.json",
-            {
-                let rows = rows(|k, [t, p, a]| {
-                    let end = if k == 199 { "" } else { "," };
-                    format!("{{\"time_s\": {t}, \"pressure_kpa\": {p}, \"angle_deg\": {a}}}{end}")
-                });
-                format!("[\n{rows}]\n")
-            },
-            "",
-        ),
+        ("array.json", json_array(), ""),
     ];
     let bench = Bench::new();
     for (name, text, flags) in files {

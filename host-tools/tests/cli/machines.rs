@@ -161,6 +161,7 @@ fn residuals_of_the_truth_are_white_and_of_a_poorer_model_are_not() {
         "{}",
         truth["with_itself"]["outside"]
     );
+    assert_eq!(truth["with_pressure"]["by_chance"], true);
     let deviation = truth["distribution"]["deviation_deg"].as_f64().unwrap();
     assert!((deviation - 0.2).abs() < 0.03, "{deviation}");
     assert!(
@@ -189,5 +190,5 @@ fn residuals_of_the_truth_are_white_and_of_a_poorer_model_are_not() {
         assert!(page.contains(part), "{part}");
     }
     assert!(!page.contains("http://") || page.contains("http://www.w3.org"));
-    assert!(bench.text("left.svg").starts_with("<"));
+    assert!(bench.text("left.svg").starts_with('<'));
 }

@@ -78,7 +78,7 @@ fn a_fit_says_that_the_zeros_of_the_sensors_are_far() {
         let line = said.lines().find(|it| it.starts_with("input_gain"));
         let interval = line.unwrap().split(" … ");
         let ends: Vec<f64> = interval
-            .flat_map(|part| part.split_whitespace().next_back())
+            .filter_map(|part| part.split_whitespace().next_back())
             .map(|it| it.parse().unwrap())
             .collect();
         ends[1] - ends[0]

@@ -9,6 +9,7 @@ use std::path::Path;
 use npyz::{DType, NpyFile, Order, TypeChar};
 use zip::ZipArchive;
 
+use super::guard::guarded;
 use super::{Decimals, Samples, Sheet, Values, damaged, read_whole};
 use crate::bounded::{self, Limits};
 use crate::columns::Layout;
@@ -43,13 +44,11 @@ pub fn read_npz(
         left = left
             .checked_sub(bytes.len() as u64)
             .ok_or_else(|| bounded::too_large(limits.bytes).in_file(path))?;
-        let columns = columns(&bytes, &|number, count| match count {
+        let called = |number, count| match count {
             1 => name.clone(),
             _ => format!("{name}[{number}]"),
-        });
-        sheet
-            .columns
-            .extend(columns.map_err(|found| damaged(path, "NumPy", &found))?);
+        };
+        sheet.columns.extend(array(&bytes, path, &called)?);
     }
     if sheet.columns.is_empty() {
         let is_spreadsheet = archive.file_names().any(|name| name.starts_with("xl/"));
@@ -78,13 +77,23 @@ pub fn read_npy(
     limits: Limits,
 ) -> Result<Samples, InputError> {
     let bytes = read_whole(whole, path, limits)?;
-    let columns = columns(&bytes, &|number, _| format!("#{}", number + 1))
-        .map_err(|found| damaged(path, "NumPy", &found))?;
+    let columns = array(&bytes, path, &|number, _| format!("#{}", number + 1))?;
     let sheet = Sheet {
         columns,
         ..Sheet::default()
     };
     sheet.samples(path, layout, limits, "column")
+}
+
+/// [`columns`] of a file that may be damaged.
+fn array(
+    bytes: &[u8],
+    path: &Path,
+    called: &dyn Fn(usize, usize) -> String,
+) -> Result<Vec<(String, Values)>, InputError> {
+    guarded(|| columns(bytes, called))
+        .map_err(|said| damaged(path, "NumPy", &said))?
+        .map_err(|error| damaged(path, "NumPy", &error))
 }
 
 /// The columns of an array, called by their numbers from 0 and how many there are; none of an
@@ -101,9 +110,8 @@ fn columns(
         .collect();
     let order = file.order();
     let (rows, count) = match *shape.as_slice() {
-        [rows] => (rows, 1),
-        // A row or a column of MATLAB's kind.
-        [1, rows] => (rows, 1),
+        // A row of MATLAB's kind is one too.
+        [rows] | [1, rows] => (rows, 1),
         [rows, count] => (rows, count),
         _ => return Ok(Vec::new()),
     };

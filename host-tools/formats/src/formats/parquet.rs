@@ -13,7 +13,7 @@ use parquet::column::reader::{ColumnReader, ColumnReaderImpl};
 use parquet::column::writer::ColumnWriter;
 use parquet::data_type::{ByteArray, DataType};
 use parquet::errors::ParquetError;
-use parquet::file::metadata::{ColumnChunkMetaData, KeyValue};
+use parquet::file::metadata::{ColumnChunkMetaData, KeyValue, RowGroupMetaData};
 use parquet::file::properties::WriterProperties;
 use parquet::file::reader::{ChunkReader, FileReader, SerializedFileReader};
 use parquet::file::writer::SerializedFileWriter;
@@ -72,7 +72,7 @@ fn sheet(
     }
     let columns = reader.metadata().row_groups().iter();
     if let Some(unread) = columns
-        .flat_map(|group| group.columns())
+        .flat_map(RowGroupMetaData::columns)
         .map(ColumnChunkMetaData::compression)
         .find(|codec| matches!(codec, Compression::LZO))
     {

@@ -96,21 +96,9 @@ pub fn read(
                 .check_units_in_names(layout)
                 .map_err(|error| error.in_file(path).at_line(header_line))?;
         }
-        let mut row = [0.0; 3];
-        for ((number, field), quantity) in row.iter_mut().zip(&fields).zip(Quantity::ALL) {
-            let column = layout.names.of(quantity);
-            *number = match iso_seconds(field).filter(|_| quantity == Quantity::Time) {
-                Some(seconds) => {
-                    samples.columns.time = Some(TimeUnit::S);
-                    seconds
-                }
-                None => numbers.read(field, line, column).map_err(place)?,
-            };
-            if number.is_nan() || number.abs() > LARGEST_NUMBER {
-                return Err(place(not_usable(field).in_column(column)));
-            }
-            samples.decimals[quantity as usize].count(field);
-        }
+        let row = samples
+            .numbers_in(&fields, &mut numbers, line, layout)
+            .map_err(place)?;
         if let Some((of, question)) = samples.push(row, layout).map_err(place)? {
             let (path, column) = (path.display(), layout.names.of(of));
             samples
@@ -139,6 +127,34 @@ pub fn read(
         ));
     }
     Ok(samples)
+}
+
+impl Samples {
+    /// The three numbers in the fields of a row.
+    fn numbers_in(
+        &mut self,
+        fields: &[Cow<'_, str>; 3],
+        numbers: &mut Numbers,
+        line: u64,
+        layout: &Layout,
+    ) -> Result<[f64; 3], InputError> {
+        let mut row = [0.0; 3];
+        for ((number, field), quantity) in row.iter_mut().zip(fields).zip(Quantity::ALL) {
+            let column = layout.names.of(quantity);
+            *number = match iso_seconds(field).filter(|_| quantity == Quantity::Time) {
+                Some(seconds) => {
+                    self.columns.time = Some(TimeUnit::S);
+                    seconds
+                }
+                None => numbers.read(field, line, column)?,
+            };
+            if number.is_nan() || number.abs() > LARGEST_NUMBER {
+                return Err(not_usable(field).in_column(column));
+            }
+            self.decimals[quantity as usize].count(field);
+        }
+        Ok(row)
+    }
 }
 
 /// Most lines above the header: those of LabVIEW and of loggers are some dozens.
