@@ -113,7 +113,8 @@ impl<'a> Top<'a> {
                 },
                 _ => {}
             }
-            begins = DELIMITERS.contains(byte);
+            // Behind a blank it stands for inches as well.
+            begins = *byte != BLANK && DELIMITERS.contains(byte);
         }
         self.ended.then_some(self.seen.len())
     }
