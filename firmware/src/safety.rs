@@ -81,6 +81,8 @@ macro_rules! conditions {
 conditions! {
     /// The emergency-stop circuit is open.
     emergency_stop: EmergencyStop ALWAYS,
+    /// The flash does not hold the image that was built; it stays so until another is uploaded.
+    image_damaged: Image ALWAYS,
     /// The firmware reached a state that it excludes.
     internal: Internal ALWAYS,
     /// The watchdog caused the last reset. True for the first period only:
@@ -427,6 +429,7 @@ mod tests {
             out_of_reach: bit(Fault::Reach),
             disagreement: bit(Fault::Disagreement),
             gas_law: bit(Fault::GasLaw),
+            image_damaged: bit(Fault::Image),
             pressurised: bits >> Fault::ALL.len() & 1 == 1,
         }
     }
@@ -631,6 +634,7 @@ mod tests {
 | disagreement | shown | stops | stops | stops |
 | gas law | shown | stops | stops | stops |
 | restart | stops | stops | stops | stops |
+| image | stops | stops | stops | stops |
 "
         );
     }

@@ -125,7 +125,8 @@ fn nothing_else_is_drawn() {
     assert!(lines.len() >= 10, "{lines:?}");
     let remarks = Fault::ALL.iter().map(|fault| fault.sentence());
     let remarks = remarks.chain(HELP).chain([
-        "softrig 0.1.0 wire 3 settings f21b, brown-out",
+        "softrig 0.1.0 wire 3 settings f21b image 4f2a, brown-out",
+        "softrig 0.1.0 wire 3 settings f21b image 91c3 built 4f2a",
         "saved",
         "not saved",
         "free 2672 lost 0 dropped 0",

@@ -53,11 +53,30 @@ impl fmt::Display for SettingsId {
     }
 }
 
+/// Checksums ([`Crc16`]) of the board's program: what is in its flash, and what the build put
+/// there. They differ after an upload that was cut off.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct ImageSum {
+    /// Of the flash, computed by the board at its start.
+    pub found: u16,
+    /// Of the image that was built, as the build wrote it into the image.
+    pub built: u16,
+}
+
+impl ImageSum {
+    /// Whether the flash holds the image that was built.
+    pub const fn is_whole(self) -> bool {
+        self.found == self.built
+    }
+}
+
 /// The answer to `hello`, and the first remark after a reset: who the board is.
 ///
 /// ```text
-/// softrig 0.1.0 wire 3 settings 1d0f
+/// softrig 0.1.0 wire 3 settings 1d0f image 4f2a
 /// ```
+///
+/// An image that is not whole says `image 91c3 built 4f2a`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Identity<'t> {
     /// Version of the firmware.
@@ -66,15 +85,18 @@ pub struct Identity<'t> {
     pub wire: u8,
     /// The settings in use.
     pub settings: SettingsId,
+    /// The program in flash; none for one whose build wrote no checksum.
+    pub image: Option<ImageSum>,
 }
 
 impl<'t> Identity<'t> {
     /// The identity of a board that speaks this version.
-    pub const fn new(firmware: &'t str, settings: SettingsId) -> Self {
+    pub const fn new(firmware: &'t str, settings: SettingsId, image: Option<ImageSum>) -> Self {
         Self {
             firmware,
             wire: VERSION,
             settings,
+            image,
         }
     }
 
@@ -85,10 +107,18 @@ impl<'t> Identity<'t> {
         let firmware = core::str::from_utf8(named(b"softrig")?).ok()?;
         let wire = fields::number(named(b"wire")?)?;
         let settings = SettingsId::parse(named(b"settings")?)?;
+        let image = named(b"image").and_then(fields::half_word).map(|found| {
+            let built = named(b"built").and_then(fields::half_word);
+            ImageSum {
+                found,
+                built: built.unwrap_or(found),
+            }
+        });
         Some(Self {
             firmware,
             wire,
             settings,
+            image,
         })
     }
 }
@@ -99,6 +129,7 @@ impl uDisplay for Identity<'_> {
             firmware,
             wire,
             settings,
+            image,
         } = self;
         uwrite!(
             f,
@@ -106,7 +137,13 @@ impl uDisplay for Identity<'_> {
             firmware,
             wire,
             settings
-        )
+        )?;
+        let Some(image) = image else { return Ok(()) };
+        uwrite!(f, " image {}", HalfWord(image.found))?;
+        if !image.is_whole() {
+            uwrite!(f, " built {}", HalfWord(image.built))?;
+        }
+        Ok(())
     }
 }
 
@@ -334,10 +371,12 @@ mod tests {
             long in any::<u32>(),
             place in proptest::option::of(any::<[u8; 2]>()),
             bits in any::<[u32; 3]>(),
+            image in proptest::option::of(any::<[u16; 2]>()),
             firmware in "[0-9]{1,3}\\.[0-9]{1,3}\\.[0-9a-z-]{1,9}",
         ) {
             let settings = SettingsId(words[0]);
-            let identity = Identity::new(&firmware, settings);
+            let image = image.map(|[found, built]| ImageSum { found, built });
+            let identity = Identity::new(&firmware, settings, image);
             let line = text(&identity);
             prop_assert_eq!(Identity::parse(&line), Some(identity));
             let status = Status {
@@ -367,8 +406,20 @@ mod tests {
 
     #[test]
     fn the_text_is_that_of_version_3() {
-        let identity = Identity::new("0.1.0", SettingsId(0x1d0f));
-        assert_eq!(text(&identity), "softrig 0.1.0 wire 3 settings 1d0f");
+        let identity = |image| text(&Identity::new("0.1.0", SettingsId(0x1d0f), image));
+        assert_eq!(identity(None), "softrig 0.1.0 wire 3 settings 1d0f");
+        let image = |found| ImageSum {
+            found,
+            built: 0x4f2a,
+        };
+        assert_eq!(
+            identity(Some(image(0x4f2a))),
+            "softrig 0.1.0 wire 3 settings 1d0f image 4f2a"
+        );
+        assert_eq!(
+            identity(Some(image(0x91c3))),
+            "softrig 0.1.0 wire 3 settings 1d0f image 91c3 built 4f2a"
+        );
         let status = Status {
             state: State::Fault,
             fault: Some(Fault::HostLost),

@@ -104,6 +104,9 @@ faults! {
     /// The board was armed when it restarted, and nothing says why it did.
     Restart = 20, "restart",
         "The board restarted while the rig was armed: look at the supply and the cable, then home it again.";
+    /// The checksum of the flash is not that of the image that was built.
+    Image = 21, "image",
+        "The firmware in the board's flash is damaged or only half uploaded: upload it again.";
 }
 
 #[cfg(test)]

@@ -9,6 +9,8 @@
 pub mod answer;
 pub mod assemble;
 pub mod checksum;
+#[cfg(test)]
+mod checksum_tests;
 pub mod command;
 pub mod decimal;
 pub mod fault;

@@ -6,6 +6,7 @@ use std::{
     process::Command,
 };
 
+use crate::image;
 use crate::shell::{self, Outcome, read, root, run, target_dir};
 
 /// The toolchain name that `firmware/rust-toolchain.toml` asks for.
@@ -128,11 +129,11 @@ pub fn build() -> Outcome<PathBuf> {
         .env_remove("CARGO_ENCODED_RUSTFLAGS")
         .env_remove("CARGO_BUILD_RUSTFLAGS"))?;
     let image = target_dir().join("avr-none/release/firmware.elf");
-    if image.is_file() {
-        Ok(image)
-    } else {
-        Err(format!("the build left no {}", image.display()).into())
+    if !image.is_file() {
+        return Err(format!("the build left no {}", image.display()).into());
     }
+    image::stamp(&image)?;
+    Ok(image)
 }
 
 /// Bytes of an image.

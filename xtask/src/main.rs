@@ -11,6 +11,7 @@ mod book;
 mod demo;
 mod dist;
 mod flash;
+mod image;
 mod machines;
 mod python;
 mod setup;

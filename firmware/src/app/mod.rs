@@ -21,7 +21,7 @@ mod texts;
 use model_core::predictor::Predictor;
 use ufmt::{uWrite, uwrite};
 use wire::{
-    answer::{Counters, Identity, SettingsId},
+    answer::{Counters, Identity, ImageSum, SettingsId},
     decimal::Hundredths,
     fault::Fault,
     line::Sealed,
@@ -67,6 +67,7 @@ pub struct App {
     supervisor: Supervisor,
     conditions: Conditions,
     reset: ResetCause,
+    image: Option<ImageSum>,
     activity: Activity,
     memory: Memory,
     monitor: Monitor,
@@ -102,7 +103,7 @@ impl App {
     /// Starts after a reset, idle, with the stored settings. If none are stored, or if they
     /// are damaged, which is a fault, the defaults are used.
     pub fn new(eeprom: &impl Eeprom, reset: ResetCause) -> Self {
-        let mut app = Self::empty(reset);
+        let mut app = Self::empty(reset, None);
         app.load(eeprom);
         app
     }
@@ -123,9 +124,10 @@ impl App {
             found == Loaded::Damaged || self.calibration.is_none() || !is_steppable;
     }
 
-    /// An application that has not read its settings.
+    /// An application that has not read its settings. `image` is the program that runs it, as
+    /// far as that is known.
     #[inline(always)] // Where it will stay: it is too large to be moved there.
-    pub fn empty(reset: ResetCause) -> Self {
+    pub fn empty(reset: ResetCause, image: Option<ImageSum>) -> Self {
         Self {
             draft: Settings::EMPTY,
             settings: Settings::EMPTY,
@@ -135,11 +137,13 @@ impl App {
                 watchdog: reset == ResetCause::Watchdog,
                 brown_out: reset == ResetCause::BrownOut,
                 restarted: reset == ResetCause::WhileArmed,
+                image_damaged: image.is_some_and(|image| !image.is_whole()),
                 ..Conditions::default()
             },
             calibration: None,
             predictor: Predictor::empty(),
             reset,
+            image,
             activity: Activity::None,
             memory: Memory::new(),
             monitor: Monitor::default(),
@@ -187,7 +191,11 @@ impl App {
     }
 
     fn identity(&self) -> Identity<'static> {
-        Identity::new(env!("CARGO_PKG_VERSION"), SettingsId::of(&self.settings))
+        Identity::new(
+            env!("CARGO_PKG_VERSION"),
+            SettingsId::of(&self.settings),
+            self.image,
+        )
     }
 
     /// Lets one control period pass.

@@ -12,6 +12,7 @@
 //! | switches, valve, light | ports | [`switches`], [`valve`], [`light`] |
 //! | serial to the computer | USART0 | [`serial`] |
 //! | settings | EEPROM | [`eeprom`] |
+//! | checksum of the program | flash, RAMPZ | [`image`] |
 //! | watchdog, reset flags | WDT, MCUSR, GPIOR2 | [`watchdog`], [`reset`] |
 //! | cycle marks | GPIOR0 | [`marks`] |
 //! | stack depth, counters | – | [`stack`], [`health`] |
@@ -24,6 +25,7 @@ pub mod adc;
 pub mod clock;
 pub mod eeprom;
 pub mod health;
+pub mod image;
 pub mod light;
 pub mod marks;
 mod periods;
@@ -137,7 +139,7 @@ impl Room {
     fn put(cause: ResetCause) -> &'static mut App {
         static APP: place::Place<App> = place::Place::new();
         // SAFETY: `Board::take` makes one room, and it is used up here.
-        unsafe { APP.put(App::empty(cause)) }
+        unsafe { APP.put(App::empty(cause, image::sum())) }
     }
 }
 

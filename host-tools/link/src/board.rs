@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use wire::answer::{Bits, Identity, Raw, SettingsId, Status};
+use wire::answer::{Bits, Identity, ImageSum, Raw, SettingsId, Status};
 use wire::command::Command;
 use wire::fault::Fault;
 use wire::reply::Refusal;
@@ -29,6 +29,8 @@ pub struct Board {
     pub wire: u8,
     /// The settings in use.
     pub settings: SettingsId,
+    /// The program in its flash; none for one whose build wrote no checksum.
+    pub image: Option<ImageSum>,
 }
 
 impl From<Identity<'_>> for Board {
@@ -37,11 +39,13 @@ impl From<Identity<'_>> for Board {
             firmware,
             wire,
             settings,
+            image,
         } = identity;
         Self {
             firmware: firmware.to_owned(),
             wire,
             settings,
+            image,
         }
     }
 }

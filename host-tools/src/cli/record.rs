@@ -654,6 +654,7 @@ fn about(link: &Link, port: &str, protocol: Option<&ProtocolFile>) -> About {
         firmware: board.firmware.clone(),
         wire: board.wire,
         settings: board.settings.to_string(),
+        image: board.image.map(|image| format!("{:04x}", image.found)),
         rig: env!("CARGO_PKG_VERSION").into(),
         segments: segments
             .iter()

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //! A rig with the real image, and someone at the computer's end of the cable.
 
-use std::{env, path::Path};
+use std::env;
 
 use model_core::{actuator::Model, catalogue::Effect};
 use softrig_link::line::request_text;
@@ -21,11 +21,17 @@ const IMAGE: &str = "SOFTRIG_FIRMWARE";
 
 /// The image, or nothing where none was built.
 pub fn image() -> Option<Image> {
+    let elf = elf()?;
+    Some(Image::parse(&elf).expect("the file is an image"))
+}
+
+/// The file of the image, or nothing where none was built.
+pub fn elf() -> Option<Vec<u8>> {
     let Some(path) = env::var_os(IMAGE) else {
         println!("skipped: {IMAGE} is not set; `cargo xtask test` builds the image and sets it");
         return None;
     };
-    Some(Image::read(Path::new(&path)).expect("the image can be read"))
+    Some(std::fs::read(path).expect("the image can be read"))
 }
 
 /// The actuator that the firmware believes in when it is shipped, with effects
@@ -59,8 +65,13 @@ pub struct Bench {
 impl Bench {
     /// Switches a rig on and waits for its first sample.
     pub fn start(options: Options) -> Option<Self> {
+        Some(Self::of(&image()?, options))
+    }
+
+    /// As [`Self::start`], with another image.
+    pub fn of(image: &Image, options: Options) -> Self {
         let mut bench = Self {
-            rig: VirtualRig::new(&image()?, options).expect("a rig"),
+            rig: VirtualRig::new(image, options).expect("a rig"),
             samples: Vec::new(),
             remarks: Vec::new(),
             garbage: 0,
@@ -70,7 +81,7 @@ impl Bench {
             beat_at_s: 0.0,
         };
         bench.until(3.0, "the first sample", |bench| !bench.samples.is_empty());
-        Some(bench)
+        bench
     }
 
     /// Lets time pass.

@@ -2,10 +2,13 @@
 //! The first second after a reset: whatever starts there (a prediction, a tare,
 //! a recording) starts from it.
 
-use virtual_rig::{Options, ResetCause};
-use wire::{command::Command, decimal::Hundredths, telemetry::Telemetry};
+use virtual_rig::{Image, Options, ResetCause};
+use wire::{
+    answer::Identity, command::Command, decimal::Hundredths, fault::Fault, reply::Refusal,
+    state::State, telemetry::Telemetry,
+};
 
-use crate::bench::{Bench, healthy};
+use crate::bench::{Bench, elf, healthy};
 
 /// Noise of a line's pressure (kPa rms): 0.25 kPa and the rounding of a count
 /// of 0.67 kPa, over sixteen conversions.
@@ -80,7 +83,7 @@ fn the_first_second_after_a_reset_is_right_from_its_first_line() {
 
         bench.samples.clear();
         bench.rig.reset(ResetCause::External);
-        bench.run(1.3);
+        bench.run(1.5);
         let first = bench
             .samples
             .iter()
@@ -140,4 +143,51 @@ fn the_self_test_moves_no_reading() {
     let degrees = farthest(|sample| sample.angle_deg);
     println!("{} samples: {kpa} kPa, {degrees} deg", bench.samples.len());
     assert!(kpa < 1.0 && degrees < 2.0, "{kpa} kPa, {degrees} deg");
+}
+
+fn identity(text: &str) -> Identity<'_> {
+    Identity::parse(text).expect("an identity")
+}
+
+#[test]
+fn an_image_says_that_it_is_whole_and_does_so_in_time() {
+    let Some(mut bench) = Bench::start(healthy()) else {
+        return;
+    };
+    let first_s = bench.rig.time_s();
+    let banner = bench.remarks.first().expect("a banner").clone();
+    let image = identity(&banner).image.expect("the build has stamped it");
+    assert!(image.is_whole(), "{banner}");
+    let answer = bench.obey(Command::Hello);
+    assert_eq!(identity(&answer).image, Some(image));
+    println!("the first sample came before {first_s:.2} s");
+    assert!(first_s < 0.4);
+}
+
+/// The tail of an upload that was cut off is what was there before. A letter of a text that
+/// nobody reads stands for it: the board has to find out by the sum alone.
+#[test]
+fn an_image_that_is_not_whole_is_a_fault_that_stays() {
+    let Some(mut elf) = elf() else {
+        return;
+    };
+    let text = b"exact, get KEY";
+    let at = elf
+        .windows(text.len())
+        .position(|bytes| bytes == text)
+        .expect("a line of the help");
+    elf[at] ^= 1;
+    let damaged = Image::parse(&elf).expect("an image all the same");
+    let mut bench = Bench::of(&damaged, healthy());
+    let banner = bench.remarks.first().expect("a banner").clone();
+    let image = identity(&banner).image.expect("a stamp");
+    assert!(!image.is_whole() && banner.contains(" built "), "{banner}");
+    bench.run(0.1);
+    assert_eq!(
+        (bench.state(), bench.fault()),
+        (State::Fault, Some(Fault::Image))
+    );
+    assert_eq!(bench.ask(Command::Clear), Err(Refusal::StillThere));
+    assert_eq!(bench.ask(Command::Arm), Err(Refusal::Faulted));
+    assert!(bench.is_safe());
 }

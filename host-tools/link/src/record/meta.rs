@@ -39,6 +39,9 @@ pub struct About {
     pub wire: u8,
     /// Checksum of the board's settings.
     pub settings: String,
+    /// Checksum of the board's program, if its build wrote one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub image: Option<String>,
     /// The angles between the ends of the flex sensor's table (°).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub angle_range_deg: Option<[f64; 2]>,
