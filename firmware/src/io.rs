@@ -3,6 +3,8 @@
 //! The board layer fills [`Inputs`] and applies [`Outputs`] once per control period;
 //! everything in between is plain functions that a desktop can test.
 
+pub use wire::history::ResetCause;
+
 use crate::design::OVERSAMPLING;
 
 /// A sensor's reading: the sum of [`OVERSAMPLING`] conversions of ten bits, or
@@ -24,21 +26,6 @@ impl Oversampled {
     pub fn counts(self) -> f32 {
         f32::from(self.0) / f32::from(OVERSAMPLING)
     }
-}
-
-/// Why the processor started.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum ResetCause {
-    /// Power came on, or the reset line was pulled: opening the port does that.
-    #[default]
-    Ordinary,
-    /// The supply dipped.
-    BrownOut,
-    /// The watchdog was not fed.
-    Watchdog,
-    /// The rig was armed, and nothing says why the processor started: the reset line, or a cause
-    /// whose flag the bootloader has cleared.
-    WhileArmed,
 }
 
 /// The rig at the start of a control period.

@@ -9,10 +9,13 @@ pub mod app;
 pub mod byte;
 pub mod control;
 pub mod design;
+pub mod faults;
+pub mod frame;
 pub mod gas;
 pub mod homing;
 pub mod io;
 pub mod monitor;
+pub mod past;
 #[cfg(any(test, feature = "plant"))]
 #[doc(hidden)]
 #[allow(

@@ -49,7 +49,7 @@ fn main() -> ! {
             match assembler.push(byte) {
                 Assembled::Pending => {}
                 Assembled::Line(line) => {
-                    let Ok(()) = app.receive(line, &mut board.serial);
+                    let Ok(()) = app.receive(line, &board.eeprom, board.past, &mut board.serial);
                 }
                 Assembled::Overlong => app.overlong(),
             }
@@ -70,7 +70,7 @@ fn main() -> ! {
                 steps: board.pulses.position(),
                 overruns: if rests { 0 } else { missed },
             };
-            let outputs = app.tick(&inputs, &mut board.eeprom);
+            let outputs = app.tick(&inputs, &mut board.eeprom, board.past);
             if let Some(steps) = outputs.set_steps {
                 board.pulses.set_position(steps);
             }

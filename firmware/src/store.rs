@@ -2,35 +2,28 @@
 //!
 //! A lab board loses its power by someone pulling the cable, at any moment. So
 //! there are two slots, and only the one that is not in use is ever written. A
-//! slot is
+//! slot is a [`Frame`] around
 //!
 //! ```text
-//! head mark | version | words | sequence (2) | settings (4 × words) | CRC-16 (2) | tail mark
+//! version | words | sequence (2) | settings (4 × words)
 //! ```
 //!
-//! with little-endian numbers. The order of writing is: both marks away, then
-//! everything between them, compared with what was meant, then both marks.
-//!
-//! Why a torn record is not taken for a whole one: a record counts only with a
-//! mark, and while anything between the marks is incomplete, both have been
-//! taken away and neither has been put back. Chance has no part in this. The
-//! checksum alone would accept one torn record in 65 536; it is here for cells
-//! that lose their charge, and for those one in 65 536 is enough. With one of two
-//! marks and the right checksum a record counts, since that is what a cut
-//! between two marks leaves, before as after the change: the content is whole.
+//! with little-endian numbers.
 //!
 //! What is cut off while the very first record is written leaves one slot
 //! without a mark and the other as it left the factory: nothing was ever stored,
 //! and that is no damage.
 
-use wire::{
-    checksum::Crc16,
-    settings::{COUNT, Settings},
+use wire::settings::{COUNT, Settings};
+
+use crate::{
+    frame::{self, Frame, is_newer},
+    settings::check,
 };
 
-use crate::settings::check;
+pub use crate::frame::Poll;
 
-/// The memory behind the settings, byte by byte.
+/// The memory behind the settings and the log of faults, byte by byte.
 pub trait Eeprom {
     /// The byte at an address.
     fn read(&self, address: u16) -> u8;
@@ -44,13 +37,6 @@ pub trait Eeprom {
     }
 }
 
-/// What a slot's ends say when the record between them is whole.
-const MARK: u8 = 0xa5;
-/// A mark that has been taken away.
-const NO_MARK: u8 = 0;
-/// What cells hold that were never written.
-const ERASED: u8 = 0xff;
-
 /// Changes whenever the words change their meaning. A record of another version is
 /// [`Loaded::Damaged`]: the words of version 1 have no shape of a Bouc–Wen hysteresis,
 /// and the zero in that place would be another loop; those of version 2 have the gains
@@ -61,9 +47,7 @@ const WORD_BYTES: u16 = 4;
 /// Version, number of words, sequence.
 const HEADER: u16 = 4;
 const SEQUENCE_AT: u16 = 2;
-const CHECKED: u16 = HEADER + WORD_BYTES * COUNT as u16;
-/// Everything between the marks.
-const BODY: u16 = CHECKED + 2;
+const CONTENT: u16 = HEADER + WORD_BYTES * COUNT as u16;
 
 /// Version and number of words of the records of version 1. Their second slot lies
 /// within the first one of today, so what they leave without a mark in the first
@@ -77,7 +61,7 @@ const VERSION_1: (u8, u8) = (1, 57);
 pub const SIZE: u16 = FIRST + 2 * SLOT;
 const FIRST: u16 = 16;
 const SLOT: u16 = 512;
-const _: () = assert!(BODY + 2 <= SLOT, "a slot is too small");
+const _: () = assert!(CONTENT + frame::OVERHEAD <= SLOT, "a slot is too small");
 
 /// One of the two places of a record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -94,46 +78,27 @@ impl Slot {
         }
     }
 
-    const fn head(self) -> u16 {
-        match self {
-            Self::A => FIRST,
-            Self::B => FIRST + SLOT,
+    const fn frame(self) -> Frame {
+        Frame {
+            head: match self {
+                Self::A => FIRST,
+                Self::B => FIRST + SLOT,
+            },
+            length: CONTENT,
         }
-    }
-
-    const fn body(self, offset: u16) -> u16 {
-        self.head() + 1 + offset
-    }
-
-    const fn tail(self) -> u16 {
-        self.body(BODY)
     }
 
     fn look(self, eeprom: &impl Eeprom) -> Content {
-        let mut crc = Crc16::new();
-        let mut erased = eeprom.read(self.head()) == ERASED && eeprom.read(self.tail()) == ERASED;
-        for offset in 0..BODY {
-            let byte = eeprom.read(self.body(offset));
-            erased &= byte == ERASED;
-            if offset < CHECKED {
-                crc.update(byte);
-            }
-        }
-        let pair = |offset| {
-            u16::from_le_bytes([
-                eeprom.read(self.body(offset)),
-                eeprom.read(self.body(offset + 1)),
-            ])
-        };
-        let marked = eeprom.read(self.head()) == MARK || eeprom.read(self.tail()) == MARK;
-        let layout = (eeprom.read(self.body(0)), eeprom.read(self.body(1)));
-        if erased {
+        let frame = self.frame();
+        let found = frame.look(eeprom);
+        let layout = (eeprom.read(frame.body(0)), eeprom.read(frame.body(1)));
+        if found.erased {
             Content::Erased
-        } else if !marked && layout != VERSION_1 {
+        } else if !found.marked && layout != VERSION_1 {
             Content::Unfinished
-        } else if marked && layout == (VERSION, COUNT) && pair(CHECKED) == crc.value() {
+        } else if found.is_whole() && layout == (VERSION, COUNT) {
             Content::Whole {
-                sequence: pair(SEQUENCE_AT),
+                sequence: frame.pair(eeprom, SEQUENCE_AT),
             }
         } else {
             Content::Spoilt
@@ -141,7 +106,7 @@ impl Slot {
     }
 
     fn read(self, eeprom: &impl Eeprom, settings: &mut Settings) {
-        let mut address = self.body(HEADER);
+        let mut address = self.frame().body(HEADER);
         for word in settings.words_mut() {
             let mut bytes = [0; WORD_BYTES as usize];
             for byte in &mut bytes {
@@ -164,13 +129,6 @@ enum Content {
     Whole {
         sequence: u16,
     },
-}
-
-/// Whether a record was written after another one; the numbers wrap around, and
-/// two slots are never more than a few apart.
-const fn is_newer(sequence: u16, than: u16) -> bool {
-    let ahead = sequence.wrapping_sub(than);
-    ahead != 0 && ahead < 0x8000
 }
 
 /// The newest whole record of two slots.
@@ -227,45 +185,12 @@ fn find(eeprom: &impl Eeprom, settings: &mut Settings) -> Loaded {
     }
 }
 
-/// How far the writing of a record is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Poll {
-    /// Call again.
-    Writing,
-    /// The settings are stored.
-    Done,
-    /// The memory did not keep what was written; the settings that were stored
-    /// before are still there.
-    Failed,
-}
-
-/// What is written next.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Stage {
-    /// Both marks away, the tail first.
-    Unmark,
-    /// The bytes between them.
-    Fill,
-    /// Are they what they should be?
-    Compare,
-    /// The marks.
-    Mark,
-    End(Poll),
-}
-
-/// Bytes that one call reads at most: about 0.1 ms.
-const READS: u8 = 16;
-
 /// Writes settings, at most a byte a call, so that a control loop goes on
 /// meanwhile: at most 364 writes and 50 further calls.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Writer {
-    slot: Slot,
+    record: frame::Writer,
     sequence: u16,
-    stage: Stage,
-    /// Place in the stage.
-    place: u16,
-    crc: Crc16,
 }
 
 impl Writer {
@@ -280,11 +205,8 @@ impl Writer {
             (None, _) => (Slot::A, 0),
         };
         Self {
-            slot,
+            record: frame::Writer::new(slot.frame()),
             sequence,
-            stage: Stage::Unmark,
-            place: 0,
-            crc: Crc16::new(),
         }
     }
 
@@ -292,79 +214,24 @@ impl Writer {
     /// are not, the record is refused in the end and the call says
     /// [`Poll::Failed`].
     pub fn step(&mut self, settings: &Settings, eeprom: &mut impl Eeprom) -> Poll {
-        // Bytes that are right already cost no time and no wear.
-        for _ in 0..READS {
-            let (address, byte) = match self.stage {
-                Stage::End(poll) => return poll,
-                Stage::Unmark => (self.mark_address(), NO_MARK),
-                Stage::Mark => (self.mark_address(), MARK),
-                Stage::Fill | Stage::Compare => {
-                    (self.slot.body(self.place), self.body_byte(settings))
-                }
-            };
-            let found = eeprom.read(address);
-            // What is no mark needs no taking away; writing there could make it
-            // one if the power failed in the middle.
-            let right = found == byte || (self.stage == Stage::Unmark && found != MARK);
-            if !right && self.stage == Stage::Compare {
-                self.stage = Stage::End(Poll::Failed);
-                continue;
-            }
-            if !right {
-                eeprom.write(address, byte);
-            }
-            self.advance(byte);
-            if !right {
-                break;
-            }
-        }
-        match self.stage {
-            Stage::End(poll) => poll,
-            _ => Poll::Writing,
-        }
+        let sequence = self.sequence;
+        self.record
+            .step(|place| content(settings, sequence, place), eeprom)
     }
+}
 
-    /// Tail first when they go and when they come: any order would do.
-    const fn mark_address(self) -> u16 {
-        match self.place {
-            0 => self.slot.tail(),
-            _ => self.slot.head(),
+/// A byte of a record's content.
+fn content(settings: &Settings, sequence: u16, place: u16) -> u8 {
+    let pick = |bytes: &[u8], at: u16| bytes.get(usize::from(at)).copied().unwrap_or(0);
+    match place {
+        0 => VERSION,
+        1 => COUNT,
+        SEQUENCE_AT..HEADER => pick(&sequence.to_le_bytes(), place - SEQUENCE_AT),
+        _ => {
+            let at = place - HEADER;
+            let word = settings.words().get(usize::from(at / WORD_BYTES));
+            pick(&word.copied().unwrap_or(0).to_le_bytes(), at % WORD_BYTES)
         }
-    }
-
-    fn body_byte(self, settings: &Settings) -> u8 {
-        let pick = |bytes: &[u8], at: u16| bytes.get(usize::from(at)).copied().unwrap_or(0);
-        match self.place {
-            0 => VERSION,
-            1 => COUNT,
-            SEQUENCE_AT..HEADER => pick(&self.sequence.to_le_bytes(), self.place - SEQUENCE_AT),
-            HEADER..CHECKED => {
-                let at = self.place - HEADER;
-                let word = settings.words().get(usize::from(at / WORD_BYTES));
-                pick(&word.copied().unwrap_or(0).to_le_bytes(), at % WORD_BYTES)
-            }
-            _ => pick(&self.crc.value().to_le_bytes(), self.place - CHECKED),
-        }
-    }
-
-    /// Takes note that `byte` is in its place.
-    fn advance(&mut self, byte: u8) {
-        let in_body = matches!(self.stage, Stage::Fill | Stage::Compare);
-        if in_body && self.place < CHECKED {
-            self.crc.update(byte);
-        }
-        self.place += 1;
-        if self.place < if in_body { BODY } else { 2 } {
-            return;
-        }
-        self.place = 0;
-        self.crc = Crc16::new();
-        self.stage = match self.stage {
-            Stage::Unmark => Stage::Fill,
-            Stage::Fill => Stage::Compare,
-            Stage::Compare => Stage::Mark,
-            Stage::Mark | Stage::End(_) => Stage::End(Poll::Done),
-        };
     }
 }
 
@@ -372,8 +239,12 @@ impl Writer {
 mod tests {
     extern crate std;
     use super::{Loaded as Found, *};
+    use crate::frame::{ERASED, MARK, NO_MARK};
     use proptest::prelude::*;
-    use wire::settings::{EFFECT_PARAMETERS, Key};
+    use wire::{
+        checksum::Crc16,
+        settings::{EFFECT_PARAMETERS, Key},
+    };
 
     /// A memory whose power fails.
     #[derive(Clone, PartialEq)]
@@ -577,7 +448,7 @@ mod tests {
 
     #[test]
     fn a_worn_out_cell_is_noticed_and_the_old_record_stays() {
-        for worn in Slot::B.head()..=Slot::B.tail() {
+        for worn in Slot::B.frame().head..=Slot::B.frame().tail() {
             let mut memory = Memory::new();
             memory.save(&settings(1.0));
             memory.worn = Some(worn);
@@ -590,7 +461,7 @@ mod tests {
             assert_eq!(load(&memory), Loaded::Stored(expected), "{worn}");
             // Only where the erased cell happens to be right, or one mark of
             // two is enough, it does not matter.
-            let mark = worn == Slot::B.head() || worn == Slot::B.tail();
+            let mark = worn == Slot::B.frame().head || worn == Slot::B.frame().tail();
             let right = memory.bytes[usize::from(worn)] == ERASED && poll == Poll::Done;
             assert!(poll == Poll::Failed || mark || right, "{worn}");
         }
@@ -624,13 +495,13 @@ mod tests {
     fn a_record_of_another_version_is_damaged() {
         let mut memory = Memory::new();
         memory.save(&settings(1.0));
-        let version = usize::from(Slot::A.body(0));
+        let version = usize::from(Slot::A.frame().body(0));
         memory.bytes[version] = VERSION + 1;
         let mut crc = Crc16::new();
-        for offset in 0..CHECKED {
-            crc.update(memory.bytes[usize::from(Slot::A.body(offset))]);
+        for offset in 0..CONTENT {
+            crc.update(memory.bytes[usize::from(Slot::A.frame().body(offset))]);
         }
-        let at = usize::from(Slot::A.body(CHECKED));
+        let at = usize::from(Slot::A.frame().body(CONTENT));
         memory.bytes[at..at + 2].copy_from_slice(&crc.value().to_le_bytes());
         assert_eq!(load(&memory), Loaded::Damaged);
     }

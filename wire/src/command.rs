@@ -74,6 +74,11 @@ pub enum Command {
     Raw,
     /// The predictor's state to the bit.
     Exact,
+    /// A fault of the log: 0 for the latest; see [`crate::history::FaultRecord`]. Only at rest.
+    Log(u8),
+    /// The second before the latched fault: 0 for the fault, then back in time; see
+    /// [`crate::history::Moment`].
+    Past(u8),
 }
 
 const HELLO: Keyword = Keyword::of("hello");
@@ -95,6 +100,8 @@ const SAVE: Keyword = Keyword::of("save");
 const DISCARD: Keyword = Keyword::of("discard");
 const RAW: Keyword = Keyword::of("raw");
 const EXACT: Keyword = Keyword::of("exact");
+const LOG: Keyword = Keyword::of("log");
+const PAST: Keyword = Keyword::of("past");
 
 /// A command and the number that its reply repeats.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -134,6 +141,8 @@ impl Command {
                 | Self::Get(_)
                 | Self::Raw
                 | Self::Exact
+                | Self::Log(_)
+                | Self::Past(_)
         )
     }
 
@@ -173,6 +182,8 @@ impl Command {
             DISCARD => Self::Discard,
             RAW => Self::Raw,
             EXACT => Self::Exact,
+            LOG => Self::Log(fields.number()?),
+            PAST => Self::Past(fields.number()?),
             _ => return None,
         };
         fields.is_empty().then_some(command)
@@ -208,8 +219,13 @@ impl Request {
                 uwrite!(line, "{} {}", RUN, named.keyword())?;
                 return line.finish();
             }
-            Command::Load(count) => {
-                uwrite!(line, "{} {}", LOAD, count)?;
+            Command::Load(number) | Command::Log(number) | Command::Past(number) => {
+                let word = match self.command {
+                    Command::Log(_) => LOG,
+                    Command::Past(_) => PAST,
+                    _ => LOAD,
+                };
+                uwrite!(line, "{} {}", word, number)?;
                 return line.finish();
             }
             Command::Segment { index, segment } => {
@@ -304,6 +320,8 @@ mod tests {
             Command::Discard,
             Command::Raw,
             Command::Exact,
+            Command::Log(7),
+            Command::Past(50),
         ];
         all.extend(Named::ALL.iter().map(|&named| Command::Run(Some(named))));
         for key in Key::all() {

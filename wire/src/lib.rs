@@ -15,6 +15,7 @@ pub mod command;
 pub mod decimal;
 pub mod fault;
 mod fields;
+pub mod history;
 pub mod keyword;
 mod label;
 pub mod line;

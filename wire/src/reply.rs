@@ -82,6 +82,8 @@ refusals! {
     NoReading = 11, "a sensor has no valid reading: check its wires";
     /// The valve is open, and the pressure is not near zero.
     Pressurised = 12, "the valve is open and the pressure does not read zero within 5 kPa: wait until the air is out, look for a blocked vent, then tare or calibrate the pressure sensor";
+    /// Nothing is remembered under this number.
+    Nothing = 13, "nothing is stored under this number";
 }
 
 impl fmt::Display for Refusal {

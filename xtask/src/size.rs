@@ -46,7 +46,8 @@ const ROWS: [Measure; 7] = [
         title: "static RAM",
         in_full: "static RAM",
         unit: "bytes",
-        budget: 4_096.0,
+        // With the stack's 2 304 bytes 7 168 of 8 192.
+        budget: 4_864.0,
         tolerance: 32.0,
     },
     Measure {

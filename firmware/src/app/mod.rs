@@ -5,7 +5,8 @@
 //!
 //! 1. [`App::receive`] for every line that was completed since, or
 //!    [`App::overlong`] for one that was too long;
-//! 2. [`App::tick`] with the inputs and the EEPROM, and applies the outputs;
+//! 2. [`App::tick`] with the inputs, the EEPROM and the second before a fault, and applies the
+//!    outputs;
 //! 3. [`App::telemetry`], and writes the line;
 //! 4. [`App::report`], which writes at most one further line.
 //!
@@ -24,6 +25,7 @@ use wire::{
     answer::{Counters, Identity, ImageSum, SettingsId},
     decimal::Hundredths,
     fault::Fault,
+    history::{FaultRecord, MOMENT_PERIODS, Moment},
     line::Sealed,
     reply::REMARK,
     settings::{Key, Settings},
@@ -33,9 +35,11 @@ use wire::{
 
 use crate::{
     control::Measured,
+    faults::Log,
     homing,
     io::{Inputs, Outputs, Pump, ResetCause, Valve},
     monitor::{Monitor, Seen},
+    past::Past,
     runner::{Memory, Runner},
     safety::{Conditions, Event, Supervisor},
     self_test::SelfTest,
@@ -86,6 +90,9 @@ pub struct App {
     self_test: Option<SelfTest>,
     /// A fault whose sentence is to be written.
     sentence: Option<Fault>,
+    log: Log,
+    /// The state at the start of this period, and the segment of a protocol then.
+    phase: (State, Option<u8>),
 }
 
 /// Takes the model of the settings for the prediction; returns whether it can be stepped.
@@ -108,10 +115,11 @@ impl App {
         app
     }
 
-    /// Reads the settings, and prepares calibration and model. It is separate from
+    /// Reads the settings and the log, and prepares calibration and model. It is separate from
     /// [`App::empty`], so that the board does not hold a second application on the stack.
     #[inline(never)]
     pub fn load(&mut self, eeprom: &impl Eeprom) {
+        self.log.load(eeprom);
         let found = load(eeprom, &mut self.settings);
         self.draft.clone_from(&self.settings);
         self.calibration = calibration(&self.settings).ok();
@@ -159,6 +167,8 @@ impl App {
             help: None,
             self_test: None,
             sentence: None,
+            log: Log::new(),
+            phase: (State::Idle, None),
         }
     }
 
@@ -199,12 +209,13 @@ impl App {
     }
 
     /// Lets one control period pass.
+    ///
+    /// `past` is apart from the application, which is made on the stack.
     #[inline(never)]
-    pub fn tick(&mut self, inputs: &Inputs, eeprom: &mut impl Eeprom) -> Outputs {
+    pub fn tick(&mut self, inputs: &Inputs, eeprom: &mut impl Eeprom, past: &mut Past) -> Outputs {
         self.inputs = *inputs;
-        if self.saving.step(&self.settings, eeprom) {
-            self.conditions.settings_damaged = false;
-        }
+        self.phase = (self.state(), self.running().map(Runner::index));
+        self.store(eeprom);
         self.volume = inputs.steps as f32 * self.settings.number(Key::VolumePerStep);
         let readings = self.sense(inputs);
         let seen = protection::Seen {
@@ -244,8 +255,65 @@ impl App {
             ..self.supervisor.restrain(outputs)
         };
         self.predict();
+        self.remember(past);
         self.sequence = self.sequence.wrapping_add(1);
         self.outputs
+    }
+
+    /// Writes at most a byte of the settings or of the log: a second one would wait 3.3 ms.
+    #[inline(never)]
+    fn store(&mut self, eeprom: &mut impl Eeprom) {
+        if self.saving.step(&self.settings, eeprom) {
+            self.conditions.settings_damaged = false;
+        } else if !self.saving.is_busy() && self.log.is_busy() {
+            self.log.step(eeprom);
+        }
+    }
+
+    /// Keeps this period for the second before a fault.
+    #[inline(never)]
+    fn remember(&self, past: &mut Past) {
+        let (state, segment) = self.phase;
+        if state != State::Fault {
+            past.clear_if_ended();
+        }
+        let stopped = state != State::Fault && self.state() == State::Fault;
+        if !stopped && !self.sequence.is_multiple_of(MOMENT_PERIODS) {
+            return;
+        }
+        let time_ms = self.inputs.time_ms;
+        past.note(&Moment {
+            time_ms,
+            pressure_kpa: self.seen.pressure,
+            angle_deg: self.seen.angle,
+            volume_ul: self.volume_ul(),
+            state,
+            segment,
+        });
+        if stopped {
+            past.end(time_ms);
+        }
+    }
+
+    /// Volume that the pump displaced (µl).
+    fn volume_ul(&self) -> i32 {
+        #[allow(clippy::cast_possible_truncation)] // Saturates.
+        let volume_ul = self.volume as i32;
+        volume_ul
+    }
+
+    /// Says what a fault means, and logs it.
+    fn tell(&mut self, fault: Fault) {
+        self.sentence = Some(fault);
+        self.log.note(FaultRecord {
+            number: 0,
+            fault: fault.code(),
+            state: self.phase.0,
+            reset: self.reset,
+            time_ms: self.inputs.time_ms,
+            pressure_kpa: self.seen.pressure,
+            volume_ul: self.volume_ul(),
+        });
     }
 
     /// Steps the prediction, or prepares its tables a little further.
@@ -294,12 +362,12 @@ impl App {
     /// Enters a fault if its condition holds.
     fn latch(&mut self) {
         let was_vented = !self.supervisor.is_latched(Fault::Vent);
-        if self.supervisor.update(&self.conditions).is_some() {
-            self.sentence = self.supervisor.fault();
+        if let Some(fault) = self.supervisor.update(&self.conditions) {
+            self.tell(fault);
             self.activity = Activity::None;
         } else if was_vented && self.supervisor.is_latched(Fault::Vent) {
             // Beside what stopped the rig, this is what its operator has to know.
-            self.sentence = Some(Fault::Vent);
+            self.tell(Fault::Vent);
         }
     }
 
@@ -380,8 +448,6 @@ impl App {
 
     /// The sample of this period.
     pub fn telemetry(&self) -> Telemetry {
-        #[allow(clippy::cast_possible_truncation)] // Saturates.
-        let volume_ul = self.volume as i32;
         Telemetry {
             sequence: self.sequence,
             time_ms: self.inputs.time_ms,
@@ -392,7 +458,7 @@ impl App {
                 Activity::Playing(play) => play.setpoint(),
                 Activity::None | Activity::Homing(_) => Setpoint::None,
             },
-            volume_ul,
+            volume_ul: self.volume_ul(),
             state: self.state(),
             fault: self.supervisor.fault().map_or(0, Fault::code),
             mismatch: self.monitor.mismatch(),

@@ -80,7 +80,7 @@ enum Pause {
 }
 
 #[derive(Clone)]
-struct Memory([u8; crate::store::SIZE as usize]);
+struct Memory([u8; crate::faults::SIZE as usize]);
 
 impl Eeprom for Memory {
     fn read(&self, address: u16) -> u8 {
@@ -169,6 +169,7 @@ struct Oracle {
 struct Bench {
     app: App,
     eeprom: Memory,
+    past: Past,
     time_ms: u32,
     plunger_ul: f32,
     zero_ul: f32,
@@ -209,6 +210,7 @@ impl Bench {
         Self {
             app: App::new(&eeprom, reset),
             eeprom,
+            past: Past::new(),
             time_ms: 0,
             plunger_ul: 300.0,
             zero_ul: 0.0,
@@ -317,7 +319,7 @@ impl Bench {
         );
 
         let before = self.app.state();
-        let outputs = self.app.tick(&inputs, &mut self.eeprom);
+        let outputs = self.app.tick(&inputs, &mut self.eeprom, &mut self.past);
         if let Pump::Rate(rate) = outputs.pump {
             self.plunger_ul = (self.plunger_ul + rate * 0.01 * per_step).max(-50.0);
         }
@@ -350,7 +352,9 @@ impl Bench {
             self.period()?;
             if beats && period % 50 == 0 {
                 let mut out = Text::default();
-                self.app.receive(beat.as_bytes(), &mut out).unwrap();
+                self.app
+                    .receive(beat.as_bytes(), &self.eeprom, &self.past, &mut out)
+                    .unwrap();
             }
             // At rest nothing happens any more once the filters are there; while the
             // rig is armed, everything does.
@@ -371,7 +375,9 @@ impl Bench {
         let before = self.app.state();
         let busy = self.app.is_busy();
         let mut out = Text::default();
-        self.app.receive(line.as_bytes(), &mut out).unwrap();
+        self.app
+            .receive(line.as_bytes(), &self.eeprom, &self.past, &mut out)
+            .unwrap();
         let obeyed = matches!(
             Reply::parse(out.0.lines().next().unwrap_or_default()),
             Ok(Some(Reply { outcome: Ok(_), .. }))
@@ -468,8 +474,8 @@ fn search(depth: usize) -> Result<Found, String> {
     for world in WORLDS {
         pauses.extend([Pause::One(world), Pause::Long(world), Pause::Silent(world)]);
     }
-    let erased = Memory([0xff; crate::store::SIZE as usize]);
-    let damaged = Memory([0x3f; crate::store::SIZE as usize]);
+    let erased = Memory([0xff; crate::faults::SIZE as usize]);
+    let damaged = Memory([0x3f; crate::faults::SIZE as usize]);
     let mut layer: Vec<(Bench, Path)> = vec![
         (
             Bench::new(erased.clone(), ResetCause::Ordinary),

@@ -17,11 +17,13 @@ use super::{Activity, App, Play, saving::Saving, take_model};
 use crate::{
     homing::Homing,
     io::Inputs,
+    past::Past,
     runner::Runner,
     safety::Event,
     self_test::SelfTest,
     sensing::Sensors,
     settings::{calibration, check},
+    store::Eeprom,
 };
 
 impl App {
@@ -39,6 +41,8 @@ impl App {
     pub fn receive<W: uWrite + ?Sized>(
         &mut self,
         line: &[u8],
+        eeprom: &impl Eeprom,
+        past: &Past,
         out: &mut W,
     ) -> Result<(), W::Error> {
         let request = match Request::parse(line) {
@@ -81,6 +85,21 @@ impl App {
             Command::Get(key) => match self.settings.bits(key) {
                 Some(bits) => answer(out, id, &Bits(bits)),
                 None => reply::no(out, id, Refusal::OutOfBounds),
+            },
+            Command::Log(back) => {
+                // While a byte is written, reading waits for it.
+                let resting = matches!(self.state(), State::Idle | State::Fault);
+                if !resting || self.saving.is_busy() || self.log.is_busy() {
+                    return reply::no(out, id, Refusal::NotNow);
+                }
+                match self.log.read(eeprom, back) {
+                    Some(record) => answer(out, id, &record),
+                    None => reply::no(out, id, Refusal::Nothing),
+                }
+            }
+            Command::Past(back) => match past.get(back) {
+                Some(moment) => answer(out, id, &moment),
+                None => reply::no(out, id, Refusal::Nothing),
             },
             Command::SelfTest => {
                 if !matches!(self.state(), State::Idle | State::Fault) || self.is_busy() {
@@ -173,6 +192,8 @@ impl App {
             | Command::Status
             | Command::Raw
             | Command::Exact
+            | Command::Log(_)
+            | Command::Past(_)
             | Command::Get(_)
             | Command::SelfTest => return Err(Refusal::Unknown),
         }

@@ -40,6 +40,7 @@ struct Rig {
     app: App,
     plant: Plant,
     eeprom: Memory,
+    past: Past,
     id: u8,
     beats: bool,
     remarks: Vec<String>,
@@ -55,6 +56,7 @@ impl Rig {
         Self {
             app: App::new(&eeprom, ResetCause::Ordinary),
             eeprom,
+            past: Past::new(),
             plant: Plant::new(60e3, 8e3),
             id: 0,
             beats: true,
@@ -65,7 +67,9 @@ impl Rig {
 
     fn say(&mut self, text: &str) -> String {
         let mut out = Text::default();
-        self.app.receive(text.as_bytes(), &mut out).unwrap();
+        self.app
+            .receive(text.as_bytes(), &self.eeprom, &self.past, &mut out)
+            .unwrap();
         out.0
     }
 
@@ -88,7 +92,7 @@ impl Rig {
 
     fn tick(&mut self) -> Outputs {
         let inputs = self.plant.inputs();
-        let outputs = self.app.tick(&inputs, &mut self.eeprom);
+        let outputs = self.app.tick(&inputs, &mut self.eeprom, &mut self.past);
         self.plant.step(&outputs);
         self.log.push(self.app.telemetry());
         let mut out = Text::default();
@@ -369,6 +373,61 @@ fn who_it_is_and_how_it_is_are_machine_readable() {
     rig.ask(Command::SelfTest).unwrap();
 }
 
+/// The log names the fault that stopped the run, and the second before it agrees with telemetry.
+#[test]
+fn a_fault_is_remembered() {
+    let mut rig = Rig::running(Named::Paper);
+    rig.wait(3.0);
+    assert_eq!(rig.ask(Command::Past(0)), Err(Refusal::Nothing));
+    assert_eq!(rig.ask(Command::Log(0)), Err(Refusal::NotNow));
+    rig.plant.emergency_stop = true;
+    rig.tick();
+    assert_eq!(rig.app.state(), State::Fault);
+    let at = rig.log.len() - 1;
+    rig.wait(0.5);
+    let record = FaultRecord::parse(&rig.ask(Command::Log(0)).unwrap()).unwrap();
+    let seen = rig.log[at];
+    assert_eq!(
+        record,
+        FaultRecord {
+            number: 0,
+            fault: Fault::EmergencyStop.code(),
+            state: State::Running,
+            reset: ResetCause::Ordinary,
+            time_ms: seen.time_ms,
+            pressure_kpa: seen.pressure_kpa,
+            volume_ul: seen.volume_ul,
+        }
+    );
+    assert_eq!(rig.ask(Command::Log(1)), Err(Refusal::Nothing));
+    let mut times = Vec::new();
+    for back in 0..51 {
+        let moment = Moment::parse(&rig.ask(Command::Past(back)).unwrap()).unwrap();
+        let telemetry = rig
+            .log
+            .iter()
+            .rfind(|line| line.time_ms == moment.time_ms)
+            .expect("its line");
+        assert_eq!(moment.pressure_kpa, telemetry.pressure_kpa);
+        assert_eq!(moment.angle_deg, telemetry.angle_deg);
+        assert_eq!(moment.volume_ul, telemetry.volume_ul);
+        assert_eq!((moment.state, moment.segment), (State::Running, Some(0)));
+        times.push(seen.time_ms - moment.time_ms);
+    }
+    assert_eq!(times[0], 0);
+    assert!((980..=1_000).contains(&times[50]), "{times:?}");
+    assert_eq!(rig.ask(Command::Past(51)), Err(Refusal::Nothing));
+    rig.plant.emergency_stop = false;
+    rig.wait(0.1);
+    rig.ask(Command::Clear).unwrap();
+    rig.tick();
+    assert_eq!(rig.ask(Command::Past(0)), Err(Refusal::Nothing));
+    // The log survives a reset.
+    rig.app = App::new(&rig.eeprom, ResetCause::Ordinary);
+    let again = rig.ask(Command::Log(0)).unwrap();
+    assert_eq!(FaultRecord::parse(&again), Some(record));
+}
+
 #[test]
 fn a_request_that_comes_twice_does_nothing_twice() {
     let mut rig = Rig::armed();
@@ -611,6 +670,8 @@ fn commands() -> impl Strategy<Value = Command> {
         }),
         1 => Just(Command::Status),
         1 => Just(Command::Exact),
+        1 => (0..10_u8).prop_map(Command::Log),
+        1 => (0..60_u8).prop_map(Command::Past),
     ]
 }
 
@@ -710,7 +771,7 @@ proptest! {
                     Assembled::Overlong => rig.app.overlong(),
                     Assembled::Line(line) => {
                         let mut out = Text::default();
-                        rig.app.receive(line, &mut out).unwrap();
+                        rig.app.receive(line, &rig.eeprom, &rig.past, &mut out).unwrap();
                     }
                 }
             }

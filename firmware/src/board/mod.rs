@@ -42,7 +42,7 @@ pub mod valve;
 pub mod watchdog;
 
 use avr_device::atmega2560::Peripherals;
-use firmware::{app::App, io::ResetCause};
+use firmware::{app::App, io::ResetCause, past::Past};
 
 use self::{
     adc::Adc, clock::Clock, eeprom::Eeprom, light::Light, marks::Marks, pulses::Pulses,
@@ -77,6 +77,8 @@ pub struct Board {
     pub light: Light,
     /// The settings' memory.
     pub eeprom: Eeprom,
+    /// The second before a fault.
+    pub past: &'static mut Past,
     /// Cycle marks for the simulator.
     pub marks: Marks,
     /// Why the processor started.
@@ -102,7 +104,11 @@ impl Board {
                 Light::new(),
             )
         };
+        static PAST: place::Place<Past> = place::Place::new();
+        // SAFETY: the peripherals are taken once, so this happens once.
+        let past = unsafe { PAST.put(Past::new()) };
         Some(Self {
+            past,
             serial: Serial::new(hardware.USART0),
             clock: Clock::new(hardware.TC3),
             adc: Adc::new(hardware.ADC),

@@ -15,6 +15,7 @@ mod client;
 mod clock;
 mod error;
 mod heart;
+mod history;
 mod holders;
 pub mod line;
 mod port;

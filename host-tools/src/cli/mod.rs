@@ -12,6 +12,7 @@ pub mod gap;
 pub mod init;
 pub(crate) mod input;
 pub(crate) mod json;
+pub mod log;
 pub mod materials;
 pub mod monitor;
 pub mod next;

@@ -24,7 +24,7 @@ use softrig_formats::setup::Setup;
 use softrig_formats::terminal::{printable_line, remark};
 use softrig_link::line::command_text;
 use softrig_link::record::{
-    About, Part, Recorder, Step, check_limits, meta_path, parts, run_path, steps,
+    About, Part, Recorder, Step, black_box_path, check_limits, meta_path, parts, run_path, steps,
 };
 use softrig_link::{Event, Link, LinkError, SerialConnector, Timing, is_pseudo_terminal};
 
@@ -47,6 +47,7 @@ Examples:
 
 A session is one file. The runs in it, such as each step with its release, are
 listed in run.meta.toml beside it; `rig diagnose` and `rig gap` find them there.
+A fault leaves run.blackbox.csv: the second before it, as the board saw it.
 Times are in seconds, pressures in kPa, angles in degrees.")]
 #[allow(clippy::struct_excessive_bools)] // Flags, each with a name of its own.
 pub struct Args {
@@ -211,6 +212,9 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     } else {
         None
     };
+    if status.fault.is_none() {
+        session.keep_black_box();
+    }
     session.stage.finish();
     let ended = session.end(outcome, &parts, args.split, output);
     if let Some(kpa) = remaining_kpa {
@@ -547,6 +551,30 @@ impl Session {
         }
     }
 
+    /// Writes the second before a fault, which the board remembers, beside the recording.
+    fn keep_black_box(&mut self) {
+        if self.state() != Some(State::Fault) || !self.link.is_connected() {
+            return;
+        }
+        self.stage
+            .wait("reading the second before the fault from the board");
+        let kept = self
+            .link
+            .past()
+            .map_err(anyhow::Error::from)
+            .and_then(|past| match past.as_slice() {
+                [] => Ok(()),
+                past => Ok(self.recorder.write_black_box(past).map(drop)?),
+            });
+        if let Err(error) = kept {
+            self.stage.suspend(|| {
+                super::warn(&format!(
+                    "the second before the fault is lost, the recording is not: {error:#}"
+                ));
+            });
+        }
+    }
+
     /// The pressure that stays although the rig is at rest with its vent open; none if it goes
     /// out or is not known.
     fn remaining_kpa(&mut self) -> Option<f32> {
@@ -582,12 +610,23 @@ impl Session {
         let gaps = recorder.about.gap.len() as u64;
         let mismatch_from_s = recorder.about.mismatch_from_s;
         let has_moved = !recorder.about.segments.is_empty();
-        let finished = recorder.finish(parts, cut);
-        let kept = format!(
+        let black_box = recorder
+            .about
+            .black_box
+            .is_some()
+            .then(|| black_box_path(output));
+        let mut kept = format!(
             "{} samples are kept in {}",
             counts.samples,
             output.display()
         );
+        if let Some(path) = &black_box {
+            kept += &format!(
+                ", the second before the fault, as the board saw it, in {}",
+                path.display()
+            );
+        }
+        let finished = recorder.finish(parts, cut);
         // The cause comes first; that the recording could not be completed follows from it.
         let outcome = outcome.map_err(|error| error.context(kept.clone()))?;
         let runs = finished.context(kept.clone())?;
@@ -619,6 +658,12 @@ impl Session {
                 runs.len(),
                 first.display(),
                 last.display()
+            );
+        }
+        if let Some(path) = &black_box {
+            text += &format!(
+                "the second before the fault, as the board saw it: {}\n",
+                path.display()
             );
         }
         if has_moved {

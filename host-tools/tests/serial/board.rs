@@ -18,10 +18,12 @@ use std::time::{Duration, Instant};
 
 use firmware::app::{App, PlainTexts};
 use firmware::design::PERIOD_MS;
+use firmware::faults::SIZE;
 use firmware::io::ResetCause;
+use firmware::past::Past;
 use firmware::plant::Plant;
 use firmware::probe::NoProbe;
-use firmware::store::{Eeprom, Poll, SIZE, Writer};
+use firmware::store::{Eeprom, Poll, Writer};
 use rustix::fs::{Mode, OFlags};
 use rustix::io::ioctl_fionread;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
@@ -345,6 +347,7 @@ impl Eeprom for Memory {
 struct Electronics {
     app: App,
     memory: Memory,
+    past: Past,
     /// The banner is still to be said.
     is_new: bool,
     /// Time of its own that has yet to pass.
@@ -361,6 +364,7 @@ impl Electronics {
         Self {
             app: App::new(&memory, ResetCause::Ordinary),
             memory,
+            past: Past::new(),
             is_new: true,
             owed: Duration::ZERO,
             lines: 0,
@@ -401,7 +405,7 @@ impl Electronics {
             }
         }
         if out.0.is_empty() {
-            let Ok(()) = self.app.receive(line, &mut out);
+            let Ok(()) = self.app.receive(line, &self.memory, &self.past, &mut out);
         }
         claimed(&out.0, script)
     }
@@ -419,7 +423,7 @@ impl Electronics {
 
     fn tick(&mut self, script: &mut Script) -> String {
         let inputs = script.plant.inputs();
-        let outputs = self.app.tick(&inputs, &mut self.memory);
+        let outputs = self.app.tick(&inputs, &mut self.memory, &mut self.past);
         script.plant.step(&outputs);
         let mut out = Text::default();
         let Ok(()) = self.app.telemetry().write(&mut out);

@@ -357,3 +357,65 @@ fn a_latched_fault_forbids_to_move_until_it_is_cleared() {
         .rig("record --port PORT --protocol two.toml -o run.csv --clear")
         .ok();
 }
+
+/// The run is cut off; the second before it is beside the recording, on its time axis, and the
+/// board's log names the fault.
+#[test]
+fn the_second_before_a_fault_is_beside_the_recording() {
+    let bench = Bench::new(Script::default());
+    assert!(
+        bench
+            .rig("log --port PORT")
+            .ok()
+            .out
+            .contains("No fault is in the board's log")
+    );
+    let child = bench.start("record --port PORT --protocol steps -o run.csv");
+    wait_until("it runs", || bench.board.script().state == State::Running);
+    std::thread::sleep(Duration::from_millis(300));
+    bench.board.script().plant.emergency_stop = true;
+    let said = child.wait_with_output().unwrap();
+    let error = String::from_utf8(said.stderr).unwrap();
+    assert!(
+        error.contains("emergency stop") && error.contains("run.blackbox.csv"),
+        "{error}"
+    );
+    let meta = bench.meta("run.meta.toml");
+    assert_eq!(meta["black_box"].as_str(), Some("run.blackbox.csv"));
+    let black_box = bench.text("run.blackbox.csv");
+    let rows: Vec<Vec<&str>> = black_box
+        .lines()
+        .skip(1)
+        .map(|row| row.split(',').collect())
+        .collect();
+    assert_eq!(rows.len(), 51, "{black_box}");
+    // Each row is one of the recording, to the last digit.
+    let recording = bench.text("run.csv");
+    for row in &rows {
+        let start = row[..3].join(",");
+        assert!(
+            recording
+                .lines()
+                .any(|line| line.starts_with(&format!("{start},"))),
+            "{start}"
+        );
+    }
+    let fault = recording
+        .lines()
+        .find(|line| line.contains(",fault,1,"))
+        .expect("a row in the fault");
+    assert!(fault.starts_with(rows[50][0]), "{fault}");
+    assert_eq!(rows[50][4], "running");
+
+    let log = bench.rig("log --port PORT --json").ok();
+    let log: serde_json::Value = serde_json::from_str(&log.out).unwrap();
+    assert_eq!(log[0]["fault"], "emergency stop");
+    assert_eq!(log[0]["state"], "running");
+    assert_eq!(log.as_array().unwrap().len(), 1);
+    bench.board.script().plant.emergency_stop = false;
+    // What an earlier recording left is not taken for this one's.
+    bench
+        .rig("record --port PORT --seconds 1 -o run.csv --clear --force")
+        .ok();
+    assert!(!bench.path("run.blackbox.csv").exists());
+}

@@ -3,8 +3,16 @@
 
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
-use virtual_rig::board::CLOCK_HZ;
-use wire::{command::Command, fault::Fault, reply::Refusal, settings::Key};
+use virtual_rig::{Fault as Broken, board::CLOCK_HZ};
+use wire::{
+    command::Command,
+    fault::Fault,
+    history::{FaultRecord, Moment},
+    protocol::Named,
+    reply::Refusal,
+    settings::Key,
+    state::State,
+};
 
 use crate::bench::{Bench, healthy};
 
@@ -139,4 +147,122 @@ fn power_cuts_leave_the_old_or_the_new_settings() {
     }
     println!("{old} old, {new} new, {torn} cut within a byte");
     assert!(old > 20 && new > 20 && torn > 20, "{old} {new} {torn}");
+}
+
+/// The faults in the log, the latest first.
+fn log(bench: &mut Bench) -> Vec<FaultRecord> {
+    let ask = |back| bench.ask(Command::Log(back)).ok();
+    (0..8)
+        .filter_map(ask)
+        .map(|text| FaultRecord::parse(&text).expect("a record"))
+        .collect()
+}
+
+/// Presses the emergency stop at rest, and clears it when a moment has passed.
+fn press(bench: &mut Bench, seconds: f64) {
+    bench.rig.set_fault(Broken::EmergencyStop, true);
+    bench.run(seconds);
+    bench.rig.set_fault(Broken::EmergencyStop, false);
+}
+
+/// The fault of a run is in the log after the power was off, and until it is cleared the second
+/// before it can be read without a line of telemetry being lost.
+#[test]
+fn a_fault_is_remembered() {
+    let Some(mut bench) = Bench::start(healthy()) else {
+        return;
+    };
+    bench.arm();
+    bench.obey(Command::Run(Some(Named::Paper)));
+    bench.run(2.0);
+    assert_eq!(bench.ask(Command::Log(0)), Err(Refusal::NotNow));
+    bench.rig.set_fault(Broken::OpenPressure, true);
+    bench.expect_fault(Fault::PressureSensor, 0.3);
+    bench.run(0.4);
+    let at = bench
+        .samples
+        .iter()
+        .position(|line| line.state == State::Fault)
+        .expect("the fault");
+    let fault = bench.samples[at];
+    let record = log(&mut bench)[0];
+    assert_eq!(
+        (record.fault, record.state, record.time_ms),
+        (fault.fault, State::Running, fault.time_ms)
+    );
+    assert_eq!(record.volume_ul, fault.volume_ul);
+    let before = bench.samples.len();
+    for back in 0..51 {
+        let text = bench.obey(Command::Past(back));
+        let moment = Moment::parse(&text).expect("a moment");
+        let line = bench
+            .samples
+            .iter()
+            .find(|line| line.time_ms == moment.time_ms)
+            .expect("its line");
+        assert_eq!(
+            (moment.pressure_kpa, moment.angle_deg, moment.volume_ul),
+            (line.pressure_kpa, line.angle_deg, line.volume_ul)
+        );
+    }
+    for pair in bench.samples[before - 1..].windows(2) {
+        assert_eq!(pair[1].sequence, pair[0].sequence.wrapping_add(1));
+    }
+    assert!(bench.is_safe());
+    bench.rig.power_cut();
+    bench.rig.run_for(0.2).expect("time passes");
+    bench.rig.set_fault(Broken::OpenPressure, false);
+    bench.rig.power_on();
+    bench.samples.clear();
+    bench.until(3.0, "a sample", |bench| !bench.samples.is_empty());
+    assert_eq!(log(&mut bench), [record]);
+}
+
+/// A hundred power cuts while a fault is written: those before are there, each with its number,
+/// and the new one is whole or not there.
+#[test]
+fn power_cuts_leave_a_log_without_torn_records() {
+    let Some(mut bench) = Bench::start(healthy()) else {
+        return;
+    };
+    for _ in 0..9 {
+        press(&mut bench, 0.4);
+        bench.run(0.1);
+        bench.obey(Command::Clear);
+        bench.run(0.1);
+    }
+    let mut random = Pcg64Mcg::seed_from_u64(12);
+    let mut before = log(&mut bench);
+    assert_eq!(before.len(), 8);
+    let (mut old, mut new, mut torn) = (0, 0, 0);
+    for cut in 0..100 {
+        bench.rig.set_fault(Broken::EmergencyStop, true);
+        let cycles = random.random_range(0..u64::from(CLOCK_HZ) * 3 / 10);
+        bench.rig.run_cycles(cycles).expect("the board runs");
+        torn += usize::from(bench.rig.power_cut().is_some());
+        bench.rig.run_for(0.01).expect("time passes");
+        bench.rig.set_fault(Broken::EmergencyStop, false);
+        bench.rig.power_on();
+        bench.samples.clear();
+        bench.rig.take_output();
+        bench.until(3.0, "a sample", |bench| !bench.samples.is_empty());
+        assert_eq!(bench.fault(), None, "cut {cut} after {cycles} cycles");
+        let after = log(&mut bench);
+        if after == before {
+            old += 1;
+        } else {
+            new += 1;
+            assert_eq!(after[1..], before[..7], "cut {cut} after {cycles} cycles");
+            let expected = (
+                before[0].number.wrapping_add(1),
+                Fault::EmergencyStop.code(),
+                State::Idle,
+            );
+            let latest = after[0];
+            assert_eq!((latest.number, latest.fault, latest.state), expected);
+        }
+        before = after;
+    }
+    println!("{old} old, {new} new, {torn} cut within a byte");
+    assert!(old > 20 && new > 10 && torn > 5, "{old} {new} {torn}");
 }

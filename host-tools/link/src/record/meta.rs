@@ -61,6 +61,9 @@ pub struct About {
     /// The protocol, as it was sent to the board.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub segments: Vec<String>,
+    /// The file with the second before the fault that ended it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub black_box: Option<String>,
     /// The files that single runs were written to.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub runs: Vec<String>,

@@ -4,6 +4,7 @@
 //! program ends, the file is a valid recording up to the last line. The metadata is
 //! written at the beginning and completed at the end; until then it has no counts.
 
+mod black_box;
 mod limits;
 mod meta;
 mod sheet;
@@ -11,9 +12,11 @@ mod split;
 
 use std::path::{Path, PathBuf};
 
+use wire::history::Moment;
 use wire::state::State;
 use wire::telemetry::Telemetry;
 
+pub use black_box::black_box_path;
 pub use limits::check_limits;
 pub use meta::{About, Counts, Gap};
 pub use sheet::{COLUMNS, Sheet, line};
@@ -72,6 +75,7 @@ impl Recorder {
         let file = replace_with_meta(rows, meta)?;
         // What that recording left would be taken for ours.
         let _ = std::fs::remove_file(faulty_path(path));
+        let _ = std::fs::remove_file(black_box_path(path));
         Ok(Self {
             sheet: Sheet::after_header(path, file),
             path: path.to_owned(),
@@ -151,6 +155,21 @@ impl Recorder {
         faulty.write(&row)?;
         self.counts.rows_without_reading += 1;
         Ok(())
+    }
+
+    /// Writes the second before a fault beside the recording, on its time axis.
+    ///
+    /// # Errors
+    ///
+    /// Names the file that cannot be written.
+    pub fn write_black_box(&mut self, past: &[Moment]) -> Result<PathBuf, InputError> {
+        let path = black_box_path(&self.path);
+        let text = black_box::text(past, self.last.as_ref());
+        write_atomically(&path, text.as_bytes())?;
+        self.about.black_box = path
+            .file_name()
+            .map(|name| name.to_string_lossy().into_owned());
+        Ok(path)
     }
 
     /// Writes what is known so far.

@@ -118,7 +118,7 @@ pub fn line(row: &LoggedSample) -> String {
         Setpoint::Pressure(level) => (None, Some(level)),
     };
     let mut text = String::with_capacity(96);
-    let _ = write!(text, "{}.{:03}", row.time_ms / 1000, row.time_ms % 1000);
+    push_time(&mut text, row.time_ms);
     for value in [sample.pressure_kpa, sample.angle_deg, angle, pressure] {
         text.push(',');
         push(&mut text, value);
@@ -136,8 +136,15 @@ pub fn line(row: &LoggedSample) -> String {
     text
 }
 
+/// A time in seconds, to the millisecond.
+pub(super) fn push_time(text: &mut String, ms: i64) {
+    let size = ms.unsigned_abs();
+    let sign = if ms < 0 { "-" } else { "" };
+    let _ = write!(text, "{sign}{}.{:03}", size / 1000, size % 1000);
+}
+
 /// Exactly the decimals that the board sent.
-fn push(text: &mut String, value: Option<Hundredths>) {
+pub(super) fn push(text: &mut String, value: Option<Hundredths>) {
     if let Some(Hundredths(value)) = value {
         let size = value.unsigned_abs();
         let sign = if value < 0 { "-" } else { "" };
