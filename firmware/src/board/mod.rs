@@ -104,9 +104,10 @@ impl Board {
                 Light::new(),
             )
         };
-        static PAST: place::Place<Past> = place::Place::new();
+        // Made by the linker: put there at run time it would first be on the stack of `main`.
+        static mut PAST: Past = Past::new();
         // SAFETY: the peripherals are taken once, so this happens once.
-        let past = unsafe { PAST.put(Past::new()) };
+        let past = unsafe { &mut *(&raw mut PAST) };
         Some(Self {
             past,
             serial: Serial::new(hardware.USART0),
