@@ -25,7 +25,6 @@ pub mod past;
     clippy::cast_sign_loss
 )]
 pub mod plant;
-pub mod probe;
 #[cfg_attr(test, allow(missing_docs, clippy::cast_possible_truncation))]
 pub mod ring;
 pub mod runner;

@@ -10,21 +10,12 @@ use std::{
     process::{Command, Output},
 };
 
-use firmware::{
-    probe::NoProbe,
-    self_test::{
-        ANGLE_RAD, DEAREST_THREE, DONE, DYNAMICS, FARTHEST_RAD, TABLE, accurate_step, one_step,
-        with_dearest, with_effect,
-    },
+use model_core::{catalogue::Kind, prepared::BASE_CYCLES};
+use wire::{
+    line,
+    self_test::{ANGLE_RAD, DONE, expected},
+    step_report::StepReport,
 };
-use model_core::{
-    actuator::Model,
-    catalogue::Kind,
-    power::{GuardedMicromath, Minimax},
-    predictor::Predictor,
-    prepared::BASE_CYCLES,
-};
-use wire::{line, step_report::StepReport};
 
 const IMAGE: &str = "SOFTRIG_FIRMWARE";
 const VIRTUAL_RIG: &str = "SOFTRIG_VIRTUAL_RIG";
@@ -50,13 +41,6 @@ fn run_image(image: Option<&Path>, until: &str) -> Option<Output> {
     Some(output)
 }
 
-/// One step as the board predicts: angle (rad) and rate (rad/s).
-fn on_the_desktop(model: &Model<f32>) -> (f32, f32) {
-    let predictor = Predictor::new(model, FARTHEST_RAD).expect("a model that can be stepped");
-    let motion = one_step(&predictor, 0, &mut NoProbe);
-    (motion.angle(), predictor.prepared().rate(&motion))
-}
-
 #[test]
 fn the_board_computes_the_same_bits_as_the_desktop() {
     let Some(output) = run_image(None, DONE) else {
@@ -71,30 +55,13 @@ fn the_board_computes_the_same_bits_as_the_desktop() {
         .filter(|text| text.starts_with("step "))
         .map(|text| StepReport::parse(text).expect("a step report"))
         .collect();
-    let model = Model::new(DYNAMICS, &[]).expect("the self-test's model is valid");
-    let mut desktop = vec![
-        ("minimax", None, accurate_step::<Minimax>(0, &mut NoProbe)),
-        (
-            "micromath",
-            None,
-            accurate_step::<GuardedMicromath>(0, &mut NoProbe),
-        ),
-        (TABLE, None, on_the_desktop(&model)),
-    ];
-    for (index, &kind) in (0..).zip(Kind::ALL) {
-        let model = with_effect(kind).expect("the self-test's effects are valid");
-        desktop.push((TABLE, Some(index), on_the_desktop(&model)));
-    }
-    let model = with_dearest().expect("the self-test's effects are valid");
-    desktop.push((DEAREST_THREE, None, on_the_desktop(&model)));
+    let desktop = expected().expect("the self-test's models are valid");
     assert_eq!(reports.len(), desktop.len(), "{said}");
 
-    for (board, (power, effect, (angle, rate))) in reports.iter().zip(desktop) {
-        assert_eq!((board.power, board.effect), (power, effect));
-        assert_eq!(
-            (board.angle_rad.to_bits(), board.rate_rad_per_s.to_bits()),
-            (angle.to_bits(), rate.to_bits()),
-            "board {board:?}, desktop {angle} {rate}",
+    for (board, desktop) in reports.iter().zip(desktop) {
+        assert!(
+            board.is_same_to_the_bit(&desktop),
+            "board {board:?}, desktop {desktop:?}",
         );
         // A step that does nothing would agree too.
         assert!(board.angle_rad > ANGLE_RAD - 2e-3 && (board.angle_rad - ANGLE_RAD) < 1e-2);

@@ -5,11 +5,11 @@
 //! curve. So a reply like `A 17 ok` would leave curves called "value 2" behind.
 
 use firmware::app::HELP;
-use firmware::self_test::DONE;
 use wire::checksum::Crc16;
 use wire::decimal::Hundredths;
 use wire::fault::Fault;
 use wire::reply::{self, REMARK, Refusal};
+use wire::self_test::DONE;
 use wire::state::State;
 use wire::step_report::StepReport;
 use wire::telemetry::{Setpoint, Telemetry};

@@ -272,6 +272,47 @@ impl uDisplay for Raw {
     }
 }
 
+/// The answer to `switches`: which circuits are open, in this order. An open one is pressed, or
+/// its wire is broken.
+///
+/// ```text
+/// 0 0 1
+/// ```
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Switches {
+    /// The end switch at the retracted end.
+    pub retracted: bool,
+    /// The end switch at the pushed-in end.
+    pub pushed: bool,
+    /// The emergency stop.
+    pub emergency_stop: bool,
+}
+
+impl Switches {
+    /// Reads it. What later versions may add behind is not looked at.
+    pub fn parse(text: &str) -> Option<Self> {
+        let mut fields = Fields::new(text.as_bytes());
+        let mut open = || match fields.next()? {
+            b"0" => Some(false),
+            b"1" => Some(true),
+            _ => None,
+        };
+        Some(Self {
+            retracted: open()?,
+            pushed: open()?,
+            emergency_stop: open()?,
+        })
+    }
+}
+
+impl uDisplay for Switches {
+    fn fmt<W: uWrite + ?Sized>(&self, f: &mut Formatter<'_, W>) -> Result<(), W::Error> {
+        let [retracted, pushed, emergency_stop] =
+            [self.retracted, self.pushed, self.emergency_stop].map(u8::from);
+        uwrite!(f, "{} {} {}", retracted, pushed, emergency_stop)
+    }
+}
+
 /// The answer to `exact`: the prediction to the last bit.
 ///
 /// It belongs to the telemetry line of this number, and started this number of steps before.
@@ -389,6 +430,12 @@ mod tests {
             prop_assert_eq!(Status::parse(&text(&status)), Some(status));
             let raw = Raw { pressure: words[4], flex: words[5] };
             prop_assert_eq!(Raw::parse(&text(&raw)), Some(raw));
+            let switches = Switches {
+                retracted: words[4] & 1 != 0,
+                pushed: words[4] & 2 != 0,
+                emergency_stop: words[4] & 4 != 0,
+            };
+            prop_assert_eq!(Switches::parse(&text(&switches)), Some(switches));
             let [angle, rate, pressure] = bits.map(f32::from_bits);
             let exact = Exact { sequence: words[1], steps: long, angle, rate, pressure };
             let read = Exact::parse(&text(&exact)).unwrap();
@@ -460,6 +507,8 @@ mod tests {
             assert_eq!(Status::parse(text), None, "{text}");
         }
         assert_eq!(Raw::parse("12"), None);
+        assert_eq!(Switches::parse("0 1"), None);
+        assert_eq!(Switches::parse("0 1 2"), None);
         assert_eq!(Exact::parse("1 2 3f490fdb 3dcccccd"), None);
         assert_eq!(Bits::parse("3f80000"), None);
     }

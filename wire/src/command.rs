@@ -79,6 +79,10 @@ pub enum Command {
     /// The second before the latched fault: 0 for the fault, then back in time; see
     /// [`crate::history::Moment`].
     Past(u8),
+    /// The switches, open or closed.
+    Switches,
+    /// Let the main program hang, at rest: what the watchdog is for.
+    Hang,
 }
 
 const HELLO: Keyword = Keyword::of("hello");
@@ -102,6 +106,8 @@ const RAW: Keyword = Keyword::of("raw");
 const EXACT: Keyword = Keyword::of("exact");
 const LOG: Keyword = Keyword::of("log");
 const PAST: Keyword = Keyword::of("past");
+const SWITCHES: Keyword = Keyword::of("switches");
+const HANG: Keyword = Keyword::of("hang");
 
 /// A command and the number that its reply repeats.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -143,6 +149,7 @@ impl Command {
                 | Self::Exact
                 | Self::Log(_)
                 | Self::Past(_)
+                | Self::Switches
         )
     }
 
@@ -184,6 +191,8 @@ impl Command {
             EXACT => Self::Exact,
             LOG => Self::Log(fields.number()?),
             PAST => Self::Past(fields.number()?),
+            SWITCHES => Self::Switches,
+            HANG => Self::Hang,
             _ => return None,
         };
         fields.is_empty().then_some(command)
@@ -215,6 +224,8 @@ impl Request {
             Command::Discard => DISCARD,
             Command::Raw => RAW,
             Command::Exact => EXACT,
+            Command::Switches => SWITCHES,
+            Command::Hang => HANG,
             Command::Run(Some(named)) => {
                 uwrite!(line, "{} {}", RUN, named.keyword())?;
                 return line.finish();
@@ -322,6 +333,8 @@ mod tests {
             Command::Exact,
             Command::Log(7),
             Command::Past(50),
+            Command::Switches,
+            Command::Hang,
         ];
         all.extend(Named::ALL.iter().map(|&named| Command::Run(Some(named))));
         for key in Key::all() {
@@ -357,6 +370,7 @@ mod tests {
             "save",
             "clear",
             "beat",
+            "hang",
         ] {
             assert_eq!(
                 Request::parse(text.as_bytes()),

@@ -21,6 +21,7 @@ mod label;
 pub mod line;
 pub mod protocol;
 pub mod reply;
+pub mod self_test;
 pub mod settings;
 pub mod state;
 pub mod step_report;

@@ -49,6 +49,13 @@ impl<'t> StepReport<'t> {
         line.finish()
     }
 
+    /// Whether the same step led to the same state, to the last bit.
+    pub fn is_same_to_the_bit(&self, other: &StepReport<'_>) -> bool {
+        let bits =
+            |report: &StepReport<'_>| [report.angle_rad, report.rate_rad_per_s].map(f32::to_bits);
+        (self.power, self.effect) == (other.power, other.effect) && bits(self) == bits(other)
+    }
+
     /// Reads a report back from its line; the bits count, not the degrees.
     ///
     /// # Errors

@@ -31,7 +31,8 @@ use wire::{
 };
 
 use super::*;
-use crate::{io::Oversampled, probe::NoProbe};
+use crate::io::Oversampled;
+use wire::stretch::NoProbe;
 
 /// The longest sequence.
 const LINES: usize = 6;
@@ -136,6 +137,8 @@ fn lines() -> Vec<String> {
         Command::Discard,
         Command::Raw,
         Command::Exact,
+        Command::Switches,
+        Command::Hang,
     ]
     .map(sealed)
     .into();

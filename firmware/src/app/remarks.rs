@@ -5,7 +5,7 @@ use ufmt::uWrite;
 use wire::{line::Sealed, reply::REMARK};
 
 use super::{App, saving::Saving, take_model, texts::Texts};
-use crate::probe::Probe;
+use wire::stretch::Probe;
 
 impl App {
     /// Writes at most one line that has been waiting: `#: saved` or `#: not saved`,

@@ -7,7 +7,7 @@
 
 use ufmt::{uDisplay, uWrite, uwrite};
 use wire::{
-    answer::{Bits, Exact, Place, Raw, SettingsId, Status},
+    answer::{Bits, Exact, Place, Raw, SettingsId, Status, Switches},
     command::{Command, Rejection, Request},
     reply::{self, Refusal},
     state::State,
@@ -77,6 +77,14 @@ impl App {
                     flex: flex.0,
                 };
                 answer(out, id, &raw)
+            }
+            Command::Switches => {
+                let switches = Switches {
+                    retracted: self.inputs.retracted_end,
+                    pushed: self.inputs.pushed_end,
+                    emergency_stop: self.inputs.emergency_stop,
+                };
+                answer(out, id, &switches)
             }
             Command::Exact => match self.exact() {
                 Some(exact) => answer(out, id, &exact),
@@ -185,6 +193,12 @@ impl App {
                 // The prediction was in the old zero.
                 self.monitor.restart();
             }
+            Command::Hang => {
+                if self.state() != State::Idle || self.is_busy() {
+                    return Err(Refusal::NotNow);
+                }
+                self.hangs = true;
+            }
             // Heard, which is all that it is for.
             Command::Beat => {}
             // Questions: they were answered.
@@ -194,6 +208,7 @@ impl App {
             | Command::Exact
             | Command::Log(_)
             | Command::Past(_)
+            | Command::Switches
             | Command::Get(_)
             | Command::SelfTest => return Err(Refusal::Unknown),
         }

@@ -19,7 +19,8 @@ use wire::{
 };
 
 use super::*;
-use crate::{control::limit, design::PERIOD_S, plant::Plant, probe::NoProbe};
+use crate::{control::limit, design::PERIOD_S, plant::Plant};
+use wire::stretch::NoProbe;
 
 struct Memory {
     bytes: Vec<u8>,
@@ -672,6 +673,7 @@ fn commands() -> impl Strategy<Value = Command> {
         1 => Just(Command::Exact),
         1 => (0..10_u8).prop_map(Command::Log),
         1 => (0..60_u8).prop_map(Command::Past),
+        1 => Just(Command::Switches),
     ]
 }
 

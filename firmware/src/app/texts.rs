@@ -23,11 +23,11 @@ pub trait Texts {
 
 /// The help, line by line.
 pub const HELP: [&str; 6] = [
-    "status, raw, exact, get KEY: look; stop, disarm: pump off, valve open",
+    "status, raw, switches, exact, get KEY: look; stop, disarm: all off",
     "arm: home and be ready; run [paper|steps|stairs|triangle|small|sines|hold]",
     "load N, seg I step|ramp|sines|hold|release|repeat ...: a protocol of your own",
     "set KEY BITS, save, discard: settings; tare: zero the sensors; clear: a fault",
-    "selftest: model steps to the bit; hello, beat: for programs",
+    "selftest: model steps to the bit; hang: the watchdog; hello, beat: for programs",
     "what moves or changes something needs a checksum: use rig",
 ];
 

@@ -3,8 +3,8 @@
 use core::arch::asm;
 
 use avr_device::atmega2560::CPU;
-use firmware::probe::Probe;
 use wire::stretch;
+use wire::stretch::Probe;
 
 /// GPIOR0, a register without a function; the simulator watches it.
 pub struct Marks(CPU);

@@ -35,6 +35,7 @@ use wire::line;
 use wire::reply::{self, REMARK};
 use wire::settings::{Key, Settings};
 use wire::state::State;
+use wire::stretch::NoProbe;
 use wire::text::{Text, sealed};
 
 /// Version of the firmware, which is that of the workspace.
