@@ -9,6 +9,7 @@
 
 mod batch;
 pub mod cli;
+mod commission;
 pub mod export;
 mod monitor;
 pub mod plot;

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use wire::answer::{Bits, Identity, ImageSum, Raw, SettingsId, Status};
+use wire::answer::{Bits, Identity, ImageSum, Raw, SettingsId, Status, Switches};
 use wire::command::Command;
 use wire::fault::Fault;
 use wire::reply::Refusal;
@@ -102,6 +102,16 @@ impl Link {
     pub fn raw(&mut self) -> Result<Raw, LinkError> {
         let reply = self.request(Command::Raw)?;
         Raw::parse(&reply).ok_or_else(|| self.unexpected(Command::Raw, &reply))
+    }
+
+    /// Asks which switches are open.
+    ///
+    /// # Errors
+    ///
+    /// [`LinkError`].
+    pub fn switches(&mut self) -> Result<Switches, LinkError> {
+        let reply = self.request(Command::Switches)?;
+        Switches::parse(&reply).ok_or_else(|| self.unexpected(Command::Switches, &reply))
     }
 
     /// Reads all settings; `progress` hears how many of how many are read.

@@ -61,7 +61,10 @@ pub enum Event {
     Sample(Received),
     /// A remark for people.
     Remark(String),
-    /// A line that cannot be used: damaged, or of a kind that is not known.
+    /// A whole line that is no sample, reply or remark: of the self-test, or of a kind that is not
+    /// known.
+    Other(String),
+    /// A line that was damaged on the way.
     Useless,
     /// The connection broke; [`Link::reconnect`] tries to mend it.
     Lost(String),
@@ -316,9 +319,9 @@ impl Link {
             }
             // A beat's, or one that came after it was given up.
             Incoming::Reply { .. } => None,
-            Incoming::Other(_) => {
+            Incoming::Other(text) => {
                 self.counters.unknown += 1;
-                Some(Event::Useless)
+                Some(Event::Other(text))
             }
             Incoming::Damaged => {
                 self.counters.damaged += 1;

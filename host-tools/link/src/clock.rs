@@ -11,8 +11,10 @@ use wire::telemetry::{PERIOD_MS, Telemetry};
 use super::client::Received;
 
 /// Places samples on the time axis of a recording.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Clock {
+    /// Seconds in one of the board's.
+    factor: f64,
     offset_ms: i64,
     last: Option<Last>,
 }
@@ -22,6 +24,12 @@ struct Last {
     device_ms: u32,
     time_ms: i64,
     arrived: Instant,
+}
+
+impl Default for Clock {
+    fn default() -> Self {
+        Self::of_rate(1.0)
+    }
 }
 
 /// Where a sample is on the time axis.
@@ -49,6 +57,17 @@ pub struct Break {
 }
 
 impl Clock {
+    /// A time axis by the board's clock, of which one second takes `factor` seconds of the
+    /// computer's. The axis itself stays in the board's time; only the length of a restart,
+    /// which the computer measures, is converted.
+    pub fn of_rate(factor: f64) -> Self {
+        Self {
+            factor,
+            offset_ms: 0,
+            last: None,
+        }
+    }
+
     /// Places a sample; none for one that is not later than the one before.
     pub fn place(&mut self, received: &Received) -> Option<Placed> {
         let Telemetry { time_ms, .. } = received.sample;
@@ -58,6 +77,7 @@ impl Clock {
         };
         if received.restarted {
             let passed = received.arrived.saturating_duration_since(last.arrived);
+            let passed = passed.div_f64(self.factor);
             let passed = passed.max(Duration::from_millis(u64::from(PERIOD_MS)));
             let passed = i64::try_from(passed.as_millis()).unwrap_or(i64::MAX / 2);
             self.offset_ms = last.time_ms + passed - i64::from(time_ms);

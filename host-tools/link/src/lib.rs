@@ -13,6 +13,7 @@
 mod board;
 mod client;
 mod clock;
+pub mod commission;
 mod error;
 mod heart;
 mod history;
@@ -20,6 +21,7 @@ mod holders;
 pub mod line;
 mod port;
 pub mod record;
+pub mod rig_file;
 mod worker;
 
 pub use client::{Counters, Event, Link, Received, Timing};

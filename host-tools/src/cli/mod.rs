@@ -2,6 +2,7 @@
 
 pub mod calibrate;
 pub(crate) mod choice;
+pub mod commission;
 pub mod compare;
 pub mod convert;
 pub mod diagnose;

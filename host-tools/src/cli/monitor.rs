@@ -114,10 +114,11 @@ fn plain(
                 // The board's milliseconds are exact; half of one is none.
                 if time_s + 0.0005 >= due_s {
                     due_s = (due_s + args.every).max(time_s);
-                    super::print(&line(&LoggedSample {
+                    let row = LoggedSample {
                         time_ms: placed.time_ms,
                         sample: received.sample,
-                    }))?;
+                    };
+                    super::print(&line(&row, None))?;
                 }
             }
             Event::Remark(text) => remark(&format!("# {text}")),
@@ -125,7 +126,7 @@ fn plain(
                 "{}: the connection was lost ({reason}); waiting for it to come back",
                 link.port()
             )),
-            Event::Useless => {}
+            Event::Other(_) | Event::Useless => {}
         }
     }
     let counters = link.counters();

@@ -241,7 +241,7 @@ fn record_next(args: &Args, next: &Next, recording: &Path) -> anyhow::Result<()>
     let mut companion = None;
     let port = match (&args.actuator, &args.port) {
         (Some(actuator), _) => {
-            let rig = companion.insert(Companion::start(actuator)?);
+            let rig = companion.insert(Companion::start(Some(actuator), None)?);
             rig.set_up(&best.protocol.setup, next.bent_rad)?;
             rig.port().to_owned()
         }

@@ -26,6 +26,7 @@ use softrig_link::line::command_text;
 use softrig_link::record::{
     About, Part, Recorder, Step, black_box_path, check_limits, meta_path, parts, run_path, steps,
 };
+use softrig_link::rig_file::{RIG_FILE, RigFile, board_name};
 use softrig_link::{Event, Link, LinkError, SerialConnector, Timing, is_pseudo_terminal};
 
 /// Records a rig while it plays a protocol, or while it is left alone.
@@ -84,6 +85,10 @@ pub struct Args {
     /// tube_mm, temperature_c, rested_s, new_part=actuator|sensor
     #[arg(long, value_name = "KEY=VALUE,…")]
     setup: Option<Setup>,
+    /// What `rig commission` measured of the board: its clock corrects the times
+    /// [default: rig.toml, if there is one]
+    #[arg(long, value_name = "RIG.toml")]
+    rig: Option<PathBuf>,
     /// The rig stands as the protocol file asks: do not wait for Enter
     #[arg(long, requires = "protocol")]
     ready: bool,
@@ -165,6 +170,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     if let Some(asked) = asked.filter(|_| !args.ready) {
         super::ask_to_set_up(&asked)?;
     }
+    let clock_factor = clock_factor(args.rig.as_deref(), port)?;
     let interrupt = Interrupt::listen()?;
     let stage = Stage::new();
     stage.wait("waiting for the board, which restarts");
@@ -190,6 +196,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let about = About {
         angle_range_deg,
         setup,
+        clock_factor,
         ..about(&link, port, protocol.as_ref())
     };
     let recorder = Recorder::create(output, about, !parts.is_empty())?;
@@ -231,6 +238,37 @@ fn setup_of(said: Option<&Setup>, asked: Option<&Setup>) -> Option<Setup> {
     let none = Setup::default();
     let both = said.unwrap_or(&none).or(asked.unwrap_or(&none));
     (both != none || said.is_some()).then_some(both)
+}
+
+/// What corrects the times of this board: as the named file says, else the usual one if there is
+/// one. That of another board is never used.
+fn clock_factor(named: Option<&Path>, port: &str) -> Result<Option<f64>, InputError> {
+    let path = named.unwrap_or(Path::new(RIG_FILE));
+    let board = board_name(port);
+    match RigFile::find(path)? {
+        Some(file) if file.board == board => Ok(Some(file.clock.factor)),
+        Some(file) => {
+            let found = format!(
+                "is of the board `{}`, and this one is `{board}`",
+                file.board
+            );
+            if named.is_some() {
+                let advice = "name its own file, or measure it with `rig commission --only clock`";
+                return Err(InputError::new(found, advice).in_file(path));
+            }
+            super::warn(&format!(
+                "{}: {found}; times are not corrected",
+                path.display()
+            ));
+            Ok(None)
+        }
+        None if named.is_some() => Err(InputError::new(
+            "is not there",
+            "`rig commission` writes it, or leave --rig away",
+        )
+        .in_file(path)),
+        None => Ok(None),
+    }
 }
 
 /// How a recording ended.

@@ -132,29 +132,36 @@ pub(crate) struct Companion {
     child: Child,
     control: ChildStdin,
     port: String,
-    /// It ends when nobody reads what it says.
-    _said: Receiver<String>,
+    /// What it answers; it ends when nobody reads it.
+    said: Receiver<String>,
 }
 
 /// How far a hand can bend it (°).
 const FARTHEST_BEND_DEG: f64 = 140.0;
 
 impl Companion {
-    /// Starts it, as fast as this computer can, with the actuator of a model file.
+    /// Starts it, as fast as this computer can, with the actuator of a model file, or the usual
+    /// one; `seed` draws its sensors' noise and where its plunger stands.
     ///
     /// # Errors
     ///
     /// Missing programs, or a simulator that does not start.
-    pub(crate) fn start(actuator: &Path) -> anyhow::Result<Self> {
+    pub(crate) fn start(actuator: Option<&Path>, seed: Option<u64>) -> anyhow::Result<Self> {
         /// It has to read an image and open a port.
         const STARTS: Duration = Duration::from_secs(30);
         let program = find_program()?;
         let image = std::env::var_os(IMAGE).map(PathBuf::from);
-        let mut child = Command::new(&program)
+        let mut command = Command::new(&program);
+        command
             .args(["serve", "--control", "--speed", "max", "--image"])
-            .arg(find_image(image.as_deref())?)
-            .arg("--actuator")
-            .arg(actuator)
+            .arg(find_image(image.as_deref())?);
+        if let Some(actuator) = actuator {
+            command.arg("--actuator").arg(actuator);
+        }
+        if let Some(seed) = seed {
+            command.arg("--seed").arg(seed.to_string());
+        }
+        let mut child = command
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .spawn()
@@ -173,13 +180,35 @@ impl Companion {
             child,
             control,
             port,
-            _said: said,
+            said,
         })
     }
 
     /// Its serial port.
     pub(crate) fn port(&self) -> &str {
         &self.port
+    }
+
+    /// Does what a line of its control asks, and waits until it is done.
+    ///
+    /// # Errors
+    ///
+    /// What it says against it.
+    pub(crate) fn obey(&mut self, line: &str) -> anyhow::Result<()> {
+        const ANSWERS: Duration = Duration::from_secs(10);
+        // Answers that nobody waited for.
+        while self.said.try_recv().is_ok() {}
+        writeln!(self.control, "{line}").context("the simulator has ended")?;
+        let answer = self.said.recv_timeout(ANSWERS);
+        let answer = answer.context("the simulator does not answer")?;
+        match answer.strip_prefix("error ") {
+            Some(why) => Err(InputError::new(
+                format!("the virtual rig does not obey `{line}`: {why}"),
+                "see docs/virtual-rig.md",
+            )
+            .into()),
+            None => Ok(()),
+        }
     }
 
     /// Changes it as a plan asks: what the plan does not say is as at its start. Where it is to

@@ -172,7 +172,7 @@ impl View {
                     "connection lost ({reason}), waiting for it to come back"
                 ));
             }
-            Event::Useless => {}
+            Event::Other(_) | Event::Useless => {}
         }
     }
 

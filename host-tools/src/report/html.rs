@@ -27,7 +27,7 @@ use softrig_formats::numbers::{degrees, fit, percent, short};
 use softrig_formats::terminal::printable;
 
 const TEMPLATE: &str = include_str!("assets/template.html");
-const STYLE: &str = include_str!("assets/style.css");
+pub(crate) const STYLE: &str = include_str!("assets/style.css");
 const SCRIPT: &str = include_str!("assets/script.js");
 
 /// Number of drawn runs; others are in the table only.

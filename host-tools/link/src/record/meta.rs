@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 
+use super::seconds;
 use crate::{Break, Counters};
 use softrig_formats::recording::SegmentMeta;
 use softrig_formats::setup::Setup;
@@ -31,6 +32,10 @@ pub struct About {
     /// this run was cut from (s since its reset).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub uptime_s: Option<f64>,
+    /// Seconds in one of the board's, measured by `rig commission`. The times of the recording
+    /// are corrected by it; without it they are the board's.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub clock_factor: Option<f64>,
     /// The port.
     pub port: String,
     /// Version of the firmware.
@@ -123,14 +128,13 @@ pub struct Gap {
 }
 
 impl Gap {
-    /// A break on the time axis, in seconds.
-    pub fn new(gap: Break) -> Self {
-        let seconds = |ms: i64| ms as f64 / 1000.0;
+    /// A break on the time axis, in seconds, of which `factor` make one of the board's.
+    pub fn new(gap: Break, factor: Option<f64>) -> Self {
         Self {
-            from_s: seconds(gap.from_ms),
-            to_s: seconds(gap.to_ms),
+            from_s: seconds(gap.from_ms, factor),
+            to_s: seconds(gap.to_ms, factor),
             restarted: gap.restarted,
-            clock_offset_s: seconds(gap.offset_ms),
+            clock_offset_s: seconds(gap.offset_ms, factor),
         }
     }
 }

@@ -25,7 +25,7 @@ pub use split::{Part, Step, parts, run_path, steps};
 use crate::{Clock, Event, Received};
 use softrig_formats::error::{InputError, Pending, replace_with_meta, write_atomically};
 
-/// A sample at its place on the time axis.
+/// A sample at its place on the time axis, which is the board's until it is written.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LoggedSample {
     /// Time since the first sample (ms).
@@ -49,6 +49,12 @@ pub struct Recorder {
     kept: Option<Vec<LoggedSample>>,
     last: Option<LoggedSample>,
     failure: Option<InputError>,
+}
+
+/// Seconds of a time of the board's (ms), of whose seconds each takes `factor`; those of the board
+/// itself where that is not known.
+fn seconds(ms: i64, factor: Option<f64>) -> f64 {
+    ms as f64 / 1000.0 * factor.unwrap_or(1.0)
 }
 
 /// Where what is known about a recording stands.
@@ -77,12 +83,14 @@ impl Recorder {
         let _ = std::fs::remove_file(faulty_path(path));
         let _ = std::fs::remove_file(black_box_path(path));
         Ok(Self {
-            sheet: Sheet::after_header(path, file),
+            sheet: Sheet::after_header(path, file, about.clock_factor),
             path: path.to_owned(),
+            clock: about
+                .clock_factor
+                .map_or_else(Clock::default, Clock::of_rate),
             about,
             counts: Counts::default(),
             faulty: None,
-            clock: Clock::default(),
             kept: keep.then(Vec::new),
             last: None,
             failure: None,
@@ -137,7 +145,7 @@ impl Recorder {
             self.about.mismatch_from_s = Some(row.time_ms as f64 / 1000.0);
         }
         if let Some(gap) = placed.gap {
-            self.about.gap.push(Gap::new(gap));
+            self.about.gap.push(Gap::new(gap, self.about.clock_factor));
             self.write_meta()?;
         }
         if row.sample.pressure_kpa.is_some() && row.sample.angle_deg.is_some() {
@@ -150,7 +158,10 @@ impl Recorder {
         }
         let faulty = match &mut self.faulty {
             Some(faulty) => faulty,
-            none => none.insert(Sheet::create(&faulty_path(&self.path))?),
+            none => none.insert(Sheet::create(
+                &faulty_path(&self.path),
+                self.about.clock_factor,
+            )?),
         };
         faulty.write(&row)?;
         self.counts.rows_without_reading += 1;
@@ -206,7 +217,10 @@ impl Recorder {
                 written.push(path);
             }
         }
-        self.about.segment = runs.iter().filter_map(split::Run::segment).collect();
+        self.about.segment = runs
+            .iter()
+            .filter_map(|run| run.segment(self.about.clock_factor))
+            .collect();
         self.about.runs = written
             .iter()
             .filter_map(|path| Some(path.file_name()?.to_string_lossy().into_owned()))

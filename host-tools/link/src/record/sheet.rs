@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use wire::decimal::Hundredths;
 use wire::telemetry::Setpoint;
 
-use super::LoggedSample;
+use super::{LoggedSample, seconds};
 use softrig_formats::error::{InputError, Pending};
 
 /// The columns, in their order.
@@ -23,6 +23,8 @@ const SYNC_EVERY: Duration = Duration::from_secs(1);
 pub struct Sheet {
     path: PathBuf,
     file: File,
+    /// Seconds in one of the board's, if that was measured.
+    clock_factor: Option<f64>,
     /// Bytes of whole lines.
     length: u64,
     synced: Instant,
@@ -39,16 +41,17 @@ impl Sheet {
     /// # Errors
     ///
     /// Names the file.
-    pub fn create(path: &Path) -> Result<Self, InputError> {
+    pub fn create(path: &Path, clock_factor: Option<f64>) -> Result<Self, InputError> {
         let file = Pending::new(path, header().as_bytes())?.commit()?;
-        Ok(Self::after_header(path, file))
+        Ok(Self::after_header(path, file, clock_factor))
     }
 
     /// Goes on after the header, which was written to the file.
-    pub(super) fn after_header(path: &Path, file: File) -> Self {
+    pub(super) fn after_header(path: &Path, file: File, clock_factor: Option<f64>) -> Self {
         Self {
             path: path.to_owned(),
             file,
+            clock_factor,
             length: header().len() as u64,
             synced: Instant::now(),
         }
@@ -60,7 +63,7 @@ impl Sheet {
     ///
     /// Names the file.
     pub fn write(&mut self, row: &LoggedSample) -> Result<(), InputError> {
-        self.append(&line(row))?;
+        self.append(&line(row, self.clock_factor))?;
         if self.synced.elapsed() >= SYNC_EVERY {
             self.sync()?;
         }
@@ -109,8 +112,9 @@ fn not_written(path: &Path, error: &std::io::Error) -> InputError {
     .in_file(path)
 }
 
-/// A row with its end. What is not known stays empty.
-pub fn line(row: &LoggedSample) -> String {
+/// A row with its end. What is not known stays empty. The board's milliseconds are kept as they
+/// are, and corrected ones have microseconds, so that a sample is not moved by rounding.
+pub fn line(row: &LoggedSample, clock_factor: Option<f64>) -> String {
     let sample = &row.sample;
     let (angle, pressure) = match sample.setpoint {
         Setpoint::None => (None, None),
@@ -118,7 +122,12 @@ pub fn line(row: &LoggedSample) -> String {
         Setpoint::Pressure(level) => (None, Some(level)),
     };
     let mut text = String::with_capacity(96);
-    push_time(&mut text, row.time_ms);
+    match clock_factor {
+        None => push_time(&mut text, row.time_ms),
+        factor => {
+            let _ = write!(text, "{:.6}", seconds(row.time_ms, factor));
+        }
+    }
     for value in [sample.pressure_kpa, sample.angle_deg, angle, pressure] {
         text.push(',');
         push(&mut text, value);
@@ -175,14 +184,20 @@ mod tests {
                 mismatch: false,
             },
         };
-        assert_eq!(line(&row), "12.345,-0.05,59.81,60.00,,-12,,running,0,7,0\n");
+        assert_eq!(
+            line(&row, None),
+            "12.345,-0.05,59.81,60.00,,-12,,running,0,7,0\n"
+        );
         row.sample.angle_deg = None;
         row.sample.mismatch = true;
         row.sample.setpoint = Setpoint::Pressure(Hundredths(4_000));
         row.sample.predicted_deg = Some(Hundredths(100));
-        assert_eq!(line(&row), "12.345,-0.05,,,40.00,-12,1.00,running,0,7,1\n");
         assert_eq!(
-            line(&row).matches(',').count(),
+            line(&row, Some(1.004)),
+            "12.394380,-0.05,,,40.00,-12,1.00,running,0,7,1\n"
+        );
+        assert_eq!(
+            line(&row, None).matches(',').count(),
             COLUMNS.matches(',').count()
         );
     }

@@ -12,7 +12,7 @@ use wire::telemetry::{PERIOD_MS, Setpoint};
 
 use super::meta::About;
 use super::sheet::{COLUMNS, line};
-use super::{Counts, LoggedSample, meta_path};
+use super::{Counts, LoggedSample, meta_path, seconds};
 use softrig_formats::error::{InputError, write_with_meta};
 use softrig_formats::protocol_file::ProtocolFile;
 use softrig_formats::recording::SegmentMeta;
@@ -154,8 +154,8 @@ pub(super) struct Run<'r> {
 
 impl Run<'_> {
     /// The form in the metadata of the recording.
-    pub(super) fn segment(&self) -> Option<SegmentMeta> {
-        let seconds = |ms: i64| ms as f64 / 1000.0;
+    pub(super) fn segment(&self, clock_factor: Option<f64>) -> Option<SegmentMeta> {
+        let seconds = |ms: i64| seconds(ms, clock_factor);
         Some(SegmentMeta {
             from_s: seconds(self.rows.first()?.time_ms),
             to_s: seconds(self.end_ms),
@@ -306,13 +306,14 @@ pub(super) fn write_run(
     let last = rows.last().unwrap_or(first);
     let mut text = format!("{COLUMNS}\n");
     for row in rows {
-        text += &line(&LoggedSample {
+        let from_start = LoggedSample {
             time_ms: row.time_ms - first.time_ms,
             ..*row
-        });
+        };
+        text += &line(&from_start, whole.clock_factor);
     }
-    let begins_s = first.time_ms as f64 / 1000.0;
-    let ends_s = last.time_ms as f64 / 1000.0;
+    let begins_s = seconds(first.time_ms, whole.clock_factor);
+    let ends_s = seconds(last.time_ms, whole.clock_factor);
     let gap: Vec<_> = whole
         .gap
         .iter()
@@ -450,7 +451,7 @@ mod tests {
         assert_eq!(runs.len(), 2);
         assert_eq!(times(&runs[0]), (500, 2_990));
         assert_eq!(times(&runs[1]), (3_000, 5_990));
-        let segments: Vec<_> = runs.iter().filter_map(Run::segment).collect();
+        let segments: Vec<_> = runs.iter().filter_map(|run| run.segment(None)).collect();
         let expected = [(0.5, 3.0, 1), (3.0, 6.0, 2)].map(|(from_s, to_s, repeat)| SegmentMeta {
             from_s,
             to_s,
@@ -474,7 +475,7 @@ mod tests {
     fn a_recording_that_ends_with_the_protocol_keeps_its_last_sample() {
         let rows = two_steps();
         let runs = split(&rows[..600], &two_parts(), true);
-        assert_eq!(runs[1].segment().map(|segment| segment.to_s), Some(6.0));
+        assert_eq!(runs[1].segment(None).map(|segment| segment.to_s), Some(6.0));
         assert_eq!(times(&runs[1]).1, 5_990);
     }
 

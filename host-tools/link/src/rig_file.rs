@@ -1,0 +1,149 @@
+//! `rig.toml`: what was measured of one board and holds for its later recordings.
+//!
+//! `rig commission` writes it into the folder in which it runs, and `rig record` reads it from
+//! there. It names its board, so that the clock of one board never corrects the times of another.
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+use softrig_formats::error::{InputError, write_atomically};
+
+use crate::port::{is_pseudo_terminal, ports};
+
+/// The file's usual name.
+pub const RIG_FILE: &str = "rig.toml";
+
+/// The farthest from 1 that a board's clock can be: a ceramic resonator has 0.5 %, and at 2 % the
+/// serial line would not work.
+pub const FARTHEST_RATE: f64 = 0.02;
+
+/// What is known of one board.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RigFile {
+    /// The version of the format: 1.
+    pub schema: u8,
+    /// The board: see [`board_name`].
+    pub board: String,
+    /// Its clock.
+    pub clock: ClockRate,
+}
+
+/// How fast a board's clock is.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ClockRate {
+    /// Seconds of the computer in one of the board's: above 1 the board is slow.
+    pub factor: f64,
+    /// Its standard error.
+    pub standard_error: f64,
+    /// How long it was watched (s).
+    pub seconds: f64,
+}
+
+impl RigFile {
+    /// Reads the file at `path`; none where there is none.
+    ///
+    /// # Errors
+    ///
+    /// Names file, line, column and remedy.
+    pub fn find(path: &Path) -> Result<Option<Self>, InputError> {
+        match std::fs::read_to_string(path) {
+            Ok(text) => Self::parse(&text, path).map(Some),
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
+            Err(error) => Err(InputError::from_io(path, &error)),
+        }
+    }
+
+    /// Parses the text of the file; `path` is only named in messages.
+    ///
+    /// # Errors
+    ///
+    /// Names file, line, column and remedy.
+    pub fn parse(text: &str, path: &Path) -> Result<Self, InputError> {
+        const ADVICE: &str = "measure it again with `rig commission --only clock`, or delete the file: without it times are the board's";
+        let file: Self = toml::from_str(text).map_err(|error| {
+            let fault = InputError::new(error.message(), ADVICE).in_file(path);
+            match error.span() {
+                Some(span) => fault.at_offset(text, span.start),
+                None => fault,
+            }
+        })?;
+        if file.schema != 1 {
+            let found = format!("is of schema {}, and this rig reads 1", file.schema);
+            return Err(InputError::new(found, "update rig").in_file(path));
+        }
+        // Written so that not-a-number fails.
+        if (file.clock.factor - 1.0).abs() <= FARTHEST_RATE {
+            return Ok(file);
+        }
+        let found = format!(
+            "the clock's factor is {}, and no board that can be read is farther from 1 than {FARTHEST_RATE}",
+            file.clock.factor
+        );
+        Err(InputError::new(found, ADVICE).in_file(path))
+    }
+
+    /// Writes the file.
+    ///
+    /// # Errors
+    ///
+    /// Names the file that cannot be written.
+    pub fn write(&self, path: &Path) -> Result<(), InputError> {
+        // Plain values: nothing in it can fail to be written.
+        let text = toml::to_string(self).unwrap_or_default();
+        let head = "# Measured by `rig commission`; `rig record` corrects the times of this board by it.\n";
+        write_atomically(path, format!("{head}{text}").as_bytes())
+    }
+}
+
+/// The name by which a board is known again: the serial number of its USB chip, or the kind of
+/// that chip where it has none (most copies of the Mega); `simulated` behind a pseudo-terminal.
+pub fn board_name(port: &str) -> String {
+    if is_pseudo_terminal(port) {
+        return "simulated".to_owned();
+    }
+    let found = ports().unwrap_or_default();
+    let this = found.into_iter().find(|found| found.name == port);
+    this.and_then(|found| {
+        let kind = format!("usb {}:{}", found.vendor_id?, found.product_id?);
+        Some(match found.serial_number {
+            Some(number) => format!("{kind} {number}"),
+            None => kind,
+        })
+    })
+    .unwrap_or_else(|| port.to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_written_is_read_and_nonsense_is_refused_with_its_place() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(RIG_FILE);
+        assert_eq!(RigFile::find(&path).unwrap(), None);
+        let file = RigFile {
+            schema: 1,
+            board: "usb 2341:0042 75330".into(),
+            clock: ClockRate {
+                factor: 1.0043,
+                standard_error: 2e-5,
+                seconds: 60.0,
+            },
+        };
+        file.write(&path).unwrap();
+        assert_eq!(RigFile::find(&path).unwrap(), Some(file));
+        let text = std::fs::read_to_string(&path).unwrap();
+        for (from, to, says) in [
+            ("factor = 1.0043", "factor = 1.5", "1.5"),
+            ("factor = 1.0043", "factor = nan", "NaN"),
+            ("schema = 1", "schema = 2", "update rig"),
+            ("factor = ", "faktor = ", "line"),
+        ] {
+            let error = RigFile::parse(&text.replace(from, to), &path).unwrap_err();
+            assert!(error.to_string().contains(says), "{error}");
+        }
+    }
+}

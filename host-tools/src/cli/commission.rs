@@ -1,0 +1,437 @@
+//! `rig commission`: the acceptance test of a board and its rig.
+
+use std::io::{BufRead, IsTerminal};
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, TryRecvError, channel};
+use std::time::{Instant, SystemTime};
+
+use clap::{ArgGroup, Parser};
+use indicatif::{ProgressBar, ProgressStyle};
+
+use super::Interrupt;
+use super::output::{self, FileKind, Output};
+use super::virtual_rig::Companion;
+use crate::commission::page::{Report, page, shown_limit, shown_value};
+use crate::commission::{Answer, Hand, Interrupted, Operator, Plan, Session, Switch};
+use softrig_formats::error::{InputError, write_atomically};
+use softrig_formats::terminal::remark;
+use softrig_link::commission::{Outcome, Result as Finding, Step};
+use softrig_link::rig_file::{RIG_FILE, board_name};
+use softrig_link::{Link, SerialConnector, Timing, is_pseudo_terminal};
+
+/// Tests a new board and its rig, step by step, in some minutes.
+///
+/// What moves nothing comes first. Every step says what it is for before it begins,
+/// what it measured and what that was held to, and what to do where it fails. Ctrl-C
+/// leaves the rig stopped and vented.
+#[derive(Debug, Parser)]
+#[command(group(ArgGroup::new("rig_to_test").required(true).args(["port", "virtual_rig", "list"])))]
+#[command(after_help = "\
+Examples:
+  rig commission --list
+  rig commission --port /dev/ttyACM0 --report board.html --json board.json
+  rig commission --port /dev/ttyACM0 --only clock
+  rig commission --port /dev/ttyACM0 --skip relief --skip watchdog
+  rig commission --virtual --report practice.html
+  rig commission --virtual --fault leak
+
+The clock's factor goes into rig.toml, by which `rig record` corrects the times of this
+board. Exit code: 0 nothing failed, 1 a step failed, 2 the test could not be made.")]
+#[allow(clippy::struct_excessive_bools)] // Flags, each with a name of its own.
+pub struct Args {
+    /// Serial port of the board; `rig ports` lists them
+    #[arg(long, value_name = "PORT")]
+    port: Option<String>,
+    /// Practise on a virtual rig, which this command starts and whose switches it presses
+    #[arg(long = "virtual", id = "virtual_rig")]
+    virtual_rig: bool,
+    /// Let the virtual rig have this fault; brown-out, hang, power-cut and unplugged come
+    /// while telemetry is watched
+    #[arg(long, value_name = "KIND", requires = "virtual_rig")]
+    fault: Option<String>,
+    /// Seed of the virtual rig
+    #[arg(long, value_name = "N", requires = "virtual_rig")]
+    seed: Option<u64>,
+    /// List the steps
+    #[arg(long)]
+    list: bool,
+    /// Make this step only; may be given several times
+    #[arg(long, value_name = "STEP", value_parser = step, conflicts_with = "skip")]
+    only: Vec<Step>,
+    /// Leave this step out; may be given several times
+    #[arg(long, value_name = "STEP", value_parser = step)]
+    skip: Vec<Step>,
+    /// Begin every step without asking; steps that need a person are left out
+    #[arg(long)]
+    yes: bool,
+    /// How long telemetry, clock and noise are watched, in seconds
+    #[arg(long, value_name = "N", default_value_t = 60.0, value_parser = watch)]
+    seconds: f64,
+    /// Write the result as JSON; - is standard output
+    #[arg(long, value_name = "FILE.json")]
+    json: Option<PathBuf>,
+    /// Write the result as a page that can be sent with a question
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
+    /// File that keeps the board's clock
+    #[arg(long, value_name = "RIG.toml", default_value = RIG_FILE)]
+    rig: PathBuf,
+}
+
+fn step(text: &str) -> Result<Step, String> {
+    Step::ALL
+        .into_iter()
+        .find(|step| step.name() == text)
+        .ok_or_else(|| {
+            let names = Step::ALL.map(Step::name).join(", ");
+            format!("use one of: {names}")
+        })
+}
+
+fn watch(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if (4.0..=3600.0).contains(&value) => Ok(value),
+        _ => Err("give a number from 4 to 3600 seconds".into()),
+    }
+}
+
+/// Runs the command.
+///
+/// # Errors
+///
+/// [`InputError`] where the test could not be made; otherwise that a step failed.
+pub fn run(args: &Args) -> anyhow::Result<()> {
+    if args.list {
+        return Ok(super::print(&list())?);
+    }
+    let to_stdout = args.json.as_deref() == Some(Path::new("-"));
+    let json = args.json.as_ref().filter(|_| !to_stdout);
+    output::check(
+        &[
+            Output::of("--json", FileKind::Json, json),
+            Output::of("--report", FileKind::Page, args.report.as_ref()),
+        ],
+        [&args.rig],
+    )?;
+    let interrupt = Interrupt::listen()?;
+    let companion = args
+        .virtual_rig
+        .then(|| Companion::start(None, args.seed))
+        .transpose()?;
+    let port = match (&args.port, &companion) {
+        (Some(port), _) => port.clone(),
+        (None, Some(companion)) => companion.port().to_owned(),
+        (None, None) => return Err(InputError::new("no port is named", "give --port").into()),
+    };
+    let mut terminal = Terminal::new(interrupt, args, companion, is_pseudo_terminal(&port));
+    terminal.break_at_start()?;
+    let begun = Instant::now();
+    let started = humantime::format_rfc3339_seconds(SystemTime::now()).to_string();
+    terminal
+        .bar
+        .set_message("waiting for the board, which restarts");
+    let link = Link::open(SerialConnector::new(&port), Timing::default()).map_err(cannot)?;
+    let plan = Plan {
+        steps: Step::ALL
+            .into_iter()
+            .filter(|step| args.only.is_empty() || args.only.contains(step))
+            .filter(|step| !args.skip.contains(step))
+            .collect(),
+        watch_s: args.seconds,
+        rig_file: args.rig.clone(),
+    };
+    let mut session = Session::new(link, &mut terminal, plan);
+    let outcome = session.run();
+    let (board, clock) = (session.link().board().clone(), session.clock);
+    terminal.bar.finish_and_clear();
+    let steps = match outcome {
+        Err(error) if error.is::<Interrupted>() => {
+            anyhow::bail!("stopped by the operator: the pump is off and the vent open")
+        }
+        other => other?,
+    };
+    let report = Report {
+        schema: 1,
+        passed: steps.iter().all(|it| it.outcome != Outcome::Failed),
+        simulated: is_pseudo_terminal(&port),
+        started,
+        seconds: begun.elapsed().as_secs_f64(),
+        board: board_name(&port),
+        port,
+        firmware: board.firmware,
+        wire: board.wire,
+        settings: board.settings.to_string(),
+        rig: env!("CARGO_PKG_VERSION").to_owned(),
+        computer: format!("{} on {}", std::env::consts::OS, std::env::consts::ARCH),
+        clock,
+        steps,
+    };
+    finish(args, &report, to_stdout)
+}
+
+/// Writes the results.
+fn finish(args: &Args, report: &Report, to_stdout: bool) -> anyhow::Result<()> {
+    let text = format!("{}\n", serde_json::to_string_pretty(report)?);
+    match &args.json {
+        Some(_) if to_stdout => super::print(&text)?,
+        Some(path) => write_atomically(path, text.as_bytes())?,
+        None => {}
+    }
+    if let Some(path) = &args.report {
+        write_atomically(path, page(report)?.as_bytes())?;
+    }
+    if !report.passed {
+        let send = match &args.report {
+            Some(path) => format!(
+                "; {} says what to do, and can be sent with a question",
+                path.display()
+            ),
+            None => {
+                "; with --report FILE.html it is a page that can be sent with a question".to_owned()
+            }
+        };
+        anyhow::bail!("{}{send}", report.sentence());
+    }
+    if !to_stdout {
+        super::print(&format!("{}\n", report.sentence()))?;
+    }
+    Ok(())
+}
+
+/// A link that does not open is no verdict on the rig.
+fn cannot(error: softrig_link::LinkError) -> anyhow::Error {
+    let text = error.to_string();
+    let (found, advice) = text.rsplit_once("; ").unwrap_or((&text, "see `rig ports`"));
+    InputError::new(found, advice).into()
+}
+
+fn list() -> String {
+    let mut text = String::new();
+    for step in Step::ALL {
+        text += &format!("{:<16}{}\n", step.name(), step.purpose());
+        if let Some(moves) = step.moves() {
+            text += &format!("{:<16}Moves: {moves}.\n", "");
+        }
+    }
+    text
+}
+
+/// Who stands at the rig: a person at the terminal, or the virtual rig itself.
+struct Terminal {
+    interrupt: Interrupt,
+    companion: Option<Companion>,
+    fault: Option<String>,
+    /// A rig of `rig virtual`, in another terminal.
+    is_simulated: bool,
+    /// Nobody is asked.
+    is_alone: bool,
+    agrees: bool,
+    lines: Option<Receiver<String>>,
+    pending: Option<Answer>,
+    bar: ProgressBar,
+}
+
+/// Faults that last for a moment only, with what brings them about.
+const MOMENTS: [(&str, &str); 4] = [
+    ("brown-out", "fault brown-out on"),
+    ("hang", "fault hang on"),
+    ("power-cut", "power-cycle"),
+    ("unplugged", "fault unplugged on"),
+];
+
+impl Terminal {
+    fn new(
+        interrupt: Interrupt,
+        args: &Args,
+        companion: Option<Companion>,
+        is_simulated: bool,
+    ) -> Self {
+        let is_alone = companion.is_none() && (args.yes || !std::io::stdin().is_terminal());
+        let lines = (companion.is_none() && !is_alone).then(|| {
+            let (sender, lines) = channel();
+            std::thread::spawn(move || {
+                for line in std::io::stdin().lock().lines() {
+                    let Ok(line) = line else { return };
+                    if sender.send(line).is_err() {
+                        return;
+                    }
+                }
+            });
+            lines
+        });
+        Self {
+            interrupt,
+            companion,
+            fault: args.fault.clone(),
+            is_simulated,
+            is_alone,
+            agrees: args.yes,
+            lines,
+            pending: None,
+            bar: super::spinner(),
+        }
+    }
+
+    fn say(&self, text: &str) {
+        self.bar.suspend(|| remark(text));
+    }
+
+    /// A fault that is there from the start.
+    fn break_at_start(&mut self) -> anyhow::Result<()> {
+        match (&self.fault, &mut self.companion) {
+            (Some(fault), Some(companion)) if !MOMENTS.iter().any(|(name, _)| name == fault) => {
+                companion.obey(&format!("fault {fault} on"))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+/// A line that the virtual rig obeys.
+fn control_line(hand: Hand) -> String {
+    let (switch, on) = match hand {
+        Hand::Press(switch) | Hand::Pull(switch) => (switch, "on"),
+        Hand::Release(switch) | Hand::Plug(switch) => (switch, "off"),
+    };
+    let fault = match switch {
+        Switch::Retracted => "retracted-switch",
+        Switch::Pushed => "end-switch",
+        Switch::EmergencyStop => "emergency-stop",
+    };
+    format!("fault {fault} {on}")
+}
+
+impl Operator for Terminal {
+    fn begin(&mut self, step: Step, number: usize, of: usize) -> anyhow::Result<()> {
+        let mut text = format!("\n{number}/{of}  {}\n     {}", step.title(), step.purpose());
+        if let Some(moves) = step.moves() {
+            text += &format!("\n     Moves: {moves}.");
+        }
+        self.say(&text);
+        let moment = MOMENTS
+            .iter()
+            .find(|(name, _)| self.fault.as_deref() == Some(name));
+        if let (Step::Telemetry, Some((_, line)), Some(companion)) =
+            (step, moment, &mut self.companion)
+        {
+            companion.obey(line)?;
+        }
+        Ok(())
+    }
+
+    fn agrees(&mut self, _: Step) -> anyhow::Result<()> {
+        if self.companion.is_some() || self.agrees {
+            self.pending = Some(Answer::Yes);
+        } else if self.is_alone {
+            self.say("     Nobody is here to agree: --yes begins it all the same.");
+            self.pending = Some(Answer::Skip);
+        } else {
+            self.say("     Enter begins, s skips, q ends.");
+        }
+        Ok(())
+    }
+
+    fn check(&mut self) -> anyhow::Result<()> {
+        if self.interrupt.requested() {
+            return Err(Interrupted.into());
+        }
+        Ok(())
+    }
+
+    fn progress(&mut self, passed: f64, total: f64, what: &str) {
+        if self.bar.length() != Some(1000) {
+            self.bar.set_length(1000);
+            if let Ok(style) = ProgressStyle::with_template("     {bar:40} {percent:>3} %  {msg}") {
+                self.bar.set_style(style);
+            }
+        }
+        // At most a thousand.
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let position = (1000.0 * (passed / total).clamp(0.0, 1.0)) as u64;
+        self.bar.set_position(position);
+        self.bar.set_message(what.to_owned());
+    }
+
+    fn ended(&mut self, finding: &Finding) {
+        self.pending = None;
+        let mut text = String::new();
+        for measured in &finding.measured {
+            let mark = if measured.passed { ' ' } else { '!' };
+            let limit = shown_limit(measured);
+            let limit = if limit.is_empty() {
+                String::new()
+            } else {
+                format!("  ({limit})")
+            };
+            text += &format!(
+                "   {mark} {}: {}{limit}\n",
+                measured.name,
+                shown_value(measured)
+            );
+        }
+        let word = match finding.outcome {
+            Outcome::Passed => "passed",
+            Outcome::Failed => "FAILED",
+            Outcome::Skipped => "not made",
+        };
+        text += &format!("     {word}. {}", finding.sentence);
+        if let Some(advice) = finding.advice {
+            text += &format!("\n     What to do: {advice}");
+        }
+        self.say(&text);
+    }
+
+    fn has_hands(&self) -> bool {
+        !self.is_alone
+    }
+
+    fn hand(&mut self, hand: Hand) -> anyhow::Result<()> {
+        if let Some(companion) = &mut self.companion {
+            return companion.obey(&control_line(hand));
+        }
+        let mut text = match hand {
+            Hand::Press(switch) => format!("Now press and hold: {}", switch.name()),
+            Hand::Release(switch) => format!("Release: {}", switch.name()),
+            Hand::Pull(switch) => format!("Pull one wire of: {}", switch.name()),
+            Hand::Plug(switch) => format!("Plug the wire in again: {}", switch.name()),
+        };
+        if self.is_simulated {
+            text += &format!("; where `rig virtual` runs: `{}`", control_line(hand));
+        }
+        self.say(&format!("  →  {text}  (s skips)"));
+        Ok(())
+    }
+
+    fn ask(&mut self, question: &str) -> anyhow::Result<()> {
+        if self.companion.is_some() {
+            self.pending = Some(Answer::Yes);
+        } else {
+            self.say(&format!("  ?  {question}  (y or n, then Enter)"));
+        }
+        Ok(())
+    }
+
+    fn answer(&mut self) -> anyhow::Result<Option<Answer>> {
+        self.check()?;
+        if let Some(answer) = self.pending.take() {
+            return Ok(Some(answer));
+        }
+        let Some(lines) = &self.lines else {
+            return Ok(None);
+        };
+        match lines.try_recv() {
+            Ok(line) => match line.trim().to_lowercase().as_str() {
+                "" | "y" | "yes" => Ok(Some(Answer::Yes)),
+                "n" | "no" => Ok(Some(Answer::No)),
+                "s" | "skip" => Ok(Some(Answer::Skip)),
+                "q" | "quit" => Err(Interrupted.into()),
+                _ => {
+                    self.say("     Answer with y, n, s or q.");
+                    Ok(None)
+                }
+            },
+            Err(TryRecvError::Empty) => Ok(None),
+            Err(TryRecvError::Disconnected) => Err(Interrupted.into()),
+        }
+    }
+}
