@@ -5,6 +5,7 @@
 mod control;
 mod measure;
 mod pty;
+mod script;
 mod serve;
 
 use std::{
@@ -45,6 +46,10 @@ enum Command {
         /// Send this line once the board listens
         #[arg(long, value_name = "TEXT")]
         send: Option<String>,
+        /// Run the board alone through a script instead: lines of seconds and `send LINE`,
+        /// `counts CHANNEL N`, `pin PORTBIT 0|1` or `end`. Marks and steps go to stderr
+        #[arg(long, value_name = "FILE", conflicts_with_all = ["cycles", "until", "send"])]
+        script: Option<PathBuf>,
     },
     /// Runs an image on a healthy rig, through everything that costs most, and
     /// prints what it took
@@ -70,7 +75,13 @@ fn main() -> ExitCode {
             cycles,
             until,
             send,
+            script: None,
         } => run(&image, cycles, until.as_deref(), send.as_deref()),
+        Command::Run {
+            image,
+            script: Some(script),
+            ..
+        } => script::run(&image, &script).map(|()| ExitCode::SUCCESS),
         Command::Measure { image } => measure::run(&image).map(|()| ExitCode::SUCCESS),
         Command::Serve(args) => serve::run(&args).map(|()| ExitCode::SUCCESS),
     };

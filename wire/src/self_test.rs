@@ -146,7 +146,10 @@ mod on_the_computer {
 
     use model_core::power::GuardedMicromath;
 
-    use super::*;
+    use super::{
+        DEAREST_THREE, DYNAMICS, FARTHEST_RAD, InvalidModel, Kind, MICROMATH, MINIMAX, Minimax,
+        Model, Predictor, TABLE, accurate_step, one_step, with_dearest, with_effect,
+    };
     use crate::{step_report::StepReport, stretch::NoProbe};
 
     /// Every step of the self-test in its order, as this computer computes it.

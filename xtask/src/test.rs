@@ -3,12 +3,13 @@
 use std::{
     path::{Path, PathBuf},
     process::Command,
+    time::Duration,
 };
 
 use crate::{
     avr, bench, book, python,
     setup::{self, Mode, Purpose},
-    shell::{Outcome, Steps, cargo, run, target_dir},
+    shell::{Outcome, Steps, cargo, has_program, root, run, run_quietly, target_dir},
     size::{self, Golden},
 };
 
@@ -20,6 +21,9 @@ pub enum Scope {
     /// Those that need neither the AVR compiler nor the simulator.
     Host,
 }
+
+/// Longest time that one small package from the network takes.
+const NPM_LIMIT: Duration = Duration::from_secs(120);
 
 const HOST_ONLY: &str = "--host-only was given";
 
@@ -82,6 +86,7 @@ pub fn test(scope: Scope) -> Outcome {
 fn tests(scope: Scope, image: &Path) -> Outcome {
     let mut tests = workspace("test", scope);
     if scope == Scope::Everything {
+        second_processor();
         let chromium = setup::chromium().ok_or("Chromium is not on the search path")?;
         tests
             .env("SOFTRIG_CHROMIUM", chromium)
@@ -91,6 +96,21 @@ fn tests(scope: Scope, image: &Path) -> Outcome {
             .env("SOFTRIG_EXPORT_TOOLS", "required");
     }
     run(tests.args(["--", "-q"]))
+}
+
+/// avr8js, on which the image runs beside simavr. Where npm is not to be had or finds nothing, the
+/// test says that it is skipped.
+fn second_processor() {
+    let folder = root().join("tests/second_processor");
+    if folder.join("node_modules/avr8js").exists() || !has_program("npm") {
+        return;
+    }
+    let mut npm = Command::new("npm");
+    npm.args(["ci", "--no-audit", "--no-fund"])
+        .current_dir(folder);
+    if let Err(why) = run_quietly(&mut npm, NPM_LIMIT) {
+        println!("avr8js was not installed, so the image runs on simavr alone: {why}");
+    }
 }
 
 /// The simulator's command, which is built with the tests of its crate.

@@ -138,6 +138,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
             .filter(|step| !args.skip.contains(step))
             .collect(),
         watch_s: args.seconds,
+        at_full_speed: args.virtual_rig,
         rig_file: args.rig.clone(),
     };
     let mut session = Session::new(link, &mut terminal, plan);
@@ -199,6 +200,7 @@ fn finish(args: &Args, report: &Report, to_stdout: bool) -> anyhow::Result<()> {
 }
 
 /// A link that does not open is no verdict on the rig.
+#[allow(clippy::needless_pass_by_value)] // For `map_err`.
 fn cannot(error: softrig_link::LinkError) -> anyhow::Error {
     let text = error.to_string();
     let (found, advice) = text.rsplit_once("; ").unwrap_or((&text, "see `rig ports`"));

@@ -46,14 +46,20 @@ const PRESSURE_LIMITS_KPA: (f64, f64) = (0.3, 1.0);
 const ANGLE_LIMITS_DEG: (f64, f64) = (0.3, 2.0);
 /// Reading of a gauge sensor without pressure (kPa); the board is not armed beyond 5.
 const ZERO_KPA: f64 = 3.0;
-/// Microsteps by which two homes may differ.
+/// Microsteps by which two homes may differ, beside what the plunger moves between two looks of
+/// the board at its switch.
 const HOME_STEPS: f64 = 10.0;
+/// Time (s) between these looks, and the share of `max.flow` at which the edge is sought.
+const LOOK: (f64, f64) = (0.01, 0.05);
 /// Pressure that is held (kPa), and the share of what may be asked for that it never exceeds.
 const HELD_KPA: (f64, f64) = (40.0, 0.8);
-/// Slow run of the emergency stop: level (kPa) and time (ms).
-const SLOW_RUN: (f64, u32) = (30.0, 60_000);
+/// Slow run of the emergency stop: levels (kPa) and times (ms) of its two ramps. The button is
+/// asked for during the second, when there is pressure to let out.
+const SLOW_RUN: [(f64, u32); 2] = [(15.0, 8_000), (30.0, 90_000)];
+/// Time (s) at which it is asked for.
+const ASKED_S: f64 = 9.0;
 /// Times (ms) of the held pressure: with the pump, without it, and of its release.
-const HELD_MS: [u32; 3] = [4_000, 10_500, 4_000];
+const HELD_MS: [u32; 3] = [8_000, 10_500, 4_000];
 
 /// A switch of the rig.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -133,6 +139,8 @@ pub(crate) struct Plan {
     pub(crate) steps: Vec<Step>,
     /// How long telemetry is watched (s of the board's time).
     pub(crate) watch_s: f64,
+    /// Whether simulated time passes as fast as the computer can, so that clocks say nothing.
+    pub(crate) at_full_speed: bool,
     /// Where the board's clock is written to.
     pub(crate) rig_file: PathBuf,
 }
@@ -153,6 +161,8 @@ pub(crate) struct Session<'o> {
     /// The clock that was measured.
     pub(crate) clock: Option<ClockRate>,
     heard: Instant,
+    /// The board's time (s) at which a simulator was last told that somebody is there.
+    told_s: f64,
     /// Why nothing more can be done.
     lost: Option<String>,
 }
@@ -172,6 +182,7 @@ impl<'o> Session<'o> {
             watched: None,
             clock: None,
             heard: Instant::now(),
+            told_s: 0.0,
             lost: None,
         }
     }
@@ -244,16 +255,13 @@ impl<'o> Session<'o> {
         if step.moves().is_some() || step == Step::Watchdog {
             let status = self.status()?;
             if let Some(fault) = status.fault {
-                return Ok(Some(Finding::failed(
-                    step,
-                    format!(
-                        "Nothing was moved: fault {} ({}) is latched. {}",
-                        fault.code(),
-                        fault.name(),
-                        fault.sentence()
-                    ),
-                    Vec::new(),
-                )));
+                let why = format!("Nothing was moved: {}", latched(fault));
+                let blocked = Finding::failed(step, why, Vec::new());
+                // What to do is in the sentence.
+                return Ok(Some(Finding {
+                    advice: None,
+                    ..blocked
+                }));
             }
         }
         if step.moves().is_some() || matches!(step, Step::Watchdog | Step::Relief) {
@@ -376,7 +384,18 @@ impl<'o> Session<'o> {
     fn telemetry(&mut self) -> anyhow::Result<Finding> {
         let watched = self.watch()?.clone();
         let in_real_time = self.is_in_real_time();
-        let measured = watched.measure(in_real_time);
+        let mut measured = watched.measure(in_real_time);
+        let fault = watched
+            .samples
+            .iter()
+            .find_map(|it| Fault::from_code(it.sample.fault));
+        measured.push(Measured::flag(
+            fault.map_or_else(
+                || "no fault meanwhile".to_owned(),
+                |fault| format!("no fault meanwhile ({})", fault.name()),
+            ),
+            fault.is_none(),
+        ));
         let seconds = self.plan.watch_s;
         let said = format!(
             "{} lines in {seconds:.0} s, none lost. The processor has time for every period.",
@@ -533,7 +552,7 @@ impl<'o> Session<'o> {
         }
         for switch in Switch::ALL {
             let ways = [
-                (Hand::Press(switch), Hand::Release(switch), "when pressed"),
+                (Hand::Press(switch), Hand::Release(switch), "pressed"),
                 (Hand::Pull(switch), Hand::Plug(switch), "without its wire"),
             ];
             for (open, close, when) in ways {
@@ -550,8 +569,11 @@ impl<'o> Session<'o> {
                     return Ok(Finding::skipped(Step::Switches, "Skipped by the operator."));
                 };
                 let name = switch.name();
-                measured.push(Measured::flag(format!("{name}: open {when}"), opened));
-                measured.push(Measured::flag(format!("{name}: closed again"), closed));
+                let what = match (opened, closed) {
+                    (true, false) => format!("{name}: open {when}, and closed again"),
+                    _ => format!("{name}: open {when}"),
+                };
+                measured.push(Measured::flag(what, opened && closed));
                 if others {
                     let name = format!("{name}: no other opens with it");
                     measured.push(Measured::flag(name, false));
@@ -566,7 +588,10 @@ impl<'o> Session<'o> {
     }
 
     fn homing(&mut self) -> anyhow::Result<Finding> {
-        let per_step = f64::from(self.settings()?.number(Key::VolumePerStep));
+        let settings = self.settings()?;
+        let per_step = f64::from(settings.number(Key::VolumePerStep));
+        let look_steps = LOOK.0 * LOOK.1 * f64::from(settings.number(Key::MaxFlow)) / per_step;
+        let within = (HOME_STEPS + look_steps).round();
         self.operator.progress(0.0, 2.0, "homing");
         let first_s = self.arm()?;
         self.disarm()?;
@@ -582,7 +607,7 @@ impl<'o> Session<'o> {
                 "second home beside the first",
                 steps,
                 "microsteps",
-                Limit::Within(-HOME_STEPS, HOME_STEPS),
+                Limit::Within(-within, within),
             ),
         ];
         Ok(Finding::judge(
@@ -595,16 +620,21 @@ impl<'o> Session<'o> {
     fn emergency_stop(&mut self) -> anyhow::Result<Finding> {
         let per_step = f64::from(self.settings()?.number(Key::VolumePerStep));
         self.arm()?;
-        let (level_kpa, duration_ms) = SLOW_RUN;
-        self.play(&[Segment::Ramp {
+        let highest_kpa = self.highest_kpa();
+        self.play(&SLOW_RUN.map(|(level_kpa, duration_ms)| Segment::Ramp {
             mode: ControlMode::Pressure,
-            level: hundredths(level_kpa.min(self.highest_kpa())),
+            level: hundredths(level_kpa.min(highest_kpa)),
             duration_ms,
-        }])?;
-        self.pass(2.0)?;
+        }))?;
+        let moves = |state| matches!(state, Some(State::Ready | State::Running));
+        self.until(ASKED_S, |session| Ok(!moves(session.state())))?;
+        if let Some(sample) = self.link.last().filter(|it| it.state == State::Fault) {
+            return Err(self.link.faulted(sample.fault).into());
+        }
         self.operator.hand(Hand::Press(Switch::EmergencyStop))?;
-        self.until(f64::from(duration_ms) / 1000.0, |session| {
-            Ok(session.state() == Some(State::Fault) || session.state() == Some(State::Ready))
+        let [_, (_, most_ms)] = SLOW_RUN;
+        self.until(f64::from(most_ms) / 1000.0, |session| {
+            Ok(matches!(session.state(), Some(State::Fault | State::Ready)))
         })?;
         let code = self.link.last().map_or(0, |sample| sample.fault);
         self.pass(3.0)?;
@@ -695,6 +725,11 @@ impl<'o> Session<'o> {
             ended && fault.is_none(),
         )];
         measured.extend(hold.measure());
+        if let Some(fault) = fault {
+            let why = format!("Cut off: {}", latched(fault));
+            let cut = Finding::failed(Step::Pressure, why, measured);
+            return Ok(cut.with_curves(curves(&self.samples)));
+        }
         Ok(Finding::judge(
             Step::Pressure,
             measured,
@@ -774,10 +809,10 @@ impl<'o> Session<'o> {
     /// Telemetry while nothing happens: watched once, for several steps.
     fn watch(&mut self) -> anyhow::Result<&Watched> {
         if self.watched.is_none() {
-            // What is about the boot or the self-test is no part of it.
+            let before = self.link.counters();
+            // What is left of the boot or the self-test is no part of it.
             self.pass(1.0)?;
             self.samples.clear();
-            let before = self.link.counters();
             let total_s = self.plan.watch_s;
             let begun = self.now_s();
             let mut passed_s = 0.0;
@@ -809,6 +844,7 @@ impl<'o> Session<'o> {
     /// Whether the board's time passes as ours does: always, but in a simulation.
     fn is_in_real_time(&self) -> bool {
         let rate = self.watched.as_ref().and_then(|it| rate(&it.samples));
+        let rate = rate.filter(|_| !self.plan.at_full_speed);
         !self.is_simulated || rate.is_some_and(|it| (it.factor - 1.0).abs() < FARTHEST_RATE)
     }
 
@@ -868,6 +904,7 @@ impl<'o> Session<'o> {
     /// Takes what comes in a short time.
     fn pump(&mut self) -> anyhow::Result<()> {
         self.operator.check()?;
+        self.stay_fast()?;
         match self.link.next_event(Duration::from_millis(20)) {
             Some(event) => {
                 self.take(event);
@@ -888,6 +925,17 @@ impl<'o> Session<'o> {
                     .into());
             }
             None => {}
+        }
+        Ok(())
+    }
+
+    /// A simulator at full speed waits for a client that is silent for a second of its time.
+    fn stay_fast(&mut self) -> anyhow::Result<()> {
+        const OFTEN_S: f64 = 0.5;
+        let now_s = self.now_s();
+        if self.plan.at_full_speed && (now_s - self.told_s).abs() > OFTEN_S {
+            self.told_s = now_s;
+            self.request(Command::Beat)?;
         }
         Ok(())
     }
@@ -1043,6 +1091,15 @@ impl<'o> Session<'o> {
             );
         }
     }
+}
+
+fn latched(fault: Fault) -> String {
+    format!(
+        "fault {} ({}) is latched. {}",
+        fault.code(),
+        fault.name(),
+        fault.sentence()
+    )
 }
 
 fn limit_of(settings: &Settings, key: Key, name: &str, unit: &'static str) -> Measured {

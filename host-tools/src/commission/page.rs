@@ -169,7 +169,9 @@ pub(crate) fn shown_limit(measured: &Measured) -> String {
         (None, None) => String::new(),
         (None, Some(most)) => format!("at most {}", number(most)),
         (Some(least), None) => format!("at least {}", number(least)),
-        (Some(least), Some(most)) if least == -most => format!("within ±{}", number(most)),
+        (Some(least), Some(most)) if (least + most).abs() < f64::EPSILON => {
+            format!("within ±{}", number(most))
+        }
         (Some(least), Some(most)) => format!("{} to {}", number(least), number(most)),
     }
 }

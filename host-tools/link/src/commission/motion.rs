@@ -131,7 +131,7 @@ impl Hold {
                 format!("time to {:.0} kPa", self.asked_kpa),
                 or_nan(self.reached_s),
                 "s",
-                Limit::AtMost(4.0),
+                Limit::AtMost(8.0),
             ),
             Measured::new(
                 "highest pressure",
@@ -192,9 +192,9 @@ impl Stop {
         let (before, after) = samples.split_at(at);
         let first = after.first()?;
         let volume = |it: &Received| f64::from(it.sample.volume_ul);
-        let moving = before.iter().rev().take(50);
-        let flow = match (moving.clone().next(), moving.last()) {
-            (Some(last), Some(earlier)) => {
+        let earlier = before.len().checked_sub(50).and_then(|at| before.get(at));
+        let flow = match (earlier.or(before.first()), before.last()) {
+            (Some(earlier), Some(last)) => {
                 (volume(last) - volume(earlier)) / time(earlier, last).max(0.01)
             }
             _ => 0.0,
@@ -331,7 +331,14 @@ mod tests {
     fn a_pump_that_goes_on_after_the_stop_is_found() {
         let stopped = |after: i32, kpa: f64| {
             let mut samples: Vec<Received> = (0..200_u32)
-                .map(|index| at(index, State::Running, 20.0, 500 + index as i32))
+                .map(|index| {
+                    at(
+                        index,
+                        State::Running,
+                        20.0,
+                        500 + i32::try_from(index).unwrap(),
+                    )
+                })
                 .collect();
             samples.extend((200..400).map(|index| at(index, State::Fault, kpa, 700 + after)));
             samples[200].sample.volume_ul = 700;
