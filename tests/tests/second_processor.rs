@@ -16,6 +16,9 @@ use wire::protocol::{ControlMode, Segment};
 use wire::settings::Key;
 use wire::text::Text;
 
+/// Lines of telemetry, 100 a second, after which the prediction has forgotten its start.
+const SETTLED_LINES: usize = 600;
+
 /// What a board said and did.
 struct Run {
     lines: Vec<String>,
@@ -63,6 +66,10 @@ impl Run {
 /// Settings, EEPROM, homing by switches that open when the script says, a run, and the self-test.
 fn script() -> String {
     let mut lines = vec![
+        // Closed, as at rest.
+        "0 pin E4 0".to_owned(),
+        "0 pin E5 0".to_owned(),
+        "0 pin D0 0".to_owned(),
         "0 counts 0 102".to_owned(),
         "0 counts 1 668".to_owned(),
         // The retracted switch answers, and lets go again.
@@ -172,12 +179,15 @@ fn two_processors_of_different_authors_do_the_same() {
     assert_eq!(first.position, second.position, "microsteps");
     assert!(first.position.abs() > 1_000, "{}", first.position);
 
-    // A line that is sent when an interrupt of another length has just come in one of them may
-    // have a reading of the neighbouring conversion; nearly all are the same to the last digit.
+    // The first reading comes a period later in one of them, and with it the prediction, which
+    // creeps to its rest for some seconds. From then on lines are the same to the last digit, but
+    // for a microstep at the end of a period now and then.
     let (first, second) = (first.telemetry(), second.telemetry());
-    let count = first.len().min(second.len());
-    let same = first.iter().zip(&second).filter(|(a, b)| a == b).count();
-    println!("{same} of {count} lines of telemetry are the same");
-    assert!(first.len().abs_diff(second.len()) <= 1 && count > 3_000);
-    assert!(same * 100 >= count * 98, "{same} of {count}");
+    assert_eq!(first.len(), second.len());
+    let settled = first.iter().zip(&second).skip(SETTLED_LINES);
+    let different: Vec<_> = settled.clone().filter(|(a, b)| a != b).collect();
+    assert!(
+        settled.len() > 2_000 && different.len() <= 10,
+        "{different:#?}"
+    );
 }
