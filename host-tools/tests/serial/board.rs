@@ -22,7 +22,6 @@ use firmware::faults::SIZE;
 use firmware::io::ResetCause;
 use firmware::past::Past;
 use firmware::plant::Plant;
-use firmware::probe::NoProbe;
 use firmware::store::{Eeprom, Poll, Writer};
 use rustix::fs::{Mode, OFlags};
 use rustix::io::ioctl_fionread;
