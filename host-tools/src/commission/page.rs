@@ -254,11 +254,13 @@ mod tests {
             "Use another cable",
             "no relief valve",
             "<svg",
-            "/dev/&lt;ttyACM0&gt;",
+            "&lt;ttyACM0&gt;",
         ] {
             assert!(page.contains(part), "{part}");
         }
-        assert!(!page.contains("http"), "self-contained");
+        for elsewhere in ["src=", "href=\"http", "url("] {
+            assert!(!page.contains(elsewhere), "{elsewhere}: not self-contained");
+        }
     }
 
     #[test]

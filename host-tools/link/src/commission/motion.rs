@@ -37,15 +37,14 @@ pub fn home_shift_ul(samples: &[Received]) -> Option<i32> {
         .filter(homing)
         .map(|it| it.sample.volume_ul)
         .collect();
-    // Back, beyond or up to the switch, then forward until it lets go. At the fastest edge speed
-    // a period moves by some microlitres, and the counter then starts again from zero.
-    let turn = (0..volumes.len()).min_by_key(|&index| volumes[index])?;
-    let left = &volumes[turn..];
-    let zeroed = left
-        .windows(2)
-        .position(|pair| (pair[1] == 0 && pair[0] != 0) || pair[1] < pair[0]);
-    zeroed.map_or(Some(0).filter(|_| left.contains(&0)), |at| {
-        left.get(at).copied()
+    // Back, beyond or up to the switch, then forward until it lets go, where the counter starts
+    // again from zero: the first fall after a rise, or a rise that ends at zero.
+    let mut has_risen = false;
+    volumes.windows(2).find_map(|pair| {
+        let (before, now) = (*pair.first()?, *pair.last()?);
+        let is_zeroed = has_risen && (now < before || (now == 0 && before < 0));
+        has_risen |= now > before;
+        is_zeroed.then_some(before)
     })
 }
 
