@@ -291,8 +291,7 @@ impl<'o> Session<'o> {
 
     // ------------------------------------------------------------- the steps
 
-    /// Who the board is. What else identifies its build, such as a checksum of its flash, belongs
-    /// here.
+    /// Who the board is, and whether its flash holds the whole image.
     fn identity(&mut self) -> anyhow::Result<Finding> {
         let settings = self.settings()?.clone();
         let status = self.status()?;
@@ -302,11 +301,22 @@ impl<'o> Session<'o> {
             .map(key_text)
             .collect();
         let version = env!("CARGO_PKG_VERSION");
+        let image = match board.image {
+            None => Measured::flag("the image carries no checksum of its own".to_owned(), true),
+            Some(sum) => Measured::flag(
+                format!(
+                    "the flash holds the whole image, checksum {:04x} of {:04x}",
+                    sum.found, sum.built
+                ),
+                sum.is_whole(),
+            ),
+        };
         let measured = vec![
             Measured::flag(
                 format!("firmware {} is that of this rig, {version}", board.firmware),
                 board.firmware == version,
             ),
+            image,
             Measured::flag(
                 format!(
                     "settings arrive as the board checks them, {}",
