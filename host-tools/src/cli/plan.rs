@@ -74,9 +74,9 @@ pub struct Args {
 
 /// What is to be said where no run that is known decides.
 pub(super) const NOTHING_DECIDES: &str =
-    "no pressure tells these effects apart, nor what else is known to be
-changed on this rig: its base for a weight, the load at its tip and the length of its tube where the
-recordings say them, a rest for what the first stretch took.
+    "no pressure tells these effects apart, nor does a change of the rig
+that is known here. What may: zeros that are calibrated better ([calibration] in the metadata), or a
+load at the tip and the length of the tube said in [setup], so that others can be planned.
 ";
 
 /// Runs that are listed.

@@ -45,7 +45,7 @@ fn a_plan_that_decides_nothing_is_written_only_by_force() {
         .line(line)
         .assert()
         .code(2)
-        .stdout(contains("neither a pressure nor a turned base").and(contains("may")))
+        .stdout(contains("no pressure tells these effects apart").and(contains("What may: zeros")))
         .stderr(contains("--force"));
     assert!(!bench.path("next.toml").exists());
     bench.prints(&format!("{line} --force"));

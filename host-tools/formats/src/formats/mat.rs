@@ -406,9 +406,10 @@ mod tests {
                 "another size",
             ),
             (
+                // A head without the HDF5 file that follows it.
                 b"MATLAB 7.3 MAT-file, Platform: GLNXA64".to_vec(),
                 "time=t",
-                "'-v7'",
+                "damaged HDF5 file",
             ),
         ] {
             match read_as(&bytes, columns) {
