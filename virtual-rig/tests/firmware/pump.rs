@@ -46,37 +46,45 @@ fn steady(intervals: &[u64], planned: u64) -> Vec<u64> {
         .collect()
 }
 
-/// At full flow every interval is the planned one within 1.5 µs, although the converter, the
+/// At full flow every interval is the planned one within 1.7 µs, although the converter, the
 /// serial line and the model interrupt one another.
 #[test]
 fn pulses_do_not_jitter() {
-    let Some(mut bench) = Bench::start(healthy()) else {
-        return;
-    };
-    bench.arm();
-    bench.obey(Command::Run(Some(Named::Paper)));
-    bench.rig.trace_steps(true);
-    bench.rig.step_edges();
-    bench.run(3.0);
-    let edges = bench.rig.step_edges();
-    let intervals: Vec<u64> = edges.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    let settings = Settings::DEFAULT;
-    let rate = settings.number(Key::MaxFlow) / settings.number(Key::VolumePerStep);
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // Some 1 120.
-    let planned = (CLOCK_HZ as f32 / rate) as u64;
-    let mut late: Vec<u64> = steady(&intervals, planned)
-        .iter()
-        .map(|interval| interval.abs_diff(planned))
-        .collect();
-    late.sort_unstable();
-    assert!(late.len() > 5_000, "{} steady intervals", late.len());
-    let mean = late.iter().sum::<u64>() as f64 / late.len() as f64;
-    let [p999, maximum] = [late[late.len() * 999 / 1_000], late[late.len() - 1]];
-    println!(
-        "{} intervals of {planned} cycles: mean {mean:.3}, p99.9 {p999}, maximum {maximum} cycles",
-        late.len()
-    );
-    assert!(maximum <= 24, "{maximum} cycles of 62.5 ns");
+    /// An interrupt lets others in 13 cycles after its own call, and the pulse's goes first of
+    /// those that wait: one can have begun before the edge that starts an interval, one before
+    /// the edge that ends it.
+    const MOST_CYCLES: u64 = 2 * 13;
+    // The pump starts in different phases of the control period, the converter and the line.
+    for delay_s in [0.0, 0.0011, 0.0023, 0.0037] {
+        let Some(mut bench) = Bench::start(healthy()) else {
+            return;
+        };
+        bench.arm();
+        bench.run(delay_s);
+        bench.obey(Command::Run(Some(Named::Paper)));
+        bench.rig.trace_steps(true);
+        bench.rig.step_edges();
+        bench.run(3.0);
+        let edges = bench.rig.step_edges();
+        let intervals: Vec<u64> = edges.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        let settings = Settings::DEFAULT;
+        let rate = settings.number(Key::MaxFlow) / settings.number(Key::VolumePerStep);
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // Some 1 120.
+        let planned = (CLOCK_HZ as f32 / rate) as u64;
+        let mut late: Vec<u64> = steady(&intervals, planned)
+            .iter()
+            .map(|interval| interval.abs_diff(planned))
+            .collect();
+        late.sort_unstable();
+        assert!(late.len() > 5_000, "{} steady intervals", late.len());
+        let mean = late.iter().sum::<u64>() as f64 / late.len() as f64;
+        let [p999, maximum] = [late[late.len() * 999 / 1_000], late[late.len() - 1]];
+        println!(
+            "{} intervals of {planned} cycles: mean {mean:.3}, p99.9 {p999}, maximum {maximum} cycles",
+            late.len()
+        );
+        assert!(maximum <= MOST_CYCLES, "{maximum} cycles of 62.5 ns");
+    }
 }
 
 /// The rate climbs no faster than the settings allow: 40 000 µl/s² of 0.35 µl.
