@@ -18,14 +18,18 @@ pub fn black_box_path(path: &Path) -> PathBuf {
 
 /// The table. Its times are those of the recording whose last row is given; without one, those of
 /// the board's clock.
-pub(super) fn text(past: &[Moment], last: Option<&LoggedSample>) -> String {
+pub(super) fn text(
+    past: &[Moment],
+    last: Option<&LoggedSample>,
+    clock_factor: Option<f64>,
+) -> String {
     let mut text = format!("{COLUMNS}\n");
     for moment in past {
         let time_ms = last.map_or(i64::from(moment.time_ms), |row| {
             // The clock wraps after 49 days.
             row.time_ms - i64::from(row.sample.time_ms.wrapping_sub(moment.time_ms))
         });
-        push_time(&mut text, time_ms);
+        push_time(&mut text, time_ms, clock_factor);
         for value in [moment.pressure_kpa, moment.angle_deg] {
             text.push(',');
             push(&mut text, value);
@@ -75,11 +79,14 @@ mod tests {
         // It began when the recording had not.
         let past = [moment(u32::MAX - 999, None), moment(200, Some(4))];
         assert_eq!(
-            text(&past, Some(&last)),
+            text(&past, Some(&last), None),
             "time_s,pressure_kpa,angle_deg,pump_ul,state,segment\n\
              -0.200,181.20,,14210,running,\n\
              1.000,181.20,,14210,running,4\n"
         );
-        assert!(text(&past[1..], None).ends_with("\n0.200,181.20,,14210,running,4\n"));
+        // A slow board: the recording's times are stretched, and so are these.
+        let stretched = text(&past[1..], Some(&last), Some(1.004));
+        assert!(stretched.contains("\n1.004000,181.20"), "{stretched}");
+        assert!(text(&past[1..], None, None).ends_with("\n0.200,181.20,,14210,running,4\n"));
     }
 }

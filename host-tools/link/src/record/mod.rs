@@ -175,7 +175,7 @@ impl Recorder {
     /// Names the file that cannot be written.
     pub fn write_black_box(&mut self, past: &[Moment]) -> Result<PathBuf, InputError> {
         let path = black_box_path(&self.path);
-        let text = black_box::text(past, self.last.as_ref());
+        let text = black_box::text(past, self.last.as_ref(), self.about.clock_factor);
         write_atomically(&path, text.as_bytes())?;
         self.about.black_box = path
             .file_name()

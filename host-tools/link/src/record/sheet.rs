@@ -112,8 +112,7 @@ fn not_written(path: &Path, error: &std::io::Error) -> InputError {
     .in_file(path)
 }
 
-/// A row with its end. What is not known stays empty. The board's milliseconds are kept as they
-/// are, and corrected ones have microseconds, so that a sample is not moved by rounding.
+/// A row with its end. What is not known stays empty.
 pub fn line(row: &LoggedSample, clock_factor: Option<f64>) -> String {
     let sample = &row.sample;
     let (angle, pressure) = match sample.setpoint {
@@ -122,12 +121,7 @@ pub fn line(row: &LoggedSample, clock_factor: Option<f64>) -> String {
         Setpoint::Pressure(level) => (None, Some(level)),
     };
     let mut text = String::with_capacity(96);
-    match clock_factor {
-        None => push_time(&mut text, row.time_ms),
-        factor => {
-            let _ = write!(text, "{:.6}", seconds(row.time_ms, factor));
-        }
-    }
+    push_time(&mut text, row.time_ms, clock_factor);
     for value in [sample.pressure_kpa, sample.angle_deg, angle, pressure] {
         text.push(',');
         push(&mut text, value);
@@ -145,8 +139,13 @@ pub fn line(row: &LoggedSample, clock_factor: Option<f64>) -> String {
     text
 }
 
-/// A time in seconds, to the millisecond.
-pub(super) fn push_time(text: &mut String, ms: i64) {
+/// A time in seconds. The board's milliseconds are kept as they are, and corrected ones have
+/// microseconds, so that a sample is not moved by rounding.
+pub(super) fn push_time(text: &mut String, ms: i64, clock_factor: Option<f64>) {
+    if clock_factor.is_some() {
+        let _ = write!(text, "{:.6}", seconds(ms, clock_factor));
+        return;
+    }
     let size = ms.unsigned_abs();
     let sign = if ms < 0 { "-" } else { "" };
     let _ = write!(text, "{sign}{}.{:03}", size / 1000, size % 1000);
