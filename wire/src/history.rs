@@ -6,6 +6,7 @@ use crate::{
     decimal::{Hundredths, Thousandths},
     fields::Fields,
     state::State,
+    telemetry::parse_reading,
 };
 
 /// Faults in the log.
@@ -105,7 +106,7 @@ impl FaultRecord {
             state: state(fields.next()?)?,
             reset: ResetCause::from_code(fields.number()?)?,
             time_ms: fields.number()?,
-            pressure_kpa: reading(fields.next()?)?,
+            pressure_kpa: parse_reading(fields.next()?)?,
             volume_ul: Thousandths::parse(fields.next()?)?.0,
         };
         fields.is_empty().then_some(record)
@@ -152,8 +153,8 @@ impl Moment {
         let mut fields = Fields::new(text.as_bytes());
         let mut moment = Self {
             time_ms: fields.number()?,
-            pressure_kpa: reading(fields.next()?)?,
-            angle_deg: reading(fields.next()?)?,
+            pressure_kpa: parse_reading(fields.next()?)?,
+            angle_deg: parse_reading(fields.next()?)?,
             volume_ul: Thousandths::parse(fields.next()?)?.0,
             state: state(fields.next()?)?,
             segment: None,
@@ -199,15 +200,6 @@ fn write_reading<W: uWrite + ?Sized>(
         return f.write_char('n');
     };
     uwrite!(f, "{}", value)
-}
-
-/// The outer option is none when it is neither a number nor `nan`.
-#[allow(clippy::option_option)]
-fn reading(field: &[u8]) -> Option<Option<Hundredths>> {
-    match field {
-        b"nan" => Some(None),
-        value => Hundredths::parse(value).map(Some),
-    }
 }
 
 #[cfg(test)]

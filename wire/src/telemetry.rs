@@ -170,7 +170,13 @@ fn reading<W: uWrite + ?Sized>(
 /// `pressure:12.34` or `pressure:nan`; the outer option is none when it is neither.
 #[allow(clippy::option_option)]
 fn sensor(field: &[u8], label: &[u8]) -> Option<Option<Hundredths>> {
-    match field.strip_prefix(label)? {
+    parse_reading(field.strip_prefix(label)?)
+}
+
+/// `12.34`, or `nan` where there is no reading; the outer option is none when it is neither.
+#[allow(clippy::option_option)]
+pub(crate) fn parse_reading(field: &[u8]) -> Option<Option<Hundredths>> {
+    match field {
         b"nan" => Some(None),
         value => Hundredths::parse(value).map(Some),
     }
