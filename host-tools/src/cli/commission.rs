@@ -1,7 +1,7 @@
 //! `rig commission`: the acceptance test of a board and its rig.
 
 use std::io::{BufRead, IsTerminal};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::time::{Instant, SystemTime};
 
@@ -9,6 +9,7 @@ use clap::{ArgGroup, Parser};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::Interrupt;
+use super::json::JsonArgs;
 use super::output::{self, FileKind, Output};
 use super::virtual_rig::Companion;
 use crate::commission::page::{Report, page, shown_limit, shown_value};
@@ -67,15 +68,14 @@ pub struct Args {
     /// How long telemetry, clock and noise are watched, in seconds
     #[arg(long, value_name = "N", default_value_t = 60.0, value_parser = watch)]
     seconds: f64,
-    /// Write the result as JSON; - is standard output
-    #[arg(long, value_name = "FILE.json")]
-    json: Option<PathBuf>,
     /// Write the result as a page that can be sent with a question
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
     /// File that keeps the board's clock
     #[arg(long, value_name = "RIG.toml", default_value = RIG_FILE)]
     rig: PathBuf,
+    #[command(flatten)]
+    json: JsonArgs,
 }
 
 fn step(text: &str) -> Result<Step, String> {
@@ -104,11 +104,9 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     if args.list {
         return Ok(super::print(&list())?);
     }
-    let to_stdout = args.json.as_deref() == Some(Path::new("-"));
-    let json = args.json.as_ref().filter(|_| !to_stdout);
     output::check(
         &[
-            Output::of("--json", FileKind::Json, json),
+            args.json.output(),
             Output::of("--report", FileKind::Page, args.report.as_ref()),
         ],
         [&args.rig],
@@ -167,20 +165,20 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         clock,
         steps,
     };
-    finish(args, &report, to_stdout)
+    finish(args, &report)
 }
 
 /// Writes the results.
-fn finish(args: &Args, report: &Report, to_stdout: bool) -> anyhow::Result<()> {
-    let text = format!("{}\n", serde_json::to_string_pretty(report)?);
-    match &args.json {
-        Some(_) if to_stdout => super::print(&text)?,
-        Some(path) => write_atomically(path, text.as_bytes())?,
-        None => {}
-    }
+fn finish(args: &Args, report: &Report) -> anyhow::Result<()> {
     if let Some(path) = &args.report {
         write_atomically(path, page(report)?.as_bytes())?;
     }
+    let sentence = if report.passed {
+        format!("{}\n", report.sentence())
+    } else {
+        String::new()
+    };
+    args.json.deliver(report, &sentence)?;
     if !report.passed {
         let send = match &args.report {
             Some(path) => format!(
@@ -192,9 +190,6 @@ fn finish(args: &Args, report: &Report, to_stdout: bool) -> anyhow::Result<()> {
             }
         };
         anyhow::bail!("{}{send}", report.sentence());
-    }
-    if !to_stdout {
-        super::print(&format!("{}\n", report.sentence()))?;
     }
     Ok(())
 }

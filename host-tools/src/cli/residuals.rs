@@ -10,8 +10,8 @@ use super::input::InputArgs;
 use super::json::{JsonArgs, SCHEMA};
 use super::output::{self, FileKind, Output};
 use crate::plot::{Figure, Mark, Panel, Role, Series, Style, to_svg_string, write_svg};
-use crate::report::correlation::{Correlation, Correlations, RunResiduals};
-use crate::report::residuals::BEYOND_CHANCE;
+use crate::report::correlation::{Correlation, Correlations, Level, RunResiduals};
+use crate::report::html::STYLE;
 use softrig::comparison::check_comparable;
 use softrig::estimate::assemble::assemble;
 use softrig::estimate::filter::Pace;
@@ -48,13 +48,6 @@ pub struct Args {
     #[command(flatten)]
     input: InputArgs,
 }
-
-/// Half widths of the 95 % and the 99 % interval of normal values, in standard deviations.
-const NORMAL: [f64; 2] = [1.96, 2.576];
-
-/// Largest number of lags outside of the band by chance, in standard deviations: 99 of 100 white
-/// residuals have fewer.
-const BY_CHANCE: f64 = 2.33;
 
 /// What `rig residuals --json` writes.
 #[derive(Clone, Debug, Serialize, JsonSchema)]
@@ -94,33 +87,14 @@ struct Lagged {
     by_chance: bool,
 }
 
-/// Whether the lags of a correlation are independent without any.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Lags {
-    /// Of white noise with itself: the share beyond the band decides.
-    Independent,
-    /// Of a slow input: the largest decides.
-    Dependent,
-}
-
 impl Lagged {
-    fn of(of: &Correlation, lags_are: Lags) -> Self {
-        let band99 = of.band * NORMAL[1] / NORMAL[0];
-        let later = of.lag.iter().zip(&of.value).filter(|(lag, _)| **lag > 0.0);
-        let lags = later.clone().count().max(1) as f64;
-        let outside = later.filter(|(_, value)| value.abs() > band99).count() as f64 / lags;
+    fn of(of: &Correlation, by_chance: bool) -> Self {
         Self {
             lag_s: of.lag.clone(),
             correlation: of.value.clone(),
-            band99,
-            outside,
-            by_chance: match lags_are {
-                Lags::Independent => outside <= 0.01 + BY_CHANCE * (0.01 * 0.99 / lags).sqrt(),
-                Lags::Dependent => {
-                    let peak = of.peak().map_or(0.0, |(_, peak)| peak.abs());
-                    peak <= BEYOND_CHANCE * of.band
-                }
-            },
+            band99: of.bound(Level::P99),
+            outside: of.share_outside(Level::P99),
+            by_chance,
         }
     }
 
@@ -214,11 +188,11 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         model: file.name.clone(),
         samples: usable.len(),
         rmse_deg: fit.rmse().to_degrees(),
-        with_itself: Lagged::of(&correlations.own, Lags::Independent),
+        with_itself: Lagged::of(&correlations.own, correlations.own.is_white(Level::P99)),
         with_pressure: correlations
             .with_input
             .as_ref()
-            .map(|it| Lagged::of(it, Lags::Dependent)),
+            .map(|it| Lagged::of(it, !it.is_beyond_chance())),
         ahead: errors_ahead(&fit, data),
         distribution: Distribution::of(&usable),
     };
@@ -362,6 +336,7 @@ impl Analysis {
         environment
             .get_template("residuals.html")?
             .render(minijinja::context! {
+                style => STYLE,
                 title => format!("What {} leaves", self.model),
                 sentences => self.sentences(),
                 picture => minijinja::Value::from_safe_string(to_svg_string(&self.figure())),

@@ -17,8 +17,35 @@
 
 use softrig::statistics::mean;
 
-/// Half width of the 95 % interval of normal values, in standard deviations.
-const NORMAL95: f64 = 1.96;
+/// A level of confidence.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Level {
+    /// Share of normal values beyond it.
+    beyond: f64,
+    /// Half width of the interval that holds the others, in standard deviations.
+    deviations: f64,
+}
+
+impl Level {
+    /// 95 %.
+    pub const P95: Self = Self {
+        beyond: 0.05,
+        deviations: 1.96,
+    };
+    /// 99 %.
+    pub const P99: Self = Self {
+        beyond: 0.01,
+        deviations: 2.576,
+    };
+}
+
+/// Number of lags outside the band by chance, in standard deviations: 99 of 100 white
+/// residuals have fewer.
+const BY_CHANCE: f64 = 2.33;
+
+/// Multiple of the band beyond which the largest cross-correlation is no chance: three
+/// standard deviations, since the lags of a slow input are not independent.
+const BEYOND_CHANCE: f64 = 1.5;
 
 /// Largest number of lags on one side, about: no picture is wider.
 pub const MOST_LAGS: usize = 500;
@@ -54,11 +81,31 @@ pub struct Correlation {
 }
 
 impl Correlation {
-    /// Share of the lags above zero at which the correlation is beyond the band.
-    pub fn share_outside(&self) -> f64 {
-        let later = || self.later();
-        let outside = later().filter(|(_, value)| value.abs() > self.band).count();
-        outside as f64 / later().count().max(1) as f64
+    /// The bound of the absolute value without any correlation, at a level.
+    pub fn bound(&self, level: Level) -> f64 {
+        self.band * (level.deviations / Level::P95.deviations)
+    }
+
+    /// Share of the lags above zero at which the correlation is beyond the bound.
+    pub fn share_outside(&self, level: Level) -> f64 {
+        let bound = self.bound(level);
+        let outside = self.later().filter(|(_, value)| value.abs() > bound);
+        outside.count() as f64 / self.lags().max(1) as f64
+    }
+
+    /// Whether chance alone puts as many lags beyond the bound. The lags of white noise are
+    /// independent.
+    pub fn is_white(&self, level: Level) -> bool {
+        let Level { beyond, .. } = level;
+        let chance =
+            beyond + BY_CHANCE * (beyond * (1.0 - beyond) / self.lags().max(1) as f64).sqrt();
+        self.share_outside(level) <= chance
+    }
+
+    /// Whether the largest correlation is more than chance gives signals as slow as these.
+    pub fn is_beyond_chance(&self) -> bool {
+        let peak = self.peak().map_or(0.0, |(_, peak)| peak.abs());
+        peak > BEYOND_CHANCE * self.band
     }
 
     /// Lag (s) and size of the largest correlation at lags above zero.
@@ -131,14 +178,14 @@ impl Correlations {
                     .chain((0..=lags).map(seconds))
                     .collect(),
                 value: later.map(|lag| before[lag]).chain(after).collect(),
-                band: NORMAL95 * (spread(&own, &input) / samples as f64).sqrt(),
+                band: Level::P95.deviations * (spread(&own, &input) / samples as f64).sqrt(),
             })
         });
         Some(Self {
             own: Correlation {
                 lag: (0..=lags).map(seconds).collect(),
                 value: own,
-                band: NORMAL95 / (samples as f64).sqrt(),
+                band: Level::P95.deviations / (samples as f64).sqrt(),
             },
             with_input,
             samples,
@@ -287,8 +334,8 @@ mod tests {
             }
             let found = correlate(&white(4_000, seed), &input, 1.0);
             assert!((found.own.value[0] - 1.0).abs() < 1e-12);
-            own.push(found.own.share_outside());
-            crossed.push(found.with_input.unwrap().share_outside());
+            own.push(found.own.share_outside(Level::P95));
+            crossed.push(found.with_input.unwrap().share_outside(Level::P95));
         }
         assert!((mean(&own) - 0.05).abs() < 0.015, "{}", mean(&own));
         assert!((mean(&crossed) - 0.05).abs() < 0.04, "{}", mean(&crossed));
@@ -306,7 +353,7 @@ mod tests {
         let outside: Vec<f64> = (0..40)
             .map(|seed| {
                 let found = correlate(&slow(seed), &slow(1_000 + seed), 1.0);
-                found.with_input.unwrap().share_outside()
+                found.with_input.unwrap().share_outside(Level::P95)
             })
             .collect();
         assert!((mean(&outside) - 0.05).abs() < 0.04, "{}", mean(&outside));
@@ -340,7 +387,7 @@ mod tests {
             .max_by(|a, b| a.1.total_cmp(b.1))
             .unwrap();
         assert!((found.lag[place] + 0.3).abs() < 1e-9);
-        assert!(found.share_outside() < 0.2);
+        assert!(found.share_outside(Level::P95) < 0.2);
     }
 
     #[test]
@@ -368,10 +415,10 @@ mod tests {
         };
         let found = Correlations::of(&[run], 1.0).unwrap();
         assert_eq!((found.samples, found.own.lags()), (1_900, 100));
-        assert!(found.own.share_outside() < 0.12);
+        assert!(found.own.share_outside(Level::P95) < 0.12);
         let found = Correlations::of(&[run, slow], 1.0).unwrap();
         assert!((found.own.lag[1] - 4.0 * STEP).abs() < 1e-9);
-        assert!(found.own.share_outside() < 0.2);
+        assert!(found.own.share_outside(Level::P95) < 0.2);
     }
 
     #[test]

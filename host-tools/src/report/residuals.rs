@@ -1,7 +1,7 @@
 //! The residual before and after the repair: one sentence and two panels on whether it is
 //! white and whether it is correlated with the pressure ([`super::correlation`]).
 
-use super::correlation::{Correlation, Correlations, RunResiduals};
+use super::correlation::{Correlation, Correlations, Level, RunResiduals};
 use super::pictures::{COLUMN_PX, NOMINAL, REFITTED, REPAIRED, ROW_HEIGHT_PX, style_of};
 use super::runs::RunView;
 use crate::plot::{Figure, Mark, Panel, Role, Series, Style};
@@ -15,14 +15,6 @@ const SWINGS: f64 = 1.0;
 
 /// A correlation below this is a hundredth of the power, and not worth a repair.
 const FAINT: f64 = 0.1;
-
-/// Number of lags outside the band by chance, in standard deviations: 99 of 100 white
-/// residuals have fewer.
-const BY_CHANCE: f64 = 2.33;
-
-/// Multiple of the band beyond which the largest cross-correlation is no chance: three
-/// standard deviations, since the lags of a slow input are not independent.
-pub(crate) const BEYOND_CHANCE: f64 = 1.5;
 
 /// The residual of a model.
 #[derive(Clone, Debug)]
@@ -185,10 +177,9 @@ struct Whiteness {
 }
 
 fn whiteness(own: &Correlation) -> Whiteness {
-    let chance = 0.05 + BY_CHANCE * (0.05 * 0.95 / own.lags().max(1) as f64).sqrt();
     let (lag, peak) = own.peak().unwrap_or((0.0, 0.0));
-    let share = percent(own.share_outside());
-    if own.share_outside() <= chance {
+    let share = percent(own.share_outside(Level::P95));
+    if own.is_white(Level::P95) {
         Whiteness {
             is_white: true,
             text: format!(
@@ -224,7 +215,7 @@ fn whiteness(own: &Correlation) -> Whiteness {
 /// A clause that the residual is correlated with the pressure; none if it is not.
 fn going_with(input: &Correlation) -> Option<String> {
     let (lag, peak) = input.peak()?;
-    (peak.abs() > BEYOND_CHANCE * input.band && peak.abs() >= FAINT).then(|| {
+    (input.is_beyond_chance() && peak.abs() >= FAINT).then(|| {
         format!(
             "goes with the pressure (correlation {} with that {} s before)",
             short(peak),
