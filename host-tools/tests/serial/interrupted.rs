@@ -52,7 +52,7 @@ fn a_board_that_falls_silent_ends_a_recording_with_what_there_is() {
         let child = bench.start(&format!(
             "record --port PORT -o run.csv --patience 1 {what}"
         ));
-        wait_until("rows", || bench.rows("run.csv") > 100);
+        wait_until("rows", || bench.rows("run.csv") > 200);
         bench.board.script().silent = true;
         let begun = std::time::Instant::now();
         let output = child.wait_with_output().unwrap();
