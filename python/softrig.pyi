@@ -187,6 +187,10 @@ class Model:
         """The text of the model file, with its comments."""
 
     def write(self, path: _Path) -> None: ...
+    def export(self, path: _Path) -> None:
+        """Writes the model as a file of another tool, as ``rig export`` does: C (.c), Python
+        (.py), MATLAB (.m), Modelica (.mo), or a functional mock-up unit (.fmu)."""
+
     def replace(self, **parameters: float) -> Model:
         """The model with other parameters: ``model.replace(exponent=2.0)``. Keys with a dot
         are given as ``model.replace(**{"gravity.force_n": 0.3})``."""
@@ -364,6 +368,8 @@ class Fit:
 
     @property
     def runs(self) -> list[FitRun]: ...
+    def plot(self) -> NDArray[Any]:
+        """Draws measured and simulated angles on matplotlib's axes, an array with one a run."""
 
 def fit(model: Model, recordings: _Recordings, *, threads: int | None = None) -> Fit:
     """Fits the free parameters of a model to recordings."""
@@ -579,8 +585,9 @@ class Diagnosis:
     def report(self, path: _Path) -> None:
         """Writes the report: one HTML page that needs no network."""
 
-    def plot(self, path: _Path) -> None:
-        """Draws measured and simulated angles, before and after, and residuals, as SVG."""
+    def plot(self, path: _Path | None = None) -> NDArray[Any] | None:
+        """Draws measured, before and after: with a path as the SVG of ``rig diagnose --plot``,
+        without one on matplotlib's axes, an array with one a run."""
 
     def _repr_html_(self) -> str: ...
 
@@ -627,3 +634,29 @@ def example(seed: int = 1, *, effect: str | None = None, noise_deg: float = 0.4)
 
     The seed decides the actuator, the noise and the hidden effect, unless one is named;
     "none" hides no effect, only wrong parameters."""
+
+def residuals(model: Model, recordings: _Recordings) -> dict[str, Any]:
+    """What a model leaves of recordings: correlations, prediction error over the time ahead,
+    and distribution, as ``rig residuals --json`` writes them."""
+
+def linearise(
+    model: Model, *, at_deg: float | None = None, at_kpa: float | None = None
+) -> dict[str, Any]:
+    """A model for small motions about a rest, at an angle or under a pressure: state space,
+    poles, gain and bandwidth, as ``rig linearise --json`` writes them."""
+
+def plan(
+    model: Model,
+    between: str,
+    recordings: _Recordings | None = None,
+    *,
+    limits: str | None = None,
+    noise_deg: float | None = None,
+) -> dict[str, Any]:
+    """The runs that tell two effects apart, best first, as ``rig plan --json`` writes them."""
+
+def init(recordings: _Recordings, *, name: str = "model") -> Model:
+    """A first model, identified from recordings as ``rig init --recording`` does."""
+
+def _rig() -> int:
+    """Runs ``rig`` with the arguments of this process and returns its exit code."""

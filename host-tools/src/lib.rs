@@ -9,6 +9,7 @@
 
 mod batch;
 pub mod cli;
+pub mod command;
 mod commission;
 pub mod export;
 mod monitor;

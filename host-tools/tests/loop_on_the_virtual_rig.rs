@@ -22,6 +22,7 @@ use model_core::{
 use softrig::diagnose::verdict::{Answer, Verdict};
 use softrig::diagnose::{Diagnosis, Progress, Request, diagnose};
 use softrig_formats::model_file::{ModelFile, to_file_units};
+use softrig_formats::protocol_file::ProtocolFile;
 use softrig_formats::recording::{PASCAL_PER_KPA, Recording};
 use tempfile::TempDir;
 
@@ -329,11 +330,42 @@ fn the_next_experiment_decides() {
         .collect();
     runs.sort();
     let runs: Vec<&str> = runs.iter().map(String::as_str).collect();
-    let next = ["next", "--virtual", "heavy.toml", "--model"];
-    let next = [&next[..], &["upright/model.toml", "-o", "decide"], &runs].concat();
+    let command = ["next", "--virtual", "heavy.toml", "--model"];
+    let limits = [
+        "upright/model.toml",
+        "-o",
+        "decide",
+        "--limits",
+        "deg=70,s=60",
+    ];
+    let next = [&command[..], &limits, &runs].concat();
     let said = rig(&folder, &next);
     assert!(said.contains("cannot tell apart"), "{said}");
-    // Which way does not matter: these recordings do not say what their sensor shows.
+    // Which way does not matter: these recordings do not say what their sensor shows, and a
+    // run that leaves it is followed by one the other way.
     assert!(said.contains("turn the base by 90°"), "{said}");
     assert!(said.contains("The model lacks gravity."), "{said}");
+    let plans: Vec<ProtocolFile> = (1..=2)
+        .map(|number| folder.path().join(format!("decide/next{number}.toml")))
+        .filter(|path| path.exists())
+        .map(|path| ProtocolFile::read(&path).unwrap())
+        .collect();
+    for plan in &plans {
+        assert!(plan.total_ms() <= 60_000, "{plan:?}");
+    }
+    // Somebody turned it the other way, or wrote the wrong sign.
+    let turned = folder
+        .path()
+        .join(format!("decide/next{}.meta.toml", plans.len()));
+    let was = fs::read_to_string(&turned).unwrap();
+    let now = if was.contains("tilt_deg = -90.0") {
+        was.replace("tilt_deg = -90.0", "tilt_deg = 90.0")
+    } else {
+        was.replace("tilt_deg = 90.0", "tilt_deg = -90.0")
+    };
+    assert_ne!(was, now);
+    fs::write(&turned, now).unwrap();
+    let said = rig(&folder, &next);
+    assert!(said.contains("No further run is made: "), "{said}");
+    assert!(said.contains("as if it was turned by"), "{said}");
 }

@@ -29,6 +29,7 @@ use softrig_formats::model_file::ModelFile;
 use softrig_formats::own_effects::OwnEffects;
 use softrig_formats::recording;
 
+use crate::axes::{self, Curves};
 use crate::fault::OrRaise;
 use crate::fault::warn;
 use crate::frame::frame;
@@ -140,12 +141,35 @@ impl Diagnosis {
         write_atomically(&path, text.as_bytes()).or_raise(py)
     }
 
-    /// Draws measured, before and after, and what is left, as SVG.
-    fn plot(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+    /// Draws measured, before and after: with a path as the SVG of `rig diagnose --plot`, without
+    /// one on matplotlib's axes, an array with one a run.
+    #[pyo3(signature = (path = None))]
+    fn plot<'py>(
+        &self,
+        py: Python<'py>,
+        path: Option<PathBuf>,
+    ) -> PyResult<Option<Bound<'py, PyAny>>> {
+        let Some(path) = path else {
+            let runs = self.make_runs();
+            let curves: Vec<Curves<'_>> = runs
+                .iter()
+                .map(|run| Curves {
+                    name: &run.name,
+                    time: &run.time,
+                    angles: vec![
+                        ("measured", &run.measured),
+                        ("nominal", &run.nominal),
+                        ("repaired", &run.repaired),
+                    ],
+                })
+                .collect();
+            return axes::drawn(py, &curves).map(Some);
+        };
         self.check(&Output::of("plot", FileKind::Picture, Some(&path)))
             .or_raise(py)?;
         py.detach(|| write_svg(&path, &figure(&self.found)))
-            .map_err(|error| PyRuntimeError::new_err(error.to_string()))
+            .map_err(|error| PyRuntimeError::new_err(error.to_string()))?;
+        Ok(None)
     }
 
     /// The summary that `rig diagnose` prints.

@@ -3,6 +3,7 @@
 use std::num::NonZero;
 use std::sync::Arc;
 
+use host_tools::cli::fit::table;
 use library::diagnose::Progress;
 use library::diagnose::verdict::Zeros;
 use library::estimate::fit as fits;
@@ -10,9 +11,10 @@ use library::estimate::refit::{NOT_CONVERGED, Refit, refit};
 use library::statistics::rms;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use softrig_formats::model_file::{parameter_unit, parameters, to_file_units};
+use softrig_formats::model_file::{ModelFile, parameter_unit, parameters, to_file_units};
 use softrig_formats::numbers::tidy;
 
+use crate::axes::{self, Curves};
 use crate::fault::{OrRaise, warn};
 use crate::frame::frame;
 use crate::model::Model;
@@ -26,6 +28,7 @@ use crate::work::{self, Listener};
 pub struct Fit {
     #[pyo3(get)]
     model: Py<Model>,
+    given: Arc<ModelFile>,
     refit: Box<Refit>,
 }
 
@@ -240,6 +243,29 @@ impl Fit {
             .collect()
     }
 
+    /// Draws measured and simulated angles on matplotlib's axes, an array with one a run.
+    fn plot<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let runs = self.runs();
+        let curves: Vec<Curves<'_>> = runs
+            .iter()
+            .map(|run| Curves {
+                name: &run.name,
+                time: &run.time,
+                angles: vec![
+                    ("measured", &run.measured),
+                    ("nominal", &run.nominal),
+                    ("fitted", &run.fitted),
+                ],
+            })
+            .collect();
+        axes::drawn(py, &curves)
+    }
+
+    /// The tables that `rig fit` prints.
+    fn __str__(&self) -> String {
+        table(&self.given, &self.refit)
+    }
+
     fn __repr__(&self) -> String {
         format!(
             "<softrig.Fit: RMS error {:.3}° → {:.3}°>",
@@ -277,6 +303,7 @@ pub fn fit(
     warn(py, warnings)?;
     let model = given.with(py, &given.file.text_with(&refit.fitted.model, ""))?;
     Ok(Fit {
+        given: Arc::clone(&given.file),
         model: Py::new(py, model)?,
         refit: Box::new(refit),
     })

@@ -2,8 +2,8 @@
 //!
 //! Nothing is computed here. Each module converts Python objects to those of `softrig`, the library,
 //! calls it, and converts the results back: [`recording`], [`model`], [`simulation`],
-//! [`fit`], [`diagnosis`], [`measure`], [`example`]. They share the conversion of errors to exceptions
-//! ([`fault`]), of numbers ([`values`], [`frame`]), and long work without the interpreter's
+//! [`fit`], [`diagnosis`], [`measure`], [`analysis`], [`example`]; [`command`] is `rig` itself. They share the conversion of errors to exceptions
+//! ([`fault`]), of numbers ([`values`], [`frame`], [`axes`]), and long work without the interpreter's
 //! lock ([`work`]).
 //!
 //! A test compares the definitions here with `softrig.pyi`.
@@ -14,6 +14,9 @@
 
 use pyo3::prelude::*;
 
+mod analysis;
+mod axes;
+mod command;
 mod diagnosis;
 mod example;
 mod fault;
@@ -34,6 +37,10 @@ mod softrig {
     use super::{Bound, PyModule, PyModuleMethods, PyResult};
 
     #[pymodule_export]
+    use super::analysis::{init, linearise, plan, residuals};
+    #[pymodule_export]
+    use super::command::rig;
+    #[pymodule_export]
     use super::diagnosis::{Diagnosis, Run, diagnose};
     #[pymodule_export]
     use super::example::{Example, example};
@@ -53,7 +60,7 @@ mod softrig {
     use super::simulation::{Simulation, simulate};
 
     #[pymodule_init]
-    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    fn fill(module: &Bound<'_, PyModule>) -> PyResult<()> {
         module.add("__version__", env!("CARGO_PKG_VERSION"))
     }
 }

@@ -3,7 +3,9 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use host_tools::cli::export::{Exported, Target, exported};
 use host_tools::cli::output::{self, FileKind, Output};
+use host_tools::export::Defaults;
 use host_tools::report::provenance::{MODEL, Source};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -13,7 +15,7 @@ use softrig_formats::model_file::{
 };
 use softrig_formats::numbers::tidy;
 
-use crate::fault::OrRaise;
+use crate::fault::{OrRaise, warn};
 
 /// A model: its parameters, what a fit may move, and the text of its file.
 #[pyclass(frozen, module = "softrig")]
@@ -54,6 +56,26 @@ impl Model {
         output::check(&outputs, [])
             .and_then(|()| write_atomically(&path, self.file.text().as_bytes()))
             .or_raise(py)
+    }
+
+    /// Writes the model as a file of another tool, as `rig export` does: C (.c), Python (.py),
+    /// MATLAB (.m), Modelica (.mo), or a functional mock-up unit (.fmu).
+    fn export(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        let outputs = [Output::of("export", FileKind::Code, Some(&path))];
+        let target = Target::of(&path).ok_or_else(|| {
+            Fault::new(
+                format!("{} has no extension that is known", path.display()),
+                "end it with .c, .py, .m, .mo or .fmu",
+            )
+        });
+        let name = path.file_stem().unwrap_or_default().to_string_lossy();
+        let exported = target.and_then(|target| {
+            output::check(&outputs, [])?;
+            exported(&self.file, target, &name, Defaults::default())
+        });
+        let Exported { content, warning } = exported.or_raise(py)?;
+        warn(py, warning)?;
+        write_atomically(&path, &content).or_raise(py)
     }
 
     /// Name for reports.

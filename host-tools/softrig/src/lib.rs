@@ -7,6 +7,7 @@
 //! - [`diagnose`] names the effect that a model lacks.
 //! - [`first_model`] makes a model from recordings alone.
 //! - [`board_gap`] and [`comparison`] measure a model that is given.
+//! - [`linear`] is a model for small motions about a rest.
 //! - [`synth`] makes recordings with a known answer.
 //! - [`statistics`] holds what several of these count by.
 #![forbid(unsafe_code)]
@@ -19,6 +20,7 @@ pub mod comparison;
 pub mod diagnose;
 pub mod estimate;
 pub mod first_model;
+pub mod linear;
 pub mod residual_analysis;
 pub mod sim;
 pub mod statistics;

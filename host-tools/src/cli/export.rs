@@ -1,19 +1,19 @@
 //! `rig export`: a model as a file of another language.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Parser;
 
 use super::input::InputArgs;
 use super::output::{self, FileKind, Output};
-use crate::export::{Defaults, ExportError, Language, export, identifier};
+use crate::export::{Defaults, ExportError, Language, export, functional_mockup_unit, identifier};
 use softrig::estimate::Dataset;
 use softrig::estimate::fit::Fitter;
 use softrig_formats::error::{InputError, write_atomically};
 use softrig_formats::model_file::ModelFile;
 use softrig_formats::recording::{PASCAL_PER_KPA, Recording};
 
-/// Writes a model as C, Python, Modelica or MATLAB that repeats `rig simulate`.
+/// Writes a model as C, Python, Modelica, MATLAB or an FMU that repeats `rig simulate`.
 ///
 /// The file needs nothing else. Its inputs are times in seconds and gauge pressures in kPa,
 /// its outputs are angles in degrees. docs/export.md shows how to use each language.
@@ -25,14 +25,15 @@ Examples:
   rig export --model repaired.toml --to python -o finger.py && python3 finger.py run.csv
   rig export --model repaired.toml --to matlab -o finger.m
   rig export --model repaired.toml --to modelica -o Finger.mo
+  rig export --model repaired.toml --to fmu -o finger.fmu
   rig export --model repaired.toml --to python --recording run.csv -o finger.py")]
 pub struct Args {
     /// Model file
     #[arg(long, value_name = "MODEL.toml")]
     model: PathBuf,
-    /// Language
-    #[arg(long, value_enum, value_name = "LANGUAGE")]
-    to: Language,
+    /// What to write
+    #[arg(long, visible_alias = "as", value_enum, value_name = "LANGUAGE")]
+    to: Target,
     /// Take the initial state and the sensor zeros from this recording, as `rig simulate
     /// --recording` estimates them, and the integration step from its largest angle
     #[arg(long, value_name = "REC.csv")]
@@ -43,6 +44,35 @@ pub struct Args {
     output: Option<PathBuf>,
     #[command(flatten)]
     input: InputArgs,
+}
+
+/// What a model can be written as.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Target {
+    /// C99: a program, or functions for a controller
+    C,
+    /// Python 3 without packages
+    Python,
+    /// A Modelica package
+    Modelica,
+    /// A MATLAB function, for GNU Octave too
+    Matlab,
+    /// A functional mock-up unit for co-simulation (FMI 2.0)
+    Fmu,
+}
+
+impl Target {
+    /// What the extension of a file name stands for.
+    pub fn of(path: &Path) -> Option<Self> {
+        match path.extension()?.to_str()? {
+            "c" => Some(Self::C),
+            "py" => Some(Self::Python),
+            "mo" => Some(Self::Modelica),
+            "m" => Some(Self::Matlab),
+            "fmu" => Some(Self::Fmu),
+            _ => None,
+        }
+    }
 }
 
 /// Runs the command.
@@ -65,31 +95,84 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         || "softrig_model".to_owned(),
         |stem| stem.to_string_lossy().into_owned(),
     );
-    if args.to == Language::Matlab && stem.is_some() && identifier(&name) != name {
-        return Err(InputError::new(
-            "is no name of a MATLAB function, which a file has to be named after",
-            format!(
-                "use letters, digits and underscores: -o {}.m",
-                identifier(&name)
-            ),
-        )
-        .in_file(args.output.as_deref().unwrap_or(&args.model))
-        .into());
+    let Exported { content, warning } = exported(&file, args.to, &name, defaults)?;
+    if let Some(warning) = &warning {
+        super::warn(warning);
     }
-    let text = export(&file, args.to, &name, defaults).map_err(|error| match error {
-        ExportError::Branches(error) => anyhow::Error::from(
-            InputError::new(error.to_string(), "leave out one of its effects").in_file(&file.path),
-        ),
-        other => other.into(),
-    })?;
     match &args.output {
         Some(path) => {
-            write_atomically(path, text.as_bytes())?;
+            write_atomically(path, &content)?;
             super::print(&format!("written: {}\n", path.display()))?;
         }
-        None => super::print(&text)?,
+        None if args.to == Target::Fmu => {
+            return Err(
+                InputError::new("an FMU is no text", "name its file with -o finger.fmu").into(),
+            );
+        }
+        None => super::print(&String::from_utf8(content)?)?,
     }
     Ok(())
+}
+
+/// What a file holds.
+#[derive(Clone, Debug)]
+pub struct Exported {
+    /// Its bytes.
+    pub content: Vec<u8>,
+    /// What is to be said about it.
+    pub warning: Option<String>,
+}
+
+/// A model as a file called `name`, without its extension.
+///
+/// # Errors
+///
+/// Refuses a model with too many branches, and a name that MATLAB does not take.
+pub fn exported(
+    file: &ModelFile,
+    target: Target,
+    name: &str,
+    defaults: Defaults,
+) -> Result<Exported, InputError> {
+    let fault = |error: ExportError| {
+        let advice = match &error {
+            ExportError::Branches(_) => "leave out one of its effects",
+            _ => "this is a fault of softrig: please report it with the model file",
+        };
+        InputError::new(error.to_string(), advice).in_file(&file.path)
+    };
+    let language = match target {
+        Target::C => Language::C,
+        Target::Python => Language::Python,
+        Target::Modelica => Language::Modelica,
+        Target::Matlab if identifier(name) != name => {
+            return Err(InputError::new(
+                format!(
+                    "{name}.m is no name of a MATLAB function, which a file has to be named after"
+                ),
+                format!(
+                    "use letters, digits and underscores: {}.m",
+                    identifier(name)
+                ),
+            ));
+        }
+        Target::Matlab => Language::Matlab,
+        Target::Fmu => {
+            let unit = functional_mockup_unit(file, name, defaults).map_err(fault)?;
+            let warning = unit.source_only.map(|why| {
+                format!("the unit has only its source, which some tools compile themselves: {why}; install a C compiler for a library")
+            });
+            return Ok(Exported {
+                content: unit.bytes,
+                warning,
+            });
+        }
+    };
+    let text = export(file, language, name, defaults).map_err(fault)?;
+    Ok(Exported {
+        content: text.into_bytes(),
+        warning: None,
+    })
 }
 
 /// The initial state and zeros that `rig simulate --recording` estimates.

@@ -9,8 +9,11 @@ use serde::Serialize;
 use super::input::InputArgs;
 use super::json::{JsonArgs, Parameter, SCHEMA};
 use super::output::{self, FileKind, Output};
+use crate::plot::{Figure, Panel, Series, Style, write_svg};
 use softrig::diagnose::verdict::Zeros;
-use softrig::estimate::fit::{Fit, rms_each};
+use softrig::estimate::Dataset;
+use softrig::estimate::fit::{Fit, Fitter, rms_each};
+use softrig::estimate::profile::Profile;
 use softrig::estimate::refit::{NOT_CONVERGED, Refit, refit};
 use softrig_formats::error::write_atomically;
 use softrig_formats::model_file::{ModelFile, parameter_name, parameter_unit, to_file_units};
@@ -25,6 +28,7 @@ use softrig_formats::recording::Recording;
 #[command(after_help = "\
 Examples:
   rig fit --model m.toml step60_*.csv step90_*.csv -o fitted.toml
+  rig fit --model m.toml step60_*.csv --profile profiles.svg
   rig fit --model m.toml step60_*.csv --json -")]
 pub struct Args {
     /// Model file
@@ -36,6 +40,10 @@ pub struct Args {
     /// Write the fitted model
     #[arg(short, long, value_name = "FITTED.toml")]
     output: Option<PathBuf>,
+    /// Profile the likelihood of each free parameter, and draw it: how far the parameter can go
+    /// while all others follow
+    #[arg(long, value_name = "PROFILES.svg")]
+    profile: Option<PathBuf>,
     #[command(flatten)]
     json: JsonArgs,
     #[command(flatten)]
@@ -52,26 +60,23 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     output::check(
         &[
             Output::of("-o", FileKind::Model, args.output.as_ref()),
+            Output::of("--profile", FileKind::Picture, args.profile.as_ref()),
             args.json.output(),
         ],
         read,
     )?;
     let (file, recordings) = super::read(&args.model, &args.recordings, &args.input.layout())?;
+    let found = refit(&file, &recordings)?;
+    let mut text = table(&file, &found);
     let Refit {
         data,
         concerns,
         nominal,
         fitted: fit,
-    } = refit(&file, &recordings)?;
+    } = found;
     for concern in &concerns {
         super::warn(&concern.to_string());
     }
-    let mut text = format!(
-        "{}\n{}\n{}\n",
-        parameter_table(&file, &fit),
-        error_table(&data.recordings(true), &nominal, &fit),
-        Zeros::of(&fit, &data)
-    );
     if !fit.converged {
         super::warn(NOT_CONVERGED);
     }
@@ -80,6 +85,16 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         write_atomically(path, model.as_bytes())?;
         text += &format!("\nwritten: {}\n", path.display());
     }
+    let profiles = match &args.profile {
+        Some(path) => {
+            let profiles = profiled(&file, &data, &fit);
+            text += &format!("\n{}", profile_table(&profiles));
+            write_svg(path, &profile_figure(&file.name, &profiles))?;
+            text += &format!("\npicture: {}\n", path.display());
+            profiles
+        }
+        None => Vec::new(),
+    };
     let warnings = concerns.iter().map(ToString::to_string);
     let not_converged = (!fit.converged).then(|| NOT_CONVERGED.to_owned());
     let result = FitResult {
@@ -89,6 +104,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         rmse_deg: Errors::of("all".to_owned(), nominal.rmse(), fit.rmse()),
         recordings: errors(&data.recordings(true), &nominal, &fit),
         nuisance: Zeros::of(&fit, &data),
+        profiles,
         converged: fit.converged,
         warnings: warnings.chain(not_converged).collect(),
     };
@@ -110,10 +126,141 @@ pub(crate) struct FitResult {
     recordings: Vec<Errors>,
     /// Zeros of the sensors.
     nuisance: Zeros,
+    /// Profile likelihoods of the free parameters; absent where they were not asked for.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    profiles: Vec<Profiled>,
     /// Whether the fit met its tolerance.
     converged: bool,
     /// What was said about recordings and fit.
     warnings: Vec<String>,
+}
+
+/// The profile likelihood of a parameter, in the units of model files.
+#[derive(Clone, Debug, Serialize, JsonSchema)]
+pub(crate) struct Profiled {
+    /// Its name, as in `[fit] free`.
+    name: String,
+    /// The unit of its values; empty for a number without one.
+    unit: String,
+    /// The values at which it was held; empty where nothing determines it, or it ended at a
+    /// bound.
+    value: Vec<f64>,
+    /// Δχ² at each, with all others fitted again.
+    delta_chi2: Vec<f64>,
+    /// The same of the parabola that the standard error stands for.
+    parabola: Vec<f64>,
+    /// Δχ² up to which a value agrees with the recordings, at 95 %.
+    limit: f64,
+    /// The ends of the values that agree; null on a side where all that were tried agree.
+    interval95: [Option<f64>; 2],
+}
+
+/// The profiles of all free parameters.
+fn profiled(file: &ModelFile, data: &Dataset, fit: &Fit) -> Vec<Profiled> {
+    let fitter = Fitter::new(&file.model, data);
+    let bar = super::spinner();
+    let profiles = (0..fit.free.len()).map(|index| {
+        let id = fit.free[index];
+        let name = parameter_name(&fit.model, id);
+        bar.set_message(format!(
+            "profile of {name}, {} of {}",
+            index + 1,
+            fit.free.len()
+        ));
+        let shown = |value: f64| tidy(to_file_units(&fit.model, id, value));
+        let profile = Profile::of(&fitter, fit, index);
+        let points = profile.as_ref().map_or(&[][..], |it| &it.points);
+        let best = fit.model.value(id).unwrap_or(f64::NAN);
+        let error = profile.as_ref().map_or(f64::NAN, |it| it.standard_error);
+        Profiled {
+            name,
+            unit: parameter_unit(&fit.model, id).to_owned(),
+            value: points.iter().map(|(value, _)| shown(*value)).collect(),
+            delta_chi2: points.iter().map(|(_, rise)| tidy(*rise)).collect(),
+            parabola: points
+                .iter()
+                .map(|(value, _)| tidy(((value - best) / error).powi(2)))
+                .collect(),
+            limit: profile.as_ref().map_or(0.0, |it| tidy(it.limit)),
+            interval95: profile
+                .as_ref()
+                .map_or([None; 2], |it| it.interval95.map(|end| end.map(shown))),
+        }
+    });
+    let profiles = profiles.collect();
+    bar.finish_and_clear();
+    profiles
+}
+
+impl Profiled {
+    /// Its name with its unit.
+    fn label(&self) -> String {
+        labelled(&self.name, &self.unit)
+    }
+
+    /// The interval in words.
+    fn interval(&self) -> String {
+        if self.value.is_empty() {
+            return "not determined by these runs, or at a bound".to_owned();
+        }
+        let (first, last) = (self.value[0], self.value[self.value.len() - 1]);
+        match self.interval95 {
+            [Some(low), Some(high)] => format!("{} … {}", short(low), short(high)),
+            [None, Some(high)] => format!(
+                "… {}, open below (down to {} tried)",
+                short(high),
+                short(first)
+            ),
+            [Some(low), None] => {
+                format!("{} …, open above (up to {} tried)", short(low), short(last))
+            }
+            [None, None] => format!("open: {} to {} agree", short(first), short(last)),
+        }
+    }
+}
+
+/// The profiles' intervals.
+fn profile_table(profiles: &[Profiled]) -> String {
+    let mut text = format!("{:<40}   {}\n", "profile likelihood", "95 % interval");
+    for profile in profiles {
+        text += &format!("{:<40}   {}\n", profile.label(), profile.interval());
+    }
+    text
+}
+
+/// A panel for each profile.
+fn profile_figure(model: &str, profiles: &[Profiled]) -> Figure {
+    let drawn = profiles.iter().filter(|it| !it.value.is_empty());
+    drawn.fold(
+        Figure::new(format!("Profile likelihoods of {model}"))
+            .with_subtitle(
+                "How much worse the fit becomes where one parameter is held and all others follow; below the level a value agrees with the recordings at 95 %",
+            )
+            .with_columns(2)
+            .with_separate_x(),
+        |figure, it| {
+            figure.with_panel(
+                Panel::new(it.label(), "Δχ²")
+                    .with_level(it.limit)
+                    .with_series(Series::new(
+                        "parabola of the standard error",
+                        &it.value,
+                        &it.parabola,
+                        Style::REFERENCE,
+                    ))
+                    .with_series(Series::new("profile", &it.value, &it.delta_chi2, Style::AFTER)),
+            )
+        },
+    )
+}
+
+/// A parameter's name with its unit.
+fn labelled(name: &str, unit: &str) -> String {
+    if unit.is_empty() {
+        name.to_owned()
+    } else {
+        format!("{name} ({unit})")
+    }
 }
 
 /// RMS errors before and after a fit.
@@ -165,6 +312,22 @@ fn parameters(file: &ModelFile, fit: &Fit) -> Vec<Parameter> {
     .collect()
 }
 
+/// What `rig fit` prints: parameters, errors and zeros.
+pub fn table(file: &ModelFile, refit: &Refit) -> String {
+    let Refit {
+        data,
+        nominal,
+        fitted,
+        ..
+    } = refit;
+    format!(
+        "{}\n{}\n{}\n",
+        parameter_table(file, fitted),
+        error_table(&data.recordings(true), nominal, fitted),
+        Zeros::of(fitted, data)
+    )
+}
+
 /// Free parameters before and after, with their 95 % intervals.
 pub(crate) fn parameter_table(file: &ModelFile, fit: &Fit) -> String {
     let mut text = format!(
@@ -185,13 +348,10 @@ pub(crate) fn parameter_table(file: &ModelFile, fit: &Fit) -> String {
             }
             _ => (short(fitted), "not determined by these runs".to_owned()),
         };
-        let name = parameter_name(&fit.model, id);
-        let unit = parameter_unit(&fit.model, id);
-        let label = if unit.is_empty() {
-            name
-        } else {
-            format!("{name} ({unit})")
-        };
+        let label = labelled(
+            &parameter_name(&fit.model, id),
+            parameter_unit(&fit.model, id),
+        );
         text += &format!("{label:<40} {nominal:>11} {fitted:>11}   {interval:<24}\n");
     }
     text

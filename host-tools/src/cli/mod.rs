@@ -13,6 +13,7 @@ pub mod gap;
 pub mod init;
 pub(crate) mod input;
 pub(crate) mod json;
+pub mod linearise;
 pub mod log;
 pub mod materials;
 pub mod monitor;

@@ -13,7 +13,7 @@ use clap::Parser;
 
 use super::input::InputArgs;
 use super::output::{self, FileKind, Output};
-use super::plan::NOTHING_DECIDES;
+use super::plan::{self, NOTHING_DECIDES};
 use super::record;
 use super::virtual_rig::Companion;
 use super::watch::Watched;
@@ -21,6 +21,7 @@ use crate::report::content::Content;
 use softrig::diagnose::plan::{Limits, Proposal};
 use softrig::diagnose::verdict::Answer;
 use softrig::diagnose::{Diagnosis, Request, diagnose};
+use softrig::estimate::usable;
 use softrig_formats::error::{InputError, write_atomically};
 use softrig_formats::own_effects::OwnEffects;
 use softrig_formats::recording::{Recording, check_distinct, read_all};
@@ -37,6 +38,7 @@ use softrig_formats::terminal::quoted;
 Examples:
   rig next --port /dev/ttyACM0 --model m.toml run.csv -o decide
   rig next --virtual truth.toml --model m.toml run.csv -o decide    on the virtual rig
+  rig next --port /dev/ttyACM0 --model m.toml run.csv --limits deg=60,s=120
   rig diagnose --model m.toml run.csv decide/*.csv --report report.html
 
 The virtual rig turns its own base; on a bench you are asked to.")]
@@ -73,6 +75,9 @@ pub struct Args {
     /// Experiments at most
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=20))]
     most: u32,
+    /// Highest set-point (deg), highest pressure (kpa), longest run (s)
+    #[arg(long, value_name = "deg=90,kpa=170,s=180")]
+    limits: Option<String>,
     /// The rig stands as each plan asks: do not wait for Enter
     #[arg(long)]
     ready: bool,
@@ -100,12 +105,24 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         // Before the long work, with line and column.
         super::read_model(actuator)?;
     }
+    let limits = plan::limits(args.limits.as_deref())?;
     let mut recordings = args.recordings.clone();
+    let mut used;
     let mut made = 0;
     loop {
-        let (sentence, next) = diagnosed(args, &recordings)?;
-        super::print(&format!("{sentence}\n"))?;
-        let Some(next) = next else { break };
+        let diagnosed = diagnosed(args, &recordings, limits)?;
+        super::print(&format!("{}\n", diagnosed.sentence))?;
+        used = diagnosed.used;
+        let next = match diagnosed.step {
+            Step::Told => break,
+            Step::WasNotSetUp(why) => {
+                super::print(&format!(
+                    "No further run is made: {why}\nTo go on, correct it and repeat the command.\n"
+                ))?;
+                return Ok(());
+            }
+            Step::Run(next) => *next,
+        };
         let best = &next.proposal;
         if !best.decides {
             super::print(&format!("No run is expected to decide: {NOTHING_DECIDES}"))?;
@@ -131,10 +148,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         }
         recordings.push(recording);
     }
-    super::print(&format!(
-        "To keep the answer: {}\n",
-        to_keep(args, &recordings)
-    ))?;
+    super::print(&format!("To keep the answer: {}\n", to_keep(args, &used)))?;
     Ok(())
 }
 
@@ -163,11 +177,38 @@ struct Next {
     bent_rad: f64,
 }
 
-/// What the recordings say, and the run that would say more; none where the answer is clear or
-/// no run is known.
-fn diagnosed(args: &Args, paths: &[PathBuf]) -> anyhow::Result<(String, Option<Next>)> {
+/// What follows from a diagnosis.
+enum Step {
+    /// The answer is clear, or no run is known.
+    Told,
+    /// A recording contradicts what is said of its rig, and with it all that rests on it.
+    WasNotSetUp(String),
+    /// A run would say more.
+    Run(Box<Next>),
+}
+
+/// What the recordings say, and what to do next.
+struct Diagnosed {
+    /// The answer in a sentence.
+    sentence: String,
+    /// The recordings that it rests on: not those of planned runs that missed their aim.
+    used: Vec<PathBuf>,
+    step: Step,
+}
+
+fn diagnosed(args: &Args, paths: &[PathBuf], limits: Limits) -> anyhow::Result<Diagnosed> {
     let layout = args.input.layout();
-    let (file, recordings) = super::read(&args.model, paths, &layout)?;
+    let (file, mut recordings) = super::read(&args.model, paths, &layout)?;
+    let planned = recordings.split_off(args.recordings.len());
+    let (used, missed): (Vec<_>, Vec<_>) = planned
+        .into_iter()
+        .map(|recording| (usable(&recording).err(), recording))
+        .partition(|(fault, _)| fault.is_none());
+    recordings.extend(used.into_iter().map(|(_, recording)| recording));
+    for fault in missed.iter().filter_map(|(fault, _)| fault.as_ref()) {
+        super::warn(&fault.to_string());
+    }
+    let missed: Vec<Recording> = missed.into_iter().map(|(_, recording)| recording).collect();
     let own = match &args.effects {
         Some(path) => Some(OwnEffects::read(path, &file.model)?),
         None => None,
@@ -195,12 +236,41 @@ fn diagnosed(args: &Args, paths: &[PathBuf]) -> anyhow::Result<(String, Option<N
         super::warn(&concern.to_string());
     }
     let is_open = diagnosis.finding.answer() == Answer::CannotTell;
-    let best = diagnosis.proposals.first().filter(|_| is_open);
-    let best = best.map(|(proposal, _)| Next {
-        proposal: proposal.clone(),
-        bent_rad: Limits::default().of_rig(&recordings).stretched_rad,
-    });
-    Ok((Content::of(&request, &diagnosis).sentence, best))
+    // What a run that missed its aim says of the rig holds all the same, such as the range of
+    // the sensor that it left.
+    let limits = limits.of_rig(&[&recordings[..], &missed].concat());
+    let within = (args.limits.is_some() || !missed.is_empty())
+        .then(|| diagnosis.experiments_within(&request, limits));
+    let mut proposals = within.as_ref().unwrap_or(&diagnosis.proposals).iter();
+    let step = if let Some(concern) = diagnosis.contradicted_setup() {
+        Step::WasNotSetUp(concern.to_string())
+    } else if is_open
+        && let Some((proposal, _)) = proposals.find(|(it, _)| !is_plan_of(it, &missed))
+    {
+        Step::Run(Box::new(Next {
+            proposal: proposal.clone(),
+            bent_rad: limits.stretched_rad,
+        }))
+    } else {
+        Step::Told
+    };
+    Ok(Diagnosed {
+        sentence: Content::of(&request, &diagnosis).sentence,
+        used: recordings.iter().map(|it| it.path.clone()).collect(),
+        step,
+    })
+}
+
+/// Whether one of these recordings was made for the proposal.
+fn is_plan_of(proposal: &Proposal, recordings: &[Recording]) -> bool {
+    let plans = recordings.iter().map(|it| it.path.with_extension("toml"));
+    let text = proposal.protocol.to_text();
+    plans.into_iter().any(|plan| is_text_of(&plan, &text))
+}
+
+/// Whether a file holds just this text.
+fn is_text_of(file: &Path, text: &str) -> bool {
+    std::fs::read_to_string(file).is_ok_and(|found| found == text)
 }
 
 /// Whether a recording is there, to its end.
@@ -210,9 +280,7 @@ fn is_complete(path: &Path) -> bool {
 
 /// Refuses a recording that answers another question, such as that of another actuator.
 fn refuse_another_plan(best: &Proposal, recording: &Path) -> Result<(), InputError> {
-    let plan = recording.with_extension("toml");
-    let was = std::fs::read_to_string(&plan).unwrap_or_default();
-    if was == best.protocol.to_text() {
+    if is_text_of(&recording.with_extension("toml"), &best.protocol.to_text()) {
         return Ok(());
     }
     Err(InputError::new(

@@ -10,6 +10,7 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
+use super::linearise::WRITTEN_BY as WRITTEN_BY_LINEARISE;
 use crate::export::WRITTEN_BY as WRITTEN_BY_EXPORT;
 use softrig_formats::error::{InputError, check_writable, is_stream, target_of};
 use softrig_formats::formats::is_binary_recording;
@@ -259,11 +260,26 @@ fn found(path: &Path) -> Found {
     if bytes.iter().all(u8::is_ascii_whitespace) {
         return Found::Nothing;
     }
+    if is_unit(&bytes) {
+        return Found::Known(FileKind::Code);
+    }
     if is_binary_recording(&bytes) {
         return Found::Known(FileKind::Recording);
     }
     let text = String::from_utf8_lossy(&bytes);
     of_text(text.trim_start_matches('\u{feff}').trim_start()).map_or(Found::Unknown, Found::Known)
+}
+
+/// Whether a file is a functional mock-up unit of `rig export`: an archive whose first file is the
+/// description.
+fn is_unit(bytes: &[u8]) -> bool {
+    const DESCRIPTION: &[u8] = b"modelDescription.xml";
+    /// The header of an archive's first file, before its name.
+    const NAME_AT: usize = 30;
+    bytes.starts_with(b"PK\x03\x04")
+        && bytes
+            .get(NAME_AT..)
+            .is_some_and(|rest| rest.starts_with(DESCRIPTION))
 }
 
 /// The lines within which an export says what wrote it.
@@ -280,10 +296,11 @@ fn of_text(text: &str) -> Option<FileKind> {
     // Every export says so in its first lines, whatever the language; other code is
     // somebody's work.
     let head = text.lines().take(EXPORT_SAYS_SO_BY);
-    if head
-        .into_iter()
-        .any(|line| line.contains(WRITTEN_BY_EXPORT))
-    {
+    if head.into_iter().any(|line| {
+        [WRITTEN_BY_EXPORT, WRITTEN_BY_LINEARISE]
+            .iter()
+            .any(|by| line.contains(by))
+    }) {
         return Some(FileKind::Code);
     }
     if start.starts_with('{') {

@@ -98,44 +98,25 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         read,
     )?;
     let (file, recordings) = super::read(&args.model, &args.recordings, &args.input.layout())?;
-    unit_errors::refuse(&file, &recordings)?;
     let own = match &args.effects {
         Some(path) => Some(OwnEffects::read(path, &file.model)?),
         None => None,
     };
-    let pair = between(&args.between, own.as_ref())?;
-    let limits = limits(args.limits.as_deref())?.of_rig(&recordings);
-    let noise = match args.noise_deg {
-        Some(noise) if noise > 0.0 && noise.is_finite() => noise.to_radians(),
-        Some(noise) => {
-            return Err(InputError::new(
-                format!("the noise is {noise}°"),
-                "give an RMS above zero",
-            )
-            .into());
-        }
-        None if recordings.is_empty() => 0.4f64.to_radians(),
-        None => NoiseFloor::of(&recordings).rms,
-    };
-    let recordings = if recordings.is_empty() {
-        made_up(&file, &pair[0])?
-    } else {
-        recordings
-    };
-    let rivals = fitted(&file, &recordings, &pair)?;
-    let list = proposals(&file.model, &rivals, noise, &limits);
-    let Some(best) = list.first() else {
-        return Err(InputError::new(
-            "no protocol of the board keeps to these limits",
-            "allow a higher set-point, more pressure or a longer run",
-        )
-        .into());
-    };
+    let limits = limits(args.limits.as_deref())?;
+    let (plan, list) = Plan::between(
+        &file,
+        recordings,
+        &args.between,
+        own.as_ref(),
+        limits,
+        args.noise_deg,
+    )?;
+    let best = &list[0];
     let mut text = format!(
         "To tell {} from {}, with {:.2}° of noise:\n\n{:<20} {:>6} {:>12} {:>12}  {}\n",
-        names(&pair[0]).join(" + "),
-        names(&pair[1]).join(" + "),
-        noise.to_degrees(),
+        plan.between[0].join(" + "),
+        plan.between[1].join(" + "),
+        plan.noise_deg,
         "protocol",
         "s",
         "work (min)",
@@ -167,7 +148,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
             best.protocol.setup.instruction()
         );
     }
-    args.json.deliver(&Plan::of(&pair, noise, &list), &text)?;
+    args.json.deliver(&plan, &text)?;
     if args.output.is_some() && !decides && !args.force {
         return Err(InputError::new(
             "no protocol is written: none of these runs decides",
@@ -180,7 +161,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
 
 /// What `rig plan --json` writes.
 #[derive(Clone, Debug, Serialize, JsonSchema)]
-pub(crate) struct Plan {
+pub struct Plan {
     /// Version of the layout.
     schema: u32,
     /// The effects of each side.
@@ -192,6 +173,51 @@ pub(crate) struct Plan {
 }
 
 impl Plan {
+    /// Runs that separate two explanations, best first, with their protocols: at least one. Without
+    /// recordings, steps of an actuator with the first are simulated.
+    ///
+    /// # Errors
+    ///
+    /// Refuses names that are none, recordings in implausible units, and limits that no protocol
+    /// keeps to.
+    pub fn between(
+        file: &ModelFile,
+        recordings: Vec<Recording>,
+        pair: &str,
+        own: Option<&OwnEffects>,
+        limits: Limits,
+        noise_deg: Option<f64>,
+    ) -> Result<(Self, Vec<Proposal>), InputError> {
+        unit_errors::refuse(file, &recordings)?;
+        let pair = between(pair, own)?;
+        let limits = limits.of_rig(&recordings);
+        let noise = match noise_deg {
+            Some(noise) if noise > 0.0 && noise.is_finite() => noise.to_radians(),
+            Some(noise) => {
+                return Err(InputError::new(
+                    format!("the noise is {noise}°"),
+                    "give an RMS above zero",
+                ));
+            }
+            None if recordings.is_empty() => 0.4f64.to_radians(),
+            None => NoiseFloor::of(&recordings).rms,
+        };
+        let recordings = if recordings.is_empty() {
+            made_up(file, &pair[0])?
+        } else {
+            recordings
+        };
+        let rivals = fitted(file, &recordings, &pair)?;
+        let list = proposals(&file.model, &rivals, noise, &limits);
+        if list.is_empty() {
+            return Err(InputError::new(
+                "no protocol of the board keeps to these limits",
+                "allow a higher set-point, more pressure or a longer run",
+            ));
+        }
+        Ok((Self::of(&pair, noise, &list), list))
+    }
+
     /// Of two explanations, with `noise` (rad).
     fn of(pair: &[Vec<Kind>; 2], noise: f64, list: &[Proposal]) -> Self {
         let side = |side: &Vec<Kind>| names(side).iter().map(ToString::to_string).collect();
@@ -265,7 +291,11 @@ fn between(text: &str, own: Option<&OwnEffects>) -> Result<[Vec<Kind>; 2], Input
 }
 
 /// The limits in `--limits`.
-fn limits(text: Option<&str>) -> Result<Limits, InputError> {
+///
+/// # Errors
+///
+/// Refuses a part that is none.
+pub fn limits(text: Option<&str>) -> Result<Limits, InputError> {
     let mut limits = Limits::default();
     for part in text.into_iter().flat_map(|text| text.split(',')) {
         let fault = || {

@@ -18,7 +18,9 @@ use softrig::estimate::filter::Pace;
 use softrig::estimate::fit::Fitter;
 use softrig::residual_analysis::{Ahead, Distribution, errors_ahead};
 use softrig_formats::error::{InputError, write_atomically};
+use softrig_formats::model_file::ModelFile;
 use softrig_formats::numbers::{percent, short};
+use softrig_formats::recording::Recording;
 
 /// Analyses what a model leaves of recordings: is it white, does it go with the pressure, how
 /// does it grow with the time ahead, and how is it distributed?
@@ -51,7 +53,7 @@ pub struct Args {
 
 /// What `rig residuals --json` writes.
 #[derive(Clone, Debug, Serialize, JsonSchema)]
-pub(crate) struct Analysis {
+pub struct Analysis {
     /// Version of the layout.
     schema: u32,
     /// Name of the model.
@@ -146,56 +148,10 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         read,
     )?;
     let (file, recordings) = super::read(&args.model, &args.recordings, &args.input.layout())?;
-    for warning in check_comparable([&file], &recordings)? {
-        super::warn(&warning);
+    let (analysis, warnings) = Analysis::of(&file, &recordings)?;
+    for warning in &warnings {
+        super::warn(warning);
     }
-    let assembled = assemble(&recordings, &[])?;
-    for concern in &assembled.concerns {
-        super::warn(&concern.to_string());
-    }
-    let data = &assembled.data;
-    let fit = Fitter::new(&file.model, data).compare(&file.model);
-    let silences: Vec<Vec<bool>> = data
-        .fitted()
-        .map(|segment| data.sessions()[segment.session].silence()[segment.range.clone()].to_vec())
-        .collect();
-    let runs: Vec<RunResiduals<'_>> = data
-        .fitted()
-        .zip(&silences)
-        .zip(fit.residuals.iter())
-        .map(|((segment, silent), residual)| RunResiduals {
-            time: &segment.recording.time,
-            residual,
-            input: &segment.recording.pressure,
-            silent,
-        })
-        .collect();
-    let correlations = Correlations::of(&runs, Pace::of(data).period).ok_or_else(|| {
-        InputError::new(
-            "the model leaves nothing of these recordings, to the last digit",
-            "name recordings that were measured and not simulated with it",
-        )
-        .in_file(&args.model)
-    })?;
-    let usable: Vec<f64> = runs
-        .iter()
-        .flat_map(|run| run.residual.iter().zip(run.silent))
-        .filter(|(_, silent)| !**silent)
-        .map(|(residual, _)| *residual)
-        .collect();
-    let analysis = Analysis {
-        schema: SCHEMA,
-        model: file.name.clone(),
-        samples: usable.len(),
-        rmse_deg: fit.rmse().to_degrees(),
-        with_itself: Lagged::of(&correlations.own, correlations.own.is_white(Level::P99)),
-        with_pressure: correlations
-            .with_input
-            .as_ref()
-            .map(|it| Lagged::of(it, !it.is_beyond_chance())),
-        ahead: errors_ahead(&fit, data),
-        distribution: Distribution::of(&usable),
-    };
     let mut text = analysis.text();
     if let Some(path) = &args.plot {
         let figure = Figure {
@@ -215,6 +171,67 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
 }
 
 impl Analysis {
+    /// Of what a model leaves of recordings, with what was to be said of them.
+    ///
+    /// # Errors
+    ///
+    /// Refuses recordings that cannot be used or that are in implausible units, and a model that
+    /// leaves nothing.
+    pub fn of(
+        file: &ModelFile,
+        recordings: &[Recording],
+    ) -> Result<(Self, Vec<String>), InputError> {
+        let mut warnings = check_comparable([file], recordings)?;
+        let assembled = assemble(recordings, &[])?;
+        warnings.extend(assembled.concerns.iter().map(ToString::to_string));
+        let data = &assembled.data;
+        let fit = Fitter::new(&file.model, data).compare(&file.model);
+        let silences: Vec<Vec<bool>> = data
+            .fitted()
+            .map(|segment| {
+                data.sessions()[segment.session].silence()[segment.range.clone()].to_vec()
+            })
+            .collect();
+        let runs: Vec<RunResiduals<'_>> = data
+            .fitted()
+            .zip(&silences)
+            .zip(fit.residuals.iter())
+            .map(|((segment, silent), residual)| RunResiduals {
+                time: &segment.recording.time,
+                residual,
+                input: &segment.recording.pressure,
+                silent,
+            })
+            .collect();
+        let correlations = Correlations::of(&runs, Pace::of(data).period).ok_or_else(|| {
+            InputError::new(
+                "the model leaves nothing of these recordings, to the last digit",
+                "name recordings that were measured and not simulated with it",
+            )
+            .in_file(&file.path)
+        })?;
+        let usable: Vec<f64> = runs
+            .iter()
+            .flat_map(|run| run.residual.iter().zip(run.silent))
+            .filter(|(_, silent)| !**silent)
+            .map(|(residual, _)| *residual)
+            .collect();
+        let analysis = Self {
+            schema: SCHEMA,
+            model: file.name.clone(),
+            samples: usable.len(),
+            rmse_deg: fit.rmse().to_degrees(),
+            with_itself: Lagged::of(&correlations.own, correlations.own.is_white(Level::P99)),
+            with_pressure: correlations
+                .with_input
+                .as_ref()
+                .map(|it| Lagged::of(it, !it.is_beyond_chance())),
+            ahead: errors_ahead(&fit, data),
+            distribution: Distribution::of(&usable),
+        };
+        Ok((analysis, warnings))
+    }
+
     /// The findings, a sentence each.
     fn sentences(&self) -> Vec<String> {
         let mut sentences = vec![
@@ -279,7 +296,8 @@ impl Analysis {
             figure = figure.with_panel(with_pressure.panel("Residual with the pressure"));
         }
         figure = figure.with_panel(
-            Panel::new("log10 of the time ahead (s)", "RMS error (°)")
+            Panel::new("time ahead (s)", "RMS error (°)")
+                .with_decades()
                 .with_title("Prediction error over the time ahead")
                 .with_series(Series::new(
                     "",

@@ -6,7 +6,7 @@ use serde_json::Value;
 use strum::{EnumMessage, EnumString, IntoStaticStr, VariantArray};
 
 use super::choice::choice;
-use super::{compare, fit, init, plan, record, residuals, simulate};
+use super::{compare, fit, init, linearise, plan, record, residuals, simulate};
 use softrig::board_gap::BoardGap;
 use softrig_formats::model_schema;
 
@@ -50,6 +50,8 @@ pub enum Of {
     Gap,
     /// What rig residuals --json writes
     Residuals,
+    /// What rig linearise --json writes
+    Linearise,
     /// What rig plan --json writes
     Plan,
     /// What rig simulate --json writes
@@ -75,6 +77,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         Of::Compare => of_command(schema_for!(compare::Errors)),
         Of::Gap => of_command(schema_for!(BoardGap)),
         Of::Residuals => of_command(schema_for!(residuals::Analysis)),
+        Of::Linearise => of_command(schema_for!(linearise::Linearised)),
         Of::Plan => of_command(schema_for!(plan::Plan)),
         Of::Simulate => of_command(schema_for!(simulate::Simulated)),
         Of::Init => of_command(schema_for!(init::FirstResult)),

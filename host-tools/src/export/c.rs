@@ -1,7 +1,7 @@
 //! C99, for a workstation or a microcontroller.
 
 use super::print::{Lines, Syntax, common_name, indented};
-use super::trace::Unary;
+use super::trace::{Id, Unary};
 use super::{ExportError, Source, aligned};
 
 /// The template of a file.
@@ -38,6 +38,11 @@ pub(super) fn export(source: &Source) -> Result<String, ExportError> {
         &format!("/*\n{comment} */\n"),
         &aligned(&constants, "= "),
     )
+}
+
+/// An expression in C.
+pub(super) fn expression(source: &Source, id: Id) -> String {
+    source.expression(&C(source), id)
 }
 
 /// How to use the file.

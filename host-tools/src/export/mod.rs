@@ -8,9 +8,10 @@
 //! records the computation, [`physics`] collects the expressions of a model, and
 //! [`print`](mod@print) prints them in the syntax of a language. The integrator is a template for
 //! each language, with the constants of [`softrig::sim::simulate`]; tests compare the results of C,
-//! Python and MATLAB.
+//! Python and MATLAB. A functional mock-up unit is the C file behind another interface.
 
 mod c;
+mod fmu;
 mod matlab;
 mod modelica;
 mod physics;
@@ -21,6 +22,7 @@ mod trace;
 use model_core::catalogue::Effect;
 use serde::Serialize;
 
+pub use self::fmu::Packed;
 use self::physics::Physics;
 use self::print::{Printer, Syntax};
 use self::trace::{Binary, Expression, Id, TooManyBranches, Unary};
@@ -33,7 +35,7 @@ use softrig_formats::terminal::printable_line;
 pub const WRITTEN_BY: &str = "Written by `rig export`";
 
 /// What a model can be written in.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Language {
     /// C99: a program, or functions for a controller
     C,
@@ -97,6 +99,9 @@ pub enum ExportError {
     /// The template and what it is filled with do not fit together.
     #[error("cannot fill the template: {0}")]
     Template(#[from] minijinja::Error),
+    /// A unit could not be packed.
+    #[error("cannot pack the unit: {0}")]
+    Archive(#[from] zip::result::ZipError),
 }
 
 /// Writes a model as a file of a language, to be called `name`.
@@ -110,18 +115,26 @@ pub fn export(
     name: &str,
     defaults: Defaults,
 ) -> Result<String, ExportError> {
-    let source = Source {
-        file,
-        physics: Physics::of(&file.model)?,
-        name: identifier(name),
-        defaults,
-    };
+    let source = Source::of(file, name, defaults)?;
     match language {
         Language::C => c::export(&source),
         Language::Python => python::export(&source),
         Language::Matlab => matlab::export(&source),
         Language::Modelica => modelica::export(&source),
     }
+}
+
+/// Packs a model as a functional mock-up unit for co-simulation (FMI 2.0), to be called `name`.
+///
+/// # Errors
+///
+/// As [`export`].
+pub fn functional_mockup_unit(
+    file: &ModelFile,
+    name: &str,
+    defaults: Defaults,
+) -> Result<Packed, ExportError> {
+    fmu::pack(&Source::of(file, name, defaults)?)
 }
 
 /// A name that every language takes: letters, digits and underscores.
@@ -194,7 +207,16 @@ struct Uses {
     sine: bool,
 }
 
-impl Source<'_> {
+impl<'a> Source<'a> {
+    fn of(file: &'a ModelFile, name: &str, defaults: Defaults) -> Result<Self, ExportError> {
+        Ok(Self {
+            file,
+            physics: Physics::of(&file.model)?,
+            name: identifier(name),
+            defaults,
+        })
+    }
+
     fn is_constant(&self, name: &str) -> bool {
         let constants = &self.physics.constants;
         constants.iter().any(|constant| constant.name == name)

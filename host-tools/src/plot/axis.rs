@@ -91,6 +91,35 @@ impl Axis {
         }
     }
 
+    /// The same over decimal logarithms, labelled with the numbers themselves: a power of ten
+    /// each, between few of them also twice and five times that.
+    pub(super) fn of_decades(self) -> Self {
+        let [first, last] = [self.low.floor(), self.high.ceil()];
+        let parts: &[f64] = if self.high - self.low < 3.0 {
+            &[1.0, 2.0, 5.0]
+        } else {
+            &[1.0]
+        };
+        let decades = (0..=400).map(|k| first + f64::from(k));
+        let numbers: Vec<f64> = decades
+            .take_while(|decade| *decade <= last)
+            .flat_map(|decade| parts.iter().map(move |part| part * 10f64.powf(decade)))
+            .filter(|number| (self.low - 1e-9..=self.high + 1e-9).contains(&number.log10()))
+            .collect();
+        // So many that they do not run into each other.
+        let every = numbers.len().div_ceil(10).max(1);
+        let numbers: Vec<f64> = numbers.into_iter().step_by(every).collect();
+        if numbers.len() < 2 {
+            return self;
+        }
+        Self {
+            ticks: numbers.iter().map(|number| number.log10()).collect(),
+            labels: numbers.iter().map(|&number| decimal(number)).collect(),
+            power: 0,
+            ..self
+        }
+    }
+
     /// Position of a value along the axis: 0 at the lower limit, 1 at the upper.
     pub(super) fn share(&self, value: f64) -> f64 {
         (value - self.low) / (self.high - self.low)
@@ -129,6 +158,17 @@ impl Axis {
     }
 }
 
+/// A number with one digit that counts, as a person writes it.
+fn decimal(number: f64) -> String {
+    let order = order_of(number * (1.0 + 1e-9));
+    let decimals = usize::try_from(-order).unwrap_or(0);
+    if (-4..6).contains(&order) {
+        format!("{number:.decimals$}")
+    } else {
+        format!("{number:.0e}")
+    }
+}
+
 #[allow(clippy::cast_possible_truncation)] // a decimal exponent of f64 is below 400
 fn order_of(value: f64) -> i32 {
     if value > 0.0 {
@@ -162,6 +202,20 @@ fn decimals_of(step: f64) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn decades_are_labelled_with_their_numbers() {
+        let axis = |low: f64, high: f64| {
+            Axis::over([low, high].into_iter(), None, 0.0, 700.0, 80.0)
+                .of_decades()
+                .labels
+        };
+        assert_eq!(axis(-3.2, 1.1), ["0.001", "0.01", "0.1", "1", "10"]);
+        assert_eq!(axis(-1.1, 0.4), ["0.1", "0.2", "0.5", "1", "2"]);
+        assert_eq!(axis(4.9, 8.0), ["100000", "1e6", "1e7", "1e8"]);
+        // Not even two of them: as numbers are otherwise.
+        assert!(axis(0.01, 0.02).len() > 1);
+    }
 
     #[test]
     fn ticks_are_round_numbers_inside_the_limits() {

@@ -150,6 +150,8 @@ pub struct Panel {
     pub levels: Vec<f64>,
     /// Height relative to the other rows; 1 is usual.
     pub weight: f64,
+    /// Whether the abscissa of the curves is the decimal logarithm of what it is labelled as.
+    pub decades: bool,
     /// Whether the labels of the curves are listed above; not where the text
     /// around the picture does.
     pub legend: bool,
@@ -169,6 +171,7 @@ impl Panel {
             y_range: None,
             levels: Vec::new(),
             weight: 1.0,
+            decades: false,
             legend: true,
         }
     }
@@ -213,6 +216,12 @@ impl Panel {
     /// Adds a thin horizontal line.
     pub fn with_level(mut self, level: f64) -> Self {
         self.levels.push(level);
+        self
+    }
+
+    /// Labels the abscissa, which is a decimal logarithm, with the numbers themselves.
+    pub fn with_decades(mut self) -> Self {
+        self.decades = true;
         self
     }
 

@@ -95,6 +95,7 @@ impl Placed {
             area.right - area.left,
             78.0,
         );
+        let x = if panel.decades { x.of_decades() } else { x };
         let title = wrap(
             &panel.title,
             PANEL_TITLE_PX,

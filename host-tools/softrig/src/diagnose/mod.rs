@@ -64,6 +64,7 @@ use crate::estimate::checkpoint::Checkpoint;
 use crate::estimate::fit::{Fit, Fitter};
 use crate::estimate::identify::far_zeros;
 use crate::estimate::unit_errors;
+use crate::estimate::usable::Matter;
 use crate::sim::board::{self, Unseen};
 use affordable::{affordable, shortened};
 use baseline::Baseline;
@@ -512,6 +513,23 @@ fn propose(
 }
 
 impl Diagnosis {
+    /// The runs that separate the rivals best within other limits than those of [`Limits::default`]
+    /// and of the recordings, with the effects that they separate.
+    pub fn experiments_within(
+        &self,
+        request: &Request<'_>,
+        limits: Limits,
+    ) -> Vec<(Proposal, [Vec<Kind>; 2])> {
+        propose(&request.file.model, &self.rivals, &self.floor, &limits)
+    }
+
+    /// The concern that a session stood otherwise than its metadata say, on which the answer then
+    /// rests.
+    pub fn contradicted_setup(&self) -> Option<&Concern> {
+        let mut concerns = self.concerns.iter();
+        concerns.find(|concern| concern.matter == Matter::Turned)
+    }
+
     /// The model that `-o` writes: the repaired one, or the nominal one where nothing is
     /// wrong with it or the other predicts no better.
     pub fn model_to_keep<'a>(&'a self, nominal: &'a ModelFile) -> &'a Model<f64> {

@@ -17,6 +17,7 @@
 //! - [`information`] is the covariance of the parameters, [`band`] that of the simulated
 //!   curves.
 //! - [`subsample`] takes parts of the data that are enough to rank candidates.
+//! - [`profile`] says how far one parameter can go while the others follow.
 //! - [`unit_errors`] refuses columns in implausible units.
 //! - [`mod@refit`] fits a model file, [`simulation`] simulates one over a recording.
 
@@ -36,6 +37,7 @@ mod normal;
 pub(crate) mod nuisance;
 pub mod placement;
 mod problem;
+pub mod profile;
 pub mod refit;
 pub mod simulation;
 pub(crate) mod smooth;
@@ -47,3 +49,4 @@ pub(crate) mod usable;
 pub use dataset::{Dataset, Segment, Session};
 pub use nuisance::Nuisance;
 pub use placement::Placement;
+pub use usable::usable;
