@@ -89,7 +89,7 @@ Tasks:
                          put the image on a board and show what it says
   dist [--target TRIPLE] [--with FILE] [--no-firmware] [--no-wheel] [--dry-run]
                          a release in target/dist: static `rig`, the image,
-                         completions, licences and checksums in one archive,
+                         completions, manual pages, licences and checksums in one archive,
                          tried where there is nothing else; beside it the wheel
                          of the Python package, and what --with names
 

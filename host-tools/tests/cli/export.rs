@@ -35,6 +35,45 @@ fn a_model_is_exported_and_may_replace_what_was_exported() {
     }
 }
 
+/// A unit is an archive, which replaces its like and nothing else.
+#[test]
+fn a_functional_mockup_unit_is_packed_with_its_source() {
+    let bench = Bench::new();
+    let line = "export --model m.toml --to fmu -o finger.fmu";
+    for _ in 0..2 {
+        bench
+            .line(line)
+            .assert()
+            .success()
+            .stdout(contains("written: finger.fmu"));
+    }
+    let bytes = std::fs::read(bench.path("finger.fmu")).unwrap();
+    let mut unit = zip::ZipArchive::new(std::io::Cursor::new(bytes)).unwrap();
+    let mut text = String::new();
+    let description = unit.by_name("modelDescription.xml").unwrap();
+    std::io::Read::read_to_string(&mut { description }, &mut text).unwrap();
+    assert!(text.contains("modelName=\"bench actuator\""), "{text}");
+    assert!(unit.by_name("sources/finger.c").is_ok());
+    bench
+        .line("export --model m.toml --to fmu")
+        .assert()
+        .code(2)
+        .stderr(contains("name its file with -o finger.fmu"));
+    bench.put("other.fmu", "PK\u{3}\u{4} somebody's work");
+    bench
+        .line("export --model m.toml --to fmu -o other.fmu")
+        .assert()
+        .code(2)
+        .stderr(contains("is something else"));
+    // Without a compiler there is the source, and a sentence.
+    bench
+        .line("export --model m.toml --to fmu -o source.fmu")
+        .env("CC", "no-such-compiler")
+        .assert()
+        .success()
+        .stderr(contains("only its source"));
+}
+
 #[test]
 fn an_export_starts_as_a_recording_does() {
     let bench = Bench::with_example("none", "0.2");

@@ -42,6 +42,14 @@ fn every_command_writes_the_json_of_its_schema() {
     let run = "demo/recordings/step60_1.csv";
     for (command, line) in [
         ("fit", format!("fit --model demo/model.toml {run}")),
+        (
+            "fit",
+            format!("fit --model demo/model.toml {run} --profile profiles.svg"),
+        ),
+        (
+            "linearise",
+            "linearise --model demo/model.toml --at 20kpa --plot bode.svg -o linear.m".to_owned(),
+        ),
         ("compare", format!("compare --model demo/model.toml {run}")),
         (
             "simulate",

@@ -181,7 +181,7 @@ fn plan(options: &Options) -> Outcome {
         }
         println!("dist: would run {}", shell::text(&build_command(target)));
         println!(
-            "dist: would pack target/dist/softrig-{}-{target}.tar.gz: rig, {}, completions for {}{}, licences, {CHECKSUMS}",
+            "dist: would pack target/dist/softrig-{}-{target}.tar.gz: rig, {}, completions for {}, manual pages{}, licences, {CHECKSUMS}",
             env!("CARGO_PKG_VERSION"),
             TEXTS.join(", "),
             COMPLETIONS.map(|(shell, _)| shell).join(", "),
@@ -359,6 +359,10 @@ fn stage(folder: &Path, program: &Path, target: &str, image: Option<&Path>) -> O
         let script = read(Command::new(&speaker).args(["completions", shell]))?;
         write(&completions.join(shell).join(file), &(script + "\n"))?;
     }
+    run(Command::new(&speaker)
+        .arg("man")
+        .arg("-o")
+        .arg(folder.join("man/man1")))?;
     if let Some(image) = image {
         let firmware = folder.join("firmware");
         make(&firmware)?;
