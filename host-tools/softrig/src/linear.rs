@@ -93,6 +93,11 @@ impl Linear {
         if !pressure.is_finite() {
             return Err(NotLinear::NothingHolds);
         }
+        // Dual numbers take the slope there for none.
+        let is_steep = smooth.shifted_exponent() < 1.0 && smooth.dynamics().stiffness > 0.0;
+        if is_steep && angle.abs() < f64::MIN_POSITIVE {
+            return Err(NotLinear::NoSlope);
+        }
         let rest = smooth.at_rest(angle, pressure);
         let duals: Model<Slopes> = smooth.map(Dual::constant);
         let at = State {
@@ -283,7 +288,9 @@ fn smooth(model: &Model<f64>) -> (Model<f64>, Vec<Kind>) {
 /// The sum of the dead times (s).
 fn delay(model: &Model<f64>) -> f64 {
     use model_core::effects::Mechanism;
-    model.effects().map(|effect| effect.delay()).sum()
+    // Not `sum`, which of nothing is −0.
+    let delays = model.effects().map(|effect| effect.delay());
+    delays.fold(0.0, |sum, delay| sum + delay)
 }
 
 /// The name of the state at a place.

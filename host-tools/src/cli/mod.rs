@@ -25,6 +25,7 @@ pub mod record;
 pub mod residuals;
 pub mod schema;
 pub mod simulate;
+mod udp;
 pub mod upload;
 pub mod virtual_rig;
 mod watch;

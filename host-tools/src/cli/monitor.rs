@@ -10,8 +10,10 @@ use ratatui::crossterm::event::{self, KeyCode, KeyEvent, KeyEventKind, KeyModifi
 use wire::command::Command;
 use wire::protocol::Named;
 
+use super::udp::Datagrams;
 use super::{Interrupt, record};
 use crate::monitor::{Trace, View, draw};
+use softrig_formats::error::InputError;
 use softrig_formats::terminal::remark;
 use softrig_link::record::{COLUMNS, LoggedSample, Recorder, line};
 use softrig_link::{Clock, Event, Link, SerialConnector, Timing};
@@ -26,6 +28,7 @@ Examples:
   rig monitor --port /dev/ttyACM0 --log seen.csv
   rig monitor --port /dev/ttyACM0 --plain --every 0.5
   rig monitor --port /dev/ttyACM0 --every 0 --seconds 5 > five.csv
+  rig monitor --port /dev/ttyACM0 --udp 9870    for PlotJuggler's UDP server, with JSON
 
 Keys: q quit, s stop, a arm, c clear a fault, r run the paper's protocol (asks
 first), space pause; 1 to 4 show or hide the curves: measured and predicted
@@ -46,6 +49,25 @@ pub struct Args {
     /// Write everything that is received to this recording
     #[arg(long, value_name = "OUT.csv")]
     log: Option<PathBuf>,
+    /// Send each sample as JSON to a UDP server, such as PlotJuggler's; only a port is one of
+    /// this machine
+    #[arg(long, value_name = "[HOST:]PORT")]
+    udp: Option<String>,
+}
+
+/// Who takes what the link says beside the screen.
+struct Listeners {
+    log: Option<Recorder>,
+    datagrams: Option<Datagrams>,
+}
+
+impl Listeners {
+    fn take(&mut self, event: &Event) -> Result<(), InputError> {
+        if let Some(datagrams) = &mut self.datagrams {
+            datagrams.take(event);
+        }
+        record::note(&mut self.log, event)
+    }
 }
 
 fn interval(text: &str) -> Result<f64, String> {
@@ -64,23 +86,27 @@ const FRAME: Duration = Duration::from_millis(50);
 ///
 /// When the port cannot be opened or the board does not answer.
 pub fn run(args: &Args) -> anyhow::Result<()> {
+    let datagrams = args.udp.as_deref().map(Datagrams::to).transpose()?;
     let interrupt = Interrupt::listen()?;
     let mut link = Link::open(SerialConnector::new(&args.port), Timing::default())?;
     link.learn_patience()?;
-    let mut log = args
+    let log = args
         .log
         .as_deref()
         .map(|path| record::log(path, &link))
         .transpose()?;
+    let mut listeners = Listeners { log, datagrams };
     let outcome = if args.plain || !std::io::stdout().is_terminal() {
-        plain(args, &interrupt, &mut link, &mut log)
+        plain(args, &interrupt, &mut link, &mut listeners)
     } else {
         let mut terminal = ratatui::init();
-        let outcome = live(args, &interrupt, &mut link, &mut log, &mut terminal);
+        let outcome = live(args, &interrupt, &mut link, &mut listeners, &mut terminal);
         ratatui::restore();
         outcome
     };
-    let logged = log.map_or(Ok(()), |log| record::end_log(log, &link, outcome.is_ok()));
+    let logged = listeners
+        .log
+        .map_or(Ok(()), |log| record::end_log(log, &link, outcome.is_ok()));
     outcome?;
     Ok(logged?)
 }
@@ -89,7 +115,7 @@ fn plain(
     args: &Args,
     interrupt: &Interrupt,
     link: &mut Link,
-    log: &mut Option<Recorder>,
+    listeners: &mut Listeners,
 ) -> anyhow::Result<()> {
     let mut clock = Clock::default();
     let mut due_s = 0.0;
@@ -101,7 +127,7 @@ fn plain(
             }
             continue;
         };
-        record::note(log, &event)?;
+        listeners.take(&event)?;
         match &event {
             Event::Sample(received) => {
                 let Some(placed) = clock.place(received) else {
@@ -143,7 +169,7 @@ fn live(
     args: &Args,
     interrupt: &Interrupt,
     link: &mut Link,
-    log: &mut Option<Recorder>,
+    listeners: &mut Listeners,
     terminal: &mut DefaultTerminal,
 ) -> anyhow::Result<()> {
     let mut view = View::new(link.port(), &link.board().firmware);
@@ -151,7 +177,7 @@ fn live(
     let mut drawn = Instant::now();
     while !interrupt.requested() {
         while let Some(event) = link.next_event(FRAME.saturating_sub(drawn.elapsed())) {
-            record::note(log, &event)?;
+            listeners.take(&event)?;
             view.take(&event);
             if drawn.elapsed() >= FRAME {
                 break;
@@ -166,7 +192,7 @@ fn live(
         while event::poll(Duration::ZERO)? {
             if let event::Event::Key(key) = event::read()?
                 && key.kind == KeyEventKind::Press
-                && !press(key, &mut view, link, log)?
+                && !press(key, &mut view, link, listeners)?
             {
                 return leave(&view, link);
             }
@@ -195,7 +221,7 @@ fn press(
     key: KeyEvent,
     view: &mut View,
     link: &mut Link,
-    log: &mut Option<Recorder>,
+    listeners: &mut Listeners,
 ) -> anyhow::Result<bool> {
     let confirmed = view.take_question() && key.code == KeyCode::Char('y');
     let command = match key.code {
@@ -224,7 +250,7 @@ fn press(
     let mut seen = Vec::new();
     let outcome = link.request_with(command, &mut |event| seen.push(event));
     for event in seen {
-        record::note(log, &event)?;
+        listeners.take(&event)?;
         view.take(&event);
     }
     match outcome {

@@ -194,6 +194,38 @@ fn what_a_board_says_is_not_obeyed_by_the_terminal() {
     harmless(&said);
 }
 
+/// Datagrams arrive while the link goes on: as many as lines are printed, and none is lost on it.
+#[test]
+fn the_monitor_sends_json_for_other_programs() {
+    let bench = Bench::new(Script::default());
+    let there = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
+    let port = there.local_addr().unwrap().port();
+    let said = bench
+        .rig(&format!(
+            "monitor --port PORT --every 0 --seconds 1 --udp {port}"
+        ))
+        .ok();
+    there.set_nonblocking(true).unwrap();
+    let mut buffer = [0; 2048];
+    let mut received = Vec::new();
+    while let Ok(length) = there.recv(&mut buffer) {
+        let value: serde_json::Value = serde_json::from_slice(&buffer[..length]).unwrap();
+        assert!(value["angle_deg"].is_number(), "{value}");
+        received.push(value["timestamp"].as_f64().unwrap());
+    }
+    let rows = said.out.lines().count() - 1;
+    assert!(
+        received.len() >= rows && rows > 20,
+        "{} of {rows}",
+        received.len()
+    );
+    assert!(received.is_sorted(), "{received:?}");
+    assert!(!said.err.contains("lost"), "{}", said.err);
+    let said = bench.rig("monitor --port PORT --plain --udp nowhere");
+    assert_eq!(said.code, Some(2));
+    assert!(said.err.contains("HOST:PORT"), "{}", said.err);
+}
+
 #[test]
 fn into_a_pipe_the_monitor_prints_lines() {
     let bench = Bench::new(Script::default());
