@@ -28,6 +28,7 @@ pub mod model_schema;
 pub mod numbers;
 pub mod own_effects;
 pub mod protocol_file;
+pub mod protocol_schema;
 pub mod ranges;
 pub mod recording;
 pub mod settings_file;

@@ -296,7 +296,7 @@ fn write_segment(text: &mut String, segment: &Segment) {
     }
 }
 
-const CONTROL_MODES: [(ControlMode, &str); 3] = [
+pub(crate) const CONTROL_MODES: [(ControlMode, &str); 3] = [
     (ControlMode::Pressure, "pressure"),
     (ControlMode::AngleOpenLoop, "angle_open_loop"),
     (ControlMode::AngleClosedLoop, "angle_closed_loop"),
@@ -311,7 +311,7 @@ fn mode_name(mode: ControlMode) -> &'static str {
         .map_or("", |(_, name)| name)
 }
 
-fn unit(mode: ControlMode) -> &'static str {
+pub(crate) fn unit(mode: ControlMode) -> &'static str {
     match mode {
         ControlMode::Pressure => "kpa",
         ControlMode::AngleOpenLoop | ControlMode::AngleClosedLoop => "deg",

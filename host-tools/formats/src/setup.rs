@@ -60,10 +60,10 @@ fn turn(tilt_deg: f64) -> String {
 }
 
 /// A number of the setup, its unit and what it may be.
-type Bounded = (&'static str, &'static str, RangeInclusive<f64>);
+pub(crate) type Bounded = (&'static str, &'static str, RangeInclusive<f64>);
 
 /// The numbers, in the order of the fields.
-const NUMBERS: [Bounded; 5] = [
+pub(crate) const NUMBERS: [Bounded; 5] = [
     ("tilt_deg", "°", -360.0..=360.0),
     ("tip_load_g", "g", 0.0..=100_000.0),
     ("tube_mm", "mm", 0.0..=100_000.0),

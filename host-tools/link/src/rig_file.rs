@@ -23,6 +23,9 @@ pub const FARTHEST_RATE: f64 = 0.02;
 pub struct RigFile {
     /// The version of the format: 1.
     pub schema: u8,
+    /// The port that commands take where nothing else names one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub port: Option<String>,
     /// The board: see [`board_name`].
     pub board: String,
     /// Its clock.
@@ -92,7 +95,7 @@ impl RigFile {
     pub fn write(&self, path: &Path) -> Result<(), InputError> {
         // Plain values: nothing in it can fail to be written.
         let text = toml::to_string(self).unwrap_or_default();
-        let head = "# Measured by `rig commission`; `rig record` corrects the times of this board by it.\n";
+        let head = "# Measured by `rig commission`; `rig record` corrects the times of this board by it.\n# Commands take the port from here where neither --port nor RIG_PORT names one.\n";
         write_atomically(path, format!("{head}{text}").as_bytes())
     }
 }
@@ -126,6 +129,7 @@ mod tests {
         assert_eq!(RigFile::find(&path).unwrap(), None);
         let file = RigFile {
             schema: 1,
+            port: Some("/dev/ttyACM0".into()),
             board: "usb 2341:0042 75330".into(),
             clock: ClockRate {
                 factor: 1.0043,

@@ -12,6 +12,7 @@ use wire::settings::{FLEX_POINTS, Key, Settings};
 use wire::state::State;
 
 use super::Interrupt;
+use super::port::PortArgs;
 use softrig_formats::error::InputError;
 use softrig_formats::settings_file::Assignment;
 use softrig_formats::terminal::remark;
@@ -36,9 +37,8 @@ actuator to 30 degrees.
 --assume takes the table from a CSV file with the columns angle_deg and
 flex_counts (counts of a ten-bit converter, fractions allowed).")]
 pub struct Args {
-    /// Serial port of the board; `rig ports` lists them
-    #[arg(long, value_name = "PORT")]
-    port: String,
+    #[command(flatten)]
+    port: PortArgs,
     /// Angles to bend to, in degrees: two to eight, in any order
     #[arg(
         long,
@@ -98,7 +98,8 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let assumed = args.assume.as_deref().map(read_table).transpose()?;
     check_angles(&args.points)?;
     let interrupt = Interrupt::listen()?;
-    let mut link = Link::open(SerialConnector::new(&args.port), Timing::default())?;
+    let port = args.port.find()?;
+    let mut link = Link::open(SerialConnector::new(&port), Timing::default())?;
     let status = link.status()?;
     if !matches!(status.state, State::Idle | State::Fault) {
         return Err(link
@@ -146,7 +147,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
 
 /// Measures at one angle after the other.
 fn bend(args: &Args, link: &mut Link, operator: &mut Operator) -> anyhow::Result<Vec<Point>> {
-    let is_simulated = is_pseudo_terminal(&args.port);
+    let is_simulated = is_pseudo_terminal(link.port());
     let mut points: Vec<Point> = Vec::new();
     for &angle_deg in &args.points {
         let mut ask = format!("Bend the actuator to {angle_deg}° and press Enter");

@@ -11,6 +11,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use super::Interrupt;
 use super::json::JsonArgs;
 use super::output::{self, FileKind, Output};
+use super::port::PortArgs;
 use super::virtual_rig::Companion;
 use crate::commission::page::{Report, page, shown_limit, shown_value};
 use crate::commission::{Answer, Hand, Interrupted, Operator, Plan, Session, Switch};
@@ -40,11 +41,10 @@ The clock's factor goes into rig.toml, by which `rig record` corrects the times 
 board. Exit code: 0 nothing failed, 1 a step failed, 2 the test could not be made.")]
 #[allow(clippy::struct_excessive_bools)] // Flags, each with a name of its own.
 pub struct Args {
-    /// Serial port of the board; `rig ports` lists them
-    #[arg(long, value_name = "PORT")]
-    port: Option<String>,
+    #[command(flatten)]
+    port: PortArgs,
     /// Practise on a virtual rig, which this command starts and whose switches it presses
-    #[arg(long = "virtual", id = "virtual_rig")]
+    #[arg(long = "virtual", id = "virtual_rig", conflicts_with = "port")]
     virtual_rig: bool,
     /// Let the virtual rig have this fault; brown-out, hang, power-cut and unplugged come
     /// while telemetry is watched
@@ -116,10 +116,9 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         .virtual_rig
         .then(|| Companion::start(None, args.seed))
         .transpose()?;
-    let port = match (&args.port, &companion) {
-        (Some(port), _) => port.clone(),
-        (None, Some(companion)) => companion.port().to_owned(),
-        (None, None) => return Err(InputError::new("no port is named", "give --port").into()),
+    let port = match &companion {
+        Some(companion) => companion.port().to_owned(),
+        None => args.port.find()?,
     };
     let mut terminal = Terminal::new(interrupt, args, companion, is_pseudo_terminal(&port));
     terminal.break_at_start()?;

@@ -5,6 +5,7 @@ use serde::Serialize;
 use wire::fault::Fault;
 use wire::history::FaultRecord;
 
+use super::port::PortArgs;
 use softrig_link::{Link, SerialConnector, Timing};
 
 /// Lists the last eight faults of a board, which it keeps without power.
@@ -17,9 +18,8 @@ Examples:
   rig log --port /dev/ttyACM0
   rig log --port /dev/ttyACM0 --json | jq -r '.[0].fault'")]
 pub struct Args {
-    /// Serial port of the board; `rig ports` lists them
-    #[arg(long, value_name = "PORT")]
-    port: String,
+    #[command(flatten)]
+    port: PortArgs,
     /// Print a JSON list, the latest first
     #[arg(long)]
     json: bool,
@@ -71,7 +71,7 @@ impl From<&FaultRecord> for Entry {
 ///
 /// When the port cannot be opened, the board does not answer, or its firmware has no log.
 pub fn run(args: &Args) -> anyhow::Result<()> {
-    let mut link = Link::open(SerialConnector::new(&args.port), Timing::default())?;
+    let mut link = Link::open(SerialConnector::new(&args.port.find()?), Timing::default())?;
     let log: Vec<Entry> = link.fault_log()?.iter().map(Entry::from).collect();
     let text = if args.json {
         format!("{}\n", serde_json::to_string_pretty(&log)?)

@@ -20,6 +20,7 @@ pub mod monitor;
 pub mod next;
 pub mod output;
 pub mod plan;
+pub(crate) mod port;
 pub mod ports;
 pub mod record;
 pub mod residuals;

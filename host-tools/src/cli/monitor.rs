@@ -10,6 +10,7 @@ use ratatui::crossterm::event::{self, KeyCode, KeyEvent, KeyEventKind, KeyModifi
 use wire::command::Command;
 use wire::protocol::Named;
 
+use super::port::PortArgs;
 use super::udp::Datagrams;
 use super::{Interrupt, record};
 use crate::monitor::{Trace, View, draw};
@@ -34,9 +35,8 @@ Keys: q quit, s stop, a arm, c clear a fault, r run the paper's protocol (asks
 first), space pause; 1 to 4 show or hide the curves: measured and predicted
 angle (°), set-point, pressure (kPa). Leaving stops a rig that is armed.")]
 pub struct Args {
-    /// Serial port of the board; `rig ports` lists them
-    #[arg(long, value_name = "PORT")]
-    port: String,
+    #[command(flatten)]
+    port: PortArgs,
     /// Print lines instead of filling the screen
     #[arg(long)]
     plain: bool,
@@ -88,7 +88,7 @@ const FRAME: Duration = Duration::from_millis(50);
 pub fn run(args: &Args) -> anyhow::Result<()> {
     let datagrams = args.udp.as_deref().map(Datagrams::to).transpose()?;
     let interrupt = Interrupt::listen()?;
-    let mut link = Link::open(SerialConnector::new(&args.port), Timing::default())?;
+    let mut link = Link::open(SerialConnector::new(&args.port.find()?), Timing::default())?;
     link.learn_patience()?;
     let log = args
         .log

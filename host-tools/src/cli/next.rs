@@ -14,6 +14,7 @@ use clap::Parser;
 use super::input::InputArgs;
 use super::output::{self, FileKind, Output};
 use super::plan::{self, NOTHING_DECIDES};
+use super::port::PortArgs;
 use super::record;
 use super::virtual_rig::Companion;
 use super::watch::Watched;
@@ -43,16 +44,10 @@ Examples:
 
 The virtual rig turns its own base; on a bench you are asked to.")]
 pub struct Args {
-    /// Serial port of the board; `rig ports` lists them
-    #[arg(
-        long,
-        value_name = "PORT",
-        required_unless_present = "actuator",
-        conflicts_with = "actuator"
-    )]
-    port: Option<String>,
+    #[command(flatten)]
+    port: PortArgs,
     /// Record on the virtual rig, with the actuator of this model file
-    #[arg(long = "virtual", value_name = "TRUTH.toml")]
+    #[arg(long = "virtual", value_name = "TRUTH.toml", conflicts_with = "port")]
     actuator: Option<PathBuf>,
     /// Model file
     #[arg(long, value_name = "MODEL.toml")]
@@ -101,9 +96,10 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         read.chain(&args.actuator),
     )?;
     check_distinct(&args.recordings, &args.holdout)?;
-    if let Some(actuator) = &args.actuator {
-        // Before the long work, with line and column.
-        super::read_model(actuator)?;
+    // Before the long work.
+    match &args.actuator {
+        Some(actuator) => drop(super::read_model(actuator)?),
+        None => drop(args.port.find()?),
     }
     let limits = plan::limits(args.limits.as_deref())?;
     let mut recordings = args.recordings.clone();
@@ -307,20 +303,15 @@ fn record_next(args: &Args, next: &Next, recording: &Path) -> anyhow::Result<()>
     ))?;
     // A virtual rig at full speed takes a core for as long as it is there.
     let mut companion = None;
-    let port = match (&args.actuator, &args.port) {
-        (Some(actuator), _) => {
-            let rig = companion.insert(Companion::start(Some(actuator), None)?);
-            rig.set_up(&best.protocol.setup, next.bent_rad)?;
-            rig.port().to_owned()
+    let port = if let Some(actuator) = &args.actuator {
+        let rig = companion.insert(Companion::start(Some(actuator), None)?);
+        rig.set_up(&best.protocol.setup, next.bent_rad)?;
+        rig.port().to_owned()
+    } else {
+        if !args.ready {
+            super::ask_to_set_up(&best.protocol.setup)?;
         }
-        (None, Some(port)) => {
-            if !args.ready {
-                super::ask_to_set_up(&best.protocol.setup)?;
-            }
-            port.clone()
-        }
-        // The command line was checked for it.
-        (None, None) => anyhow::bail!("name a port"),
+        args.port.find()?
     };
     let words = ["record", "--ready", "--force", "--port", &port, "--plan"];
     let words = words.iter().map(std::ffi::OsString::from).chain([

@@ -18,6 +18,7 @@ use wire::state::State;
 use super::Interrupt;
 use super::json::{JsonArgs, SCHEMA};
 use super::output::{self, FileKind, Output};
+use super::port::PortArgs;
 use softrig_formats::error::InputError;
 use softrig_formats::protocol_file::{ProtocolFile, describe};
 use softrig_formats::setup::Setup;
@@ -52,9 +53,8 @@ A fault leaves run.blackbox.csv: the second before it, as the board saw it.
 Times are in seconds, pressures in kPa, angles in degrees.")]
 #[allow(clippy::struct_excessive_bools)] // Flags, each with a name of its own.
 pub struct Args {
-    /// Serial port of the board; `rig ports` lists them
-    #[arg(long, value_name = "PORT", required_unless_present_any = ["list", "dry_run"])]
-    port: Option<String>,
+    #[command(flatten)]
+    port: PortArgs,
     /// Name of a protocol that every board knows, or a protocol file
     #[arg(long, value_name = "NAME|FILE.toml", visible_alias = "plan")]
     protocol: Option<String>,
@@ -145,9 +145,10 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     if let (true, Some(protocol)) = (args.dry_run, &protocol) {
         return Ok(super::print(&dry_run(protocol))?);
     }
-    let (Some(port), Some(output)) = (&args.port, &args.output) else {
-        return Err(InputError::new("no port is named", "give --port and -o").into());
+    let Some(output) = &args.output else {
+        return Err(InputError::new("no recording is named", "give -o run.csv").into());
     };
+    let port = &args.port.find()?;
     let files = match &protocol {
         Some(protocol) if args.split => steps(protocol).ok_or_else(|| {
             InputError::new(

@@ -8,9 +8,9 @@ use strum::{EnumMessage, EnumString, IntoStaticStr, VariantArray};
 use super::choice::choice;
 use super::{compare, fit, init, linearise, plan, record, residuals, simulate};
 use softrig::board_gap::BoardGap;
-use softrig_formats::model_schema;
+use softrig_formats::{model_schema, protocol_schema};
 
-/// Prints a JSON Schema: of what a command writes with --json, or of a model file.
+/// Prints a JSON Schema: of what a command writes with --json, or of a model or protocol file.
 #[derive(Debug, Parser)]
 #[command(after_help = "\
 Examples:
@@ -62,6 +62,8 @@ pub enum Of {
     Record,
     /// A model file
     Model,
+    /// A protocol file
+    Protocol,
 }
 
 /// Runs the command.
@@ -83,6 +85,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         Of::Init => of_command(schema_for!(init::FirstResult)),
         Of::Record => of_command(schema_for!(record::Protocols)),
         Of::Model => model_schema::schema(),
+        Of::Protocol => protocol_schema::schema(),
     };
     Ok(super::print(&super::json::text_of(&schema)?)?)
 }

@@ -8,6 +8,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use wire::settings::{Key, Settings};
 use wire::state::State;
 
+use super::port::PortArgs;
 use softrig::diagnose::verdict::read_zeros;
 use softrig::estimate::Placement;
 use softrig::estimate::placement::without_law;
@@ -36,9 +37,8 @@ Examples:
 A settings file has lines like `max.kpa = 150.0`; --read prints all there are,
 with their units.")]
 pub struct Args {
-    /// Serial port of the board; `rig ports` lists them
-    #[arg(long, value_name = "PORT")]
-    port: String,
+    #[command(flatten)]
+    port: PortArgs,
     /// Model file whose dynamics and effects the board is to use
     #[arg(long, value_name = "MODEL.toml")]
     model: Option<PathBuf>,
@@ -94,7 +94,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         }
     }
     let zeros = args.zeros.as_deref().map(read_zeros).transpose()?;
-    let mut link = Link::open(SerialConnector::new(&args.port), Timing::default())?;
+    let mut link = Link::open(SerialConnector::new(&args.port.find()?), Timing::default())?;
     let settings = read_settings(&mut link)?;
     if let (Some(zeros), Some(path)) = (zeros, &args.zeros) {
         wanted.extend(

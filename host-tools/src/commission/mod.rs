@@ -455,8 +455,11 @@ impl<'o> Session<'o> {
         let finding = Finding::judge(Step::Clock, measured, said);
         if finding.outcome == Outcome::Passed {
             self.clock = Some(rate);
+            let port = self.link.port();
             RigFile {
                 schema: 1,
+                // The next virtual rig is behind another.
+                port: (!is_pseudo_terminal(port)).then(|| port.to_owned()),
                 board: board_name(self.link.port()),
                 clock: rate,
             }

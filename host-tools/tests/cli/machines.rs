@@ -14,6 +14,16 @@ fn follows(schema: &Value, root: &Value, value: &Value, place: &str) {
         Some(path) => root.pointer(path.trim_start_matches('#')).unwrap(),
         None => schema,
     };
+    if let Some(kinds) = schema["oneOf"].as_array().filter(|_| value.is_object()) {
+        // The kind whose constants are those of the value.
+        let is_it = |kind: &&Value| {
+            let mut properties = kind["properties"].as_object().into_iter().flatten();
+            properties.all(|(key, of)| of.get("const").is_none_or(|it| *it == value[key]))
+        };
+        let kind = kinds.iter().find(is_it);
+        let kind = kind.unwrap_or_else(|| panic!("{place}: {value} is of no kind"));
+        return follows(kind, root, value, place);
+    }
     if let (Some(fields), Some(properties)) = (value.as_object(), schema["properties"].as_object())
     {
         for (key, value) in fields {
@@ -103,6 +113,54 @@ fn the_numbers_are_those_of_the_table() {
         .find(|it| it.starts_with("input_gain"))
         .unwrap();
     assert!(line.contains(&format!("{found:.3}")), "{line} {found}");
+}
+
+/// The schema of protocol files takes what the reader takes, and not what it refuses.
+#[test]
+fn the_schema_of_a_protocol_is_that_of_its_reader() {
+    let bench = Bench::with_example("none", "0.2");
+    let schema = json(&bench.prints("schema protocol"));
+    let plan = "plan --model demo/model.toml --between gravity,exponent_shift -o next.toml --force";
+    bench.line(plan).assert().success();
+    let written: toml::Value = toml::from_str(&bench.text("next.toml")).unwrap();
+    let every_kind = r#"
+schema = 1
+name = "every kind"
+[setup]
+tilt_deg = 90.0
+new_part = "sensor"
+[[segment]]
+kind = "step"
+track = "angle_open_loop"
+level_deg = 30.0
+duration_s = 2.0
+[[segment]]
+kind = "multisine"
+track = "pressure"
+centre_kpa = 30.0
+amplitude_kpa = 5.0
+period_s = 20.0
+duration_s = 40.0
+[[segment]]
+kind = "hold"
+duration_s = 1.0
+[[segment]]
+kind = "release"
+duration_s = 2.0
+[[segment]]
+kind = "repeat"
+from = 1
+times = 2
+"#;
+    let every: toml::Value = toml::from_str(every_kind).unwrap();
+    for value in [written, every] {
+        follows(
+            &schema,
+            &schema,
+            &serde_json::to_value(value).unwrap(),
+            "protocol",
+        );
+    }
 }
 
 /// The schema of model files has what the reader has: every kind of effect, every key.

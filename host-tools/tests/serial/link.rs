@@ -2,6 +2,8 @@
 
 use std::time::{Duration, Instant};
 
+use predicates::prelude::*;
+use predicates::str::contains;
 use softrig_link::{Event, Link, LinkError, SerialConnector, Timing};
 use wire::settings::Key;
 use wire::state::State;
@@ -224,6 +226,35 @@ fn the_monitor_sends_json_for_other_programs() {
     let said = bench.rig("monitor --port PORT --plain --udp nowhere");
     assert_eq!(said.code, Some(2));
     assert!(said.err.contains("HOST:PORT"), "{}", said.err);
+}
+
+/// A command line goes before the environment, that before what commissioning wrote.
+#[test]
+fn the_port_is_named_once_for_all_commands() {
+    let bench = Bench::new(Script::default());
+    let port = bench.board.port().display().to_string();
+    let monitor = "monitor --plain --seconds 0.2";
+    bench
+        .line(monitor)
+        .env_remove("RIG_PORT")
+        .assert()
+        .code(2)
+        .stderr(contains("no port is named").and(contains("RIG_PORT")));
+    bench.line(monitor).env("RIG_PORT", &port).assert().success();
+    let measured = "board = \"simulated\"\n[clock]\nfactor = 1.0\nstandard_error = 1e-5\nseconds = 60.0\n";
+    bench.put("rig.toml", format!("schema = 1\nport = \"{port}\"\n{measured}"));
+    bench.line(monitor).env_remove("RIG_PORT").assert().success();
+    bench
+        .line(monitor)
+        .env("RIG_PORT", "nowhere")
+        .assert()
+        .code(2)
+        .stderr(contains("nowhere"));
+    bench
+        .line(&format!("{monitor} --port {port}"))
+        .env("RIG_PORT", "nowhere")
+        .assert()
+        .success();
 }
 
 #[test]
