@@ -355,9 +355,19 @@ impl Board {
     }
 
     /// Lets the main program hang from its next sleep to the next reset; interrupts go
-    /// on.
-    pub fn hang(&mut self) {
-        self.simavr.hang();
+    /// on unless it is `deaf`.
+    pub fn hang(&mut self, deaf: bool) {
+        self.simavr.hang(deaf);
+    }
+
+    /// Lets the stepper lose nine steps of ten, or none.
+    pub fn skip_steps(&mut self, skips: bool) {
+        self.simavr.skip_steps(skips);
+    }
+
+    /// Changes the supply (mV), which is the converter's reference too.
+    pub fn set_supply(&mut self, millivolts: u32) {
+        self.simavr.set_supply(millivolts);
     }
 
     /// Blocks or frees the stepper's shaft.

@@ -20,6 +20,8 @@ pub enum Control {
     Tube(f64),
     /// `rest SECONDS`
     Rest(f64),
+    /// `supply VOLTS`
+    Supply(f64),
     /// `replace actuator`
     Replace,
     /// `reset`
@@ -50,9 +52,12 @@ pub const USUAL_TUBE_MM: f64 = 300.0;
 /// How long it can be left alone (s): a day.
 const RESTS: std::ops::RangeInclusive<f64> = 0.0..=86_400.0;
 
+/// Supplies with which the processor runs (V).
+const SUPPLIES: std::ops::RangeInclusive<f64> = 2.8..=5.5;
+
 const COMMANDS: &str = "fault KIND on|off, press emergency-stop|end-switch, \
                         release emergency-stop|end-switch, bend DEGREES|off, tilt DEGREES, \
-                        load GRAMS, tube MILLIMETRES, rest SECONDS, replace actuator, reset, \
+                        load GRAMS, tube MILLIMETRES, rest SECONDS, supply VOLTS, replace actuator, reset, \
                         power-cycle, status, quit";
 
 impl FromStr for Control {
@@ -90,6 +95,7 @@ impl FromStr for Control {
             ["load", text] => number(text, LOADS, "load", "grams").map(Self::Load),
             ["tube", text] => number(text, TUBES, "length of a tube", "mm").map(Self::Tube),
             ["rest", text] => number(text, RESTS, "rest", "seconds").map(Self::Rest),
+            ["supply", text] => number(text, SUPPLIES, "supply", "volts").map(Self::Supply),
             ["replace", "actuator"] => Ok(Self::Replace),
             ["reset"] => Ok(Self::Reset),
             ["power-cycle"] => Ok(Self::PowerCycle),
@@ -113,6 +119,10 @@ pub fn obey(control: Control, rig: &mut VirtualRig, connected: bool) -> String {
                 Some(degrees) => format!("ok bent to {degrees} degrees by hand"),
                 None => "ok let go".into(),
             }
+        }
+        Control::Supply(volts) => {
+            rig.set_supply(volts);
+            format!("ok the supply is {volts} V")
         }
         Control::Tilt(degrees) => {
             rig.change(|placement| placement.turned_rad = degrees.to_radians());
@@ -195,6 +205,7 @@ mod tests {
         assert_eq!("load 20".parse(), Ok(Control::Load(20.0)));
         assert_eq!("tube 900".parse(), Ok(Control::Tube(900.0)));
         assert_eq!("rest 600".parse(), Ok(Control::Rest(600.0)));
+        assert_eq!("supply 4.4".parse(), Ok(Control::Supply(4.4)));
         assert_eq!("replace actuator".parse(), Ok(Control::Replace));
         for (line, hint) in [
             ("fault flood on", "open-flex"),
@@ -208,6 +219,7 @@ mod tests {
             ("load -1", "1000 grams"),
             ("tube 0", "10 to 10000 mm"),
             ("rest long", "86400"),
+            ("supply 12", "2.8 to 5.5 volts"),
             ("replace pump", "replace actuator"),
             ("", "status"),
         ] {

@@ -47,6 +47,12 @@ pub enum Fault {
     BrownOut,
     /// The firmware's main program hangs until the next reset; interrupts go on.
     Hang,
+    /// The firmware hangs with interrupts off until the watchdog resets it.
+    Deaf,
+    /// The motor has too little torque: nine steps of ten do not move the plunger.
+    LostSteps,
+    /// The supply is 4.2 V.
+    LowSupply,
     /// No power while it lasts.
     PowerCut,
     /// The cable is unplugged: bytes are lost both ways.
@@ -55,7 +61,7 @@ pub enum Fault {
 
 impl Fault {
     /// Every fault.
-    pub const ALL: [Self; 22] = [
+    pub const ALL: [Self; 25] = [
         Self::OpenFlex,
         Self::ShortFlex,
         Self::StuckFlex,
@@ -76,6 +82,9 @@ impl Fault {
         Self::VentOpen,
         Self::BrownOut,
         Self::Hang,
+        Self::Deaf,
+        Self::LostSteps,
+        Self::LowSupply,
         Self::PowerCut,
         Self::Unplugged,
     ];
@@ -103,6 +112,9 @@ impl Fault {
             Self::VentOpen => "vent-open",
             Self::BrownOut => "brown-out",
             Self::Hang => "hang",
+            Self::Deaf => "deaf",
+            Self::LostSteps => "lost-steps",
+            Self::LowSupply => "low-supply",
             Self::PowerCut => "power-cut",
             Self::Unplugged => "unplugged",
         }

@@ -18,7 +18,8 @@ use wire::settings::{Key, Settings};
 
 use crate::{
     board::{
-        Board, BoardError, CLOCK_HZ, Mark, MarkTotal, ResetCause, State, Stepper, StepperWiring,
+        Board, BoardError, CLOCK_HZ, Mark, MarkTotal, ResetCause, SUPPLY_MILLIVOLTS, State,
+        Stepper, StepperWiring,
     },
     fault::{Fault, Planned},
     image::Image,
@@ -124,6 +125,9 @@ pub struct Truth {
     pub powered: bool,
 }
 
+/// The supply of [`Fault::LowSupply`] (mV).
+const LOW_SUPPLY_MV: u32 = 4_200;
+
 /// How fast a drifting pressure sensor shows less (Pa/s).
 const DRIFT_PA_PER_S: f64 = 500.0;
 
@@ -157,6 +161,7 @@ pub struct VirtualRig {
     /// gives up listening.
     loader: Option<(Bootloader, u64)>,
     power_on_at: Option<u64>,
+    supply_mv: u32,
     faults: BTreeSet<Fault>,
     pressure_drift_millivolts: f64,
     planned: Vec<(Planned, ServeState)>,
@@ -212,6 +217,7 @@ impl VirtualRig {
             powered: true,
             loader: None,
             power_on_at: None,
+            supply_mv: SUPPLY_MILLIVOLTS,
             faults: BTreeSet::new(),
             pressure_drift_millivolts: 0.0,
             planned: options
@@ -448,6 +454,15 @@ impl VirtualRig {
         self.plant.bend(angle_deg);
     }
 
+    /// The supply is so many volts from now on.
+    pub fn set_supply(&mut self, volts: f64) {
+        // A few volts.
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let millivolts = (volts * 1000.0).round() as u32;
+        self.supply_mv = millivolts;
+        self.drive_pins();
+    }
+
     /// The rig is changed as `change` says, against how it stands.
     pub fn change(&mut self, change: impl FnOnce(&mut Placement)) {
         change(&mut self.placement);
@@ -536,12 +551,23 @@ impl VirtualRig {
 
     fn drive_pins(&mut self) {
         let truth = self.plant();
+        let supply_mv = if self.faults.contains(&Fault::LowSupply) {
+            LOW_SUPPLY_MV
+        } else {
+            self.supply_mv
+        };
+        self.board.set_supply(supply_mv);
+        // Both sensors are ratiometric: their voltages are shares of the supply.
+        let share = f64::from(supply_mv) / f64::from(SUPPLY_MILLIVOLTS);
         for (channel, voltage) in [
             (wiring::PRESSURE_CHANNEL, self.plant.pressure_voltage()),
             (wiring::FLEX_CHANNEL, self.plant.flex_voltage()),
         ] {
-            self.board
-                .set_analog(channel, voltage.millivolts, voltage.noise_rms_millivolts);
+            self.board.set_analog(
+                channel,
+                voltage.millivolts * share,
+                voltage.noise_rms_millivolts * share,
+            );
         }
         for (pin, pressed) in [
             (wiring::RETRACTED_SWITCH, truth.retracted_pressed),
@@ -558,13 +584,13 @@ impl VirtualRig {
     // ---------------------------------------------------------------- faults
 
     /// Starts or ends a fault now. A [`Fault::BrownOut`] resets the board at
-    /// once and does not last; a [`Fault::Hang`] lasts until a reset; [`Fault::PowerCut`] is [`VirtualRig::power_cut`]
-    /// and [`VirtualRig::power_on`].
+    /// once and does not last; [`Fault::Hang`] and [`Fault::Deaf`] last until a reset; [`Fault::PowerCut`] is
+    /// [`VirtualRig::power_cut`] and [`VirtualRig::power_on`].
     pub fn set_fault(&mut self, fault: Fault, on: bool) {
         match (fault, on) {
             (Fault::BrownOut, true) => self.reset(ResetCause::BrownOut),
-            (Fault::Hang, true) => self.board.hang(),
-            (Fault::BrownOut | Fault::Hang, false) => {}
+            (Fault::Hang | Fault::Deaf, true) => self.board.hang(fault == Fault::Deaf),
+            (Fault::BrownOut | Fault::Hang | Fault::Deaf, false) => {}
             (Fault::PowerCut, true) => {
                 self.power_cut();
             }
@@ -580,6 +606,8 @@ impl VirtualRig {
             self.pressure_drift_millivolts = 0.0;
         }
         self.board.stall(self.faults.contains(&Fault::Stall));
+        self.board
+            .skip_steps(self.faults.contains(&Fault::LostSteps));
         self.board.tremble(self.faults.contains(&Fault::LostCoil));
         self.board
             .reverse(self.faults.contains(&Fault::ReversedMotor));

@@ -51,6 +51,9 @@ Faults, as KIND@SECONDS or KIND@SECONDS..SECONDS of simulated time:
   vent-open        the vent does not close
   brown-out        one reset by a sagging supply
   hang             the firmware's main program hangs until the next reset
+  deaf             the same with interrupts off
+  lost-steps       nine steps of ten do not move the plunger
+  low-supply       the supply is 4.2 V
   power-cut        no power, for 0.5 s unless an end is given
   unplugged        bytes are lost both ways
 

@@ -110,7 +110,7 @@ struct softrig_board {
     uint64_t resets;
 
     // A main program that hangs: a jump to itself where it sleeps
-    int hang_wanted;
+    int hang_wanted, hang_deaf;
     avr_flashaddr_t hung_at; // zero: it does not
     uint8_t hung_word[2];
 
@@ -147,7 +147,7 @@ struct softrig_board {
     uint8_t external_mask[PORTS], external_level[PORTS];
     struct pin step, direction, enable;
     int step_level;
-    int stalled, reversed, trembles;
+    int stalled, reversed, trembles, skips;
     int64_t position, lowest, highest;
     uint64_t edges, lost;
     int trace_steps;
@@ -528,7 +528,9 @@ static void on_step(struct avr_irq_t *irq, uint32_t value, void *param)
     if (board->trembles && board->edges % 64 < 32)
         forward = !forward;
     int64_t wanted = board->position + (forward ? 1 : -1);
-    if (board->stalled || wanted < board->lowest || wanted > board->highest)
+    // Too little torque: nine steps of ten are lost.
+    int skipped = board->skips && board->edges % 10;
+    if (board->stalled || skipped || wanted < board->lowest || wanted > board->highest)
         board->lost++;
     else
         board->position = wanted;
@@ -549,10 +551,12 @@ void softrig_board_wire_stepper(struct softrig_board *board, const char ports[3]
         avr_io_getirq(board->avr, AVR_IOCTL_IOPORT_GETIRQ(ports[0]), bits[0]), on_step, board);
 }
 
-// Lets the main program hang from its next sleep to the next reset; interrupts go on.
-void softrig_board_hang(struct softrig_board *board)
+// Lets the main program hang from its next sleep to the next reset; interrupts go on unless it is
+// deaf.
+void softrig_board_hang(struct softrig_board *board, int deaf)
 {
     board->hang_wanted = 1;
+    board->hang_deaf = deaf;
 }
 
 static void hang(struct softrig_board *board)
@@ -563,6 +567,10 @@ static void hang(struct softrig_board *board)
     board->hung_at = avr->pc;
     memcpy(board->hung_word, avr->flash + avr->pc, sizeof to_itself);
     memcpy(avr->flash + avr->pc, to_itself, sizeof to_itself);
+    if (board->hang_deaf) {
+        avr->sreg[S_I] = 0;
+        avr->state = cpu_Running;
+    }
 }
 
 static void end_of_hang(struct softrig_board *board)
@@ -581,6 +589,11 @@ void softrig_board_reverse(struct softrig_board *board, int reversed)
 void softrig_board_tremble(struct softrig_board *board, int trembles)
 {
     board->trembles = trembles;
+}
+
+void softrig_board_skip(struct softrig_board *board, int skips)
+{
+    board->skips = skips;
 }
 
 void softrig_board_stall(struct softrig_board *board, int stalled)
@@ -688,6 +701,12 @@ static void on_converter_control(struct avr_t *avr, avr_io_addr_t addr, uint8_t 
         return;
     avr_clear_interrupt(avr, &board->adc_module->adc);
     avr->data[addr] &= (uint8_t)~ADCSRA_ADIF;
+}
+
+// The supply, which is the converter's reference too (mV).
+void softrig_board_set_supply(struct softrig_board *board, uint32_t millivolts)
+{
+    board->avr->vcc = board->avr->avcc = millivolts;
 }
 
 void softrig_board_set_analog(struct softrig_board *board, uint8_t channel, double millivolts,

@@ -67,7 +67,9 @@ unsafe extern "C" {
     fn softrig_board_stall(board: *mut Opaque, stalled: c_int);
     fn softrig_board_reverse(board: *mut Opaque, reversed: c_int);
     fn softrig_board_tremble(board: *mut Opaque, trembles: c_int);
-    fn softrig_board_hang(board: *mut Opaque);
+    fn softrig_board_skip(board: *mut Opaque, skips: c_int);
+    fn softrig_board_hang(board: *mut Opaque, deaf: c_int);
+    fn softrig_board_set_supply(board: *mut Opaque, millivolts: u32);
     fn softrig_board_stepper(
         board: *const Opaque,
         position: *mut i64,
@@ -307,9 +309,19 @@ impl Simavr {
         unsafe { softrig_board_tremble(self.get_mut(), trembles.into()) }
     }
 
-    pub(crate) fn hang(&mut self) {
+    pub(crate) fn skip_steps(&mut self, skips: bool) {
         // SAFETY: the handle is live and not in use elsewhere.
-        unsafe { softrig_board_hang(self.get_mut()) }
+        unsafe { softrig_board_skip(self.get_mut(), skips.into()) }
+    }
+
+    pub(crate) fn hang(&mut self, deaf: bool) {
+        // SAFETY: the handle is live and not in use elsewhere.
+        unsafe { softrig_board_hang(self.get_mut(), deaf.into()) }
+    }
+
+    pub(crate) fn set_supply(&mut self, millivolts: u32) {
+        // SAFETY: the handle is live and not in use elsewhere.
+        unsafe { softrig_board_set_supply(self.get_mut(), millivolts) }
     }
 
     pub(crate) fn stall(&mut self, stalled: bool) {

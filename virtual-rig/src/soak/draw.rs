@@ -48,6 +48,8 @@ pub enum Deadline {
 const SWITCH_S: f64 = 0.005;
 /// Pulses outlive a main program by so much.
 const HANG_S: f64 = 0.040;
+/// With interrupts off, the watchdog ends them; its clock may be a tenth slow.
+const DEAF_S: f64 = 0.150;
 /// Two control periods: one may have begun just before.
 const PERIODS_S: f64 = 0.020;
 /// A sensor's voltage has to be impossible for so long.
@@ -73,6 +75,7 @@ impl Misfortune {
             Self::Broken(Fault::EmergencyStop) => Deadline::After(SWITCH_S),
             Self::Broken(Fault::EndSwitch | Fault::RetractedSwitch) => Deadline::InMotion(SWITCH_S),
             Self::Broken(Fault::Hang) => Deadline::After(HANG_S),
+            Self::Broken(Fault::Deaf) => Deadline::After(DEAF_S),
             Self::Broken(
                 Fault::OpenFlex | Fault::ShortFlex | Fault::OpenPressure | Fault::ShortPressure,
             ) => Deadline::After(PERIODS_S + DEBOUNCE_S),
@@ -142,7 +145,7 @@ impl Misfortune {
             ],
             // Lost steps make the counted place wrong until the next homing.
             Fault::Leak | Fault::VentOpen => &[L::EndSwitch, L::Stall, L::Reach, L::GasLaw],
-            Fault::Stall | Fault::LostCoil => &[
+            Fault::Stall | Fault::LostCoil | Fault::LostSteps => &[
                 L::EndSwitch,
                 L::Stall,
                 L::RetractedSwitch,
@@ -170,7 +173,8 @@ impl Misfortune {
             Fault::EmergencyStop => &[L::EmergencyStop],
             Fault::BrownOut => &[L::BrownOut, L::Restart],
             Fault::Hang => &[L::Watchdog],
-            Fault::PowerCut => &[],
+            Fault::Deaf => &[L::Watchdog, L::Restart],
+            Fault::PowerCut | Fault::LowSupply => &[],
         };
         known.iter().any(|fault| fault.code() == code)
     }
@@ -181,7 +185,7 @@ impl Misfortune {
             self,
             Self::PortOpened
                 | Self::ResetButton
-                | Self::Broken(Fault::BrownOut | Fault::Hang | Fault::PowerCut)
+                | Self::Broken(Fault::BrownOut | Fault::Hang | Fault::Deaf | Fault::PowerCut)
         )
     }
 

@@ -109,7 +109,9 @@ impl Session<'_> {
             let is_unplugged = lasting.contains(&Misfortune::Broken(Fault::Unplugged));
             let is_possible = match kind {
                 Misfortune::PortOpened => !is_unplugged && !is_cut,
-                Misfortune::Broken(Fault::Hang) => !is_cut && !self.rig.in_bootloader(),
+                Misfortune::Broken(Fault::Hang | Fault::Deaf) => {
+                    !is_cut && !self.rig.in_bootloader()
+                }
                 Misfortune::Broken(fault) => {
                     !lasting.contains(&kind) && (!is_cut || fault != Fault::BrownOut)
                 }
