@@ -107,6 +107,14 @@ pub mod homing {
     /// Share of the fastest flow for finding its edge.
     pub const EDGE_SHARE: f32 = 0.05;
 
+    /// Share of the fastest flow for an edge that the stroke is measured from: two microsteps of the
+    /// usual pump between two looks of the board.
+    pub const MEASURING_SHARE: f32 = 0.0125;
+
+    /// Travel (µl) after which the search for the pushed-in switch ends: 1.3 times the largest
+    /// volume that there may be.
+    pub const LONGEST_STROKE_UL: f32 = 130_000.0;
+
     /// Periods without a step although the pump should move, after which the
     /// firmware gives up: 2 s.
     pub const LONGEST_STANDSTILL: u8 = 200;

@@ -33,7 +33,6 @@
 //! be a false alarm later: A counts only after `SETTLING` periods, and then as a mean.
 
 use crate::{control::ATMOSPHERE_PA, stall};
-use wire::settings::Settings;
 
 /// How far (Pa) the largest possible pressure may exceed the limit. With the 20 kPa between a set-point
 /// of 160 and the limit it bears 7 % of A.
@@ -74,9 +73,9 @@ pub struct Watch {
 
 /// What the watch looks at in a period.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Seen<'a> {
-    /// The settings.
-    pub settings: &'a Settings,
+pub struct Seen {
+    /// The most that the pump may displace (µl).
+    pub largest: f32,
     /// Whether the valve is closed.
     pub closed: bool,
     /// Whether it has been open for so long that the pressure is the sensor's zero.
@@ -106,7 +105,7 @@ impl Watch {
         };
         let pushed = seen.volume - start;
         let pressure = seen.pressure - self.zero;
-        let holds = if pushed < stall::window(seen.settings) {
+        let holds = if pushed < stall::window(seen.largest) {
             self.periods == 0 && pressure < BELOW_ZERO_PA
         } else {
             self.learn(pushed, pressure);
@@ -181,12 +180,13 @@ mod tests {
 
     const P0: f64 = ATMOSPHERE_PA as f64;
 
+    const LARGEST: f32 = 50_000.0;
+
     impl Rig {
         /// Plays set-points (Pa) over time; the time (s) of the fault and the highest true pressure
         /// (Pa) until then.
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         fn play(self, seconds: f64, setpoint: impl Fn(f64) -> f64) -> (Option<f64>, f64) {
-            let settings = Settings::DEFAULT;
             let mut watch = Watch::default();
             let mut stall = stall::Watch::default();
             let (mut pushed, mut amount, mut highest) = (0.0, self.air, 0.0_f64);
@@ -216,7 +216,7 @@ mod tests {
                 let step = ((setpoint(time) - shown) / slope * 0.1).clamp(-50.0, 50.0);
                 pushed = (pushed + step).clamp(0.0, 55_000.0);
                 let fault = watch.step(&Seen {
-                    settings: &settings,
+                    largest: LARGEST,
                     closed: period > 300,
                     vented: period == 300,
                     volume: 500.0 + pushed as f32,
@@ -224,7 +224,7 @@ mod tests {
                     limit: 180e3,
                 });
                 let closed = period > 300;
-                let stalls = stall.step(&settings, closed, pushed as f32, shown as f32);
+                let stalls = stall.step(LARGEST, closed, pushed as f32, shown as f32);
                 if fault || stalls {
                     return (Some(time), highest);
                 }
@@ -330,10 +330,9 @@ mod tests {
     #[test]
     fn a_drift_at_rest_is_found() {
         let mut watch = Watch::default();
-        let settings = Settings::DEFAULT;
         let found = (0..10_000_u16).find(|&period| {
             watch.step(&Seen {
-                settings: &settings,
+                largest: LARGEST,
                 closed: period > 300,
                 vented: period == 300,
                 volume: 500.0,

@@ -4,6 +4,13 @@
 //! until the end switch closes, then slowly forward until it releases; that edge is
 //! volume zero. Then it moves to a start position somewhat inside, so that the return
 //! after a release does not hit the switch.
+//!
+//! Where the counter stood when the switch let go is how far it was off: the steps that were lost
+//! since the home before.
+//!
+//! The stroke is measured on the way back, so that steps lost in the sudden stop at the pushed-in
+//! switch do not count: from the place where that one lets go to the one where the retracted
+//! switch does, both left slowly.
 
 use wire::{
     fault::Fault,
@@ -13,7 +20,7 @@ use wire::{
 use crate::{
     design::homing::{
         EDGE_SHARE, FASTEST_SEARCH, LONGEST_BACK_OFF, LONGEST_SEARCH, LONGEST_STANDSTILL,
-        SEARCH_SHARE, START_SHARE, START_UL,
+        LONGEST_STROKE_UL, MEASURING_SHARE, SEARCH_SHARE, START_SHARE, START_UL,
     },
     io::{Inputs, Outputs, Pump, Valve},
 };
@@ -64,12 +71,34 @@ enum Phase {
     Zero,
     /// Going to the start position.
     Approach,
+    /// Measuring: going to the pushed-in switch.
+    Out,
+    /// It answers: standing still, as in [`Self::Stop`].
+    Far,
+    /// Leaving it.
+    Leave,
+    /// It let go: going back, to somewhat before the retracted switch.
+    Back,
+    /// Going on to that one, slowly: a sudden stop there loses no step.
+    Close,
+}
+
+/// What is to be found besides the home.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Task {
+    /// Nothing.
+    Home,
+    /// The stroke; the pushed-in switch comes next.
+    Stroke,
+    /// The stroke; the pushed-in switch let go here (microsteps).
+    From(i32),
 }
 
 /// The progress of homing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Homing {
     phase: Phase,
+    task: Task,
     /// Position (microsteps) at which the phase began.
     from: i32,
     before: i32,
@@ -77,6 +106,9 @@ pub struct Homing {
     standing: u8,
     /// Periods for which the pushed-in switch has been open.
     clear: u8,
+    /// Where the counter stood (microsteps) when the retracted switch let go first.
+    let_go_at: i32,
+    stroke: Option<u32>,
 }
 
 /// The result of one period of homing.
@@ -94,6 +126,9 @@ impl Homing {
     /// Starts wherever the plunger is.
     pub fn start(inputs: &Inputs) -> Self {
         Self {
+            task: Task::Home,
+            let_go_at: 0,
+            stroke: None,
             phase: if inputs.retracted_end {
                 Phase::Stop
             } else {
@@ -106,13 +141,43 @@ impl Homing {
         }
     }
 
+    /// Starts likewise, and measures the stroke.
+    pub fn measuring(inputs: &Inputs) -> Self {
+        Self {
+            task: Task::Stroke,
+            ..Self::start(inputs)
+        }
+    }
+
+    /// Whether the plunger looks for the pushed-in switch, so that this one ends no run.
+    pub fn seeks_pushed_end(&self) -> bool {
+        matches!(self.phase, Phase::Out | Phase::Far)
+    }
+
+    /// Whether the stroke is still to be measured.
+    #[cfg(test)]
+    pub(crate) fn measures(&self) -> bool {
+        self.task != Task::Home
+    }
+
+    /// Where the counter stood (microsteps) at home: what was lost since the home before, if there
+    /// was one.
+    pub fn let_go_at(&self) -> i32 {
+        self.let_go_at
+    }
+
+    /// The stroke (microsteps), once it is measured.
+    pub fn stroke(&self) -> Option<u32> {
+        self.stroke
+    }
+
     /// Lets one control period pass.
     pub fn step(&mut self, config: &Config, inputs: &Inputs) -> Progress {
         let moved = inputs.steps.wrapping_sub(self.from) as f32 * config.volume_per_step;
         let moves = inputs.steps != self.before;
         self.before = inputs.steps;
         match self.phase {
-            Phase::Stop | Phase::Zero => {
+            Phase::Stop | Phase::Zero | Phase::Far => {
                 self.standing = self.standing.saturating_add(1);
             }
             _ if moves => self.standing = 0,
@@ -138,13 +203,20 @@ impl Homing {
             // The search goes on from where it began, so that switches that flicker cannot
             // make it endless.
             Phase::Search if inputs.retracted_end => self.enter(Phase::Stop, self.from),
-            Phase::Search if -moved > config.max_volume * LONGEST_SEARCH => {
+            Phase::Search if -moved > self.longest_search(config) => {
                 return Progress::Failed(Fault::Stall);
             }
             Phase::Stop if !inputs.retracted_end => self.enter(Phase::Search, self.from),
             Phase::Stop if settled => self.enter(Phase::BackOff, inputs.steps),
             Phase::BackOff if inputs.pushed_end => return Progress::Failed(Fault::EndSwitch),
             Phase::BackOff if !inputs.retracted_end => {
+                match self.task {
+                    Task::From(far) => {
+                        self.stroke = u32::try_from(far.wrapping_sub(inputs.steps)).ok();
+                        self.task = Task::Home;
+                    }
+                    Task::Home | Task::Stroke => self.let_go_at = inputs.steps,
+                }
                 self.enter(Phase::Zero, 0);
                 self.before = 0;
                 set_steps = Some(0);
@@ -152,7 +224,31 @@ impl Homing {
             Phase::BackOff if moved > let_go => {
                 return Progress::Failed(Fault::RetractedSwitch);
             }
-            Phase::Zero if settled => self.enter(Phase::Approach, inputs.steps),
+            Phase::Zero if settled => {
+                let next = match self.task {
+                    Task::Stroke => Phase::Out,
+                    Task::Home | Task::From(_) => Phase::Approach,
+                };
+                self.enter(next, inputs.steps);
+            }
+            Phase::Out if inputs.pushed_end => self.enter(Phase::Far, self.from),
+            Phase::Out if moved > LONGEST_STROKE_UL => return Progress::Failed(Fault::Stall),
+            Phase::Far if !inputs.pushed_end => self.enter(Phase::Out, self.from),
+            Phase::Far if settled => self.enter(Phase::Leave, inputs.steps),
+            Phase::Leave if !inputs.pushed_end => {
+                self.task = Task::From(inputs.steps);
+                self.enter(Phase::Back, inputs.steps);
+            }
+            Phase::Leave if -moved > let_go => return Progress::Failed(Fault::EndSwitch),
+            // It is where it was not to be yet: the motor skipped, or a wire broke.
+            Phase::Back if inputs.retracted_end => return Progress::Failed(Fault::EndSwitch),
+            Phase::Back
+                if inputs.steps as f32 * config.volume_per_step <= config.start_volume() =>
+            {
+                self.enter(Phase::Close, inputs.steps);
+            }
+            Phase::Close if inputs.retracted_end => self.enter(Phase::Stop, self.from),
+            Phase::Close if -moved > let_go => return Progress::Failed(Fault::Stall),
             Phase::Approach
                 if inputs.steps as f32 * config.volume_per_step >= config.start_volume() =>
             {
@@ -161,9 +257,16 @@ impl Homing {
             _ => {}
         }
         let pump = match self.phase {
-            Phase::Search => Pump::Rate(-config.rate(SEARCH_SHARE)),
-            Phase::BackOff | Phase::Approach => Pump::Rate(config.rate(EDGE_SHARE)),
-            Phase::Stop | Phase::Zero => Pump::Brake,
+            Phase::Search | Phase::Back => Pump::Rate(-config.rate(SEARCH_SHARE)),
+            Phase::Out => Pump::Rate(config.rate(SEARCH_SHARE)),
+            Phase::Approach => Pump::Rate(config.rate(EDGE_SHARE)),
+            Phase::Close => Pump::Rate(-config.rate(EDGE_SHARE)),
+            Phase::BackOff => Pump::Rate(config.rate(match self.task {
+                Task::Home | Task::Stroke => EDGE_SHARE,
+                Task::From(_) => MEASURING_SHARE,
+            })),
+            Phase::Leave => Pump::Rate(-config.rate(MEASURING_SHARE)),
+            Phase::Stop | Phase::Zero | Phase::Far => Pump::Brake,
         };
         Progress::Moving(Outputs {
             pump,
@@ -171,6 +274,15 @@ impl Homing {
             set_steps,
             light: false,
         })
+    }
+
+    /// Travel (µl) after which the search for the retracted switch ends. A plunger whose stroke is
+    /// not known may be farther away than the largest volume.
+    fn longest_search(&self, config: &Config) -> f32 {
+        match self.task {
+            Task::Stroke => LONGEST_STROKE_UL,
+            Task::Home | Task::From(_) => config.max_volume * LONGEST_SEARCH,
+        }
     }
 
     fn enter(&mut self, phase: Phase, from: i32) {
@@ -344,6 +456,69 @@ mod tests {
             }
         }
         panic!("homing never ends");
+    }
+
+    /// Measures the stroke of a plant (microsteps), or says the fault.
+    fn measure(plant: &mut Plant) -> Result<u32, Fault> {
+        let config = Config::of(&plant.settings);
+        let mut homing = Homing::measuring(&plant.inputs());
+        for _ in 0..20_000 {
+            match homing.step(&config, &plant.inputs()) {
+                Progress::Moving(outputs) => plant.step(&outputs),
+                Progress::Done => return Ok(homing.stroke().expect("it was measured")),
+                Progress::Failed(fault) => return Err(fault),
+            }
+        }
+        panic!("measuring never ends")
+    }
+
+    /// The plant's switches are at 0 and at 57 ml.
+    #[test]
+    fn the_stroke_is_the_way_between_the_switches_from_anywhere() {
+        for plunger in [-800.0, 400.0, 20_000.0, 57_900.0] {
+            let mut plant = Plant::new(60e3, plunger);
+            let steps = measure(&mut plant).unwrap();
+            let stroke = f64::from(steps) * 0.35;
+            assert!((stroke - 57_000.0).abs() < 3.5, "{plunger}: {stroke}");
+            assert!((plant.plunger - 500.0).abs() < 10.0, "{}", plant.plunger);
+        }
+    }
+
+    #[test]
+    fn a_pushed_in_switch_that_is_stuck_ends_the_measurement() {
+        let mut plant = Plant::new(60e3, 20e3);
+        plant.pushed_end = true;
+        assert_eq!(measure(&mut plant), Err(Fault::MotorReversed));
+        // It answers on the way out and does not let go any more.
+        let mut plant = Plant::new(60e3, 0.0);
+        let config = Config::of(&plant.settings);
+        let mut homing = Homing::measuring(&plant.inputs());
+        let fault = (0..20_000).find_map(|_| {
+            plant.pushed_end |= plant.plunger > 30e3;
+            match homing.step(&config, &plant.inputs()) {
+                Progress::Moving(outputs) => plant.step(&outputs),
+                Progress::Done => panic!("measured"),
+                Progress::Failed(fault) => return Some(fault),
+            }
+            None
+        });
+        assert_eq!(fault, Some(Fault::EndSwitch));
+    }
+
+    /// What the counter shows when the switch lets go is what was lost.
+    #[test]
+    fn steps_that_were_lost_are_counted_at_the_next_home() {
+        let mut plant = Plant::new(60e3, 20e3);
+        home(&mut plant).unwrap();
+        // The counter believes in 1 000 steps more than were made.
+        plant.zero -= 350.0;
+        let config = Config::of(&plant.settings);
+        let mut homing = Homing::start(&plant.inputs());
+        while let Progress::Moving(outputs) = homing.step(&config, &plant.inputs()) {
+            plant.step(&outputs);
+        }
+        assert!((homing.let_go_at() - 1_000).abs() < 10, "{homing:?}");
+        assert_eq!(homing.stroke(), None);
     }
 
     #[test]

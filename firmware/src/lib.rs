@@ -35,5 +35,6 @@ pub mod settings;
 pub mod stall;
 pub mod stepper;
 pub mod store;
+pub mod stroke;
 pub mod units;
 pub mod wiring;

@@ -140,13 +140,14 @@ conditions! {
 /// them, so either of them counts in motion, whatever the direction: a swapped
 /// motor wire or a lost home would otherwise be excused. While homing, the
 /// retracted switch is what the plunger looks for, and the other one is left,
-/// not run into, when it retracts. A plunger cannot be at both ends, so two open
-/// switches are a broken wire and count in every state, moving or not.
-pub fn runs_into_end(state: State, inputs: &Inputs, rate: f32) -> bool {
+/// not run into, when it retracts; only who measures the stroke `seeks_pushed_end`.
+/// A plunger cannot be at both ends, so two open switches are a broken wire and count
+/// in every state, moving or not.
+pub fn runs_into_end(state: State, inputs: &Inputs, rate: f32, seeks_pushed_end: bool) -> bool {
     let (retracted, pushed) = (inputs.retracted_end, inputs.pushed_end);
     let in_motion = match state {
         State::Ready | State::Running => rate.abs() > 0.0 && (retracted || pushed),
-        State::Idle | State::Homing | State::Fault => rate > 0.0 && pushed,
+        State::Idle | State::Homing | State::Fault => rate > 0.0 && pushed && !seeks_pushed_end,
     };
     in_motion || (retracted && pushed)
 }
@@ -724,18 +725,21 @@ mod tests {
         };
         for state in [State::Ready, State::Running] {
             for (retracted, pushed) in [(true, false), (false, true)] {
-                assert!(runs_into_end(state, &at(retracted, pushed), -1.0));
-                assert!(runs_into_end(state, &at(retracted, pushed), 1.0));
-                assert!(!runs_into_end(state, &at(retracted, pushed), 0.0));
+                assert!(runs_into_end(state, &at(retracted, pushed), -1.0, false));
+                assert!(runs_into_end(state, &at(retracted, pushed), 1.0, false));
+                assert!(!runs_into_end(state, &at(retracted, pushed), 0.0, false));
             }
-            assert!(!runs_into_end(state, &at(false, false), 1.0));
+            assert!(!runs_into_end(state, &at(false, false), 1.0, false));
         }
-        assert!(!runs_into_end(State::Homing, &at(true, false), -1.0));
-        assert!(runs_into_end(State::Homing, &at(false, true), 1.0));
-        assert!(!runs_into_end(State::Homing, &at(false, true), -1.0));
+        assert!(!runs_into_end(State::Homing, &at(true, false), -1.0, false));
+        assert!(runs_into_end(State::Homing, &at(false, true), 1.0, false));
+        assert!(!runs_into_end(State::Homing, &at(false, true), -1.0, false));
+        assert!(!runs_into_end(State::Homing, &at(false, true), 1.0, true));
         // Nothing is at both ends.
         for state in State::ALL {
-            assert!(runs_into_end(state, &at(true, true), 0.0));
+            for seeks in [false, true] {
+                assert!(runs_into_end(state, &at(true, true), 0.0, seeks));
+            }
         }
     }
 

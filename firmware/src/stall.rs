@@ -11,18 +11,12 @@
 //! An actuator that swells, a leak, and a small position error reduce it, so only a
 //! quarter is required, with twice the syringe for V.
 //!
-//! The board does not know the syringe. `max.ul` may be too large for it, and a window of a twelfth of
-//! 500 ml is never pushed in by one of 60 ml: the watch would be off. So it looks for the rise that
-//! the syringe of `docs/hardware` gives, or a smaller one by `max.ul`. A larger syringe has more air:
-//! 4 ml pushed into 160 ml give 2.5 kPa, half of it if the actuator swells as much, and 1 kPa is
-//! required. That is why `max.ul` ends at 100 ml.
-
-use wire::settings::{Key, Settings};
+//! A `max.ul` that is too large for the syringe would put the watch off: a window of a twelfth of
+//! 500 ml is never pushed in by one of 60 ml. So the largest volume here is what
+//! [`Stroke::largest`](crate::stroke::Stroke::largest) leaves of it: what was measured, or the smallest
+//! syringe.
 
 use crate::control::ATMOSPHERE_PA;
-
-/// The largest volume (µl) of the syringe of `docs/hardware`.
-const SYRINGE_UL: f32 = 50_000.0;
 
 /// All the air that there may be, in largest volumes of the pump.
 const AIR: f32 = 2.0;
@@ -34,14 +28,9 @@ const SHARE: f32 = 0.25;
 /// 4 ml of 50, of which a quarter of the promise is 1 kPa, well above the noise.
 const WINDOW: f32 = 0.08;
 
-/// The volume (µl) over which a rise of the pressure can be told.
-pub fn window(settings: &Settings) -> f32 {
-    syringe(settings) * WINDOW
-}
-
-/// The largest volume (µl) of the syringe, as far as it is believed.
-fn syringe(settings: &Settings) -> f32 {
-    settings.number(Key::MaxVolume).min(SYRINGE_UL)
+/// The volume (µl) over which a rise of the pressure can be told, of a largest one (µl).
+pub fn window(largest: f32) -> f32 {
+    largest * WINDOW
 }
 
 /// Where the present compression began.
@@ -53,22 +42,16 @@ pub struct Watch {
 
 impl Watch {
     /// Lets one control period pass; whether a whole window was compressed
-    /// without the least rise. `volume` is what the pump displaced (µl),
-    /// `pressure` in Pa.
-    pub fn step(
-        &mut self,
-        settings: &Settings,
-        valve_closed: bool,
-        volume: f32,
-        pressure: f32,
-    ) -> bool {
+    /// without the least rise. `largest` is the most that the pump may displace (µl),
+    /// `volume` what it did (µl), `pressure` in Pa.
+    pub fn step(&mut self, largest: f32, valve_closed: bool, volume: f32, pressure: f32) -> bool {
         match self.start {
             Some((from, at)) if valve_closed && volume >= from => {
-                if volume - from < window(settings) {
+                if volume - from < window(largest) {
                     return false;
                 }
                 self.start = Some((volume, pressure));
-                let promised = ATMOSPHERE_PA * (volume - from) / (AIR * syringe(settings));
+                let promised = ATMOSPHERE_PA * (volume - from) / (AIR * largest);
                 pressure - at < promised * SHARE
             }
             _ => {
@@ -84,34 +67,33 @@ impl Watch {
 mod tests {
     use super::*;
 
+    const LARGEST: f32 = 50_000.0;
+
     fn compress(air_ul: f32, leak: f32) -> bool {
-        pushed_in(&Settings::DEFAULT, air_ul, leak).is_some()
+        pushed_in(LARGEST, air_ul, leak).is_some()
     }
 
     /// The volume (µl) that is pushed in before the watch finds it, of 20 ml.
-    fn pushed_in(settings: &Settings, air_ul: f32, leak: f32) -> Option<f32> {
+    fn pushed_in(largest: f32, air_ul: f32, leak: f32) -> Option<f32> {
         let mut watch = Watch::default();
         (0..400_u16).find_map(|period| {
             let pushed = 50.0 * f32::from(period);
             let volume = 500.0 + pushed;
             let gas = ATMOSPHERE_PA * (air_ul / (air_ul - volume) - 1.0);
             watch
-                .step(settings, true, volume, gas * (1.0 - leak))
+                .step(largest, true, volume, gas * (1.0 - leak))
                 .then_some(pushed)
         })
     }
 
     #[test]
-    fn a_volume_that_is_set_too_large_does_not_switch_it_off() {
-        let mut settings = Settings::DEFAULT;
-        for (largest, pushed) in [(10_000.0, 800.0), (50_000.0, 4_000.0), (100_000.0, 4_000.0)] {
-            settings.set(Key::MaxVolume, f32::to_bits(largest)).unwrap();
-            assert_eq!(pushed_in(&settings, 60e3, 1.0), Some(pushed), "{largest}");
+    fn the_window_is_a_share_of_the_syringe() {
+        for (largest, pushed) in [(10_000.0, 800.0), (50_000.0, 4_000.0), (100_000.0, 8_000.0)] {
+            assert_eq!(pushed_in(largest, 60e3, 1.0), Some(pushed), "{largest}");
             // The syringe of that volume, and an actuator that swells by as much as is pushed in.
             let air_ul = (largest + 60e3).min(2.0 * largest);
-            assert_eq!(pushed_in(&settings, air_ul, 0.5), None, "{largest}");
+            assert_eq!(pushed_in(largest, air_ul, 0.5), None, "{largest}");
         }
-        assert!(settings.set(Key::MaxVolume, 500e3_f32.to_bits()).is_err());
     }
 
     #[test]
@@ -133,9 +115,9 @@ mod tests {
         let mut watch = Watch::default();
         for period in 0..10_000_u16 {
             let volume = 2_000.0 + f32::from(period % 30) * 100.0;
-            assert!(!watch.step(&Settings::DEFAULT, true, volume, 0.0));
+            assert!(!watch.step(LARGEST, true, volume, 0.0));
             let far = f32::from(period) * 5.0;
-            assert!(!Watch::default().step(&Settings::DEFAULT, false, far, 0.0));
+            assert!(!Watch::default().step(LARGEST, false, far, 0.0));
         }
     }
 }

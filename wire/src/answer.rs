@@ -9,9 +9,10 @@ use ufmt::{Formatter, uDisplay, uWrite, uwrite};
 
 use crate::{
     checksum::Crc16,
-    decimal::{HalfWord, Word},
+    decimal::{Count, HalfWord, Whole, Word},
     fault::Fault,
     fields::{self, Fields},
+    keyword::Keyword,
     reply::VERSION,
     settings::Settings,
     state::State,
@@ -313,6 +314,62 @@ impl uDisplay for Switches {
     }
 }
 
+/// The answer to `machine`: what the board found out about its pump. A number that is not known is
+/// `nan`.
+///
+/// ```text
+/// 152003 -4
+/// ```
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Machine {
+    /// Microsteps between the places where the end switches let go; none unless they were measured
+    /// with the present volume of a step.
+    pub stroke_steps: Option<u32>,
+    /// Microsteps that were lost between the last two homings: how far the counter was off when the
+    /// retracted switch let go. Positive if the plunger went less far in than it was told. None
+    /// before the second homing since the reset.
+    pub lost_steps: Option<i32>,
+}
+
+impl Machine {
+    /// Reads it. What later versions may add behind is not looked at.
+    pub fn parse(text: &str) -> Option<Self> {
+        let mut fields = Fields::new(text.as_bytes());
+        Some(Self {
+            stroke_steps: known(fields.next()?)?,
+            lost_steps: known(fields.next()?)?,
+        })
+    }
+}
+
+impl uDisplay for Machine {
+    fn fmt<W: uWrite + ?Sized>(&self, f: &mut Formatter<'_, W>) -> Result<(), W::Error> {
+        or_nan(f, self.stroke_steps.map(Count))?;
+        f.write_char(' ')?;
+        or_nan(f, self.lost_steps.map(Whole))
+    }
+}
+
+/// Writes a number, or `nan` where it is not known: a keyword, since a string would lie in RAM.
+fn or_nan<W: uWrite + ?Sized>(
+    f: &mut Formatter<'_, W>,
+    number: Option<impl uDisplay>,
+) -> Result<(), W::Error> {
+    match number {
+        Some(number) => number.fmt(f),
+        None => const { Keyword::of("nan") }.fmt(f),
+    }
+}
+
+/// A number, or `nan` where it is not known; the outer option is none when it is neither.
+#[allow(clippy::option_option)]
+fn known<N: core::str::FromStr>(field: &[u8]) -> Option<Option<N>> {
+    match field {
+        b"nan" => Some(None),
+        number => fields::number(number).map(Some),
+    }
+}
+
 /// The answer to `exact`: the prediction to the last bit.
 ///
 /// It belongs to the telemetry line of this number, and started this number of steps before.
@@ -436,6 +493,11 @@ mod tests {
                 emergency_stop: words[4] & 4 != 0,
             };
             prop_assert_eq!(Switches::parse(&text(&switches)), Some(switches));
+            let machine = Machine {
+                stroke_steps: place.map(|_| long),
+                lost_steps: image.map(|_| bits[0].cast_signed()),
+            };
+            prop_assert_eq!(Machine::parse(&text(&machine)), Some(machine));
             let [angle, rate, pressure] = bits.map(f32::from_bits);
             let exact = Exact { sequence: words[1], steps: long, angle, rate, pressure };
             let read = Exact::parse(&text(&exact)).unwrap();
@@ -509,6 +571,9 @@ mod tests {
         assert_eq!(Raw::parse("12"), None);
         assert_eq!(Switches::parse("0 1"), None);
         assert_eq!(Switches::parse("0 1 2"), None);
+        for text in ["", "152003", "-1 0", "152003 1.5", "none 3"] {
+            assert_eq!(Machine::parse(text), None, "{text}");
+        }
         assert_eq!(Exact::parse("1 2 3f490fdb 3dcccccd"), None);
         assert_eq!(Bits::parse("3f80000"), None);
     }

@@ -83,6 +83,10 @@ pub enum Command {
     Switches,
     /// Let the main program hang, at rest: what the watchdog is for.
     Hang,
+    /// Home, measure the stroke between the end switches, home again, be ready.
+    Stroke,
+    /// What the board found out about its pump; see [`crate::answer::Machine`].
+    Machine,
 }
 
 const HELLO: Keyword = Keyword::of("hello");
@@ -108,6 +112,8 @@ const LOG: Keyword = Keyword::of("log");
 const PAST: Keyword = Keyword::of("past");
 const SWITCHES: Keyword = Keyword::of("switches");
 const HANG: Keyword = Keyword::of("hang");
+const STROKE: Keyword = Keyword::of("stroke");
+const MACHINE: Keyword = Keyword::of("machine");
 
 /// A command and the number that its reply repeats.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -150,6 +156,7 @@ impl Command {
                 | Self::Log(_)
                 | Self::Past(_)
                 | Self::Switches
+                | Self::Machine
         )
     }
 
@@ -193,6 +200,8 @@ impl Command {
             PAST => Self::Past(fields.number()?),
             SWITCHES => Self::Switches,
             HANG => Self::Hang,
+            STROKE => Self::Stroke,
+            MACHINE => Self::Machine,
             _ => return None,
         };
         fields.is_empty().then_some(command)
@@ -226,6 +235,8 @@ impl Request {
             Command::Exact => EXACT,
             Command::Switches => SWITCHES,
             Command::Hang => HANG,
+            Command::Stroke => STROKE,
+            Command::Machine => MACHINE,
             Command::Run(Some(named)) => {
                 uwrite!(line, "{} {}", RUN, named.keyword())?;
                 return line.finish();
@@ -335,6 +346,8 @@ mod tests {
             Command::Past(50),
             Command::Switches,
             Command::Hang,
+            Command::Stroke,
+            Command::Machine,
         ];
         all.extend(Named::ALL.iter().map(|&named| Command::Run(Some(named))));
         for key in Key::all() {
@@ -371,6 +384,7 @@ mod tests {
             "clear",
             "beat",
             "hang",
+            "stroke",
         ] {
             assert_eq!(
                 Request::parse(text.as_bytes()),

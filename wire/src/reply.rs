@@ -84,6 +84,9 @@ refusals! {
     Pressurised = 12, "the valve is open and the pressure does not read zero within 5 kPa: wait until the air is out, look for a blocked vent, then tare or calibrate the pressure sensor";
     /// Nothing is remembered under this number.
     Nothing = 13, "nothing is stored under this number";
+    /// The largest volume is beyond the stroke that was measured, or beyond the smallest one where
+    /// none was.
+    BeyondStroke = 14, "max.ul exceeds the stroke between the end switches, or 50 ml as long as it was not measured with this ul.step: ask for less, or measure it with `rig commission --only stroke`";
 }
 
 impl fmt::Display for Refusal {

@@ -53,6 +53,8 @@ pub(super) struct Play {
 /// The inputs of a run in one period.
 pub(super) struct PlayInputs<'a> {
     pub(super) settings: &'a Settings,
+    /// The most that the pump may displace (µl).
+    pub(super) largest: f32,
     pub(super) memory: &'a Memory,
     pub(super) predictor: &'a Predictor,
     pub(super) monitor: &'a Monitor,
@@ -103,7 +105,7 @@ impl Play {
     #[inline(never)]
     pub(super) fn step(&mut self, given: &PlayInputs) -> Progress {
         let delay_s = given.predictor.delay_s();
-        let config = control::Config::of(given.settings).with_delay(delay_s);
+        let config = control::Config::of(given.settings, given.largest).with_delay(delay_s);
         let per_step = given.settings.number(Key::VolumePerStep);
         let reference = self.runner.reference(given.memory);
         let closed = |flow: f32| Outputs {
@@ -166,8 +168,7 @@ impl Play {
         let is_back = self.back >= VENTING_PERIODS && !given.pressurised;
         if matches!(reference, Reference::Release | Reference::Done) && !is_back {
             self.returning += PERIOD_S;
-            let stroke_s =
-                given.settings.number(Key::MaxVolume) / given.settings.number(Key::MaxFlow);
+            let stroke_s = given.largest / given.settings.number(Key::MaxFlow);
             if self.returning > RETURN_S + 2.0 * stroke_s {
                 return Progress::Failed(Fault::Internal);
             }

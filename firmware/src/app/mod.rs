@@ -46,6 +46,7 @@ use crate::{
     sensing::{Calibration, Readings, Sensors},
     settings::{calibration, model},
     store::{Eeprom, Loaded, load},
+    stroke::Stroke,
     units::{DEG_PER_RAD, KPA_PER_PA, RAD_PER_DEG},
 };
 
@@ -91,6 +92,11 @@ pub struct App {
     /// A fault whose sentence is to be written.
     sentence: Option<Fault>,
     log: Log,
+    stroke: Stroke,
+    /// Whether the plunger was homed since the reset: the counter tells where it is.
+    was_homed: bool,
+    /// Microsteps that were lost between the last two homings.
+    lost_steps: Option<i32>,
     /// The state at the start of this period, and the segment of a protocol then.
     phase: (State, Option<u8>),
     /// Whether the main program was asked to hang.
@@ -122,6 +128,7 @@ impl App {
     #[inline(never)]
     pub fn load(&mut self, eeprom: &impl Eeprom) {
         self.log.load(eeprom);
+        self.stroke.load(eeprom);
         let found = load(eeprom, &mut self.settings);
         self.draft.clone_from(&self.settings);
         self.calibration = calibration(&self.settings).ok();
@@ -170,6 +177,9 @@ impl App {
             self_test: None,
             sentence: None,
             log: Log::new(),
+            stroke: Stroke::new(),
+            was_homed: false,
+            lost_steps: None,
             phase: (State::Idle, None),
             hangs: false,
         }
@@ -234,6 +244,11 @@ impl App {
             outputs: &self.outputs,
             state: self.supervisor.state(),
             volume: self.volume,
+            largest: self.stroke.largest(&self.settings),
+            seeks_pushed_end: match &self.activity {
+                Activity::Homing(homing) => homing.seeks_pushed_end(),
+                Activity::None | Activity::Playing(_) => false,
+            },
             heard: self.heard,
         };
         self.protection.look(&seen, &mut self.conditions);
@@ -269,13 +284,17 @@ impl App {
         self.outputs
     }
 
-    /// Writes at most a byte of the settings or of the log: a second one would wait 3.3 ms.
+    /// Writes at most a byte of settings, log or stroke: a second one would wait 3.3 ms.
     #[inline(never)]
     fn store(&mut self, eeprom: &mut impl Eeprom) {
         if self.saving.step(&self.settings, eeprom) {
             self.conditions.settings_damaged = false;
-        } else if !self.saving.is_busy() && self.log.is_busy() {
+        } else if self.saving.is_busy() {
+            // The settings go first.
+        } else if self.log.is_busy() {
             self.log.step(eeprom);
+        } else {
+            self.stroke.step(eeprom);
         }
     }
 
@@ -389,6 +408,11 @@ impl App {
         match homing.step(&homing::Config::of(&self.settings), inputs) {
             homing::Progress::Moving(outputs) => outputs,
             homing::Progress::Done => {
+                self.lost_steps = self.was_homed.then_some(homing.let_go_at());
+                self.was_homed = true;
+                if let Some(steps) = homing.stroke() {
+                    self.stroke.note(steps, &self.settings);
+                }
                 self.finish(Event::Homed);
                 Outputs {
                     pump: Pump::Brake,
@@ -410,6 +434,7 @@ impl App {
         };
         let progress = play.step(&PlayInputs {
             settings: &self.settings,
+            largest: self.stroke.largest(&self.settings),
             memory: &self.memory,
             predictor: &self.predictor,
             monitor: &self.monitor,

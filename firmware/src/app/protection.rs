@@ -36,6 +36,10 @@ pub(super) struct Seen<'a> {
     pub(super) state: State,
     /// The volume that the pump displaced (µl).
     pub(super) volume: f32,
+    /// The most that it may displace (µl).
+    pub(super) largest: f32,
+    /// Whether the plunger looks for the pushed-in switch.
+    pub(super) seeks_pushed_end: bool,
     /// When a valid line came last (ms).
     pub(super) heard: u32,
 }
@@ -73,7 +77,7 @@ impl Protection {
         let high = readings.pressure.fresh && pressure > limits.pressure_pa;
         let over_pressure = core::mem::replace(&mut self.pressure_was_high, high) && high;
         let gas_law = self.gas.step(&gas::Seen {
-            settings,
+            largest: seen.largest,
             closed,
             vented: self.venting >= LONGEST_VENTING_PERIODS,
             volume: seen.volume,
@@ -87,8 +91,8 @@ impl Protection {
             over_angle: readings.angle.filtered > limits.angle_rad,
             pressure_sensor: readings.pressure.fault.is_some(),
             flex_sensor: readings.angle.fault.is_some(),
-            stall: self.stall.step(settings, closed, seen.volume, pressure),
-            end_switch: runs_into_end(seen.state, inputs, rate),
+            stall: self.stall.step(seen.largest, closed, seen.volume, pressure),
+            end_switch: runs_into_end(seen.state, inputs, rate, seen.seeks_pushed_end),
             host_silent: inputs.time_ms.wrapping_sub(seen.heard) > limits.host_timeout_ms,
             overrun: inputs.overruns > 0,
             internal: false,

@@ -81,7 +81,7 @@ enum Pause {
 }
 
 #[derive(Clone)]
-struct Memory([u8; crate::faults::SIZE as usize]);
+struct Memory([u8; crate::stroke::SIZE as usize]);
 
 impl Eeprom for Memory {
     fn read(&self, address: u16) -> u8 {
@@ -138,6 +138,8 @@ fn lines() -> Vec<String> {
         Command::Raw,
         Command::Exact,
         Command::Switches,
+        Command::Machine,
+        Command::Stroke,
         Command::Hang,
     ]
     .map(sealed)
@@ -192,6 +194,7 @@ struct Situation {
     saving: bool,
     self_test: bool,
     is_homing: bool,
+    measures: bool,
     running: Option<u8>,
     can_start: bool,
     draft: [u32; 2],
@@ -255,6 +258,7 @@ impl Bench {
             saving: app.saving.is_busy(),
             self_test: app.self_test.is_some(),
             is_homing: matches!(app.activity, Activity::Homing(_)),
+            measures: matches!(&app.activity, Activity::Homing(it) if it.measures()),
             running: app.running().map(Runner::index),
             can_start: Runner::start(None, &app.memory, &app.settings).is_some(),
             // No line of the alphabet changes another word.
@@ -397,7 +401,7 @@ impl Bench {
             said.is_some_and(|(line, obeyed, _)| obeyed && line.starts_with(&format!("1 {word}")))
         };
         if before != State::Homing && after == State::Homing {
-            if !is_said("arm") {
+            if !is_said("arm") && !is_said("stroke") {
                 return Err("homing without `arm`".to_owned());
             }
             if before != State::Idle {
@@ -477,8 +481,8 @@ fn search(depth: usize) -> Result<Found, String> {
     for world in WORLDS {
         pauses.extend([Pause::One(world), Pause::Long(world), Pause::Silent(world)]);
     }
-    let erased = Memory([0xff; crate::faults::SIZE as usize]);
-    let damaged = Memory([0x3f; crate::faults::SIZE as usize]);
+    let erased = Memory([0xff; crate::stroke::SIZE as usize]);
+    let damaged = Memory([0x3f; crate::stroke::SIZE as usize]);
     let mut layer: Vec<(Bench, Path)> = vec![
         (
             Bench::new(erased.clone(), ResetCause::Ordinary),

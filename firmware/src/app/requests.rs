@@ -7,7 +7,7 @@
 
 use ufmt::{uDisplay, uWrite, uwrite};
 use wire::{
-    answer::{Bits, Exact, Place, Raw, SettingsId, Status, Switches},
+    answer::{Bits, Exact, Machine, Place, Raw, SettingsId, Status, Switches},
     command::{Command, Rejection, Request},
     reply::{self, Refusal},
     state::State,
@@ -86,6 +86,13 @@ impl App {
                 };
                 answer(out, id, &switches)
             }
+            Command::Machine => {
+                let machine = Machine {
+                    stroke_steps: self.stroke.steps(&self.settings),
+                    lost_steps: self.lost_steps,
+                };
+                answer(out, id, &machine)
+            }
             Command::Exact => match self.exact() {
                 Some(exact) => answer(out, id, &exact),
                 None => reply::no(out, id, Refusal::NoReading),
@@ -129,12 +136,16 @@ impl App {
     fn obey(&mut self, command: Command) -> Result<(), Refusal> {
         match command {
             Command::Help => self.help = Some(0),
-            Command::Arm => {
+            Command::Arm | Command::Stroke => {
                 if self.is_busy() {
                     return Err(Refusal::NotNow);
                 }
                 self.supervisor.handle(Event::Arm, &self.conditions)?;
-                self.activity = Activity::Homing(Homing::start(&self.inputs));
+                self.activity = Activity::Homing(if command == Command::Stroke {
+                    Homing::measuring(&self.inputs)
+                } else {
+                    Homing::start(&self.inputs)
+                });
             }
             Command::Disarm => {
                 self.supervisor.handle(Event::Disarm, &self.conditions)?;
@@ -209,6 +220,7 @@ impl App {
             | Command::Log(_)
             | Command::Past(_)
             | Command::Switches
+            | Command::Machine
             | Command::Get(_)
             | Command::SelfTest => return Err(Refusal::Unknown),
         }
@@ -231,6 +243,9 @@ impl App {
             return Err(Refusal::NotNow);
         }
         check(&self.draft)?;
+        if !self.stroke.allows(&self.draft) {
+            return Err(Refusal::BeyondStroke);
+        }
         if !take_model(&mut self.predictor, &self.draft) {
             return Err(Refusal::BadSettings);
         }

@@ -9,10 +9,10 @@ use std::{
 
 use proptest::prelude::*;
 use wire::{
-    answer::Exact,
+    answer::{Exact, Machine},
     command::{Command, Request},
     line,
-    protocol::{ControlMode, Named},
+    protocol::{ControlMode, Named, Segment},
     reply::{Refusal, Reply},
     testing::segments,
     text::{Text, sealed},
@@ -130,6 +130,15 @@ impl Rig {
         );
     }
 
+    fn machine(&mut self) -> Machine {
+        Machine::parse(&self.ask(Command::Machine).unwrap()).expect("a machine")
+    }
+
+    fn set(&mut self, key: Key, value: f32) {
+        let bits = value.to_bits();
+        self.ask(Command::Set { key, bits }).unwrap();
+    }
+
     fn armed() -> Self {
         let mut rig = Self::new();
         rig.wait(0.5);
@@ -143,6 +152,83 @@ impl Rig {
         rig.ask(Command::Run(Some(named))).unwrap();
         rig
     }
+}
+
+/// The switches of the plant are 57 ml apart, and the smallest syringe has 50.
+#[test]
+fn no_largest_volume_is_beyond_the_stroke_that_was_measured() {
+    let mut rig = Rig::new();
+    // Tube and actuator: the last air leaves as quickly as the first.
+    rig.plant.volume += 20e3;
+    rig.plant.gas += 20e3;
+    rig.wait(0.5);
+    assert_eq!(rig.machine(), Machine::default());
+    rig.set(Key::MaxVolume, 56_000.0);
+    assert_eq!(rig.ask(Command::Save), Err(Refusal::BeyondStroke));
+    rig.ask(Command::Stroke).unwrap();
+    rig.wait_for(State::Homing, 0.1);
+    rig.wait_for(State::Ready, 120.0);
+    let steps = rig.machine().stroke_steps.expect("it was measured");
+    assert!(steps.abs_diff(162_857) < 10, "{steps}");
+    rig.ask(Command::Disarm).unwrap();
+    rig.wait(1.0);
+    rig.ask(Command::Save).unwrap();
+    rig.wait(5.0);
+    rig.set(Key::MaxVolume, 57_500.0);
+    assert_eq!(rig.ask(Command::Save), Err(Refusal::BeyondStroke));
+    // It outlives the power.
+    rig.app = App::new(&rig.eeprom, ResetCause::Ordinary);
+    assert_eq!(rig.machine().stroke_steps, Some(steps));
+    assert_eq!(rig.app.settings().number(Key::MaxVolume), 56_000.0);
+}
+
+/// A syringe that is smaller than `max.ul` said before it was measured: the pump stops before the
+/// switch, and no run ends there.
+#[test]
+fn a_stroke_that_is_smaller_than_the_setting_is_the_limit() {
+    let mut rig = Rig::new();
+    rig.plant.far_switch = 30e3;
+    // So much air that no pressure is reached.
+    rig.plant.volume = 1e6;
+    rig.plant.gas = rig.plant.volume - rig.plant.plunger;
+    rig.wait(0.5);
+    rig.ask(Command::Stroke).unwrap();
+    rig.wait_for(State::Homing, 0.1);
+    rig.wait_for(State::Ready, 120.0);
+    rig.ask(Command::Load(1)).unwrap();
+    rig.ask(Command::Segment {
+        index: 0,
+        segment: Segment::Step {
+            mode: ControlMode::Pressure,
+            level: Hundredths(2_000),
+            duration_ms: 60_000,
+        },
+    })
+    .unwrap();
+    rig.ask(Command::Run(None)).unwrap();
+    let mut farthest = 0.0_f64;
+    while rig.app.supervisor.fault().is_none() {
+        rig.tick();
+        farthest = farthest.max(rig.plant.plunger);
+    }
+    // The stall watch takes so much air for an open tube, or the loop says that it cannot.
+    let fault = rig.app.supervisor.fault();
+    assert_ne!(fault, Some(Fault::EndSwitch));
+    assert!(farthest < 30e3, "{farthest}");
+}
+
+#[test]
+fn lost_steps_are_known_after_the_next_home() {
+    let mut rig = Rig::armed();
+    assert_eq!(rig.machine().lost_steps, None, "nothing to compare with");
+    rig.plant.zero -= 0.35 * 812.0;
+    rig.ask(Command::Disarm).unwrap();
+    rig.wait(1.0);
+    rig.ask(Command::Arm).unwrap();
+    rig.wait_for(State::Homing, 0.1);
+    rig.wait_for(State::Ready, 60.0);
+    let lost = rig.machine().lost_steps.unwrap();
+    assert!((lost - 812).abs() < 15, "{lost}");
 }
 
 #[test]

@@ -17,6 +17,8 @@ use model_core::{
 use proptest::prelude::*;
 use wire::decimal::Hundredths;
 
+const MAX_VOLUME: f32 = 50_000.0;
+
 fn base(settings: &Settings) -> Model<f32> {
     Model::new(dynamics(settings).map(|value| value as f32), &[]).unwrap()
 }
@@ -48,7 +50,7 @@ impl ClosedLoopRun {
         let dynamics = dynamics(&Settings::DEFAULT).map(|value| value as f32);
         let predictor = Predictor::new(&Model::new(dynamics, effects).unwrap(), 2.3).unwrap();
         Self {
-            config: Config::of(&plant.settings).with_delay(predictor.delay_s()),
+            config: Config::of(&plant.settings, MAX_VOLUME).with_delay(predictor.delay_s()),
             predictor,
             late: 0,
             seen: VecDeque::new(),
@@ -358,7 +360,7 @@ proptest! {
         has_model: bool,
     ) {
         let settings = Settings::DEFAULT;
-        let (config, model) = (Config::of(&settings), base(&settings));
+        let (config, model) = (Config::of(&settings, MAX_VOLUME), base(&settings));
         let mut controller = Controller::new();
         let modes = [ControlMode::Pressure, ControlMode::AngleOpenLoop, ControlMode::AngleClosedLoop];
         for (mode, level, pressure, angle, volume) in references {

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use wire::answer::{Bits, Identity, ImageSum, Raw, SettingsId, Status, Switches};
+use wire::answer::{Bits, Identity, ImageSum, Machine, Raw, SettingsId, Status, Switches};
 use wire::command::Command;
 use wire::fault::Fault;
 use wire::reply::Refusal;
@@ -17,6 +17,8 @@ use super::error::LinkError;
 const VENTING: Duration = Duration::from_secs(3);
 /// Homing goes through the syringe's whole length, slowly.
 const HOMING: Duration = Duration::from_secs(60);
+/// Measuring the stroke homes twice and goes through it twice.
+const MEASURING: Duration = Duration::from_secs(240);
 /// All settings are in EEPROM after this at the latest: 3.3 ms a byte.
 const SAVING: Duration = Duration::from_secs(6);
 
@@ -114,6 +116,16 @@ impl Link {
         Switches::parse(&reply).ok_or_else(|| self.unexpected(Command::Switches, &reply))
     }
 
+    /// Asks what the board found out about its pump.
+    ///
+    /// # Errors
+    ///
+    /// [`LinkError`]; a firmware of before there was this request refuses it as unknown.
+    pub fn machine(&mut self) -> Result<Machine, LinkError> {
+        let reply = self.request(Command::Machine)?;
+        Machine::parse(&reply).ok_or_else(|| self.unexpected(Command::Machine, &reply))
+    }
+
     /// Reads all settings; `progress` hears how many of how many are read.
     ///
     /// # Errors
@@ -158,10 +170,32 @@ impl Link {
     ///
     /// [`LinkError`]; the fault if homing ends in one.
     pub fn arm(&mut self, handler: &mut dyn FnMut(Event) -> bool) -> Result<bool, LinkError> {
+        self.home(Command::Arm, HOMING, handler)
+    }
+
+    /// Measures the stroke between the end switches, as [`Self::arm`] homes; the board keeps it, and
+    /// [`Self::machine`] tells it.
+    ///
+    /// # Errors
+    ///
+    /// [`LinkError`]; the fault if it ends in one.
+    pub fn measure_stroke(
+        &mut self,
+        handler: &mut dyn FnMut(Event) -> bool,
+    ) -> Result<bool, LinkError> {
+        self.home(Command::Stroke, MEASURING, handler)
+    }
+
+    fn home(
+        &mut self,
+        command: Command,
+        patience: Duration,
+        handler: &mut dyn FnMut(Event) -> bool,
+    ) -> Result<bool, LinkError> {
         let mut go_on = true;
         let vented = Instant::now() + VENTING;
         let asked = loop {
-            let asked = self.request_with(Command::Arm, &mut |event| go_on &= handler(event));
+            let asked = self.request_with(command, &mut |event| go_on &= handler(event));
             let is_early = matches!(
                 asked,
                 Err(LinkError::Refused {
@@ -188,7 +222,7 @@ impl Link {
         }
         // Telemetry that was on its way still says idle.
         let mut left_idle = false;
-        let until = Instant::now() + HOMING;
+        let until = Instant::now() + patience;
         while go_on && Instant::now() < until {
             let Some(event) = self.next_event(Duration::from_millis(100)) else {
                 if !self.is_connected() {
@@ -219,7 +253,7 @@ impl Link {
             return Ok(false);
         }
         Err(self.late(
-            "the plunger was not homed within a minute",
+            &format!("the plunger was not homed within {} s", patience.as_secs()),
             "check the retracted end switch and the pump",
         ))
     }

@@ -220,6 +220,9 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     } else {
         None
     };
+    if protocol.is_some() && !armed {
+        session.count_lost_steps();
+    }
     if status.fault.is_none() {
         session.keep_black_box();
     }
@@ -632,6 +635,32 @@ impl Session {
         }
     }
 
+    /// Homes once more, beside the recording: what the counter is off by then was lost in the run.
+    fn count_lost_steps(&mut self) {
+        // A firmware that does not know the question would only move the plunger.
+        if !self.link.is_connected() || self.link.machine().is_err() {
+            return;
+        }
+        self.stage
+            .wait("homing once more, to count the steps that were lost");
+        let Self {
+            link, interrupt, ..
+        } = self;
+        let counted = link
+            .arm(&mut |_| !interrupt.requested())
+            .and_then(|_| link.machine());
+        // Stopped, whatever came of it.
+        let stopped = link.request(Command::Disarm);
+        match counted.and_then(|machine| stopped.map(|_| machine)) {
+            Ok(machine) => self.recorder.about.lost_steps = machine.lost_steps,
+            Err(error) => self.stage.suspend(|| {
+                super::warn(&format!(
+                    "whether steps were lost is not known, the recording is whole: {error}"
+                ));
+            }),
+        }
+    }
+
     /// Completes the metadata, and reports the files.
     fn end(
         self,
@@ -648,6 +677,7 @@ impl Session {
         let counts = recorder.counts;
         let gaps = recorder.about.gap.len() as u64;
         let mismatch_from_s = recorder.about.mismatch_from_s;
+        let lost_steps = recorder.about.lost_steps;
         let has_moved = !recorder.about.segments.is_empty();
         let black_box = recorder
             .about
@@ -691,6 +721,7 @@ impl Session {
                 "from {from_s:.1} s on the angle disagrees with the board's prediction (column mismatch): a flex sensor that came off, or a model that is wrong\n"
             );
         }
+        text += &lost_steps.map_or_else(String::new, told_lost);
         if let (Some(first), Some(last)) = (runs.first(), runs.last()) {
             text += &format!(
                 "{} runs: {} … {}\n",
@@ -713,6 +744,25 @@ impl Session {
         }
         Ok(super::print(&text)?)
     }
+}
+
+/// Microsteps within which a home is found: what `rig commission` bears.
+const HOME_STEPS: u32 = 17;
+
+/// What lost steps mean for the recording.
+fn told_lost(steps: i32) -> String {
+    let most = steps.unsigned_abs();
+    if most <= HOME_STEPS {
+        return format!("no steps lost: the plunger came home within {most} microsteps\n");
+    }
+    let way = if steps > 0 {
+        "less far in"
+    } else {
+        "farther in"
+    };
+    format!(
+        "{most} microsteps were lost: at the end the plunger stood {way} than pump_ul says; look at the driver's current and 12 V, at the coupling, and at what the plunger rubs on\n"
+    )
 }
 
 /// The commands that load a protocol into a board.

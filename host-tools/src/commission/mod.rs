@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 use softrig_formats::settings_file::key_text;
 use softrig_link::commission::{
     Curve, Hold, Limit, Measured, Noise, Outcome, Result as Finding, Step, Stop, Watched, curves,
-    home_shift_ul, rate, spectrum,
+    rate, spectrum,
 };
 use softrig_link::rig_file::{ClockRate, FARTHEST_RATE, RigFile, board_name};
 use softrig_link::{Counters, Event, Link, LinkError, Received, is_pseudo_terminal};
@@ -49,6 +49,8 @@ const ZERO_KPA: f64 = 3.0;
 /// Microsteps by which two homes may differ, beside what the plunger moves between two looks of
 /// the board at its switch.
 const HOME_STEPS: f64 = 10.0;
+/// Microsteps by which two measurements of the stroke may differ: its edges are sought slowly.
+const STROKE_STEPS: f64 = 10.0;
 /// Time (s) between these looks, and the share of `max.flow` at which the edge is sought.
 const LOOK: (f64, f64) = (0.01, 0.05);
 /// Pressure that is held (kPa), and the share of what may be asked for that it never exceeds.
@@ -60,6 +62,9 @@ const SLOW_RUN: [(f64, u32); 2] = [(15.0, 8_000), (30.0, 90_000)];
 const ASKED_S: f64 = 9.0;
 /// Times (ms) of the held pressure: with the pump, without it, and of its release.
 const HELD_MS: [u32; 3] = [8_000, 10_500, 4_000];
+
+/// How a link homes: it hands every event on, as long as that wants to.
+type Homing = fn(&mut Link, &mut dyn FnMut(Event) -> bool) -> Result<bool, LinkError>;
 
 /// A switch of the rig.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -282,6 +287,7 @@ impl<'o> Session<'o> {
             Step::Noise => self.noise(),
             Step::Switches => self.switches(),
             Step::Homing => self.homing(),
+            Step::Stroke => self.stroke(),
             Step::EmergencyStop => self.emergency_stop(),
             Step::Pressure => self.pressure(),
             Step::Relief => self.relief(),
@@ -608,11 +614,10 @@ impl<'o> Session<'o> {
         self.operator.progress(0.0, 2.0, "homing");
         let first_s = self.arm()?;
         self.disarm()?;
-        self.samples.clear();
         self.operator.progress(1.0, 2.0, "homing again");
         let second_s = self.arm()?;
-        let shift = home_shift_ul(&self.samples);
-        let steps = shift.map_or(f64::NAN, |shift| f64::from(shift) / per_step);
+        let lost = self.link.machine()?.lost_steps;
+        let steps = lost.map_or(f64::NAN, f64::from);
         let measured = vec![
             Measured::new("first homing", first_s, "s", Limit::AtMost(60.0)),
             Measured::new("second homing", second_s, "s", Limit::AtMost(60.0)),
@@ -628,6 +633,43 @@ impl<'o> Session<'o> {
             measured,
             "The switch was found twice at the same place.",
         ))
+    }
+
+    fn stroke(&mut self) -> anyhow::Result<Finding> {
+        let settings = self.settings()?;
+        let per_step = f64::from(settings.number(Key::VolumePerStep));
+        let largest_ml = f64::from(settings.number(Key::MaxVolume)) / 1000.0;
+        let mut found = Vec::new();
+        let mut seconds = 0.0;
+        for (done, what) in [(0.0, "measuring the stroke"), (1.0, "measuring it again")] {
+            self.operator.progress(done, 2.0, what);
+            seconds += self.measure_stroke()?;
+            let steps = self.link.machine()?.stroke_steps;
+            found.push(steps.map_or(f64::NAN, f64::from));
+            self.disarm()?;
+        }
+        let [first, second] = found[..] else {
+            anyhow::bail!("the stroke was not measured twice");
+        };
+        let stroke_ml = second * per_step / 1000.0;
+        let measured = vec![
+            Measured::new("stroke", first, "microsteps", Limit::AtLeast(1.0)),
+            Measured::new(
+                "second stroke beside the first",
+                second - first,
+                "microsteps",
+                Limit::Within(-STROKE_STEPS, STROKE_STEPS),
+            ),
+            Measured::new(
+                "largest volume, max.ul",
+                largest_ml,
+                "ml",
+                Limit::AtMost(stroke_ml),
+            ),
+            Measured::new("time for both", seconds, "s", Limit::None),
+        ];
+        let said = format!("{stroke_ml:.1} ml between the switches, and the board keeps it.");
+        Ok(Finding::judge(Step::Stroke, measured, said))
     }
 
     fn emergency_stop(&mut self) -> anyhow::Result<Finding> {
@@ -1001,10 +1043,19 @@ impl<'o> Session<'o> {
 
     /// Homes; how long it took, by the board's clock (s).
     fn arm(&mut self) -> anyhow::Result<f64> {
+        self.home(Link::arm)
+    }
+
+    /// Measures the stroke; how long it took, by the board's clock (s).
+    fn measure_stroke(&mut self) -> anyhow::Result<f64> {
+        self.home(Link::measure_stroke)
+    }
+
+    fn home(&mut self, how: Homing) -> anyhow::Result<f64> {
         let mut events = Vec::new();
         let mut stopped = None;
         let Self { link, operator, .. } = self;
-        let armed = link.arm(&mut |event| {
+        let armed = how(link, &mut |event| {
             events.push(event);
             stopped = operator.check().err();
             stopped.is_none()

@@ -18,11 +18,11 @@ use std::time::{Duration, Instant};
 
 use firmware::app::{App, PlainTexts};
 use firmware::design::PERIOD_MS;
-use firmware::faults::SIZE;
 use firmware::io::ResetCause;
 use firmware::past::Past;
 use firmware::plant::Plant;
 use firmware::store::{Eeprom, Poll, Writer};
+use firmware::stroke::SIZE;
 use rustix::fs::{Mode, OFlags};
 use rustix::io::ioctl_fionread;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};

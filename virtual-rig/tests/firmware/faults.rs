@@ -112,8 +112,8 @@ fn a_pressure_sensor_that_is_stuck() {
     assert!(bench.is_safe());
 }
 
-/// `max.ul` beyond the syringe's volume does not make the watch wait for a stroke that the
-/// syringe does not have.
+/// `max.ul` beyond the syringe's volume is refused, so that the watch never waits for a stroke that
+/// the syringe does not have.
 #[test]
 fn a_pressure_sensor_that_is_stuck_at_zero_and_a_volume_that_is_set_too_large() {
     for largest_ul in [100_000.0_f32, 500_000.0] {
@@ -124,7 +124,8 @@ fn a_pressure_sensor_that_is_stuck_at_zero_and_a_volume_that_is_set_too_large() 
         if bench.ask(Command::Set { key, bits }).is_err() {
             continue;
         }
-        bench.save();
+        assert_eq!(bench.ask(Command::Save), Err(Refusal::BeyondStroke));
+        bench.obey(Command::Discard);
         bench.load(ControlMode::Pressure, 100.0);
         bench.rig.set_fault(Broken::StuckPressure, true);
         bench.obey(Command::Run(None));

@@ -15,3 +15,4 @@ mod settings;
 mod soak;
 mod start;
 mod steps;
+mod stroke;

@@ -13,7 +13,7 @@ use serde::Serialize;
 
 pub use clock::rate;
 pub use lines::{Arrivals, Watched};
-pub use motion::{Hold, Stop, curves, home_shift_ul};
+pub use motion::{Hold, Stop, curves};
 pub use noise::{Noise, RATE_HZ, spectrum};
 
 /// A step of the acceptance test, in the order in which they are made: what moves nothing first.
@@ -33,6 +33,8 @@ pub enum Step {
     Switches,
     /// The plunger's home, twice.
     Homing,
+    /// The stroke between the end switches, twice.
+    Stroke,
     /// The emergency stop in a slow run.
     EmergencyStop,
     /// A held pressure and its release.
@@ -45,7 +47,7 @@ pub enum Step {
 
 impl Step {
     /// Every step.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 12] = [
         Self::Identity,
         Self::SelfTest,
         Self::Telemetry,
@@ -53,6 +55,7 @@ impl Step {
         Self::Noise,
         Self::Switches,
         Self::Homing,
+        Self::Stroke,
         Self::EmergencyStop,
         Self::Pressure,
         Self::Relief,
@@ -69,6 +72,7 @@ impl Step {
             Self::Noise => "noise",
             Self::Switches => "switches",
             Self::Homing => "homing",
+            Self::Stroke => "stroke",
             Self::EmergencyStop => "emergency-stop",
             Self::Pressure => "pressure",
             Self::Relief => "relief",
@@ -86,6 +90,7 @@ impl Step {
             Self::Noise => "Sensors at rest",
             Self::Switches => "Switches and their wires",
             Self::Homing => "Home of the plunger",
+            Self::Stroke => "Stroke of the pump",
             Self::EmergencyStop => "Emergency stop",
             Self::Pressure => "Pressure, leak and vent",
             Self::Relief => "Relief valve",
@@ -117,6 +122,9 @@ impl Step {
             Self::Homing => {
                 "The plunger finds the retracted switch twice at the same place: no lost steps, no loose switch."
             }
+            Self::Stroke => {
+                "The board measures and keeps the way between its end switches: no setting lets the pump go beyond it. Twice the same is also that no step is lost on the whole way."
+            }
             Self::EmergencyStop => {
                 "The button stops a moving pump, opens the vent and takes the 12 V away, whatever the firmware does."
             }
@@ -136,6 +144,9 @@ impl Step {
     pub const fn moves(self) -> Option<&'static str> {
         match self {
             Self::Homing => Some("the plunger moves to the retracted switch, with the vent open"),
+            Self::Stroke => {
+                Some("the plunger moves through its whole stroke, twice, with the vent open")
+            }
             Self::EmergencyStop => Some(
                 "the plunger homes, then moves slowly in with the vent closed, to at most 30 kPa",
             ),
@@ -169,6 +180,9 @@ impl Step {
             }
             Self::Homing => {
                 "Look whether the 12 V are on, the motor turns, and in the right direction (else swap the two wires of one coil); tighten the coupling and the switch."
+            }
+            Self::Stroke => {
+                "Look whether the plunger moves freely over its whole way, whether the switches sit firmly, and at the driver's current: lost steps differ from time to time. If only max.ul is too large, lower it: `rig upload --settings`."
             }
             Self::EmergencyStop => {
                 "Do not go on: one contact of the button goes to pin 21, the other interrupts the 12 V of motor driver and vent."

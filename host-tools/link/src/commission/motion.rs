@@ -27,27 +27,6 @@ fn time(first: &Received, received: &Received) -> f64 {
     f64::from(received.sample.time_ms.wrapping_sub(first.sample.time_ms)) / 1000.0
 }
 
-/// How far the home of this homing is from that of the one before (µl), by the volume that the
-/// board showed just before it set its counter to zero: the steps that were lost in between.
-/// Nothing where it never did.
-pub fn home_shift_ul(samples: &[Received]) -> Option<i32> {
-    let homing = |it: &&Received| it.sample.state == State::Homing;
-    let volumes: Vec<i32> = samples
-        .iter()
-        .filter(homing)
-        .map(|it| it.sample.volume_ul)
-        .collect();
-    // Back, beyond or up to the switch, then forward until it lets go, where the counter starts
-    // again from zero: the first fall after a rise, or a rise that ends at zero.
-    let mut has_risen = false;
-    volumes.windows(2).find_map(|pair| {
-        let (before, now) = (*pair.first()?, *pair.last()?);
-        let is_zeroed = has_risen && (now < before || (now == 0 && before < 0));
-        has_risen |= now > before;
-        is_zeroed.then_some(before)
-    })
-}
-
 /// A pressure that was reached, held with the pump off, and let out.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Hold {
@@ -306,24 +285,6 @@ mod tests {
         );
         // A run that never began.
         assert!(failures(&Hold::of(&[], 40.0, 5.0, 15.0)).contains("time to 40 kPa"));
-    }
-
-    #[test]
-    fn lost_steps_are_what_the_counter_shows_when_the_switch_lets_go() {
-        let home = |volumes: &[i32]| {
-            let samples: Vec<Received> = (0..)
-                .zip(volumes)
-                .map(|(index, &volume)| at(index, State::Homing, 0.0, volume))
-                .collect();
-            home_shift_ul(&samples)
-        };
-        assert_eq!(
-            home(&[500, 300, 100, -20, -20, -8, 3, 0, 0, 2, 5, 500]),
-            Some(3)
-        );
-        assert_eq!(home(&[500, 60, 30, 42, 55, 0, 2, 500]), Some(55));
-        assert_eq!(home(&[500, 300, -90, -80, -62, 0, 0, 5]), Some(-62));
-        assert_eq!(home(&[500, 300, 100]), None);
     }
 
     #[test]

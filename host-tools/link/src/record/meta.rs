@@ -59,6 +59,10 @@ pub struct About {
     /// mismatch flag, in a run.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mismatch_from_s: Option<f64>,
+    /// Microsteps that were lost from the home before the run to the one after it; positive if the
+    /// plunger went less far in than was counted. Within some ten it is how well a home is found.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lost_steps: Option<i32>,
     /// Lines received and lost. Unknown while it is recorded, so that nothing wrong is left
     /// beside the rows if the program is killed then.
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
