@@ -37,6 +37,9 @@ pub struct Inputs {
     pub pressure: Oversampled,
     /// Flex sensor.
     pub flex: Oversampled,
+    /// The processor's reference of 1.1 V, by the supply: the sensors' reference. Measured once a
+    /// second at rest.
+    pub supply: Oversampled,
     /// The plunger is at the retracted end switch, or its wire is broken.
     pub retracted_end: bool,
     /// The plunger is at the pushed-in end switch, or its wire is broken.

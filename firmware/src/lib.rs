@@ -36,5 +36,6 @@ pub mod stall;
 pub mod stepper;
 pub mod store;
 pub mod stroke;
+pub mod supply;
 pub mod units;
 pub mod wiring;

@@ -64,6 +64,7 @@ fn main() -> ! {
                 time_ms,
                 pressure: readings.pressure,
                 flex: readings.flex,
+                supply: readings.supply,
                 retracted_end: pressed.retracted_end(),
                 pushed_end: pressed.pushed_end(),
                 emergency_stop: pressed.emergency_stop(),
@@ -87,10 +88,10 @@ fn main() -> ! {
                 let Ok(()) = telemetry.write(out);
             });
             let Ok(()) = app.report(&FlashTexts, &mut board.serial, &mut board.marks);
-            if rests {
-                health.look(time_ms, &mut board.serial);
+            if rests && health.look(time_ms, &mut board.serial) {
+                board.adc.measure_supply();
             }
-            watchdog.feed();
+            watchdog.feed(!matches!(app.state(), State::Idle | State::Fault));
             if app.hangs() {
                 // Interrupts go on: they still send the reply.
                 loop {

@@ -40,6 +40,8 @@ pub struct Plant {
     /// Faults to inject.
     pub disconnected_tube: bool,
     pub emergency_stop: bool,
+    /// The board's supply (V).
+    pub supply_v: f64,
     pub pushed_end: bool,
     /// Where the pushed-in switch closes (µl).
     pub far_switch: f64,
@@ -65,6 +67,11 @@ pub fn dynamics(settings: &Settings) -> Dynamics<f64> {
     .map(f64::from)
 }
 
+/// Sixteen conversions of the processor's reference by a supply (V).
+pub fn supply(volts: f64) -> Oversampled {
+    Oversampled((1.1 / volts * 1024.0).round() as u16 * OVERSAMPLING)
+}
+
 impl Plant {
     pub fn new(volume_ul: f64, plunger_ul: f64) -> Self {
         let settings = Settings::DEFAULT;
@@ -82,6 +89,7 @@ impl Plant {
             time_ms: 0,
             disconnected_tube: false,
             emergency_stop: false,
+            supply_v: 5.0,
             pushed_end: false,
             far_switch: 57_000.0,
             pressure_counts: None,
@@ -168,6 +176,7 @@ impl Plant {
             time_ms: self.time_ms,
             pressure: self.convert(pressure),
             flex: self.convert(flex),
+            supply: supply(self.supply_v),
             retracted_end: self.retracted_end.unwrap_or(self.plunger <= 0.0),
             pushed_end: self.pushed_end || self.plunger >= self.far_switch,
             emergency_stop: self.emergency_stop,

@@ -24,8 +24,8 @@ const WHILE_ARMED: bool = false;
 /// of their weight.
 macro_rules! conditions {
     ($( $(#[$doc:meta])* $flag:ident: $fault:ident $when:ident, )+) => {
-        /// What may be wrong in this control period, a flag for each [`Fault`] and one that
-        /// keeps the rig from being armed.
+        /// What may be wrong in this control period, a flag for each [`Fault`] and
+        /// two that keep the rig from being armed.
         ///
         /// The flags say what *is*, not what to do about it: that depends on the state
         /// and is the supervisor's part.
@@ -38,6 +38,9 @@ macro_rules! conditions {
             /// the closed valve and the pump it belongs there. Before arming, with the valve
             /// open, it means a wrong zero or a blocked vent.
             pub pressurised: bool,
+            /// The supply is below [`LEAST_MV`](crate::supply::LEAST_MV), or was not measured yet.
+            /// No fault either: armed, the motor's start may dip it, and it is not measured then.
+            pub supply_low: bool,
         }
 
         impl Conditions {
@@ -359,6 +362,9 @@ impl Supervisor {
                 if conditions.pressurised {
                     return Err(Refusal::Pressurised);
                 }
+                if conditions.supply_low {
+                    return Err(Refusal::LowSupply);
+                }
                 State::Homing
             }
             (State::Homing, Event::Homed) | (State::Running, Event::ProtocolDone) => State::Ready,
@@ -432,6 +438,7 @@ mod tests {
             gas_law: bit(Fault::GasLaw),
             image_damaged: bit(Fault::Image),
             pressurised: bits >> Fault::ALL.len() & 1 == 1,
+            supply_low: bits >> (Fault::ALL.len() + 1) & 1 == 1,
         }
     }
 
@@ -442,7 +449,7 @@ mod tests {
     /// All sets of at most four conditions, and what is left of everything without them:
     /// no rule of the supervisor looks at more than two at once.
     fn all_conditions() -> impl Iterator<Item = Conditions> {
-        const EVERYTHING: u32 = (1 << (Fault::ALL.len() + 1)) - 1;
+        const EVERYTHING: u32 = (1 << (Fault::ALL.len() + 2)) - 1;
         (0..=EVERYTHING)
             .filter(|bits| bits.count_ones().min((EVERYTHING & !bits).count_ones()) <= 4)
             .map(conditions)
@@ -574,7 +581,8 @@ mod tests {
             )),
             State::Homing if moved => {
                 assert_eq!((before.state(), event), (State::Idle, Event::Arm));
-                assert!(!now.pressure_sensor && !now.flex_sensor && !now.pressurised);
+                assert!(!now.pressure_sensor && !now.flex_sensor);
+                assert!(!now.pressurised && !now.supply_low);
             }
             State::Fault => assert!(!moved, "only conditions are faults"),
             _ => {}

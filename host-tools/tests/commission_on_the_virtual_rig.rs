@@ -64,7 +64,7 @@ fn a_healthy_rig_passes_every_step() {
 
 /// What each fault of the virtual rig is found by; and what only follows from it is left out, to
 /// be quick.
-const FOUND_BY: [(&str, &[&str], &[&str]); 10] = [
+const FOUND_BY: [(&str, &[&str], &[&str]); 12] = [
     ("open-flex", &["noise"], &["noise"]),
     ("detached-flex", &["noise"], &["noise"]),
     ("drifting-pressure", &["noise"], &["noise"]),
@@ -79,6 +79,8 @@ const FOUND_BY: [(&str, &[&str], &[&str]); 10] = [
     ("leak", &["homing", "pressure"], &["pressure"]),
     ("vent-shut", &["emergency-stop"], &["emergency-stop"]),
     ("reversed-motor", &["homing"], &["homing"]),
+    ("low-supply", &["telemetry"], &["telemetry"]),
+    ("lost-steps", &["stroke"], &["stroke"]),
 ];
 
 #[test]

@@ -5,7 +5,7 @@
 // timers without a prescaler is an event a cycle.
 import { readFileSync } from 'node:fs';
 import {
-  AVRADC, AVRClock, AVREEPROM, AVRUSART, AVRWatchdog, CPU, EEPROMMemoryBackend, adcConfig,
+  ADCMuxInputType, AVRADC, AVRClock, AVREEPROM, AVRUSART, AVRWatchdog, CPU, EEPROMMemoryBackend, adcConfig,
   avrInstruction, clockConfig, eepromConfig, usart0Config, watchdogConfig,
 } from 'avr8js';
 
@@ -19,6 +19,8 @@ const PORTS = { A: 0x20, B: 0x23, D: 0x29, E: 0x2c };
 const STEP_BIT = 5, DIRECTION_BIT = 0, ENABLE_BIT = 2;
 const word = (vector) => vector * 2;
 const SLEEP = 0x9588;
+// 1.1 V / 5 V of 1 024 counts, cut off as simavr does.
+const REFERENCE_COUNTS = 225;
 // Five cycles to enter an interrupt and five more out of a sleep (data sheet, 7.8.1); avr8js
 // itself takes two, so that entry is done here.
 const ENTRY_CYCLES = 5, WAKE_CYCLES = 5;
@@ -160,8 +162,10 @@ export class Board {
     this.serial.onRxComplete = () => this.feed();
     this.converter = new AVRADC(cpu, { ...adcConfig, adcInterrupt: word(29) });
     this.levels = { 0: 0, 1: 0 };
-    this.converter.onADCRead = ({ channel }) => {
-      const done = () => this.converter.completeADCRead(this.levels[channel] ?? 0);
+    this.converter.onADCRead = ({ type, channel }) => {
+      // Multiplexer 0x1e is the reference of 1.1 V, here by a supply of 5 V.
+      const counts = type === ADCMuxInputType.Constant ? REFERENCE_COUNTS : this.levels[channel] ?? 0;
+      const done = () => this.converter.completeADCRead(counts);
       cpu.addClockEvent(done, this.converter.sampleCycles);
     };
     new AVREEPROM(cpu, new EEPROMMemoryBackend(4096), { ...eepromConfig, eepromReadyInterrupt: word(30) });

@@ -43,6 +43,9 @@
 #define UBRR0H 0xc5
 
 #define WDTCSR_WDE 0x08
+#define WDTCSR_WDIE 0x40
+#define WDTCSR_WDIF 0x80
+#define WATCHDOG_HZ 128000
 #define ADCSRA_ADIF 0x10
 #define UCSR0A_U2X 0x02
 #define UCSR0B_RXEN 0x10
@@ -111,6 +114,7 @@ struct softrig_board {
 
     // A main program that hangs: a jump to itself where it sleeps
     int hang_wanted, hang_deaf;
+    uint64_t bitten_at; // since when the watchdog's interrupt waits; 0: it does not
     avr_flashaddr_t hung_at; // zero: it does not
     uint8_t hung_word[2];
 
@@ -933,6 +937,24 @@ static avr_cycle_count_t stop_here(struct avr_t *avr, avr_cycle_count_t when, vo
     return 0;
 }
 
+// A watchdog whose interrupt is not served before its next time-out resets the processor (data
+// sheet, 12.5.2). simavr would raise the interrupt for ever, so it is taken away shortly before.
+static void watchdog_bites(struct softrig_board *board)
+{
+    avr_t *avr = board->avr;
+    uint8_t control = avr->data[WDTCSR];
+    if (!(control & WDTCSR_WDIF) || !(control & WDTCSR_WDE)) {
+        board->bitten_at = 0;
+        return;
+    }
+    if (!board->bitten_at)
+        board->bitten_at = avr->cycle;
+    unsigned prescaler = (control & 7) | (control & 0x20) >> 2;
+    uint64_t period = (uint64_t)(2048u << prescaler) * (avr->frequency / WATCHDOG_HZ);
+    if (avr->cycle - board->bitten_at > period - period / 16)
+        avr->data[WDTCSR] &= (uint8_t)~WDTCSR_WDIE;
+}
+
 // Runs up to the given cycle. Returns 0 when the processor still runs, 1 when it
 // halted (asleep with interrupts off), 2 when it crashed, 3 when memory is short.
 int softrig_board_run_until(struct softrig_board *board, uint64_t cycle)
@@ -959,6 +981,7 @@ int softrig_board_run_until(struct softrig_board *board, uint64_t cycle)
         }
         if (state == cpu_Crashed)
             return 2;
+        watchdog_bites(board);
         // What is asleep is the main program, and nothing else is at that place.
         if (board->hang_wanted && avr->state == cpu_Sleeping)
             hang(board);

@@ -314,11 +314,11 @@ impl uDisplay for Switches {
     }
 }
 
-/// The answer to `machine`: what the board found out about its pump. A number that is not known is
+/// The answer to `machine`: what the board found out about its pump and its supply. A number that is not known is
 /// `nan`.
 ///
 /// ```text
-/// 152003 -4
+/// 152003 -4 4980
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Machine {
@@ -329,6 +329,9 @@ pub struct Machine {
     /// retracted switch let go. Positive if the plunger went less far in than it was told. None
     /// before the second homing since the reset.
     pub lost_steps: Option<i32>,
+    /// The board's supply (mV), nominally 5 V, by the processor's own reference, which is good for a
+    /// tenth. Measured once a second at rest; none before, and from firmware that did not measure it.
+    pub supply_mv: Option<u16>,
 }
 
 impl Machine {
@@ -338,6 +341,7 @@ impl Machine {
         Some(Self {
             stroke_steps: known(fields.next()?)?,
             lost_steps: known(fields.next()?)?,
+            supply_mv: fields.next().map_or(Some(None), known)?,
         })
     }
 }
@@ -346,7 +350,9 @@ impl uDisplay for Machine {
     fn fmt<W: uWrite + ?Sized>(&self, f: &mut Formatter<'_, W>) -> Result<(), W::Error> {
         or_nan(f, self.stroke_steps.map(Count))?;
         f.write_char(' ')?;
-        or_nan(f, self.lost_steps.map(Whole))
+        or_nan(f, self.lost_steps.map(Whole))?;
+        f.write_char(' ')?;
+        or_nan(f, self.supply_mv.map(|supply| Count(u32::from(supply))))
     }
 }
 
@@ -496,6 +502,7 @@ mod tests {
             let machine = Machine {
                 stroke_steps: place.map(|_| long),
                 lost_steps: image.map(|_| bits[0].cast_signed()),
+                supply_mv: place.map(|_| words[5]),
             };
             prop_assert_eq!(Machine::parse(&text(&machine)), Some(machine));
             let [angle, rate, pressure] = bits.map(f32::from_bits);
@@ -571,7 +578,7 @@ mod tests {
         assert_eq!(Raw::parse("12"), None);
         assert_eq!(Switches::parse("0 1"), None);
         assert_eq!(Switches::parse("0 1 2"), None);
-        for text in ["", "152003", "-1 0", "152003 1.5", "none 3"] {
+        for text in ["", "152003", "-1 0", "152003 1.5", "none 3", "1 2 4.98"] {
             assert_eq!(Machine::parse(text), None, "{text}");
         }
         assert_eq!(Exact::parse("1 2 3f490fdb 3dcccccd"), None);

@@ -85,7 +85,7 @@ pub enum Command {
     Hang,
     /// Home, measure the stroke between the end switches, home again, be ready.
     Stroke,
-    /// What the board found out about its pump; see [`crate::answer::Machine`].
+    /// What the board found out about its pump and its supply; see [`crate::answer::Machine`].
     Machine,
 }
 

@@ -87,6 +87,8 @@ refusals! {
     /// The largest volume is beyond the stroke that was measured, or beyond the smallest one where
     /// none was.
     BeyondStroke = 14, "max.ul exceeds the stroke between the end switches, or 50 ml as long as it was not measured with this ul.step: ask for less, or measure it with `rig commission --only stroke`";
+    /// The supply is too low to move anything.
+    LowSupply = 15, "the board's supply is below 4.5 V: use another cable or port, or give the Mega 7 to 9 V of its own, and nothing else from its 5 V";
 }
 
 impl fmt::Display for Refusal {

@@ -11,6 +11,7 @@ use crate::{
     sensing::Readings,
     settings::Limits,
     stall::Watch,
+    supply,
 };
 use wire::state::State;
 
@@ -103,6 +104,7 @@ impl Protection {
             disagreement: false,
             gas_law,
             pressurised,
+            supply_low: supply::is_low(inputs.supply),
             ..*conditions
         };
     }

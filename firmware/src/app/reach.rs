@@ -301,6 +301,7 @@ impl Bench {
             time_ms: self.time_ms,
             pressure: Oversampled((pressure * 16.0) as u16),
             flex: Oversampled((flex * 16.0) as u16),
+            supply: crate::plant::supply(5.0),
             retracted_end: at_switch || self.world == World::RetractedEnd,
             pushed_end: self.world == World::PushedEnd,
             emergency_stop: self.world == World::EmergencyStop,

@@ -24,6 +24,7 @@ use crate::{
     sensing::Sensors,
     settings::{calibration, check},
     store::Eeprom,
+    supply,
 };
 
 impl App {
@@ -90,6 +91,7 @@ impl App {
                 let machine = Machine {
                     stroke_steps: self.stroke.steps(&self.settings),
                     lost_steps: self.lost_steps,
+                    supply_mv: supply::millivolts(self.inputs.supply),
                 };
                 answer(out, id, &machine)
             }

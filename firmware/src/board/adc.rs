@@ -10,6 +10,10 @@
 //! converter busy: it has no conversion then. Which sensor a conversion is of is therefore read from
 //! the multiplexer and not told by the beat, conversions are counted, and a period that lacks
 //! one has no reading.
+//!
+//! The supply is measured by the processor's reference of 1.1 V, whose source is weak: it needs
+//! longer than the time between two conversions. So it takes a period of the sensors, of which the
+//! second half counts, and only at rest: that period shows the sensors' readings of the one before.
 
 use avr_device::atmega2560::{ADC as Converter, adc::RegisterBlock};
 use firmware::{
@@ -27,6 +31,13 @@ use super::{
 const REFERENCE: u8 = 0b0100_0000;
 const PRESSURE: u8 = REFERENCE | PRESSURE_CHANNEL;
 const FLEX: u8 = REFERENCE | FLEX_CHANNEL;
+/// The processor's reference of 1.1 V.
+const SUPPLY: u8 = REFERENCE | 0b1_1110;
+
+/// Whether the next period is the supply's; so is the first one.
+static IS_SUPPLY_WANTED: SharedFlag = SharedFlag::new(true);
+/// Sum of the last period that was the supply's.
+static SUPPLY_SUM: Shared<Oversampled> = Shared::new(Oversampled::NOT_MEASURED);
 
 /// Whether the period ends with the conversion that is under way.
 static ENDS: SharedFlag = SharedFlag::new(false);
@@ -45,6 +56,8 @@ pub struct Readings {
     pub pressure: Oversampled,
     /// Flex sensor.
     pub flex: Oversampled,
+    /// The processor's reference, by the supply.
+    pub supply: Oversampled,
 }
 
 /// The converter, once it is set up.
@@ -82,15 +95,26 @@ impl Adc {
 
     /// What the sensors said in the last whole period.
     pub fn readings(&self) -> Readings {
-        let [pressure, flex] = shared::free(|section| READINGS.get(section));
-        Readings { pressure, flex }
+        shared::free(|section| {
+            let [pressure, flex] = READINGS.get(section);
+            Readings {
+                pressure,
+                flex,
+                supply: SUPPLY_SUM.get(section),
+            }
+        })
+    }
+
+    /// Lets the period after the next be the supply's.
+    pub fn measure_supply(&mut self) {
+        IS_SUPPLY_WANTED.set(true);
     }
 }
 
 #[inline(always)]
 fn select(converter: &RegisterBlock, channel: u8) {
     converter.admux.write(|w| {
-        // SAFETY: one of the two constants above.
+        // SAFETY: one of the constants above.
         unsafe { w.bits(channel) }
     });
 }
@@ -119,30 +143,45 @@ fn ADC() {
     // SAFETY: between conversions nobody else touches the converter.
     let converter = unsafe { &*Converter::ptr() };
     let sample = converter.adc.read().bits();
+    let count = COUNT.get().wrapping_add(1);
     // Only this interrupt selects a channel, so it is still the one that was converted.
-    if converter.admux.read().bits() == PRESSURE {
+    let channel = converter.admux.read().bits();
+    if channel == PRESSURE {
         select(converter, FLEX);
         PRESSURE_SUM.set(section, PRESSURE_SUM.get(section).wrapping_add(sample));
-    } else {
+    } else if channel == FLEX {
         select(converter, PRESSURE);
         FLEX_SUM.set(section, FLEX_SUM.get(section).wrapping_add(sample));
+    } else if count > BEATS / 2 {
+        FLEX_SUM.set(section, FLEX_SUM.get(section).wrapping_add(sample));
     }
-    let count = COUNT.get().wrapping_add(1);
     if !ENDS.get() {
         COUNT.set(count);
         return;
     }
     ENDS.set(false);
     // They alternate: as many as there are beats are half of either sensor.
-    let readings = if count == BEATS {
-        [
-            Oversampled(PRESSURE_SUM.get(section)),
-            Oversampled(FLEX_SUM.get(section)),
-        ]
+    let is_whole = count == BEATS;
+    if channel == SUPPLY {
+        if is_whole {
+            SUPPLY_SUM.set(section, Oversampled(FLEX_SUM.get(section)));
+        }
+        select(converter, PRESSURE);
     } else {
-        [Oversampled::NOT_MEASURED; 2]
-    };
-    READINGS.set(section, readings);
+        let readings = if is_whole {
+            [
+                Oversampled(PRESSURE_SUM.get(section)),
+                Oversampled(FLEX_SUM.get(section)),
+            ]
+        } else {
+            [Oversampled::NOT_MEASURED; 2]
+        };
+        READINGS.set(section, readings);
+        if IS_SUPPLY_WANTED.get() {
+            IS_SUPPLY_WANTED.set(false);
+            select(converter, SUPPLY);
+        }
+    }
     PRESSURE_SUM.set(section, 0);
     FLEX_SUM.set(section, 0);
     COUNT.set(0);

@@ -33,10 +33,10 @@ impl Health {
 
     /// Looks about once a second, in the first period of each 1.024 s, and writes `#: free BYTES lost BYTES dropped LINES` if
     /// that changed: RAM that was never used, received bytes and lines to send
-    /// that found no place. Looking takes 2 ms, so it is for times of rest.
-    pub fn look(&mut self, time_ms: u32, serial: &mut Serial) {
+    /// that found no place. Looking takes 2 ms, so it is for times of rest. Whether it looked.
+    pub fn look(&mut self, time_ms: u32, serial: &mut Serial) -> bool {
         if time_ms % LOOKS_MS >= u32::from(PERIOD_MS) {
-            return;
+            return false;
         }
         let now = Self {
             never_used: stack::never_used(),
@@ -44,7 +44,7 @@ impl Health {
             dropped_lines: serial.dropped_lines(),
         };
         if now == *self {
-            return;
+            return true;
         }
         *self = now;
         serial.send_or_drop(|out| {
@@ -58,5 +58,6 @@ impl Health {
             );
             let Ok(()) = line.finish();
         });
+        true
     }
 }

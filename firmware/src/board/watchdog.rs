@@ -1,39 +1,67 @@
 //! The watchdog: what ends the firmware's worst case.
 //!
-//! Only a completed control period feeds it. After a quarter of a second without one,
-//! its interrupt makes the outputs safe, if interrupts still work; after half a second
-//! it resets the processor, which makes them safe in any case. The pump has stopped
-//! long before: see [`super::pulses`]. Once the watchdog has bitten, the processor
+//! Only a completed control period feeds it. After 64 ms without one while the rig is armed, its
+//! interrupt makes the outputs safe, if interrupts still work; after as long again it resets
+//! the processor, which makes them safe in any case. At rest, where the self-test takes its time,
+//! both are a quarter of a second. 64 ms is the shortest time that no late period takes: with
+//! interrupts the pump has stopped after 40, see [`super::pulses`]. Without them the timer
+//! goes on to make an edge a turn, 122 steps a second, until the reset. Once the watchdog has bitten, the processor
 //! itself sets it to its shortest time, whatever is chosen here; bootloaders that do
 //! not stop it reset for ever, with the outputs safe.
+
+use core::arch::asm;
 
 use avr_device::atmega2560::WDT;
 
 use super::reset;
 
+/// WDCE and WDE: the next write counts.
+const CHANGE: u8 = 0b0001_1000;
+/// Interrupt and reset mode, a quarter of a second each.
+const AT_REST: u8 = 0b0100_1100;
+/// The same, 64 ms each.
+const ARMED: u8 = 0b0100_1010;
+
 /// The watchdog, once it watches.
-pub struct Watchdog(());
+pub struct Watchdog {
+    _watchdog: WDT,
+    is_armed: bool,
+}
 
 impl Watchdog {
-    /// Starts the watchdog.
-    #[allow(clippy::needless_pass_by_value)] // Owned from here on.
+    /// Starts the watchdog, for a rig at rest.
     pub fn start(watchdog: WDT) -> Self {
-        avr_device::interrupt::free(|_| {
-            avr_device::asm::wdr();
-            // SAFETY: the second write must follow within four cycles; both are
-            // stores of constants. WDCE and WDE, then interrupt and reset mode
-            // at a quarter of a second each.
-            unsafe {
-                watchdog.wdtcsr.write(|w| w.bits(0b0001_1000));
-                watchdog.wdtcsr.write(|w| w.bits(0b0100_1100));
-            }
-        });
-        Self(())
+        let mut it = Self {
+            _watchdog: watchdog,
+            is_armed: false,
+        };
+        it.set(AT_REST);
+        it
     }
 
-    /// A control period was completed.
-    pub fn feed(&mut self) {
+    /// Changes its times.
+    fn set(&mut self, mode: u8) {
+        // SAFETY: with interrupts off, the owner of the register writes WDCE and WDE, and within
+        // four cycles the mode. The compiler would put the choice of the mode in between.
+        avr_device::interrupt::free(|_| unsafe {
+            asm!(
+                "wdr",
+                "sts 0x60, {change}", // WDTCSR
+                "sts 0x60, {mode}",
+                change = in(reg) CHANGE,
+                mode = in(reg) mode,
+                options(nostack, preserves_flags)
+            );
+        });
+    }
+
+    /// A control period was completed, of a rig that `is_armed`.
+    pub fn feed(&mut self, is_armed: bool) {
         avr_device::asm::wdr();
+        if is_armed != self.is_armed {
+            self.is_armed = is_armed;
+            self.set(if is_armed { ARMED } else { AT_REST });
+        }
     }
 }
 

@@ -218,6 +218,10 @@ impl Link {
                 retried: true,
                 ..
             }) => {}
+            Err(LinkError::Refused {
+                refusal: Refusal::LowSupply,
+                ..
+            }) => return Err(self.low_supply()),
             Err(error) => return Err(error),
         }
         // Telemetry that was on its way still says idle.
@@ -269,6 +273,17 @@ impl Link {
             }
             _ => LinkError::Faulted { port, fault },
         }
+    }
+
+    /// The error for a board that is not armed for its supply, with what that is.
+    fn low_supply(&mut self) -> LinkError {
+        let sentence = Refusal::LowSupply.sentence();
+        let (found, advice) = sentence.split_once(": ").unwrap_or((sentence, ""));
+        let supply = match self.machine().map(|machine| machine.supply_mv) {
+            Ok(Some(mv)) => format!(", {:.2} V", f64::from(mv) / 1000.0),
+            Ok(None) | Err(_) => String::new(),
+        };
+        self.late(&format!("nothing was moved: {found}{supply}"), advice)
     }
 
     /// The error for something that did not happen.

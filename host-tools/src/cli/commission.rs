@@ -46,7 +46,7 @@ pub struct Args {
     /// Practise on a virtual rig, which this command starts and whose switches it presses
     #[arg(long = "virtual", id = "virtual_rig", conflicts_with = "port")]
     virtual_rig: bool,
-    /// Let the virtual rig have this fault; brown-out, hang, power-cut and unplugged come
+    /// Let the virtual rig have this fault; brown-out, hang, deaf, power-cut and unplugged come
     /// while telemetry is watched
     #[arg(long, value_name = "KIND", requires = "virtual_rig")]
     fault: Option<String>,
@@ -228,9 +228,10 @@ struct Terminal {
 }
 
 /// Faults that last for a moment only, with what brings them about.
-const MOMENTS: [(&str, &str); 4] = [
+const MOMENTS: [(&str, &str); 5] = [
     ("brown-out", "fault brown-out on"),
     ("hang", "fault hang on"),
+    ("deaf", "fault deaf on"),
     ("power-cut", "power-cycle"),
     ("unplugged", "fault unplugged on"),
 ];

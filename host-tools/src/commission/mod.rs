@@ -51,6 +51,8 @@ const ZERO_KPA: f64 = 3.0;
 const HOME_STEPS: f64 = 10.0;
 /// Microsteps by which two measurements of the stroke may differ: its edges are sought slowly.
 const STROKE_STEPS: f64 = 10.0;
+/// Supply (V) below which the board is not armed.
+const LEAST_SUPPLY_V: f64 = 4.5;
 /// Time (s) between these looks, and the share of `max.flow` at which the edge is sought.
 const LOOK: (f64, f64) = (0.01, 0.05);
 /// Pressure that is held (kPa), and the share of what may be asked for that it never exceeds.
@@ -412,6 +414,16 @@ impl<'o> Session<'o> {
             ),
             fault.is_none(),
         ));
+        // A firmware that does not measure it does not know the question.
+        let supply = self.link.machine().ok().and_then(|it| it.supply_mv);
+        if let Some(mv) = supply {
+            measured.push(Measured::new(
+                "supply of the board",
+                f64::from(mv) / 1000.0,
+                "V",
+                Limit::AtLeast(LEAST_SUPPLY_V),
+            ));
+        }
         let seconds = self.plan.watch_s;
         let said = format!(
             "{} lines in {seconds:.0} s, none lost. The processor has time for every period.",

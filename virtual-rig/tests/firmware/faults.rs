@@ -659,3 +659,83 @@ fn a_power_cut_in_motion_leaves_the_air_out() {
     bench.until(3.0, "a sample", |bench| !bench.samples.is_empty());
     assert_eq!((bench.state(), bench.fault()), (State::Idle, None));
 }
+
+/// With interrupts off nothing but the watchdog ends the pulses: the timer goes on to make an edge
+/// each time that its counter turns.
+#[test]
+fn a_main_program_that_hangs_with_interrupts_off_stops_stepping_soon() {
+    /// Twice 64 ms, of a clock that is as good as the simulator's.
+    const WITHIN_S: f64 = 0.130;
+    for delay_s in [0.0, 0.0037, 0.0071] {
+        let Some(mut bench) = running() else {
+            return;
+        };
+        bench.run(delay_s);
+        bench.rig.trace_steps(true);
+        bench.rig.step_edges();
+        let resets = bench.rig.resets();
+        let hung = bench.rig.cycle();
+        bench.rig.set_fault(Broken::Deaf, true);
+        bench.rig.run_for(1.0).expect("the board runs");
+        let edges = bench.rig.step_edges();
+        let last_s = edges.last().map_or(0.0, |&edge| {
+            edge.saturating_sub(hung) as f64 / f64::from(virtual_rig::board::CLOCK_HZ)
+        });
+        println!("{} steps, the last after {last_s:.3} s", edges.len());
+        assert!(last_s < WITHIN_S, "{last_s} s");
+        assert_eq!(bench.rig.resets(), resets + 1);
+        assert!(bench.is_safe());
+        // The bootloader has cleared the processor's flags.
+        bench.until(3.0, "restart", |bench| {
+            bench.fault() == Some(Fault::Restart)
+        });
+    }
+}
+
+/// Not armed below 4.5 V, and armed when the supply is back.
+#[test]
+fn a_low_supply_arms_nothing() {
+    let Some(mut bench) = Bench::start(healthy()) else {
+        return;
+    };
+    let supply = |bench: &mut Bench| {
+        let machine = wire::answer::Machine::parse(&bench.obey(Command::Machine));
+        f64::from(machine.unwrap().supply_mv.unwrap_or(0)) / 1000.0
+    };
+    for volts in [5.0, 4.6, 5.3] {
+        bench.rig.set_supply(volts);
+        bench.run(1.5);
+        let measured = supply(&mut bench);
+        println!("{volts} V: {measured}");
+        assert!((measured / volts - 1.0).abs() < 0.005, "{measured}");
+        // The sensors are ratiometric, as the converter is.
+        assert!(bench.now().pressure_kpa.unwrap().to_f32().abs() < 0.5);
+    }
+    for broken in [false, true] {
+        bench.rig.set_supply(if broken { 5.0 } else { 4.4 });
+        bench.rig.set_fault(Broken::LowSupply, broken);
+        bench.run(1.5);
+        assert_eq!(bench.ask(Command::Arm), Err(Refusal::LowSupply));
+        assert_eq!(bench.state(), State::Idle);
+    }
+    bench.rig.set_fault(Broken::LowSupply, false);
+    bench.run(1.5);
+    bench.arm();
+}
+
+/// The period in which the supply is measured has the sensors' readings of the one before.
+#[test]
+fn measuring_the_supply_costs_no_reading() {
+    let Some(mut bench) = Bench::start(healthy()) else {
+        return;
+    };
+    bench.run(0.5);
+    let from = bench.samples.len();
+    bench.run(5.0);
+    let readings = bench.samples[from..].iter().map(|it| it.pressure_kpa);
+    assert!(readings.clone().all(|it| it.is_some()));
+    let spread = readings.flatten().map(|it| it.to_f32());
+    let most = spread.clone().fold(f32::NEG_INFINITY, f32::max);
+    let least = spread.fold(f32::INFINITY, f32::min);
+    assert!(most - least < 1.0, "{least} to {most} kPa");
+}
