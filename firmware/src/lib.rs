@@ -16,6 +16,7 @@ pub mod homing;
 pub mod io;
 pub mod monitor;
 pub mod past;
+pub mod pins;
 #[cfg(any(test, feature = "plant"))]
 #[doc(hidden)]
 #[allow(
@@ -25,6 +26,7 @@ pub mod past;
     clippy::cast_sign_loss
 )]
 pub mod plant;
+pub mod port;
 #[cfg_attr(test, allow(missing_docs, clippy::cast_possible_truncation))]
 pub mod ring;
 pub mod runner;

@@ -6,8 +6,9 @@
 /// like a command.
 #[derive(Clone, Debug)]
 pub struct Assembler<const N: usize> {
-    bytes: [u8; N],
-    length: usize,
+    line: heapless::Vec<u8, N>,
+    /// The line was handed out, and the next byte begins another one.
+    is_over: bool,
     overlong: bool,
 }
 
@@ -26,8 +27,8 @@ impl<const N: usize> Assembler<N> {
     /// Creates an assembler at the start of a line.
     pub const fn new() -> Self {
         Self {
-            bytes: [0; N],
-            length: 0,
+            line: heapless::Vec::new(),
+            is_over: false,
             overlong: false,
         }
     }
@@ -35,23 +36,20 @@ impl<const N: usize> Assembler<N> {
     /// Takes a byte. A carriage return ends a line as a line feed does, and
     /// empty lines are passed over.
     pub fn push(&mut self, byte: u8) -> Assembled<'_> {
+        if core::mem::take(&mut self.is_over) {
+            self.line.clear();
+        }
         if byte != b'\n' && byte != b'\r' {
-            match self.bytes.get_mut(self.length) {
-                Some(place) => {
-                    *place = byte;
-                    self.length += 1;
-                }
-                None => self.overlong = true,
-            }
+            self.overlong |= self.line.push(byte).is_err();
             return Assembled::Pending;
         }
-        let length = core::mem::take(&mut self.length);
+        self.is_over = true;
         if core::mem::take(&mut self.overlong) {
-            return Assembled::Overlong;
-        }
-        match self.bytes.get(..length) {
-            Some(line) if !line.is_empty() => Assembled::Line(line),
-            _ => Assembled::Pending,
+            Assembled::Overlong
+        } else if self.line.is_empty() {
+            Assembled::Pending
+        } else {
+            Assembled::Line(&self.line)
         }
     }
 }

@@ -154,6 +154,51 @@ impl Rig {
     }
 }
 
+/// Every word that a request can begin with, but for those that belong to another one.
+#[test]
+fn the_help_names_every_request() {
+    let segment = Segment::Hold { duration_ms: 1_000 };
+    for command in [
+        Command::Hello,
+        Command::Beat,
+        Command::Status,
+        Command::SelfTest,
+        Command::Arm,
+        Command::Disarm,
+        Command::Run(None),
+        Command::Stop,
+        Command::Clear,
+        Command::Tare,
+        Command::Load(1),
+        Command::Segment { index: 0, segment },
+        Command::Set {
+            key: Key::Damping,
+            bits: 0,
+        },
+        Command::Get(Key::Damping),
+        Command::Save,
+        Command::Discard,
+        Command::Raw,
+        Command::Exact,
+        Command::Log(0),
+        Command::Past(0),
+        Command::Switches,
+        Command::Hang,
+        Command::Stroke,
+        Command::Machine,
+    ] {
+        let mut line = Text::default();
+        Request { id: 1, command }.write(&mut line).unwrap();
+        let word = line.0.split(' ').nth(1).unwrap();
+        let mut words = HELP
+            .iter()
+            .flat_map(|line| line.split([' ', ',', ':', ';']));
+        assert!(words.any(|it| it == word), "{word}");
+    }
+    // A line and telemetry in four periods of the cable.
+    assert!(HELP.iter().all(|line| line.len() <= 80));
+}
+
 /// The switches of the plant are 57 ml apart, and the smallest syringe has 50.
 #[test]
 fn no_largest_volume_is_beyond_the_stroke_that_was_measured() {

@@ -11,6 +11,7 @@ use avr_device::atmega2560::TC3;
 use firmware::{
     byte::Byte,
     design::{CONTROL_HZ, CPU_HZ, PERIOD_MS},
+    port::Period,
     stepper::SLOTS,
 };
 
@@ -40,15 +41,6 @@ pub struct Clock {
     timer: TC3,
     periods_seen: u8,
     time_ms: u32,
-}
-
-/// A control period has begun.
-#[derive(Clone, Copy)]
-pub struct Period {
-    /// Time since reset (ms).
-    pub time_ms: u32,
-    /// Periods that began and were never seen.
-    pub missed: u8,
 }
 
 impl Clock {

@@ -80,7 +80,13 @@ impl<const PORT: u8, const BIT: u8> Input<PORT, BIT> {
         Self(())
     }
 
-    /// Whether the pin is high. Looking needs no owner: it changes nothing.
+    /// The pin beside its owner, to be looked at: that changes nothing.
+    #[inline(always)]
+    pub const fn beside() -> Self {
+        Self(())
+    }
+
+    /// Whether the pin is high. Looking needs no owner.
     #[inline(always)]
     pub fn peek() -> bool {
         let levels: u8;

@@ -1,16 +1,13 @@
-//! End switches and emergency stop.
-//!
-//! All are normally closed to ground with the internal pull-up: pressed, broken
-//! or pulled out they read high. Long wires beside a motor's catch spikes, so a
-//! level counts once it was seen in two of the last three looks, 1.25 ms apart.
+//! End switches and emergency stop: looked at in the interrupt of the clock.
 
-use firmware::byte::Byte;
+use firmware::{
+    byte::Byte,
+    pins::{self, settled},
+};
 
 use super::{pins::pin_type, shared::SharedByte};
 
-pub(super) const RETRACTED: u8 = 1;
-pub(super) const PUSHED: u8 = 2;
-pub(super) const STOP: u8 = 4;
+pub(super) use firmware::pins::{PUSHED, RETRACTED, STOP};
 
 type RetractedEnd = pin_type!(Input, RETRACTED_END);
 type PushedEnd = pin_type!(Input, PUSHED_END);
@@ -24,10 +21,11 @@ static PRESSED: SharedByte = SharedByte::new(0xff);
 
 /// The three switches.
 pub struct Switches {
-    _retracted: RetractedEnd,
-    _pushed: PushedEnd,
-    _stop: EmergencyStop,
+    _pins: Pins,
 }
+
+/// Their pins.
+type Pins = pins::Switches<RetractedEnd, PushedEnd, EmergencyStop>;
 
 /// Which of them are pressed, or have a broken wire.
 #[derive(Clone, Copy)]
@@ -68,9 +66,11 @@ impl Switches {
         // SAFETY: passed on.
         unsafe {
             Self {
-                _retracted: RetractedEnd::new(),
-                _pushed: PushedEnd::new(),
-                _stop: EmergencyStop::new(),
+                _pins: Pins {
+                    retracted_end: RetractedEnd::new(),
+                    pushed_end: PushedEnd::new(),
+                    emergency_stop: EmergencyStop::new(),
+                },
             }
         }
     }
@@ -90,13 +90,15 @@ pub(super) fn now() -> u8 {
 /// Looks at the pins; called by the clock.
 #[inline(always)]
 pub(super) fn sample() {
-    let level = |is_high: bool, bit: u8| if is_high { bit } else { 0 };
-    let now = level(RetractedEnd::peek(), RETRACTED)
-        | level(PushedEnd::peek(), PUSHED)
-        | level(EmergencyStop::peek(), STOP);
+    let mut pins = Pins {
+        retracted_end: RetractedEnd::beside(),
+        pushed_end: PushedEnd::beside(),
+        emergency_stop: EmergencyStop::beside(),
+    };
+    let now = pins.levels();
     let last = LAST.get();
     let before = BEFORE.get();
-    PRESSED.set(now & last | last & before | now & before);
+    PRESSED.set(settled(now, last, before));
     BEFORE.set(last);
     LAST.set(now);
 }

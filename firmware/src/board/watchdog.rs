@@ -22,21 +22,24 @@ const AT_REST: u8 = 0b0100_1100;
 /// The same, 64 ms each.
 const ARMED: u8 = 0b0100_1010;
 
-/// The watchdog, once it watches.
+/// The watchdog.
 pub struct Watchdog {
     _watchdog: WDT,
     is_armed: bool,
 }
 
 impl Watchdog {
-    /// Starts the watchdog, for a rig at rest.
-    pub fn start(watchdog: WDT) -> Self {
-        let mut it = Self {
+    /// Takes the watchdog, which does not watch yet.
+    pub const fn new(watchdog: WDT) -> Self {
+        Self {
             _watchdog: watchdog,
             is_armed: false,
-        };
-        it.set(AT_REST);
-        it
+        }
+    }
+
+    /// Starts it, for a rig at rest.
+    pub fn start(&mut self) {
+        self.set(AT_REST);
     }
 
     /// Changes its times.
