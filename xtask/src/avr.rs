@@ -133,7 +133,15 @@ pub fn build() -> Outcome<PathBuf> {
         return Err(format!("the build left no {}", image.display()).into());
     }
     image::stamp(&image)?;
+    run(Command::new("avr-objcopy")
+        .args(["-O", "ihex", "-R", ".eeprom"])
+        .args([&image, &hex(&image)]))?;
     Ok(image)
+}
+
+/// The image in Intel's format, which [`build`] leaves beside it.
+pub fn hex(image: &Path) -> PathBuf {
+    image.with_extension("hex")
 }
 
 /// Bytes of an image.

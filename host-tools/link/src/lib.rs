@@ -15,6 +15,7 @@ mod client;
 mod clock;
 pub mod commission;
 mod error;
+pub mod flash;
 mod heart;
 mod history;
 mod holders;

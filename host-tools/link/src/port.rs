@@ -9,7 +9,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use serde::Serialize;
-use serialport::{ErrorKind, SerialPortType};
+use serialport::{ErrorKind, SerialPort as _, SerialPortType};
 
 use super::holders::{Holder, holders};
 use softrig_formats::error::InputError;
@@ -19,6 +19,9 @@ pub const BAUD: u32 = 115_200;
 
 /// How long a read waits for a byte.
 const READ_WAIT: Duration = Duration::from_millis(20);
+
+/// How long the reset line is pulled, and let go before anything is said.
+const RESET_PULSE: Duration = Duration::from_millis(50);
 
 /// How long a write waits for room.
 #[cfg(target_os = "linux")]
@@ -63,7 +66,50 @@ impl SerialConnector {
     pub fn new(name: impl Into<String>) -> Self {
         Self { name: name.into() }
     }
+
+    /// Opens it and pulls the board's reset line, as a programmer does: a board whose port was open
+    /// a moment ago has not noticed that it was opened again.
+    ///
+    /// # Errors
+    ///
+    /// As [`Connector::open`].
+    pub fn open_after_reset(&mut self) -> Result<Channel, InputError> {
+        let mut port = self.open_port()?;
+        for level in [false, true] {
+            // A pseudo-terminal has no such lines, and its rig is reset by being opened.
+            let _ = port.write_data_terminal_ready(level);
+            let _ = port.write_request_to_send(level);
+            std::thread::sleep(RESET_PULSE);
+        }
+        self.channel(port)
+    }
+
+    fn open_port(&self) -> Result<Native, InputError> {
+        let holders = holders(Path::new(&self.name));
+        if !holders.is_empty() {
+            return Err(busy(&self.name, &holders));
+        }
+        serialport::new(&self.name, BAUD)
+            .timeout(READ_WAIT)
+            .open_native()
+            .map_err(|error| refused(&self.name, &error))
+    }
+
+    fn channel(&self, port: Native) -> Result<Channel, InputError> {
+        let writer = writer(&port).map_err(|error| refused(&self.name, &error))?;
+        Ok(Channel {
+            reader: Box::new(port),
+            writer,
+        })
+    }
 }
+
+/// The port of this system.
+#[cfg(unix)]
+type Native = serialport::TTYPort;
+/// The port of this system.
+#[cfg(windows)]
+type Native = serialport::COMPort;
 
 impl Connector for SerialConnector {
     fn name(&self) -> &str {
@@ -71,20 +117,7 @@ impl Connector for SerialConnector {
     }
 
     fn open(&mut self) -> Result<Channel, InputError> {
-        let holders = holders(Path::new(&self.name));
-        if !holders.is_empty() {
-            return Err(busy(&self.name, &holders));
-        }
-        let fail = |error: &serialport::Error| refused(&self.name, error);
-        let port = serialport::new(&self.name, BAUD)
-            .timeout(READ_WAIT)
-            .open_native()
-            .map_err(|error| fail(&error))?;
-        let writer = writer(&port).map_err(|error| fail(&error))?;
-        Ok(Channel {
-            reader: Box::new(port),
-            writer,
-        })
+        self.channel(self.open_port()?)
     }
 }
 

@@ -9,6 +9,7 @@ pub mod diagnose;
 pub mod example;
 pub mod export;
 pub mod fit;
+pub mod flash;
 pub mod gap;
 pub mod init;
 pub(crate) mod input;

@@ -63,7 +63,7 @@ fn a_silent_board_is_given_up() {
     let begun = Instant::now();
     bench
         .rig("monitor --port PORT --plain")
-        .failed(1, &["not a byte came", "power", "cargo xtask flash"]);
+        .failed(1, &["not a byte came", "power", "rig flash"]);
     assert!(begun.elapsed() < Duration::from_secs(12));
 }
 
@@ -110,7 +110,7 @@ fn another_version_names_who_has_to_move() {
     bench.board.script().version = 0;
     bench
         .rig("upload --port PORT --model m.toml")
-        .failed(1, &["version 0", "cargo xtask flash"]);
+        .failed(1, &["version 0", "rig flash"]);
 }
 
 #[test]

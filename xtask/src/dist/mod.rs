@@ -367,10 +367,7 @@ fn stage(folder: &Path, program: &Path, target: &str, image: Option<&Path>) -> O
         let firmware = folder.join("firmware");
         make(&firmware)?;
         copy(image, &firmware.join(format!("{IMAGE}.elf")))?;
-        run(Command::new("avr-objcopy")
-            .args(["-O", "ihex", "-R", ".eeprom"])
-            .arg(image)
-            .arg(firmware.join(format!("{IMAGE}.hex"))))?;
+        copy(&avr::hex(image), &firmware.join(format!("{IMAGE}.hex")))?;
     }
     licences::write(&folder.join("licences"), target, image.is_some())?;
     checksums(folder)

@@ -105,6 +105,10 @@ pub fn of(archive: &Path, stem: &str, firmware: bool) -> Outcome {
         println!("  rig {}: {}", words[0], said.lines().next().unwrap_or(""));
         Ok(said)
     };
+    if firmware {
+        // It finds the image beside itself, and opens no port.
+        say(&["flash", "--port", "none", "--dry-run"])?;
+    }
     let version = say(&["--version"])?;
     if !version.contains(env!("CARGO_PKG_VERSION")) {
         return Err(format!("the archive's rig says that it is {}", version.trim()).into());
