@@ -80,4 +80,27 @@ mod tests {
         assert!((syringe.volume_m3(0.0) - 56e-6).abs() < 0.02e-6);
         assert_eq!(syringe.microsteps(95.0), 152_000);
     }
+
+    #[test]
+    fn the_simulated_slide_is_the_drawn_one() {
+        let drawing = include_str!("../../../docs/hardware/slide.scad");
+        let number = |name: &str| -> f64 {
+            let line = drawing
+                .lines()
+                .find_map(|line| line.strip_prefix(name)?.strip_prefix(" = "))
+                .unwrap_or_else(|| panic!("{name} is drawn"));
+            line.split(';')
+                .next()
+                .and_then(|it| it.parse().ok())
+                .unwrap()
+        };
+        let drawn = Syringe {
+            microsteps_per_mm: number("steps_per_turn") * number("microsteps") / number("lead"),
+            bore_mm: number("bore"),
+            stroke_mm: number("stroke"),
+            pushed_in_switch_mm: number("pushed_in_switch"),
+            lower_stop_mm: -number("hard_stop_behind"),
+        };
+        assert_eq!(drawn, Syringe::default());
+    }
 }

@@ -361,6 +361,8 @@ impl Result {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
+
     use super::*;
 
     #[test]
@@ -399,5 +401,25 @@ mod tests {
         for (index, step) in Step::ALL.iter().enumerate() {
             assert!(Step::ALL[..index].iter().all(|it| it.name() != step.name()));
         }
+    }
+
+    #[test]
+    fn the_order_of_assembly_has_every_step_that_the_pages_name() {
+        let names = |page: &'static str, heading: &str| -> BTreeSet<&'static str> {
+            let section = page.split_once(heading).expect("the page has a table").1;
+            let rows = section
+                .lines()
+                .skip_while(|line| !line.starts_with('|'))
+                .take_while(|line| line.starts_with('|'))
+                .skip(2);
+            let quoted = rows.flat_map(|row| row.split('`').skip(1).step_by(2));
+            let all = Step::ALL.map(Step::name);
+            quoted.filter(|word| all.contains(word)).collect()
+        };
+        let steps: BTreeSet<&str> = Step::ALL.iter().map(|step| step.name()).collect();
+        let parts = include_str!("../../../../docs/hardware/parts.md");
+        assert_eq!(names(parts, "## Order of assembly"), steps);
+        let commissioning = include_str!("../../../../docs/hardware/commissioning.md");
+        assert_eq!(names(commissioning, "\ncould not be made"), steps);
     }
 }
