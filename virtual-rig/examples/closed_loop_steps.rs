@@ -37,11 +37,11 @@ fn main() -> anyhow::Result<()> {
     let mut figure = Figure::new("Steps of the angle in closed loop")
         .with_subtitle(
             "The firmware in the simulator; actuators of 0.7, 1 and 1.3 times the model's \
-         stiffness. Drawn by cargo xtask bench control --docs.",
+         stiffness K. Drawn by cargo xtask bench control --docs.",
         )
         .with_columns(2);
     for degrees in ANGLES_DEG {
-        let mut panel = Panel::new("time, s", "angle, °")
+        let mut panel = Panel::new("time (s)", "angle (°)")
             .with_y_range(-2.0, 1.15 * degrees)
             .with_level(degrees);
         for stiffness in steps::STIFFNESSES {
@@ -63,7 +63,7 @@ fn main() -> anyhow::Result<()> {
                 Style::EMPHASIS
             };
             panel = panel.with_series(Series::new(
-                format!("stiffness × {stiffness}"),
+                format!("K × {stiffness}"),
                 &times,
                 shown,
                 style,

@@ -40,7 +40,7 @@ pub fn host() -> Outcome {
 }
 
 /// A benchmark that is a program of the tests crate.
-struct Program {
+pub struct Program {
     /// Its binary.
     name: &'static str,
     /// Options that say where its files are, with folders in the one that cargo builds into.
@@ -56,7 +56,7 @@ const BLIND: Program = Program {
 };
 
 /// The programs by the names of the benchmarks.
-const PROGRAMS: [(&str, Program); 8] = [
+static PROGRAMS: [(&str, Program); 8] = [
     ("blind", BLIND),
     (
         "calibration",
@@ -122,15 +122,16 @@ pub fn gate() -> Outcome {
     run(BLIND.command(&target_dir().join("debug")).arg("--fast"))
 }
 
-/// Builds a benchmark's program and starts it with these options; none if there is no
-/// benchmark of this name. `--rig` takes another `rig` than the one of this source.
-pub fn start(name: &str, options: &[&str]) -> Option<Outcome> {
+/// The benchmark of this name that is a program of the tests crate.
+pub fn program(name: &str) -> Option<&'static Program> {
     let (_, program) = PROGRAMS.iter().find(|(known, _)| *known == name)?;
-    Some(program.start(name, options))
+    Some(program)
 }
 
 impl Program {
-    fn start(&self, name: &str, options: &[&str]) -> Outcome {
+    /// Builds the program and starts it with these options; `--rig` takes another `rig` than the
+    /// one of this source.
+    pub fn start(&self, name: &str, options: &[&str]) -> Outcome {
         let target = target_dir().join("release");
         let mut build = release_build();
         build.args(["-q", "-p", "softrig-tests", "--bin", self.name]);

@@ -1,10 +1,15 @@
 //! The whole loop, for someone who has no rig yet: set up, build, and start the demo of the
 //! tests crate, which flashes, records, diagnoses, uploads and records again.
 
-use std::{env, process::Command};
+use std::{
+    env, fs,
+    io::{BufRead, BufReader},
+    process::{Command, Stdio},
+    time::Instant,
+};
 
 use crate::{
-    avr,
+    avr, cast,
     setup::{self, Mode, Purpose},
     shell::{Outcome, Steps, release_build, run, target_dir},
 };
@@ -28,7 +33,7 @@ pub fn check(words: &[&str]) -> Result<(), String> {
             "--seed" if value.parse::<u64>().is_err() => {
                 return Err(format!("demo: {value:?} is no seed; give a whole number"));
             }
-            "--seed" | "--effect" => {}
+            "--seed" | "--effect" | "--cast" => {}
             _ => return Err(format!("demo: there is no option {word}")),
         }
     }
@@ -56,14 +61,42 @@ pub fn demo(options: &[&str]) -> Outcome {
         },
     )?;
     let xtask = env::current_exe().map_err(|error| format!("cannot find xtask: {error}"))?;
-    run(demo
-        .arg("--rig")
+    demo.arg("--rig")
         .arg(release.join("rig"))
         .arg("--simulator")
         .arg(release.join("virtual-rig"))
         .arg("--xtask")
-        .arg(xtask)
-        .args(options))
+        .arg(xtask);
+    let Some(place) = options.iter().position(|option| *option == "--cast") else {
+        return run(demo.args(options));
+    };
+    let rest = [&options[..place], &options[place + 2..]].concat();
+    let typed: Vec<&str> = ["cargo", "xtask", "demo"]
+        .into_iter()
+        .chain(rest.iter().copied())
+        .collect();
+    filmed(demo.args(rest), &typed.join(" "), options[place + 1])
+}
+
+/// Runs the demo, and draws what it prints as a picture that moves.
+fn filmed(demo: &mut Command, typed: &str, picture: &str) -> Outcome {
+    let fail = |error: std::io::Error| format!("the demo: {error}");
+    let clock = Instant::now();
+    let mut child = demo.stdout(Stdio::piped()).spawn().map_err(fail)?;
+    let out = child.stdout.take().ok_or("the demo has no output")?;
+    let mut printed = vec![(clock.elapsed(), "… set-up and build, once".to_owned())];
+    for line in BufReader::new(out).lines() {
+        let line = line.map_err(fail)?;
+        println!("{line}");
+        printed.push((clock.elapsed(), line));
+    }
+    if !child.wait().map_err(fail)?.success() {
+        return Err("the demo failed".into());
+    }
+    fs::write(picture, cast::draw(typed, &printed))
+        .map_err(|error| format!("cannot write {picture}: {error}"))?;
+    println!("drawn: {picture}");
+    Ok(())
 }
 
 #[cfg(test)]

@@ -8,11 +8,15 @@
 mod avr;
 mod bench;
 mod book;
+mod cast;
 mod demo;
 mod dist;
 mod flash;
 mod image;
 mod machines;
+#[cfg(test)]
+#[path = "../../host-tools/tests/common/pages.rs"]
+mod pages;
 mod python;
 mod setup;
 mod shell;
@@ -25,6 +29,7 @@ mod venv;
 use std::{env, process::ExitCode};
 
 use machines::{Fuzz, Soak};
+use python::Ray;
 use shell::Outcome;
 use size::Golden;
 use test::Scope;
@@ -39,13 +44,15 @@ Tasks:
                          install what is missing for the demo, the tests (the
                          default) or `cargo run` in firmware/: demo, tests,
                          cargo-run
-  demo [--seed N] [--effect KIND]
-                         simulate, diagnose, repair; says where the picture is
+  demo [--seed N] [--effect KIND] [--cast FILE.svg]
+                         simulate, diagnose, repair; says where the picture is;
+                         --cast draws the terminal as a picture that moves
   test [--host-only]     everything that must hold before a change goes in
   ci                     the same, as continuous integration runs it
   book                   build the book from docs/; says where it is
-  wheel [--test]         build the Python package for this system and say where it is;
-                         --test builds one quickly and tests it
+  wheel [--test [--ray]] build the Python package for this system and say where it is;
+                         --test builds one quickly and tests it, --ray also with
+                         Ray, which takes minutes to install
   firmware               build the image, check it, print its size
   size [--accept]        memory and processor time against budgets and last time
   bench [diagnosis | host | board]
@@ -112,79 +119,93 @@ const USAGE: u8 = 2;
 fn main() -> ExitCode {
     let words: Vec<String> = env::args().skip(1).collect();
     let words: Vec<&str> = words.iter().map(String::as_str).collect();
-    let result = match words.as_slice() {
-        [] => return usage("no task was given"),
-        ["help" | "-h" | "--help"] | [_, "-h" | "--help"] => {
-            print!("{HELP}");
-            return ExitCode::SUCCESS;
+    if let ["help" | "-h" | "--help"] | [_, "-h" | "--help"] = words.as_slice() {
+        print!("{HELP}");
+        return ExitCode::SUCCESS;
+    }
+    match task(&words).map(|task| task()) {
+        Ok(Ok(())) => ExitCode::SUCCESS,
+        Ok(Err(failure)) => {
+            eprintln!("xtask: {failure}");
+            ExitCode::FAILURE
         }
-        ["setup", words @ ..] => match setup::parse(words) {
-            Ok((purpose, mode)) => setup::setup(purpose, mode),
-            Err(problem) => return usage(&problem),
-        },
-        ["demo", words @ ..] => match demo::check(words) {
-            Ok(()) => demo::demo(words),
-            Err(problem) => return usage(&problem),
-        },
-        ["test" | "ci"] => test::test(Scope::Everything),
-        ["test", "--host-only"] => test::test(Scope::Host),
-        ["book"] => book::book().map(|page| println!("  {}", page.display())),
-        ["wheel"] => python::wheel().map(drop),
-        ["wheel", "--test"] => python::test(),
-        ["firmware"] => firmware(),
-        ["size"] => image_size(Golden::Check),
-        ["size", "--accept"] => image_size(Golden::Accept),
-        ["bench"] => bench::start("diagnosis", &[])
-            .unwrap_or(Ok(()))
-            .and_then(|()| bench::host())
-            .and_then(|()| bench::board()),
-        ["bench", "host"] => bench::host(),
-        ["bench", "board"] => bench::board(),
-        ["bench", "control"] => bench::control(false),
-        ["bench", "control", "--docs"] => bench::control(true),
-        ["bench", name, options @ ..] => match bench::start(name, options) {
-            Some(outcome) => outcome,
-            None => return usage(&format!("bench {name} is not known, or takes no options")),
-        },
-        ["soak", words @ ..] => match Soak::parse(words) {
-            Ok(options) => machines::soak(&options),
-            Err(problem) => return usage(&problem),
-        },
-        ["fuzz", words @ ..] => match Fuzz::parse(words) {
-            Ok(options) => machines::fuzz(options),
-            Err(problem) => return usage(&problem),
-        },
-        ["miri"] => machines::miri(),
-        ["flash", words @ ..] => match flash::Options::parse(words) {
-            Ok(options) => flash::flash(options),
-            Err(problem) => return usage(&problem),
-        },
-        ["dist", words @ ..] => match dist::Options::parse(words) {
-            Ok(options) => dist::dist(&options),
-            Err(problem) => return usage(&problem),
-        },
+        Err(problem) => {
+            eprintln!("xtask: {problem}\n\n{HELP}");
+            ExitCode::from(USAGE)
+        }
+    }
+}
+
+/// Something to do, when its command line has been understood.
+type Task<'a> = Box<dyn FnOnce() -> Outcome + 'a>;
+
+/// Reads a command line.
+///
+/// # Errors
+///
+/// Says what makes no sense.
+fn task<'a>(words: &'a [&'a str]) -> Result<Task<'a>, String> {
+    Ok(match words {
+        [] => return Err("no task was given".into()),
+        ["setup", words @ ..] => {
+            let (purpose, mode) = setup::parse(words)?;
+            Box::new(move || setup::setup(purpose, mode))
+        }
+        ["demo", words @ ..] => {
+            demo::check(words)?;
+            Box::new(|| demo::demo(words))
+        }
+        ["test" | "ci"] => Box::new(|| test::test(Scope::Everything)),
+        ["test", "--host-only"] => Box::new(|| test::test(Scope::Host)),
+        ["book"] => Box::new(|| book::book().map(|page| println!("  {}", page.display()))),
+        ["wheel"] => Box::new(|| python::wheel().map(drop)),
+        ["wheel", "--test"] => Box::new(|| python::test(Ray::Skipped)),
+        ["wheel", "--test", "--ray"] => Box::new(|| python::test(Ray::Installed)),
+        ["firmware"] => Box::new(firmware),
+        ["size"] => Box::new(|| image_size(Golden::Check)),
+        ["size", "--accept"] => Box::new(|| image_size(Golden::Accept)),
+        ["bench"] => Box::new(|| {
+            bench::program("diagnosis")
+                .map_or(Ok(()), |program| program.start("diagnosis", &[]))
+                .and_then(|()| bench::host())
+                .and_then(|()| bench::board())
+        }),
+        ["bench", "host"] => Box::new(bench::host),
+        ["bench", "board"] => Box::new(bench::board),
+        ["bench", "control"] => Box::new(|| bench::control(false)),
+        ["bench", "control", "--docs"] => Box::new(|| bench::control(true)),
+        ["bench", name, options @ ..] => {
+            let program = bench::program(name)
+                .ok_or_else(|| format!("bench {name} is not known, or takes no options"))?;
+            Box::new(|| program.start(name, options))
+        }
+        ["soak", words @ ..] => {
+            let options = Soak::parse(words)?;
+            Box::new(move || machines::soak(&options))
+        }
+        ["fuzz", words @ ..] => {
+            let options = Fuzz::parse(words)?;
+            Box::new(move || machines::fuzz(options))
+        }
+        ["miri"] => Box::new(machines::miri),
+        ["flash", words @ ..] => {
+            let options = flash::Options::parse(words)?;
+            Box::new(move || flash::flash(options))
+        }
+        ["dist", words @ ..] => {
+            let options = dist::Options::parse(words)?;
+            Box::new(move || dist::dist(&options))
+        }
         [task, ..]
             if [
                 "test", "ci", "book", "wheel", "firmware", "size", "bench", "miri",
             ]
             .contains(task) =>
         {
-            return usage(&format!("{task} does not take these options"));
+            return Err(format!("{task} does not take these options"));
         }
-        [task, ..] => return usage(&format!("there is no task {task:?}")),
-    };
-    match result {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(failure) => {
-            eprintln!("xtask: {failure}");
-            ExitCode::FAILURE
-        }
-    }
-}
-
-fn usage(problem: &str) -> ExitCode {
-    eprintln!("xtask: {problem}\n\n{HELP}");
-    ExitCode::from(USAGE)
+        [task, ..] => return Err(format!("there is no task {task:?}")),
+    })
 }
 
 fn image_size(golden: Golden) -> Outcome {
@@ -198,4 +219,35 @@ fn firmware() -> Outcome {
     avr::print_size(&image)?;
     println!("  {}", image.display());
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn documented_tasks_are_accepted() {
+        let mut count = 0;
+        for page in pages::pages() {
+            let text = std::fs::read_to_string(&page).unwrap();
+            for block in pages::blocks(&text) {
+                assert!(!block.info.contains('`'), "{}", page.display());
+                for line in pages::command_lines(block.text, "xtask") {
+                    let words = pages::words(&line.command);
+                    let words: Vec<&str> = words[1..].iter().map(String::as_str).collect();
+                    assert!(
+                        line.shown.is_empty(),
+                        "nobody compares this: {}",
+                        line.shown
+                    );
+                    if let Err(problem) = task(&words) {
+                        panic!("{}: {}: {problem}", page.display(), line.command);
+                    }
+                    count += 1;
+                }
+            }
+        }
+        assert!(count > 15, "only {count} tasks were found");
+        assert!(task(&["tset"]).is_err() && task(&["size", "--acept"]).is_err());
+    }
 }

@@ -53,9 +53,18 @@ pub fn wheel() -> Outcome<PathBuf> {
     Ok(wheel)
 }
 
+/// Whether Ray is installed for the tests of the recipes: minutes, for a test of a few seconds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ray {
+    /// It is, and its test runs.
+    Installed,
+    /// Its test says that it is skipped.
+    Skipped,
+}
+
 /// Builds a wheel, installs it where there was nothing, and tests it: its behaviour, its
-/// types, and the notebook of the documentation.
-pub fn test() -> Outcome {
+/// types, the notebook of the documentation, and the recipes for schedulers.
+pub fn test(ray: Ray) -> Outcome {
     let folder = target_dir().join("python");
     let wheel = build(Profile::Dev, &folder.join("wheels"))?;
     bare(&folder.join("bare"), &wheel)?;
@@ -66,6 +75,15 @@ pub fn test() -> Outcome {
         .args(["-p", "host-tools", "--bin", "rig"]))?;
     let python = environment(&folder.join("tests"), &requirements("tests.txt"))?;
     install(&python, &wheel, &["--force-reinstall", "--no-deps"])?;
+    if ray == Ray::Installed {
+        run_quietly(
+            Command::new(&python)
+                .args(["-m", "pip", "install", "--quiet", "--only-binary", ":all:"])
+                .arg("--requirement")
+                .arg(requirements("ray.txt")),
+            INSTALL_LIMIT,
+        )?;
+    }
     let tool = |module: &str| {
         let mut command = Command::new(&python);
         command
@@ -96,13 +114,14 @@ fn build(profile: Profile, out: &Path) -> Outcome<PathBuf> {
         .current_dir(root())
         .env("CARGO_TARGET_DIR", target_dir())
         .env(INCREMENTAL, "0")
-        .args(["-m", "maturin", "build", "--locked", "--quiet"])
+        .args(["-m", "maturin", "build", "--locked"])
         .args(["--manifest-path", "python/Cargo.toml", "--interpreter"])
         .arg(&python)
         .arg("--out")
         .arg(out);
     match profile {
-        Profile::Dev => command.args(["--profile", "dev"]),
+        // Minutes of compiling: whoever waits for a wheel sees how far it is.
+        Profile::Dev => command.args(["--quiet", "--profile", "dev"]),
         Profile::Release => command.args(["--release", "--strip"]),
     };
     run(&mut command)?;

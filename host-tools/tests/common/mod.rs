@@ -1,6 +1,8 @@
 //! What tests of the `rig` command share: a folder to run it in, and what to put there.
 #![allow(dead_code)] // Each test program uses its part.
 
+pub mod pages;
+
 use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};

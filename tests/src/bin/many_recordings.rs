@@ -217,6 +217,6 @@ fn figure(found: &[Measured]) -> Figure {
         .with_subtitle(
             "Each is a session of its own; two cores. Drawn by cargo xtask bench many --docs.",
         )
-        .with_panel(panel("time, s", &seconds))
-        .with_panel(panel("memory, MB", &megabytes))
+        .with_panel(panel("time (s)", &seconds))
+        .with_panel(panel("memory (MB)", &megabytes))
 }
