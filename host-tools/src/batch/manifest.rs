@@ -12,11 +12,16 @@
 //! `--setup` of `rig record`, as far as the recordings' metadata do not. Further columns are
 //! ignored.
 
-use std::collections::BTreeSet;
+use std::collections::HashSet;
+use std::fs::File;
+use std::hash::{BuildHasher, RandomState};
+use std::io::{Cursor, Read, Seek};
 use std::path::{Path, PathBuf};
 
+use csv::StringRecord;
 use serde::Deserialize;
 
+use softrig_formats::bounded::{self, Bounded, Limits};
 use softrig_formats::columns::{Columns, Layout, Names};
 use softrig_formats::error::InputError;
 
@@ -51,39 +56,166 @@ struct ManifestLine {
     setup: String,
 }
 
-/// Reads a manifest.
+/// The largest manifest: ten million cases of a kilobyte. Rows are read from the file when they
+/// are needed, so that a case takes no more memory than [`Row`].
+const LIMITS: Limits = Limits {
+    bytes: 10 << 30,
+    row_bytes: 1 << 20,
+    rows: 10_000_000,
+    fields: u64::MAX,
+};
+
+const HEADER: &str = "the header is case,model,recordings,holdout (the last is optional)";
+
+/// Where a case stands in its file.
+#[derive(Clone, Copy, Debug)]
+struct Row {
+    byte: u64,
+    line: u64,
+    /// Of its text: whether it is still the row that was checked.
+    hash: u64,
+}
+
+/// The cases of a file, every one checked.
+pub struct Manifest<R> {
+    reader: csv::Reader<R>,
+    header: StringRecord,
+    path: PathBuf,
+    rows: Vec<Row>,
+    hasher: RandomState,
+    /// Length of the longest name of a case.
+    longest: usize,
+}
+
+/// Opens a manifest, and reads it once to check every row.
 ///
 /// # Errors
 ///
 /// Names the line and the column that is at fault: a missing one, a name that is no name
 /// of a folder or comes twice, a case without recordings.
-pub fn read(path: &Path) -> Result<Vec<Case>, InputError> {
-    let text = softrig_formats::bounded::read_text(path)?;
-    let folder = path.parent().unwrap_or(Path::new(""));
-    parse(&text, folder).map_err(|error| error.in_file(path))
+pub fn open(path: &Path) -> Result<Manifest<Box<dyn Text>>, InputError> {
+    bounded::refuse_pipe(path)?;
+    let fail = |error| InputError::from_io(path, &error);
+    let of = |through, again| Manifest::of(through, again, path).map_err(|it| it.in_file(path));
+    if std::fs::metadata(path).is_ok_and(|about| about.is_file()) {
+        let open = || -> Result<Box<dyn Text>, InputError> {
+            Ok(Box::new(File::open(path).map_err(fail)?))
+        };
+        return of(open()?, open()?);
+    }
+    // What a shell makes of `<(…)` can be read once.
+    let text = bounded::read_bytes(path)?;
+    let open = || -> Box<dyn Text> { Box::new(Cursor::new(text.clone())) };
+    of(open(), open())
 }
 
-fn parse(text: &str, folder: &Path) -> Result<Vec<Case>, InputError> {
-    const HEADER: &str = "the header is case,model,recordings,holdout (the last is optional)";
-    let mut reader = csv::ReaderBuilder::new()
-        .trim(csv::Trim::All)
-        .from_reader(text.as_bytes());
-    let unreadable = |line: u64, error: csv::Error| {
-        InputError::new(format!("cannot be read: {error}"), HEADER).at_line(line)
-    };
-    let header = reader
-        .headers()
-        .map_err(|error| unreadable(1, error))?
-        .clone();
-    let mut names = BTreeSet::new();
-    let mut cases = Vec::new();
-    for record in reader.records() {
-        let record = record
-            .map_err(|error| unreadable(error.position().map_or(1, csv::Position::line), error))?;
+/// A text of which any place can be read.
+pub trait Text: Read + Seek {}
+impl<T: Read + Seek> Text for T {}
+
+impl<R: Read + Seek> Manifest<R> {
+    /// Checks the cases of a text, which is given twice: to be read through, and to read a case
+    /// when it is asked for.
+    fn of(through: R, again: R, path: &Path) -> Result<Self, InputError> {
+        let mut through = reader(Bounded::new(through, LIMITS));
+        let header = headers(&mut through)?;
+        let mut manifest = Self {
+            reader: reader(again),
+            header,
+            path: path.to_owned(),
+            rows: Vec::new(),
+            hasher: RandomState::new(),
+            longest: 0,
+        };
+        // Names are kept as hashes: of ten million, two are taken for one in three of a million runs.
+        let mut names = HashSet::new();
+        let mut record = StringRecord::new();
+        loop {
+            through.get_mut().found_row();
+            let more = through.read_record(&mut record);
+            if let Some(fault) = through.get_ref().fault() {
+                return Err(fault);
+            }
+            let line = |error: &csv::Error| error.position().map_or(1, csv::Position::line);
+            if !more.map_err(|error| unreadable(line(&error), &error))? {
+                break;
+            }
+            let case = manifest.read(&record)?;
+            let position = record.position();
+            let line = position.map_or(1, csv::Position::line);
+            if !names.insert(manifest.hasher.hash_one(&case.name)) {
+                return Err(InputError::new(
+                    format!("{} comes twice", case.name),
+                    "give each case a name of its own",
+                )
+                .at_line(line)
+                .in_column("case"));
+            }
+            LIMITS.check(manifest.rows.len() as u64 + 1, 0)?;
+            manifest.longest = manifest.longest.max(case.name.len());
+            manifest.rows.push(Row {
+                byte: position.map_or(0, csv::Position::byte),
+                line,
+                hash: manifest.hasher.hash_one(record.as_slice()),
+            });
+        }
+        if manifest.rows.is_empty() {
+            return Err(InputError::new("has no cases", HEADER));
+        }
+        Ok(manifest)
+    }
+
+    /// How many cases there are.
+    #[allow(clippy::len_without_is_empty)] // One without cases is refused.
+    pub fn len(&self) -> usize {
+        self.rows.len()
+    }
+
+    /// Length of the longest name of a case, in letters.
+    pub fn longest_name(&self) -> usize {
+        self.longest
+    }
+
+    /// Reads a case again, by its place from 0.
+    ///
+    /// # Errors
+    ///
+    /// The file cannot be read, or is not the one that was checked.
+    ///
+    /// # Panics
+    ///
+    /// There are not that many.
+    pub fn case(&mut self, index: usize) -> Result<Case, InputError> {
+        let row = self.rows[index];
+        let changed = || {
+            InputError::new(
+                "has changed since the batch began",
+                "start the batch again: cases that are done are skipped",
+            )
+            .at_line(row.line)
+            .in_file(&self.path)
+        };
+        let mut position = csv::Position::new();
+        position.set_byte(row.byte).set_line(row.line);
+        let mut record = StringRecord::new();
+        let read = self
+            .reader
+            .seek(position)
+            .and_then(|()| self.reader.read_record(&mut record));
+        if !read.map_err(|_| changed())? || self.hasher.hash_one(record.as_slice()) != row.hash {
+            return Err(changed());
+        }
+        self.read(&record)
+            .map_err(|error| error.in_file(&self.path))
+    }
+
+    /// Reads a row.
+    fn read(&self, record: &StringRecord) -> Result<Case, InputError> {
+        let folder = self.path.parent().unwrap_or(Path::new(""));
         let line = record.position().map_or(1, csv::Position::line);
         let row: ManifestLine = record
-            .deserialize(Some(&header))
-            .map_err(|error| unreadable(line, error))?;
+            .deserialize(Some(&self.header))
+            .map_err(|error| unreadable(line, &error))?;
         let fail = |column: &str, found: String, advice: &str| {
             InputError::new(found, advice)
                 .at_line(line)
@@ -94,13 +226,6 @@ fn parse(text: &str, folder: &Path) -> Result<Vec<Case>, InputError> {
                 "case",
                 format!("{:?} is no name of a case", row.case),
                 "use letters, digits, '.', '_' and '-': it is the name of a folder",
-            ));
-        }
-        if !names.insert(row.case.clone()) {
-            return Err(fail(
-                "case",
-                format!("{} comes twice", row.case),
-                "give each case a name of its own",
             ));
         }
         if row.model.is_empty() {
@@ -135,18 +260,29 @@ fn parse(text: &str, folder: &Path) -> Result<Vec<Case>, InputError> {
             .setup
             .parse()
             .map_err(|fault: InputError| fault.at_line(line).in_column("setup"))?;
-        cases.push(Case {
+        Ok(Case {
             layout,
             model: folder.join(&row.model),
             name: row.case,
             recordings,
             holdout,
-        });
+        })
     }
-    if cases.is_empty() {
-        return Err(InputError::new("has no cases", HEADER));
-    }
-    Ok(cases)
+}
+
+fn reader<R: Read>(text: R) -> csv::Reader<R> {
+    csv::ReaderBuilder::new()
+        .trim(csv::Trim::All)
+        .from_reader(text)
+}
+
+fn headers<R: Read>(reader: &mut csv::Reader<R>) -> Result<StringRecord, InputError> {
+    let header = reader.headers().map_err(|error| unreadable(1, &error))?;
+    Ok(header.clone())
+}
+
+fn unreadable(line: u64, error: &csv::Error) -> InputError {
+    InputError::new(format!("cannot be read: {error}"), HEADER).at_line(line)
 }
 
 /// Whether a name can be that of a folder anywhere.
@@ -163,6 +299,45 @@ fn is_name(name: &str) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// The cases of a manifest that stands in this folder.
+    fn parse(text: &str, folder: &Path) -> Result<Vec<Case>, InputError> {
+        let path = folder.join("cases.csv");
+        let [through, again] = [(); 2].map(|()| Cursor::new(text.as_bytes().to_vec()));
+        let mut manifest = Manifest::of(through, again, &path)?;
+        // In any order, as jobs of an array read them.
+        let mut cases: Vec<Case> = (0..manifest.len())
+            .rev()
+            .map(|index| manifest.case(index))
+            .collect::<Result<_, _>>()?;
+        cases.reverse();
+        Ok(cases)
+    }
+
+    #[test]
+    fn a_manifest_that_changes_meanwhile_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("cases.csv");
+        let header = "case,model,recordings\n";
+        std::fs::write(&path, format!("{header}a,m,x.csv\nb,m,y.csv\n")).unwrap();
+        let mut manifest = open(&path).unwrap();
+        assert_eq!(manifest.case(1).unwrap().name, "b");
+        std::fs::write(&path, format!("{header}b,m,y.csv\na,m,x.csv\n")).unwrap();
+        let error = manifest.case(1).unwrap_err().to_string();
+        assert!(
+            error.contains("cases.csv, line 3") && error.contains("changed"),
+            "{error}"
+        );
+    }
+
+    #[test]
+    fn a_row_that_never_ends_is_refused() {
+        let endless = Path::new("/dev/zero");
+        if endless.exists() {
+            let error = open(endless).err().unwrap().to_string();
+            assert!(error.contains("/dev/zero"), "{error}");
+        }
+    }
 
     #[test]
     fn files_are_relative_to_the_manifest_and_holdout_is_optional() {

@@ -192,14 +192,19 @@ fn columns(rows: &[CaseResult]) -> Vec<(&'static str, Cells)> {
     ]
 }
 
+/// Rows that are written at once: verdicts of more would take gigabytes.
+const GROUP: usize = 10_000;
+
 /// Writes the table.
 ///
 /// # Errors
 ///
-/// Errors of the library and of the disk.
-pub fn write(path: &Path, rows: &[CaseResult]) -> anyhow::Result<()> {
-    let columns = columns(rows);
-    let fields = columns
+/// Errors of the rows, the library and the disk.
+pub fn write(
+    path: &Path,
+    rows: impl IntoIterator<Item = anyhow::Result<CaseResult>>,
+) -> anyhow::Result<()> {
+    let fields = columns(&[])
         .iter()
         .map(|(name, cells)| {
             let (physical, logical) = match cells {
@@ -222,8 +227,25 @@ pub fn write(path: &Path, rows: &[CaseResult]) -> anyhow::Result<()> {
         Arc::new(schema),
         Arc::new(WriterProperties::default()),
     )?;
+    let mut rows = rows.into_iter();
+    loop {
+        let some: Vec<CaseResult> = rows.by_ref().take(GROUP).collect::<Result<_, _>>()?;
+        if some.is_empty() {
+            break;
+        }
+        write_group(&mut writer, &columns(&some))?;
+    }
+    let bytes = writer.into_inner()?;
+    Ok(write_atomically(path, &bytes)?)
+}
+
+/// Writes the cells of some rows.
+fn write_group(
+    writer: &mut SerializedFileWriter<Vec<u8>>,
+    columns: &[(&str, Cells)],
+) -> anyhow::Result<()> {
     let mut group = writer.next_row_group()?;
-    for (_, cells) in &columns {
+    for (_, cells) in columns {
         let mut column = group
             .next_column()?
             .context("as many columns as in the schema")?;
@@ -246,8 +268,7 @@ pub fn write(path: &Path, rows: &[CaseResult]) -> anyhow::Result<()> {
         column.close()?;
     }
     group.close()?;
-    let bytes = writer.into_inner()?;
-    Ok(write_atomically(path, &bytes)?)
+    Ok(())
 }
 
 /// The values that are there, and for each cell whether it is.
@@ -289,7 +310,7 @@ mod tests {
         ];
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("results.parquet");
-        write(&path, &rows).unwrap();
+        write(&path, rows.into_iter().map(Ok)).unwrap();
         let reader = SerializedFileReader::new(std::fs::File::open(&path).unwrap()).unwrap();
         let read: Vec<_> = reader
             .get_row_iter(None)

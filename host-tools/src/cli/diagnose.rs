@@ -152,7 +152,7 @@ fn share(text: &str) -> Result<Share, String> {
 }
 
 fn run_batch(args: &Args, path: &Path, out: &Path) -> anyhow::Result<()> {
-    let all = manifest::read(path)?;
+    let mut all = manifest::open(path)?;
     let settings = batch::Settings {
         layout: args.input.layout(),
         seed: args.seed,
@@ -163,10 +163,11 @@ fn run_batch(args: &Args, path: &Path, out: &Path) -> anyhow::Result<()> {
         budget: args.budget.map(Budget::Time),
     };
     let Share { index, of } = args.share.unwrap_or(Share { index: 0, of: 1 });
-    let cases: Vec<_> = all.iter().skip(index).step_by(of).collect();
-    let width = cases.iter().map(|case| case.name.len()).max().unwrap_or(0);
+    let mine: Vec<usize> = (index..all.len()).step_by(of).collect();
+    let width = all.longest_name();
     let (mut failed, mut warned) = (Vec::new(), Vec::new());
-    for (number, case) in (1..).zip(&cases) {
+    for (number, &place) in (1..).zip(&mine) {
+        let case = &all.case(place)?;
         let clock = Instant::now();
         let outcome = batch::diagnose(case, out, &settings)?;
         let seconds = clock.elapsed().as_secs_f64();
@@ -188,24 +189,24 @@ fn run_batch(args: &Args, path: &Path, out: &Path) -> anyhow::Result<()> {
         };
         super::print(&format!(
             "{number}/{} {:<width$}  {said}\n",
-            cases.len(),
+            mine.len(),
             case.name
         ))?;
     }
     if args.share.is_none() {
-        let rows: Vec<_> = all
-            .iter()
-            .map(|case| results::CaseResult::read(out, case))
-            .collect();
         let table = out.join("results.parquet");
-        results::write(&table, &rows)?;
-        super::print(&format!("{} cases in {}\n", rows.len(), table.display()))?;
+        let rows = (0..all.len()).map(|place| {
+            let case = all.case(place)?;
+            Ok(results::CaseResult::read(out, &case))
+        });
+        results::write(&table, rows)?;
+        super::print(&format!("{} cases in {}\n", all.len(), table.display()))?;
     }
     if let Some(first) = warned.first() {
         super::warn(&format!(
             "{} of {} cases have recordings that are not complete or odd in another way; what was said of the first stands in {}",
             warned.len(),
-            cases.len(),
+            mine.len(),
             first.display()
         ));
     }
@@ -215,13 +216,13 @@ fn run_batch(args: &Args, path: &Path, out: &Path) -> anyhow::Result<()> {
             anyhow::bail!(
                 "{} of {} cases could not be diagnosed, for the reasons above",
                 failed.len(),
-                cases.len()
+                mine.len()
             )
         }
         [first, ..] => anyhow::bail!(
             "{} of {} cases could not be diagnosed; the first says why in {}",
             failed.len(),
-            cases.len(),
+            mine.len(),
             first.display()
         ),
     }
