@@ -23,6 +23,7 @@ pub mod line;
 mod port;
 pub mod record;
 pub mod rig_file;
+mod virtual_rigs;
 mod worker;
 
 pub use client::{Counters, Event, Link, Received, Timing};

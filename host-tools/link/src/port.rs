@@ -12,6 +12,7 @@ use serde::Serialize;
 use serialport::{ErrorKind, SerialPort as _, SerialPortType};
 
 use super::holders::{Holder, holders};
+use super::virtual_rigs::{VirtualRig, virtual_rigs};
 use softrig_formats::error::InputError;
 
 /// Bits a second.
@@ -265,9 +266,28 @@ pub struct PortFound {
     pub looks_like_a_board: bool,
     /// Whether this user may open it.
     pub accessible: bool,
+    /// Whether a simulated rig is behind it.
+    pub simulated: bool,
 }
 
-/// Lists the serial ports.
+impl From<VirtualRig> for PortFound {
+    fn from(rig: VirtualRig) -> Self {
+        let name = rig.port.display().to_string();
+        Self {
+            accessible: is_accessible(&name),
+            name,
+            product: Some(format!("virtual rig (process {})", rig.pid)),
+            manufacturer: None,
+            vendor_id: None,
+            product_id: None,
+            serial_number: None,
+            looks_like_a_board: false,
+            simulated: true,
+        }
+    }
+}
+
+/// Lists the serial ports, and those of the virtual rigs that run.
 ///
 /// # Errors
 ///
@@ -285,6 +305,7 @@ pub fn ports() -> Result<Vec<PortFound>, InputError> {
         .map(|port| describe(&port))
         .collect();
     found.sort_by(|a, b| (!a.looks_like_a_board, &a.name).cmp(&(!b.looks_like_a_board, &b.name)));
+    found.extend(virtual_rigs().into_iter().map(PortFound::from));
     Ok(found)
 }
 
@@ -307,6 +328,7 @@ fn describe(port: &serialport::SerialPortInfo) -> PortFound {
         product_id: usb.map(|usb| format!("{:04x}", usb.pid)),
         serial_number: usb.and_then(|usb| usb.serial_number.clone()),
         looks_like_a_board: usb.is_some_and(|usb| looks_like_a_board(usb.vid, usb.pid)),
+        simulated: false,
     }
 }
 

@@ -298,6 +298,8 @@ fn is_name(name: &str) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use std::io::Write;
+
     use super::*;
 
     /// The cases of a manifest that stands in this folder.
@@ -328,6 +330,24 @@ mod tests {
             error.contains("cases.csv, line 3") && error.contains("changed"),
             "{error}"
         );
+    }
+
+    #[test]
+    fn a_manifest_may_be_larger_than_a_text_that_is_read_whole() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("cases.csv");
+        let file = "a_recording_with_a_long_name.csv;".repeat(30_000);
+        let mut out = std::io::BufWriter::new(File::create(&path).unwrap());
+        writeln!(out, "case,model,recordings").unwrap();
+        for number in 0..70 {
+            writeln!(out, "c{number},m.toml,{file}").unwrap();
+        }
+        drop(out);
+        assert!(std::fs::metadata(&path).unwrap().len() > 64 << 20);
+        let mut manifest = open(&path).unwrap();
+        assert_eq!(manifest.len(), 70);
+        let case = manifest.case(69).unwrap();
+        assert_eq!((case.name.as_str(), case.recordings.len()), ("c69", 30_000));
     }
 
     #[test]

@@ -62,6 +62,9 @@ pub struct Args {
 
 /// The board extrapolates its table by this share of the range of counts.
 const BEYOND: f32 = 0.2;
+/// Where a table should begin that lets an actuator swing past its rest: that of a new board has a
+/// point there.
+const BELOW_REST_DEG: f32 = -15.0;
 
 /// Number of averaged readings: one second.
 const READINGS: usize = 20;
@@ -130,6 +133,9 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     points.sort_by(|a, b| a.angle_deg.total_cmp(&b.angle_deg));
     super::print(&table(zero, &points))?;
     check_table(&points)?;
+    if let Some(warning) = short_below_rest(&points) {
+        super::warn(&warning);
+    }
     let mut wanted = assignments(zero, &points);
     wanted.extend(limits(&points, &settings, args.lower_limits)?);
     if args.dry_run {
@@ -394,15 +400,35 @@ fn ends(values: impl Iterator<Item = f32>) -> (f32, f32) {
     )
 }
 
-/// The largest angle that the board can read with a table: the last segment is
-/// extrapolated by a share of the range of counts.
-fn reach(points: &[Point]) -> f32 {
-    let [.., before, last] = points else {
-        return f32::NAN;
-    };
+/// The smallest and the largest angle that the board can read with a table: the first and the
+/// last segment are extrapolated by a share of the range of counts.
+fn reach(points: &[Point]) -> (f32, f32) {
     let (least, most) = ends(points.iter().map(|point| point.counts));
-    let slope = (last.angle_deg - before.angle_deg) / (last.counts - before.counts).abs();
-    last.angle_deg + slope * BEYOND * (most - least)
+    let beyond = |from: Option<&Point>, to: Option<&Point>| match (from, to) {
+        (Some(from), Some(to)) => {
+            let slope = (to.angle_deg - from.angle_deg) / (to.counts - from.counts).abs();
+            to.angle_deg + slope * BEYOND * (most - least)
+        }
+        _ => f32::NAN,
+    };
+    let (first, last) = (points.first(), points.last());
+    let second = points.get(1);
+    let before = points
+        .len()
+        .checked_sub(2)
+        .and_then(|place| points.get(place));
+    (beyond(second, first), beyond(before, last))
+}
+
+/// What to say of a table that an actuator leaves when it swings back past its rest: the board
+/// then takes its flex sensor for faulty, and stops.
+fn short_below_rest(points: &[Point]) -> Option<String> {
+    let (least, _) = reach(points);
+    (least > BELOW_REST_DEG).then(|| {
+        format!(
+            "the table ends at {least:.0}°: an actuator that swings back further stops the rig with a fault of the flex sensor; take points farther apart, or one at {BELOW_REST_DEG}°"
+        )
+    })
 }
 
 /// The board refuses a limit that its sensor cannot read.
@@ -411,7 +437,7 @@ fn limits(
     settings: &Settings,
     lower: bool,
 ) -> Result<Vec<Assignment>, InputError> {
-    let (reach, limit) = (reach(points), settings.number(Key::MaxAngle));
+    let ((_, reach), limit) = (reach(points), settings.number(Key::MaxAngle));
     if reach >= limit {
         return Ok(Vec::new());
     }
@@ -467,6 +493,10 @@ fn table(zero: f32, points: &[Point]) -> String {
                 ((point.angle_deg - line) * 10.0).round() / 10.0 + 0.0
             );
         }
+    }
+    if points.len() > 1 {
+        let (least, most) = reach(points);
+        text += &format!("the board reads from {least:.0}° to {most:.0}° with it\n");
     }
     text.push('\n');
     text
@@ -569,7 +599,7 @@ mod tests {
     #[test]
     fn a_table_must_reach_the_limit_that_stops_the_rig() {
         let points = points(&[600.0, 500.0, 400.0, 300.0]);
-        assert!((reach(&points) - 108.0).abs() < 1e-3);
+        assert!((reach(&points).1 - 108.0).abs() < 1e-3);
         let mut settings = Settings::DEFAULT;
         for (key, value) in [(Key::MaxAngle, 130.0_f32), (Key::SetpointMax, 110.0)] {
             settings.set(key, value.to_bits()).unwrap();
@@ -597,5 +627,19 @@ mod tests {
         assert!(list.contains(&(Key::FlexPoints, 4.0_f32.to_bits())));
         assert!(list.contains(&(Key::FlexCounts(3), 300.0_f32.to_bits())));
         assert!(list.contains(&(Key::FlexCounts(7), 300.0_f32.to_bits())));
+    }
+
+    #[test]
+    fn a_table_says_how_far_it_reaches_below_rest() {
+        // The sensor of a new board: 15° below zero are beyond its points at 0, 30, 60 and 90°.
+        let wide = points(&[668.4, 585.2, 497.9, 411.3]);
+        let (least, most) = reach(&wide);
+        assert!((-21.0..-15.0).contains(&least), "{least}");
+        assert!((105.0..115.0).contains(&most), "{most}");
+        assert_eq!(short_below_rest(&wide), None);
+        assert!(table(102.4, &wide).contains("the board reads from -19° to 108° with it"));
+        let narrow = points(&[668.4, 585.2]);
+        let warning = short_below_rest(&narrow).unwrap();
+        assert!(warning.contains("-6°"), "{warning}");
     }
 }

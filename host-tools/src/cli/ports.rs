@@ -4,7 +4,7 @@ use clap::Parser;
 
 use softrig_link::{PortFound, ports};
 
-/// Lists the serial ports and marks those that look like a Mega.
+/// Lists the serial ports, marks those that look like a Mega, and lists the virtual rigs that run.
 #[derive(Debug, Parser)]
 #[command(after_help = "\
 Examples:
@@ -89,6 +89,7 @@ mod tests {
             serial_number: None,
             looks_like_a_board: true,
             accessible: true,
+            simulated: false,
         };
         let text = table(std::slice::from_ref(&port));
         assert!(text.starts_with("* /dev/ttyACM0"), "{text}");

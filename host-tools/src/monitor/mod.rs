@@ -236,11 +236,26 @@ impl View {
         }
     }
 
-    /// Asks whether the rig shall really move.
+    /// Asks whether the rig shall really move; where the board would refuse, says so instead.
     pub fn ask(&mut self) {
-        self.asking = true;
-        self.message =
-            "run the paper's protocol? The actuator will move. y: yes, any other key: no".into();
+        let refusal = match self.last.map(|sample| sample.state) {
+            _ if !self.connected => Some("the connection is lost"),
+            Some(State::Ready) => None,
+            None => Some("nothing has come from the board yet"),
+            Some(State::Idle) => Some("the rig is not armed: press a, and wait until it is homed"),
+            Some(State::Homing) => Some("the plunger is homing: wait until the rig is ready"),
+            Some(State::Running) => Some("a protocol is running: s stops it"),
+            Some(State::Fault) => {
+                Some("a fault is latched: remove its cause, press c to clear and a to arm")
+            }
+        };
+        self.asking = refusal.is_none();
+        self.message = match refusal {
+            Some(why) => format!("not started: {why}"),
+            None => {
+                "run the paper's protocol? The actuator will move. y: yes, any other key: no".into()
+            }
+        };
     }
 
     /// Whether the question stands; it does not afterwards.

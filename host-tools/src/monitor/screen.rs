@@ -497,6 +497,25 @@ mod tests {
     }
 
     #[test]
+    fn what_the_board_would_refuse_is_not_asked() {
+        for (state, why) in [
+            (State::Idle, "not armed"),
+            (State::Homing, "homing"),
+            (State::Running, "is running"),
+            (State::Fault, "fault is latched"),
+        ] {
+            let mut view = stepped(state, 0, false);
+            view.ask();
+            let text = screen(&view, 120, 40);
+            assert!(text.contains(why) && !text.contains("y: yes"), "{text}");
+            assert!(!view.take_question());
+        }
+        let mut view = View::new("port", "0.1.0");
+        view.ask();
+        assert!(!view.take_question());
+    }
+
+    #[test]
     fn nothing_yet_and_no_readings_are_no_numbers() {
         let view = View::new("port", "0.1.0");
         let text = screen(&view, 80, 24);
