@@ -249,3 +249,145 @@ fn the_book_has_every_page() {
         "not in docs/SUMMARY.md: {forgotten:?}"
     );
 }
+
+/// Figures that pages quote from others, which benchmarks write.
+#[test]
+fn quoted_figures_are_those_of_the_measured_pages() {
+    let read = |name: &str| fs::read_to_string(root().join(name)).expect("a page");
+    let cells = |line: &str| -> Vec<String> {
+        let cells = line.trim_matches('|').split('|');
+        cells.map(|cell| cell.trim().to_owned()).collect()
+    };
+    let real = read("docs/real.md");
+    let mut table = real.lines().filter(|line| line.starts_with('|')).map(cells);
+    let head = table.next().expect("the table of the rigs");
+    let place = head
+        .iter()
+        .position(|cell| cell.starts_with("diagnosis, s"))
+        .expect("the time of a diagnosis");
+    let seconds: Vec<f64> = table
+        .skip(1)
+        .filter(|row| row.len() == head.len())
+        .map(|row| {
+            row[place]
+                .split(' ')
+                .next()
+                .unwrap_or_default()
+                .parse()
+                .expect("seconds")
+        })
+        .collect();
+    let slowest = seconds.iter().copied().fold(0.0, f64::max).ceil();
+    let row = |page: &str, start: &str, cell: usize| -> f64 {
+        let text = read(page);
+        // The last of several sets on a page.
+        let line = text.lines().rfind(|line| line.starts_with(start));
+        let line = line.unwrap_or_else(|| panic!("{page} has no row {start}"));
+        cells(line)[cell].parse().expect("a number")
+    };
+    let session = row("docs/blind.md", "| wall time a case, median (s)", 1);
+    let longest = row("docs/blind.md", "| wall time a case, worst (s)", 1);
+    let thousand = row("docs/benchmarks.md", "| 1 000 |", 1);
+    let figures = [
+        (format!("at most {slowest} s for each of"), "README.md"),
+        (
+            format!("at most {slowest} s for each of"),
+            "docs/book/your-recordings.md",
+        ),
+        (format!("a median of {session:.0} s"), "README.md"),
+        (
+            format!("a median of {session:.0} s"),
+            "docs/book/your-recordings.md",
+        ),
+        (
+            format!("at most {longest:.0} s for bench"),
+            "docs/book/your-recordings.md",
+        ),
+        (
+            format!("{thousand} s for [a thousand recordings]"),
+            "README.md",
+        ),
+        (
+            format!("{thousand} s for a thousand short recordings"),
+            "docs/book/your-recordings.md",
+        ),
+    ];
+    let count = [
+        "no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine",
+    ];
+    let rigs = format!("[{} real rigs]", count[seconds.len()]);
+    let rigs = ["README.md", "docs/book/your-recordings.md"].map(|page| (rigs.clone(), page));
+    for (figure, page) in figures.into_iter().chain(rigs) {
+        let text = read(page).split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(text.contains(&figure), "{page} does not say: {figure}");
+    }
+    // The image, from the file that `cargo xtask size --accept` writes beside the table.
+    let golden = read("firmware/size.txt");
+    for line in golden.lines().filter(|line| !line.starts_with('#')) {
+        let (name, value) = line.split_once(' ').expect("a figure");
+        let digits = value.strip_suffix(".0").unwrap_or(value);
+        let shown = match digits.len() {
+            4 if !digits.contains('.') => format!("{} {}", &digits[..1], &digits[1..]),
+            6 if !digits.contains('.') => format!("{} {}", &digits[..3], &digits[3..]),
+            _ => digits.to_owned(),
+        };
+        let unit = if name.ends_with("percent") {
+            " %"
+        } else {
+            " bytes"
+        };
+        let cell = format!("| {shown}{unit} |");
+        assert!(read("docs/benchmarks.md").contains(&cell), "{name}: {cell}");
+    }
+}
+
+/// The version of the workspace is the newest of the changelog, every crate has it, and the page
+/// on what is stable names the versions of files, JSON and wire that the code has.
+#[test]
+fn a_version_is_the_same_everywhere() {
+    let read = |name: &str| fs::read_to_string(root().join(name)).expect(name);
+    let workspace: toml::Table = read("Cargo.toml").parse().expect("TOML");
+    let package = &workspace["workspace"]["package"];
+    let version = package["version"].as_str().expect("a version");
+    let changelog = read("CHANGELOG.md");
+    let mut versions = changelog
+        .lines()
+        .filter_map(|line| line.strip_prefix("## "))
+        .map(|heading| heading.split(' ').next().unwrap_or_default());
+    assert_eq!(versions.next(), Some("Unreleased"));
+    assert_eq!(versions.next(), Some(version));
+    let members = workspace["workspace"]["members"]
+        .as_array()
+        .expect("members");
+    for member in members {
+        let path = format!("{}/Cargo.toml", member.as_str().expect("a folder"));
+        let member: toml::Table = read(&path).parse().expect("TOML");
+        let inherits = member["package"]["version"].get("workspace");
+        assert_eq!(
+            inherits.and_then(toml::Value::as_bool),
+            Some(true),
+            "{path}"
+        );
+    }
+    let stable = read("docs/stability.md");
+    let json = softrig::diagnose::verdict::SCHEMA;
+    for row in [
+        format!(
+            "| the [serial protocol](serial.md) | {} |",
+            wire::reply::VERSION
+        ),
+        format!("`results.parquet` | `\"schema\": {json}` |"),
+        format!("Version {version} is"),
+    ] {
+        assert!(stable.contains(&row), "{row}");
+    }
+}
+
+/// Whoever forks the repository runs what everybody runs.
+#[test]
+fn continuous_integration_is_the_command_that_everybody_runs() {
+    let read = |name: &str| fs::read_to_string(root().join(name)).expect(name);
+    let workflow = read(".github/workflows/ci.yml");
+    assert!(workflow.lines().any(|line| line.trim() == "- run: .ci/run"));
+    assert!(read(".ci/run").contains("exec cargo xtask test"));
+}

@@ -46,7 +46,7 @@ Examples:
   rig init --recording step.csv
   rig init --recording step60.csv step90.csv --material \"Dragon Skin 20\" -o model.toml
   rig init --material \"Ecoflex 00-30\" --length-mm 94 --width-mm 30 --height-mm 24 --dry-run
-  rig init --recording motor.csv --time-in ms --name \"motor, V to degrees\"")]
+  rig init --recording motor.csv --units time=ms --name \"motor, V to degrees\"")]
 pub struct Args {
     /// Recordings to identify the parameters from
     #[arg(long, value_name = "REC.csv", num_args = 1..)]
@@ -387,7 +387,7 @@ fn ask_about_time(recordings: &[Recording]) {
     const SLOW_S: f64 = 1.0;
     if let Some(slow) = recordings.iter().find(|it| it.interval() >= SLOW_S) {
         super::warn(&format!(
-            "{}: there are {} s between samples; if the times are milliseconds, add --time-in ms",
+            "{}: there are {} s between samples; if the times are milliseconds, add --units time=ms",
             slow.path.display(),
             short(slow.interval())
         ));

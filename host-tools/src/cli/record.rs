@@ -34,7 +34,8 @@ use softrig_link::{Event, Link, LinkError, SerialConnector, Timing, is_pseudo_te
 ///
 /// Every received line is written at once: a pulled cable, Ctrl-C or a crash loses
 /// nothing that was received. Ctrl-C stops the pump first. When the cable is plugged
-/// in again the recording goes on, with the gap marked.
+/// in again, a recording without a protocol goes on, with the gap marked. A protocol
+/// ends: the board stopped the rig when the computer fell silent.
 #[derive(Debug, Parser)]
 #[command(group(ArgGroup::new("what").args(["protocol", "seconds"])))]
 #[command(after_help = "\

@@ -10,6 +10,7 @@ mod columns;
 #[path = "../common/mod.rs"]
 mod common;
 mod diagnose;
+mod documents;
 mod export;
 mod formats;
 mod hostile;
