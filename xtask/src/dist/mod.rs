@@ -37,7 +37,13 @@ const IMAGE: &str = "softrig-mega2560";
 const COMPLETIONS: [(&str, &str); 3] = [("bash", "rig"), ("zsh", "_rig"), ("fish", "rig.fish")];
 
 /// Files of the repository that go along.
-const TEXTS: [&str; 4] = ["README.md", "CHANGELOG.md", "LICENSE-MIT", "LICENSE-APACHE"];
+const TEXTS: [&str; 5] = [
+    "README.md",
+    "CHANGELOG.md",
+    "Containerfile",
+    "LICENSE-MIT",
+    "LICENSE-APACHE",
+];
 
 /// Name of the list of checksums, in an archive and beside the archives.
 const CHECKSUMS: &str = "SHA256SUMS";
