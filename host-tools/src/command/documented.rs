@@ -9,7 +9,7 @@ use clap::error::ErrorKind;
 
 use super::Cli;
 
-#[path = "../tests/common/pages.rs"]
+#[path = "../../tests/common/pages.rs"]
 mod pages;
 
 use pages::{blocks, command_lines, words};
