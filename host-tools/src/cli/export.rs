@@ -147,14 +147,13 @@ pub fn exported(
         Target::Modelica => Language::Modelica,
         Target::Matlab if identifier(name) != name => {
             return Err(InputError::new(
+                "is no name of a MATLAB function, which a file has to be named after",
                 format!(
-                    "{name}.m is no name of a MATLAB function, which a file has to be named after"
-                ),
-                format!(
-                    "use letters, digits and underscores: {}.m",
+                    "use letters, digits and underscores: -o {}.m",
                     identifier(name)
                 ),
-            ));
+            )
+            .in_file(Path::new(&format!("{name}.m"))));
         }
         Target::Matlab => Language::Matlab,
         Target::Fmu => {

@@ -127,7 +127,7 @@ pub(crate) struct FitResult {
     /// Zeros of the sensors.
     nuisance: Zeros,
     /// Profile likelihoods of the free parameters; absent where they were not asked for.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     profiles: Vec<Profiled>,
     /// Whether the fit met its tolerance.
     converged: bool,
