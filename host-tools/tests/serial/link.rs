@@ -240,10 +240,22 @@ fn the_port_is_named_once_for_all_commands() {
         .assert()
         .code(2)
         .stderr(contains("no port is named").and(contains("RIG_PORT")));
-    bench.line(monitor).env("RIG_PORT", &port).assert().success();
-    let measured = "board = \"simulated\"\n[clock]\nfactor = 1.0\nstandard_error = 1e-5\nseconds = 60.0\n";
-    bench.put("rig.toml", format!("schema = 1\nport = \"{port}\"\n{measured}"));
-    bench.line(monitor).env_remove("RIG_PORT").assert().success();
+    bench
+        .line(monitor)
+        .env("RIG_PORT", &port)
+        .assert()
+        .success();
+    let measured =
+        "board = \"simulated\"\n[clock]\nfactor = 1.0\nstandard_error = 1e-5\nseconds = 60.0\n";
+    bench.put(
+        "rig.toml",
+        format!("schema = 1\nport = \"{port}\"\n{measured}"),
+    );
+    bench
+        .line(monitor)
+        .env_remove("RIG_PORT")
+        .assert()
+        .success();
     bench
         .line(monitor)
         .env("RIG_PORT", "nowhere")
