@@ -11,7 +11,7 @@ use crate::{
     avr,
     shell::{Outcome, cargo, has_program, release_build, root, run, target_dir, text},
     simulator::virtual_rig,
-    venv,
+    size, venv,
 };
 
 /// The rival's versions, so that figures can be had again.
@@ -241,64 +241,19 @@ fn python(folder: &Path) -> Outcome<PathBuf> {
     )
 }
 
-/// Counts the cycles of the firmware's inner loops, beside plain C.
+/// Shows the cycles of the firmware's inner loops, beside plain C, and that both computed the same.
 pub fn board() -> Outcome {
     let image = avr::build()?;
-    let rig = virtual_rig()?;
-    let sketch = sketch()?;
-
-    let ours = simulate(&rig, &image, Some("self-test: done"))?;
-    let plain = simulate(&rig, &sketch, None)?;
-    let of =
-        |run: &SketchRun, name: &str| run.cycles.iter().find(|(n, _)| n == name).map(|&(_, c)| c);
-    let (Some(pow), Some(step)) = (of(&plain, "power_minimax"), of(&plain, "step_minimax")) else {
-        return Err("the C sketch left no cycle marks".into());
-    };
-
-    println!("\ncycles on the ATmega2560 (16 000 are a millisecond)\n");
-    println!("  {:<34}{:>10}{:>14}", "", "cycles", "of plain C");
-    let row = |name: &str, cycles: u64, rival: u64| {
-        println!(
-            "  {name:<34}{cycles:>10}{:>13.0}%",
-            100.0 * cycles as f64 / rival as f64
-        );
-    };
-    let ours_of = |name: &str| {
-        of(&ours, name).ok_or_else(|| format!("the firmware left no cycle mark for {name}"))
-    };
-    for (label, name, rival) in [
-        ("one power, minimax", "power_minimax", pow),
-        ("one power, micromath", "power_micromath", pow),
-        ("one step, power by micromath", "step_micromath", step),
-        ("one step, power by minimax", "step_minimax", step),
-        ("one step, power by table", "step_table", step),
-    ] {
-        row(label, ours_of(name)?, rival);
-    }
-    let mut effects: Vec<_> = ours
-        .cycles
-        .iter()
-        .filter_map(|(name, cycles)| Some((name.strip_prefix("step_table+")?, *cycles)))
-        .collect();
-    effects.sort_by_key(|&(_, cycles)| cycles);
-    for (effect, cycles) in effects {
-        row(&format!("  with {effect}"), cycles, step);
-    }
-    row(
-        "  with the three most expensive",
-        ours_of("step_dearest")?,
-        step,
-    );
-    row("plain C: one power", pow, pow);
-    row("plain C: one RK4 step", step, step);
-    // What a model at 1 kHz takes of a processor of 16 MHz.
-    let at_1_khz = |cycles: u64| cycles as f64 / 160.0;
+    let Sections {
+        figures,
+        ours,
+        plain,
+    } = sections(&image, &virtual_rig()?)?;
     println!(
-        "\n  at 1 kHz the base model takes {:.1} % of the processor, in plain C {:.0} %",
-        at_1_khz(ours_of("step_table")?),
-        at_1_khz(step)
+        "\n16 000 cycles are a millisecond\n\n{}",
+        size::cycles_table(&figures)
     );
-    println!("\nwhat they computed");
+    println!("what they computed");
     for line in ours
         .said
         .lines()
@@ -309,12 +264,40 @@ pub fn board() -> Outcome {
     println!("  plain C: bits {}", plain.said.trim());
     avr::print_size(&image)?;
     println!("  image: stack {} bytes deep", ours.stack);
-    let avr::Size { flash, static_ram } = avr::size(&sketch)?;
+    let avr::Size { flash, static_ram } = avr::size(&sketch()?)?;
     println!(
         "  plain C: {flash} bytes of flash, {static_ram} bytes of RAM, stack {} bytes deep",
         plain.stack
     );
     Ok(())
+}
+
+/// The self-test of an image and the sketch in C, on the simulated processor.
+pub struct Sections {
+    /// Cycles of every measured section, by the names of the golden file.
+    pub figures: Vec<(String, f64)>,
+    ours: SketchRun,
+    plain: SketchRun,
+}
+
+/// Counts the cycles of the measured sections.
+pub fn sections(image: &Path, rig: &Path) -> Outcome<Sections> {
+    let ours = simulate(rig, image, Some("self-test: done"))?;
+    let plain = simulate(rig, &sketch()?, None)?;
+    let named = |run: &SketchRun, prefix: &str| -> Vec<(String, f64)> {
+        run.cycles
+            .iter()
+            // Sleep is what is left.
+            .filter(|(name, _)| name != "idle")
+            .map(|(name, cycles)| (format!("{prefix}{name}"), *cycles as f64))
+            .collect()
+    };
+    let figures = [named(&ours, size::CYCLES), named(&plain, size::C_CYCLES)].concat();
+    Ok(Sections {
+        figures,
+        ours,
+        plain,
+    })
 }
 
 /// The results of one run of an image.

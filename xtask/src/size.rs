@@ -3,7 +3,8 @@
 //! Flash, static memory and the bound of the stack come from the image, the deepest stack and
 //! processor time from a run on the simulated rig, which is exact to the cycle. Exceeding a budget
 //! always fails. A changed figure may be correct, but must not go unnoticed: it fails too, until
-//! the golden file is updated. The table in `docs/benchmarks.md` is written from that file.
+//! the golden file is updated. So are the cycles of the model's steps, counted in the self-test. The
+//! tables of `docs/benchmarks.md` are written from that file.
 
 use std::{
     fs,
@@ -12,7 +13,7 @@ use std::{
 };
 
 use crate::{
-    avr,
+    avr, bench,
     shell::{Outcome, read, root},
     stack,
 };
@@ -109,20 +110,14 @@ pub fn size(image: &Path, golden: Golden, simulator: &Path) -> Outcome {
     figures.push(("static_ram_bytes".into(), static_ram as f64));
     let bound = stack::bound(&avr::disassembly(image)?)?;
     figures.push(("stack_bound_bytes".into(), bound.bytes as f64));
+    figures.extend(bench::sections(image, simulator)?.figures);
     let path = golden_path();
     if golden == Golden::Accept {
         write(&path, &golden_text(&figures))?;
         let document = document_path();
         let text = fs::read_to_string(&document)
             .map_err(|error| format!("cannot read {}: {error}", document.display()))?;
-        let table = document_table(&figures);
-        let updated = with_table(&text, &table).ok_or_else(|| {
-            format!(
-                "{} has no table that begins with `{TABLE_HEAD}`",
-                document.display()
-            )
-        })?;
-        write(&document, &updated)?;
+        write(&document, &with_tables(&text, &figures)?)?;
     }
     let before = parse(&fs::read_to_string(&path).unwrap_or_default());
     let (report, wrong) = compare(&figures, &before);
@@ -169,6 +164,74 @@ fn document_table(figures: &[(String, f64)]) -> String {
     table
 }
 
+/// How cycles of the image's sections begin in the golden file, and those of the sketch in C.
+pub const CYCLES: &str = "cycles_";
+/// See [`CYCLES`].
+pub const C_CYCLES: &str = "c_cycles_";
+
+/// A section of the base model, as the golden file and the documentation call it.
+const SECTIONS: [(&str, &str); 5] = [
+    ("power_minimax", "one power, minimax"),
+    ("power_micromath", "one power, guarded micromath"),
+    ("step_micromath", "one step, power by micromath"),
+    ("step_minimax", "one step, power by minimax"),
+    ("step_table", "**one step, power by table**"),
+];
+
+/// The section of a step with an effect begins so.
+const WITH_EFFECT: &str = "step_table+";
+
+/// Share of its cycles by which a section may move unnoticed.
+const CYCLES_TOLERANCE: f64 = 0.02;
+
+/// The first line of the document's table of cycles.
+const CYCLES_HEAD: &str = "| on the ATmega2560 | cycles | of plain C |";
+
+/// The document's table of cycles.
+pub fn cycles_table(figures: &[(String, f64)]) -> String {
+    let of = |prefix: &str, name: &str| value(figures, &format!("{prefix}{name}"));
+    let mut table = format!("{CYCLES_HEAD}\n|---|---:|---:|\n");
+    let mut row = |title: &str, name: &str, prefix: &str| {
+        let rival = if name.starts_with("power") {
+            "power_minimax"
+        } else {
+            "step_minimax"
+        };
+        if let (Some(cycles), Some(rival)) = (of(prefix, name), of(C_CYCLES, rival)) {
+            let share = 100.0 * cycles / rival;
+            let cycles = with_unit(cycles, "");
+            table.push_str(&format!("| {title} | {} | {share:.0} % |\n", cycles.trim()));
+        }
+    };
+    for (name, title) in SECTIONS {
+        row(title, name, CYCLES);
+    }
+    let mut effects: Vec<(&str, f64)> = figures
+        .iter()
+        .filter_map(|(name, cycles)| {
+            let name = name.strip_prefix(CYCLES)?.strip_prefix(WITH_EFFECT)?;
+            Some((name, *cycles))
+        })
+        .collect();
+    effects.sort_by(|a, b| a.1.total_cmp(&b.1));
+    for (effect, _) in effects {
+        let title = format!("… with `{effect}`");
+        row(&title, &format!("{WITH_EFFECT}{effect}"), CYCLES);
+    }
+    row(
+        "… with the three most expensive together",
+        "step_dearest",
+        CYCLES,
+    );
+    row("plain C: one power (`pow`)", "power_minimax", C_CYCLES);
+    row(
+        "plain C: one RK4 step, no effects",
+        "step_minimax",
+        C_CYCLES,
+    );
+    table
+}
+
 /// A number with its unit, thousands apart.
 fn with_unit(number: f64, unit: &str) -> String {
     let mut text = number.to_string();
@@ -179,9 +242,26 @@ fn with_unit(number: f64, unit: &str) -> String {
     format!("{text} {unit}")
 }
 
-/// The document with this table in the place of the one that it has.
-fn with_table(document: &str, table: &str) -> Option<String> {
-    let (before, rest) = document.split_once(TABLE_HEAD)?;
+/// The document with the tables of these figures in the places of those that it has.
+fn with_tables(document: &str, figures: &[(String, f64)]) -> Outcome<String> {
+    let mut document = document.to_owned();
+    for (head, table) in [
+        (TABLE_HEAD, document_table(figures)),
+        (CYCLES_HEAD, cycles_table(figures)),
+    ] {
+        document = with_table(&document, head, &table).ok_or_else(|| {
+            format!(
+                "{} has no table that begins with `{head}`",
+                document_path().display()
+            )
+        })?;
+    }
+    Ok(document)
+}
+
+/// The document with this table in the place of the one that begins so.
+fn with_table(document: &str, head: &str, table: &str) -> Option<String> {
+    let (before, rest) = document.split_once(head)?;
     let (_, after) = rest.split_once("\n\n")?;
     Some(format!("{before}{table}\n{after}"))
 }
@@ -228,7 +308,14 @@ fn golden_text(figures: &[(String, f64)]) -> String {
             text.push_str(&format!("{} {value}\n", row.name));
         }
     }
+    for (name, cycles) in figures.iter().filter(|(name, _)| is_cycles(name)) {
+        text.push_str(&format!("{name} {cycles}\n"));
+    }
     text
+}
+
+fn is_cycles(name: &str) -> bool {
+    name.starts_with(CYCLES) || name.starts_with(C_CYCLES)
 }
 
 /// The table, and what is wrong with it.
@@ -271,6 +358,16 @@ fn compare(figures: &[(String, f64)], before: &[(String, f64)]) -> (String, Vec<
             )),
         }
     }
+    for (name, now) in figures.iter().filter(|(name, _)| is_cycles(name)) {
+        let last = value(before, name);
+        if last.is_none_or(|last| (now - last).abs() > CYCLES_TOLERANCE * last) {
+            let last = last.map_or("none".into(), |last| last.to_string());
+            wrong.push(format!(
+                "{name}: {now}, {last} before. If that is meant, `cargo xtask size --accept` and \
+                 commit firmware/size.txt"
+            ));
+        }
+    }
     (report, wrong)
 }
 
@@ -304,8 +401,38 @@ mod tests {
     fn the_document_shows_the_golden_file() {
         let document = fs::read_to_string(document_path()).unwrap();
         let golden = parse(&fs::read_to_string(golden_path()).unwrap());
-        let updated = with_table(&document, &document_table(&golden)).unwrap();
+        let updated = with_tables(&document, &golden).unwrap();
         assert_eq!(document, updated, "`cargo xtask size --accept` writes it");
+    }
+
+    /// The page has no figure of a section that was not measured, and none is missing.
+    #[test]
+    fn the_table_of_cycles_has_every_section_once() {
+        let golden = parse(&fs::read_to_string(golden_path()).unwrap());
+        let sections = golden.iter().filter(|(name, _)| is_cycles(name)).count();
+        // What a call costs by itself is in none of the rows.
+        let without = golden
+            .iter()
+            .filter(|(name, _)| name.ends_with("_nothing"))
+            .count();
+        let rows = cycles_table(&golden).lines().count() - 2;
+        assert!(
+            rows >= 30 && rows + without >= sections,
+            "{rows} of {sections}"
+        );
+    }
+
+    #[test]
+    fn a_step_that_takes_longer_is_told() {
+        let golden = vec![("cycles_step_table".to_owned(), 1_058.0)];
+        let told = |now: f64| {
+            let figures = [("cycles_step_table".to_owned(), now)];
+            compare(&figures, &golden)
+                .1
+                .iter()
+                .any(|it| it.contains("cycles_step_table"))
+        };
+        assert!(!told(1_060.0) && told(1_100.0) && told(1_000.0));
     }
 
     #[test]
