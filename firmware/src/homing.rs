@@ -202,7 +202,9 @@ impl Homing {
             }
             // The search goes on from where it began, so that switches that flicker cannot
             // make it endless.
-            Phase::Search if inputs.retracted_end => self.enter(Phase::Stop, self.from),
+            Phase::Search | Phase::Close if inputs.retracted_end => {
+                self.enter(Phase::Stop, self.from);
+            }
             Phase::Search if -moved > self.longest_search(config) => {
                 return Progress::Failed(Fault::Stall);
             }
@@ -247,7 +249,6 @@ impl Homing {
             {
                 self.enter(Phase::Close, inputs.steps);
             }
-            Phase::Close if inputs.retracted_end => self.enter(Phase::Stop, self.from),
             Phase::Close if -moved > let_go => return Progress::Failed(Fault::Stall),
             Phase::Approach
                 if inputs.steps as f32 * config.volume_per_step >= config.start_volume() =>

@@ -280,7 +280,7 @@ impl Link {
         let sentence = Refusal::LowSupply.sentence();
         let (found, advice) = sentence.split_once(": ").unwrap_or((sentence, ""));
         let supply = match self.machine().map(|machine| machine.supply_mv) {
-            Ok(Some(mv)) => format!(", {:.2} V", f64::from(mv) / 1000.0),
+            Ok(Some(mv)) => format!(" (it is {:.2} V)", f64::from(mv) / 1000.0),
             Ok(None) | Err(_) => String::new(),
         };
         self.late(&format!("nothing was moved: {found}{supply}"), advice)

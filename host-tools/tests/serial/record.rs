@@ -112,6 +112,53 @@ fn a_flex_sensor_that_came_off_is_in_the_recording_and_in_the_summary() {
     assert!((noted - recording.time[from]).abs() < 0.02, "{noted}");
 }
 
+/// A motor with too little torque: the plunger stands less far in than was counted.
+#[test]
+fn steps_that_were_lost_in_a_run_are_in_its_summary() {
+    let bench = Bench::new(Script {
+        speed: 10,
+        ..Script::default()
+    });
+    let said = bench
+        .rig("record --port PORT --protocol two.toml -o well.csv")
+        .ok();
+    said.says("no steps lost");
+    let lost = |file: &str| bench.meta(file)["lost_steps"].as_integer().unwrap();
+    assert!(lost("well.meta.toml").abs() < 17);
+    let heard = bench.board.script().heard.len();
+    let child = bench.start("record --port PORT --protocol two.toml -o run.csv");
+    wait_until("it runs", || {
+        let script = bench.board.script();
+        script.heard[heard..].iter().any(|line| line == "run")
+    });
+    // A thousand microsteps that the counter has and the plunger has not.
+    bench.board.script().plant.zero -= 350.0;
+    let output = child.wait_with_output().unwrap();
+    let said = String::from_utf8(output.stdout).unwrap();
+    assert!(
+        output.status.success() && said.contains("microsteps were lost"),
+        "{said}"
+    );
+    assert!(said.contains("less far in"), "{said}");
+    let found = lost("run.meta.toml");
+    assert!((found - 1_000).abs() < 20, "{found}");
+    // Homing for it is no part of the recording.
+    let text = bench.text("run.csv");
+    let (_, end) = text.rsplit_once("running").unwrap();
+    assert!(!end.contains("homing"));
+}
+
+/// Nothing moves, and the sentence says what the supply is.
+#[test]
+fn a_low_supply_is_told_with_its_value() {
+    let bench = Bench::new(Script::default());
+    bench.board.script().plant.supply_v = 4.4;
+    bench
+        .rig("record --port PORT --protocol two.toml -o run.csv")
+        .failed(1, &["below 4.5 V (it is 4.4", "another cable"]);
+    assert!(!bench.board.heard("run"));
+}
+
 #[test]
 fn steps_are_cut_into_files_when_asked() {
     let bench = Bench::new(Script::default());
