@@ -237,6 +237,7 @@ mod tests {
     }
 
     #[test]
+    #[allow(clippy::float_cmp)] // Settings and constants, to the bit.
     fn the_largest_volume_is_within_the_stroke_or_that_of_the_smallest_syringe() {
         let mut stroke = Stroke::new();
         let (usual, large) = (Settings::DEFAULT, with(&[(Key::MaxVolume, 80_000.0)]));

@@ -123,8 +123,8 @@ fn an_image_that_is_not_as_it_was_built_is_told() {
         .collect();
     *bytes.last_mut().unwrap() ^= 1;
     let sum = bytes.iter().fold(0_u8, |sum, &byte| sum.wrapping_add(byte));
-    let digits: String = bytes.iter().map(|byte| format!("{byte:02X}")).collect();
-    lines[at] = format!(":{digits}{:02X}", sum.wrapping_neg());
+    let digits: Vec<String> = bytes.iter().map(|byte| format!("{byte:02X}")).collect();
+    lines[at] = format!(":{}{:02X}", digits.concat(), sum.wrapping_neg());
     let changed = folder.path().join("changed.hex");
     fs::write(&changed, lines.join("\n") + "\n").unwrap();
     let board = Served::erased(&[]);

@@ -228,7 +228,10 @@ fn no_largest_volume_is_beyond_the_stroke_that_was_measured() {
     // It outlives the power.
     rig.app = App::new(&rig.eeprom, ResetCause::Ordinary);
     assert_eq!(rig.machine().stroke_steps, Some(steps));
-    assert_eq!(rig.app.settings().number(Key::MaxVolume), 56_000.0);
+    assert_eq!(
+        rig.app.settings().bits(Key::MaxVolume),
+        Some(56_000_f32.to_bits())
+    );
 }
 
 /// A syringe that is smaller than `max.ul` said before it was measured: the pump stops before the

@@ -373,8 +373,8 @@ mod tests {
         let count = u8::try_from(bytes.len()).unwrap();
         let all = [&[count, high, low, kind], bytes].concat();
         let sum = all.iter().fold(0_u8, |sum, &byte| sum.wrapping_add(byte));
-        let digits: String = all.iter().map(|byte| format!("{byte:02X}")).collect();
-        format!(":{digits}{:02X}\n", sum.wrapping_neg())
+        let digits: Vec<String> = all.iter().map(|byte| format!("{byte:02X}")).collect();
+        format!(":{}{:02X}\n", digits.concat(), sum.wrapping_neg())
     }
 
     fn stamped(length: u32, checksum: u16) -> Vec<u8> {

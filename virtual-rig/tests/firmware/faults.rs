@@ -734,7 +734,7 @@ fn measuring_the_supply_costs_no_reading() {
     bench.run(5.0);
     let readings = bench.samples[from..].iter().map(|it| it.pressure_kpa);
     assert!(readings.clone().all(|it| it.is_some()));
-    let spread = readings.flatten().map(|it| it.to_f32());
+    let spread = readings.flatten().map(Hundredths::to_f32);
     let most = spread.clone().fold(f32::NEG_INFINITY, f32::max);
     let least = spread.fold(f32::INFINITY, f32::min);
     assert!(most - least < 1.0, "{least} to {most} kPa");
