@@ -27,7 +27,7 @@ fn a_batch_is_shared_resumed_and_collected() {
         .line(&format!("{batch} --share 0/2"))
         .assert()
         .success()
-        .stdout(contains("1/1 first  effect_found: coulomb_friction"));
+        .stdout(contains("1/1 first   effect_found: coulomb_friction"));
     assert!(!bench.path("out/results.parquet").exists());
     let before = bench.contents();
     bench
