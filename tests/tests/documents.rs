@@ -391,3 +391,52 @@ fn continuous_integration_is_the_command_that_everybody_runs() {
     assert!(workflow.lines().any(|line| line.trim() == "- run: .ci/run"));
     assert!(read(".ci/run").contains("exec cargo xtask test"));
 }
+
+/// The texts of a picture.
+fn words_of(picture: &Path) -> Vec<String> {
+    let text = fs::read_to_string(picture).expect("a picture");
+    let document = roxmltree::Document::parse(&text).expect("SVG");
+    let nodes = document.descendants().filter(roxmltree::Node::is_text);
+    nodes
+        .filter_map(|node| node.text())
+        .map(|words| words.trim().to_owned())
+        .collect()
+}
+
+/// A quantity and its unit are written `angle (°)`, as in the names of columns and on the terminal.
+#[test]
+fn pictures_write_units_in_brackets() {
+    let folder = root().join("docs/images");
+    let mut count = 0;
+    for entry in fs::read_dir(&folder).expect("pictures") {
+        let path = entry.expect("pictures").path();
+        if path.extension() != Some(OsStr::new("svg")) {
+            continue;
+        }
+        for words in words_of(&path) {
+            count += usize::from(words.ends_with(')'));
+            let unit = words.rsplit_once(", ").map(|(_, unit)| unit);
+            let bare =
+                unit.is_some_and(|it| ["s", "°", "kPa", "MB", "N", "rad", "ms"].contains(&it));
+            assert!(!bare, "{}: {words}", path.display());
+        }
+    }
+    assert!(count > 30, "only {count} labels have a unit");
+}
+
+/// README, the terminal above it and the picture below it are of one run.
+#[test]
+fn the_demo_is_one_run() {
+    let readme = fs::read_to_string(root().join("README.md")).expect("README.md");
+    let mut sentences = readme
+        .lines()
+        .filter(|line| line.starts_with("The gap shrank from"));
+    let sentence = sentences.next().expect("what the demo ends with");
+    for picture in ["demo.svg", "loop.svg"] {
+        let words = words_of(&root().join("docs/images").join(picture));
+        assert!(
+            words.iter().any(|it| it == sentence),
+            "{picture}: {sentence}"
+        );
+    }
+}
