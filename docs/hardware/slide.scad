@@ -35,6 +35,7 @@ hard_stop_behind = 2;
 // ---- Frame
 plate = 10;
 motor_plate_thickness = 8;
+screw_from = 26;         // in the coupling, 2 mm from the motor's shaft of 24 mm
 thrust_plate_at = 40;
 thrust_bearing = 5;      // F8-16M
 collar = 9;
@@ -56,7 +57,7 @@ area = PI * bore * bore / 4;
 ul_per_microstep = area / microsteps_per_mm;
 syringe_ml = area * stroke / 1000;
 rod_length = syringe_plate_at + plate;
-screw_length = syringe_plate_at + 7 - 23;   // from inside the coupling into the 608 bearing
+screw_length = syringe_plate_at + 7 - screw_from;   // into the 608 bearing
 echo(microsteps_per_mm = microsteps_per_mm, ul_per_microstep = ul_per_microstep,
      syringe_ml = syringe_ml, rod_length = rod_length, screw_length = screw_length,
      retracted_at = retracted_at, syringe_plate_at = syringe_plate_at);
@@ -99,7 +100,7 @@ module syringe_plate() {
     difference() {
         outline(); rods(rod); foot();
         on_screw() circle(d = 22.1);                       // 608
-        on_axis() { circle(d = barrel + 0.6); around(flange_width + 8, 4.3, 90); }
+        on_axis() { circle(d = barrel + 0.6); around(flange_width + 8, 4.3, 45); }
     }
 }
 module saddle() {
@@ -125,7 +126,7 @@ module all() {
     along(syringe_plate_at, plate) syringe_plate();
     along(syringe_plate_at + plate + 70, plate) saddle();
     color("gray") for (side = [-1, 1]) stick(0, rod_length, rod, side * rod_spacing / 2);
-    color("gray") stick(23, screw_length, screw, 0, screw_below);
+    color("gray") stick(screw_from, screw_length, screw, 0, screw_below);
     color("lightblue", 0.5) stick(syringe_plate_at, barrel_length, barrel);
     color("white") stick(retracted_at + shown_mm + carriage_length,
                          plunger_rest + stroke, 12);
