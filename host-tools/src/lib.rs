@@ -1,6 +1,6 @@
-//! The `rig` command: what its arguments mean, and how results become reports, pictures and code
-//! in other languages. Fits and verdicts come from `softrig`, files from `softrig_formats`, the
-//! board's answers from `softrig_link`.
+//! The `rig` command: what its arguments mean, and how results become files and code
+//! in other languages. Fits and verdicts come from `softrig`, pictures and reports from
+//! `softrig_report`, files from `softrig_formats`, the board's answers from `softrig_link`.
 #![forbid(unsafe_code)]
 // A room's first page names its modules, also those that no other crate sees.
 #![allow(rustdoc::private_intra_doc_links)]
@@ -13,5 +13,3 @@ pub mod command;
 mod commission;
 pub mod export;
 mod monitor;
-pub mod plot;
-pub mod report;

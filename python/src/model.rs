@@ -6,7 +6,6 @@ use std::sync::Arc;
 use host_tools::cli::export::{Exported, Target, exported};
 use host_tools::cli::output::{self, FileKind, Output};
 use host_tools::export::Defaults;
-use host_tools::report::provenance::{MODEL, Source};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use softrig_formats::error::{InputError as Fault, write_atomically};
@@ -14,6 +13,7 @@ use softrig_formats::model_file::{
     ModelFile, from_file_units, parameter_unit, parameters, to_file_units,
 };
 use softrig_formats::numbers::tidy;
+use softrig_report::provenance::{MODEL, Source};
 
 use crate::fault::{OrRaise, warn};
 

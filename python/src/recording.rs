@@ -3,7 +3,6 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use host_tools::report::provenance::{FITTED, Source};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyDict, PyString};
@@ -12,6 +11,7 @@ use softrig_formats::columns::{self, ATMOSPHERE_KPA, Columns, Layout, Names};
 use softrig_formats::error::InputError as Fault;
 use softrig_formats::recording::{self, Column, Meta, PASCAL_PER_KPA, check_distinct};
 use softrig_formats::setup::Setup;
+use softrig_report::provenance::{FITTED, Source};
 
 use crate::fault::{OrRaise, raised, warn};
 use crate::frame;

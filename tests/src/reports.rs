@@ -7,11 +7,6 @@
 
 use std::path::{Path, PathBuf};
 
-use host_tools::report::Outputs;
-use host_tools::report::content::Content;
-use host_tools::report::html::page;
-use host_tools::report::provenance::Provenance;
-use host_tools::report::terminal::summary;
 use model_core::catalogue::Kind;
 use softrig::diagnose::candidates::{Candidate, Untried};
 use softrig::diagnose::finding::{Explanation, Finding};
@@ -20,6 +15,11 @@ use softrig::diagnose::verdict::{Answer, Strength};
 use softrig::diagnose::{Diagnosis, Request};
 use softrig::synth::example::{Example, Hidden, make};
 use softrig_formats::protocol_file::ProtocolFile;
+use softrig_report::Outputs;
+use softrig_report::content::Content;
+use softrig_report::html::page;
+use softrig_report::provenance::Provenance;
+use softrig_report::terminal::summary;
 use wire::protocol::Named;
 
 use crate::Case;

@@ -8,11 +8,11 @@
 
 use std::path::PathBuf;
 
-use host_tools::plot::{Figure, Panel, Series, Style, to_svg_string};
 use model_core::material::{Material, TABLE_I};
 use softrig_materials::curve::{Measure, TensileCurve};
 use softrig_materials::fit::{Choice, Modulus, Residual, fit};
 use softrig_materials::table_row;
+use softrig_report::plot::{Figure, Panel, Series, Style, to_svg_string};
 
 /// The files of the ten materials, in the order of Table I.
 const FILES: [&str; 10] = [

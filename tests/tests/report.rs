@@ -6,11 +6,11 @@ use std::fs;
 use std::path::Path;
 use std::sync::LazyLock;
 
-use host_tools::report::Outputs;
-use host_tools::report::content::Notice;
-use host_tools::report::terminal::summary;
 use scraper::{ElementRef, Html, Selector};
 use softrig::diagnose::verdict::Answer;
+use softrig_report::Outputs;
+use softrig_report::content::Notice;
+use softrig_report::terminal::summary;
 use softrig_tests::reports::{EVIL, EVIL_MODEL, Report, of_every_kind};
 
 static REPORTS: LazyLock<Vec<Report>> = LazyLock::new(|| {

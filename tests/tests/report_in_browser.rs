@@ -16,9 +16,9 @@ use headless_chrome::protocol::cdp::Emulation::SetDeviceMetricsOverride;
 use headless_chrome::protocol::cdp::Page::CaptureScreenshot;
 use headless_chrome::protocol::cdp::types::Event;
 use headless_chrome::{Browser, LaunchOptions, Tab};
-use host_tools::report::pictures::{NOMINAL, REFITTED};
 use serde_json::{Value, json};
 use softrig::diagnose::verdict::Answer;
+use softrig_report::pictures::{NOMINAL, REFITTED};
 use softrig_tests::reports::{Report, of_every_kind};
 
 const CHROMIUM: &str = "SOFTRIG_CHROMIUM";

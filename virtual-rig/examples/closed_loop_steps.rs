@@ -7,8 +7,8 @@ use std::path::PathBuf;
 
 use anyhow::Context as _;
 use clap::Parser;
-use host_tools::plot::{Figure, Panel, Series, Style, to_svg_string};
 use softrig_formats::error::write_atomically;
+use softrig_report::plot::{Figure, Panel, Series, Style, to_svg_string};
 
 #[path = "../tests/firmware/bench.rs"]
 #[allow(dead_code)] // The tests use more of it.

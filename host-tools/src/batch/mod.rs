@@ -21,7 +21,6 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use crate::report::provenance::{Provenance, sha256};
 use manifest::Case;
 use softrig::diagnose::{Budget, Progress, Request, diagnose_from};
 use softrig::estimate::checkpoint::Checkpoint;
@@ -31,6 +30,7 @@ use softrig_formats::error::{InputError, write_atomically};
 use softrig_formats::model_file::ModelFile;
 use softrig_formats::own_effects::OwnEffects;
 use softrig_formats::recording::{check_distinct, read_all};
+use softrig_report::provenance::{Provenance, sha256};
 
 /// Where the results of one case are.
 #[derive(Clone, Debug)]

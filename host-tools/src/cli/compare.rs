@@ -13,7 +13,6 @@ use serde::Serialize;
 use super::input::InputArgs;
 use super::json::{JsonArgs, SCHEMA};
 use super::output::{self, FileKind, Output};
-use crate::plot::{Figure, Mark, Panel, Role, Series, Style, write_svg};
 use softrig::comparison::{Comparison, Repeats, average, check_comparable, deviation};
 use softrig::estimate::assemble::assemble;
 use softrig_formats::columns::Layout;
@@ -21,6 +20,7 @@ use softrig_formats::error::{InputError, write_atomically};
 use softrig_formats::model_file::ModelFile;
 use softrig_formats::numbers::tidy;
 use softrig_formats::recording::read_all;
+use softrig_report::plot::{Figure, Mark, Panel, Role, Series, Style, write_svg};
 
 /// Compares models with recordings: RMS error for each set-point, against the
 /// mean of the repeats.

@@ -10,17 +10,17 @@ use super::json::JsonArgs;
 use super::output::{self, FileKind, Output};
 use super::watch::Watched;
 use crate::batch::{self, Folder, Outcome, manifest, results};
-use crate::report::Outputs;
-use crate::report::content::Content;
-use crate::report::html::page;
-use crate::report::pictures::figure;
-use crate::report::provenance::{Provenance, command_line};
-use crate::report::terminal::summary;
 use softrig::diagnose::{Budget, Request, diagnose_from};
 use softrig::estimate::checkpoint::Checkpoint;
 use softrig_formats::error::write_atomically;
 use softrig_formats::own_effects::OwnEffects;
 use softrig_formats::recording::{check_distinct, read_all};
+use softrig_report::Outputs;
+use softrig_report::content::Content;
+use softrig_report::html::page;
+use softrig_report::pictures::figure;
+use softrig_report::provenance::{Provenance, command_line};
+use softrig_report::terminal::summary;
 
 /// Finds where model and recordings disagree, names the missing effect, and
 /// writes the model with the effect added.
@@ -299,7 +299,7 @@ fn run_one(args: &Args, model: &PathBuf) -> anyhow::Result<()> {
         outputs.page = Some(path);
     }
     if let Some(path) = &args.plot {
-        crate::plot::write_svg(path, &figure(&diagnosis))?;
+        softrig_report::plot::write_svg(path, &figure(&diagnosis))?;
         outputs.picture = Some(path);
     }
     if let Some(path) = &args.output {

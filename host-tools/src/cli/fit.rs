@@ -9,7 +9,6 @@ use serde::Serialize;
 use super::input::InputArgs;
 use super::json::{JsonArgs, Parameter, SCHEMA};
 use super::output::{self, FileKind, Output};
-use crate::plot::{Figure, Panel, Series, Style, write_svg};
 use softrig::diagnose::verdict::Zeros;
 use softrig::estimate::Dataset;
 use softrig::estimate::fit::{Fit, Fitter, rms_each};
@@ -19,6 +18,7 @@ use softrig_formats::error::write_atomically;
 use softrig_formats::model_file::{ModelFile, parameter_name, parameter_unit, to_file_units};
 use softrig_formats::numbers::{short, tidy, with_ends};
 use softrig_formats::recording::Recording;
+use softrig_report::plot::{Figure, Panel, Series, Style, write_svg};
 
 /// Fits the free parameters of a model to recordings.
 ///

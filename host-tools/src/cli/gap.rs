@@ -12,11 +12,11 @@ use clap::Parser;
 use super::input::InputArgs;
 use super::json::JsonArgs;
 use super::output::{self, FileKind, Output};
-use crate::plot::{Figure, Panel, Series, Style, write_svg};
 use softrig::board_gap::{BoardGap, GapOf, PredictedRun, predicted_runs};
 use softrig_formats::columns::Layout;
 use softrig_formats::error::InputError;
 use softrig_formats::recording::{check_distinct, read_all};
+use softrig_report::plot::{Figure, Panel, Series, Style, write_svg};
 
 /// Shows the gap between the angle that the board predicts and the angle that
 /// it measures, before and after an upload.

@@ -10,12 +10,12 @@ use serde::Serialize;
 
 use super::json::{JsonArgs, SCHEMA};
 use super::output::{self, FileKind, Output};
-use crate::plot::{Figure, Panel, Series, Style, write_svg};
 use softrig::linear::{Linear, Pole, angle_under};
 use softrig_formats::error::{InputError, write_atomically};
 use softrig_formats::model_file::ModelFile;
 use softrig_formats::numbers::{exact, short, tidy};
 use softrig_formats::recording::PASCAL_PER_KPA;
+use softrig_report::plot::{Figure, Panel, Series, Style, write_svg};
 
 /// Linearises a model about a rest: poles, damping, bandwidth, a Bode plot, and the state
 /// space for scipy.signal or MATLAB.

@@ -18,7 +18,6 @@ use super::port::PortArgs;
 use super::record;
 use super::virtual_rig::Companion;
 use super::watch::Watched;
-use crate::report::content::Content;
 use softrig::diagnose::plan::{Limits, Proposal};
 use softrig::diagnose::verdict::Answer;
 use softrig::diagnose::{Diagnosis, Request, diagnose};
@@ -27,6 +26,7 @@ use softrig_formats::error::{InputError, write_atomically};
 use softrig_formats::own_effects::OwnEffects;
 use softrig_formats::recording::{Recording, check_distinct, read_all};
 use softrig_formats::terminal::quoted;
+use softrig_report::content::Content;
 
 /// Makes the experiments that decide: diagnoses, proposes a run, asks you to set up the
 /// rig, records it, and diagnoses all recordings together, until it can tell or nothing

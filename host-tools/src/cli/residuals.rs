@@ -9,9 +9,6 @@ use serde::Serialize;
 use super::input::InputArgs;
 use super::json::{JsonArgs, SCHEMA};
 use super::output::{self, FileKind, Output};
-use crate::plot::{Figure, Mark, Panel, Role, Series, Style, to_svg_string, write_svg};
-use crate::report::correlation::{Correlation, Correlations, Level, RunResiduals};
-use crate::report::html::STYLE;
 use softrig::comparison::check_comparable;
 use softrig::estimate::assemble::assemble;
 use softrig::estimate::filter::Pace;
@@ -21,6 +18,9 @@ use softrig_formats::error::{InputError, write_atomically};
 use softrig_formats::model_file::ModelFile;
 use softrig_formats::numbers::{percent, short};
 use softrig_formats::recording::Recording;
+use softrig_report::correlation::{Correlation, Correlations, Level, RunResiduals};
+use softrig_report::html::STYLE;
+use softrig_report::plot::{Figure, Mark, Panel, Role, Series, Style, to_svg_string, write_svg};
 
 /// Analyses what a model leaves of recordings: is it white, does it go with the pressure, how
 /// does it grow with the time ahead, and how is it distributed?

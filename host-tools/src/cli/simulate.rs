@@ -10,13 +10,13 @@ use super::choice::choice;
 use super::input::InputArgs;
 use super::json::{JsonArgs, SCHEMA};
 use super::output::{self, FileKind, Output};
-use crate::plot::{Figure, Panel, Series, Style, write_svg};
 use softrig::comparison::check_comparable;
 use softrig::estimate::simulation::{ANGLES_DEG, Arithmetic, Drive, HOLDS_S, in_range};
 use softrig_formats::error::write_with_meta;
 use softrig_formats::numbers::tidy;
 use softrig_formats::recording::{PASCAL_PER_KPA, Recording, to_csv};
 use softrig_link::record::meta_path;
+use softrig_report::plot::{Figure, Panel, Series, Style, write_svg};
 
 /// Simulates a model over the pressure of a recording, or over a protocol.
 #[derive(Debug, Parser)]

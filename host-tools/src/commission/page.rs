@@ -6,9 +6,9 @@ use serde::Serialize;
 use softrig_link::commission::{Curve, Measured, Outcome, Result as Finding};
 use softrig_link::rig_file::ClockRate;
 
-use crate::plot::{Figure, Panel, Series, Style, to_inline_svg};
-use crate::report::html::STYLE;
 use softrig_formats::numbers::four_digits;
+use softrig_report::html::STYLE;
+use softrig_report::plot::{Figure, Panel, Series, Style, to_inline_svg};
 
 const TEMPLATE: &str = include_str!("page.html");
 

@@ -1,13 +1,13 @@
 //! A repair that the board cannot run is offered for the computer, and the reason is said.
 
-use host_tools::report::Outputs;
-use host_tools::report::content::Content;
-use host_tools::report::terminal::summary;
 use model_core::actuator::Model;
 use model_core::catalogue::Kind;
 use model_core::predictor;
 use softrig::diagnose::{Progress, Request, Upload, diagnose};
 use softrig::synth::example::Hidden;
+use softrig_report::Outputs;
+use softrig_report::content::Content;
+use softrig_report::terminal::summary;
 
 use crate::steps;
 

@@ -1,6 +1,5 @@
 //! Each finding in the sentence that heads its report.
 
-use host_tools::report::content::sentence;
 use model_core::catalogue::Kind::{self, CoulombFriction, Gravity, Leak, MaxwellBranch};
 use model_core::effects::table::Variable;
 use softrig::diagnose::finding::{Explanation, Finding, NamedKind};
@@ -8,6 +7,7 @@ use softrig::diagnose::verdict::Strength::{self, Explains, Part};
 use softrig::diagnose::{Diagnosis, Progress, Request, diagnose};
 use softrig::synth::example::Hidden;
 use softrig_formats::family::Family;
+use softrig_report::content::sentence;
 
 use crate::steps;
 

@@ -12,11 +12,11 @@ use std::time::{Duration, Instant};
 use std::{fs, thread};
 
 use clap::Parser;
-use host_tools::plot::{Figure, Panel, Series, Style, to_svg_string};
 use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, Normal};
 use rand_pcg::Pcg32;
 use softrig_formats::error::write_atomically;
+use softrig_report::plot::{Figure, Panel, Series, Style, to_svg_string};
 use softrig_tests::process::root;
 
 /// Diagnoses more and more recordings of 10 s and times each diagnosis.

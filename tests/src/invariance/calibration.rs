@@ -6,8 +6,8 @@
 
 use std::fmt::Write as _;
 
-use host_tools::plot::{Figure, Mark, Panel, Role, Series, Style, to_svg_string};
 use serde::Serialize;
+use softrig_report::plot::{Figure, Mark, Panel, Role, Series, Style, to_svg_string};
 
 use super::answer::in_words;
 use super::ask::CaseReplies;

@@ -6,9 +6,9 @@
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use host_tools::plot::{Figure, Mark, Panel, Series, Style, to_svg_string};
 use softrig_formats::error::write_atomically;
 use softrig_formats::recording::Recording;
+use softrig_report::plot::{Figure, Mark, Panel, Series, Style, to_svg_string};
 
 /// One validation run: measured, refitted, repaired, and the errors below. Of several runs,
 /// the one on which the refit misses most.

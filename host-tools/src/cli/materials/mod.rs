@@ -2,6 +2,7 @@
 //! from data sheets.
 
 mod json;
+mod pictures;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -13,13 +14,12 @@ use serde::Serialize;
 use super::choice::choice;
 use super::json::{is_stdout, text_of};
 use super::output::{self, FileKind, Output};
-use crate::plot::materials as pictures;
-use crate::plot::write_svg;
 use softrig_formats::error::{InputError, write_atomically};
 use softrig_materials::curve::{Measure, TensileCurve};
 use softrig_materials::fit::{self, Choice, CurveFit, Estimate, Modulus, Residual};
 use softrig_materials::predictor::{LeaveOneOut, PredictorFit, eight_rows, leave_one_out};
 use softrig_materials::table_row;
+use softrig_report::plot::write_svg;
 
 /// Materials: the paper's table, exponents from tensile curves and data sheets.
 #[derive(Debug, Parser)]

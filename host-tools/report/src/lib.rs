@@ -1,17 +1,23 @@
-//! Reports of a diagnosis: the summary on the terminal, the picture and the HTML page.
+//! What a reader sees of a diagnosis: the summary on the terminal, pictures, and the HTML page.
 //!
 //! [`content`] makes all sentences and rounded numbers once. [`terminal`] prints them,
 //! [`html`] puts them on a page with [`pictures`], and [`provenance`] adds how the page was
 //! made, with the hashes of its files. [`residuals`] analyses the residual by its
 //! [`correlation`], [`confidence`] gives the band of a curve, [`shares`] the explained share
-//! of the error, and [`equation`] sets equations.
+//! of the error, and [`equation`] sets equations. [`plot`] draws all pictures, also those that
+//! belong to no report.
+#![forbid(unsafe_code)]
+// A room's first page names its modules, also those that no other crate sees.
+#![allow(rustdoc::private_intra_doc_links)]
+#![cfg_attr(not(test), warn(clippy::print_stdout, clippy::print_stderr))]
 
 pub(crate) mod confidence;
 pub mod content;
-pub(crate) mod correlation;
+pub mod correlation;
 pub(crate) mod equation;
 pub mod html;
 pub mod pictures;
+pub mod plot;
 pub mod provenance;
 pub(crate) mod residuals;
 pub mod runs;

@@ -9,7 +9,7 @@ use softrig_materials::fit::{Choice, CurveFit, LawFit, Residual, selected};
 use softrig_materials::predictor::{LeaveOneOut, PredictorFit};
 use softrig_materials::table_row;
 
-use super::{Figure, Mark, Panel, Role, Series, Style};
+use softrig_report::plot::{Figure, Mark, Panel, Role, Series, Style};
 
 /// Samples of a tensile curve that are drawn: dots that can be told apart.
 const DOTS: usize = 60;

@@ -27,7 +27,8 @@ use softrig_formats::numbers::{degrees, fit, percent, short};
 use softrig_formats::terminal::printable;
 
 const TEMPLATE: &str = include_str!("assets/template.html");
-pub(crate) const STYLE: &str = include_str!("assets/style.css");
+/// The style of all pages.
+pub const STYLE: &str = include_str!("assets/style.css");
 const SCRIPT: &str = include_str!("assets/script.js");
 
 /// Number of drawn runs; others are in the table only.
@@ -493,7 +494,7 @@ fn noise(diagnosis: &Diagnosis) -> Vec<[String; 2]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::provenance::METADATA;
+    use crate::provenance::METADATA;
 
     #[test]
     fn the_file_of_a_recording_that_was_left_out_says_so() {

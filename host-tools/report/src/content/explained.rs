@@ -2,7 +2,7 @@
 
 use super::sentences::left_over;
 use super::words::titles;
-use crate::report::shares::Explained;
+use crate::shares::Explained;
 use softrig::diagnose::Diagnosis;
 use softrig::diagnose::finding::are_the_same;
 use softrig::diagnose::verdict::Closure;

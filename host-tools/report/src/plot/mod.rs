@@ -10,7 +10,7 @@
 //! # Examples
 //!
 //! ```
-//! use host_tools::plot::{Figure, Panel, Series, Style, to_svg_string};
+//! use softrig_report::plot::{Figure, Panel, Series, Style, to_svg_string};
 //!
 //! let time_s: Vec<f64> = (0..100).map(|i| f64::from(i) * 0.01).collect();
 //! let angle_deg: Vec<f64> = time_s.iter().map(|t| 60.0 * (1.0 - (-5.0 * t).exp())).collect();
@@ -26,7 +26,6 @@ mod canvas;
 mod curves;
 mod layout;
 mod legend;
-pub(crate) mod materials;
 mod panel;
 mod rectangle;
 mod style;

@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use super::explained::of_the_refit;
 use super::words::{probability, titles};
-use crate::report::shares::Explained;
+use crate::shares::Explained;
 use softrig::diagnose::finding::{Finding, are_the_same, names};
 use softrig::diagnose::selection::FittedStructure;
 use softrig::diagnose::{Diagnosis, Request};

@@ -6,7 +6,7 @@ use super::explained::{at_horizons, of_the_refit};
 use super::rivals::likeliest_explains;
 use super::sentences::{best_closed, left_over};
 use super::words::probability;
-use crate::report::shares::Explained;
+use crate::shares::Explained;
 use softrig::diagnose::Diagnosis;
 use softrig::diagnose::finding::Finding;
 use softrig::diagnose::noise::NoiseFloor;

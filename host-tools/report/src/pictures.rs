@@ -13,12 +13,16 @@ use softrig::diagnose::localise::{Feature, ForceMap, Gap, MapAxis};
 use softrig::diagnose::noise::NoiseFloor;
 use softrig::statistics::{rms, swing};
 use softrig_formats::numbers::{degrees, short};
+use softrig_formats::recording::Recording;
 
 /// Height of a row of panels: low enough for a picture in a README.
 pub(super) const ROW_HEIGHT_PX: f64 = 150.0;
 
 /// Width of a picture on the page.
 pub(super) const COLUMN_PX: f64 = 420.0;
+
+/// Width of a picture of which many stand side by side.
+const SMALL_PX: f64 = 300.0;
 
 /// Labels of the curves; the page's switches go by them.
 pub const MEASURED: &str = "measured";
@@ -209,6 +213,24 @@ fn pressure_panel(run: &RunView<'_>) -> Panel {
             &run.pressure,
             style,
         ))
+}
+
+/// A recording as it was read: the angle above, the pressure under it.
+pub fn recording_figure(recording: &Recording) -> Figure {
+    let angle: Vec<f64> = recording.angle.iter().map(|it| it.to_degrees()).collect();
+    let pressure: Vec<f64> = recording.pressure.iter().map(|it| it / 1e3).collect();
+    let style = Style::new(Role::Measured, Mark::Line);
+    let panel = |quantity, weight, label, values: &[f64]| {
+        Panel::new("time (s)", quantity)
+            .with_legend(false)
+            .with_weight(weight)
+            .with_series(Series::new(label, &recording.time, values, style))
+    };
+    let mut figure = column();
+    figure.width_px = SMALL_PX;
+    figure
+        .with_panel(panel("angle (°)", 0.8, MEASURED, &angle))
+        .with_panel(panel("pressure (kPa)", 0.6, PRESSURE, &pressure))
 }
 
 /// One run: angles above, the pressure under them, residuals below. A curve may have a band
