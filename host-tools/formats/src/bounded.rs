@@ -8,7 +8,7 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
 
-use crate::error::{InputError, is_stream_of_shell};
+use crate::error::InputError;
 
 /// The most bytes of a file that is read whole: a model, a protocol, metadata, settings. The
 /// metadata of a session with ten thousand gaps in it have one.
@@ -172,6 +172,7 @@ pub fn too_large(limit: u64) -> InputError {
 pub fn refuse_pipe(path: &Path) -> Result<(), InputError> {
     #[cfg(unix)]
     {
+        use crate::error::is_stream_of_shell;
         use std::os::unix::fs::FileTypeExt;
         let is_pipe = std::fs::metadata(path).is_ok_and(|about| about.file_type().is_fifo());
         if is_pipe && !is_stream_of_shell(path) {

@@ -157,6 +157,15 @@ impl Meta {
         Ok(meta)
     }
 
+    /// Those beside the recording `path`, or else those in it.
+    fn of(beside: Option<&str>, inside: Option<&str>, path: &Path) -> Result<Self, InputError> {
+        match (beside, inside) {
+            (Some(text), _) => Self::parse(text, &meta_beside(path)),
+            (None, Some(text)) => Self::parse(text, path),
+            (None, None) => Ok(Self::default()),
+        }
+    }
+
     /// When the recording began (s since 1970-01-01, UTC); none where that is not
     /// known or no date in UTC.
     pub fn started_unix_s(&self) -> Option<f64> {
@@ -194,12 +203,35 @@ impl Recording {
     ///
     /// Like [`Recording::read`].
     pub fn read_as(path: &Path, layout: &Layout) -> Result<(Self, Vec<String>), InputError> {
-        let (mut recording, warnings) = Self::assemble(formats::read(path, layout)?, path)?;
+        let (recording, warnings) = Self::assemble(formats::read(path, layout)?, path)?;
+        Ok((recording.set_up(layout), warnings))
+    }
+
+    /// Like [`Recording::read_as`], for the bytes of a file and the text of the metadata beside it;
+    /// `path` is only named in messages.
+    ///
+    /// # Errors
+    ///
+    /// Like [`Recording::read`].
+    pub fn of_file(
+        bytes: &[u8],
+        meta: Option<&str>,
+        path: &Path,
+        layout: &Layout,
+    ) -> Result<(Self, Vec<String>), InputError> {
+        let samples = formats::read_bytes(bytes, path, layout)?;
+        let meta = Meta::of(meta, samples.meta.as_deref(), path)?;
+        let (recording, warnings) = Self::with_meta(samples, meta, path);
+        Ok((recording.set_up(layout), warnings))
+    }
+
+    /// How the rig stood, as far as the metadata do not say it.
+    fn set_up(mut self, layout: &Layout) -> Self {
         if layout.setup != Setup::default() {
-            let said = recording.meta.setup.take().unwrap_or_default();
-            recording.meta.setup = Some(said.or(&layout.setup));
+            let said = self.meta.setup.take().unwrap_or_default();
+            self.meta.setup = Some(said.or(&layout.setup));
         }
-        Ok((recording, warnings))
+        self
     }
 
     /// Puts the metadata to the samples of a file, and compares them.
@@ -209,10 +241,14 @@ impl Recording {
     /// Metadata that cannot be read.
     pub fn assemble(samples: Samples, path: &Path) -> Result<(Self, Vec<String>), InputError> {
         let meta = read_meta(path, samples.meta.as_deref())?;
+        Ok(Self::with_meta(samples, meta, path))
+    }
+
+    fn with_meta(samples: Samples, meta: Meta, path: &Path) -> (Self, Vec<String>) {
         let (mut recording, mut warnings) = Self::of(samples, path);
         recording.meta = meta;
         warnings.extend(recording.unlike_its_metadata());
-        Ok((recording, warnings))
+        (recording, warnings)
     }
 
     /// Makes a recording of samples in memory: time, pressure and angle in the units that
@@ -511,12 +547,12 @@ pub fn meta_beside(path: &Path) -> PathBuf {
 /// The metadata beside a recording, or else those in it.
 fn read_meta(path: &Path, inside: Option<&str>) -> Result<Meta, InputError> {
     let beside = meta_beside(path);
-    let (text, file) = match inside {
-        _ if beside.exists() => (read_text(&beside)?, beside.as_path()),
-        Some(text) => (text.to_owned(), path),
-        None => return Ok(Meta::default()),
+    let text = if beside.exists() {
+        Some(read_text(&beside)?)
+    } else {
+        None
     };
-    Meta::parse(&text, file)
+    Meta::of(text.as_deref(), inside, path)
 }
 
 /// A count, also one with a point: other tools write 1200.0.

@@ -17,7 +17,7 @@ use super::output::{self, FileKind, Output};
 use softrig::estimate::assemble::assemble;
 use softrig::estimate::identify::Order;
 use softrig::first_model::{
-    FirstModel, Geometry, Origin, authors_actuator, from_geometry, from_recordings, next_steps,
+    FirstModel, Geometry, Origin, from_nothing, from_recordings, next_steps,
 };
 use softrig_formats::columns::{Columns, Layout, Names};
 use softrig_formats::error::{InputError, is_stream, write_atomically};
@@ -356,28 +356,6 @@ fn identify(known: &Known) -> anyhow::Result<FirstModel> {
     let first = from_recordings(&assembled.data, known.geometry);
     spinner.finish_and_clear();
     Ok(first?)
-}
-
-/// A model without any recording: what is missing is the authors'.
-fn from_nothing(geometry: Option<Geometry>) -> Result<FirstModel, InputError> {
-    let authors = || {
-        authors_actuator().ok_or_else(|| {
-            InputError::new(
-                "the authors' material is not in the table",
-                "give a material",
-            )
-        })
-    };
-    let geometry = match geometry {
-        None => authors()?,
-        Some(geometry) if geometry.dimensions.is_none() => Geometry {
-            dimensions: authors()?.dimensions,
-            assumed: true,
-            ..geometry
-        },
-        Some(geometry) => geometry,
-    };
-    from_geometry(geometry)
 }
 
 /// Warns about times in milliseconds, which only the interval between samples can show: any

@@ -257,15 +257,7 @@ pub fn read(path: &Path, layout: &Layout) -> Result<Samples, InputError> {
         return Err(left_out("Parquet").in_file(path));
     }
     let whole = Cursor::new(start.clone()).chain(file);
-    let packed = path.extension().is_some_and(|it| it == "gz") || start.starts_with(GZIP);
-    if packed {
-        // Files that were appended to have several members.
-        let mut unpacked = flate2::bufread::MultiGzDecoder::new(BufReader::new(whole));
-        let start = start_of(&mut unpacked).map_err(fail)?;
-        let whole = Cursor::new(start.clone()).chain(unpacked);
-        return read_from(&start, whole, path, layout, limits);
-    }
-    read_from(&start, whole, path, layout, limits)
+    read_unpacked(&start, whole, path, layout, limits)
 }
 
 /// Like [`read`], for bytes in memory; `path` is only named in messages.
@@ -281,7 +273,25 @@ pub fn read_bytes(bytes: &[u8], path: &Path, layout: &Layout) -> Result<Samples,
         #[cfg(not(feature = "parquet"))]
         return Err(left_out("Parquet").in_file(path));
     }
-    read_from(bytes, bytes, path, layout, limits)
+    read_unpacked(bytes, bytes, path, layout, limits)
+}
+
+/// Reads what may be packed with gzip.
+fn read_unpacked(
+    start: &[u8],
+    whole: impl Read,
+    path: &Path,
+    layout: &Layout,
+    limits: Limits,
+) -> Result<Samples, InputError> {
+    if path.extension().is_some_and(|it| it == "gz") || start.starts_with(GZIP) {
+        // Files that were appended to have several members.
+        let mut unpacked = flate2::bufread::MultiGzDecoder::new(BufReader::new(whole));
+        let start = start_of(&mut unpacked).map_err(|error| InputError::from_io(path, &error))?;
+        let whole = Cursor::new(start.clone()).chain(unpacked);
+        return read_from(&start, whole, path, layout, limits);
+    }
+    read_from(start, whole, path, layout, limits)
 }
 
 fn read_from(

@@ -74,11 +74,15 @@ fn sheet(
     if let Some(unread) = columns
         .flat_map(RowGroupMetaData::columns)
         .map(ColumnChunkMetaData::compression)
-        .find(|codec| matches!(codec, Compression::LZO))
+        .find(|codec| match codec {
+            Compression::LZO => true,
+            Compression::ZSTD(_) => cfg!(not(feature = "zstd")),
+            _ => false,
+        })
     {
         return Err(InputError::new(
             format!("is compressed with {unread}, which is not read"),
-            "write it again with another compression: pandas with to_parquet(\"run.parquet\", compression=\"zstd\")",
+            "write it again with another compression: pandas with to_parquet(\"run.parquet\", compression=\"snappy\")",
         )
         .in_file(path));
     }

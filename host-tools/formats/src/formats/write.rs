@@ -126,8 +126,10 @@ pub fn bytes(samples: Samples, meta: Option<String>, format: Format) -> anyhow::
         Format::Parquet => super::parquet::write(&sheet),
         #[cfg(feature = "mcap")]
         Format::Mcap => super::mcap::write(&sheet, &about),
-        #[cfg(not(all(feature = "mcap", feature = "parquet")))]
-        Format::Parquet | Format::Mcap => Err(super::left_out(format.ending()).into()),
+        #[cfg(not(feature = "parquet"))]
+        Format::Parquet => Err(super::left_out(format.ending()).into()),
+        #[cfg(not(feature = "mcap"))]
+        Format::Mcap => Err(super::left_out(format.ending()).into()),
     }
 }
 

@@ -6,12 +6,13 @@
 //! shortened then, from their end: what came before a sample is never cut away.
 
 use std::borrow::Cow;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use model_core::actuator::{Model, ParameterId};
 use softrig_formats::numbers::spelled;
 use softrig_formats::recording::Recording;
 
+use crate::clock::Instant;
 use crate::estimate::Dataset;
 use crate::estimate::fit::{Effort, Fitter};
 use crate::estimate::usable::{Concern, Matter};

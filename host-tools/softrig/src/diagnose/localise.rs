@@ -242,16 +242,21 @@ fn features(samples: &[Sample], forces: &[f64]) -> Vec<Feature> {
 
 /// The force over bins of a feature.
 fn curve(samples: &[Sample], column: usize) -> Vec<CurvePoint> {
+    /// Share of the range within which values are equal: how a rate rounds differs from one
+    /// processor to another.
+    const EQUAL: f64 = 1e-9;
     let at = |k: usize| samples[k].features[column];
     let mut order: Vec<usize> = (0..samples.len()).collect();
     order.sort_by(|&a, &b| at(a).total_cmp(&at(b)));
     let width = samples.len().div_ceil(BINS);
+    let ends = order.first().zip(order.last());
+    let equal = ends.map_or(0.0, |(&first, &last)| EQUAL * (at(last) - at(first)));
     let mut curve = Vec::new();
     let mut start = 0;
     while start < order.len() {
         let mut end = (start + width).min(order.len());
         // Equal values share a bin: a sign has only two.
-        while end < order.len() && at(order[end]) <= at(order[end - 1]) {
+        while end < order.len() && at(order[end]) <= at(order[end - 1]) + equal {
             end += 1;
         }
         let bin = &order[start..end];
@@ -547,6 +552,28 @@ mod tests {
         assert_eq!(features[0].name, expected, "{features:?}");
         assert!(features[0].share > 0.8, "{features:?}");
         assert!(gap.sentences.len() >= 2);
+    }
+
+    /// A pressure has few rates, each of them many times, in whichever way it rounds.
+    #[test]
+    fn equal_values_share_a_bin_however_they_round() {
+        let bins = |rounding: f64| -> Vec<(usize, f64)> {
+            let samples: Vec<Sample> = (0..400_u32)
+                .map(|k| {
+                    let rate = f64::from(k % 7) * (1.0 + rounding * f64::from(k % 3));
+                    let mut features = [0.0; NAMES.len()];
+                    features[RATE] = rate;
+                    let force = f64::from(k % 5);
+                    Sample { force, features }
+                })
+                .collect();
+            let bins = curve(&samples, RATE);
+            bins.iter()
+                .map(|bin| (bin.samples, bin.at.round()))
+                .collect()
+        };
+        assert_eq!(bins(0.0).len(), 7);
+        assert_eq!(bins(1e-15), bins(0.0));
     }
 
     #[test]

@@ -5,14 +5,15 @@
 //! effects decides whether combinations are tried. With a [`Budget`], it also tracks when that
 //! is spent and which parts were not done.
 //!
-//! A diagnosis can be asked to stop by [`Progress::stop`]: to the search
-//! ([`super::executor`]) that is a budget that has been spent.
+//! A diagnosis can be asked to stop by [`Progress::stop`], which throws its answer away, or by
+//! [`Progress::enough`], which keeps it: to the search ([`super::executor`]) both are a budget that
+//! has been spent.
 
 use std::collections::BTreeSet;
 use std::fmt;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
-use std::time::{Duration, Instant};
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
+use std::time::Duration;
 
 use model_core::catalogue::Kind;
 
@@ -21,6 +22,7 @@ use super::candidates::Candidate;
 use super::finding::names;
 use super::measure::Measured;
 use super::policy::Policy;
+use crate::clock::Instant;
 use softrig_formats::family::{Family, title};
 use softrig_formats::numbers::duration;
 use softrig_formats::numbers::{degrees, percent};
@@ -32,6 +34,18 @@ pub struct Progress {
     budget: Option<Budget>,
     now: Mutex<Now>,
     stop: AtomicBool,
+    /// The time after which it was enough.
+    enough: OnceLock<Duration>,
+    watcher: Option<Watcher>,
+}
+
+/// What is told that the work goes on.
+struct Watcher(Box<dyn Fn(&Progress) + Send + Sync>);
+
+impl fmt::Debug for Watcher {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Watcher")
+    }
 }
 
 /// The present stage and step.
@@ -104,6 +118,8 @@ impl Default for Progress {
                 undone: BTreeSet::new(),
             }),
             stop: AtomicBool::new(false),
+            enough: OnceLock::new(),
+            watcher: None,
         }
     }
 }
@@ -120,6 +136,15 @@ impl Progress {
     /// The same for work that has begun before.
     pub fn since(self, started: Instant) -> Self {
         Self { started, ..self }
+    }
+
+    /// Tells `watcher` whenever the work asks whether to go on, many times a second: where there
+    /// is one thread only, nothing else can look at the progress or end the work.
+    pub fn watched_by(self, watcher: impl Fn(&Self) + Send + Sync + 'static) -> Self {
+        Self {
+            watcher: Some(Watcher(Box::new(watcher))),
+            ..self
+        }
     }
 
     /// Whether a part of the search may still begin. If not, it is noted as not done.
@@ -147,10 +172,13 @@ impl Progress {
     /// Whether work under way is to end: the time is up, or it was asked to stop. A budget of
     /// fits lets those that have begun end.
     pub fn is_interrupted(&self) -> bool {
+        if let Some(Watcher(watcher)) = &self.watcher {
+            watcher(self);
+        }
         let is_late = self
             .time()
             .is_some_and(|time| self.started.elapsed() >= time);
-        is_late || self.stop.load(Ordering::Relaxed)
+        is_late || self.enough.get().is_some() || self.stop.load(Ordering::Relaxed)
     }
 
     /// The time of the budget, if it is one.
@@ -169,7 +197,8 @@ impl Progress {
     /// The parts that were not done, if the budget has ended the search.
     pub fn ended(&self) -> Option<Ended> {
         let undone = self.undone();
-        let budget = self.budget.filter(|_| !undone.is_empty())?;
+        let enough = self.enough.get().copied().map(Budget::Time);
+        let budget = enough.or(self.budget).filter(|_| !undone.is_empty())?;
         Some(Ended { budget, undone })
     }
 
@@ -178,11 +207,23 @@ impl Progress {
         self.stop.store(true, Ordering::Relaxed);
     }
 
+    /// Ends the search now, as a budget of the time until now does: with a verdict on what was
+    /// tried.
+    pub fn enough(&self) {
+        // In whole seconds, as somebody would give it.
+        let whole = self.started.elapsed().as_secs().max(1);
+        let _ = self.enough.set(Duration::from_secs(whole));
+    }
+
     /// Announces a stage of `planned` fits; 0 if unknown.
     pub fn stage(&self, what: impl Into<String>, planned: usize) {
         let mut now = self.now();
         now.stage = what.into();
         now.begin("", planned);
+        drop(now);
+        if let Some(Watcher(watcher)) = &self.watcher {
+            watcher(self);
+        }
     }
 
     /// Announces a step of the stage, of `planned` fits.
@@ -426,6 +467,23 @@ mod tests {
         assert!(!progress.is_over());
         progress.stop();
         assert!(progress.is_interrupted() && !progress.may_begin(SearchPart::Table));
+    }
+
+    /// With one thread, whoever is told of the progress is all who can end the work.
+    #[test]
+    fn whoever_watches_can_end_the_search_as_a_budget_does() {
+        let progress = Progress::default().watched_by(|progress| {
+            if progress.state().fits > 1 {
+                progress.enough();
+            }
+        });
+        drop(progress.fit());
+        assert!(progress.may_begin(SearchPart::Table));
+        drop(progress.fit());
+        assert!(!progress.may_begin(SearchPart::Table));
+        let ended = progress.ended().unwrap();
+        assert_eq!(ended.budget, Budget::Time(Duration::from_secs(1)));
+        assert!(ended.lacks(SearchPart::Table));
     }
 
     #[test]

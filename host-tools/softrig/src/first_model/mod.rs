@@ -205,6 +205,32 @@ pub fn from_geometry(geometry: Geometry) -> Result<FirstModel, InputError> {
     })
 }
 
+/// A model without any recording: what is missing is the authors'.
+///
+/// # Errors
+///
+/// Like [`from_geometry`].
+pub fn from_nothing(geometry: Option<Geometry>) -> Result<FirstModel, InputError> {
+    let authors = || {
+        authors_actuator().ok_or_else(|| {
+            InputError::new(
+                "the authors' material is not in the table",
+                "give a material",
+            )
+        })
+    };
+    let geometry = match geometry {
+        None => authors()?,
+        Some(geometry) if geometry.dimensions.is_none() => Geometry {
+            dimensions: authors()?.dimensions,
+            assumed: true,
+            ..geometry
+        },
+        Some(geometry) => geometry,
+    };
+    from_geometry(geometry)
+}
+
 /// K (N/radⁿ) of the beam formula; none without dimensions.
 pub fn beam_stiffness(geometry: &Geometry) -> Option<f64> {
     let [length, width, height] = geometry.dimensions?;
