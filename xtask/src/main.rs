@@ -1,4 +1,4 @@
-//! Set-up, demo, test, book, flash, bench, soak, fuzz, ci and dist.
+//! Set-up, demo, test, book, page, flash, bench, soak, fuzz, ci and dist.
 //!
 //! Everything that takes more than one plain cargo command is a task here, in
 //! Rust on the standard library alone: it compiles in a second on a machine that
@@ -25,6 +25,7 @@ mod size;
 mod stack;
 mod test;
 mod venv;
+mod web;
 
 use std::{env, process::ExitCode};
 
@@ -50,6 +51,7 @@ Tasks:
   test [--host-only]     everything that must hold before a change goes in
   ci                     the same, as continuous integration runs it
   book                   build the book from docs/; says where it is
+  web                    build the page for a browser, web/dist/softrig.html
   wheel [--test [--ray]] build the Python package for this system and say where it is;
                          --test builds one quickly and tests it, --ray also with
                          Ray, which takes minutes to install
@@ -94,11 +96,12 @@ Tasks:
                          that finds undefined behaviour; installs a nightly
   flash --port PORT [--no-console] [--dry-run]
                          put the image on a board and show what it says
-  dist [--target TRIPLE] [--with FILE] [--no-firmware] [--no-wheel] [--dry-run]
+  dist [--target TRIPLE] [--with FILE] [--no-firmware] [--no-web] [--no-wheel]
+       [--dry-run]
                          a release in target/dist: static `rig`, the image,
                          completions, manual pages, licences and checksums in one archive,
                          tried where there is nothing else; beside it the wheel
-                         of the Python package, and what --with names
+                         of the Python package, the page, and what --with names
 
 Examples:
   cargo xtask setup --dry-run
@@ -158,6 +161,7 @@ fn task<'a>(words: &'a [&'a str]) -> Result<Task<'a>, String> {
         ["test" | "ci"] => Box::new(|| test::test(Scope::Everything)),
         ["test", "--host-only"] => Box::new(|| test::test(Scope::Host)),
         ["book"] => Box::new(|| book::book().map(|page| println!("  {}", page.display()))),
+        ["web"] => Box::new(|| web::web().map(drop)),
         ["wheel"] => Box::new(|| python::wheel().map(drop)),
         ["wheel", "--test"] => Box::new(|| python::test(Ray::Skipped)),
         ["wheel", "--test", "--ray"] => Box::new(|| python::test(Ray::Installed)),
@@ -198,7 +202,7 @@ fn task<'a>(words: &'a [&'a str]) -> Result<Task<'a>, String> {
         }
         [task, ..]
             if [
-                "test", "ci", "book", "wheel", "firmware", "size", "bench", "miri",
+                "test", "ci", "book", "web", "wheel", "firmware", "size", "bench", "miri",
             ]
             .contains(task) =>
         {

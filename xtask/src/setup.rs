@@ -2,8 +2,8 @@
 //!
 //! Beyond stable Rust the firmware and the virtual rig take a C compiler, a compiler with
 //! the library source that avr-none is built from, avr-gcc as its linker, simavr and avrdude.
-//! The tests add Python, which runs exported models and the package, Chromium, which looks at
-//! reports, and mdBook, which makes the book. Only `cargo run` in firmware/ takes ravedude.
+//! The tests add Python, which runs exported models and the package, a linker for WebAssembly, which
+//! makes the page, Chromium, which looks at reports and the page, and mdBook, which makes the book. Only `cargo run` in firmware/ takes ravedude.
 //! Each is looked for first, so that a second run does nothing.
 
 use std::{
@@ -17,6 +17,7 @@ use std::{
 use crate::{
     avr::{self, Version},
     shell::{self, Outcome, find_program, has_program, read, run_quietly, seconds},
+    web,
 };
 
 /// How long a download may take before the next source is tried.
@@ -134,7 +135,13 @@ const NEEDS: &[Need] = &[
         debian: &["avrdude"],
     },
     Need {
-        what: "Chromium, to look at reports",
+        what: "a linker for WebAssembly, or Rust's library for it, for the page",
+        purposes: &[Purpose::Tests],
+        present: web::is_ready,
+        debian: WASM_LINKER,
+    },
+    Need {
+        what: "Chromium, to look at reports and the page",
         purposes: &[Purpose::Tests],
         present: || chromium().is_some(),
         debian: &["chromium"],
@@ -174,6 +181,14 @@ pub fn python() -> Outcome {
 /// this machine's processor.
 pub fn musl_gcc(program: &str) -> Outcome {
     find_or_install(program, &["musl-tools"], || has_program(program))
+}
+
+/// Debian packages of LLVM's linker, which knows WebAssembly.
+const WASM_LINKER: &[&str] = &["lld-19"];
+
+/// Finds LLVM's linker for WebAssembly, or installs it.
+pub fn wasm_linker() -> Outcome {
+    find_or_install("a linker for WebAssembly", WASM_LINKER, web::is_ready)
 }
 
 /// Finds what one task needs, or installs its Debian packages.

@@ -11,6 +11,7 @@ use crate::{
     setup::{self, Mode, Purpose},
     shell::{Outcome, Steps, cargo, has_program, root, run, run_quietly, target_dir},
     size::{self, Golden},
+    web,
 };
 
 /// Which tests to run.
@@ -29,9 +30,9 @@ const HOST_ONLY: &str = "--host-only was given";
 
 /// Runs the tests; the first failure stops them.
 pub fn test(scope: Scope) -> Outcome {
-    let mut steps = Steps::new(10);
+    let mut steps = Steps::new(11);
     let everything = scope == Scope::Everything;
-    let mut image = PathBuf::new();
+    let (mut image, mut page) = (PathBuf::new(), PathBuf::new());
 
     if everything {
         steps.step("set-up", || setup::setup(Purpose::Tests, Mode::Install))?;
@@ -49,12 +50,20 @@ pub fn test(scope: Scope) -> Outcome {
     } else {
         steps.skip("firmware", HOST_ONLY);
     }
+    if everything {
+        steps.step("page", || {
+            page = web::web()?;
+            Ok(())
+        })?;
+    } else {
+        steps.skip("page", HOST_ONLY);
+    }
     steps.step("clippy", || {
         run(workspace("clippy", scope)
             .arg("--all-targets")
             .args(["--", "-D", "warnings"]))
     })?;
-    steps.step("tests", || tests(scope, &image))?;
+    steps.step("tests", || tests(scope, &image, &page))?;
     if everything {
         steps.step("size", || size::size(&image, Golden::Check, &virtual_rig()))?;
     } else {
@@ -81,9 +90,9 @@ pub fn test(scope: Scope) -> Outcome {
 }
 
 /// The tests of all crates: on the host, with the image on the simulated rig, and with the
-/// report in headless Chromium. Without the board and the browser, theirs say that they are
+/// report and the page in headless Chromium. Without the board and the browser, theirs say that they are
 /// skipped.
-fn tests(scope: Scope, image: &Path) -> Outcome {
+fn tests(scope: Scope, image: &Path, page: &Path) -> Outcome {
     let mut tests = workspace("test", scope);
     if scope == Scope::Everything {
         second_processor();
@@ -91,6 +100,7 @@ fn tests(scope: Scope, image: &Path) -> Outcome {
         tests
             .env("SOFTRIG_CHROMIUM", chromium)
             .env("SOFTRIG_FIRMWARE", image)
+            .env("SOFTRIG_PAGE", page)
             .env("SOFTRIG_VIRTUAL_RIG", virtual_rig())
             // What runs exported models is there: see the set-up.
             .env("SOFTRIG_EXPORT_TOOLS", "required");

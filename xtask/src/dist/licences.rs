@@ -10,7 +10,10 @@ use std::{
 };
 
 use super::{cannot, copy, make, sysroot, write as write_text};
-use crate::shell::{Outcome, cargo, read};
+use crate::{
+    shell::{Outcome, cargo, read},
+    web,
+};
 
 /// Licences that a static program of ours may contain. The source of what is under the MPL
 /// has to be had; the list says where.
@@ -68,10 +71,14 @@ struct Package {
     folder: PathBuf,
 }
 
-/// Writes the licences into a folder.
-pub fn write(folder: &Path, target: &str, firmware: bool) -> Outcome {
-    make(folder)?;
-    let packages = packages(target)?;
+/// The licences of the page for a browser.
+pub fn of_page() -> Outcome<String> {
+    of("The page softrig.html", web::PACKAGE, web::TARGET)
+}
+
+/// The licences of what is linked into a package of ours.
+fn of(what: &str, package: &str, target: &str) -> Outcome<String> {
+    let packages = packages(package, target)?;
     if let Some(package) = packages.iter().find(|it| !is_allowed(&it.licence)) {
         return Err(format!(
             "{} is under {:?}, which is not in the list of allowed licences in xtask/src/dist/licences.rs",
@@ -98,7 +105,7 @@ pub fn write(folder: &Path, target: &str, firmware: bool) -> Outcome {
         }
     }
     let mut page = format!(
-        "The program rig contains these packages. Their sources are at https://crates.io under \
+        "{what} contains these packages. Their sources are at https://crates.io under \
          their names and versions.\n\n{table}"
     );
     for (text, of) in texts {
@@ -110,8 +117,15 @@ pub fn write(folder: &Path, target: &str, firmware: bool) -> Outcome {
             text.trim_end()
         );
     }
-    write_text(&folder.join("rig.txt"), &page)?;
     println!("  licences of {} packages", packages.len());
+    Ok(page)
+}
+
+/// Writes the licences into a folder.
+pub fn write(folder: &Path, target: &str, firmware: bool) -> Outcome {
+    make(folder)?;
+    let page = of("The program rig", "host-tools", target)?;
+    write_text(&folder.join("rig.txt"), &page)?;
     write_text(&folder.join("musl.txt"), MUSL)?;
     // Rust's own library and what is in it.
     let library = sysroot()?.join("share/doc/rust/COPYRIGHT-library.html");
@@ -151,13 +165,13 @@ fn is_allowed(expression: &str) -> bool {
     })
 }
 
-/// The packages of others that are linked into `rig`.
-fn packages(target: &str) -> Outcome<Vec<Package>> {
+/// The packages of others that are linked into one of ours.
+fn packages(of: &str, target: &str) -> Outcome<Vec<Package>> {
     let tree = read(cargo().args([
         "tree",
         "--locked",
         "-p",
-        "host-tools",
+        of,
         "-e",
         "normal",
         "--target",

@@ -3,8 +3,8 @@
 //! The program is linked statically against musl, so that one file runs on every Linux of its
 //! processor, old or new. Rust's own linker does that, with the musl of Rust's standard library;
 //! the only C library, zstd, is compiled against the headers of musl. As a test, the archive is
-//! unpacked and run in an otherwise empty folder. The wheel of the Python package is placed beside
-//! it, for systems like this one.
+//! unpacked and run in an otherwise empty folder. The page for a browser is placed beside it, and
+//! the wheel of the Python package, for systems like this one.
 //!
 //! The virtual rig is not in the archive, because it links simavr, which is GPL, and dynamic
 //! libraries. It has to be built from source.
@@ -22,6 +22,7 @@ use std::{
 use crate::{
     avr, python, setup,
     shell::{self, Outcome, Steps, cargo, has_program, read, root, run, seconds, target_dir},
+    web,
 };
 
 /// The default target of a release.
@@ -49,6 +50,7 @@ const TEXTS: [&str; 5] = [
 const CHECKSUMS: &str = "SHA256SUMS";
 
 /// Options of a release build.
+#[allow(clippy::struct_excessive_bools)] // each is a flag of its own
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Options {
     /// Target triples.
@@ -57,6 +59,8 @@ pub struct Options {
     with: Vec<PathBuf>,
     /// Whether the board's image goes along.
     firmware: bool,
+    /// Whether the page for a browser is put beside the archives.
+    web: bool,
     /// Whether the Python package is put beside the archives.
     wheel: bool,
     /// Whether to only say what would be done.
@@ -74,6 +78,7 @@ impl Options {
             targets: Vec::new(),
             with: Vec::new(),
             firmware: true,
+            web: true,
             wheel: true,
             dry_run: false,
         };
@@ -86,6 +91,7 @@ impl Options {
             match word {
                 "--dry-run" => options.dry_run = true,
                 "--no-firmware" => options.firmware = false,
+                "--no-web" => options.web = false,
                 "--no-wheel" => options.wheel = false,
                 "--with" => options.with.push(PathBuf::from(value()?)),
                 "--target" => {
@@ -121,7 +127,7 @@ pub fn dist(options: &Options) -> Outcome {
     let folder = target_dir().join("dist");
     let _ = fs::remove_dir_all(&folder);
     make(&folder)?;
-    let mut steps = Steps::new(1 + 4 * options.targets.len() + 2);
+    let mut steps = Steps::new(1 + 4 * options.targets.len() + 3);
     let mut image = None;
     if options.firmware {
         steps.step("the board's image", || {
@@ -154,6 +160,17 @@ pub fn dist(options: &Options) -> Outcome {
         fs::remove_dir_all(&staged).map_err(|error| cannot("remove", &staged, &error))?;
     }
     let mut with = options.with.clone();
+    if options.web {
+        steps.step("the page for a browser", || {
+            with.push(web::web()?);
+            write(
+                &folder.join("softrig.html.licences.txt"),
+                &licences::of_page()?,
+            )
+        })?;
+    } else {
+        steps.skip("the page for a browser", "--no-web was given");
+    }
     if options.wheel {
         steps.step("the Python package", || {
             with.push(python::wheel()?);
@@ -205,6 +222,9 @@ fn plan(options: &Options) -> Outcome {
                 "would not try it: it is for another processor".into()
             }
         );
+    }
+    if options.web {
+        println!("dist: would build the page for a browser, as cargo xtask web does");
     }
     if options.wheel {
         println!("dist: would build the wheel of the Python package, as cargo xtask wheel does");
@@ -473,6 +493,7 @@ mod tests {
             "--target",
             "aarch64-unknown-linux-musl",
             "--no-firmware",
+            "--no-web",
             "--no-wheel",
             "--with",
             "a.whl",
@@ -481,7 +502,7 @@ mod tests {
         .unwrap();
         assert_eq!(options.targets, ["aarch64-unknown-linux-musl"]);
         assert_eq!(options.with, [Path::new("a.whl")]);
-        assert!(!options.firmware && !options.wheel && options.dry_run);
+        assert!(!options.firmware && !options.web && !options.wheel && options.dry_run);
         for wrong in [
             &["--target"][..],
             &["--target", "--dry-run"],
