@@ -3,6 +3,8 @@
 //! benchmarks that `cargo xtask bench` starts.
 
 pub mod blind;
+#[cfg(feature = "browser")]
+pub mod browser;
 pub mod invariance;
 pub mod process;
 pub mod real;

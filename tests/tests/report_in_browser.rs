@@ -5,137 +5,37 @@
 //! `cargo xtask test` says where Chromium is. Without it there is nothing to
 //! run, and the test says so.
 
-use std::env;
-use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex};
 
+use headless_chrome::Browser;
 use headless_chrome::browser::tab::point::Point;
-use headless_chrome::protocol::cdp::Emulation::SetDeviceMetricsOverride;
-use headless_chrome::protocol::cdp::Page::CaptureScreenshot;
-use headless_chrome::protocol::cdp::types::Event;
-use headless_chrome::{Browser, LaunchOptions, Tab};
 use serde_json::{Value, json};
 use softrig::diagnose::verdict::Answer;
 use softrig_report::pictures::{NOMINAL, REFITTED};
+use softrig_tests::browser::{Page, browser};
 use softrig_tests::reports::{Report, of_every_kind};
-
-const CHROMIUM: &str = "SOFTRIG_CHROMIUM";
 
 /// Widths of a desk and of a phone.
 const WIDTHS: [u32; 2] = [1280, 390];
 
-/// A page in a browser, with what it complained about.
-struct Page {
-    tab: Arc<Tab>,
-    complaints: Arc<Mutex<Vec<String>>>,
-}
-
-impl Page {
-    fn open(browser: &Browser) -> Self {
-        let tab = browser.new_tab().expect("a tab");
-        let complaints = Arc::new(Mutex::new(Vec::new()));
-        let heard = Arc::clone(&complaints);
-        tab.add_event_listener(Arc::new(move |event: &Event| {
-            let complaint = match event {
-                Event::LogEntryAdded(entry) => format!("{entry:?}"),
-                Event::RuntimeExceptionThrown(thrown) => format!("{thrown:?}"),
-                Event::RuntimeConsoleAPICalled(call) => format!("{call:?}"),
-                _ => return,
-            };
-            heard.lock().expect("no panic before").push(complaint);
-        }))
-        .expect("a listener");
-        tab.enable_log().expect("the log");
-        tab.enable_runtime().expect("the console");
-        Self { tab, complaints }
-    }
-
-    /// Loads a file at a width.
-    fn load(&self, path: &Path, width: u32) {
-        let metrics: SetDeviceMetricsOverride = serde_json::from_value(json!({
-            "width": width, "height": 900, "deviceScaleFactor": 1.0, "mobile": width < 600,
-        }))
-        .expect("metrics");
-        self.tab.call_method(metrics).expect("a width");
-        let url = format!("file://{}", path.display());
-        self.tab.navigate_to(&url).expect("a page");
-        self.tab.wait_until_navigated().expect("a loaded page");
-    }
-
-    fn value(&self, script: &str) -> Value {
-        let found = self.tab.evaluate(script, true).expect(script);
-        found.value.unwrap_or(Value::Null)
-    }
-
-    fn number(&self, script: &str) -> f64 {
-        self.value(script).as_f64().expect(script)
-    }
-
-    fn text(&self, script: &str) -> String {
-        self.value(script).as_str().expect(script).to_owned()
-    }
-
-    /// The whole page as a picture.
-    fn shoot(&self, path: &Path) {
-        let shot: CaptureScreenshot = serde_json::from_value(json!({
-            "format": "png", "captureBeyondViewport": true,
-            "clip": {
-                "x": 0.0, "y": 0.0, "scale": 1.0,
-                "width": self.number("document.documentElement.clientWidth"),
-                // Longer than any picture that can be looked at.
-                "height": self.number("document.documentElement.scrollHeight").min(12_000.0),
-            },
-        }))
-        .expect("a clip");
-        let taken = self.tab.call_method(shot).expect("a screenshot");
-        let bytes = base64(&taken.data);
-        assert!(bytes.starts_with(b"\x89PNG"));
-        fs::write(path, bytes).expect("a folder for screenshots");
-    }
-
-    /// Moves the mouse onto the middle of the first panel of a picture.
-    fn hover(&self, picture: &str) {
-        let place = format!(
-            "(() => {{ const svg = document.querySelector('{picture}'); \
-             svg.scrollIntoView({{block: 'center', behavior: 'instant'}}); \
-             const panel = svg.querySelector('.panel').dataset.area.split(' ').map(Number); \
-             const at = new DOMPoint((panel[0] + panel[2]) / 2, (panel[1] + panel[3]) / 2) \
-               .matrixTransform(svg.getScreenCTM()); return at.x + ' ' + at.y; }})()"
-        );
-        let place = self.text(&place);
-        let (x, y) = place.split_once(' ').expect("two numbers");
-        let number = |text: &str| text.parse().expect("a number");
-        let point = Point {
-            x: number(x),
-            y: number(y),
-        };
-        self.tab.move_mouse_to_point(point).expect("a mouse");
-    }
-}
-
-/// The bytes of what the protocol sends as text.
-fn base64(text: &str) -> Vec<u8> {
-    let digit = |letter: u8| match letter {
-        b'A'..=b'Z' => Some(letter - b'A'),
-        b'a'..=b'z' => Some(letter - b'a' + 26),
-        b'0'..=b'9' => Some(letter - b'0' + 52),
-        b'+' => Some(62),
-        b'/' => Some(63),
-        _ => None,
+/// Moves the mouse onto the middle of the first panel of a picture.
+fn hover(page: &Page, picture: &str) {
+    let place = format!(
+        "(() => {{ const svg = document.querySelector('{picture}'); \
+         svg.scrollIntoView({{block: 'center', behavior: 'instant'}}); \
+         const panel = svg.querySelector('.panel').dataset.area.split(' ').map(Number); \
+         const at = new DOMPoint((panel[0] + panel[2]) / 2, (panel[1] + panel[3]) / 2) \
+           .matrixTransform(svg.getScreenCTM()); return at.x + ' ' + at.y; }})()"
+    );
+    let place = page.text(&place);
+    let (x, y) = place.split_once(' ').expect("two numbers");
+    let number = |text: &str| text.parse().expect("a number");
+    let point = Point {
+        x: number(x),
+        y: number(y),
     };
-    let mut bytes = Vec::with_capacity(text.len() * 3 / 4);
-    let (mut bits, mut count) = (0_u32, 0);
-    for value in text.bytes().filter_map(digit) {
-        bits = bits << 6 | u32::from(value);
-        count += 6;
-        if count >= 8 {
-            count -= 8;
-            bytes.push((bits >> count & 0xFF) as u8);
-        }
-    }
-    bytes
+    page.tab.move_mouse_to_point(point).expect("a mouse");
 }
 
 fn folder() -> PathBuf {
@@ -146,18 +46,7 @@ fn folder() -> PathBuf {
 
 #[test]
 fn the_report_works_in_a_browser() {
-    let Some(chromium) = env::var_os(CHROMIUM) else {
-        println!("skipped: {CHROMIUM} is not set; `cargo xtask test` sets it");
-        return;
-    };
-    let options = LaunchOptions::default_builder()
-        .path(Some(chromium.into()))
-        // A container's user is often root, with which the sandbox refuses to start.
-        .sandbox(false)
-        .args(vec![OsStr::new("--hide-scrollbars")])
-        .build()
-        .expect("options");
-    let browser = Browser::new(options).expect("Chromium starts");
+    let Some(browser) = browser() else { return };
     let folder = folder();
     for report in of_every_kind(&folder.join("cases")) {
         look_at(&browser, &report, &folder);
@@ -201,7 +90,7 @@ fn look_at(browser: &Browser, report: &Report, folder: &Path) {
 
 fn hovering_reads_values(page: &Page, report: &Report) {
     assert_eq!(page.value("readout.hidden"), Value::Bool(true));
-    page.hover("#run-pictures svg");
+    hover(page, "#run-pictures svg");
     let said = page.text("readout.textContent");
     assert_eq!(page.value("readout.hidden"), Value::Bool(false));
     assert!(said.starts_with("time (s): "), "{said:?}");
@@ -212,7 +101,7 @@ fn hovering_reads_values(page: &Page, report: &Report) {
     let outside = page.value("document.querySelectorAll('.hair').length");
     assert_ne!(outside, json!(0));
     if report.answer == Answer::Unexplained {
-        page.hover(".map svg");
+        hover(page, ".map svg");
         let cell = page.number("document.querySelectorAll('.map .cell').length");
         assert!(cell > 10.0);
     }

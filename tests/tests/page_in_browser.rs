@@ -1,0 +1,538 @@
+//! The page for a browser, opened as a file in headless Chromium and used as a person would: choose
+//! files, correct a unit, diagnose, stop, save, reload. What it answers is held against the command.
+//!
+//! `cargo xtask test` builds the page and says where it is. Without it or without Chromium there is
+//! nothing to run, and the tests say so.
+
+use std::env;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use clap::Parser;
+use headless_chrome::Browser;
+use headless_chrome::protocol::cdp::Browser::{
+    SetDownloadBehavior, SetDownloadBehaviorBehaviorOption,
+};
+use headless_chrome::protocol::cdp::Emulation::SetEmulatedMedia;
+use host_tools::cli::diagnose;
+use model_core::catalogue::Kind;
+use serde_json::{Value, json};
+use softrig::synth::example::{Example, Hidden, make};
+use softrig_formats::model_file::ModelFile;
+use softrig_formats::recording::Recording;
+use softrig_tests::browser::{Page, browser};
+use softrig_tests::shared;
+
+const PAGE: &str = "SOFTRIG_PAGE";
+
+/// A desk, and the narrowest phone.
+const WIDTHS: [u32; 2] = [1280, 360];
+
+/// The longest that anything may take on a computer with other work (s).
+const LIMIT_S: u64 = 900;
+
+/// How far numbers may differ: the power function of WebAssembly rounds otherwise.
+const SAME: f64 = 1e-6;
+
+fn page() -> Option<PathBuf> {
+    let page = env::var_os(PAGE).map(PathBuf::from);
+    if page.is_none() {
+        println!("skipped: {PAGE} is not set; `cargo xtask test` sets it");
+    }
+    page
+}
+
+fn folder(name: &str) -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR"))
+        .join("page_in_browser")
+        .join(name);
+    let _ = fs::remove_dir_all(&folder);
+    fs::create_dir_all(&folder).expect("a folder");
+    folder
+}
+
+/// The page, as somebody uses it.
+struct Person(Page);
+
+impl Person {
+    fn opens(browser: &Browser, page: &Path, width: u32) -> Self {
+        let person = Self(Page::open(browser));
+        person.0.load(page, width);
+        person.waits();
+        person
+    }
+
+    fn reloads(&self) {
+        self.0.tab.reload(false, None).expect("a page");
+        self.0.tab.wait_until_navigated().expect("a loaded page");
+        self.waits();
+    }
+
+    fn waits_until(&self, script: &str) {
+        let began = Instant::now();
+        while self.0.value(script) != Value::Bool(true) {
+            let said = "status.textContent + ' | ' + trouble.textContent";
+            assert!(
+                began.elapsed() < Duration::from_secs(LIMIT_S),
+                "never: {script}; the page says {}",
+                self.0.text(&by_id(said))
+            );
+            sleep(Duration::from_millis(100));
+        }
+    }
+
+    /// Until the page has done what it was asked.
+    fn waits(&self) {
+        self.waits_until(
+            "document.readyState === 'complete' && document.getElementById('version').textContent \
+             !== '' && !document.body.classList.contains('busy')",
+        );
+    }
+
+    fn chooses(&self, files: &[PathBuf]) {
+        let names: Vec<&str> = files
+            .iter()
+            .map(|path| path.to_str().expect("a plain name"))
+            .collect();
+        let input = self.0.tab.find_element("#files").expect("a field");
+        input.set_input_files(&names).expect("files");
+        for path in files {
+            let name = path.file_name().expect("a name").to_string_lossy();
+            self.waits_until(&format!(
+                "document.querySelector('main').textContent.includes('{name}')"
+            ));
+        }
+        self.waits();
+    }
+
+    fn presses(&self, id: &str) {
+        self.0
+            .value(&format!("document.getElementById('{id}').click()"));
+    }
+
+    fn enters(&self, id: &str, value: &str) {
+        self.0.value(&format!(
+            "(() => {{ const field = document.getElementById('{id}'); field.value = '{value}'; \
+             field.dispatchEvent(new Event('change', {{ bubbles: true }})); }})()"
+        ));
+        self.waits();
+    }
+
+    fn reads(&self, id: &str) -> String {
+        self.0
+            .text(&format!("document.getElementById('{id}').textContent"))
+    }
+
+    /// How many elements a selector finds.
+    fn counts(&self, selector: &str) -> u64 {
+        let script = format!("document.querySelectorAll('{selector}').length");
+        self.0.value(&script).as_u64().expect("a number")
+    }
+
+    /// What a link saves.
+    fn saves(&self, id: &str, name: &str, into: &Path) -> String {
+        self.0
+            .tab
+            .call_method(SetDownloadBehavior {
+                behavior: SetDownloadBehaviorBehaviorOption::Allow,
+                browser_context_id: None,
+                download_path: Some(into.display().to_string()),
+                events_enabled: None,
+            })
+            .expect("a folder for downloads");
+        self.presses(id);
+        let path = into.join(name);
+        let began = Instant::now();
+        while !path.exists() {
+            assert!(
+                began.elapsed() < Duration::from_secs(60),
+                "{name} is not saved"
+            );
+            sleep(Duration::from_millis(50));
+        }
+        sleep(Duration::from_millis(100));
+        fs::read_to_string(path).expect("what was saved")
+    }
+
+    fn has_no_complaints(&self) {
+        let complaints = self.0.complaints.lock().expect("no panic before");
+        assert!(complaints.is_empty(), "{complaints:?}");
+    }
+
+    fn fits(&self, what: &str) {
+        let script = "document.documentElement.scrollWidth - document.documentElement.clientWidth";
+        let over = self.0.number(script);
+        assert!(over <= 0.0, "{what} is {over} px too wide");
+    }
+}
+
+/// A script in which elements go by their ids.
+fn by_id(script: &str) -> String {
+    script
+        .replace("status.", "document.getElementById('status').")
+        .replace("trouble.", "document.getElementById('trouble').")
+}
+
+/// What the command writes for the same files and flags.
+fn command(folder: &Path, words: &[&str], recordings: &[PathBuf]) -> (Value, String) {
+    let [json, report] = ["command.json", "command.html"].map(|name| folder.join(name));
+    let path = |path: &Path| path.to_str().expect("a plain name").to_owned();
+    let mut all = vec!["diagnose".to_owned(), "--model".into()];
+    all.push(path(&folder.join("model.toml")));
+    all.extend(recordings.iter().map(|it| path(it)));
+    all.extend(words.iter().map(|word| (*word).to_owned()));
+    all.extend([
+        "--json".into(),
+        path(&json),
+        "--report".into(),
+        path(&report),
+    ]);
+    diagnose::run(&diagnose::Args::try_parse_from(all).expect("a command")).expect("a verdict");
+    let text = fs::read_to_string(json).expect("a verdict");
+    let report = fs::read_to_string(report).expect("a report");
+    (serde_json::from_str(&text).expect("JSON"), report)
+}
+
+/// An explanation so far behind (ΔBIC) is out, by however much: where its fit gets stuck depends on
+/// the last bits.
+const FAR_BEHIND: f64 = 100.0;
+
+/// Asserts that two verdicts say the same, but for what is of the computer and of the folder.
+fn is_same(page: &Value, command: &Value, place: &str) {
+    const OF_ITS_OWN: [&str; 3] = ["seconds", "tool_version", "recordings"];
+    match (page, command) {
+        (Value::Object(page), Value::Object(command)) => {
+            let keys =
+                |map: &serde_json::Map<String, Value>| map.keys().cloned().collect::<Vec<_>>();
+            assert_eq!(keys(page), keys(command), "{place}");
+            let is_far_behind = |map: &serde_json::Map<String, Value>| {
+                map.get("delta_bic").and_then(Value::as_f64) > Some(FAR_BEHIND)
+            };
+            let are_far_behind = is_far_behind(page) && is_far_behind(command);
+            for (key, value) in page {
+                let depends =
+                    are_far_behind && ["delta_bic", "probability"].contains(&key.as_str());
+                if !OF_ITS_OWN.contains(&key.as_str()) && !depends {
+                    is_same(value, &command[key], &format!("{place}/{key}"));
+                }
+            }
+        }
+        (Value::Array(page), Value::Array(command)) => {
+            assert_eq!(page.len(), command.len(), "{place}");
+            for (index, (one, other)) in page.iter().zip(command).enumerate() {
+                is_same(one, other, &format!("{place}/{index}"));
+            }
+        }
+        (Value::Number(page), Value::Number(command)) => {
+            let [one, other] = [page, command].map(|it| it.as_f64().expect("a number"));
+            let apart = (one - other).abs();
+            assert!(
+                apart <= SAME * one.abs().max(other.abs()),
+                "{place}: {one} in the page, {other} of the command"
+            );
+        }
+        _ => assert_eq!(page, command, "{place}"),
+    }
+}
+
+/// The headings of a report, with their numbers.
+fn headings(report: &str) -> Vec<String> {
+    let html = scraper::Html::parse_document(report);
+    let selector = scraper::Selector::parse("h1, h2, h3").expect("a selector");
+    html.select(&selector)
+        .map(|heading| heading.text().collect())
+        .collect()
+}
+
+/// A few short recordings with friction in them. As another program writes them: other names, the
+/// pressure in psi, of which the header says nothing.
+fn foreign(folder: &Path) -> Vec<PathBuf> {
+    let Example {
+        model, recordings, ..
+    } = make(Hidden::Effect(Kind::CoulombFriction), 0.1, 4).expect("an example");
+    fs::write(folder.join("model.toml"), model).expect("a file");
+    let write = |(name, recording, _): &(String, Recording, String)| {
+        let path = folder.join(name);
+        let mut text = "t,Pressure,theta_deg\n".to_owned();
+        for row in 0..recording.len() {
+            let psi = recording.pressure[row] / 6_894.757;
+            let deg = recording.angle[row].to_degrees();
+            text += &format!("{:.3},{psi:.4},{deg:.3}\n", recording.time[row]);
+        }
+        fs::write(&path, text).expect("a file");
+        path
+    };
+    let wanted = ["step30_1", "step60_1", "step90_1", "step90_2", "triangle"];
+    let is_wanted = |name: &str| wanted.iter().any(|it| name.starts_with(it));
+    let recordings = recordings.iter().filter(|(name, ..)| is_wanted(name));
+    recordings.map(write).collect()
+}
+
+#[test]
+fn a_person_finds_what_the_model_lacks() {
+    let (Some(page), Some(browser)) = (page(), browser()) else {
+        return;
+    };
+    let folder = folder("person");
+    let recordings = foreign(&folder);
+    let person = Person::opens(&browser, &page, WIDTHS[0]);
+    person.fits("the empty page");
+    columns_are_found_and_a_unit_is_corrected(&person, &recordings);
+    what_cannot_be_read_is_refused(&person, &folder);
+    person.chooses(&[folder.join("model.toml")]);
+    assert_eq!(person.reads("trouble"), "");
+    assert!(person.reads("model-name").starts_with("model.toml: "));
+    the_verdict_is_the_commands(&person, &folder, &recordings);
+    all_of_it_is_kept(&person, &page, &folder);
+    everything_has_a_name_and_a_place(&person);
+    person.presses("clear");
+    person.waits();
+    person.reloads();
+    assert_eq!(
+        person.0.value("document.getElementById('result').hidden"),
+        Value::Bool(true)
+    );
+    assert_eq!(person.counts(".runs figure"), 0);
+    person.has_no_complaints();
+    println!("screenshots: {}", folder.display());
+}
+
+/// The names of the columns are found; that the pressure is in psi only the person knows.
+fn columns_are_found_and_a_unit_is_corrected(person: &Person, recordings: &[PathBuf]) {
+    person.chooses(recordings);
+    let columns = ["time", "pressure", "angle"].map(|key| {
+        person
+            .0
+            .text(&format!("document.getElementById('column-{key}').value"))
+    });
+    assert_eq!(columns, ["t", "Pressure", "theta_deg"]);
+    assert_eq!(person.counts(".runs svg"), 5);
+    let highest =
+        "Number([...document.querySelectorAll('#runs svg .panel')][1].dataset.y.split(' ')[1])";
+    let before = person.0.number(highest);
+    person.enters("unit-pressure", "psi");
+    let ratio = person.0.number(highest) / before;
+    assert!((ratio - 6.894_757).abs() < 0.01, "{ratio}");
+}
+
+/// A broken file hides no other, and is refused as by the command; what is too large is refused
+/// before it is read.
+fn what_cannot_be_read_is_refused(person: &Person, folder: &Path) {
+    let broken = folder.join("broken.csv");
+    fs::write(&broken, "t,Pressure,theta_deg\n0,1,2\n0.01,x,2\n").expect("a file");
+    person.chooses(std::slice::from_ref(&broken));
+    let refused = Recording::parse_as(
+        &fs::read_to_string(&broken).expect("a file"),
+        Path::new("broken.csv"),
+        &softrig_formats::columns::Layout {
+            names: softrig_formats::columns::Names::parse(
+                "time=t,pressure=Pressure,angle=theta_deg",
+            )
+            .expect("names"),
+            ..Default::default()
+        },
+    )
+    .expect_err("it is broken")
+    .to_string();
+    assert!(
+        refused.starts_with("broken.csv, line 3, column Pressure: "),
+        "{refused}"
+    );
+    assert_eq!(
+        person
+            .0
+            .text("document.querySelector('#runs .fault').textContent"),
+        refused
+    );
+    person
+        .0
+        .value("document.querySelector('[aria-label=\"Remove broken.csv\"]').click()");
+    person.waits();
+    person.0.value(
+        "(() => { const all = new DataTransfer(); \
+         all.items.add(new File([new Uint8Array(2 ** 20 * 257)], 'long.csv')); \
+         window.dispatchEvent(new DragEvent('drop', { dataTransfer: all })); })()",
+    );
+    person.waits();
+    assert!(
+        person
+            .reads("trouble")
+            .starts_with("long.csv has 257 MiB, more than")
+    );
+}
+
+/// The diagnosis shows how far it is, and is the command's.
+fn the_verdict_is_the_commands(person: &Person, folder: &Path, recordings: &[PathBuf]) {
+    person.presses("diagnose");
+    person.waits_until("document.getElementById('how-far').textContent.includes('fits')");
+    person.waits();
+    let words = [
+        "--columns",
+        "time=t,pressure=Pressure,angle=theta_deg",
+        "--units",
+        "pressure=psi",
+    ];
+    let (verdict, report) = command(folder, &words, recordings);
+    let saved: Value =
+        serde_json::from_str(&person.saves("save-verdict", "verdict.json", folder)).expect("JSON");
+    assert_eq!(saved["verdict"], "effect_found");
+    is_same(&saved, &verdict, "");
+    let page_report = person.saves("save-report", "report.html", folder);
+    assert_eq!(headings(&page_report), headings(&report));
+    assert!(page_report.contains("--units pressure=psi"));
+    assert_eq!(
+        person.0.text("document.getElementById('report').srcdoc"),
+        page_report
+    );
+    let repaired = person.saves("save-model", "repaired.toml", folder);
+    let repaired = ModelFile::parse(&repaired, Path::new("repaired.toml")).expect("a model");
+    assert!(repaired.model.effects().next().is_some());
+}
+
+/// All of it is there after a reload, on a desk and on a phone, light, dark and on paper.
+fn all_of_it_is_kept(person: &Person, page: &Path, folder: &Path) {
+    let sentence = person.reads("sentence");
+    person.reloads();
+    assert_eq!(person.reads("sentence"), sentence);
+    assert_eq!(
+        person
+            .0
+            .text("document.getElementById('unit-pressure').value"),
+        "psi"
+    );
+    for scheme in ["light", "dark"] {
+        let media: SetEmulatedMedia = serde_json::from_value(json!({
+            "features": [{ "name": "prefers-color-scheme", "value": scheme }],
+        }))
+        .expect("a scheme");
+        person.0.tab.call_method(media).expect("a scheme");
+        for width in WIDTHS {
+            person.0.load(page, width);
+            person.waits();
+            person.fits(&format!("the verdict at {width} px"));
+            // The report is in a frame without rights, into which nobody can look.
+            sleep(Duration::from_secs(1));
+            person
+                .0
+                .shoot(&folder.join(format!("verdict_{scheme}_{width}.png")));
+        }
+    }
+    let printed = person.0.tab.print_to_pdf(None).expect("a print");
+    assert!(printed.starts_with(b"%PDF"));
+    fs::write(folder.join("verdict.pdf"), printed).expect("a file");
+}
+
+/// For a keyboard and a screen reader: whatever can be used has a name, and is reached in the order
+/// of the page.
+fn everything_has_a_name_and_a_place(person: &Person) {
+    let nameless = person.0.text(
+        "[...document.querySelectorAll('button, a, input, select, iframe')].filter((it) => \
+         !(it.getAttribute('aria-label') || it.title || it.textContent.trim() || \
+         [...(it.labels ?? [])].some((label) => label.textContent.trim())))\
+         .map((it) => it.outerHTML).join(' ')",
+    );
+    assert_eq!(nameless, "");
+    person
+        .0
+        .value("document.activeElement.blur(); window.scrollTo(0, 0)");
+    let mut reached = Vec::new();
+    for _ in 0..6 {
+        person.0.tab.press_key("Tab").expect("a key");
+        reached.push(
+            person
+                .0
+                .text("document.activeElement.id || document.activeElement.className"),
+        );
+    }
+    let place = |id: &str| reached.iter().position(|it| it == id);
+    assert!(place("example").is_some(), "{reached:?}");
+    assert!(place("example") < place("files"), "{reached:?}");
+}
+
+#[test]
+fn an_example_takes_one_click_and_stopping_keeps_what_is_known() {
+    let (Some(page), Some(browser)) = (page(), browser()) else {
+        return;
+    };
+    let person = Person::opens(&browser, &page, WIDTHS[1]);
+    person.presses("example");
+    person.waits_until("document.getElementById('how-far').textContent.includes('fits')");
+    assert_eq!(person.counts(".runs svg"), 11);
+    // The page lives while the library works.
+    person.fits("the page at work");
+    person.presses("stop");
+    person.waits();
+    assert!(
+        person
+            .reads("truth")
+            .starts_with("The simulated actuator hid: ")
+    );
+    let folder = folder("stopped");
+    let verdict: Value =
+        serde_json::from_str(&person.saves("save-verdict", "verdict.json", &folder)).expect("JSON");
+    assert_eq!(verdict["ended"], "budget");
+    assert!(
+        verdict["not_tried"]
+            .as_array()
+            .is_some_and(|all| !all.is_empty())
+    );
+    assert_ne!(verdict["verdict"], "effect_found");
+    person.presses("clear");
+    person.waits();
+    person.has_no_complaints();
+}
+
+#[test]
+#[ignore = "a minute for each case: cargo test … -- --ignored every_sample_case"]
+fn every_sample_case_has_the_answer_of_the_command() {
+    let (Some(page), Some(browser), Some(cases)) = (page(), browser(), shared("cases")) else {
+        return;
+    };
+    let mut folders: Vec<PathBuf> = fs::read_dir(cases)
+        .expect("cases")
+        .map(|entry| entry.expect("a case").path())
+        .filter(|path| path.is_dir())
+        .collect();
+    folders.sort();
+    for case in folders {
+        let name = case
+            .file_name()
+            .expect("a name")
+            .to_string_lossy()
+            .into_owned();
+        let folder = folder(&name);
+        fs::copy(case.join("model.toml"), folder.join("model.toml")).expect("a model");
+        let mut recordings: Vec<PathBuf> = fs::read_dir(case.join("recordings"))
+            .expect("recordings")
+            .map(|entry| entry.expect("a recording").path())
+            .collect();
+        recordings.sort();
+        let person = Person::opens(&browser, &page, WIDTHS[0]);
+        person.presses("clear");
+        person.waits();
+        person.chooses(&[recordings.clone(), vec![folder.join("model.toml")]].concat());
+        let began = Instant::now();
+        person.presses("diagnose");
+        person.waits();
+        let in_page = began.elapsed();
+        assert_eq!(person.reads("trouble"), "", "{name}");
+        let began = Instant::now();
+        let (verdict, _) = command(&folder, &[], &recordings);
+        let of_command = began.elapsed();
+        let saved = person.saves("save-verdict", "verdict.json", &folder);
+        is_same(
+            &serde_json::from_str(&saved).expect("JSON"),
+            &verdict,
+            &name,
+        );
+        println!(
+            "{name}: {}, {:.1} s in the page, {:.1} s of the command",
+            verdict["verdict"],
+            in_page.as_secs_f64(),
+            of_command.as_secs_f64()
+        );
+        person.0.tab.close(false).expect("a closed tab");
+    }
+}
