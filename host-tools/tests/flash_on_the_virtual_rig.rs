@@ -138,18 +138,16 @@ fn an_image_that_is_not_as_it_was_built_is_told() {
 }
 
 #[test]
-fn a_cable_that_is_pulled_leaves_a_sentence() {
+fn a_board_that_does_not_answer_leaves_a_sentence() {
     let Some(image) = image() else {
         return;
     };
-    let board = Served::erased(&["--fault", "unplugged@2"]);
+    let board = Served::erased(&["--fault", "unplugged@0"]);
     let output = board.flash(&image);
     let text = said(&output);
     assert!(!output.status.success(), "{text}");
-    assert!(
-        text.contains("flash it again") || text.contains("no bootloader answered"),
-        "{text}"
-    );
+    assert!(text.contains("no bootloader answered"), "{text}");
+    assert!(text.contains("nothing was written"), "{text}");
 }
 
 /// A file of another program is refused before the port is opened.
@@ -169,4 +167,19 @@ fn what_is_no_image_is_refused_and_nothing_is_opened() {
         text.contains("blink.hex") && text.contains("no firmware"),
         "{text}"
     );
+}
+
+#[test]
+fn a_port_that_is_not_there_is_a_wrong_argument() {
+    let Some(image) = image() else {
+        return;
+    };
+    let output = Command::new(env!("CARGO_BIN_EXE_rig"))
+        .args(["flash", "--port", "/dev/no-such-port"])
+        .arg(image)
+        .output()
+        .unwrap();
+    let text = said(&output);
+    assert_eq!(output.status.code(), Some(2), "{text}");
+    assert!(text.contains("is not there"), "{text}");
 }

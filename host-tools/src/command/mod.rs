@@ -16,6 +16,7 @@ use clap_complete::Shell;
 use softrig_formats::error::InputError;
 use softrig_formats::terminal::{printable, printable_line, remark};
 use softrig_link::LinkError;
+use softrig_link::flash::FlashError;
 
 /// Finds where the simulation of a soft pneumatic actuator and its measurements
 /// disagree, names the missing effect, and repairs the model.
@@ -182,7 +183,9 @@ fn report(error: &anyhow::Error) -> u8 {
     }
     remark(&format!("error: {error:#}"));
     let of_input = |cause: &(dyn Error + 'static)| {
-        cause.is::<InputError>() || matches!(cause.downcast_ref(), Some(LinkError::Open(_)))
+        cause.is::<InputError>()
+            || matches!(cause.downcast_ref(), Some(LinkError::Open(_)))
+            || matches!(cause.downcast_ref(), Some(FlashError::Open(_)))
     };
     if error.chain().any(of_input) {
         WRONG_INPUT
