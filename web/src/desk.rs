@@ -227,9 +227,8 @@ pub struct Desk {
     meta: Vec<Held>,
 }
 
-/// The model, with the recordings in the layout that it gives.
+/// The model, and the recordings in the layout that was said or that it gives.
 struct Everything {
-    layout: Layout,
     file: ModelFile,
     fitted: Vec<Recording>,
     held_out: Vec<Recording>,
@@ -438,7 +437,6 @@ impl Desk {
             .push(recording);
         }
         Ok(Everything {
-            layout,
             file: with_tip_load(file, &fitted),
             fitted,
             held_out,
@@ -455,7 +453,6 @@ impl Desk {
     ) -> Result<Value, InputError> {
         let clock = Instant::now();
         let Everything {
-            layout: with_model,
             file,
             fitted,
             held_out,
@@ -493,7 +490,6 @@ impl Desk {
                 "seconds": f64::from(run.protocol.total_ms()) / 1000.0,
                 "decides": run.decides,
                 "protocol": run.protocol.to_text(),
-                "recording": with_model.to_toml(),
             })
         });
         Ok(json!({
