@@ -17,7 +17,7 @@ use crate::{
 
 /// Licences that a static program of ours may contain. The source of what is under the MPL
 /// has to be had; the list says where.
-const ALLOWED: [&str; 9] = [
+const ALLOWED: [&str; 10] = [
     "MIT",
     "Apache-2.0",
     "Zlib",
@@ -25,6 +25,7 @@ const ALLOWED: [&str; 9] = [
     "BSD-3-Clause",
     "ISC",
     "Unlicense",
+    "CC0-1.0",
     "Unicode-3.0",
     "MPL-2.0",
 ];
