@@ -28,12 +28,17 @@ __all__ = [
     "Run",
     "Simulation",
     "__version__",
+    "_rig",
     "compare",
     "diagnose",
     "example",
     "fit",
     "gap",
+    "init",
+    "linearise",
+    "plan",
     "read",
+    "residuals",
     "simulate",
 ]
 
