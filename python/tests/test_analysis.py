@@ -8,13 +8,13 @@ from ctypes import c_double, c_int, c_uint32
 from pathlib import Path
 from typing import Any
 
-import fmpy
-import fmpy.fmi2
+import fmpy  # type: ignore[import-untyped]
+import fmpy.fmi2  # type: ignore[import-untyped]
 import numpy as np
 import pytest
-from fmpy.validation import validate_fmu
+from fmpy.validation import validate_fmu  # type: ignore[import-untyped]
 from numpy.typing import NDArray
-from scipy import signal
+from scipy import signal  # type: ignore[import-untyped]
 
 import softrig
 from conftest import Rig

@@ -150,7 +150,8 @@ def test_the_report_says_what_it_was_made_from(
     diagnosis.plot(tmp_path / "gap.svg")
     assert (tmp_path / "gap.svg").read_text().startswith("<svg")
     before = paths[0].read_bytes()
-    for write in [diagnosis.report, diagnosis.plot]:
+    writers: list[Callable[[Path], object]] = [diagnosis.report, diagnosis.plot]
+    for write in writers:
         with pytest.raises(softrig.InputError, match="is read by this command"):
             write(paths[0])
         with pytest.raises(softrig.InputError, match="there is no folder"):
