@@ -1,7 +1,7 @@
 //! softrig in a browser: what the page of `web/page/` asks, answered by the libraries.
 //!
 //! The page has neither a port nor a file system. It hands over files as they are, and asks for
-//! pictures of recordings, a first model, a diagnosis. [`desk`] answers; [`boundary`] is how
+//! pictures of recordings, a first model, a diagnosis. [`desk`] answers; `boundary` is how
 //! question and answer pass between JavaScript and WebAssembly. Everything else is in `softrig`,
 //! `softrig_formats` and `softrig_report`, and so the same as in the command `rig`.
 #![deny(unsafe_code)]
