@@ -1,7 +1,7 @@
 //! The clock by which work counts its time.
 //!
 //! Everywhere but in WebAssembly that is the computer's. WebAssembly has none of its own: whoever
-//! runs the program [gives](given::give) it one, and without one no time passes.
+//! runs the program gives it one, and without one no time passes.
 
 #[cfg(all(target_family = "wasm", target_os = "unknown"))]
 pub use given::{Instant, give};
