@@ -323,7 +323,9 @@ fn quoted_figures_are_those_of_the_measured_pages() {
     }
     // The image, from the file that `cargo xtask size --accept` writes beside the table.
     let golden = read("firmware/size.txt");
-    for line in golden.lines().filter(|line| !line.starts_with('#')) {
+    // The cycles are in a table of their own, which xtask holds to the file.
+    let is_figure = |line: &&str| !line.starts_with(['#', ' ']) && !line.starts_with("cycles_");
+    for line in golden.lines().filter(is_figure) {
         let (name, value) = line.split_once(' ').expect("a figure");
         let digits = value.strip_suffix(".0").unwrap_or(value);
         let shown = match digits.len() {

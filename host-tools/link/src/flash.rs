@@ -415,7 +415,8 @@ mod tests {
                 "beside the bootloader",
             ),
         ] {
-            let error = Image::parse(&text).unwrap_err().to_string();
+            let error = Image::parse(&text).unwrap_err();
+            let error = error.in_file(Path::new("image.hex")).to_string();
             assert!(error.contains(found), "{error}");
         }
     }
