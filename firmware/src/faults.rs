@@ -225,47 +225,12 @@ impl Default for Log {
 #[cfg(test)]
 mod tests {
     extern crate std;
-    use std::{vec, vec::Vec};
+    use std::vec::Vec;
 
     use proptest::prelude::*;
 
     use super::*;
-
-    /// A memory whose power fails after so many writes; that one leaves a byte of its own.
-    #[derive(Clone)]
-    struct Memory {
-        bytes: Vec<u8>,
-        writes: u32,
-        fails: Option<(u32, u8)>,
-        worn: Option<u16>,
-    }
-
-    impl Memory {
-        fn new() -> Self {
-            Self {
-                bytes: vec![0xff; usize::from(SIZE)],
-                writes: 0,
-                fails: None,
-                worn: None,
-            }
-        }
-    }
-
-    impl Eeprom for Memory {
-        fn read(&self, address: u16) -> u8 {
-            self.bytes[usize::from(address)]
-        }
-        fn write(&mut self, address: u16, byte: u8) {
-            assert!(address >= store::SIZE, "the settings are not touched");
-            self.writes += 1;
-            let (last, in_flight) = self.fails.unwrap_or((u32::MAX, 0));
-            if self.writes > last || self.worn == Some(address) {
-                return;
-            }
-            let byte = if self.writes == last { in_flight } else { byte };
-            self.bytes[usize::from(address)] = byte;
-        }
-    }
+    use crate::testing::Memory;
 
     fn fault(time_ms: u32) -> FaultRecord {
         FaultRecord {
@@ -306,7 +271,7 @@ mod tests {
     }
 
     fn after(faults: u32) -> Memory {
-        let mut memory = Memory::new();
+        let mut memory = Memory::erased(store::SIZE, SIZE);
         for time_ms in 1..=faults {
             write(&mut loaded(&memory), fault(time_ms), &mut memory);
         }
@@ -364,7 +329,7 @@ mod tests {
 
     #[test]
     fn two_faults_at_once_are_both_kept() {
-        let mut memory = Memory::new();
+        let mut memory = Memory::erased(store::SIZE, SIZE);
         let mut log = loaded(&memory);
         log.note(fault(1));
         log.step(&mut memory);
@@ -378,7 +343,7 @@ mod tests {
     #[test]
     fn a_worn_place_is_passed_over() {
         let worn = frame(1).body(7);
-        let mut memory = Memory::new();
+        let mut memory = Memory::erased(store::SIZE, SIZE);
         memory.worn = Some(worn);
         for time_ms in 1..=5 {
             let mut log = loaded(&memory);
@@ -404,7 +369,7 @@ mod tests {
 
         #[test]
         fn noise_is_no_fault(noise in prop::collection::vec(any::<u8>(), SIZE as usize)) {
-            let mut memory = Memory::new();
+            let mut memory = Memory::erased(store::SIZE, SIZE);
             memory.bytes = noise;
             prop_assert_eq!(times(&memory), Vec::<u32>::new());
             write(&mut loaded(&memory), fault(7), &mut memory);

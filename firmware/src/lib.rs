@@ -39,5 +39,7 @@ pub mod stepper;
 pub mod store;
 pub mod stroke;
 pub mod supply;
+#[cfg(test)]
+mod testing;
 pub mod units;
 pub mod wiring;

@@ -148,43 +148,8 @@ impl Default for Stroke {
 
 #[cfg(test)]
 mod tests {
-    extern crate std;
-    use std::{vec, vec::Vec};
-
     use super::*;
-
-    /// A memory whose power fails after so many writes; that one leaves a byte of its own.
-    #[derive(Clone)]
-    struct Memory {
-        bytes: Vec<u8>,
-        writes: u32,
-        fails: Option<(u32, u8)>,
-    }
-
-    impl Memory {
-        fn new() -> Self {
-            Self {
-                bytes: vec![0xff; usize::from(SIZE)],
-                writes: 0,
-                fails: None,
-            }
-        }
-    }
-
-    impl Eeprom for Memory {
-        fn read(&self, address: u16) -> u8 {
-            self.bytes[usize::from(address)]
-        }
-        fn write(&mut self, address: u16, byte: u8) {
-            assert!(address >= faults::SIZE, "settings and log are not touched");
-            self.writes += 1;
-            let (last, in_flight) = self.fails.unwrap_or((u32::MAX, 0));
-            if self.writes <= last {
-                let byte = if self.writes == last { in_flight } else { byte };
-                self.bytes[usize::from(address)] = byte;
-            }
-        }
-    }
+    use crate::testing::Memory;
 
     fn with(changes: &[(Key, f32)]) -> Settings {
         let mut settings = Settings::DEFAULT;
@@ -214,7 +179,7 @@ mod tests {
     /// new one, or none.
     #[test]
     fn a_power_cut_leaves_no_stroke_that_was_not_measured() {
-        let mut start = Memory::new();
+        let mut start = Memory::erased(faults::SIZE, SIZE);
         assert_eq!(loaded(&start), None);
         write(&mut start, 152_003);
         assert_eq!(loaded(&start), Some(152_003));

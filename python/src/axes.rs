@@ -6,15 +6,22 @@ use pyo3::types::{IntoPyDict, PyDict};
 
 use crate::values::array;
 
-/// A run with curves over its time (s): a label and angles (°) each.
+/// A run with its angles (°) over time (s): measured, of the model as it was given, and of the one
+/// that came of it.
 pub struct Curves<'a> {
     pub name: &'a str,
     pub time: &'a [f64],
-    pub angles: Vec<(&'static str, &'a [f64])>,
+    pub measured: &'a [f64],
+    pub nominal: &'a [f64],
+    pub after: &'a [f64],
 }
 
-/// One axes a run, one below the other, as a NumPy array.
-pub fn drawn<'py>(py: Python<'py>, runs: &[Curves<'_>]) -> PyResult<Bound<'py, PyAny>> {
+/// One axes a run, one below the other, as a NumPy array; `after` is the label of the last curve.
+pub fn drawn<'py>(
+    py: Python<'py>,
+    runs: &[Curves<'_>],
+    after: &str,
+) -> PyResult<Bound<'py, PyAny>> {
     /// Inches of a run.
     const SIZE: [f64; 2] = [8.0, 2.4];
     let pyplot = py.import("matplotlib.pyplot").map_err(|_| {
@@ -30,7 +37,11 @@ pub fn drawn<'py>(py: Python<'py>, runs: &[Curves<'_>]) -> PyResult<Bound<'py, P
     let axes = axes.call_method0("flatten")?;
     for (place, run) in runs.iter().enumerate() {
         let one = axes.get_item(place)?;
-        for (label, angles) in &run.angles {
+        for (label, angles) in [
+            ("measured", run.measured),
+            ("nominal", run.nominal),
+            (after, run.after),
+        ] {
             let label = [("label", label)].into_py_dict(py)?;
             one.call_method(
                 "plot",

@@ -156,14 +156,12 @@ impl Diagnosis {
                 .map(|run| Curves {
                     name: &run.name,
                     time: &run.time,
-                    angles: vec![
-                        ("measured", &run.measured),
-                        ("nominal", &run.nominal),
-                        ("repaired", &run.repaired),
-                    ],
+                    measured: &run.measured,
+                    nominal: &run.nominal,
+                    after: &run.repaired,
                 })
                 .collect();
-            return axes::drawn(py, &curves).map(Some);
+            return axes::drawn(py, &curves, "repaired").map(Some);
         };
         self.check(&Output::of("plot", FileKind::Picture, Some(&path)))
             .or_raise(py)?;

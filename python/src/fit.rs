@@ -251,14 +251,12 @@ impl Fit {
             .map(|run| Curves {
                 name: &run.name,
                 time: &run.time,
-                angles: vec![
-                    ("measured", &run.measured),
-                    ("nominal", &run.nominal),
-                    ("fitted", &run.fitted),
-                ],
+                measured: &run.measured,
+                nominal: &run.nominal,
+                after: &run.fitted,
             })
             .collect();
-        axes::drawn(py, &curves)
+        axes::drawn(py, &curves, "fitted")
     }
 
     /// The tables that `rig fit` prints.

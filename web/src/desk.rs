@@ -11,15 +11,15 @@ use softrig::diagnose::{Progress, Request as Asked, diagnose};
 use softrig::estimate::assemble::assemble;
 use softrig::estimate::placement::with_tip_load;
 use softrig::first_model::{Evidence, Geometry, from_nothing, from_recordings};
-use softrig::synth::example::{Hidden, make};
+use softrig::synth::example::{Hidden, NOISE_DEG, make};
 use softrig_formats::bounded::not_text;
 use softrig_formats::columns::{self, Columns, Layout, Names, Quantity, unit_of};
-use softrig_formats::error::InputError;
+use softrig_formats::error::{InputError, UNKNOWN_COLUMN};
 use softrig_formats::material_name::named;
 use softrig_formats::model_file::ModelFile;
 use softrig_formats::numbers::short;
 use softrig_formats::own_effects::OwnEffects;
-use softrig_formats::recording::{Recording, meta_beside, to_csv};
+use softrig_formats::recording::{META_ENDING, Recording, meta_beside, to_csv};
 use softrig_formats::terminal::quoted;
 use softrig_report::Outputs;
 use softrig_report::content::Content;
@@ -29,14 +29,8 @@ use softrig_report::plot::to_inline_svg;
 use softrig_report::provenance::{EFFECTS, FITTED, HELD_OUT, METADATA, MODEL, Provenance, Source};
 use softrig_report::terminal::summary;
 
-/// The ending of the file with the metadata of a recording.
-const META: &str = ".meta.toml";
-
 /// The file of a model that was made here.
 const MODEL_FILE: &str = "model.toml";
-
-/// Noise of the angle in examples (° RMS), as `rig example` has it.
-const EXAMPLE_NOISE_DEG: f64 = 0.4;
 
 /// What the page asks.
 #[derive(Clone, Debug, Deserialize)]
@@ -201,7 +195,7 @@ impl Fault {
                 let units = Columns::of_units(&it.units).unwrap_or_default();
                 let columns = Quantity::ALL.map(|of| names.said(of).unwrap_or_default().to_owned());
                 // What nothing in the header looks like, nobody but the user knows.
-                let is_whole = columns.iter().all(|column| column != "COLUMN");
+                let is_whole = columns.iter().all(|column| column != UNKNOWN_COLUMN);
                 is_whole.then(|| json!({ "columns": columns, "units": units_of(&units) }))
             }),
         })
@@ -281,7 +275,7 @@ impl Desk {
     fn put(&mut self, held: Held) {
         let name = held.name();
         self.remove(&held.path);
-        if name.ends_with(META) {
+        if name.ends_with(META_ENDING) {
             self.meta.push(held);
         } else if Path::new(&name).extension().is_some_and(|it| it == "toml") {
             match held.text().map(|text| is_of_effects(text, &held.path)) {
@@ -555,7 +549,7 @@ impl Desk {
 
 /// The files of an example, and what it hides.
 fn example(seed: u64, effect: Option<&str>) -> Result<Value, InputError> {
-    let example = make(Hidden::named(effect)?, EXAMPLE_NOISE_DEG, seed)?;
+    let example = make(Hidden::named(effect)?, NOISE_DEG, seed)?;
     let mut files = vec![json!({ "name": MODEL_FILE, "text": example.model })];
     for (file, recording, meta) in &example.recordings {
         let beside = meta_beside(Path::new(file));

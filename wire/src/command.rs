@@ -302,11 +302,10 @@ impl Request {
 mod tests {
     extern crate std;
     use super::*;
-    use crate::decimal::Hundredths;
-    use crate::protocol::ControlMode;
+    use crate::testing::every_command;
     use crate::text::{Text, sealed};
     use proptest::prelude::*;
-    use std::{string::String, vec, vec::Vec};
+    use std::string::String;
 
     fn line(request: &Request) -> String {
         let mut out = Text::default();
@@ -314,55 +313,9 @@ mod tests {
         out.0
     }
 
-    fn commands() -> Vec<Command> {
-        let mut all = vec![
-            Command::Hello,
-            Command::Beat,
-            Command::Help,
-            Command::Status,
-            Command::SelfTest,
-            Command::Arm,
-            Command::Disarm,
-            Command::Run(None),
-            Command::Stop,
-            Command::Clear,
-            Command::Tare,
-            Command::Load(32),
-            Command::Segment {
-                index: 31,
-                segment: Segment::Multisine {
-                    mode: ControlMode::AngleClosedLoop,
-                    centre: Hundredths(12_345),
-                    amplitude: Hundredths(2_345),
-                    period_ms: 600_000,
-                    duration_ms: 600_000,
-                },
-            },
-            Command::Save,
-            Command::Discard,
-            Command::Raw,
-            Command::Exact,
-            Command::Log(7),
-            Command::Past(50),
-            Command::Switches,
-            Command::Hang,
-            Command::Stroke,
-            Command::Machine,
-        ];
-        all.extend(Named::ALL.iter().map(|&named| Command::Run(Some(named))));
-        for key in Key::all() {
-            all.push(Command::Get(key));
-            all.push(Command::Set {
-                key,
-                bits: 0x1234_abcd,
-            });
-        }
-        all
-    }
-
     #[test]
     fn every_command_is_read_back_and_fits_a_line() {
-        for (id, command) in (0..=255).cycle().zip(commands()) {
+        for (id, command) in (0..=255).cycle().zip(every_command()) {
             let request = Request { id, command };
             let text = line(&request);
             assert_eq!(Request::parse(text.as_bytes()), Ok(request), "{text}");
@@ -425,9 +378,9 @@ mod tests {
 
         #[test]
         fn one_wrong_bit_is_never_another_command(
-            which in 0..commands().len(), place: prop::sample::Index, bit in 0..8u8,
+            which in 0..every_command().len(), place: prop::sample::Index, bit in 0..8u8,
         ) {
-            let request = Request { id: 77, command: commands()[which] };
+            let request = Request { id: 77, command: every_command()[which] };
             let mut bytes = line(&request).trim_end().as_bytes().to_vec();
             let place = place.index(bytes.len());
             bytes[place] ^= 1 << bit;

@@ -1,13 +1,19 @@
-//! Shared by tests of this crate and of the firmware: the parts of random protocols. No image
-//! and no tool is built with it.
+//! Shared by tests of this crate and of the firmware: every command, and the parts of random
+//! protocols. No image and no tool is built with it.
+
+extern crate std;
+
+use std::{vec, vec::Vec};
 
 use core::ops::{Range, RangeInclusive};
 
 use proptest::prelude::*;
 
 use crate::{
+    command::Command,
     decimal::Hundredths,
-    protocol::{ControlMode, MAX_REPEATS, Segment},
+    protocol::{ControlMode, MAX_REPEATS, Named, Segment},
+    settings::Key,
 };
 
 /// Segments of every kind; a repeat goes back to one of `from`. Whether a protocol of them is
@@ -56,4 +62,51 @@ pub fn segments(
         duration_ms.prop_map(|duration_ms| Segment::Release { duration_ms }),
         (from, 1..=MAX_REPEATS).prop_map(|(from, times)| Segment::Repeat { from, times }),
     ]
+}
+
+/// Every command, with each name and each key that it can have.
+pub fn every_command() -> Vec<Command> {
+    let mut all = vec![
+        Command::Hello,
+        Command::Beat,
+        Command::Help,
+        Command::Status,
+        Command::SelfTest,
+        Command::Arm,
+        Command::Disarm,
+        Command::Run(None),
+        Command::Stop,
+        Command::Clear,
+        Command::Tare,
+        Command::Load(32),
+        Command::Segment {
+            index: 31,
+            segment: Segment::Multisine {
+                mode: ControlMode::AngleClosedLoop,
+                centre: Hundredths(12_345),
+                amplitude: Hundredths(2_345),
+                period_ms: 600_000,
+                duration_ms: 600_000,
+            },
+        },
+        Command::Save,
+        Command::Discard,
+        Command::Raw,
+        Command::Exact,
+        Command::Log(7),
+        Command::Past(50),
+        Command::Switches,
+        Command::Hang,
+        Command::Stroke,
+        Command::Machine,
+    ];
+    all.extend(Named::ALL.iter().map(|&named| Command::Run(Some(named))));
+    for key in Key::all() {
+        all.push(Command::Get(key));
+        all.push(Command::Set {
+            key,
+            bits: 0x1234_abcd,
+        });
+    }
+    all
 }

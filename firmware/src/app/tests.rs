@@ -14,7 +14,7 @@ use wire::{
     line,
     protocol::{ControlMode, Named, Segment},
     reply::{Refusal, Reply},
-    testing::segments,
+    testing::{every_command, segments},
     text::{Text, sealed},
 };
 
@@ -154,39 +154,14 @@ impl Rig {
     }
 }
 
-/// Every word that a request can begin with, but for those that belong to another one.
+/// Every word that a request can begin with.
 #[test]
 fn the_help_names_every_request() {
-    let segment = Segment::Hold { duration_ms: 1_000 };
-    for command in [
-        Command::Hello,
-        Command::Beat,
-        Command::Status,
-        Command::SelfTest,
-        Command::Arm,
-        Command::Disarm,
-        Command::Run(None),
-        Command::Stop,
-        Command::Clear,
-        Command::Tare,
-        Command::Load(1),
-        Command::Segment { index: 0, segment },
-        Command::Set {
-            key: Key::Damping,
-            bits: 0,
-        },
-        Command::Get(Key::Damping),
-        Command::Save,
-        Command::Discard,
-        Command::Raw,
-        Command::Exact,
-        Command::Log(0),
-        Command::Past(0),
-        Command::Switches,
-        Command::Hang,
-        Command::Stroke,
-        Command::Machine,
-    ] {
+    // Who asks for help knows the word.
+    for command in every_command()
+        .into_iter()
+        .filter(|it| *it != Command::Help)
+    {
         let mut line = Text::default();
         Request { id: 1, command }.write(&mut line).unwrap();
         let word = line.0.split(' ').nth(1).unwrap();

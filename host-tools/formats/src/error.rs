@@ -31,6 +31,9 @@ pub struct InputError {
     pub suggestion: Option<Box<Suggestion>>,
 }
 
+/// The name in a suggestion of a column that no header looks like.
+pub const UNKNOWN_COLUMN: &str = "COLUMN";
+
 /// Columns and units as `--columns` and `--units` take them; `COLUMN` stands for a column that
 /// nothing in the header looks like, and units may be empty.
 #[derive(Clone, Debug, PartialEq, Eq)]

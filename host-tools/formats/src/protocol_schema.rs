@@ -6,7 +6,7 @@ use serde_json::{Map, Value, json};
 
 use crate::protocol_file::{CONTROL_MODES, unit};
 use crate::setup::NUMBERS;
-use wire::protocol::{ControlMode, MAX_SEGMENTS};
+use wire::protocol::MAX_SEGMENTS;
 
 /// The schema of a protocol file. That a repeat goes back to an earlier segment, and that numbers
 /// have at most two decimals, only the reader can tell.
@@ -59,13 +59,11 @@ fn setup() -> Value {
 /// Each kind of segment, those that track something once for each of it.
 fn segments() -> Vec<Value> {
     let seconds = || json!({ "type": "number", "minimum": 0.0, "description": "s" });
-    let of = |kind: &str, track: Option<ControlMode>, keys: Vec<(String, Value)>| {
+    let of = |kind: &str, track: Option<&str>, keys: Vec<(String, Value)>| {
         let mut properties = Map::new();
         properties.insert("kind".to_owned(), json!({ "const": kind }));
-        if let Some(mode) = track {
-            let name = CONTROL_MODES.iter().find(|(known, _)| *known == mode);
-            let name = name.map_or("", |(_, name)| name);
-            properties.insert("track".to_owned(), json!({ "const": name }));
+        if let Some(track) = track {
+            properties.insert("track".to_owned(), json!({ "const": track }));
         }
         properties.extend(keys);
         let required: Vec<&String> = properties.keys().collect();
@@ -77,7 +75,7 @@ fn segments() -> Vec<Value> {
         })
     };
     let mut all = Vec::new();
-    for (mode, _) in CONTROL_MODES {
+    for (mode, track) in CONTROL_MODES {
         let level = |name: &str| {
             let unit = unit(mode);
             (
@@ -87,11 +85,11 @@ fn segments() -> Vec<Value> {
         };
         let duration = || ("duration_s".to_owned(), seconds());
         for kind in ["step", "ramp"] {
-            all.push(of(kind, Some(mode), vec![level("level"), duration()]));
+            all.push(of(kind, Some(track), vec![level("level"), duration()]));
         }
         let period = ("period_s".to_owned(), seconds());
         let sum = vec![level("centre"), level("amplitude"), period, duration()];
-        all.push(of("multisine", Some(mode), sum));
+        all.push(of("multisine", Some(track), sum));
     }
     for kind in ["hold", "release"] {
         all.push(of(kind, None, vec![("duration_s".to_owned(), seconds())]));

@@ -539,9 +539,12 @@ pub fn stem(path: &Path) -> String {
         .to_owned()
 }
 
+/// The ending of the file with the metadata of a recording.
+pub const META_ENDING: &str = ".meta.toml";
+
 /// Where the metadata of a recording stand.
 pub fn meta_beside(path: &Path) -> PathBuf {
-    path.with_file_name(format!("{}.meta.toml", stem(path)))
+    path.with_file_name(format!("{}{META_ENDING}", stem(path)))
 }
 
 /// The metadata beside a recording, or else those in it.

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Parser;
 
-use softrig::synth::example::{Hidden, make, of_actuator};
+use softrig::synth::example::{Hidden, NOISE_DEG, make, of_actuator};
 use softrig_formats::model_file::ModelFile;
 
 /// Writes a model and simulated recordings with an effect hidden in them.
@@ -34,7 +34,7 @@ pub struct Args {
     #[arg(long, value_name = "TRUTH.toml", conflicts_with = "effect")]
     actuator: Option<PathBuf>,
     /// RMS noise of the angle sensor, in degrees
-    #[arg(long, default_value_t = 0.4)]
+    #[arg(long, default_value_t = NOISE_DEG)]
     noise_deg: f64,
 }
 

@@ -5,7 +5,7 @@
 //! read because its name looks right.
 
 use crate::columns::{Layout, Quantity, Unit, position};
-use crate::error::{InputError, Suggestion};
+use crate::error::{InputError, Suggestion, UNKNOWN_COLUMN};
 use crate::table::seems_number;
 use crate::terminal::quoted;
 
@@ -150,7 +150,11 @@ fn suggested(header: &[String], layout: &Layout) -> Option<Suggestion> {
         };
         taken.extend(name);
         if name != Some(quantity.column()) {
-            names.push(format!("{}={}", quantity.key(), name.unwrap_or("COLUMN")));
+            names.push(format!(
+                "{}={}",
+                quantity.key(),
+                name.unwrap_or(UNKNOWN_COLUMN)
+            ));
         }
         let unit = name.and_then(|name| unit_in(quantity, name));
         if let Some(unit) = unit.filter(|unit| !unit.is_promised()) {

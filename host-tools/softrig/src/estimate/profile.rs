@@ -103,12 +103,6 @@ impl Profile {
             interval95,
         })
     }
-
-    /// The best value.
-    pub fn best(&self) -> f64 {
-        let least = self.points.iter().min_by(|a, b| a.1.total_cmp(&b.1));
-        least.map_or(f64::NAN, |(value, _)| *value)
-    }
 }
 
 /// Where the profile crosses its limit, on the way outwards. Between points its root is taken for

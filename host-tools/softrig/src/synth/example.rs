@@ -22,6 +22,8 @@ use softrig_formats::model_file::ModelFile;
 use softrig_formats::numbers::tidy;
 use softrig_formats::recording::{Meta, PASCAL_PER_KPA, Recording, to_csv};
 
+/// White noise of the angle in examples where nothing else is said (° RMS).
+pub const NOISE_DEG: f64 = 0.4;
 /// Angle of one count of a ten-bit converter behind a flex sensor (°).
 const ANGLE_COUNT_DEG: f64 = 90.0 / 341.0;
 /// Pressure of one count behind a 0–80 psi sensor, averaged four times (kPa).
