@@ -2,7 +2,7 @@
 //! tests crate, which flashes, records, diagnoses, uploads and records again.
 
 use std::{
-    env, fs,
+    fs,
     io::{BufRead, BufReader},
     process::{Command, Stdio},
     time::Instant,
@@ -60,13 +60,10 @@ pub fn demo(options: &[&str]) -> Outcome {
             Ok(())
         },
     )?;
-    let xtask = env::current_exe().map_err(|error| format!("cannot find xtask: {error}"))?;
     demo.arg("--rig")
         .arg(release.join("rig"))
         .arg("--simulator")
-        .arg(release.join("virtual-rig"))
-        .arg("--xtask")
-        .arg(xtask);
+        .arg(release.join("virtual-rig"));
     let Some(place) = options.iter().position(|option| *option == "--cast") else {
         return run(demo.args(options));
     };

@@ -1,9 +1,10 @@
 //! Finding what is missing and installing it.
 //!
 //! Beyond stable Rust the firmware and the virtual rig take a C compiler, a compiler with
-//! the library source that avr-none is built from, avr-gcc as its linker, simavr and avrdude.
-//! The tests add Python, which runs exported models and the package, a linker for WebAssembly, which
-//! makes the page, Chromium, which looks at reports and the page, and mdBook, which makes the book. Only `cargo run` in firmware/ takes ravedude.
+//! the library source that avr-none is built from, avr-gcc as its linker, and simavr. The tests
+//! add avrdude, which the virtual rig has to understand, Python, which runs exported models and the
+//! package, a linker for WebAssembly, which makes the page, Chromium, which looks at reports and the
+//! page, and mdBook, which makes the book. Only `cargo run` in firmware/ takes ravedude.
 //! Each is looked for first, so that a second run does nothing.
 
 use std::{
@@ -130,7 +131,7 @@ const NEEDS: &[Need] = &[
     },
     Need {
         what: "avrdude",
-        purposes: &[Purpose::Demo, Purpose::Tests, Purpose::CargoRun],
+        purposes: &[Purpose::Tests, Purpose::CargoRun],
         present: || has_program("avrdude"),
         debian: &["avrdude"],
     },

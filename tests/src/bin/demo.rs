@@ -1,6 +1,6 @@
 //! The loop once, for someone who has no rig yet; `cargo xtask demo` builds and runs it.
 //!
-//! Nothing here is staged: avrdude writes the image that a board would get, the simulator
+//! Nothing here is staged: `rig flash` writes the image that a board would get, the simulator
 //! executes it, and every number comes over the serial port.
 
 use std::path::PathBuf;
@@ -27,9 +27,6 @@ struct Args {
     effect: Option<String>,
     #[command(flatten)]
     programs: Programs,
-    /// The program that flashes the image
-    #[arg(long, value_name = "PATH")]
-    xtask: PathBuf,
 }
 
 /// Where the demo leaves everything, in the workspace's root; git ignores it.
@@ -39,7 +36,7 @@ const FOLDER: &str = "demo";
 /// out.
 const SEED: u64 = 1;
 
-/// How long avrdude may take to write.
+/// How long it may take to write the image.
 const FLASH_LIMIT: Duration = Duration::from_secs(120);
 
 /// The steps that `cargo xtask demo` does before: set-up and build.
@@ -95,12 +92,14 @@ fn demo(args: &Args) -> Result<(), String> {
     let clock = Instant::now();
     let mut steps = Steps(DONE);
     let folder = Folder::clear(PathBuf::from(FOLDER))?;
-    let flash = "flash the firmware into the virtual rig, with avrdude";
+    let flash = "flash the firmware into the virtual rig";
     let board = steps.step(flash, || {
         let complaints = Stdio::inherit();
         let board = Board::start(&programs.simulator, &drawn, &folder, None, complaints)?;
-        let mut flash = Command::new(&args.xtask);
-        flash.args(["flash", "--no-console", "--port", &board.port]);
+        // The image in Intel's format stands beside the other.
+        let mut flash = programs.rig();
+        flash.args(["flash", "--port", &board.port]);
+        flash.arg(programs.image.with_extension("hex"));
         succeed(&mut flash, FLASH_LIMIT, &folder.path("flash.txt"))?;
         let name = programs.image.file_name().unwrap_or_default();
         println!(
