@@ -23,6 +23,7 @@ pub mod protocol;
 pub mod reply;
 pub mod self_test;
 pub mod settings;
+pub mod stamp;
 pub mod state;
 pub mod step_report;
 pub mod stretch;

@@ -6,7 +6,7 @@ use std::{
     process::Command,
 };
 
-use crate::image;
+use crate::image::{self, stamp::FLASH_BYTES};
 use crate::shell::{self, Outcome, read, root, run, target_dir};
 
 /// The toolchain name that `firmware/rust-toolchain.toml` asks for.
@@ -153,8 +153,6 @@ pub struct Size {
     pub static_ram: u64,
 }
 
-/// Flash that the bootloader leaves.
-const FLASH_BYTES: u64 = 0x3_e000;
 const RAM_BYTES: u64 = 8 * 1024;
 
 /// Measures an image.

@@ -6,18 +6,16 @@
 
 use core::arch::asm;
 
-use wire::{answer::ImageSum, checksum::Crc16};
-
-/// What the build writes behind [`MARK`]: length of the flash in bytes (4) and checksum (2),
-/// little-endian. All ones until then.
-const STAMP: usize = 6;
-/// How the build finds the place.
-const MARK: [u8; 10] = *b"softrigCRC";
+use wire::{
+    answer::ImageSum,
+    checksum::Crc16,
+    stamp::{FLASH_BYTES, MARK, STAMP_BYTES},
+};
 
 #[unsafe(link_section = ".progmem.data")]
 #[used]
-static STAMPED: [u8; MARK.len() + STAMP] = {
-    let mut bytes = [0xff; MARK.len() + STAMP];
+static STAMPED: [u8; MARK.len() + STAMP_BYTES] = {
+    let mut bytes = [0xff; MARK.len() + STAMP_BYTES];
     let mut index = 0;
     while index < MARK.len() {
         bytes[index] = MARK[index];
@@ -25,9 +23,6 @@ static STAMPED: [u8; MARK.len() + STAMP] = {
     }
     bytes
 };
-
-/// Flash that the bootloader leaves.
-const FLASH_BYTES: u32 = 0x3_e000;
 
 /// Reads a byte anywhere in flash.
 fn far_byte(at: u32) -> u8 {
@@ -47,8 +42,8 @@ fn far_byte(at: u32) -> u8 {
 pub fn sum() -> Option<ImageSum> {
     // Texts are in the lowest 64 KiB.
     let stamp = STAMPED.as_ptr().addr() as u32 + MARK.len() as u32;
-    let after = stamp + STAMP as u32;
-    let mut bytes = [0; STAMP];
+    let after = stamp + STAMP_BYTES as u32;
+    let mut bytes = [0; STAMP_BYTES];
     for (at, byte) in (stamp..after).zip(&mut bytes) {
         *byte = far_byte(at);
     }

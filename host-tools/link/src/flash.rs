@@ -16,19 +16,16 @@ use std::time::{Duration, Instant};
 
 use ihex::{Reader, Record};
 use softrig_formats::error::InputError;
+use wire::stamp::{FLASH_BYTES, MARK, STAMP_BYTES};
 
 use super::port::SerialConnector;
 
-/// Flash that the bootloader leaves to a program (bytes).
-const FLASH_BYTES: usize = 0x3_e000;
 /// Bytes of a page, the most that one request writes.
 const PAGE_BYTES: usize = 256;
 /// What erased flash holds.
 const ERASED: u8 = 0xff;
 /// The first bytes of an ATmega2560.
 const SIGNATURE: [u8; 3] = [0x1e, 0x98, 0x01];
-/// What the build writes behind this mark: length (4 bytes) and checksum (2), little-endian.
-const MARK: &[u8] = b"softrigCRC";
 
 /// How long a bootloader is looked for.
 const SEARCH: Duration = Duration::from_secs(6);
@@ -87,7 +84,7 @@ impl Image {
                 Record::Data { offset, value } => {
                     let from = base + usize::from(offset);
                     let end = from + value.len();
-                    if end > FLASH_BYTES {
+                    if end > FLASH_BYTES as usize {
                         return Err(wrong(format!(
                             "goes up to byte {end}, and a program has {FLASH_BYTES} beside the bootloader"
                         )));
@@ -137,7 +134,7 @@ const ADVICE: &str =
 /// The checksum in a flash, if its length is right.
 fn checksum_of(flash: &[u8]) -> Option<u16> {
     let at = flash.windows(MARK.len()).position(|it| it == MARK)? + MARK.len();
-    let [a, b, c, d, low, high] = *flash.get(at..at + 6)?.first_chunk()?;
+    let [a, b, c, d, low, high] = *flash.get(at..at + STAMP_BYTES)?.first_chunk()?;
     let length = usize::try_from(u32::from_le_bytes([a, b, c, d])).ok()?;
     (length == flash.len()).then_some(u16::from_le_bytes([low, high]))
 }
@@ -378,7 +375,12 @@ mod tests {
     }
 
     fn stamped(length: u32, checksum: u16) -> Vec<u8> {
-        [MARK, &length.to_le_bytes()[..], &checksum.to_le_bytes()[..]].concat()
+        [
+            &MARK[..],
+            &length.to_le_bytes()[..],
+            &checksum.to_le_bytes()[..],
+        ]
+        .concat()
     }
 
     const END: &str = ":00000001FF\n";

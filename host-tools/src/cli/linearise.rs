@@ -377,7 +377,7 @@ impl Linearised {
                 "{}; from the pressure to what the angle sensor shows",
                 self.rest()
             ))
-            .with_panel(panel("Magnitude", "dB of 1 °/kPa", &magnitude))
+            .with_panel(panel("Magnitude", "magnitude (dB re 1 °/kPa)", &magnitude))
             .with_panel(panel("Phase", "phase (°)", &phase))
     }
 

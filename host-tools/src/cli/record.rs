@@ -221,7 +221,8 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     } else {
         None
     };
-    if protocol.is_some() && !armed {
+    // Nobody pumps into what does not vent.
+    if protocol.is_some() && !armed && remaining_kpa.is_none() {
         session.count_lost_steps();
     }
     if status.fault.is_none() {
