@@ -6,9 +6,12 @@
 
 use std::env;
 use std::fs;
-use std::process::{Child, Command, Output, Stdio};
+use std::io::{BufRead, BufReader, Lines, Write};
+use std::process::{Child, ChildStderr, ChildStdin, ChildStdout, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
+use rustix::process::{Pid, Signal, kill_process};
+use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use tempfile::TempDir;
 
 /// The steps of a run that failed, and its exit code; none without a simulator.
@@ -111,81 +114,247 @@ impl MapToOwned for &[&str] {
     }
 }
 
-/// The simulator in real time, stopped when dropped.
-struct Served(Child);
+/// The simulator in real time, in a folder of its own, stopped when dropped.
+struct Served {
+    folder: TempDir,
+    child: Child,
+    controls: ChildStdin,
+    answers: Lines<BufReader<ChildStdout>>,
+}
+
+impl Served {
+    /// None without image and simulator.
+    fn start(arguments: &[&str]) -> Option<Self> {
+        let (Some(image), Some(simulator)) = (
+            env::var_os("SOFTRIG_FIRMWARE"),
+            env::var_os("SOFTRIG_VIRTUAL_RIG"),
+        ) else {
+            println!("skipped: `cargo xtask test` builds image and simulator");
+            return None;
+        };
+        let folder = tempfile::tempdir().unwrap();
+        let mut child = Command::new(simulator)
+            .args(["serve", "--control", "--image"])
+            .arg(image)
+            .args(["--link", "port"])
+            .args(arguments)
+            .current_dir(&folder)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let controls = child.stdin.take().unwrap();
+        let mut answers = BufReader::new(child.stdout.take().unwrap()).lines();
+        let said = answers.next().unwrap().unwrap();
+        assert!(said.starts_with("port "), "{said}");
+        Some(Self {
+            folder,
+            child,
+            controls,
+            answers,
+        })
+    }
+
+    /// What it answers to a line of its control.
+    fn obey(&mut self, line: &str) -> String {
+        writeln!(self.controls, "{line}").unwrap();
+        self.answers.next().unwrap().unwrap()
+    }
+
+    /// `rig` in its folder, to the end.
+    fn rig(&self, arguments: &[&str]) -> Output {
+        rig(&self.folder, arguments).unwrap()
+    }
+}
 
 impl Drop for Served {
     fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
+        let _ = self.child.kill();
+        let _ = self.child.wait();
     }
 }
 
 /// The clock goes from the step into the file, from there into the metadata, and into the times.
 #[test]
 fn the_measured_clock_corrects_the_times_of_a_recording() {
-    let (Some(image), Some(simulator)) = (
-        env::var_os("SOFTRIG_FIRMWARE"),
-        env::var_os("SOFTRIG_VIRTUAL_RIG"),
-    ) else {
-        println!("skipped: `cargo xtask test` builds image and simulator");
+    let Some(served) = Served::start(&["--clock-error", "0.43"]) else {
         return;
     };
-    let folder = tempfile::tempdir().unwrap();
-    let port = folder.path().join("port");
-    let served = Command::new(simulator)
-        .args(["serve", "--image"])
-        .arg(image)
-        .arg("--link")
-        .arg(&port)
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .spawn();
-    let _served = Served(served.unwrap());
-    let until = Instant::now() + Duration::from_secs(30);
-    while !port.exists() && Instant::now() < until {
-        std::thread::sleep(Duration::from_millis(50));
-    }
     let record = |name: &str| {
         let arguments = ["record", "--port", "port", "--seconds", "1", "-o", name];
-        let output = rig(&folder, &arguments).unwrap();
+        let output = served.rig(&arguments);
         let said = String::from_utf8_lossy(&output.stderr).into_owned();
         assert!(output.status.success(), "{said}");
-        let text = fs::read_to_string(folder.path().join(name)).unwrap();
+        let path = served.folder.path().join(name);
+        let text = fs::read_to_string(&path).unwrap();
         let last = text.lines().last().unwrap();
         let time_s: f64 = last.split(',').next().unwrap().parse().unwrap();
-        let meta = folder.path().join(name).with_extension("meta.toml");
-        let meta: toml::Table = fs::read_to_string(meta).unwrap().parse().unwrap();
+        let meta = fs::read_to_string(path.with_extension("meta.toml")).unwrap();
+        let meta: toml::Table = meta.parse().unwrap();
         let factor = meta.get("clock_factor").and_then(toml::Value::as_float);
-        (time_s, factor, text.lines().count(), said)
-    };
-    let (raw_s, factor, rows, _) = record("raw.csv");
-    assert_eq!(factor, None);
-    assert!(
-        (raw_s - 0.01 * (rows as f64 - 2.0)).abs() < 1e-9,
-        "{raw_s} {rows}"
-    );
-
-    let clock = |board: &str| {
-        format!(
-            "schema = 1\nboard = \"{board}\"\n[clock]\nfactor = 1.0043\nstandard_error = 1e-5\nseconds = 60.0\n"
+        // By the board's clock there are 10 ms from row to row.
+        (
+            time_s,
+            factor,
+            0.01 * (text.lines().count() as f64 - 2.0),
+            said,
         )
     };
-    let path = folder.path().join("rig.toml");
-    fs::write(&path, clock("simulated")).unwrap();
-    let (corrected_s, factor, rows, _) = record("corrected.csv");
-    assert_eq!(factor, Some(1.0043));
-    let expected_s = 0.01 * (rows as f64 - 2.0) * 1.0043;
+    let (raw_s, factor, board_s, _) = record("raw.csv");
+    assert_eq!(factor, None);
+    assert!((raw_s - board_s).abs() < 1e-9, "{raw_s} {board_s}");
+
+    let measured = served.rig(&[
+        "commission",
+        "--port",
+        "port",
+        "--only",
+        "clock",
+        "--seconds",
+        "12",
+        "--json",
+        "-",
+    ]);
+    let said = String::from_utf8_lossy(&measured.stderr);
+    assert!(measured.status.success(), "{said}");
+    let report: serde_json::Value = serde_json::from_slice(&measured.stdout).unwrap();
+    let clock = |key: &str| report["clock"][key].as_f64().unwrap();
+    let (found, error) = (clock("factor"), clock("standard_error"));
+    assert!((found - 1.0043).abs() < 5.0 * error, "{found} {error}");
+
+    let (corrected_s, factor, board_s, _) = record("corrected.csv");
+    assert_eq!(factor, Some(found));
     assert!(
-        (corrected_s - expected_s).abs() < 2e-6,
-        "{corrected_s} {expected_s}"
+        (corrected_s - board_s * found).abs() < 2e-6,
+        "{corrected_s} {board_s}"
     );
 
-    fs::write(&path, clock("usb 2341:0042 75330")).unwrap();
+    let path = served.folder.path().join("rig.toml");
+    let of_another = fs::read_to_string(&path).unwrap();
+    let of_another = of_another.replace("\"simulated\"", "\"usb 2341:0042 75330\"");
+    fs::write(&path, of_another).unwrap();
     let (_, factor, _, said) = record("another.csv");
     assert_eq!(factor, None);
     assert!(
         said.contains("75330") && said.contains("not corrected"),
         "{said}"
     );
+}
+
+/// A person at the keyboard of `rig commission`, who does at the rig what it says.
+struct Person {
+    rig: Child,
+    keyboard: fs::File,
+    said: Lines<BufReader<ChildStderr>>,
+}
+
+impl Person {
+    fn start(served: &Served, steps: &[&str]) -> Self {
+        let keyboard = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
+        grantpt(&keyboard).unwrap();
+        unlockpt(&keyboard).unwrap();
+        let terminal = ptsname(&keyboard, Vec::new()).unwrap();
+        let terminal = fs::File::open(terminal.to_str().unwrap()).unwrap();
+        let mut command = Command::new(env!("CARGO_BIN_EXE_rig"));
+        command.args(["commission", "--port", "port", "--json", "board.json"]);
+        for step in steps {
+            command.args(["--only", step]);
+        }
+        let mut rig = command
+            .current_dir(&served.folder)
+            .stdin(terminal)
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let said = BufReader::new(rig.stderr.take().unwrap()).lines();
+        Self {
+            rig,
+            keyboard: keyboard.into(),
+            said,
+        }
+    }
+
+    fn types(&mut self, text: &str) {
+        self.keyboard.write_all(text.as_bytes()).unwrap();
+    }
+
+    /// The next line that it says; none at its end.
+    fn hears(&mut self) -> Option<String> {
+        self.said.next().map(Result::unwrap)
+    }
+
+    fn exit_code(&mut self) -> Option<i32> {
+        self.rig.wait().unwrap().code()
+    }
+}
+
+#[test]
+fn a_person_who_does_what_it_says_passes() {
+    let Some(mut served) = Served::start(&[]) else {
+        return;
+    };
+    let mut person = Person::start(&served, &["switches", "emergency-stop"]);
+    let (mut all, mut done, mut agreed, mut answered) = (String::new(), 0, 0, 0);
+    while let Some(line) = person.hears() {
+        all += &format!("{line}\n");
+        if line.contains("Enter begins") {
+            person.types("perhaps\n\n");
+            agreed += 1;
+        } else if line.contains("(y or n, then Enter)") {
+            person.types("y\n");
+            answered += 1;
+        } else if let Some(hand) = line.split('`').find(|it| it.starts_with("fault ")) {
+            let answer = served.obey(hand);
+            assert!(answer.starts_with("ok"), "{answer}");
+            done += 1;
+        }
+    }
+    assert_eq!(person.exit_code(), Some(0), "{all}");
+    // Three switches, each pressed and pulled, and the button.
+    assert_eq!((done, agreed, answered), (2 * (2 * 3 + 1), 1, 1), "{all}");
+    assert!(all.contains("Answer with y, n, s or q."), "{all}");
+}
+
+#[test]
+fn a_person_skips_and_ends_it_while_the_pump_runs() {
+    for way in ["q", "Ctrl-C"] {
+        let Some(mut served) = Served::start(&[]) else {
+            return;
+        };
+        let mut person = Person::start(&served, &["switches", "homing"]);
+        let mut all = String::new();
+        while let Some(line) = person.hears() {
+            all += &format!("{line}\n");
+            if line.contains("press and hold") {
+                person.types("s\n");
+            } else if line.contains("Enter begins") {
+                person.types("\n");
+                let moves = || served.obey("status").contains("driver=on");
+                let until = Instant::now() + Duration::from_secs(20);
+                wait_until(until, moves);
+                match way {
+                    "q" => person.types("q\n"),
+                    _ => kill_process(Pid::from_child(&person.rig), Signal::INT).unwrap(),
+                }
+            }
+        }
+        assert_eq!(person.exit_code(), Some(1), "{way}: {all}");
+        assert!(all.contains("Skipped by the operator."), "{way}: {all}");
+        assert!(all.contains("stopped by the operator"), "{way}: {all}");
+        let rests = || {
+            let status = served.obey("status");
+            status.contains("driver=off") && status.contains("valve=open")
+        };
+        wait_until(Instant::now() + Duration::from_secs(5), rests);
+    }
+}
+
+/// Waits until it holds.
+fn wait_until(until: Instant, mut holds: impl FnMut() -> bool) {
+    while !holds() {
+        assert!(Instant::now() < until, "it did not come to that");
+        std::thread::sleep(Duration::from_millis(20));
+    }
 }

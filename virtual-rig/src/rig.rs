@@ -56,10 +56,13 @@ pub struct Options {
     /// Whether the bootloader leaves the reset flags in MCUSR to the firmware. That of the
     /// Arduino Mega 2560 clears them.
     pub keeps_reset_flags: bool,
+    /// True seconds in one of the board's: above 1 its clock is slow. A ceramic resonator, as
+    /// the Mega has, is off by up to 0.5 %.
+    pub clock_factor: f64,
 }
 
 impl Default for Options {
-    /// A healthy rig with [`default_actuator`], seed 1 and an erased EEPROM.
+    /// A healthy rig with [`default_actuator`], seed 1, an exact clock and an erased EEPROM.
     fn default() -> Self {
         Self::with_actuator(default_actuator())
     }
@@ -74,6 +77,7 @@ impl Options {
             eeprom: None,
             faults: Vec::new(),
             keeps_reset_flags: false,
+            clock_factor: 1.0,
         }
     }
 }
@@ -153,6 +157,8 @@ const DRIFT_PA_PER_S: f64 = 500.0;
 /// ```
 pub struct VirtualRig {
     board: Board,
+    /// What a processor cycle takes (s).
+    cycle_s: f64,
     plant: Plant,
     random: Pcg64Mcg,
     next_plant_cycle: u64,
@@ -208,9 +214,11 @@ impl VirtualRig {
         board.seed_noise(random.random());
         let mut part = || Pcg64Mcg::seed_from_u64(random.random());
         let (to_board, from_board) = (Noise::new(part()), Noise::new(part()));
-        let interval = PLANT_CYCLES as f64 / f64::from(CLOCK_HZ);
+        let cycle_s = options.clock_factor / f64::from(CLOCK_HZ);
+        let interval = PLANT_CYCLES as f64 * cycle_s;
         let mut rig = Self {
             board,
+            cycle_s,
             plant: Plant::new(options.plant, syringe.millimetres(start), interval),
             random,
             next_plant_cycle: PLANT_CYCLES,
@@ -248,7 +256,7 @@ impl VirtualRig {
     pub fn run_for(&mut self, seconds: f64) -> Result<(), BoardError> {
         // Simulated times are hours at most.
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-        let cycles = (seconds.max(0.0) * f64::from(CLOCK_HZ)).round() as u64;
+        let cycles = (seconds.max(0.0) / self.cycle_s).round() as u64;
         self.run_cycles(cycles)
     }
 
@@ -303,7 +311,7 @@ impl VirtualRig {
 
     /// Simulated time since the start (s).
     pub fn time_s(&self) -> f64 {
-        self.cycle() as f64 / f64::from(CLOCK_HZ)
+        self.cycle() as f64 * self.cycle_s
     }
 
     fn advance_board(&mut self, stop: u64) -> Result<(), BoardError> {
@@ -518,7 +526,7 @@ impl VirtualRig {
         if self.faults.contains(&Fault::DriftingPressure) {
             self.pressure_drift_millivolts -= DRIFT_PA_PER_S
                 * PressureSensor::MILLIVOLTS_PER_PA
-                * (PLANT_CYCLES as f64 / f64::from(CLOCK_HZ));
+                * (PLANT_CYCLES as f64 * self.cycle_s);
         }
         let drift = SensorFault::Drifted(self.pressure_drift_millivolts);
         let sensor = |states: [(Fault, SensorFault); 4]| {
@@ -676,7 +684,7 @@ impl VirtualRig {
     /// The cycle in so many seconds.
     fn after(&self, seconds: f64) -> u64 {
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-        let cycles = (seconds.max(0.0) * f64::from(CLOCK_HZ)) as u64;
+        let cycles = (seconds.max(0.0) / self.cycle_s) as u64;
         self.cycle().saturating_add(cycles)
     }
 

@@ -117,6 +117,10 @@ pub struct ServeArgs {
     /// default
     #[arg(long, value_name = "MM", default_value_t = USUAL_TUBE_MM, value_parser = within(TUBES, "mm"))]
     tube_mm: f64,
+    /// The board's second is longer by so many percent: the Mega's ceramic resonator is off by
+    /// up to 0.5
+    #[arg(long, value_name = "PERCENT", default_value_t = 0.0, value_parser = within(CLOCK_ERRORS, "percent"), allow_hyphen_values = true)]
+    clock_error: f64,
     /// Stop after so many seconds of simulated time
     #[arg(long, value_name = "SECONDS", value_parser = positive)]
     duration: Option<f64>,
@@ -127,6 +131,9 @@ pub struct ServeArgs {
     #[arg(long)]
     control: bool,
 }
+
+/// Errors of the board's clock (%): with larger ones the serial line would not work.
+const CLOCK_ERRORS: RangeInclusive<f64> = -2.0..=2.0;
 
 /// Reads a number in a range.
 fn within(
@@ -266,6 +273,7 @@ fn options(args: &ServeArgs) -> anyhow::Result<Options> {
         bench.apply(&mut options.plant);
     }
     options.seed = args.seed;
+    options.clock_factor = 1.0 + args.clock_error / 100.0;
     options.faults.clone_from(&args.faults);
     if let Some(path) = &args.eeprom {
         options.eeprom = match fs::read(path) {

@@ -1,5 +1,6 @@
 //! `rig commission`: the acceptance test of a board and its rig.
 
+use std::collections::VecDeque;
 use std::io::{BufRead, IsTerminal};
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
@@ -223,6 +224,8 @@ struct Terminal {
     is_alone: bool,
     agrees: bool,
     lines: Option<Receiver<String>>,
+    /// What a person typed and nothing has looked at.
+    typed: VecDeque<String>,
     pending: Option<Answer>,
     bar: ProgressBar,
 }
@@ -264,6 +267,7 @@ impl Terminal {
             is_alone,
             agrees: args.yes,
             lines,
+            typed: VecDeque::new(),
             pending: None,
             bar: super::spinner(),
         }
@@ -271,6 +275,33 @@ impl Terminal {
 
     fn say(&self, text: &str) {
         self.bar.suspend(|| remark(text));
+    }
+
+    /// Takes what was typed; an error where that ends the test.
+    fn listen(&mut self) -> anyhow::Result<()> {
+        let Some(lines) = &self.lines else {
+            return Ok(());
+        };
+        loop {
+            match lines.try_recv() {
+                Ok(line) => match line.trim().to_lowercase() {
+                    line if matches!(line.as_str(), "q" | "quit") => {
+                        return Err(Interrupted.into());
+                    }
+                    line => self.typed.push_back(line),
+                },
+                Err(TryRecvError::Empty) => return Ok(()),
+                Err(TryRecvError::Disconnected) => return Err(Interrupted.into()),
+            }
+        }
+    }
+
+    /// Asks a person: what was typed before is no answer to it.
+    fn ask_person(&mut self, text: &str) -> anyhow::Result<()> {
+        self.listen()?;
+        self.typed.clear();
+        self.say(text);
+        Ok(())
     }
 
     /// A fault that is there from the start.
@@ -323,7 +354,7 @@ impl Operator for Terminal {
             self.say("     Nobody is here to agree: --yes begins it all the same.");
             self.pending = Some(Answer::Skip);
         } else {
-            self.say("     Enter begins, s skips, q ends.");
+            self.ask_person("     Enter begins, s skips, q ends.")?;
         }
         Ok(())
     }
@@ -332,7 +363,7 @@ impl Operator for Terminal {
         if self.interrupt.requested() {
             return Err(Interrupted.into());
         }
-        Ok(())
+        self.listen()
     }
 
     fn progress(&mut self, passed: f64, total: f64, what: &str) {
@@ -395,17 +426,15 @@ impl Operator for Terminal {
         if self.is_simulated {
             text += &format!("; where `rig virtual` runs: `{}`", control_line(hand));
         }
-        self.say(&format!("  →  {text}  (s skips)"));
-        Ok(())
+        self.ask_person(&format!("  →  {text}  (s skips)"))
     }
 
     fn ask(&mut self, question: &str) -> anyhow::Result<()> {
         if self.companion.is_some() {
             self.pending = Some(Answer::Yes);
-        } else {
-            self.say(&format!("  ?  {question}  (y or n, then Enter)"));
+            return Ok(());
         }
-        Ok(())
+        self.ask_person(&format!("  ?  {question}  (y or n, then Enter)"))
     }
 
     fn answer(&mut self) -> anyhow::Result<Option<Answer>> {
@@ -413,22 +442,15 @@ impl Operator for Terminal {
         if let Some(answer) = self.pending.take() {
             return Ok(Some(answer));
         }
-        let Some(lines) = &self.lines else {
-            return Ok(None);
-        };
-        match lines.try_recv() {
-            Ok(line) => match line.trim().to_lowercase().as_str() {
-                "" | "y" | "yes" => Ok(Some(Answer::Yes)),
-                "n" | "no" => Ok(Some(Answer::No)),
-                "s" | "skip" => Ok(Some(Answer::Skip)),
-                "q" | "quit" => Err(Interrupted.into()),
-                _ => {
-                    self.say("     Answer with y, n, s or q.");
-                    Ok(None)
-                }
-            },
-            Err(TryRecvError::Empty) => Ok(None),
-            Err(TryRecvError::Disconnected) => Err(Interrupted.into()),
-        }
+        Ok(match self.typed.pop_front().as_deref() {
+            None => None,
+            Some("" | "y" | "yes") => Some(Answer::Yes),
+            Some("n" | "no") => Some(Answer::No),
+            Some("s" | "skip") => Some(Answer::Skip),
+            Some(_) => {
+                self.say("     Answer with y, n, s or q.");
+                None
+            }
+        })
     }
 }

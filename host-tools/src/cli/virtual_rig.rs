@@ -27,6 +27,7 @@ Examples:
   rig virtual --hide 7 --model-out model.toml --truth-out truth.toml
   rig virtual --hide 7 --effect gravity --truth-out truth.toml
   rig virtual --actuator truth.toml --speed max --duration 120
+  rig virtual --link /tmp/softrig --clock-error 0.4
 
 Then, in another terminal:
   rig monitor --port /tmp/softrig
@@ -66,6 +67,10 @@ pub struct Args {
     /// Seed of the sensors' noise
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
+    /// Make the board's second longer by this many percent, -2 to 2: the resonator of a Mega
+    /// is off by up to 0.5
+    #[arg(long, value_name = "PERCENT", allow_hyphen_values = true)]
+    clock_error: Option<f64>,
     /// Keep the board's EEPROM in this file
     #[arg(long, value_name = "FILE")]
     eeprom: Option<PathBuf>,
@@ -266,6 +271,9 @@ fn command(args: &Args, program: &Path, image: &Path) -> Command {
     }
     if let Some(seed) = args.seed {
         command.arg("--seed").arg(seed.to_string());
+    }
+    if let Some(percent) = args.clock_error {
+        command.arg("--clock-error").arg(percent.to_string());
     }
     if let Some(seconds) = args.duration {
         command.arg("--duration").arg(seconds.to_string());
