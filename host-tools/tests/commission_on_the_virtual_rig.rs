@@ -4,6 +4,9 @@
 //! there is nothing to test, and the tests say so.
 #![cfg(unix)]
 
+#[path = "common/schema.rs"]
+mod schema;
+
 use std::env;
 use std::fs;
 use std::io::{BufRead, BufReader, Lines, Write};
@@ -12,6 +15,7 @@ use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+use schema::follows;
 use tempfile::TempDir;
 
 /// The steps of a run that failed, and its exit code; none without a simulator.
@@ -32,6 +36,9 @@ fn commission(arguments: &[&str]) -> Option<(Vec<String>, Option<i32>)> {
         .map(|step| step["step"].as_str().unwrap().to_owned())
         .collect();
     assert_eq!(report["passed"], failed.is_empty(), "{said}");
+    let schema = rig(&folder, &["schema", "commission"])?;
+    let schema: serde_json::Value = serde_json::from_slice(&schema.stdout).unwrap();
+    follows(&schema, &schema, &report, "commission");
     assert!(
         !folder.path().join("rig.toml").exists(),
         "a simulator at full speed has no clock to correct by"

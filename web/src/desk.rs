@@ -19,7 +19,7 @@ use softrig_formats::material_name::named;
 use softrig_formats::model_file::ModelFile;
 use softrig_formats::numbers::short;
 use softrig_formats::own_effects::OwnEffects;
-use softrig_formats::recording::{META_ENDING, Recording, meta_beside, to_csv};
+use softrig_formats::recording::{META_ENDING, Recording, meta_beside, recordings_among, to_csv};
 use softrig_formats::terminal::quoted;
 use softrig_report::Outputs;
 use softrig_report::content::Content;
@@ -305,6 +305,7 @@ impl Desk {
         held: &Held,
         layout: &Layout,
     ) -> Result<(Recording, Vec<String>), InputError> {
+        recordings_among(std::slice::from_ref(&held.path), |_| ())?;
         let meta = self.meta_of(held).map(Held::text).transpose()?;
         Recording::of_file(&held.bytes, meta, &held.path, layout)
     }

@@ -449,8 +449,60 @@ impl Recording {
     }
 }
 
-/// Reads several recordings, all with the same layout, and passes their
-/// warnings on.
+/// What `rig record` leaves beside a recording and is none: the end of its name, and what it is. A
+/// shell's `*.csv` finds them too.
+pub const SIDE_FILES: [(&str, &str); 2] = [
+    (
+        FAULTY_ENDING,
+        "holds the rows without a reading of a sensor",
+    ),
+    (BLACK_BOX_ENDING, "holds the second before a fault"),
+];
+
+/// The end of the name of the rows without a reading of a sensor.
+pub const FAULTY_ENDING: &str = ".faulty.csv";
+
+/// The end of the name of the second before a fault.
+pub const BLACK_BOX_ENDING: &str = ".blackbox.csv";
+
+/// Those of several files that are recordings, by their names: of the others it is said that
+/// they are left out.
+///
+/// # Errors
+///
+/// Where nothing is left.
+pub fn recordings_among(
+    paths: &[PathBuf],
+    mut warn: impl FnMut(&str),
+) -> Result<Vec<PathBuf>, InputError> {
+    let what = |path: &Path| {
+        let name = path.file_name()?.to_str()?;
+        let mut known = SIDE_FILES.into_iter();
+        known.find_map(|(ending, what)| name.ends_with(ending).then_some(what))
+    };
+    let mut recordings = Vec::with_capacity(paths.len());
+    let mut left_out = None;
+    for path in paths {
+        match what(path) {
+            None => recordings.push(path.clone()),
+            Some(what) => {
+                warn(&format!("{} {what}, and is left out", path.display()));
+                left_out = Some((path, what));
+            }
+        }
+    }
+    match left_out {
+        Some((path, what)) if recordings.is_empty() => Err(InputError::new(
+            format!("{what}, and is no recording"),
+            "give the recording that it stands beside",
+        )
+        .in_file(path)),
+        _ => Ok(recordings),
+    }
+}
+
+/// Reads several recordings, all with the same layout, and passes their warnings on; what only
+/// stands [beside](recordings_among) recordings is left out.
 ///
 /// # Errors
 ///
@@ -460,8 +512,9 @@ pub fn read_all(
     layout: &Layout,
     mut warn: impl FnMut(&str),
 ) -> Result<Vec<Recording>, InputError> {
+    let paths = recordings_among(paths, &mut warn)?;
     let mut recordings = Vec::with_capacity(paths.len());
-    for path in paths {
+    for path in &paths {
         let (recording, warnings) = Recording::read_as(path, layout)?;
         for warning in &warnings {
             warn(warning);
@@ -608,6 +661,32 @@ mod tests {
     }
 
     const GOOD: &str = "time_s,pressure_kpa,angle_deg,note\n0,0,0,a\n0.01,10,90,b\n";
+
+    #[test]
+    fn what_only_stands_beside_a_recording_is_left_out_with_a_sentence() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        let (run, aside) = (path("run.csv"), path("run.blackbox.csv"));
+        for it in [&run, &aside] {
+            std::fs::write(it, GOOD).unwrap();
+        }
+        let mut said = Vec::new();
+        let all = [aside.clone(), run.clone()];
+        let read = read_all(&all, &Layout::default(), |text| said.push(text.to_owned())).unwrap();
+        assert_eq!(read.len(), 1);
+        assert_eq!(read[0].path, run);
+        assert!(
+            matches!(&said[..], [one] if one.contains("blackbox") && one.contains("left out")),
+            "{said:?}"
+        );
+        for (name, what) in [("a.faulty.csv", "rows"), ("run.blackbox.csv", "second")] {
+            let error = read_all(&[path(name)], &Layout::default(), |_| ()).unwrap_err();
+            let error = error.to_string();
+            assert!(error.contains(name) && error.contains(what), "{error}");
+        }
+        let none = read_all(&[], &Layout::default(), |_| ()).unwrap();
+        assert!(none.is_empty());
+    }
 
     /// 10³⁰⁸ kPa are no number of pascals.
     #[test]

@@ -5,6 +5,7 @@
 
 use std::path::Path;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use softrig_formats::error::{InputError, write_atomically};
 
@@ -33,7 +34,7 @@ pub struct RigFile {
 }
 
 /// How fast a board's clock is.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ClockRate {
     /// Seconds of the computer in one of the board's: above 1 the board is slow.

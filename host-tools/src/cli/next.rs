@@ -24,7 +24,7 @@ use softrig::diagnose::{Diagnosis, Request, diagnose};
 use softrig::estimate::usable;
 use softrig_formats::error::{InputError, write_atomically};
 use softrig_formats::own_effects::OwnEffects;
-use softrig_formats::recording::{Recording, check_distinct, read_all};
+use softrig_formats::recording::{Recording, check_distinct, read_all, recordings_among};
 use softrig_formats::terminal::quoted;
 use softrig_report::content::Content;
 
@@ -102,11 +102,12 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         None => drop(args.port.find()?),
     }
     let limits = plan::limits(args.limits.as_deref())?;
-    let mut recordings = args.recordings.clone();
+    let mut recordings = recordings_among(&args.recordings, super::warn)?;
+    let given = recordings.len();
     let mut used;
     let mut made = 0;
     loop {
-        let diagnosed = diagnosed(args, &recordings, limits)?;
+        let diagnosed = diagnosed(args, &recordings, given, limits)?;
         super::print(&format!("{}\n", diagnosed.sentence))?;
         used = diagnosed.used;
         let next = match diagnosed.step {
@@ -192,10 +193,16 @@ struct Diagnosed {
     step: Step,
 }
 
-fn diagnosed(args: &Args, paths: &[PathBuf], limits: Limits) -> anyhow::Result<Diagnosed> {
+/// Diagnoses the recordings, of which the first `given` were not planned here.
+fn diagnosed(
+    args: &Args,
+    paths: &[PathBuf],
+    given: usize,
+    limits: Limits,
+) -> anyhow::Result<Diagnosed> {
     let layout = args.input.layout();
     let (file, mut recordings) = super::read(&args.model, paths, &layout)?;
-    let planned = recordings.split_off(args.recordings.len());
+    let planned = recordings.split_off(given);
     let (used, missed): (Vec<_>, Vec<_>) = planned
         .into_iter()
         .map(|recording| (usable(&recording).err(), recording))

@@ -7,6 +7,7 @@ use strum::{EnumMessage, EnumString, IntoStaticStr, VariantArray};
 
 use super::choice::choice;
 use super::{compare, fit, init, linearise, plan, record, residuals, simulate};
+use crate::commission::page::Report;
 use softrig::board_gap::BoardGap;
 use softrig_formats::{model_schema, protocol_schema};
 
@@ -60,6 +61,8 @@ pub enum Of {
     Init,
     /// What rig record --list --json writes
     Record,
+    /// What rig commission --json writes
+    Commission,
     /// A model file
     Model,
     /// A protocol file
@@ -84,6 +87,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         Of::Simulate => of_command(schema_for!(simulate::Simulated)),
         Of::Init => of_command(schema_for!(init::FirstResult)),
         Of::Record => of_command(schema_for!(record::Protocols)),
+        Of::Commission => of_command(schema_for!(Report)),
         Of::Model => model_schema::schema(),
         Of::Protocol => protocol_schema::schema(),
     };

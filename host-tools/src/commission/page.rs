@@ -2,6 +2,7 @@
 
 use minijinja::value::Serde;
 use minijinja::{Environment, UndefinedBehavior};
+use schemars::JsonSchema;
 use serde::Serialize;
 use softrig_link::commission::{Curve, Measured, Outcome, Result as Finding};
 use softrig_link::rig_file::ClockRate;
@@ -13,7 +14,7 @@ use softrig_report::plot::{Figure, Panel, Series, Style, to_inline_svg};
 const TEMPLATE: &str = include_str!("page.html");
 
 /// Everything that was found: the JSON, and the page's data.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, JsonSchema)]
 pub(crate) struct Report {
     /// The version of this format: 1.
     pub(crate) schema: u8,
@@ -25,11 +26,15 @@ pub(crate) struct Report {
     pub(crate) started: String,
     /// How long it took (s).
     pub(crate) seconds: f64,
+    /// Its serial port.
     pub(crate) port: String,
     /// The board, as `rig.toml` names it.
     pub(crate) board: String,
+    /// Version of its firmware.
     pub(crate) firmware: String,
+    /// Version of its protocol.
     pub(crate) wire: u8,
+    /// Checksum of its settings, as it says it itself.
     pub(crate) settings: String,
     /// Version of `rig`.
     pub(crate) rig: String,
@@ -37,6 +42,7 @@ pub(crate) struct Report {
     pub(crate) computer: String,
     /// The board's clock, where it was measured.
     pub(crate) clock: Option<ClockRate>,
+    /// Every step, made or not, in its order.
     pub(crate) steps: Vec<Finding>,
 }
 

@@ -18,4 +18,6 @@ mod init;
 mod machines;
 mod models;
 mod outputs;
+#[path = "../common/schema.rs"]
+mod schema;
 mod simulate;

@@ -9,6 +9,7 @@ mod lines;
 mod motion;
 mod noise;
 
+use schemars::JsonSchema;
 use serde::Serialize;
 
 pub use clock::rate;
@@ -214,7 +215,7 @@ pub enum Limit {
 }
 
 /// A quantity that a step measured.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Measured {
     /// Its name.
     pub name: String,
@@ -270,7 +271,7 @@ impl Measured {
 }
 
 /// How a step ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
     /// Everything within its limits.
@@ -293,7 +294,8 @@ pub struct Curve {
 }
 
 /// A step that was made, or was not.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[schemars(rename = "Step")]
 pub struct Result {
     /// Its name.
     pub step: &'static str,

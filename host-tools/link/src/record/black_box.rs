@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
+use softrig_formats::recording::BLACK_BOX_ENDING;
 use wire::history::Moment;
 
 use super::LoggedSample;
@@ -13,7 +14,7 @@ const COLUMNS: &str = "time_s,pressure_kpa,angle_deg,pump_ul,state,segment";
 
 /// Where the second before a fault goes.
 pub fn black_box_path(path: &Path) -> PathBuf {
-    path.with_extension("blackbox.csv")
+    path.with_extension(&BLACK_BOX_ENDING[1..])
 }
 
 /// The table. Its times are those of the recording whose last row is given; without one, those of

@@ -24,6 +24,7 @@ pub use split::{Part, Step, parts, run_path, steps};
 
 use crate::{Clock, Event, Received};
 use softrig_formats::error::{InputError, Pending, replace_with_meta, write_atomically};
+use softrig_formats::recording::{FAULTY_ENDING, meta_beside};
 
 /// A sample at its place on the time axis, which is the board's until it is written.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -59,12 +60,12 @@ fn seconds(ms: i64, factor: Option<f64>) -> f64 {
 
 /// Where what is known about a recording stands.
 pub fn meta_path(path: &Path) -> PathBuf {
-    softrig_formats::recording::meta_beside(path)
+    meta_beside(path)
 }
 
 /// Where the rows without a reading of both sensors go.
 pub fn faulty_path(path: &Path) -> PathBuf {
-    path.with_extension("faulty.csv")
+    path.with_extension(&FAULTY_ENDING[1..])
 }
 
 impl Recorder {
