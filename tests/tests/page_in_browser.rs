@@ -19,7 +19,7 @@ use headless_chrome::protocol::cdp::Emulation::SetEmulatedMedia;
 use host_tools::cli::diagnose;
 use model_core::catalogue::Kind;
 use serde_json::{Value, json};
-use softrig::synth::example::{Example, Hidden, make};
+use softrig::synth::example::{Example, Hidden, NOISE_DEG, make};
 use softrig_formats::model_file::ModelFile;
 use softrig_formats::recording::Recording;
 use softrig_tests::browser::{Page, browser};
@@ -484,57 +484,90 @@ fn an_example_takes_one_click_and_stopping_keeps_what_is_known() {
     person.has_no_complaints();
 }
 
+/// Waits for the verdict of what the page was asked at `began`, and holds it against the command's.
+fn answers_as_the_command(
+    person: &Person,
+    began: Instant,
+    folder: &Path,
+    recordings: &[PathBuf],
+) -> String {
+    person.waits();
+    let in_page = began.elapsed();
+    assert_eq!(person.reads("trouble"), "", "{}", folder.display());
+    let began = Instant::now();
+    let (verdict, _) = command(folder, &[], recordings);
+    let of_command = began.elapsed();
+    let saved = person.saves("save-verdict", "verdict.json", folder);
+    let saved = serde_json::from_str(&saved).expect("JSON");
+    is_same(&saved, &verdict, &folder.display().to_string());
+    format!(
+        "{}, {:.1} s in the page, {:.1} s of the command",
+        verdict["verdict"],
+        in_page.as_secs_f64(),
+        of_command.as_secs_f64()
+    )
+}
+
+/// Files of a folder, sorted.
+fn sorted(folder: &Path) -> Vec<PathBuf> {
+    let mut files: Vec<PathBuf> = fs::read_dir(folder)
+        .expect("a folder")
+        .map(|entry| entry.expect("a file").path())
+        .collect();
+    files.sort();
+    files
+}
+
 #[test]
-#[ignore = "a minute for each case: cargo test … -- --ignored every_sample_case"]
+#[ignore = "a minute for each case: cargo test … -- --ignored has_the_answer_of_the_command"]
 fn every_sample_case_has_the_answer_of_the_command() {
     let (Some(page), Some(browser), Some(cases)) = (page(), browser(), shared("cases")) else {
         return;
     };
     // Chromium reads no file whose path leads upwards.
     let cases = cases.canonicalize().expect("cases");
-    let mut folders: Vec<PathBuf> = fs::read_dir(cases)
-        .expect("cases")
-        .map(|entry| entry.expect("a case").path())
-        .filter(|path| path.is_dir())
-        .collect();
-    folders.sort();
-    for case in folders {
-        let name = case
-            .file_name()
-            .expect("a name")
-            .to_string_lossy()
-            .into_owned();
+    for case in sorted(&cases).iter().filter(|path| path.is_dir()) {
+        let name = case.file_name().expect("a name").to_string_lossy();
         let folder = folder(&name);
         fs::copy(case.join("model.toml"), folder.join("model.toml")).expect("a model");
-        let mut recordings: Vec<PathBuf> = fs::read_dir(case.join("recordings"))
-            .expect("recordings")
-            .map(|entry| entry.expect("a recording").path())
-            .collect();
-        recordings.sort();
+        let recordings = sorted(&case.join("recordings"));
         let person = Person::opens(&browser, &page, WIDTHS[0]);
         person.presses("clear");
         person.waits();
         person.chooses(&[recordings.clone(), vec![folder.join("model.toml")]].concat());
         let began = Instant::now();
         person.presses("diagnose");
-        person.waits();
-        let in_page = began.elapsed();
-        assert_eq!(person.reads("trouble"), "", "{name}");
+        let said = answers_as_the_command(&person, began, &folder, &recordings);
+        println!("{name}: {said}");
+        person.0.tab.close(false).expect("a closed tab");
+    }
+}
+
+#[test]
+#[ignore = "a minute for each example: cargo test … -- --ignored has_the_answer_of_the_command"]
+fn an_example_of_one_click_has_the_answer_of_the_command() {
+    let (Some(page), Some(browser)) = (page(), browser()) else {
+        return;
+    };
+    for seed in [7_u64, 8] {
+        let folder = folder(&format!("example {seed}"));
+        make(Hidden::Drawn, NOISE_DEG, seed)
+            .and_then(|example| example.write(&folder))
+            .expect("an example");
+        let person = Person::opens(&browser, &page, WIDTHS[0]);
+        // The page draws a seed from 1 to a million.
+        person
+            .0
+            .value(&format!("Math.random = () => ({seed} - 0.5) / 1e6; 0"));
         let began = Instant::now();
-        let (verdict, _) = command(&folder, &[], &recordings);
-        let of_command = began.elapsed();
-        let saved = person.saves("save-verdict", "verdict.json", &folder);
-        is_same(
-            &serde_json::from_str(&saved).expect("JSON"),
-            &verdict,
-            &name,
-        );
-        println!(
-            "{name}: {}, {:.1} s in the page, {:.1} s of the command",
-            verdict["verdict"],
-            in_page.as_secs_f64(),
-            of_command.as_secs_f64()
-        );
+        person.presses("example");
+        let recordings = sorted(&folder.join("recordings"));
+        let recordings: Vec<PathBuf> = recordings
+            .into_iter()
+            .filter(|path| path.extension().is_some_and(|it| it == "csv"))
+            .collect();
+        let said = answers_as_the_command(&person, began, &folder, &recordings);
+        println!("seed {seed}: {said}");
         person.0.tab.close(false).expect("a closed tab");
     }
 }
