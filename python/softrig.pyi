@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from typing_extensions import Unpack
 
 __all__ = [
+    "Batch",
     "Diagnosis",
     "Example",
     "Fit",
@@ -29,6 +30,7 @@ __all__ = [
     "Simulation",
     "__version__",
     "_rig",
+    "batch",
     "compare",
     "diagnose",
     "example",
@@ -93,6 +95,8 @@ class _Meaning(TypedDict, total=False):
     units: _Units | None
     absolute_pressure: bool | float
     """True subtracts the atmospheric pressure at sea level, a number that many kPa."""
+    angle_zero_deg: float
+    """The angle at rest: subtracted, before any change of its sign."""
     flip_angle: bool
     """The angle has the opposite sign."""
     exchange_columns: bool
@@ -381,21 +385,23 @@ def fit(model: Model, recordings: _Recordings, *, threads: int | None = None) ->
 
 @final
 class Progress:
-    """The progress of a diagnosis. Its text is one line."""
+    """The progress of a diagnosis, or of a batch. Its text is one line."""
 
     @property
     def line(self) -> str:
         """The progress in one line."""
 
     @property
-    def stage(self) -> str: ...
+    def stage(self) -> str:
+        """The present stage; of a batch, what its last case found."""
+
     @property
     def done(self) -> int:
-        """Fits of the present step that are finished."""
+        """Fits of the present step that are finished; of a batch, cases."""
 
     @property
     def planned(self) -> int:
-        """Fits of the present step; 0 where they are not counted in advance."""
+        """Fits of the present step; 0 where they are not counted in advance; of a batch, cases."""
 
     @property
     def fits(self) -> int:
@@ -615,6 +621,90 @@ def diagnose(
     that an interrupted diagnosis can go on. ``effects`` is a file of your own effects by
     formula, which are tried beside the catalogue. After ``budget_s`` seconds the search ends
     with an answer from what was tried until then."""
+
+class _CaseNames(TypedDict):
+    case: str
+    """Its name, which is that of its folder: letters, digits, ``.``, ``_`` and ``-``."""
+    model: _Path
+    recordings: _Path | Iterable[_Path]
+
+class _Case(_CaseNames, total=False):
+    """A case of a batch, with the columns of a manifest."""
+
+    holdout: _Path | Iterable[_Path] | None
+    columns: _Names | None
+    units: _Units | None
+    setup: Mapping[str, Any] | None
+
+class _Row(TypedDict):
+    """A row of ``results.parquet``; None where a case has no such value."""
+
+    case: str
+    status: Literal["diagnosed", "failed", "missing"]
+    error: str | None
+    warnings: str | None
+    verdict: _Answer | None
+    strength: Literal["explains", "part"] | None
+    family: str | None
+    effects: str | None
+    parameters_json: str | None
+    alternatives: str | None
+    probability: float | None
+    closure_overall: float | None
+    closure_full: float | None
+    rmse_nominal_deg: float | None
+    rmse_refit_deg: float | None
+    rmse_repaired_deg: float | None
+    noise_floor_deg: float | None
+    holdout_rmse_nominal_deg: float | None
+    holdout_rmse_refit_deg: float | None
+    holdout_rmse_repaired_deg: float | None
+    remaining_rmse_deg: float | None
+    upload: bool | None
+    seconds: float | None
+    tool_version: str | None
+
+@final
+class Batch:
+    """The results of a batch: a row for each case."""
+
+    @property
+    def path(self) -> PathLike[str]:
+        """The folder of all results."""
+
+    @property
+    def rows(self) -> list[_Row]:
+        """A dictionary for each case, in their order, with the columns of ``results.parquet``."""
+
+    @property
+    def failed(self) -> list[str]:
+        """Names of the cases that could not be diagnosed; their row says why."""
+
+    def to_pandas(self) -> pd.DataFrame:
+        """The rows as a frame."""
+
+    def __len__(self) -> int: ...
+
+def batch(
+    cases: _Path | Iterable[_Case],
+    *,
+    out: _Path,
+    jobs: int = 1,
+    resume: bool = True,
+    effects: _Path | None = None,
+    seed: int = 1,
+    progress: Callable[[Progress], object] | None = None,
+    threads: int | None = None,
+    budget_s: float | None = None,
+) -> Batch:
+    """Diagnoses many cases, each into its own folder below ``out``, as
+    ``rig diagnose --batch`` does.
+
+    ``cases`` is a manifest, or a list of dictionaries with its columns. ``jobs`` cases are
+    diagnosed at a time, each on its part of the ``threads``. With ``resume`` a case is skipped if
+    its results are there, made from the same inputs. ``budget_s`` is the time of each case; the
+    rest is as for ``diagnose``. A case that cannot be diagnosed is a row that says why, and an
+    InputWarning."""
 
 @final
 class Example:

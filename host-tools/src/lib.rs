@@ -7,7 +7,7 @@
 // Whatever is said goes through `terminal`, which makes harmless what others wrote.
 #![cfg_attr(not(test), warn(clippy::print_stdout, clippy::print_stderr))]
 
-mod batch;
+pub mod batch;
 pub mod cli;
 pub mod command;
 mod commission;

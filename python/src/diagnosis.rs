@@ -474,7 +474,7 @@ pub fn diagnose(
 }
 
 /// The time that a search may take, of seconds.
-fn budget(seconds: f64) -> Result<Budget, Fault> {
+pub fn budget(seconds: f64) -> Result<Budget, Fault> {
     let time = Duration::try_from_secs_f64(seconds).map_err(|_| {
         let advice = "give the seconds after which the search shall end, such as 30";
         Fault::new(format!("budget_s is {seconds}"), advice)

@@ -2,7 +2,7 @@
 //!
 //! Nothing is computed here. Each module converts Python objects to those of `softrig`, the library,
 //! calls it, and converts the results back: [`recording`], [`model`], [`simulation`],
-//! [`fit`], [`diagnosis`], [`measure`], [`analysis`], [`example`]; [`command`] is `rig` itself. They share the conversion of errors to exceptions
+//! [`fit`], [`diagnosis`], [`batch`], [`measure`], [`analysis`], [`example`]; [`command`] is `rig` itself. They share the conversion of errors to exceptions
 //! ([`fault`]), of numbers ([`values`], [`frame`], [`axes`]), and long work without the interpreter's
 //! lock ([`work`]).
 //!
@@ -16,6 +16,7 @@ use pyo3::prelude::*;
 
 mod analysis;
 mod axes;
+mod batch;
 mod command;
 mod diagnosis;
 mod example;
@@ -38,6 +39,8 @@ mod softrig {
 
     #[pymodule_export]
     use super::analysis::{init, linearise, plan, residuals};
+    #[pymodule_export]
+    use super::batch::{Batch, batch};
     #[pymodule_export]
     use super::command::rig;
     #[pymodule_export]

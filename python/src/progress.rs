@@ -3,15 +3,15 @@
 use library::diagnose::progress::State;
 use pyo3::prelude::*;
 
-/// How far a diagnosis is. As a text it is one line that says all of it.
+/// How far a diagnosis is, or a batch. As a text it is one line that says all of it.
 #[pyclass(frozen, get_all, module = "softrig")]
 #[derive(Clone, Debug)]
 pub struct Progress {
-    /// What is being done.
+    /// What is being done; of a batch, what its last case found.
     stage: String,
-    /// Fits of the present step that are finished.
+    /// Fits of the present step that are finished; of a batch, cases.
     done: usize,
-    /// Fits of the present step; 0 where they are not counted in advance.
+    /// Fits of the present step; 0 where they are not counted in advance; of a batch, cases.
     planned: usize,
     /// Finished fits of all steps.
     fits: usize,

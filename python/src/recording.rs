@@ -262,12 +262,7 @@ pub fn read<'py>(
     model: Option<&Bound<'py, Model>>,
     meaning: Option<&Bound<'py, PyDict>>,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let mut layout = Layout {
-        names: names_of(py, columns)?,
-        columns: columns_of(py, meaning)?,
-        setup: setup.map_or(Ok(Setup::default()), |given| setup_of(py, given))?,
-        ..Layout::default()
-    };
+    let mut layout = layout_of(py, columns, setup, meaning)?;
     if let Some(model) = model {
         layout = layout.or(&model.get().file.recording);
     }
@@ -278,7 +273,7 @@ pub fn read<'py>(
         warn(py, warnings)?;
         Ok(recording)
     };
-    if path.is_instance_of::<PyString>() || path.hasattr("__fspath__")? {
+    if is_path(path)? {
         return Ok(Bound::new(py, one(path.extract()?)?)?.into_any());
     }
     let paths = path
@@ -288,6 +283,26 @@ pub fn read<'py>(
     check_distinct(&paths, &[]).or_raise(py)?;
     let recordings = paths.into_iter().map(one).collect::<PyResult<Vec<_>>>()?;
     Ok(recordings.into_pyobject(py)?.into_any())
+}
+
+/// Whether an argument is a path, and not several of them.
+pub fn is_path(given: &Bound<'_, PyAny>) -> PyResult<bool> {
+    Ok(given.is_instance_of::<PyString>() || given.hasattr("__fspath__")?)
+}
+
+/// Where recordings stand in their files, as far as the arguments say.
+pub fn layout_of(
+    py: Python<'_>,
+    columns: Option<&Bound<'_, PyDict>>,
+    setup: Option<&Bound<'_, PyAny>>,
+    meaning: Option<&Bound<'_, PyDict>>,
+) -> PyResult<Layout> {
+    Ok(Layout {
+        names: names_of(py, columns)?,
+        columns: columns_of(py, meaning)?,
+        setup: setup.map_or(Ok(Setup::default()), |given| setup_of(py, given))?,
+        ..Layout::default()
+    })
 }
 
 /// The recordings of an argument: one, or several. Names that arrays share are numbered.

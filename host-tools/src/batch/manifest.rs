@@ -40,6 +40,104 @@ pub struct Case {
     pub layout: Layout,
 }
 
+impl Case {
+    /// Checks a case before anything of it is read.
+    ///
+    /// # Errors
+    ///
+    /// Names the column that is at fault.
+    fn check(&self) -> Result<(), InputError> {
+        let fail = |column: &str, found, advice: &str| {
+            Err(InputError::new(found, advice).in_column(column))
+        };
+        if !is_name(&self.name) {
+            return fail(
+                "case",
+                format!("{:?} is no name of a case", self.name),
+                "use letters, digits, '.', '_' and '-': it is the name of a folder",
+            );
+        }
+        if self.model.as_os_str().is_empty() {
+            return fail("model", "no model".into(), "name the model file");
+        }
+        if self.recordings.is_empty() {
+            let advice = "name one or more files, in a manifest separated by ';'";
+            return fail("recordings", "no recording".into(), advice);
+        }
+        Ok(())
+    }
+}
+
+/// The cases of a batch, which are read when they are needed.
+pub trait Cases: Send {
+    /// How many there are.
+    fn count(&self) -> usize;
+
+    /// Length of the longest name, in letters.
+    fn longest_name(&self) -> usize;
+
+    /// A case, by its place from 0.
+    ///
+    /// # Errors
+    ///
+    /// It cannot be read, or is not the one that was checked.
+    ///
+    /// # Panics
+    ///
+    /// There are not that many.
+    fn case(&mut self, index: usize) -> Result<Case, InputError>;
+}
+
+/// Cases that are in memory.
+pub struct List(Vec<Case>);
+
+impl List {
+    /// Checks the cases of a list.
+    ///
+    /// # Errors
+    ///
+    /// Names the case by its place from 0, and what of it is at fault.
+    pub fn of(cases: Vec<Case>) -> Result<Self, InputError> {
+        let mut names = HashSet::new();
+        for (index, case) in cases.iter().enumerate() {
+            let checked = match case.check() {
+                Ok(()) if !names.insert(&case.name) => Err(twice(&case.name)),
+                checked => checked,
+            };
+            checked.map_err(|fault| {
+                let key = fault.column.unwrap_or_default();
+                InputError::new(
+                    format!("cases[{index}], {key}: {}", fault.found),
+                    fault.advice,
+                )
+            })?;
+        }
+        if cases.is_empty() {
+            return Err(InputError::new("there are no cases", "give one or more"));
+        }
+        Ok(Self(cases))
+    }
+}
+
+impl Cases for List {
+    fn count(&self) -> usize {
+        self.0.len()
+    }
+
+    fn longest_name(&self) -> usize {
+        self.0.iter().map(|case| case.name.len()).max().unwrap_or(0)
+    }
+
+    fn case(&mut self, index: usize) -> Result<Case, InputError> {
+        Ok(self.0[index].clone())
+    }
+}
+
+fn twice(name: &str) -> InputError {
+    let found = format!("{name} comes twice");
+    InputError::new(found, "give each case a name of its own").in_column("case")
+}
+
 /// A row as it is written.
 #[derive(Debug, Deserialize)]
 struct ManifestLine {
@@ -110,8 +208,8 @@ pub fn open(path: &Path) -> Result<Manifest<Box<dyn Text>>, InputError> {
 }
 
 /// A text of which any place can be read.
-pub trait Text: Read + Seek {}
-impl<T: Read + Seek> Text for T {}
+pub trait Text: Read + Seek + Send {}
+impl<T: Read + Seek + Send> Text for T {}
 
 impl<R: Read + Seek> Manifest<R> {
     /// Checks the cases of a text, which is given twice: to be read through, and to read a case
@@ -144,12 +242,7 @@ impl<R: Read + Seek> Manifest<R> {
             let position = record.position();
             let line = position.map_or(1, csv::Position::line);
             if !names.insert(manifest.hasher.hash_one(&case.name)) {
-                return Err(InputError::new(
-                    format!("{} comes twice", case.name),
-                    "give each case a name of its own",
-                )
-                .at_line(line)
-                .in_column("case"));
+                return Err(twice(&case.name).at_line(line));
             }
             LIMITS.check(manifest.rows.len() as u64 + 1, 0)?;
             manifest.longest = manifest.longest.max(case.name.len());
@@ -165,27 +258,65 @@ impl<R: Read + Seek> Manifest<R> {
         Ok(manifest)
     }
 
-    /// How many cases there are.
-    #[allow(clippy::len_without_is_empty)] // One without cases is refused.
-    pub fn len(&self) -> usize {
+    /// Reads a row.
+    fn read(&self, record: &StringRecord) -> Result<Case, InputError> {
+        let folder = self.path.parent().unwrap_or(Path::new(""));
+        let line = record.position().map_or(1, csv::Position::line);
+        let row: ManifestLine = record
+            .deserialize(Some(&self.header))
+            .map_err(|error| unreadable(line, &error))?;
+        let files = |list: &str| -> Vec<PathBuf> {
+            let names = list.split(';').map(str::trim);
+            names
+                .filter(|name| !name.is_empty())
+                .map(|name| folder.join(name))
+                .collect()
+        };
+        let wrong = |column: &'static str| {
+            move |found: String| {
+                InputError::new(found, "write it as for the flag of that name").in_column(column)
+            }
+        };
+        let layout = || -> Result<Layout, InputError> {
+            let mut layout = Layout::default();
+            if !row.columns.is_empty() {
+                layout.names = Names::parse(&row.columns).map_err(wrong("columns"))?;
+            }
+            if !row.units.is_empty() {
+                layout.columns = Columns::of_units(&row.units).map_err(wrong("units"))?;
+            }
+            let setup = row.setup.parse();
+            layout.setup = setup.map_err(|fault: InputError| fault.in_column("setup"))?;
+            Ok(layout)
+        };
+        let case = || {
+            let case = Case {
+                // A folder is no model.
+                model: match row.model.as_str() {
+                    "" => PathBuf::new(),
+                    name => folder.join(name),
+                },
+                recordings: files(&row.recordings),
+                holdout: files(&row.holdout),
+                layout: layout()?,
+                name: row.case.clone(),
+            };
+            case.check().map(|()| case)
+        };
+        case().map_err(|fault| fault.at_line(line))
+    }
+}
+
+impl<R: Read + Seek + Send> Cases for Manifest<R> {
+    fn count(&self) -> usize {
         self.rows.len()
     }
 
-    /// Length of the longest name of a case, in letters.
-    pub fn longest_name(&self) -> usize {
+    fn longest_name(&self) -> usize {
         self.longest
     }
 
-    /// Reads a case again, by its place from 0.
-    ///
-    /// # Errors
-    ///
-    /// The file cannot be read, or is not the one that was checked.
-    ///
-    /// # Panics
-    ///
-    /// There are not that many.
-    pub fn case(&mut self, index: usize) -> Result<Case, InputError> {
+    fn case(&mut self, index: usize) -> Result<Case, InputError> {
         let row = self.rows[index];
         let changed = || {
             InputError::new(
@@ -207,66 +338,6 @@ impl<R: Read + Seek> Manifest<R> {
         }
         self.read(&record)
             .map_err(|error| error.in_file(&self.path))
-    }
-
-    /// Reads a row.
-    fn read(&self, record: &StringRecord) -> Result<Case, InputError> {
-        let folder = self.path.parent().unwrap_or(Path::new(""));
-        let line = record.position().map_or(1, csv::Position::line);
-        let row: ManifestLine = record
-            .deserialize(Some(&self.header))
-            .map_err(|error| unreadable(line, &error))?;
-        let fail = |column: &str, found: String, advice: &str| {
-            InputError::new(found, advice)
-                .at_line(line)
-                .in_column(column)
-        };
-        if !is_name(&row.case) {
-            return Err(fail(
-                "case",
-                format!("{:?} is no name of a case", row.case),
-                "use letters, digits, '.', '_' and '-': it is the name of a folder",
-            ));
-        }
-        if row.model.is_empty() {
-            return Err(fail("model", "no model".into(), "name the model file"));
-        }
-        let files = |list: &str| -> Vec<PathBuf> {
-            let names = list.split(';').map(str::trim);
-            names
-                .filter(|name| !name.is_empty())
-                .map(|name| folder.join(name))
-                .collect()
-        };
-        let (recordings, holdout) = (files(&row.recordings), files(&row.holdout));
-        if recordings.is_empty() {
-            return Err(fail(
-                "recordings",
-                "no recording".into(),
-                "name one or more files, separated by ';'",
-            ));
-        }
-        let mut layout = Layout::default();
-        let wrong = |column: &'static str| {
-            move |found: String| fail(column, found, "write it as for the flag of that name")
-        };
-        if !row.columns.is_empty() {
-            layout.names = Names::parse(&row.columns).map_err(wrong("columns"))?;
-        }
-        if !row.units.is_empty() {
-            layout.columns = Columns::of_units(&row.units).map_err(wrong("units"))?;
-        }
-        layout.setup = row
-            .setup
-            .parse()
-            .map_err(|fault: InputError| fault.at_line(line).in_column("setup"))?;
-        Ok(Case {
-            layout,
-            model: folder.join(&row.model),
-            name: row.case,
-            recordings,
-            holdout,
-        })
     }
 }
 
@@ -308,7 +379,7 @@ mod tests {
         let [through, again] = [(); 2].map(|()| Cursor::new(text.as_bytes().to_vec()));
         let mut manifest = Manifest::of(through, again, &path)?;
         // In any order, as jobs of an array read them.
-        let mut cases: Vec<Case> = (0..manifest.len())
+        let mut cases: Vec<Case> = (0..manifest.count())
             .rev()
             .map(|index| manifest.case(index))
             .collect::<Result<_, _>>()?;

@@ -18,10 +18,13 @@ pub mod manifest;
 pub mod results;
 
 use std::fmt::Write as _;
+use std::num::NonZero;
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
-use manifest::Case;
+use manifest::{Case, Cases};
+use results::CaseResult;
 use softrig::diagnose::{Budget, Progress, Request, diagnose_from};
 use softrig::estimate::checkpoint::Checkpoint;
 use softrig::estimate::placement::with_tip_load;
@@ -45,6 +48,8 @@ pub enum Outcome {
     Known,
     /// Its inputs are at fault; the text says how.
     Failed(String),
+    /// The batch was stopped; nothing is written.
+    Stopped,
 }
 
 impl Folder {
@@ -150,6 +155,206 @@ pub struct Settings {
     pub own: Option<OwnEffects>,
     /// The time budget of one case's search.
     pub budget: Option<Budget>,
+    /// Diagnose also the cases whose results are there.
+    pub anew: bool,
+}
+
+/// Every Nth case from the Kth on.
+#[derive(Clone, Copy, Debug)]
+pub struct Share {
+    /// K, from 0.
+    pub index: usize,
+    /// N.
+    pub of: usize,
+}
+
+/// A batch: where its results go, and how it is worked off.
+#[derive(Clone, Copy, Debug)]
+pub struct Batch<'a> {
+    /// The folder of all results.
+    pub out: &'a Path,
+    /// How cases are diagnosed.
+    pub settings: &'a Settings,
+    /// Only these cases, without the table of all.
+    pub share: Option<Share>,
+    /// How many cases are diagnosed at a time, each on its part of the threads.
+    pub jobs: NonZero<usize>,
+}
+
+/// What became of the cases of a batch.
+#[derive(Clone, Debug, Default)]
+pub struct Summary {
+    /// How many were asked for.
+    pub cases: usize,
+    /// For each that failed, where it says why.
+    pub failed: Vec<PathBuf>,
+    /// For each with warnings about its recordings, where they stand.
+    pub warned: Vec<PathBuf>,
+}
+
+impl Summary {
+    /// That recordings are odd, in a sentence.
+    pub fn warning(&self) -> Option<String> {
+        let first = self.warned.first()?;
+        Some(format!(
+            "{} of {} cases have recordings that are not complete or odd in another way; what was said of the first stands in {}",
+            self.warned.len(),
+            self.cases,
+            first.display()
+        ))
+    }
+
+    /// That cases failed, in a sentence.
+    pub fn failure(&self) -> Option<String> {
+        let first = self.failed.first()?;
+        let (failed, cases) = (self.failed.len(), self.cases);
+        Some(if first.exists() {
+            format!(
+                "{failed} of {cases} cases could not be diagnosed; the first says why in {}",
+                first.display()
+            )
+        } else {
+            format!("{failed} of {cases} cases could not be diagnosed, for the reasons above")
+        })
+    }
+}
+
+/// Where the table of all cases is.
+pub fn table(out: &Path) -> PathBuf {
+    out.join("results.parquet")
+}
+
+/// The results of all cases, read from their folders.
+pub fn rows<'a>(
+    out: &'a Path,
+    cases: &'a mut dyn Cases,
+) -> impl Iterator<Item = anyhow::Result<CaseResult>> + 'a {
+    (0..cases.count()).map(|place| Ok(CaseResult::read(out, &cases.case(place)?)))
+}
+
+/// What a batch has to do yet, and what became of the rest.
+struct Left<'a> {
+    cases: &'a mut dyn Cases,
+    places: std::iter::Enumerate<std::iter::StepBy<std::ops::Range<usize>>>,
+    /// By the numbers of the cases.
+    failed: Vec<(usize, PathBuf)>,
+    warned: Vec<(usize, PathBuf)>,
+}
+
+impl Batch<'_> {
+    /// Diagnoses the cases and tells `progress` of each; `say` gets a line for each as it is done.
+    /// Where all are asked for, their table is written at the end.
+    ///
+    /// # Errors
+    ///
+    /// Those of the disk, of the manifest and of `say`, which end the batch. What is wrong with a
+    /// case is in the summary.
+    pub fn run(
+        &self,
+        cases: &mut dyn Cases,
+        progress: &Progress,
+        say: &(dyn Fn(&str) -> anyhow::Result<()> + Sync),
+    ) -> anyhow::Result<Summary> {
+        let Share { index, of } = self.share.unwrap_or(Share { index: 0, of: 1 });
+        let places = (index..cases.count()).step_by(of);
+        let count = places.len();
+        progress.cases(count);
+        let left = Mutex::new(Left {
+            cases,
+            places: places.enumerate(),
+            failed: Vec::new(),
+            warned: Vec::new(),
+        });
+        self.work_off(|| {
+            let worked = self.work(&left, count, progress, say);
+            if worked.is_err() {
+                progress.stop();
+            }
+            worked
+        })?;
+        let mut left = left.into_inner().unwrap_or_else(PoisonError::into_inner);
+        if self.share.is_none() && !progress.is_stopped() {
+            results::write(&table(self.out), rows(self.out, left.cases))?;
+        }
+        let in_order = |of: &mut Vec<(usize, PathBuf)>| {
+            of.sort_unstable();
+            of.drain(..).map(|(_, path)| path).collect()
+        };
+        Ok(Summary {
+            cases: count,
+            failed: in_order(&mut left.failed),
+            warned: in_order(&mut left.warned),
+        })
+    }
+
+    /// Lets as many workers as asked for do `work`.
+    fn work_off(&self, work: impl Fn() -> anyhow::Result<()> + Sync) -> anyhow::Result<()> {
+        let jobs = self.jobs.get();
+        if jobs == 1 {
+            return work();
+        }
+        // A pool for each: in a common one a worker that waits for a fit would begin another case.
+        let threads = (rayon::current_num_threads() / jobs).max(1);
+        let work = || {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
+            pool.build()?.install(&work)
+        };
+        std::thread::scope(|scope| {
+            let workers: Vec<_> = (0..jobs).map(|_| scope.spawn(work)).collect();
+            let ended = workers.into_iter().map(|worker| match worker.join() {
+                Ok(ended) => ended,
+                Err(panic) => std::panic::resume_unwind(panic),
+            });
+            ended.collect()
+        })
+    }
+
+    /// Diagnoses one case after the other until none is left.
+    fn work(
+        &self,
+        left: &Mutex<Left<'_>>,
+        count: usize,
+        progress: &Progress,
+        say: &(dyn Fn(&str) -> anyhow::Result<()> + Sync),
+    ) -> anyhow::Result<()> {
+        let left = || left.lock().unwrap_or_else(PoisonError::into_inner);
+        while !progress.is_stopped() {
+            let (index, case, width) = {
+                let mut left = left();
+                let Some((index, place)) = left.places.next() else {
+                    break;
+                };
+                (index, left.cases.case(place)?, left.cases.longest_name())
+            };
+            let clock = Instant::now();
+            let how = match diagnose(&case, self.out, self.settings, progress)? {
+                Outcome::Stopped => break,
+                Outcome::Failed(error) => {
+                    let path = Folder::of(self.out, &case).error();
+                    left().failed.push((index, path));
+                    Err(error)
+                }
+                Outcome::Known => Ok("known".to_owned()),
+                Outcome::Diagnosed => Ok(format!("{:.1} s", clock.elapsed().as_secs_f64())),
+            };
+            let found = match how {
+                Err(error) => error.lines().next().unwrap_or_default().to_owned(),
+                Ok(how) => {
+                    let row = CaseResult::read(self.out, &case);
+                    if row.warnings.is_some() {
+                        let path = Folder::of(self.out, &case).warnings();
+                        left().warned.push((index, path));
+                    }
+                    let how: Vec<String> = [how].into_iter().chain(row.warned()).collect();
+                    format!("{} ({})", row.summary(), how.join(", "))
+                }
+            };
+            let found = format!("{:<width$}  {found}", case.name);
+            say(&format!("{}/{count} {found}", index + 1))?;
+            progress.case(found);
+        }
+        Ok(())
+    }
 }
 
 /// Diagnoses a case, unless its results are there.
@@ -158,7 +363,12 @@ pub struct Settings {
 ///
 /// The folder cannot be written. What is wrong with the case itself is an
 /// [`Outcome::Failed`], so that the others go on.
-pub fn diagnose(case: &Case, out: &Path, settings: &Settings) -> Result<Outcome, InputError> {
+fn diagnose(
+    case: &Case,
+    out: &Path,
+    settings: &Settings,
+    batch: &Progress,
+) -> Result<Outcome, InputError> {
     let folder = Folder::of(out, case);
     if let Err(error) = folder.refuse_link() {
         return Ok(Outcome::Failed(error.to_string()));
@@ -166,16 +376,19 @@ pub fn diagnose(case: &Case, out: &Path, settings: &Settings) -> Result<Outcome,
     std::fs::create_dir_all(&folder.0).map_err(|error| InputError::from_io(&folder.0, &error))?;
     let results = inputs(case, settings).and_then(|inputs| {
         let held = folder.holds(&inputs);
-        if held == Held::Results {
+        if held == Held::Results && !settings.anew {
             return Ok(None);
         }
-        let mut solved = solve(case, settings)?;
+        let mut solved = solve(case, settings, batch)?;
         if held == Held::Damaged {
             let remark = "the results that were here were damaged; the case is diagnosed again";
             solved.warnings.push(remark.to_owned());
         }
         Ok(Some((solved, inputs)))
     });
+    if batch.is_stopped() {
+        return Ok(Outcome::Stopped);
+    }
     let (solved, inputs) = match results {
         Ok(None) => {
             folder.forget(&folder.error())?;
@@ -244,7 +457,7 @@ struct Solved {
     warnings: Vec<String>,
 }
 
-fn solve(case: &Case, settings: &Settings) -> anyhow::Result<Solved> {
+fn solve(case: &Case, settings: &Settings, batch: &Progress) -> anyhow::Result<Solved> {
     // Those of a thousand cases would be read by nobody: they stand beside the verdict.
     let mut warnings = Vec::new();
     check_distinct(&case.recordings, &case.holdout)?;
@@ -269,7 +482,7 @@ fn solve(case: &Case, settings: &Settings) -> anyhow::Result<Solved> {
     let diagnosis = diagnose_from(
         &request,
         &Checkpoint::default(),
-        &Progress::within(settings.budget),
+        &batch.of_a_case(settings.budget),
     )?;
     let verdict = diagnosis.verdict(&request, clock.elapsed().as_secs_f64());
     let verdict = format!("{}\n", serde_json::to_string_pretty(&verdict)?);

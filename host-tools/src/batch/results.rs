@@ -140,14 +140,18 @@ impl CaseResult {
 }
 
 /// The cells of a column, none where a case has no such value.
-enum Cells {
+#[derive(Clone, Debug, PartialEq)]
+pub enum Cells {
+    /// Words.
     Text(Vec<Option<String>>),
+    /// Numbers, in the unit that the name of the column ends with.
     Number(Vec<Option<f64>>),
+    /// Yes or no.
     Flag(Vec<Option<bool>>),
 }
 
-/// The table's columns, in its order.
-fn columns(rows: &[CaseResult]) -> Vec<(&'static str, Cells)> {
+/// The table's columns, in its order, with a cell for each row.
+pub fn columns(rows: &[CaseResult]) -> Vec<(&'static str, Cells)> {
     let text =
         |of: &dyn Fn(&CaseResult) -> Option<String>| Cells::Text(rows.iter().map(of).collect());
     let number = |at: &str| Cells::Number(rows.iter().map(|row| row.number(at)).collect());

@@ -1,5 +1,6 @@
 //! `rig diagnose`: which effect does the model lack?
 
+use std::num::NonZero;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -9,8 +10,8 @@ use super::input::InputArgs;
 use super::json::JsonArgs;
 use super::output::{self, FileKind, Output};
 use super::watch::Watched;
-use crate::batch::{self, Folder, Outcome, manifest, results};
-use softrig::diagnose::{Budget, Request, diagnose_from};
+use crate::batch::{self, Batch, Share, manifest};
+use softrig::diagnose::{Budget, Progress, Request, diagnose_from};
 use softrig::estimate::checkpoint::Checkpoint;
 use softrig_formats::error::write_atomically;
 use softrig_formats::own_effects::OwnEffects;
@@ -92,6 +93,10 @@ pub struct Args {
     /// Only every Nth case of the batch, starting with the Kth (from 0): one job of an array
     #[arg(long, value_name = "K/N", requires = "batch", value_parser = share)]
     share: Option<Share>,
+    /// How many cases of the batch are diagnosed at a time, each on its part of the threads:
+    /// faster where there are many small ones, and takes as many times the memory
+    #[arg(long, value_name = "N", requires = "batch", default_value = "1")]
+    jobs: NonZero<usize>,
     /// Keep finished fits in this folder, and reuse those that are there
     #[arg(long, value_name = "FOLDER")]
     resume: Option<PathBuf>,
@@ -134,13 +139,6 @@ fn positive(text: &str) -> Result<f64, String> {
     }
 }
 
-/// Every Nth case from the Kth on.
-#[derive(Clone, Copy, Debug)]
-struct Share {
-    index: usize,
-    of: usize,
-}
-
 fn share(text: &str) -> Result<Share, String> {
     let numbers = text
         .split_once('/')
@@ -161,70 +159,27 @@ fn run_batch(args: &Args, path: &Path, out: &Path) -> anyhow::Result<()> {
             None => None,
         },
         budget: args.budget.map(Budget::Time),
+        anew: false,
     };
-    let Share { index, of } = args.share.unwrap_or(Share { index: 0, of: 1 });
-    let mine: Vec<usize> = (index..all.len()).step_by(of).collect();
-    let width = all.longest_name();
-    let (mut failed, mut warned) = (Vec::new(), Vec::new());
-    for (number, &place) in (1..).zip(&mine) {
-        let case = &all.case(place)?;
-        let clock = Instant::now();
-        let outcome = batch::diagnose(case, out, &settings)?;
-        let seconds = clock.elapsed().as_secs_f64();
-        let mut known = |how: String| {
-            let row = results::CaseResult::read(out, case);
-            let how: Vec<String> = [how].into_iter().chain(row.warned()).collect();
-            if row.warnings.is_some() {
-                warned.push(Folder::of(out, case).warnings());
-            }
-            anyhow::Ok(format!("{} ({})", row.summary(), how.join(", ")))
-        };
-        let said = match outcome {
-            Outcome::Failed(error) => {
-                failed.push(Folder::of(out, case).error());
-                error.lines().next().unwrap_or_default().to_owned()
-            }
-            Outcome::Known => known("known".to_owned())?,
-            Outcome::Diagnosed => known(format!("{seconds:.1} s"))?,
-        };
-        super::print(&format!(
-            "{number}/{} {:<width$}  {said}\n",
-            mine.len(),
-            case.name
-        ))?;
+    let summary = Batch {
+        out,
+        settings: &settings,
+        share: args.share,
+        jobs: args.jobs,
     }
+    .run(&mut all, &Progress::default(), &|line| {
+        Ok(super::print(&format!("{line}\n"))?)
+    })?;
     if args.share.is_none() {
-        let table = out.join("results.parquet");
-        let rows = (0..all.len()).map(|place| {
-            let case = all.case(place)?;
-            Ok(results::CaseResult::read(out, &case))
-        });
-        results::write(&table, rows)?;
-        super::print(&format!("{} cases in {}\n", all.len(), table.display()))?;
+        let table = batch::table(out);
+        super::print(&format!("{} cases in {}\n", summary.cases, table.display()))?;
     }
-    if let Some(first) = warned.first() {
-        super::warn(&format!(
-            "{} of {} cases have recordings that are not complete or odd in another way; what was said of the first stands in {}",
-            warned.len(),
-            mine.len(),
-            first.display()
-        ));
+    if let Some(warning) = summary.warning() {
+        super::warn(&warning);
     }
-    match failed.as_slice() {
-        [] => Ok(()),
-        [first, ..] if !first.exists() => {
-            anyhow::bail!(
-                "{} of {} cases could not be diagnosed, for the reasons above",
-                failed.len(),
-                mine.len()
-            )
-        }
-        [first, ..] => anyhow::bail!(
-            "{} of {} cases could not be diagnosed; the first says why in {}",
-            failed.len(),
-            mine.len(),
-            first.display()
-        ),
+    match summary.failure() {
+        None => Ok(()),
+        Some(failure) => anyhow::bail!(failure),
     }
 }
 

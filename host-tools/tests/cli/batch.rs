@@ -4,7 +4,7 @@ use predicates::prelude::*;
 use predicates::str::contains;
 use serde_json::Value;
 
-use super::common::{Bench, stdout};
+use super::common::{Bench, stderr, stdout};
 
 /// Two cases in two jobs of an array, one of them at fault, and a third call that collects:
 /// what is there is not diagnosed again, what failed is tried again.
@@ -153,4 +153,42 @@ fn a_link_in_place_of_a_folder_is_the_error_of_one_case() {
         .assert()
         .success()
         .stdout(contains("2 cases in"));
+}
+
+/// Cases that are diagnosed at a time are those of one after the other; the first that failed is
+/// the first of the manifest.
+#[test]
+fn several_cases_at_a_time_are_the_same_cases() {
+    let bench = Bench::with_example("coulomb_friction", "0.1");
+    let rows: String = ["a", "b", "c", "d", "e"]
+        .iter()
+        .enumerate()
+        .map(|(index, name)| match index {
+            1 | 3 => format!("{name},model.toml,lost_{name}.csv\n"),
+            _ => format!("{name},model.toml,recordings/step60_1.csv\n"),
+        })
+        .collect();
+    bench.put("demo/cases.csv", format!("case,model,recordings\n{rows}"));
+    let batch = |out: &str, jobs: &str| {
+        let line = format!("diagnose --batch demo/cases.csv -o {out} --budget 0s {jobs}");
+        let assert = bench.line(&line).assert().code(1);
+        assert!(stderr(&assert).contains(&format!("the first says why in {out}/b/error.txt")));
+        let mut said: Vec<String> = stdout(&assert)
+            .lines()
+            .map(|line| line.split(" (").next().unwrap().to_owned())
+            .collect();
+        said.pop();
+        said.sort();
+        said
+    };
+    let said = batch("one", "");
+    assert_eq!(said.len(), 5);
+    assert_eq!(batch("many", "--jobs 3"), said);
+    assert!(bench.path("many/results.parquet").exists());
+    bench.fails("fit --model demo/model.toml --jobs 2", &["--jobs"]);
+    bench.fails(
+        "diagnose demo/recordings/step60_1.csv --jobs 2",
+        &["--batch"],
+    );
+    bench.fails("diagnose --batch demo/cases.csv -o x --jobs 0", &["--jobs"]);
 }

@@ -12,7 +12,7 @@
 use std::collections::BTreeSet;
 use std::fmt;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Duration;
 
 use model_core::catalogue::Kind;
@@ -27,13 +27,14 @@ use softrig_formats::family::{Family, title};
 use softrig_formats::numbers::duration;
 use softrig_formats::numbers::{degrees, percent};
 
-/// Counts the work of a diagnosis. Any thread may report.
+/// Counts the work of a diagnosis, or the cases of a batch of them. Any thread may report.
 #[derive(Debug)]
 pub struct Progress {
     started: Instant,
     budget: Option<Budget>,
     now: Mutex<Now>,
-    stop: AtomicBool,
+    /// Shared with the diagnoses of a batch.
+    stop: Arc<AtomicBool>,
     /// The time after which it was enough.
     enough: OnceLock<Duration>,
     watcher: Option<Watcher>,
@@ -48,9 +49,20 @@ impl fmt::Debug for Watcher {
     }
 }
 
+/// What a progress counts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Counts {
+    /// The fits of a diagnosis.
+    #[default]
+    Fits,
+    /// The cases of a batch.
+    Cases,
+}
+
 /// The present stage and step.
 #[derive(Debug)]
 struct Now {
+    counts: Counts,
     /// Why the diagnosis is repeated; empty the first time.
     again: &'static str,
     stage: String,
@@ -83,11 +95,13 @@ pub struct Best {
 /// A snapshot of the progress.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct State {
-    /// The present stage.
+    /// What is counted.
+    pub counts: Counts,
+    /// The present stage; of a batch, what its last case found.
     pub stage: String,
-    /// Finished fits of the present step.
+    /// Finished fits of the present step, or cases.
     pub done: usize,
-    /// Planned fits of the present step; 0 if unknown.
+    /// Planned fits of the present step, or cases; 0 if unknown.
     pub planned: usize,
     /// Finished fits of all steps.
     pub fits: usize,
@@ -106,6 +120,7 @@ impl Default for Progress {
             started,
             budget: None,
             now: Mutex::new(Now {
+                counts: Counts::Fits,
                 again: "",
                 stage: "reading the recordings".into(),
                 step: "",
@@ -117,7 +132,7 @@ impl Default for Progress {
                 best: None,
                 undone: BTreeSet::new(),
             }),
-            stop: AtomicBool::new(false),
+            stop: Arc::default(),
             enough: OnceLock::new(),
             watcher: None,
         }
@@ -130,6 +145,14 @@ impl Progress {
         Self {
             budget,
             ..Self::default()
+        }
+    }
+
+    /// The progress of one diagnosis of this batch: if the batch is stopped, so is the diagnosis.
+    pub fn of_a_case(&self, budget: Option<Budget>) -> Self {
+        Self {
+            stop: Arc::clone(&self.stop),
+            ..Self::within(budget)
         }
     }
 
@@ -178,7 +201,12 @@ impl Progress {
         let is_late = self
             .time()
             .is_some_and(|time| self.started.elapsed() >= time);
-        is_late || self.enough.get().is_some() || self.stop.load(Ordering::Relaxed)
+        is_late || self.enough.get().is_some() || self.is_stopped()
+    }
+
+    /// Whether the work was asked to stop, so that nobody waits for its answer.
+    pub fn is_stopped(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
     }
 
     /// The time of the budget, if it is one.
@@ -229,6 +257,19 @@ impl Progress {
     /// Announces a step of the stage, of `planned` fits.
     pub fn step(&self, what: &'static str, planned: usize) {
         self.now().begin(what, planned);
+    }
+
+    /// Announces a batch of `planned` cases.
+    pub fn cases(&self, planned: usize) {
+        self.stage("diagnosing", planned);
+        self.now().counts = Counts::Cases;
+    }
+
+    /// Counts a case of a batch, with what it found in a few words.
+    pub fn case(&self, found: String) {
+        let mut now = self.now();
+        now.done += 1;
+        now.stage = found;
     }
 
     /// Announces that the diagnosis is repeated, on other data. The best explanation so far
@@ -283,6 +324,7 @@ impl Progress {
             }
         }
         State {
+            counts: now.counts,
             stage,
             done: now.done,
             planned: now.planned,
@@ -378,6 +420,9 @@ impl State {
     /// Fits, time and the estimate for the present step, in words.
     pub fn how_far(&self) -> String {
         let mut text = match (self.planned, self.fits) {
+            (planned, _) if self.counts == Counts::Cases => {
+                format!("{} of {planned} cases, ", self.done)
+            }
             (0, 0) => String::new(),
             (0, fits) => format!("{fits} fits, "),
             (planned, fits) if fits == self.done => {
@@ -389,7 +434,11 @@ impl State {
         };
         text += &format!("{} so far", duration(self.elapsed));
         if let Some(remaining) = self.remaining() {
-            text += &format!(", this step about {} more", about(remaining));
+            let step = match self.counts {
+                Counts::Fits => "this step ",
+                Counts::Cases => "",
+            };
+            text += &format!(", {step}about {} more", about(remaining));
         }
         text
     }
@@ -406,8 +455,11 @@ impl State {
 /// All of it in one line.
 impl fmt::Display for State {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { stage, .. } = self;
-        write!(f, "{stage}; {}; {}", self.how_far(), self.best_so_far())
+        write!(f, "{}; {}", self.stage, self.how_far())?;
+        match self.counts {
+            Counts::Fits => write!(f, "; {}", self.best_so_far()),
+            Counts::Cases => Ok(()),
+        }
     }
 }
 
@@ -459,6 +511,23 @@ mod tests {
         let state = progress.state();
         assert_eq!(counts(&state), (0, 0, 82));
         assert_eq!(state.stage, "once more: quality of the recordings");
+    }
+
+    #[test]
+    fn a_batch_counts_its_cases_and_stops_their_diagnoses() {
+        let batch = Progress::default();
+        batch.cases(3);
+        let case = batch.of_a_case(None);
+        drop(case.fit());
+        batch.case("a  no_discrepancy".into());
+        let said = batch.state().to_string();
+        assert!(
+            said.starts_with("a  no_discrepancy; 1 of 3 cases, ") && said.ends_with(" so far"),
+            "{said}"
+        );
+        assert!(!case.is_over());
+        batch.stop();
+        assert!(case.is_over() && case.is_stopped());
     }
 
     #[test]
