@@ -1,13 +1,15 @@
-//! `rig.toml`: what was measured of one board and holds for its later recordings.
+//! `rig.toml`: what is known of the rig whose recordings a folder holds: its port, its model, and
+//! what was measured of its board.
 //!
 //! `rig commission` writes it into the folder in which it runs, and `rig record` reads it from
-//! there. It names its board, so that the clock of one board never corrects the times of another.
+//! there. A clock names its board, so that that of one board never corrects the times of another.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use softrig_formats::error::{InputError, write_atomically};
+use toml::Spanned;
 
 use crate::port::{is_pseudo_terminal, ports};
 
@@ -18,7 +20,7 @@ pub const RIG_FILE: &str = "rig.toml";
 /// serial line would not work.
 pub const FARTHEST_RATE: f64 = 0.02;
 
-/// What is known of one board.
+/// What is known of one rig.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RigFile {
@@ -27,10 +29,16 @@ pub struct RigFile {
     /// The port that commands take where nothing else names one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub port: Option<String>,
-    /// The board: see [`board_name`].
-    pub board: String,
+    /// The model file that commands take where the command line names none, relative to the folder
+    /// of this file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub model: Option<Spanned<PathBuf>>,
+    /// The board whose clock was measured: see [`board_name`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub board: Option<String>,
     /// Its clock.
-    pub clock: ClockRate,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub clock: Option<ClockRate>,
 }
 
 /// How fast a board's clock is.
@@ -52,11 +60,31 @@ impl RigFile {
     ///
     /// Names file, line, column and remedy.
     pub fn find(path: &Path) -> Result<Option<Self>, InputError> {
-        match std::fs::read_to_string(path) {
-            Ok(text) => Self::parse(&text, path).map(Some),
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
-            Err(error) => Err(InputError::from_io(path, &error)),
+        let text = text_of(path)?;
+        text.map(|text| Self::parse(&text, path)).transpose()
+    }
+
+    /// The model file that the file at `path` names; none where there is no file, or it names none.
+    ///
+    /// # Errors
+    ///
+    /// Names file, line, column and remedy, also where that model is not there.
+    pub fn find_model(path: &Path) -> Result<Option<PathBuf>, InputError> {
+        let Some(text) = text_of(path)? else {
+            return Ok(None);
+        };
+        let Some(named) = Self::parse(&text, path)?.model else {
+            return Ok(None);
+        };
+        let model = path.with_file_name(named.get_ref());
+        if model.is_file() {
+            return Ok(Some(model));
         }
+        let found = format!("the model {} is not there", model.display());
+        let advice = "correct its name, or name another with --model; `rig init` makes a first one";
+        Err(InputError::new(found, advice)
+            .in_file(path)
+            .at_offset(&text, named.span().start))
     }
 
     /// Parses the text of the file; `path` is only named in messages.
@@ -65,9 +93,10 @@ impl RigFile {
     ///
     /// Names file, line, column and remedy.
     pub fn parse(text: &str, path: &Path) -> Result<Self, InputError> {
-        const ADVICE: &str = "measure it again with `rig commission --only clock`, or delete the file: without it times are the board's";
+        const KEYS: &str = "its keys are schema = 1, port, model, board and [clock]; `rig commission --only clock` writes the last two anew";
+        const ADVICE: &str = "measure it again with `rig commission --only clock`, or delete [clock]: without it times are the board's";
         let file: Self = toml::from_str(text).map_err(|error| {
-            let fault = InputError::new(error.message(), ADVICE).in_file(path);
+            let fault = InputError::new(error.message(), KEYS).in_file(path);
             match error.span() {
                 Some(span) => fault.at_offset(text, span.start),
                 None => fault,
@@ -77,14 +106,16 @@ impl RigFile {
             let found = format!("is of schema {}, and this rig reads 1", file.schema);
             return Err(InputError::new(found, "update rig").in_file(path));
         }
-        // Written so that not-a-number fails.
-        if (file.clock.factor - 1.0).abs() <= FARTHEST_RATE {
-            return Ok(file);
-        }
-        let found = format!(
-            "the clock's factor is {}, and no board that can be read is farther from 1 than {FARTHEST_RATE}",
-            file.clock.factor
-        );
+        let found = match (&file.clock, &file.board) {
+            (None, _) => return Ok(file),
+            (Some(_), None) => "has a clock, and no board whose it is".to_owned(),
+            // Written so that not-a-number is not one.
+            (Some(clock), _) if (clock.factor - 1.0).abs() <= FARTHEST_RATE => return Ok(file),
+            (Some(clock), _) => format!(
+                "the clock's factor is {}, and no board that can be read is farther from 1 than {FARTHEST_RATE}",
+                clock.factor
+            ),
+        };
         Err(InputError::new(found, ADVICE).in_file(path))
     }
 
@@ -96,8 +127,17 @@ impl RigFile {
     pub fn write(&self, path: &Path) -> Result<(), InputError> {
         // Plain values: nothing in it can fail to be written.
         let text = toml::to_string(self).unwrap_or_default();
-        let head = "# Measured by `rig commission`; `rig record` corrects the times of this board by it.\n# Commands take the port from here where neither --port nor RIG_PORT names one.\n";
+        let head = "# Measured by `rig commission`; `rig record` corrects the times of this board by it.\n# Commands take the port from here where neither --port nor RIG_PORT names one, and the model where\n# --model does not: model = \"model.toml\".\n";
         write_atomically(path, format!("{head}{text}").as_bytes())
+    }
+}
+
+/// The text of a file; none where there is none.
+fn text_of(path: &Path) -> Result<Option<String>, InputError> {
+    match std::fs::read_to_string(path) {
+        Ok(text) => Ok(Some(text)),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
+        Err(error) => Err(InputError::from_io(path, &error)),
     }
 }
 
@@ -131,12 +171,13 @@ mod tests {
         let file = RigFile {
             schema: 1,
             port: Some("/dev/ttyACM0".into()),
-            board: "usb 2341:0042 75330".into(),
-            clock: ClockRate {
+            model: Some(Spanned::new(0..0, "finger.toml".into())),
+            board: Some("usb 2341:0042 75330".into()),
+            clock: Some(ClockRate {
                 factor: 1.0043,
                 standard_error: 2e-5,
                 seconds: 60.0,
-            },
+            }),
         };
         file.write(&path).unwrap();
         assert_eq!(RigFile::find(&path).unwrap(), Some(file));
@@ -146,9 +187,32 @@ mod tests {
             ("factor = 1.0043", "factor = nan", "NaN"),
             ("schema = 1", "schema = 2", "update rig"),
             ("factor = ", "faktor = ", "line"),
+            ("board = ", "# board = ", "no board"),
         ] {
             let error = RigFile::parse(&text.replace(from, to), &path).unwrap_err();
             assert!(error.to_string().contains(says), "{error}");
         }
+    }
+
+    #[test]
+    fn a_file_by_hand_names_a_model_beside_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(RIG_FILE);
+        assert_eq!(RigFile::find_model(&path).unwrap(), None);
+        std::fs::write(&path, "schema = 1\n").unwrap();
+        assert_eq!(RigFile::find_model(&path).unwrap(), None);
+        std::fs::write(&path, "schema = 1\nmodel = \"models/m.toml\"\n").unwrap();
+        let error = RigFile::find_model(&path).unwrap_err().to_string();
+        for part in [
+            "rig.toml, line 2, column 9",
+            "m.toml is not there",
+            "--model",
+        ] {
+            assert!(error.contains(part), "{error}");
+        }
+        let model = folder.path().join("models/m.toml");
+        std::fs::create_dir(folder.path().join("models")).unwrap();
+        std::fs::write(&model, "").unwrap();
+        assert_eq!(RigFile::find_model(&path).unwrap(), Some(model));
     }
 }

@@ -35,8 +35,8 @@ Examples:
   rig compare --model nominal.toml --linear step60_*.csv      the paper's table
   rig compare --model nominal.toml --linear step*.csv --plot steps.svg     and its picture")]
 pub struct Args {
-    /// Model file; repeat the flag for several
-    #[arg(long = "model", required = true, value_name = "MODEL.toml")]
+    /// Model file; repeat the flag for several [default: model in rig.toml]
+    #[arg(long = "model", value_name = "MODEL.toml")]
     models: Vec<PathBuf>,
     /// Recordings
     #[arg(required = true, value_name = "REC.csv")]
@@ -90,7 +90,11 @@ fn layout(files: &[ModelFile], args: &Args) -> Result<Layout, InputError> {
 ///
 /// Faults of the input, with place and remedy.
 pub fn run(args: &Args) -> anyhow::Result<()> {
-    let read = args.recordings.iter().chain(&args.models);
+    let models = match args.models.as_slice() {
+        [] => vec![super::model::of_rig_file()?],
+        named => named.to_vec(),
+    };
+    let read = args.recordings.iter().chain(&models);
     output::check(
         &[
             Output::of("-o", FileKind::Table, args.output.as_ref()),
@@ -99,8 +103,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         ],
         read,
     )?;
-    let files = args
-        .models
+    let files = models
         .iter()
         .map(|path| super::read_model(path))
         .collect::<Result<Vec<_>, InputError>>()?;

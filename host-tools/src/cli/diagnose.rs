@@ -8,6 +8,7 @@ use clap::Parser;
 
 use super::input::InputArgs;
 use super::json::JsonArgs;
+use super::model::ModelArgs;
 use super::output::{self, FileKind, Output};
 use super::watch::Watched;
 use crate::batch::{self, Batch, Share, manifest};
@@ -54,9 +55,8 @@ A batch is a CSV with the columns case,model,recordings,holdout; docs/batch.md.
 The verdict is one of: effect_found, parameters_only, no_discrepancy,
 cannot_tell, unexplained. `rig schema` prints the schema of the JSON.")]
 pub struct Args {
-    /// Model file
-    #[arg(long, value_name = "MODEL.toml", required_unless_present = "batch")]
-    model: Option<PathBuf>,
+    #[command(flatten)]
+    model: ModelArgs,
     /// Recordings to fit
     #[arg(required_unless_present = "batch", value_name = "REC.csv")]
     recordings: Vec<PathBuf>,
@@ -123,11 +123,11 @@ pub struct Args {
 ///
 /// Faults of the input, with place and remedy.
 pub fn run(args: &Args) -> anyhow::Result<()> {
-    match (&args.batch, &args.model, &args.output) {
-        (Some(manifest), _, Some(out)) => run_batch(args, manifest, out),
-        (None, Some(model), _) => run_one(args, model),
+    match (&args.batch, &args.output) {
+        (Some(manifest), Some(out)) => run_batch(args, manifest, out),
+        (None, _) => run_one(args, &args.model.find()?),
         // The command line was checked for it.
-        _ => anyhow::bail!("name a model, or a batch and where its results go"),
+        _ => anyhow::bail!("name where the results of the batch go"),
     }
 }
 

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Parser;
 
 use super::input::InputArgs;
+use super::model::ModelArgs;
 use super::output::{self, FileKind, Output};
 use crate::export::{Defaults, ExportError, Language, export, functional_mockup_unit, identifier};
 use softrig::estimate::Dataset;
@@ -28,9 +29,8 @@ Examples:
   rig export --model repaired.toml --to fmu -o finger.fmu
   rig export --model repaired.toml --to python --recording run.csv -o finger.py")]
 pub struct Args {
-    /// Model file
-    #[arg(long, value_name = "MODEL.toml")]
-    model: PathBuf,
+    #[command(flatten)]
+    model: ModelArgs,
     /// What to write
     #[arg(long, visible_alias = "as", value_enum, value_name = "LANGUAGE")]
     to: Target,
@@ -81,11 +81,12 @@ impl Target {
 ///
 /// Faults of the input, with place and remedy.
 pub fn run(args: &Args) -> anyhow::Result<()> {
+    let model = args.model.find()?;
     output::check(
         &[Output::of("-o", FileKind::Code, args.output.as_ref())],
-        args.recording.iter().chain([&args.model]),
+        args.recording.iter().chain([&model]),
     )?;
-    let file = super::read_model(&args.model)?;
+    let file = super::read_model(&model)?;
     let defaults = match &args.recording {
         Some(path) => starting_as(path, args, &file)?,
         None => Defaults::default(),

@@ -8,6 +8,7 @@ use serde::Serialize;
 
 use super::input::InputArgs;
 use super::json::{JsonArgs, Parameter, SCHEMA};
+use super::model::ModelArgs;
 use super::output::{self, FileKind, Output};
 use softrig::diagnose::verdict::Zeros;
 use softrig::estimate::Dataset;
@@ -31,9 +32,8 @@ Examples:
   rig fit --model m.toml step60_*.csv --profile profiles.svg
   rig fit --model m.toml step60_*.csv --json -")]
 pub struct Args {
-    /// Model file
-    #[arg(long, value_name = "MODEL.toml")]
-    model: PathBuf,
+    #[command(flatten)]
+    model: ModelArgs,
     /// Recordings
     #[arg(required = true, value_name = "REC.csv")]
     recordings: Vec<PathBuf>,
@@ -56,7 +56,8 @@ pub struct Args {
 ///
 /// Faults of the input, with place and remedy.
 pub fn run(args: &Args) -> anyhow::Result<()> {
-    let read = args.recordings.iter().chain([&args.model]);
+    let model = args.model.find()?;
+    let read = args.recordings.iter().chain([&model]);
     output::check(
         &[
             Output::of("-o", FileKind::Model, args.output.as_ref()),
@@ -65,7 +66,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         ],
         read,
     )?;
-    let (file, recordings) = super::read(&args.model, &args.recordings, &args.input.layout())?;
+    let (file, recordings) = super::read(&model, &args.recordings, &args.input.layout())?;
     let found = refit(&file, &recordings)?;
     let mut text = table(&file, &found);
     let Refit {

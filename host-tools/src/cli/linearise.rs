@@ -9,6 +9,7 @@ use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::json::{JsonArgs, SCHEMA};
+use super::model::ModelArgs;
 use super::output::{self, FileKind, Output};
 use softrig::linear::{Linear, Pole, angle_under};
 use softrig_formats::error::{InputError, write_atomically};
@@ -30,9 +31,8 @@ Examples:
   rig linearise --model m.toml --at 30deg -o finger.py    # scipy.signal.StateSpace
   rig linearise --model m.toml --at 30deg -o finger.m     # ss(A, B, C, D) of MATLAB")]
 pub struct Args {
-    /// Model file
-    #[arg(long, value_name = "MODEL.toml")]
-    model: PathBuf,
+    #[command(flatten)]
+    model: ModelArgs,
     /// The rest: an angle (deg, rad) or the pressure that holds it (kpa)
     #[arg(long, value_name = "30deg")]
     at: Rest,
@@ -174,16 +174,17 @@ fn decibels(ratio: f64) -> f64 {
 ///
 /// Faults of the input, with place and remedy.
 pub fn run(args: &Args) -> anyhow::Result<()> {
+    let model = args.model.find()?;
     output::check(
         &[
             Output::of("-o", FileKind::Code, args.output.as_ref()),
             Output::of("--plot", FileKind::Picture, args.plot.as_ref()),
             args.json.output(),
         ],
-        [&args.model],
+        [&model],
     )?;
     let language = args.output.as_deref().map(Language::of).transpose()?;
-    let file = super::read_model(&args.model)?;
+    let file = super::read_model(&model)?;
     let (linear, result) = Linearised::at(&file, args.at)?;
     let mut text = result.text();
     if let Some(path) = &args.plot {

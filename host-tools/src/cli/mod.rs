@@ -17,6 +17,7 @@ pub(crate) mod json;
 pub mod linearise;
 pub mod log;
 pub mod materials;
+pub(crate) mod model;
 pub mod monitor;
 pub mod next;
 pub mod output;

@@ -12,6 +12,7 @@ use anyhow::Context;
 use clap::Parser;
 
 use super::input::InputArgs;
+use super::model::ModelArgs;
 use super::output::{self, FileKind, Output};
 use super::plan::{self, NOTHING_DECIDES};
 use super::port::PortArgs;
@@ -49,9 +50,8 @@ pub struct Args {
     /// Record on the virtual rig, with the actuator of this model file
     #[arg(long = "virtual", value_name = "TRUTH.toml", conflicts_with = "port")]
     actuator: Option<PathBuf>,
-    /// Model file
-    #[arg(long, value_name = "MODEL.toml")]
-    model: PathBuf,
+    #[command(flatten)]
+    model: ModelArgs,
     /// Recordings so far
     #[arg(required = true, value_name = "REC.csv")]
     recordings: Vec<PathBuf>,
@@ -89,8 +89,9 @@ pub struct Args {
 ///
 /// Faults of the input, of the link, or of the board.
 pub fn run(args: &Args) -> anyhow::Result<()> {
+    let model = args.model.find()?;
     let read = args.recordings.iter().chain(&args.holdout);
-    let read = read.chain([&args.model]).chain(&args.effects);
+    let read = read.chain([&model]).chain(&args.effects);
     output::check(
         &[Output::of("--json", FileKind::Json, args.json.as_ref())],
         read.chain(&args.actuator),
@@ -107,7 +108,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let mut used;
     let mut made = 0;
     loop {
-        let diagnosed = diagnosed(args, &recordings, given, limits)?;
+        let diagnosed = diagnosed(args, &model, &recordings, given, limits)?;
         super::print(&format!("{}\n", diagnosed.sentence))?;
         used = diagnosed.used;
         let next = match diagnosed.step {
@@ -145,19 +146,18 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         }
         recordings.push(recording);
     }
-    super::print(&format!("To keep the answer: {}\n", to_keep(args, &used)))?;
+    super::print(&format!(
+        "To keep the answer: {}\n",
+        to_keep(args, &model, &used)
+    ))?;
     Ok(())
 }
 
 /// The command that writes the last answer to files.
-fn to_keep(args: &Args, recordings: &[PathBuf]) -> String {
+fn to_keep(args: &Args, model: &PathBuf, recordings: &[PathBuf]) -> String {
     let name = |path: &PathBuf| quoted(&path.to_string_lossy());
     let names = |paths: &[PathBuf]| paths.iter().map(name).collect::<Vec<_>>().join(" ");
-    let mut command = format!(
-        "rig diagnose --model {} {}",
-        name(&args.model),
-        names(recordings)
-    );
+    let mut command = format!("rig diagnose --model {} {}", name(model), names(recordings));
     if !args.holdout.is_empty() {
         command += &format!(" --holdout {}", names(&args.holdout));
     }
@@ -196,12 +196,13 @@ struct Diagnosed {
 /// Diagnoses the recordings, of which the first `given` were not planned here.
 fn diagnosed(
     args: &Args,
+    model: &Path,
     paths: &[PathBuf],
     given: usize,
     limits: Limits,
 ) -> anyhow::Result<Diagnosed> {
     let layout = args.input.layout();
-    let (file, mut recordings) = super::read(&args.model, paths, &layout)?;
+    let (file, mut recordings) = super::read(model, paths, &layout)?;
     let planned = recordings.split_off(given);
     let (used, missed): (Vec<_>, Vec<_>) = planned
         .into_iter()

@@ -10,6 +10,7 @@ use serde::Serialize;
 
 use super::input::InputArgs;
 use super::json::{JsonArgs, SCHEMA};
+use super::model::ModelArgs;
 use super::output::{self, FileKind, Output};
 use softrig::diagnose::Progress;
 use softrig::diagnose::candidates::{Candidate, Scales, typical};
@@ -42,9 +43,8 @@ Examples:
   rig plan --model m.toml --between coulomb_friction,bouc_wen_hysteresis run.csv -o next.toml
   rig plan --model m.toml --between gravity,exponent_shift --limits deg=60,kpa=80,s=60")]
 pub struct Args {
-    /// Model file
-    #[arg(long, value_name = "MODEL.toml")]
-    model: PathBuf,
+    #[command(flatten)]
+    model: ModelArgs,
     /// File of your own effects, given by formulas, that --between may name
     #[arg(long, value_name = "EFFECTS.toml")]
     effects: Option<PathBuf>,
@@ -88,7 +88,8 @@ const LISTED: usize = 5;
 ///
 /// Faults of the input, with place and remedy.
 pub fn run(args: &Args) -> anyhow::Result<()> {
-    let read = args.recordings.iter().chain([&args.model]);
+    let model = args.model.find()?;
+    let read = args.recordings.iter().chain([&model]);
     let read = read.chain(&args.effects);
     output::check(
         &[
@@ -97,7 +98,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         ],
         read,
     )?;
-    let (file, recordings) = super::read(&args.model, &args.recordings, &args.input.layout())?;
+    let (file, recordings) = super::read(&model, &args.recordings, &args.input.layout())?;
     let own = match &args.effects {
         Some(path) => Some(OwnEffects::read(path, &file.model)?),
         None => None,

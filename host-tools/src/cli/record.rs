@@ -251,13 +251,19 @@ fn setup_of(said: Option<&Setup>, asked: Option<&Setup>) -> Option<Setup> {
 fn clock_factor(named: Option<&Path>, port: &str) -> Result<Option<f64>, InputError> {
     let path = named.unwrap_or(Path::new(RIG_FILE));
     let board = board_name(port);
-    match RigFile::find(path)? {
-        Some(file) if file.board == board => Ok(Some(file.clock.factor)),
-        Some(file) => {
-            let found = format!(
-                "is of the board `{}`, and this one is `{board}`",
-                file.board
-            );
+    let absent = |found: &str| match named {
+        Some(_) => Err(
+            InputError::new(found, "`rig commission` writes it, or leave --rig away").in_file(path),
+        ),
+        None => Ok(None),
+    };
+    let Some(file) = RigFile::find(path)? else {
+        return absent("is not there");
+    };
+    match (file.board, file.clock) {
+        (Some(its), Some(clock)) if its == board => Ok(Some(clock.factor)),
+        (Some(its), Some(_)) => {
+            let found = format!("is of the board `{its}`, and this one is `{board}`");
             if named.is_some() {
                 let advice = "name its own file, or measure it with `rig commission --only clock`";
                 return Err(InputError::new(found, advice).in_file(path));
@@ -268,12 +274,7 @@ fn clock_factor(named: Option<&Path>, port: &str) -> Result<Option<f64>, InputEr
             ));
             Ok(None)
         }
-        None if named.is_some() => Err(InputError::new(
-            "is not there",
-            "`rig commission` writes it, or leave --rig away",
-        )
-        .in_file(path)),
-        None => Ok(None),
+        _ => absent("has no clock"),
     }
 }
 

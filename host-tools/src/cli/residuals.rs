@@ -8,6 +8,7 @@ use serde::Serialize;
 
 use super::input::InputArgs;
 use super::json::{JsonArgs, SCHEMA};
+use super::model::ModelArgs;
 use super::output::{self, FileKind, Output};
 use softrig::comparison::check_comparable;
 use softrig::estimate::assemble::assemble;
@@ -33,9 +34,8 @@ Examples:
   rig residuals --model m.toml step60_*.csv
   rig residuals --model m.toml step60_*.csv --report residuals.html --json residuals.json")]
 pub struct Args {
-    /// Model file
-    #[arg(long, value_name = "MODEL.toml")]
-    model: PathBuf,
+    #[command(flatten)]
+    model: ModelArgs,
     /// Recordings
     #[arg(required = true, value_name = "REC.csv")]
     recordings: Vec<PathBuf>,
@@ -138,7 +138,8 @@ impl Lagged {
 ///
 /// Faults of the input, with place and remedy.
 pub fn run(args: &Args) -> anyhow::Result<()> {
-    let read = args.recordings.iter().chain([&args.model]);
+    let model = args.model.find()?;
+    let read = args.recordings.iter().chain([&model]);
     output::check(
         &[
             Output::of("--report", FileKind::Page, args.report.as_ref()),
@@ -147,7 +148,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         ],
         read,
     )?;
-    let (file, recordings) = super::read(&args.model, &args.recordings, &args.input.layout())?;
+    let (file, recordings) = super::read(&model, &args.recordings, &args.input.layout())?;
     let (analysis, warnings) = Analysis::of(&file, &recordings)?;
     for warning in &warnings {
         super::warn(warning);

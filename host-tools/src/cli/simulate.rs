@@ -9,6 +9,7 @@ use serde::Serialize;
 use super::choice::choice;
 use super::input::InputArgs;
 use super::json::{JsonArgs, SCHEMA};
+use super::model::ModelArgs;
 use super::output::{self, FileKind, Output};
 use softrig::comparison::check_comparable;
 use softrig::estimate::simulation::{ANGLES_DEG, Arithmetic, Drive, HOLDS_S, in_range};
@@ -28,9 +29,8 @@ Examples:
   rig simulate --model m.toml --recording run.csv --plot run.svg
   rig simulate --model m.toml --recording run.csv --linear --arithmetic board")]
 pub struct Args {
-    /// Model file
-    #[arg(long, value_name = "MODEL.toml")]
-    model: PathBuf,
+    #[command(flatten)]
+    model: ModelArgs,
     /// Take the pressure from this recording
     #[arg(long, value_name = "REC.csv")]
     recording: Option<PathBuf>,
@@ -82,6 +82,7 @@ fn number(text: &str) -> f64 {
 ///
 /// Faults of the input, with place and remedy.
 pub fn run(args: &Args) -> anyhow::Result<()> {
+    let path = args.model.find()?;
     let played = args.protocol.as_ref().map(PathBuf::from);
     output::check(
         &[
@@ -90,9 +91,9 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
             Output::of("--plot", FileKind::Picture, args.plot.as_ref()),
             args.json.output(),
         ],
-        args.recording.iter().chain(&played).chain([&args.model]),
+        args.recording.iter().chain(&played).chain([&path]),
     )?;
-    let file = super::read_model(&args.model)?;
+    let file = super::read_model(&path)?;
     args.arithmetic.check(&file)?;
     let drive = match (&args.recording, args.protocol.as_deref()) {
         (Some(path), _) => {
@@ -117,7 +118,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     };
     let simulated_deg = drive
         .simulate(&model, args.arithmetic)
-        .map_err(|error| error.in_file(&args.model))?;
+        .map_err(|error| error.in_file(&path))?;
     let Drive {
         recording,
         is_measured,

@@ -474,12 +474,15 @@ impl<'o> Session<'o> {
         if finding.outcome == Outcome::Passed {
             self.clock = Some(rate);
             let port = self.link.port();
+            // One that cannot be read is replaced, as the error about it says.
+            let before = RigFile::find(&file).ok().flatten();
             RigFile {
                 schema: 1,
                 // The next virtual rig is behind another.
                 port: (!is_pseudo_terminal(port)).then(|| port.to_owned()),
-                board: board_name(self.link.port()),
-                clock: rate,
+                model: before.and_then(|file| file.model),
+                board: Some(board_name(self.link.port())),
+                clock: Some(rate),
             }
             .write(&file)?;
         }

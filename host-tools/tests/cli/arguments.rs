@@ -13,7 +13,7 @@ fn faults_of_arguments_exit_with_2() {
             "diagnoze --model m.toml",
             "unrecognized subcommand 'diagnoze'",
         ),
-        ("fit good.csv", "--model <MODEL.toml>"),
+        ("fit good.csv", "give --model MODEL.toml, or write model"),
         ("simulate --model m.toml", "--recording <REC.csv>"),
         (
             "simulate --model m.toml --protocol step --recording good.csv",

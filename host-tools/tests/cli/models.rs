@@ -1,6 +1,6 @@
 //! Model files at fault.
 
-use super::common::{Bench, MODEL};
+use super::common::{Bench, MODEL, stderr, stdout};
 
 /// Commands that read a model, with everything that they could write.
 const MODEL_READERS: [&str; 4] = [
@@ -209,4 +209,63 @@ fn a_setup_that_a_model_knows_nothing_of_is_not_uploaded() {
             }
         }
     }
+}
+
+/// `rig.toml` names the model of a folder; the command line counts more.
+#[test]
+fn the_model_of_a_folder_is_named_once() {
+    let bench = Bench::new();
+    bench.put("finger.toml", MODEL);
+    bench.put("rig.toml", "schema = 1\nmodel = \"finger.toml\"\n");
+    let line = "simulate --protocol step --angle-deg 30 --json - -o";
+    let assert = bench.line(&format!("{line} a.csv")).assert().success();
+    let remark = stderr(&assert);
+    assert!(
+        remark.contains("The model is finger.toml, as rig.toml says."),
+        "{remark}"
+    );
+    // What is said of it does not mix with the result.
+    assert!(stdout(&assert).starts_with('{'));
+
+    let softer = MODEL.replace("stiffness_n_per_rad_n = ", "stiffness_n_per_rad_n = 0.5 # ");
+    assert_ne!(softer, MODEL);
+    bench.put("softer.toml", softer);
+    let assert = bench
+        .line(&format!("{line} b.csv --model softer.toml"))
+        .assert()
+        .success();
+    assert_eq!(stderr(&assert), "");
+    assert_ne!(bench.text("a.csv"), bench.text("b.csv"));
+
+    for command in [
+        "compare good.csv",
+        "diagnose good.csv",
+        "export --to c",
+        "fit good.csv",
+        "linearise --at 30deg",
+        "next --virtual finger.toml good.csv",
+        "plan --between gravity,exponent_shift",
+        "residuals good.csv",
+        "simulate --protocol step",
+    ] {
+        bench.put("rig.toml", "schema = 1\n\nmodel = \"gone.toml\"\n");
+        bench.refuses(
+            command,
+            &[
+                "rig.toml, line 3, column 9",
+                "gone.toml is not there",
+                "--model",
+            ],
+        );
+        bench.put("rig.toml", "schema = 1\n");
+        bench.refuses(command, &["no model is named", "give --model MODEL.toml"]);
+    }
+    let line = format!("{line} c.csv");
+    bench.put("rig.toml", "schema = 1\nmodell = \"finger.toml\"\n");
+    bench.refuses(
+        &line,
+        &["rig.toml, line 2, column 1", "modell", "its keys are"],
+    );
+    bench.put("rig.toml", "schema = 1\nmodel = 3\n");
+    bench.refuses(&line, &["rig.toml, line 2, column 9"]);
 }

@@ -1,0 +1,49 @@
+//! Which model a command is about: as the command line says, else `rig.toml`.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use softrig_formats::error::InputError;
+use softrig_formats::terminal::remark;
+use softrig_link::rig_file::{RIG_FILE, RigFile};
+
+/// The flag of commands that are about one model.
+#[derive(Clone, Debug, Default, Args)]
+pub struct ModelArgs {
+    /// Model file [default: model in rig.toml]
+    #[arg(long, value_name = "MODEL.toml")]
+    model: Option<PathBuf>,
+}
+
+impl ModelArgs {
+    /// The model file.
+    ///
+    /// # Errors
+    ///
+    /// Where nothing names one, and faults of `rig.toml`.
+    pub(crate) fn find(&self) -> Result<PathBuf, InputError> {
+        self.model.clone().map_or_else(of_rig_file, Ok)
+    }
+}
+
+/// The model that `rig.toml` names, which is said where it is taken.
+///
+/// # Errors
+///
+/// As for [`ModelArgs::find`].
+pub(crate) fn of_rig_file() -> Result<PathBuf, InputError> {
+    let Some(model) = RigFile::find_model(Path::new(RIG_FILE))? else {
+        return Err(InputError::new(
+            "no model is named",
+            format!(
+                "give --model MODEL.toml, or write model = \"MODEL.toml\" into {RIG_FILE}; `rig init` makes a first one"
+            ),
+        ));
+    };
+    remark(&format!(
+        "The model is {}, as {RIG_FILE} says.",
+        model.display()
+    ));
+    Ok(model)
+}
