@@ -622,20 +622,6 @@ def diagnose(
     formula, which are tried beside the catalogue. After ``budget_s`` seconds the search ends
     with an answer from what was tried until then."""
 
-class _CaseNames(TypedDict):
-    case: str
-    """Its name, which is that of its folder: letters, digits, ``.``, ``_`` and ``-``."""
-    model: _Path
-    recordings: _Path | Iterable[_Path]
-
-class _Case(_CaseNames, total=False):
-    """A case of a batch, with the columns of a manifest."""
-
-    holdout: _Path | Iterable[_Path] | None
-    columns: _Names | None
-    units: _Units | None
-    setup: Mapping[str, Any] | None
-
 class _Row(TypedDict):
     """A row of ``results.parquet``; None where a case has no such value."""
 
@@ -686,7 +672,7 @@ class Batch:
     def __len__(self) -> int: ...
 
 def batch(
-    cases: _Path | Iterable[_Case],
+    cases: _Path | Iterable[Mapping[str, object]],
     *,
     out: _Path,
     jobs: int = 1,
@@ -700,8 +686,10 @@ def batch(
     """Diagnoses many cases, each into its own folder below ``out``, as
     ``rig diagnose --batch`` does.
 
-    ``cases`` is a manifest, or a list of dictionaries with its columns. ``jobs`` cases are
-    diagnosed at a time, each on its part of the ``threads``. With ``resume`` a case is skipped if
+    ``cases`` is a manifest, or a list of dictionaries with its columns: ``case``, the name, which
+    is that of its folder; ``model`` and ``recordings``, paths; and, where they are needed,
+    ``holdout``, ``columns``, ``units`` and ``setup``, as for ``read``. ``jobs`` cases are diagnosed
+    at a time, each on its part of the ``threads``. With ``resume`` a case is skipped if
     its results are there, made from the same inputs. ``budget_s`` is the time of each case; the
     rest is as for ``diagnose``. A case that cannot be diagnosed is a row that says why, and an
     InputWarning."""

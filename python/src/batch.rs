@@ -115,13 +115,13 @@ impl Batch {
 /// cases are diagnosed at a time. With `resume` a case is skipped if its results are there, made
 /// from the same inputs. `budget_s` is the time of each case; the rest is as for `diagnose`.
 #[pyfunction]
-#[pyo3(signature = (cases, *, out, jobs = NonZero::<usize>::MIN, resume = true, effects = None, seed = 1, progress = None, threads = None, budget_s = None))]
+#[pyo3(signature = (cases, *, out, jobs = 1, resume = true, effects = None, seed = 1, progress = None, threads = None, budget_s = None))]
 #[allow(clippy::too_many_arguments)] // Each has a name where it is called.
 pub fn batch(
     py: Python<'_>,
     cases: &Bound<'_, PyAny>,
     out: PathBuf,
-    jobs: NonZero<usize>,
+    jobs: usize,
     resume: bool,
     effects: Option<PathBuf>,
     seed: u64,
@@ -137,6 +137,9 @@ pub fn batch(
         let listed = listed.map(|(index, given)| case_of(py, index, &given?));
         Box::new(List::of(listed.collect::<PyResult<_>>()?).or_raise(py)?)
     };
+    let jobs = NonZero::new(jobs)
+        .ok_or_else(|| Fault::new("jobs is 0", "give how many cases at a time, 1 or more"))
+        .or_raise(py)?;
     let own = effects.map(|path| OwnEffects::read_for_any(&path));
     let settings = Settings {
         layout: Layout::default(),

@@ -97,6 +97,8 @@ def test_a_faulty_list_is_refused_with_its_place(tmp_path: Path) -> None:
     ]:
         with pytest.raises(softrig.InputError, match=part):
             softrig.batch(cases, out=tmp_path / "out")  # type: ignore[arg-type]
+    with pytest.raises(softrig.InputError, match="jobs is 0"):
+        softrig.batch([good], out=tmp_path / "out", jobs=0)
     with pytest.raises(softrig.InputError, match="none.csv"):
         softrig.batch("none.csv", out=tmp_path / "out")
     assert not (tmp_path / "out").exists()
