@@ -6,6 +6,7 @@ pub mod blind;
 #[cfg(feature = "browser")]
 pub mod browser;
 pub mod invariance;
+pub mod pages;
 pub mod process;
 pub mod real;
 pub mod reports;

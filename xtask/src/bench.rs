@@ -56,13 +56,21 @@ const BLIND: Program = Program {
 };
 
 /// The programs by the names of the benchmarks.
-static PROGRAMS: [(&str, Program); 8] = [
+static PROGRAMS: [(&str, Program); 9] = [
     ("blind", BLIND),
     (
         "calibration",
         Program {
             name: "calibration",
             folders: &[("--keep", "invariance"), ("--loops", "loop")],
+            asks: true,
+        },
+    ),
+    (
+        "commands",
+        Program {
+            name: "command_times",
+            folders: &[("--folder", "bench/commands")],
             asks: true,
         },
     ),

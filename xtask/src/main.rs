@@ -65,6 +65,9 @@ Tasks:
                          docs/images/closed_loop_steps.svg
   bench many [--docs]    one diagnosis of 10 to 1000 recordings: time and
                          memory; --docs draws docs/images/many_recordings.svg
+  bench commands [--docs]
+                         how long each subcommand of `rig` takes on recordings of
+                         an example; --docs writes it into docs/benchmarks.md
   bench blind [--fast | OPTIONS]
                          effects hidden in recordings of another simulator;
                          --set bench: in whole sessions, as on a bench

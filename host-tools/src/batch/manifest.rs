@@ -416,7 +416,7 @@ mod tests {
         drop(out);
         assert!(std::fs::metadata(&path).unwrap().len() > 64 << 20);
         let mut manifest = open(&path).unwrap();
-        assert_eq!(manifest.len(), 70);
+        assert_eq!(manifest.count(), 70);
         let case = manifest.case(69).unwrap();
         assert_eq!((case.name.as_str(), case.recordings.len()), ("c69", 30_000));
     }

@@ -9,7 +9,8 @@ use softrig_tests::invariance::ask::ask_all;
 use softrig_tests::invariance::calibration::Calibration;
 use softrig_tests::invariance::cases::Set;
 use softrig_tests::invariance::choice::Choice;
-use softrig_tests::invariance::pose::{text_of, write};
+use softrig_tests::invariance::pose::write;
+use softrig_tests::pages::put_section;
 
 /// Is what is stated with a probability right as often as it says?
 ///
@@ -36,9 +37,6 @@ struct Args {
     #[arg(long, value_name = "OUT.svg")]
     plot: Option<PathBuf>,
 }
-
-/// The table stands between these lines of the page.
-const MARKS: [&str; 2] = ["<!-- calibration -->\n", "<!-- end of calibration -->"];
 
 fn main() -> ExitCode {
     match run(&Args::parse()) {
@@ -102,20 +100,12 @@ fn run(args: &Args) -> Result<(), String> {
             &docs.join("images/calibration.svg"),
             &all.picture(&subtitle),
         )?;
-        let page = docs.join("diagnosis.md");
         let section = format!(
             "Measured on {subtitle}. {}\n\n{}",
             all.summary(),
             all.table()
         );
-        write(&page, &with_section(&text_of(&page)?, &section)?)?;
+        put_section("diagnosis.md", "calibration", &section)?;
     }
     Ok(())
-}
-
-fn with_section(page: &str, section: &str) -> Result<String, String> {
-    let missing = || format!("docs/diagnosis.md has no line {:?}", MARKS[0].trim());
-    let (before, rest) = page.split_once(MARKS[0]).ok_or_else(missing)?;
-    let (_, after) = rest.split_once(MARKS[1]).ok_or_else(missing)?;
-    Ok(format!("{before}{}{section}{}{after}", MARKS[0], MARKS[1]))
 }

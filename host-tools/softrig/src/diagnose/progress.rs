@@ -611,6 +611,7 @@ mod tests {
     #[test]
     fn a_line_says_where_how_far_and_what() {
         let state = State {
+            counts: Counts::Fits,
             stage: "27 effects at several horizons: screening".into(),
             done: 12,
             planned: 54,
