@@ -34,6 +34,7 @@ use strum::{Display, EnumMessage, EnumString, IntoStaticStr, VariantArray};
     Debug,
     PartialEq,
     Eq,
+    schemars::JsonSchema,
     serde::Serialize,
     Display,
     EnumMessage,

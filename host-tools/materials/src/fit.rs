@@ -20,7 +20,7 @@ use softrig_formats::error::InputError;
 use strum::{Display, EnumMessage, EnumString, IntoStaticStr, VariantArray};
 
 /// How the modulus enters a fit.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, schemars::JsonSchema, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Modulus {
     /// Fitted together with the exponent.
@@ -37,6 +37,7 @@ pub enum Modulus {
     Debug,
     PartialEq,
     Eq,
+    schemars::JsonSchema,
     serde::Serialize,
     Display,
     EnumMessage,
@@ -64,7 +65,7 @@ impl Residual {
 }
 
 /// Everything that a fit has to decide and that moves its result.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, schemars::JsonSchema, serde::Serialize)]
 pub struct Choice {
     /// The stress measure.
     pub stress: Measure,
@@ -112,7 +113,7 @@ impl Choice {
 }
 
 /// A fitted number.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, schemars::JsonSchema, serde::Serialize)]
 pub struct Estimate {
     /// The value.
     pub value: f64,
@@ -122,7 +123,7 @@ pub struct Estimate {
 }
 
 /// A law and how well it describes the curve.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, schemars::JsonSchema, serde::Serialize)]
 pub struct LawFit {
     /// The exponent n; 1, held, for Hooke.
     pub exponent: Estimate,

@@ -38,7 +38,7 @@ pub struct PredictorFit {
 }
 
 /// A predicted exponent.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, schemars::JsonSchema, serde::Serialize)]
 pub struct Prediction {
     /// The exponent n.
     pub exponent: f64,
@@ -52,7 +52,7 @@ pub struct Prediction {
 }
 
 /// How well materials are predicted that the fit has not seen.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, schemars::JsonSchema, serde::Serialize)]
 pub struct LeaveOneOut {
     /// Root mean square error of the predictor.
     pub predictor_rms: f64,

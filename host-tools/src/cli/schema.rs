@@ -6,7 +6,7 @@ use serde_json::Value;
 use strum::{EnumMessage, EnumString, IntoStaticStr, VariantArray};
 
 use super::choice::choice;
-use super::{compare, fit, init, linearise, plan, record, residuals, simulate};
+use super::{compare, fit, init, linearise, materials, plan, record, residuals, simulate};
 use crate::commission::page::Report;
 use softrig::board_gap::BoardGap;
 use softrig_formats::{model_schema, protocol_schema};
@@ -53,6 +53,8 @@ pub enum Of {
     Residuals,
     /// What rig linearise --json writes
     Linearise,
+    /// What rig materials --json writes
+    Materials,
     /// What rig plan --json writes
     Plan,
     /// What rig simulate --json writes
@@ -83,6 +85,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         Of::Gap => of_command(schema_for!(BoardGap)),
         Of::Residuals => of_command(schema_for!(residuals::Analysis)),
         Of::Linearise => of_command(schema_for!(linearise::Linearised)),
+        Of::Materials => of_command(materials::json::schema()),
         Of::Plan => of_command(schema_for!(plan::Plan)),
         Of::Simulate => of_command(schema_for!(simulate::Simulated)),
         Of::Init => of_command(schema_for!(init::FirstResult)),

@@ -18,6 +18,16 @@ fn every_command_writes_the_json_of_its_schema() {
         "predicted.csv",
         "time_s,pressure_kpa,angle_deg,predicted_deg\n0,0,0,3\n1,0,0,-4\n",
     );
+    let pull = |k: i32| {
+        format!(
+            "{},{}\n",
+            0.02 * f64::from(k),
+            0.3 * (0.02 * f64::from(k)).powf(0.8)
+        )
+    };
+    let pull = "strain,stress_mpa\n".to_owned() + &(1..40).map(pull).collect::<String>();
+    bench.put("pull.csv", &pull);
+    bench.put("again.csv", &pull);
     let run = "demo/recordings/step60_1.csv";
     for (command, line) in [
         ("fit", format!("fit --model demo/model.toml {run}")),
@@ -38,6 +48,17 @@ fn every_command_writes_the_json_of_its_schema() {
         (
             "residuals",
             format!("residuals --model demo/model.toml {run}"),
+        ),
+        ("materials", "materials list".to_owned()),
+        (
+            "materials",
+            "materials predict --modulus-mpa 0.338 --viscosity-cps 20000 --tensile-mpa 3.79"
+                .to_owned(),
+        ),
+        ("materials", "materials fit-curve pull.csv".to_owned()),
+        (
+            "materials",
+            "materials fit-curve pull.csv again.csv".to_owned(),
         ),
         ("init", format!("init --dry-run --recording {run}")),
         ("record", "record --list".to_owned()),

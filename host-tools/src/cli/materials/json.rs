@@ -4,7 +4,10 @@
 //! from the text that people read. Numbers are in the units of their keys; ratios, exponents
 //! and strains have none.
 
+use std::collections::BTreeMap;
+
 use model_core::material::{DataSheet, HeldOut, Material, TABLE_I};
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Serialize, Serializer};
 use softrig_materials::curve::TensileCurve;
 use softrig_materials::fit::{Choice, CurveFit, LawFit};
@@ -14,19 +17,48 @@ use softrig_materials::table_row;
 /// Version of each of these layouts.
 const SCHEMA: u32 = 1;
 
+/// The schema of what any of the subcommands writes: they differ in the keys that they have.
+pub(in crate::cli) fn schema() -> Schema {
+    let mut generator = SchemaGenerator::default();
+    let each = [
+        generator.subschema_for::<List>(),
+        generator.subschema_for::<Predicted<'static>>(),
+        generator.subschema_for::<Curve<'static>>(),
+        generator.subschema_for::<Curves<'static>>(),
+    ];
+    let mut schema = json_schema!({
+        "title": "Materials",
+        "description": "What rig materials writes with --json: list, predict, and fit-curve of one curve and of several.",
+        "oneOf": each,
+    });
+    schema.insert(
+        "$schema".to_owned(),
+        generator.settings().meta_schema.clone().into(),
+    );
+    schema.insert("$defs".to_owned(), generator.take_definitions(true).into());
+    schema
+}
+
 /// `rig materials list`.
-#[derive(Serialize)]
+#[derive(JsonSchema, Serialize)]
 pub(super) struct List {
+    /// Version of this layout.
     schema: u32,
+    /// Where the table is from.
     source: String,
+    /// The rows of Table I.
     materials: Vec<Row>,
+    /// The exponent from a data sheet (Eq. 8), as it is fitted to the table.
     predictor: Predictors,
 }
 
-#[derive(Serialize)]
+#[derive(JsonSchema, Serialize)]
 struct Predictors {
+    /// Fitted to the rows that the paper fits to.
     eight_rows: Predictor,
+    /// Fitted to all ten.
     all_rows: Predictor,
+    /// Errors for materials that a fit has not seen.
     leave_one_out: LeaveOneOut,
 }
 
@@ -52,12 +84,15 @@ impl List {
 }
 
 /// A row of Table I.
-#[derive(Serialize)]
+#[derive(JsonSchema, Serialize)]
 struct Row {
+    /// The material.
     name: &'static str,
+    /// Ludwick's exponent n.
     exponent: f64,
     #[serde(flatten)]
     data_sheet: Figures,
+    /// Its row in Table II, if the paper holds it out.
     table_ii: Option<RowOfTableTwo>,
 }
 
@@ -72,9 +107,11 @@ impl From<&Material> for Row {
     }
 }
 
-#[derive(Serialize)]
+#[derive(JsonSchema, Serialize)]
 struct RowOfTableTwo {
+    /// Ludwick's exponent n, measured.
     exponent: f64,
+    /// What the paper's predictor says.
     published_estimate: f64,
 }
 
@@ -88,10 +125,13 @@ impl From<&HeldOut> for RowOfTableTwo {
 }
 
 /// What a data sheet says.
-#[derive(Serialize)]
+#[derive(JsonSchema, Serialize)]
 struct Figures {
+    /// Modulus at 100 % strain (MPa).
     modulus_mpa: f64,
+    /// Viscosity of the mixed silicone (cP).
     mixed_viscosity_cps: f64,
+    /// Tensile strength (MPa).
     tensile_strength_mpa: f64,
 }
 
@@ -105,16 +145,23 @@ impl From<&DataSheet<f64>> for Figures {
     }
 }
 
-#[derive(Serialize)]
+#[derive(JsonSchema, Serialize)]
 struct Predictor {
+    /// Of modulus, viscosity and tensile strength, as Eq. 8 has them.
     coefficients: [f64; 3],
+    /// Their standard errors.
     standard_errors: [f64; 3],
+    /// Coefficients in standard errors.
     t_values: [f64; 3],
+    /// Beyond this a t value is significant at 5 %.
     critical_t: f64,
+    /// Standard deviation of the residual exponents.
     residual_deviation: f64,
+    /// Rows less coefficients.
     degrees_of_freedom: usize,
     /// The exponents of the materials that the paper holds out, by name.
     #[serde(serialize_with = "as_map")]
+    #[schemars(with = "BTreeMap<String, f64>")]
     estimates: Vec<(&'static str, f64)>,
 }
 
@@ -146,14 +193,19 @@ fn as_map<S: Serializer>(pairs: &[(&str, f64)], serializer: S) -> Result<S::Ok, 
 }
 
 /// `rig materials predict`.
-#[derive(Serialize)]
+#[derive(JsonSchema, Serialize)]
 pub(super) struct Predicted<'a> {
+    /// Version of this layout.
     schema: u32,
     #[serde(flatten)]
     prediction: &'a Prediction,
+    /// What was given.
     data_sheet: Figures,
+    /// Rows of Table I that the predictor was fitted to.
     rows: usize,
+    /// Of modulus, viscosity and tensile strength, as Eq. 8 has them.
     coefficients: [f64; 3],
+    /// Errors for materials that a fit has not seen.
     leave_one_out: LeaveOneOut,
 }
 
@@ -178,25 +230,39 @@ impl<'a> Predicted<'a> {
 }
 
 /// `rig materials fit-curve` of one curve.
-#[derive(Serialize)]
+#[derive(JsonSchema, Serialize)]
 pub(super) struct Curve<'a> {
+    /// Version of this layout.
     schema: u32,
+    /// The file of the curve.
     file: String,
+    /// What was tested.
     material: &'a str,
+    /// How it was fitted.
     choice: Chosen<'a>,
+    /// Samples that were fitted.
     points: usize,
+    /// Smallest strain that was fitted.
     strain_low: f64,
+    /// Largest strain that was fitted.
     strain_high: f64,
+    /// Unit of the residuals: MPa, or 1 for strains.
     residual_unit: &'static str,
+    /// Ludwick's law, stress = E strain^n.
     ludwick: &'a LawFit,
+    /// Hooke's law, for comparison.
     hooke: &'a LawFit,
+    /// The row of Table I of this material, if it has one.
     table_i: Option<Row>,
+    /// Sentences about what is unusual.
     notes: Vec<String>,
+    /// Version of rig.
     tool_version: &'static str,
 }
 
-#[derive(Serialize)]
+#[derive(JsonSchema, Serialize)]
 struct Chosen<'a> {
+    /// Whether the choice is that of --paper.
     paper: bool,
     #[serde(flatten)]
     choice: &'a Choice,
@@ -227,9 +293,11 @@ impl<'a> Curve<'a> {
 }
 
 /// `rig materials fit-curve` of several curves.
-#[derive(Serialize)]
+#[derive(JsonSchema, Serialize)]
 pub(super) struct Curves<'a> {
+    /// Version of this layout.
     schema: u32,
+    /// All of them, in the order in which they were given.
     curves: Vec<Curve<'a>>,
 }
 

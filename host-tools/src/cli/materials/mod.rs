@@ -1,7 +1,7 @@
 //! `rig materials`: the paper's table, exponents from tensile curves, exponents
 //! from data sheets.
 
-mod json;
+pub(super) mod json;
 mod pictures;
 
 use std::io::Write;
