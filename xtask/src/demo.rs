@@ -52,7 +52,9 @@ pub fn demo(options: &[&str]) -> Outcome {
             run(release_build()
                 .args(["-p", "host-tools", "--bin", "rig"])
                 .args(["-p", "virtual-rig", "--bin", "virtual-rig"])
-                .args(["-p", "softrig-tests", "--bin", "demo"]))?;
+                .args(["-p", "softrig-tests", "--bin", "demo"])
+                // Without bags, which nobody waits for here.
+                .arg("--no-default-features"))?;
             let image = avr::build()?;
             avr::gates(&image)?;
             avr::print_size(&image)?;

@@ -48,7 +48,8 @@ pub fn flash(options: Options<'_>) -> Outcome {
     avr::print_size(&image)?;
     run(cargo()
         .args(["build", "-q", "--release", "--locked", "-p", "host-tools"])
-        .args(["--bin", "rig"]))?;
+        // As the demo builds it, so that nothing is compiled once more after that.
+        .args(["--bin", "rig", "--no-default-features"]))?;
     let rig = target_dir().join("release/rig");
     let mut write = Command::new(&rig);
     write.args(["flash", "--port", options.port]);

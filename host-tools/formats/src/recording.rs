@@ -577,7 +577,9 @@ fn rounded(time: f64) -> f64 {
 }
 
 /// The extensions of recordings; a packed one has `.gz` appended.
-const ENDINGS: [&str; 6] = [".csv", ".tsv", ".txt", ".parquet", ".mat", ".mcap"];
+const ENDINGS: [&str; 8] = [
+    ".csv", ".tsv", ".txt", ".parquet", ".mat", ".mcap", ".tdms", ".db3",
+];
 
 /// The name of a recording: that of its file without folder and ending.
 pub fn stem(path: &Path) -> String {

@@ -127,6 +127,10 @@ fn stock(bench: &Bench) {
         std::fs::create_dir_all(to.parent().unwrap()).unwrap();
         std::fs::copy(bench.path(from), to).unwrap();
     };
+    for (theirs, ours) in [("nptdms.tdms", "run.tdms"), ("rosbags.db3", "bag.db3")] {
+        let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data");
+        std::fs::copy(data.join(theirs), bench.path(ours)).unwrap();
+    }
     for model in ["model.toml", "m.toml", "without.toml", "models/finger.toml"] {
         copy("stock/model.toml", model);
     }

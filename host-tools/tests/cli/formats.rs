@@ -2,7 +2,7 @@
 //! units, other formats, and there and back.
 //!
 //! The files in `data/` were written by the programs whose names they have: scipy, pyarrow, numpy,
-//! h5py and the recorder of ROS 2.
+//! h5py, npTDMS, rosbags and the recorder of ROS 2. `data/make.py` writes those of npTDMS and rosbags.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -22,7 +22,10 @@ use super::common::{Bench, MODEL};
 fn layout(columns: &str, units: &str) -> Layout {
     Layout {
         names: Names::parse(columns).unwrap(),
-        columns: Columns::of_units(units).unwrap(),
+        columns: match units {
+            "" => Columns::default(),
+            units => Columns::of_units(units).unwrap(),
+        },
         ..Layout::default()
     }
 }
@@ -286,9 +289,9 @@ fn arrays_of_numpy_and_data_sets_of_h5py_are_read() {
 fn formats_that_are_not_read_are_named_with_their_conversion() {
     let bench = Bench::new();
     for (start, parts) in [
-        (&b"TDSm\x0e\0\0\0"[..], ["TDMS", "nptdms"]),
-        (b"SQLite format 3\0", ["SQLite", "mcap convert run.bin"]),
-        (b"#ROSBAG V2.0\n", ["ROS 1", "mcap convert run.bin"]),
+        (&b"#ROSBAG V2.0\n"[..], ["ROS 1", "mcap convert run.bin"]),
+        (b"TDSh\x0e\0\0\0", ["the index of a TDMS file", ".tdms"]),
+        (b"\x28\xb5\x2f\xfd\x04", ["zstd", "zstd -d run.bin"]),
         (b"ARROW1\0\0", ["Feather", "to_parquet"]),
         (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", ["Excel", "CSV"]),
         (b"ULog\x01\x12\x35", ["PX4", "ulog2csv run.bin"]),
@@ -311,12 +314,11 @@ fn the_folder_of_a_bag_is_read() {
     let flags = "--columns pressure=/rig/pressure.fluid_pressure,angle=/rig/angle --units pressure=pa,angle=rad";
     let said = bench.prints(&format!("convert bag -o out.csv {flags}"));
     assert!(said.contains("38 samples"), "{said}");
-    bench.put("bag/bag_0.mcap", "");
-    std::fs::rename(bench.path("bag/bag_0.mcap"), bench.path("bag/bag_0.db3")).unwrap();
-    bench.put("bag/bag_0.db3", b"SQLite format 3\0and more");
+    std::fs::remove_file(bench.path("bag/bag_0.mcap")).unwrap();
+    bench.put("bag/bag_0.db3.zstd", b"\x28\xb5\x2f\xfd\x04and more");
     bench.refuses(
         "compare --model m.toml bag",
-        &["SQLite", "mcap convert bag/bag_0.db3"],
+        &["zstd", "zstd -d bag/bag_0.db3.zstd"],
     );
     std::fs::create_dir(bench.path("empty")).unwrap();
     bench.refuses("compare --model m.toml empty", &["is a folder"]);
@@ -354,6 +356,251 @@ fn a_bag_of_ros_2_is_read_at_the_times_of_the_angle() {
         said.contains("header, fluid_pressure, variance") && said.contains("/rig/pressure.FIELD"),
         "{said}"
     );
+}
+
+/// The samples of the files of npTDMS, as those of scipy, numpy and h5py.
+#[test]
+fn files_of_labview_are_read() {
+    let pascal = [0.0, 10_000.0, 25_000.0, 22_500.0, 20_000.0];
+    for (name, columns, units) in [
+        // The waveform's own time; the channels say their units.
+        ("nptdms.tdms", "pressure=Pressure,angle=Bend", ""),
+        ("nptdms.tdms", "pressure=rig/Pressure,angle=rig/Bend", ""),
+        (
+            "nptdms_stamps.tdms",
+            "time=when,pressure=rig/value,angle=flex/value",
+            "pressure=mbar,angle=rad",
+        ),
+        (
+            "interleaved.tdms",
+            "time=t,pressure=it's the pressure,angle=angle",
+            "pressure=bar,angle=rad",
+        ),
+    ] {
+        let (recording, warnings) = read(name, &layout(columns, units));
+        assert!(warnings.is_empty(), "{name}: {warnings:?}");
+        let begin = recording.time[0];
+        let time: Vec<f64> = recording.time.iter().map(|t| t - begin).collect();
+        assert!(near(&time, &[0.0, 0.02, 0.04, 0.06, 0.08]), "{name}");
+        let since_1970 = if name.contains("stamps") {
+            1_714_564_800.0
+        } else {
+            0.0
+        };
+        assert!((begin - since_1970).abs() < 1e-6, "{name}: {begin}");
+        assert!(near(&recording.pressure, &pascal), "{name}");
+        assert!(
+            near(&recording.angle, &[0.0, 0.1, 0.25, 0.3, 0.3]),
+            "{name}"
+        );
+    }
+    let (recording, _) = read("nptdms.tdms", &layout("pressure=Pressure,angle=Bend", ""));
+    let extra = |name: &str| {
+        &recording
+            .extra
+            .iter()
+            .find(|it| it.name == name)
+            .unwrap()
+            .fields
+    };
+    assert_eq!(extra("state"), &["idle", "run", "run", "run", "idle"]);
+    assert_eq!(extra("frame"), &["1", "2", "3", "4", "5"]);
+    // What is said counts more than the file.
+    let said = layout("pressure=Pressure,angle=Bend", "angle=deg");
+    let (recording, _) = read("nptdms.tdms", &said);
+    assert!((recording.angle[2].to_degrees() - 0.25).abs() < 1e-9);
+}
+
+/// A bag in which the first joint bends, and the same as MCAP, both of rosbags: the first and the
+/// second of an array, by their places.
+#[test]
+fn fields_of_arrays_are_read_from_bags_of_both_kinds() {
+    let at = |joint: usize| {
+        layout(
+            &format!("pressure=/rig/pressure.fluid_pressure,angle=/joint_states.position[{joint}]"),
+            "pressure=pa,angle=rad",
+        )
+    };
+    for name in ["rosbags.db3", "rosbags.mcap"] {
+        let (recording, warnings) = read(name, &at(0));
+        assert!(warnings[0].contains("2 of 40 angles"), "{warnings:?}");
+        assert_eq!(recording.len(), 38, "{name}");
+        for row in 0..recording.len() {
+            let time = row as f64 * 0.01;
+            assert!((recording.time[row] - time).abs() < 1e-9, "{name}");
+            assert!((recording.angle[row] - 0.01 * (row + 1) as f64).abs() < 1e-12);
+            let pressure = (time + 0.005) / 0.02 * 1000.0;
+            assert!((recording.pressure[row] - pressure).abs() < 1e-6, "{name}");
+        }
+        let (recording, _) = read(name, &at(1));
+        assert!(near(&recording.angle, &[-1.0; 38]), "{name}");
+        let path = Path::new(env!("CARGO_MANIFEST_DIR"))
+            .join("tests/data")
+            .join(name);
+        let said = Recording::read_as(&path, &at(2)).unwrap_err().to_string();
+        assert!(
+            said.contains("no number in its field position.2")
+                && said.contains("header, name, position, velocity, effort"),
+            "{said}"
+        );
+    }
+}
+
+const JOINTS: &str = "--columns pressure=/rig/pressure.fluid_pressure,angle=/joint_states.position[0] --units pressure=pa,angle=rad";
+
+/// A copy of the bag of rosbags, changed by SQL.
+fn bag(bench: &Bench, name: &str, changes: &str) {
+    let bag = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/rosbags.db3");
+    std::fs::copy(bag, bench.path(name)).unwrap();
+    let data_base = rusqlite::Connection::open(bench.path(name)).unwrap();
+    data_base.execute_batch(changes).unwrap();
+    data_base.close().unwrap();
+}
+
+/// Before Iron there were no definitions in bags; a bag may be packed, or still in its log of
+/// changes; its folder may have it in parts.
+#[test]
+fn bags_of_all_versions_and_in_parts_are_the_same_recording() {
+    let bench = Bench::new();
+    bag(&bench, "new.db3", "");
+    bench.prints(&format!("convert new.db3 -o whole.csv {JOINTS}"));
+    let whole = std::fs::read_to_string(bench.path("whole.csv")).unwrap();
+    assert_eq!(whole.lines().count(), 39);
+    bag(
+        &bench,
+        "old.db3",
+        "DROP TABLE message_definitions; ALTER TABLE topics DROP COLUMN type_description_hash;",
+    );
+    let bytes = std::fs::read(bench.path("new.db3")).unwrap();
+    bench.put("packed.db3.gz", super::common::compressed(&bytes));
+    // Other files of SQLite stay beside one that is in use.
+    bag(&bench, "logged.db3", "PRAGMA journal_mode = WAL;");
+    let writing = rusqlite::Connection::open(bench.path("logged.db3")).unwrap();
+    writing
+        .execute_batch("UPDATE messages SET timestamp = timestamp + 5000000000;")
+        .unwrap();
+    std::fs::create_dir(bench.path("bag")).unwrap();
+    bench.put(
+        "bag/metadata.yaml",
+        "rosbag2_bagfile_information:\n  version: 5\n  relative_file_paths:\n    - bag_0.db3\n    - bag_1.db3\n  duration:\n",
+    );
+    bag(
+        &bench,
+        "bag/bag_0.db3",
+        "DELETE FROM messages WHERE timestamp >= 1200000000;",
+    );
+    bag(
+        &bench,
+        "bag/bag_1.db3",
+        "DELETE FROM messages WHERE timestamp < 1200000000;",
+    );
+    for name in ["old.db3", "packed.db3.gz", "logged.db3", "bag"] {
+        bench.prints(&format!("convert {name} -o again.csv {JOINTS}"));
+        let again = std::fs::read_to_string(bench.path("again.csv")).unwrap();
+        assert_eq!(again, whole, "{name}");
+        std::fs::remove_file(bench.path("again.csv")).unwrap();
+    }
+    drop(writing);
+    let beside = std::fs::read_dir(bench.path("bag")).unwrap();
+    assert_eq!(beside.count(), 3, "nothing is left beside a bag");
+    // A part that is missing is no short recording.
+    std::fs::remove_file(bench.path("bag/bag_1.db3")).unwrap();
+    bench.refuses(
+        &format!("compare --model m.toml bag {JOINTS}"),
+        &["bag/bag_1.db3"],
+    );
+    std::fs::remove_file(bench.path("bag/metadata.yaml")).unwrap();
+    bag(&bench, "bag/other.db3", "");
+    bench.refuses(
+        &format!("compare --model m.toml bag {JOINTS}"),
+        &["bag: holds 2 files", "one by one"],
+    );
+}
+
+#[test]
+fn faults_of_bags_are_named_with_what_to_do() {
+    let bench = Bench::new();
+    for (changes, parts) in [
+        (
+            "DROP TABLE messages;",
+            ["no bag of ROS 2", "sqlite3 -header -csv run.db3"],
+        ),
+        (
+            "DELETE FROM messages WHERE topic_id = 2;",
+            [
+                "topic /rig/pressure.fluid_pressure has no messages",
+                "record it again",
+            ],
+        ),
+        (
+            "UPDATE topics SET name = '/elsewhere' WHERE id = 2;",
+            ["has no topic /rig/pressure.fluid_pressure", "/elsewhere"],
+        ),
+        (
+            "UPDATE topics SET type = 'lab_msgs/msg/Gauge' WHERE id = 2;",
+            ["lab_msgs/msg/Gauge on /rig/pressure", "ros2 bag convert"],
+        ),
+        (
+            "UPDATE topics SET serialization_format = 'protobuf';",
+            ["is encoded as \"protobuf\"", "export the topic as CSV"],
+        ),
+        (
+            "UPDATE messages SET data = x'0001';",
+            ["has no number in its field", "name the field"],
+        ),
+        (
+            "UPDATE messages SET data = 'text';",
+            ["a message has a value of another type", "copy it again"],
+        ),
+        (
+            "UPDATE messages SET timestamp = -5;",
+            ["before 1970", "copy it again"],
+        ),
+        (
+            "UPDATE messages SET data = x'28b52ffd00ff';",
+            ["a message: ", "copy it again"],
+        ),
+        (
+            "DROP TABLE messages; CREATE VIEW messages AS SELECT 1 AS topic_id;",
+            ["no bag of ROS 2", "sqlite3"],
+        ),
+        (
+            // Where the first of the array stands.
+            "UPDATE messages SET data = CAST(substr(data, 1, 52) || x'000000000000f87f' || substr(data, 61) AS BLOB) WHERE topic_id = 1;",
+            ["NaN is not a number", "delete the rows"],
+        ),
+    ] {
+        bag(&bench, "run.db3", changes);
+        let parts = ["run.db3", parts[0], parts[1]];
+        bench.refuses(&format!("compare --model m.toml run.db3 {JOINTS}"), &parts);
+    }
+    bag(&bench, "run.db3", "");
+    bench.put("run.db3-journal", "changes that were not made");
+    bench.refuses(
+        &format!("compare --model m.toml run.db3 {JOINTS}"),
+        &["run.db3-journal stands beside it", "integrity_check"],
+    );
+}
+
+/// Cut anywhere, a file is an error with its name and advice, and no panic.
+#[test]
+fn bags_that_are_cut_off_are_refused() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/rosbags.db3");
+    let bytes = std::fs::read(path).unwrap();
+    let layout = layout(
+        "pressure=/rig/pressure.fluid_pressure,angle=/joint_states.position[0]",
+        "pressure=pa,angle=rad",
+    );
+    for end in (16..bytes.len()).step_by(61).chain([bytes.len() - 1]) {
+        let said = Recording::parse_bytes(&bytes[..end], Path::new("cut.db3"), &layout)
+            .unwrap_err()
+            .to_string();
+        assert!(
+            said.starts_with("cut.db3: is a damaged SQLite file"),
+            "{end}: {said}"
+        );
+        assert!(said.contains("copy it again"), "{end}: {said}");
+    }
 }
 
 /// A step in the units of a laboratory: ms, psi and rad.

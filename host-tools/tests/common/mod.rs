@@ -43,9 +43,9 @@ pub fn clean_recording() -> String {
     HEADER.to_owned() + &rows.collect::<String>()
 }
 
-pub fn compressed(text: &str) -> Vec<u8> {
+pub fn compressed(content: impl AsRef<[u8]>) -> Vec<u8> {
     let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
-    encoder.write_all(text.as_bytes()).unwrap();
+    encoder.write_all(content.as_ref()).unwrap();
     encoder.finish().unwrap()
 }
 

@@ -2,7 +2,7 @@
 //!
 //! The program is linked statically against musl, so that one file runs on every Linux of its
 //! processor, old or new. Rust's own linker does that, with the musl of Rust's standard library;
-//! the only C library, zstd, is compiled against the headers of musl. As a test, the archive is
+//! the only C libraries, zstd and SQLite, are compiled against the headers of musl. As a test, the archive is
 //! unpacked and run in an otherwise empty folder. The page for a browser is placed beside it, and
 //! the wheel of the Python package, for systems like this one.
 //!

@@ -1,16 +1,7 @@
 //! MCAP: the logs of ROS 2 and Foxglove, in which every sensor has a topic and a clock.
 //!
-//! Topics take the place of columns: `pressure=/rig/pressure.data` is the field `data` of the
-//! messages on `/rig/pressure`. JSON and ROS 2 (CDR) messages are read. The times of a topic are
-//! the log times of its messages, from the first sample on.
-//!
-//! Separate topics are not sampled together, so there is one row per angle. The pressure is
-//! interpolated between the two messages around it, since a held pressure would lag by half an
-//! interval and shift every time constant. Set-points and states are held, since they jump.
-//! Where the pressure is missing for longer than a few of its intervals, or has not begun, there
-//! are no rows.
-//!
-//! Files of `rig convert` have all columns at the same times, and are read back unchanged.
+//! [`topics`](super::topics) makes columns of them. Files of `rig convert` have all columns at the
+//! same times, and are read back unchanged.
 
 use std::collections::{BTreeMap, HashMap};
 use std::io::{Cursor, Read};
@@ -20,25 +11,21 @@ use mcap::records::{MessageHeader, Metadata, Record};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use mcap::{Compression, McapError};
 use serde_json::{Value, json};
-use statrs::statistics::{Data, OrderStatistics};
 
 use super::guard::guarded;
-use super::ros::Definition;
+use super::topics::{Datum, Encoding, Topics, values};
 use super::write::Kept;
-use super::{Decimals, Samples, Sheet, Values, damaged, names};
+use super::{Decimals, Samples, Sheet, Values, damaged};
 use crate::bounded::Limits;
-use crate::columns::{Layout, OPTIONAL, Quantity};
+use crate::columns::{Layout, Quantity};
 use crate::error::InputError;
-use crate::recording::{GAP_FACTOR, Meta};
+use crate::recording::Meta;
 
 /// Bytes of one record: an image of a camera beside the rig is one.
 const LARGEST_RECORD: usize = 256 << 20;
 
 /// Bytes of all records, unpacked. They are not kept, but take their time.
 const LARGEST_FILE: u64 = 64 << 30;
-
-/// Fields that hold the number of a message with one.
-const USUAL_FIELDS: [&str; 2] = ["value", "data"];
 
 /// The record of metadata that `rig convert` writes, and its entries besides those of
 /// [`Kept`].
@@ -51,48 +38,49 @@ const BEGIN: &str = "begin_ns";
 /// # Errors
 ///
 /// Names the file and what is wrong with it, or the topics that it has.
-pub fn read(
+pub(super) fn read(
     whole: impl Read,
     path: &Path,
     layout: &Layout,
     limits: Limits,
 ) -> Result<Samples, InputError> {
-    let mut log = Log::new(layout);
-    guarded(|| log.read(whole, path, limits)).map_err(|said| damaged(path, "MCAP", &said))??;
-    let sheet = match &log.own {
-        Some(_) => log.sheet_of_our_own(layout),
-        None => log.sheet(path, layout)?,
+    let mut topics = Topics::of(layout);
+    let sheet = match read_log(&mut topics, whole, path, limits)? {
+        Some(own) => own.sheet(&mut topics, layout),
+        None => topics.sheet(path, layout)?,
     };
     sheet.samples(path, layout, limits, "topic")
 }
 
-/// The samples of a topic.
-#[derive(Debug, Default)]
-struct Series {
-    /// When, in nanoseconds on the clock of the log.
-    times: Vec<u64>,
-    values: Vec<Datum>,
+/// Takes the messages of a file that is one of several of a bag.
+///
+/// # Errors
+///
+/// Names the file and what is wrong with it.
+pub(super) fn read_into(
+    topics: &mut Topics,
+    whole: impl Read,
+    path: &Path,
+    limits: Limits,
+) -> Result<(), InputError> {
+    read_log(topics, whole, path, limits).map(drop)
 }
 
-#[derive(Clone, Debug, PartialEq)]
-enum Datum {
-    Number(f64),
-    Text(String),
-}
-
-/// A channel whose messages are read.
-struct Source {
-    /// The place among the columns.
-    column: usize,
-    /// The fields that lead to the number; none if there is only one.
-    path: Vec<String>,
-    topic: String,
-    encoding: Encoding,
-}
-
-enum Encoding {
-    Json,
-    Ros(Definition),
+fn read_log(
+    topics: &mut Topics,
+    whole: impl Read,
+    path: &Path,
+    limits: Limits,
+) -> Result<Option<Own>, InputError> {
+    topics.next_file();
+    let mut log = Log {
+        own: None,
+        topics,
+        schemas: HashMap::new(),
+        limits,
+    };
+    guarded(|| log.read(whole, path)).map_err(|said| damaged(path, "MCAP", &said))??;
+    Ok(log.own)
 }
 
 /// The contents of a file that `rig convert` wrote.
@@ -102,52 +90,67 @@ struct Own {
     begin_ns: u64,
 }
 
-struct Log {
-    own: Option<Own>,
-    /// The columns that are wanted: their names here, and how they are called in the file.
-    wanted: Vec<(String, String)>,
-    series: Vec<Series>,
-    schemas: HashMap<u16, (String, String, Vec<u8>)>,
-    sources: HashMap<u16, Vec<Source>>,
-    topics: Vec<String>,
-    values: u64,
+impl Own {
+    /// The columns of a file that `rig convert` wrote: all at the times of the first.
+    fn sheet(&self, topics: &mut Topics, layout: &Layout) -> Sheet {
+        let angle = Quantity::Angle.column();
+        let base = topics.wanted().position(|name| name == angle);
+        let times = base.map_or_else(Vec::new, |base| topics.series[base].times.clone());
+        let time_name = layout.names.of(Quantity::Time).to_owned();
+        let mut sheet = Sheet {
+            meta: self.kept.meta.clone(),
+            ..Sheet::default()
+        };
+        let seconds = times
+            .iter()
+            .map(|&time| (i128::from(time) - i128::from(self.begin_ns)) as f64 / 1e9)
+            .collect();
+        let known = |name: &str| {
+            self.kept
+                .decimals(name)
+                .map_or(Decimals::Various, Decimals::All)
+        };
+        let decimals = known(Quantity::Time.column());
+        sheet
+            .columns
+            .push((time_name, Values::Numbers(seconds, decimals)));
+        let all = std::mem::take(&mut topics.series);
+        for (name, series) in topics.wanted().zip(all) {
+            let mut at = 0;
+            let cells: Vec<Option<Datum>> = times
+                .iter()
+                .map(|&time| {
+                    while series.times.get(at).is_some_and(|&it| it < time) {
+                        at += 1;
+                    }
+                    let here = series.times.get(at) == Some(&time);
+                    here.then(|| series.values[at].clone())
+                })
+                .collect();
+            // A layout may name them by their topics.
+            let slashed = format!("/{name}");
+            let mut said = Quantity::ALL.into_iter().map(|it| layout.names.of(it));
+            let name = if said.any(|said| said == slashed) {
+                slashed
+            } else {
+                name.to_owned()
+            };
+            let values = values(&cells, known(name.trim_start_matches('/')));
+            sheet.columns.push((name, values));
+        }
+        sheet
+    }
 }
 
-impl Log {
-    fn new(layout: &Layout) -> Self {
-        let mut wanted: Vec<(String, String)> = [Quantity::Pressure, Quantity::Angle]
-            .map(|it| layout.names.of(it).to_owned())
-            .map(|name| (name.clone(), name))
-            .into();
-        wanted.extend(OPTIONAL.iter().map(|&name| {
-            let said = layout.names.optional.iter().find(|(it, _)| it == name);
-            let topic = said.map_or(name, |(_, topic)| topic);
-            (name.to_owned(), topic.to_owned())
-        }));
-        let mut log = Self {
-            own: None,
-            wanted: Vec::new(),
-            series: Vec::new(),
-            schemas: HashMap::new(),
-            sources: HashMap::new(),
-            topics: Vec::new(),
-            values: 0,
-        };
-        log.want(wanted);
-        log
-    }
+struct Log<'a> {
+    own: Option<Own>,
+    topics: &'a mut Topics,
+    schemas: HashMap<u16, (String, Vec<u8>)>,
+    limits: Limits,
+}
 
-    fn want(&mut self, wanted: Vec<(String, String)>) {
-        self.series = wanted.iter().map(|_| Series::default()).collect();
-        self.wanted = wanted;
-    }
-
-    fn read(
-        &mut self,
-        mut whole: impl Read,
-        path: &Path,
-        limits: Limits,
-    ) -> Result<(), InputError> {
+impl Log<'_> {
+    fn read(&mut self, mut whole: impl Read, path: &Path) -> Result<(), InputError> {
         let mut reader = LinearReader::new_with_options(
             LinearReaderOptions::default()
                 .with_validate_chunk_crcs(true)
@@ -174,13 +177,6 @@ impl Log {
                     let record =
                         mcap::parse_record(opcode, data).map_err(|error| fault(path, &error))?;
                     self.take(record).map_err(|error| error.in_file(path))?;
-                    let longest = self.series.iter().map(|it| it.times.len()).max();
-                    limits
-                        .check(longest.unwrap_or(0) as u64, 1)
-                        .and_then(|()| {
-                            limits.check(1, usize::try_from(self.values).unwrap_or(usize::MAX))
-                        })
-                        .map_err(|error| error.in_file(path))?;
                 }
             }
         }
@@ -193,27 +189,19 @@ impl Log {
                 self.recognise(&metadata);
             }
             Record::Schema { header, data } => {
-                let schema = (header.name, header.encoding, data.into_owned());
-                self.schemas.insert(header.id, schema);
+                self.schemas
+                    .insert(header.id, (header.name, data.into_owned()));
             }
+            // They may come again, in every chunk and at the end.
             Record::Channel(channel) => {
-                // They may come again, in every chunk and at the end.
-                if !self.topics.contains(&channel.topic) {
-                    self.topics.push(channel.topic.clone());
-                }
-                if !self.sources.contains_key(&channel.id) {
-                    let sources = self.sources_in(&channel)?;
-                    self.sources.insert(channel.id, sources);
-                }
+                let encoding = || encoding(&channel, &self.schemas);
+                self.topics
+                    .note(channel.id.into(), &channel.topic, encoding)?;
             }
             Record::Message { header, data } => {
-                for source in self.sources.get(&header.channel_id).into_iter().flatten() {
-                    let datum = datum(source, &data)?;
-                    let series = &mut self.series[source.column];
-                    series.times.push(header.log_time);
-                    series.values.push(datum);
-                    self.values += 1;
-                }
+                let topic = header.channel_id.into();
+                self.topics
+                    .take(topic, header.log_time, &data, self.limits)?;
             }
             _ => {}
         }
@@ -227,193 +215,35 @@ impl Log {
             .and_then(|text| serde_json::from_str(text).ok());
         let begin = entries.get(BEGIN).and_then(|text| text.parse().ok());
         if let (Some(columns), Some(begin_ns)) = (columns, begin)
-            && self.sources.is_empty()
+            && self.topics.are_new()
         {
             self.own = Some(Own {
                 kept: Kept::of(|key| entries.get(key).cloned()),
                 begin_ns,
             });
             let named = |name: String| (name.clone(), name);
-            self.want(columns.into_iter().map(named).collect());
+            self.topics.want(columns.into_iter().map(named).collect());
         }
     }
+}
 
-    /// The columns that a channel provides.
-    fn sources_in(&self, channel: &mcap::records::Channel) -> Result<Vec<Source>, InputError> {
-        let mut sources = Vec::new();
-        for (column, (_, called)) in self.wanted.iter().enumerate() {
-            let Some(path) = path_in(&channel.topic, called) else {
-                continue;
-            };
-            let encoding = match channel.message_encoding.as_str() {
-                "json" => Encoding::Json,
-                "cdr" => {
-                    let none = (String::new(), String::new(), Vec::new());
-                    let (name, _, text) = self.schemas.get(&channel.schema_id).unwrap_or(&none);
-                    Encoding::Ros(Definition::parse(name, &String::from_utf8_lossy(text)))
-                }
-                other => {
-                    return Err(InputError::new(
-                        format!("topic {} is encoded as \"{other}\"", channel.topic),
-                        "messages in JSON and those of ROS 2 (cdr) are read: convert the log, or export the topic as CSV",
-                    ));
-                }
-            };
-            sources.push(Source {
-                column,
-                path,
-                topic: channel.topic.clone(),
-                encoding,
-            });
+/// How the messages of a channel are written.
+fn encoding(
+    channel: &mcap::records::Channel,
+    schemas: &HashMap<u16, (String, Vec<u8>)>,
+) -> Result<Encoding, InputError> {
+    let topic = &channel.topic;
+    match channel.message_encoding.as_str() {
+        "json" => Ok(Encoding::Json),
+        "cdr" => {
+            let none = (String::new(), Vec::new());
+            let (kind, text) = schemas.get(&channel.schema_id).unwrap_or(&none);
+            Encoding::of_ros(topic, kind, &String::from_utf8_lossy(text))
         }
-        Ok(sources)
-    }
-
-    /// The columns of a file that `rig convert` wrote: all at the times of the first.
-    fn sheet_of_our_own(&mut self, layout: &Layout) -> Sheet {
-        let Some(own) = self.own.take() else {
-            return Sheet::default();
-        };
-        let angle = Quantity::Angle.column();
-        let base = self.wanted.iter().position(|(name, _)| name == angle);
-        let times = base.map_or_else(Vec::new, |base| self.series[base].times.clone());
-        let time_name = layout.names.of(Quantity::Time).to_owned();
-        let mut sheet = Sheet {
-            meta: own.kept.meta.clone(),
-            ..Sheet::default()
-        };
-        let seconds = times
-            .iter()
-            .map(|&time| (i128::from(time) - i128::from(own.begin_ns)) as f64 / 1e9)
-            .collect();
-        let known = |name: &str| {
-            own.kept
-                .decimals(name)
-                .map_or(Decimals::Various, Decimals::All)
-        };
-        let decimals = known(Quantity::Time.column());
-        sheet
-            .columns
-            .push((time_name, Values::Numbers(seconds, decimals)));
-        for ((name, _), series) in self.wanted.iter().zip(std::mem::take(&mut self.series)) {
-            let mut at = 0;
-            let cells: Vec<Option<Datum>> = times
-                .iter()
-                .map(|&time| {
-                    while series.times.get(at).is_some_and(|&it| it < time) {
-                        at += 1;
-                    }
-                    let here = series.times.get(at) == Some(&time);
-                    here.then(|| series.values[at].clone())
-                })
-                .collect();
-            // A layout may name them by their topics.
-            let slashed = format!("/{name}");
-            let mut said = Quantity::ALL.into_iter().map(|it| layout.names.of(it));
-            let name = if said.any(|said| said == slashed) {
-                slashed
-            } else {
-                name.clone()
-            };
-            let values = values(&cells, known(name.trim_start_matches('/')));
-            sheet.columns.push((name, values));
-        }
-        sheet
-    }
-
-    /// The columns of any log, at the times of the angle.
-    fn sheet(&mut self, path: &Path, layout: &Layout) -> Result<Sheet, InputError> {
-        let mut sheet = Sheet::default();
-        let missing = |at: usize| self.series[at].times.is_empty();
-        if missing(0) || missing(1) {
-            return Err(self.without(path, layout));
-        }
-        let mut left_out = 0;
-        for series in &mut self.series {
-            left_out += sorted(series);
-        }
-        if left_out > 0 {
-            sheet.warnings.push(format!(
-                "{}: {left_out} messages have the time of another on their topic; the first of each counts",
-                path.display()
-            ));
-        }
-        let [pressure, angle, optional @ ..] = self.series.as_slice() else {
-            return Ok(sheet);
-        };
-        let usual = usual_interval(&pressure.times);
-        let mut rows: Vec<(u64, f64, f64)> = Vec::new();
-        for (&time, value) in angle.times.iter().zip(&angle.values) {
-            let (Datum::Number(angle), Some(pressure)) =
-                (value, interpolated(pressure, time, usual))
-            else {
-                continue;
-            };
-            rows.push((time, pressure, *angle));
-        }
-        let without = angle.times.len() - rows.len();
-        if without > 0 {
-            sheet.warnings.push(format!(
-                "{}: {without} of {} angles were logged where the pressure was not; they are left out",
-                path.display(),
-                angle.times.len()
-            ));
-        }
-        let first = rows.first().map_or(0, |row| row.0);
-        let names = Quantity::ALL.map(|it| layout.names.of(it).to_owned());
-        let [time_name, pressure_name, angle_name] = names;
-        let numbers = |of: &dyn Fn(&(u64, f64, f64)) -> f64| {
-            Values::Numbers(rows.iter().map(of).collect(), Decimals::Various)
-        };
-        sheet
-            .columns
-            .push((time_name, numbers(&|row| (row.0 - first) as f64 / 1e9)));
-        sheet.columns.push((pressure_name, numbers(&|row| row.1)));
-        sheet.columns.push((angle_name, numbers(&|row| row.2)));
-        for ((name, _), series) in self.wanted[2..].iter().zip(optional) {
-            if series.times.is_empty() {
-                continue;
-            }
-            let cells: Vec<Option<Datum>> = rows
-                .iter()
-                .map(|&(time, ..)| {
-                    let after = series.times.partition_point(|&it| it <= time);
-                    after.checked_sub(1).map(|at| series.values[at].clone())
-                })
-                .collect();
-            sheet
-                .columns
-                .push((name.clone(), values(&cells, Decimals::Various)));
-        }
-        Ok(sheet)
-    }
-
-    /// Says which topics there are.
-    fn without(&self, path: &Path, layout: &Layout) -> InputError {
-        // Their messages have the time: that is one that is there.
-        let mut header = vec![layout.names.of(Quantity::Time).to_owned()];
-        header.extend(self.topics.iter().cloned());
-        let silent = (0..2).find(|&at| {
-            self.series[at].times.is_empty()
-                && self
-                    .topics
-                    .iter()
-                    .any(|topic| path_in(topic, &self.wanted[at].1).is_some())
-        });
-        let error = match (silent, names::find(&header, layout, "topic")) {
-            (Some(at), _) => InputError::new(
-                format!("topic {} has no messages", self.wanted[at].1),
-                "record it again, or name another topic with --columns",
-            ),
-            (None, Err(error)) => InputError {
-                found: error
-                    .found
-                    .replace(&format!("(it has {}, ", header[0]), "(it has "),
-                ..error
-            },
-            (None, Ok(_)) => InputError::new("has no samples", "record it again"),
-        };
-        error.in_file(path)
+        other => Err(InputError::new(
+            format!("topic {topic} is encoded as \"{other}\""),
+            "messages in JSON and those of ROS 2 (cdr) are read: convert the log, or export the topic as CSV",
+        )),
     }
 }
 
@@ -421,160 +251,6 @@ impl Log {
 fn is_read(opcode: u8) -> bool {
     use mcap::records::op;
     [op::SCHEMA, op::CHANNEL, op::MESSAGE, op::METADATA].contains(&opcode)
-}
-
-/// The way to a field, if a column that is called so is on a topic: `/topic.field.field`,
-/// with or without the slash.
-fn path_in(topic: &str, called: &str) -> Option<Vec<String>> {
-    let [topic, called] = [topic, called].map(|name| name.trim_start_matches('/'));
-    let rest = called.strip_prefix(topic)?;
-    if rest.is_empty() {
-        return Some(Vec::new());
-    }
-    let fields = rest.strip_prefix('.')?;
-    // `position[0]` is the field 0 of `position`.
-    let fields = fields.replace('[', ".").replace(']', "");
-    Some(fields.split('.').map(str::to_owned).collect())
-}
-
-/// The value in a message.
-fn datum(source: &Source, data: &[u8]) -> Result<Datum, InputError> {
-    let fields = |fields: &[&str]| {
-        let shown = if fields.is_empty() {
-            "nothing".to_owned()
-        } else {
-            fields.join(", ")
-        };
-        let topic = &source.topic;
-        InputError::new(
-            format!(
-                "a message on {topic} has no number in its field {} (it has {shown})",
-                if source.path.is_empty() {
-                    USUAL_FIELDS.join(" or ")
-                } else {
-                    source.path.join(".")
-                }
-            ),
-            format!("name the field behind the topic, as {topic}.FIELD"),
-        )
-    };
-    match &source.encoding {
-        Encoding::Ros(definition) => {
-            let path: Vec<&str> = source.path.iter().map(String::as_str).collect();
-            let found = if path.is_empty() {
-                let mut usual = USUAL_FIELDS.iter();
-                usual.find_map(|&field| definition.number(data, &[field]))
-            } else {
-                definition.number(data, &path)
-            };
-            found
-                .map(Datum::Number)
-                .ok_or_else(|| fields(&definition.fields()))
-        }
-        Encoding::Json => {
-            let message: Value = serde_json::from_slice(data).map_err(|error| {
-                InputError::new(
-                    format!("a message on {} is no JSON: {error}", source.topic),
-                    "record it again, or name another topic with --columns",
-                )
-            })?;
-            let found = if source.path.is_empty() {
-                let mut usual = USUAL_FIELDS.iter().filter_map(|&field| message.get(field));
-                usual.next().unwrap_or(&message)
-            } else {
-                let step = |at: &'_ Value, field: &String| match field.parse::<usize>() {
-                    Ok(index) if at.is_array() => at.get(index).cloned(),
-                    _ => at.get(field).cloned(),
-                };
-                let end = source
-                    .path
-                    .iter()
-                    .try_fold(message.clone(), |at, field| step(&at, field));
-                return match end {
-                    Some(value) => json_datum(&value),
-                    None => None,
-                }
-                .ok_or_else(|| fields(&names_in(&message)));
-            };
-            json_datum(found).ok_or_else(|| fields(&names_in(&message)))
-        }
-    }
-}
-
-fn names_in(message: &Value) -> Vec<&str> {
-    let object = message.as_object().into_iter().flatten();
-    object.map(|(name, _)| name.as_str()).collect()
-}
-
-fn json_datum(value: &Value) -> Option<Datum> {
-    match value {
-        Value::Number(number) => number.as_f64().map(Datum::Number),
-        Value::Bool(flag) => Some(Datum::Number(f64::from(u8::from(*flag)))),
-        Value::String(text) => Some(Datum::Text(text.clone())),
-        _ => None,
-    }
-}
-
-/// A column of numbers, or of texts if one of them is one.
-fn values(cells: &[Option<Datum>], decimals: Decimals) -> Values {
-    let is_number = |cell: &Option<Datum>| !matches!(cell, Some(Datum::Text(_)));
-    if cells.iter().all(is_number) && cells.iter().any(Option::is_some) {
-        let number = |cell: &Option<Datum>| match cell {
-            Some(Datum::Number(number)) => *number,
-            _ => f64::NAN,
-        };
-        return Values::Numbers(cells.iter().map(number).collect(), decimals);
-    }
-    let text = |cell: &Option<Datum>| match cell {
-        Some(Datum::Text(text)) => text.clone(),
-        Some(Datum::Number(number)) => decimals.show(*number),
-        None => String::new(),
-    };
-    Values::Texts(cells.iter().map(text).collect())
-}
-
-/// Puts messages in the order of time, and leaves out those at the time of another. Says
-/// how many those are.
-fn sorted(series: &mut Series) -> usize {
-    let before = series.times.len();
-    if series.times.windows(2).any(|pair| pair[0] >= pair[1]) {
-        let mut order: Vec<usize> = (0..before).collect();
-        order.sort_by_key(|&at| series.times[at]);
-        order.dedup_by_key(|at| series.times[*at]);
-        series.values = order.iter().map(|&at| series.values[at].clone()).collect();
-        series.times = order.iter().map(|&at| series.times[at]).collect();
-    }
-    before - series.times.len()
-}
-
-/// The median time between messages (ns).
-fn usual_interval(times: &[u64]) -> f64 {
-    let mut steps: Vec<f64> = times
-        .windows(2)
-        .map(|pair| (pair[1] - pair[0]) as f64)
-        .collect();
-    Data::new(&mut steps[..]).median()
-}
-
-/// The value at a time, from the messages around it; none outside and in gaps.
-fn interpolated(series: &Series, time: u64, usual: f64) -> Option<f64> {
-    let number = |at: usize| match series.values.get(at)? {
-        Datum::Number(number) => Some(*number),
-        Datum::Text(_) => None,
-    };
-    let after = series.times.partition_point(|&it| it < time);
-    let right = *series.times.get(after)?;
-    if right == time {
-        return number(after);
-    }
-    let before = after.checked_sub(1)?;
-    let left = series.times[before];
-    let interval = (right - left) as f64;
-    if interval > GAP_FACTOR * usual {
-        return None;
-    }
-    let share = (time - left) as f64 / interval;
-    Some(number(before)? * (1.0 - share) + number(after)? * share)
 }
 
 fn fault(path: &Path, error: &McapError) -> InputError {
@@ -598,16 +274,62 @@ fn fault(path: &Path, error: &McapError) -> InputError {
     }
 }
 
+/// How the schemas of [`topic`] are written.
+pub const SCHEMA_ENCODING: &str = "jsonschema";
+/// How each [`message`] is.
+pub const MESSAGE_ENCODING: &str = "json";
+
+/// The topic of a column of a recording.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Topic {
+    /// Its name, `/angle_deg`.
+    pub name: String,
+    /// The name of its type.
+    pub schema_name: String,
+    /// The JSON Schema of its messages.
+    pub schema: String,
+}
+
+/// The topic of a column, whose messages are numbers or texts.
+pub fn topic(column: &str, is_text: bool) -> Topic {
+    let kind = if is_text { "string" } else { "number" };
+    let schema = json!({
+        "type": "object",
+        "title": column,
+        "properties": { "value": { "type": kind, "description": described(column) } },
+        "required": ["value"],
+    });
+    Topic {
+        name: format!("/{column}"),
+        schema_name: format!("softrig.{column}"),
+        schema: schema.to_string(),
+    }
+}
+
+/// A message on a [`topic`].
+pub fn message(value: impl Into<Value>) -> String {
+    json!({ "value": value.into() }).to_string()
+}
+
+/// The record of metadata by which a log with these columns is read as a recording again: its name
+/// and its entries. It stands before the messages; `begin_ns` is when time 0 was (ns since 1970).
+pub fn about(columns: &[&str], begin_ns: u64) -> (String, BTreeMap<String, String>) {
+    let columns = Value::from(columns).to_string();
+    let entries = [(COLUMNS, columns), (BEGIN, begin_ns.to_string())];
+    let entries = entries.map(|(key, value)| (key.to_owned(), value));
+    (OWN.to_owned(), BTreeMap::from(entries))
+}
+
 /// A recording as a log: a topic a column, in JSON.
 ///
 /// # Errors
 ///
 /// Errors of the library; times less than a nanosecond apart.
-pub(super) fn write(sheet: &Sheet, about: &Meta) -> anyhow::Result<Vec<u8>> {
+pub(super) fn write(sheet: &Sheet, meta: &Meta) -> anyhow::Result<Vec<u8>> {
     let Some((_, Values::Numbers(seconds, _))) = sheet.columns.first() else {
         anyhow::bail!("there is no time");
     };
-    let begin_ns = begin_of(seconds, about);
+    let begin_ns = begin_of(seconds, meta);
     let times: Vec<u64> = seconds.iter().map(|&time| at_ns(begin_ns, time)).collect();
     anyhow::ensure!(
         times.windows(2).all(|pair| pair[0] < pair[1]),
@@ -619,12 +341,9 @@ pub(super) fn write(sheet: &Sheet, about: &Meta) -> anyhow::Result<Vec<u8>> {
         .library(concat!("softrig/", env!("CARGO_PKG_VERSION")))
         .create(Cursor::new(Vec::new()))?;
     let names: Vec<&str> = columns.iter().map(|(name, _)| name.as_str()).collect();
-    let own = [
-        (COLUMNS.to_owned(), serde_json::to_string(&names)?),
-        (BEGIN.to_owned(), begin_ns.to_string()),
-    ];
+    let (name, own) = about(&names, begin_ns);
     writer.write_metadata(&Metadata {
-        name: OWN.into(),
+        name,
         metadata: Kept::of_sheet(sheet)
             .entries()
             .into_iter()
@@ -633,22 +352,15 @@ pub(super) fn write(sheet: &Sheet, about: &Meta) -> anyhow::Result<Vec<u8>> {
     })?;
     let mut channels = Vec::new();
     for (name, values) in columns {
-        let kind = match values {
-            Values::Numbers(..) => "number",
-            Values::Texts(_) => "string",
-        };
-        let schema = json!({
-            "type": "object",
-            "title": name,
-            "properties": { "value": { "type": kind, "description": described(name) } },
-            "required": ["value"],
-        });
-        let schema = writer.add_schema(
-            &format!("softrig.{name}"),
-            "jsonschema",
-            schema.to_string().as_bytes(),
-        )?;
-        channels.push(writer.add_channel(schema, &format!("/{name}"), "json", &BTreeMap::new())?);
+        let topic = topic(name, matches!(values, Values::Texts(_)));
+        let schema =
+            writer.add_schema(&topic.schema_name, SCHEMA_ENCODING, topic.schema.as_bytes())?;
+        channels.push(writer.add_channel(
+            schema,
+            &topic.name,
+            MESSAGE_ENCODING,
+            &BTreeMap::new(),
+        )?);
     }
     for (row, &log_time) in times.iter().enumerate() {
         for (&channel_id, (_, values)) in channels.iter().zip(columns) {
@@ -665,10 +377,7 @@ pub(super) fn write(sheet: &Sheet, about: &Meta) -> anyhow::Result<Vec<u8>> {
                 log_time,
                 publish_time: log_time,
             };
-            writer.write_to_known_channel(
-                &header,
-                json!({ "value": value }).to_string().as_bytes(),
-            )?;
+            writer.write_to_known_channel(&header, message(value).as_bytes())?;
         }
     }
     writer.finish()?;
@@ -676,8 +385,8 @@ pub(super) fn write(sheet: &Sheet, about: &Meta) -> anyhow::Result<Vec<u8>> {
 }
 
 /// When time 0 was (ns since 1970), or a time before the first sample if that is not known.
-fn begin_of(seconds: &[f64], about: &Meta) -> u64 {
-    let started = about.started_unix_s().unwrap_or(0.0) + about.begins_s.unwrap_or(0.0);
+fn begin_of(seconds: &[f64], meta: &Meta) -> u64 {
+    let started = meta.started_unix_s().unwrap_or(0.0) + meta.begins_s.unwrap_or(0.0);
     let earliest = seconds.first().copied().unwrap_or(0.0).min(0.0);
     // A number of milliseconds is one of nanoseconds, and none before 1970.
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]

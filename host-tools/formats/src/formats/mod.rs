@@ -12,15 +12,20 @@ mod hdf5;
 mod json_lines;
 pub(crate) mod mat;
 #[cfg(feature = "mcap")]
-pub(crate) mod mcap;
+pub mod mcap;
 pub(crate) mod names;
 #[cfg(feature = "numpy")]
 mod numpy;
 #[cfg(feature = "parquet")]
 pub(crate) mod parquet;
-#[cfg(feature = "mcap")]
+#[cfg(any(feature = "mcap", feature = "rosbag"))]
 mod ros;
+#[cfg(feature = "rosbag")]
+mod rosbag;
+mod tdms;
 pub(crate) mod text;
+#[cfg(any(feature = "mcap", feature = "rosbag"))]
+mod topics;
 pub mod write;
 
 use std::fs::File;
@@ -52,20 +57,22 @@ const MATLAB_5: &[u8] = b"MATLAB 5.0";
 const MATLAB_7: &[u8] = b"MATLAB 7.3";
 const HDF5: &[u8] = b"\x89HDF\r\n\x1a\n";
 const NUMPY: &[u8] = b"\x93NUMPY";
+const TDMS: &[u8] = b"TDSm";
+const SQLITE: &[u8] = b"SQLite format 3";
 const PACKED: &[u8] = b"PK\x03\x04";
 
 /// Formats that are not read, by their first bytes, and how they are converted; `FILE` is the
 /// file.
 const FOREIGN: [(&[u8], &str, &str); 8] = [
     (
-        b"TDSm",
-        "a TDMS file of LabVIEW",
-        "convert it: python3 -c \"from nptdms import TdmsFile; TdmsFile.read('FILE').as_dataframe().to_csv('run.csv', index=False)\"",
+        b"TDSh",
+        "the index of a TDMS file",
+        "name the file with the ending .tdms, which has the values",
     ),
     (
-        b"SQLite format 3",
-        "a data base of SQLite, as rosbag2 writes",
-        "convert a bag with: mcap convert FILE run.mcap",
+        b"\x28\xb5\x2f\xfd",
+        "compressed with zstd",
+        "unpack it: zstd -d FILE",
     ),
     (
         b"#ROSBAG V",
@@ -244,7 +251,10 @@ pub fn read(path: &Path, layout: &Layout) -> Result<Samples, InputError> {
     let fail = |error: std::io::Error| InputError::from_io(path, &error);
     bounded::refuse_pipe(path)?;
     if path.is_dir() {
-        return read(&bag_in(path)?, layout);
+        return match bag_in(path)?.as_slice() {
+            [only] => read(only, layout),
+            several => read_together(several, path, layout),
+        };
     }
     let mut file = File::open(path).map_err(fail)?;
     let start = start_of(&mut file).map_err(fail)?;
@@ -255,6 +265,11 @@ pub fn read(path: &Path, layout: &Layout) -> Result<Samples, InputError> {
         return parquet::read(file, path, layout, limits);
         #[cfg(not(feature = "parquet"))]
         return Err(left_out("Parquet").in_file(path));
+    }
+    #[cfg(feature = "rosbag")]
+    if start.starts_with(SQLITE) && path.is_file() {
+        // So is a bag, which may be larger than any memory.
+        return rosbag::read_file(path, layout, limits);
     }
     let whole = Cursor::new(start.clone()).chain(file);
     read_unpacked(&start, whole, path, layout, limits)
@@ -301,10 +316,7 @@ fn read_from(
     layout: &Layout,
     limits: Limits,
 ) -> Result<Samples, InputError> {
-    if let Some((_, what, advice)) = FOREIGN.iter().find(|(magic, ..)| start.starts_with(magic)) {
-        let advice = advice.replace("FILE", &path.display().to_string());
-        return Err(InputError::new(format!("is {what}, which is not read"), advice).in_file(path));
-    }
+    refuse_foreign(start, path)?;
     if start.starts_with(MCAP) {
         #[cfg(feature = "mcap")]
         return mcap::read(whole, path, layout, limits);
@@ -327,6 +339,13 @@ fn read_from(
         return numpy::read_npy(whole, path, layout, limits);
         #[cfg(not(feature = "numpy"))]
         return Err(left_out("NumPy").in_file(path));
+    } else if start.starts_with(SQLITE) {
+        #[cfg(feature = "rosbag")]
+        return rosbag::read(whole, path, layout, limits);
+        #[cfg(not(feature = "rosbag"))]
+        return Err(left_out("SQLite").in_file(path));
+    } else if start.starts_with(TDMS) {
+        tdms::read(whole, path, layout, limits)
     } else if is_json(start) {
         json_lines::read(whole, path, layout, limits)
     } else {
@@ -345,8 +364,27 @@ fn is_json(start: &[u8]) -> bool {
         })
 }
 
-/// The recording in the folder of a bag of rosbag2.
-fn bag_in(folder: &Path) -> Result<PathBuf, InputError> {
+/// Names a format that is not read, and what to do.
+fn refuse_foreign(start: &[u8], path: &Path) -> Result<(), InputError> {
+    let Some((_, what, advice)) = FOREIGN.iter().find(|(magic, ..)| start.starts_with(magic))
+    else {
+        return Ok(());
+    };
+    let advice = advice.replace("FILE", &path.display().to_string());
+    Err(InputError::new(format!("is {what}, which is not read"), advice).in_file(path))
+}
+
+/// What rosbag2 writes into the folder of a bag beside its files.
+const ABOUT_BAG: &str = "metadata.yaml";
+/// In it, what comes before the names of the files.
+const FILES_OF_BAG: &str = "relative_file_paths:";
+/// The endings of a bag's files, with the one that is preferred first.
+const OF_BAGS: [&str; 2] = ["mcap", "db3"];
+/// Appended to the ending of a file that is packed whole.
+const PACKED_FILE: &str = ".zstd";
+
+/// The files of the bag of rosbag2 in a folder: one, or all those that its metadata list.
+fn bag_in(folder: &Path) -> Result<Vec<PathBuf>, InputError> {
     let fail = |error: std::io::Error| InputError::from_io(folder, &error);
     let mut files: Vec<PathBuf> = std::fs::read_dir(folder)
         .map_err(fail)?
@@ -354,38 +392,111 @@ fn bag_in(folder: &Path) -> Result<PathBuf, InputError> {
         .collect::<Result<_, _>>()
         .map_err(fail)?;
     files.sort();
-    let of_kind = |kind: &str| -> Vec<PathBuf> {
-        let is_kind = |path: &&PathBuf| path.extension().is_some_and(|it| it == kind);
-        files.iter().filter(is_kind).cloned().collect()
-    };
-    match (of_kind("mcap").as_slice(), of_kind("db3").first()) {
-        ([only], _) => Ok(only.clone()),
-        ([_, ..], _) => Err(InputError::new(
-            "is a bag in several files",
-            "name its .mcap files one by one: each is a recording",
-        )
-        .in_file(folder)),
-        // Its own error says how it is converted.
-        ([], Some(data_base)) => Ok(data_base.clone()),
-        ([], None) => Err(InputError::new(
-            "is a folder, and no bag of ROS 2",
-            "name the recordings in it",
-        )
-        .in_file(folder)),
+    let about = folder.join(ABOUT_BAG);
+    if about.is_file() {
+        let listed = files_listed(&bounded::read_text(&about)?);
+        if listed.len() > 1 {
+            let unpacked = |name: &String| {
+                let name = name.strip_suffix(PACKED_FILE).unwrap_or(name);
+                Some(folder.join(name)).filter(|file| file.is_file())
+            };
+            let there = |name: &String| unpacked(name).unwrap_or_else(|| folder.join(name));
+            return Ok(listed.iter().map(there).collect());
+        }
     }
+    let ends = |path: &&PathBuf, ending: &str| {
+        let name = path.file_name().map(|it| it.to_string_lossy());
+        name.is_some_and(|it| it.ends_with(ending))
+    };
+    for packed in ["", PACKED_FILE] {
+        for kind in OF_BAGS {
+            let ending = format!(".{kind}{packed}");
+            let found: Vec<PathBuf> = files
+                .iter()
+                .filter(|it| ends(it, &ending))
+                .cloned()
+                .collect();
+            if found.len() > 1 {
+                return Err(InputError::new(
+                    format!(
+                        "holds {} files, and no {ABOUT_BAG} that makes one bag of them",
+                        found.len()
+                    ),
+                    format!("name its {ending} files one by one: each is a recording"),
+                )
+                .in_file(folder));
+            }
+            if !found.is_empty() {
+                return Ok(found);
+            }
+        }
+    }
+    Err(InputError::new(
+        "is a folder, and no bag of ROS 2",
+        "name the recordings in it",
+    )
+    .in_file(folder))
 }
 
-/// The error for a format that a program which reads only models is built without.
+/// The names of the files that the metadata of a bag list.
+fn files_listed(about: &str) -> Vec<String> {
+    about
+        .lines()
+        .map(str::trim)
+        .skip_while(|line| !line.starts_with(FILES_OF_BAG))
+        .skip(1)
+        .map_while(|line| line.strip_prefix("- "))
+        .map(|name| name.trim().trim_matches(['"', '\'']))
+        // Older versions write the folder too.
+        .map(|name| name.rsplit('/').next().unwrap_or(name).to_owned())
+        .collect()
+}
+
+/// Reads the files of a bag as the one recording that they are.
+#[cfg(any(feature = "mcap", feature = "rosbag"))]
+fn read_together(files: &[PathBuf], bag: &Path, layout: &Layout) -> Result<Samples, InputError> {
+    let limits = Limits::RECORDING;
+    let mut topics = topics::Topics::of(layout);
+    for path in files {
+        let fail = |error: std::io::Error| InputError::from_io(path, &error);
+        let mut file = File::open(path).map_err(fail)?;
+        let start = start_of(&mut file).map_err(fail)?;
+        refuse_foreign(&start, path)?;
+        if start.starts_with(SQLITE) {
+            #[cfg(feature = "rosbag")]
+            rosbag::read_into(&mut topics, path, limits)?;
+            #[cfg(not(feature = "rosbag"))]
+            return Err(left_out("SQLite").in_file(path));
+        } else {
+            #[cfg(feature = "mcap")]
+            mcap::read_into(&mut topics, Cursor::new(start).chain(file), path, limits)?;
+            #[cfg(not(feature = "mcap"))]
+            return Err(left_out("MCAP").in_file(path));
+        }
+    }
+    topics
+        .sheet(bag, layout)?
+        .samples(bag, layout, limits, "topic")
+}
+
+#[cfg(not(any(feature = "mcap", feature = "rosbag")))]
+fn read_together(_: &[PathBuf], bag: &Path, _: &Layout) -> Result<Samples, InputError> {
+    Err(left_out("MCAP").in_file(bag))
+}
+
+/// The error for a format that the page, the demo or a program that reads only models is built
+/// without.
 #[cfg(not(all(
     feature = "hdf5",
     feature = "mcap",
     feature = "numpy",
-    feature = "parquet"
+    feature = "parquet",
+    feature = "rosbag"
 )))]
 fn left_out(format: &str) -> InputError {
     InputError::new(
         format!("is a {format} file, which this program was built without"),
-        "convert it with `rig convert`",
+        "convert it to CSV with a rig that has all formats, as that of a release and of `cargo build --release -p host-tools`: rig convert",
     )
 }
 
@@ -396,7 +507,7 @@ fn is_parquet(start: &[u8]) -> bool {
 /// Whether a file that starts so is a recording in a binary format or a packed table: nothing
 /// else that is read or written here is either. What HDF5 holds nobody knows.
 pub fn is_binary_recording(start: &[u8]) -> bool {
-    [GZIP, PARQUET, MCAP, MATLAB, NUMPY]
+    [GZIP, PARQUET, MCAP, MATLAB, NUMPY, TDMS]
         .iter()
         .any(|it| start.starts_with(it))
 }

@@ -9,16 +9,128 @@ use std::collections::HashMap;
 /// Messages within messages.
 const DEEPEST: usize = 16;
 
-/// Definitions that some recorders leave out, as everybody has them.
-const STANDARD: [(&str, &str); 8] = [
-    ("std_msgs/msg/Float64", "float64 data"),
+/// Definitions that recorders leave out, as everybody has them: those of `std_msgs`,
+/// `builtin_interfaces`, `geometry_msgs` and `sensor_msgs` in which a rig's quantities come. Bags
+/// from before ROS 2 Iron have no definitions at all.
+const STANDARD: [(&str, &str); 43] = [
+    (
+        "builtin_interfaces/msg/Duration",
+        "int32 sec; uint32 nanosec",
+    ),
+    ("builtin_interfaces/msg/Time", "int32 sec; uint32 nanosec"),
+    ("std_msgs/msg/Bool", "bool data"),
+    ("std_msgs/msg/Byte", "byte data"),
     ("std_msgs/msg/Float32", "float32 data"),
-    ("std_msgs/msg/Int64", "int64 data"),
-    ("std_msgs/msg/Int32", "int32 data"),
+    (
+        "std_msgs/msg/Float32MultiArray",
+        "MultiArrayLayout layout; float32[] data",
+    ),
+    ("std_msgs/msg/Float64", "float64 data"),
+    (
+        "std_msgs/msg/Float64MultiArray",
+        "MultiArrayLayout layout; float64[] data",
+    ),
+    ("std_msgs/msg/Header", "Time stamp; string frame_id"),
     ("std_msgs/msg/Int16", "int16 data"),
-    ("std_msgs/msg/UInt32", "uint32 data"),
+    (
+        "std_msgs/msg/Int16MultiArray",
+        "MultiArrayLayout layout; int16[] data",
+    ),
+    ("std_msgs/msg/Int32", "int32 data"),
+    (
+        "std_msgs/msg/Int32MultiArray",
+        "MultiArrayLayout layout; int32[] data",
+    ),
+    ("std_msgs/msg/Int64", "int64 data"),
+    ("std_msgs/msg/Int8", "int8 data"),
+    (
+        "std_msgs/msg/MultiArrayDimension",
+        "string label; uint32 size; uint32 stride",
+    ),
+    (
+        "std_msgs/msg/MultiArrayLayout",
+        "MultiArrayDimension[] dim; uint32 data_offset",
+    ),
     ("std_msgs/msg/UInt16", "uint16 data"),
+    ("std_msgs/msg/UInt32", "uint32 data"),
+    ("std_msgs/msg/UInt64", "uint64 data"),
     ("std_msgs/msg/UInt8", "uint8 data"),
+    ("geometry_msgs/msg/Point", "float64 x; float64 y; float64 z"),
+    (
+        "geometry_msgs/msg/PointStamped",
+        "Header header; Point point",
+    ),
+    (
+        "geometry_msgs/msg/Pose",
+        "Point position; Quaternion orientation",
+    ),
+    (
+        "geometry_msgs/msg/Pose2D",
+        "float64 x; float64 y; float64 theta",
+    ),
+    ("geometry_msgs/msg/PoseStamped", "Header header; Pose pose"),
+    (
+        "geometry_msgs/msg/Quaternion",
+        "float64 x; float64 y; float64 z; float64 w",
+    ),
+    (
+        "geometry_msgs/msg/QuaternionStamped",
+        "Header header; Quaternion quaternion",
+    ),
+    (
+        "geometry_msgs/msg/Transform",
+        "Vector3 translation; Quaternion rotation",
+    ),
+    (
+        "geometry_msgs/msg/TransformStamped",
+        "Header header; string child_frame_id; Transform transform",
+    ),
+    ("geometry_msgs/msg/Twist", "Vector3 linear; Vector3 angular"),
+    (
+        "geometry_msgs/msg/TwistStamped",
+        "Header header; Twist twist",
+    ),
+    (
+        "geometry_msgs/msg/Vector3",
+        "float64 x; float64 y; float64 z",
+    ),
+    (
+        "geometry_msgs/msg/Vector3Stamped",
+        "Header header; Vector3 vector",
+    ),
+    ("geometry_msgs/msg/Wrench", "Vector3 force; Vector3 torque"),
+    (
+        "geometry_msgs/msg/WrenchStamped",
+        "Header header; Wrench wrench",
+    ),
+    (
+        "sensor_msgs/msg/FluidPressure",
+        "Header header; float64 fluid_pressure; float64 variance",
+    ),
+    (
+        "sensor_msgs/msg/Illuminance",
+        "Header header; float64 illuminance; float64 variance",
+    ),
+    (
+        "sensor_msgs/msg/Imu",
+        "Header header; Quaternion orientation; float64[9] orientation_covariance; Vector3 angular_velocity; float64[9] angular_velocity_covariance; Vector3 linear_acceleration; float64[9] linear_acceleration_covariance",
+    ),
+    (
+        "sensor_msgs/msg/JointState",
+        "Header header; string[] name; float64[] position; float64[] velocity; float64[] effort",
+    ),
+    (
+        "sensor_msgs/msg/MagneticField",
+        "Header header; Vector3 magnetic_field; float64[9] magnetic_field_covariance",
+    ),
+    (
+        "sensor_msgs/msg/RelativeHumidity",
+        "Header header; float64 relative_humidity; float64 variance",
+    ),
+    (
+        "sensor_msgs/msg/Temperature",
+        "Header header; float64 temperature; float64 variance",
+    ),
 ];
 
 /// How often a type comes in a field.
@@ -36,6 +148,31 @@ struct Field {
     count: Count,
 }
 
+impl Field {
+    /// Reads a line; none without a field in it.
+    fn parse(line: &str) -> Option<Self> {
+        let mut words = line.split_whitespace();
+        let (of, name) = (words.next()?, words.next()?);
+        // A constant has its value behind an equals sign; a bound is no value.
+        if line.replace("<=", "").contains('=') {
+            return None;
+        }
+        let (of, count) = match of.split_once('[') {
+            None => (of, Count::One),
+            Some((of, size)) => match size.trim_end_matches(']').parse() {
+                Ok(size) => (of, Count::Fixed(size)),
+                Err(_) => (of, Count::Counted),
+            },
+        };
+        Some(Self {
+            name: name.to_owned(),
+            // A text may be bounded: string<=10.
+            of: of.split('<').next().unwrap_or(of).to_owned(),
+            count,
+        })
+    }
+}
+
 /// The definition of a message, and those that it is made of.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Definition {
@@ -49,48 +186,49 @@ fn last_part(name: &str) -> &str {
 }
 
 impl Definition {
-    /// Reads the definition of a message that is called `name`.
+    /// Reads the definition of a message that is called `name`. What it does not define is taken
+    /// from what everybody has.
     pub(super) fn parse(name: &str, text: &str) -> Self {
-        let known = STANDARD.iter().find(|(standard, _)| *standard == name);
-        let text = match known {
-            Some((_, known)) if text.trim().is_empty() => known,
-            _ => text,
-        };
         let mut definition = Self {
             main: last_part(name).to_owned(),
             ..Self::default()
         };
         let mut current = definition.main.clone();
-        definition.messages.insert(current.clone(), Vec::new());
         for line in text.lines() {
             let line = line.split('#').next().unwrap_or_default().trim();
             if let Some(name) = line.strip_prefix("MSG:") {
                 last_part(name.trim()).clone_into(&mut current);
                 definition.messages.insert(current.clone(), Vec::new());
-                continue;
-            }
-            let mut words = line.split_whitespace();
-            // A constant has its value behind an equals sign; a bound is no value.
-            if let (Some(of), Some(name)) = (words.next(), words.next())
-                && !line.replace("<=", "").contains('=')
-                && let Some(fields) = definition.messages.get_mut(&current)
-            {
-                let (of, count) = match of.split_once('[') {
-                    None => (of, Count::One),
-                    Some((of, size)) => match size.trim_end_matches(']').parse() {
-                        Ok(size) => (of, Count::Fixed(size)),
-                        Err(_) => (of, Count::Counted),
-                    },
-                };
-                fields.push(Field {
-                    name: name.to_owned(),
-                    // A text may be bounded: string<=10.
-                    of: of.split('<').next().unwrap_or(of).to_owned(),
-                    count,
-                });
+            } else if let Some(field) = Field::parse(line) {
+                let fields = definition.messages.entry(current.clone());
+                fields.or_default().push(field);
             }
         }
+        definition.complete(name);
         definition
+    }
+
+    /// Adds a standard type that is not defined, and those that it is made of.
+    fn complete(&mut self, name: &str) {
+        let part = last_part(name);
+        if self.messages.contains_key(part) {
+            return;
+        }
+        let known = |(standard, _): &&(&str, &str)| {
+            if name.contains('/') {
+                *standard == name
+            } else {
+                last_part(standard) == name
+            }
+        };
+        let Some((_, text)) = STANDARD.iter().find(known) else {
+            return;
+        };
+        let fields: Vec<Field> = text.split(';').filter_map(Field::parse).collect();
+        self.messages.insert(part.to_owned(), fields.clone());
+        for field in fields {
+            self.complete(&field.of);
+        }
     }
 
     /// The names of its own fields.
