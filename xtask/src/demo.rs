@@ -53,7 +53,7 @@ pub fn demo(options: &[&str]) -> Outcome {
                 .args(["-p", "host-tools", "--bin", "rig"])
                 .args(["-p", "virtual-rig", "--bin", "virtual-rig"])
                 .args(["-p", "softrig-tests", "--bin", "demo"])
-                // Without bags, which nobody waits for here.
+                // Without bags and the live stream, which nobody waits for here.
                 .arg("--no-default-features"))?;
             let image = avr::build()?;
             avr::gates(&image)?;

@@ -15,6 +15,8 @@ pub mod init;
 pub(crate) mod input;
 pub(crate) mod json;
 pub mod linearise;
+#[cfg_attr(not(feature = "foxglove"), path = "live_left_out.rs")]
+mod live;
 pub mod log;
 pub mod materials;
 pub(crate) mod model;
@@ -26,6 +28,7 @@ pub(crate) mod port;
 pub mod ports;
 pub mod record;
 pub mod residuals;
+mod row;
 pub mod schema;
 pub mod simulate;
 mod udp;

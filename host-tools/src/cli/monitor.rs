@@ -10,13 +10,15 @@ use ratatui::crossterm::event::{self, KeyCode, KeyEvent, KeyEventKind, KeyModifi
 use wire::command::Command;
 use wire::protocol::Named;
 
+use super::live::Live;
 use super::port::PortArgs;
+use super::row::Row;
 use super::udp::Datagrams;
 use super::{Interrupt, record};
 use crate::monitor::{Trace, View, draw};
 use softrig_formats::error::InputError;
 use softrig_formats::terminal::remark;
-use softrig_link::record::{COLUMNS, LoggedSample, Recorder, line};
+use softrig_link::record::{COLUMNS, Recorder};
 use softrig_link::{Clock, Event, Link, SerialConnector, Timing};
 
 /// Shows a rig live: angle, prediction, pressure, state, faults.
@@ -30,6 +32,7 @@ Examples:
   rig monitor --port /dev/ttyACM0 --plain --every 0.5
   rig monitor --port /dev/ttyACM0 --every 0 --seconds 5 > five.csv
   rig monitor --port /dev/ttyACM0 --udp 9870    for PlotJuggler's UDP server, with JSON
+  rig monitor --port /dev/ttyACM0 --foxglove --mcap seen.mcap
 
 Keys: q quit, s stop, a arm, c clear a fault, r run the paper's protocol (asks
 first), space pause; 1 to 4 show or hide the curves: measured and predicted
@@ -53,20 +56,51 @@ pub struct Args {
     /// this machine
     #[arg(long, value_name = "[HOST:]PORT")]
     udp: Option<String>,
+    /// Serve Foxglove and Lichtblick: a topic for each column of a recording. Without a host, to
+    /// this machine alone
+    #[arg(long, value_name = "[HOST:]PORT", num_args = 0..=1, default_missing_value = "8765")]
+    foxglove: Option<String>,
+    /// Write the same topics to this log, which is a recording too
+    #[arg(long, value_name = "OUT.mcap")]
+    mcap: Option<PathBuf>,
 }
 
 /// Who takes what the link says beside the screen.
 struct Listeners {
+    clock: Clock,
     log: Option<Recorder>,
     datagrams: Option<Datagrams>,
+    live: Option<Live>,
 }
 
 impl Listeners {
-    fn take(&mut self, event: &Event) -> Result<(), InputError> {
-        if let Some(datagrams) = &mut self.datagrams {
-            datagrams.take(event);
+    /// Hands on an event; returns the row of a sample.
+    fn take(&mut self, event: &Event) -> Result<Option<Row>, InputError> {
+        let row = Row::of(event, &mut self.clock);
+        if let Some(row) = &row {
+            if let Some(datagrams) = &self.datagrams {
+                datagrams.take(row);
+            }
+            if let Some(live) = &mut self.live {
+                live.take(row)?;
+            }
         }
-        record::note(&mut self.log, event)
+        record::note(&mut self.log, event)?;
+        Ok(row)
+    }
+
+    /// What to say to whoever looks on.
+    fn invitation(&self) -> Option<String> {
+        self.live.as_ref().and_then(Live::invitation)
+    }
+
+    /// Ends the logs.
+    fn end(self, link: &Link, complete: bool) -> Result<(), InputError> {
+        let logged = self
+            .log
+            .map_or(Ok(()), |log| record::end_log(log, link, complete));
+        self.live.map_or(Ok(()), Live::end)?;
+        logged
     }
 }
 
@@ -87,6 +121,7 @@ const FRAME: Duration = Duration::from_millis(50);
 /// When the port cannot be opened or the board does not answer.
 pub fn run(args: &Args) -> anyhow::Result<()> {
     let datagrams = args.udp.as_deref().map(Datagrams::to).transpose()?;
+    let streamed = Live::of(args.foxglove.as_deref(), args.mcap.as_ref())?;
     let interrupt = Interrupt::listen()?;
     let mut link = Link::open(SerialConnector::new(&args.port.find()?), Timing::default())?;
     link.learn_patience()?;
@@ -95,7 +130,12 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         .as_deref()
         .map(|path| record::log(path, &link))
         .transpose()?;
-    let mut listeners = Listeners { log, datagrams };
+    let mut listeners = Listeners {
+        clock: Clock::default(),
+        log,
+        datagrams,
+        live: streamed,
+    };
     let outcome = if args.plain || !std::io::stdout().is_terminal() {
         plain(args, &interrupt, &mut link, &mut listeners)
     } else {
@@ -104,11 +144,9 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         ratatui::restore();
         outcome
     };
-    let logged = listeners
-        .log
-        .map_or(Ok(()), |log| record::end_log(log, &link, outcome.is_ok()));
+    let ended = listeners.end(&link, outcome.is_ok());
     outcome?;
-    Ok(logged?)
+    Ok(ended?)
 }
 
 fn plain(
@@ -117,8 +155,10 @@ fn plain(
     link: &mut Link,
     listeners: &mut Listeners,
 ) -> anyhow::Result<()> {
-    let mut clock = Clock::default();
     let mut due_s = 0.0;
+    if let Some(invitation) = listeners.invitation() {
+        remark(&invitation);
+    }
     super::print(&format!("{COLUMNS}\n"))?;
     while !interrupt.requested() {
         let Some(event) = link.next_event(FRAME) else {
@@ -127,24 +167,20 @@ fn plain(
             }
             continue;
         };
-        listeners.take(&event)?;
+        let row = listeners.take(&event)?;
         match &event {
-            Event::Sample(received) => {
-                let Some(placed) = clock.place(received) else {
+            Event::Sample(_) => {
+                let Some(row) = row else {
                     continue;
                 };
-                let time_s = placed.time_ms as f64 / 1000.0;
+                let time_s = row.time_ms as f64 / 1000.0;
                 if args.seconds.is_some_and(|end| time_s > end) {
                     break;
                 }
                 // The board's milliseconds are exact; half of one is none.
                 if time_s + 0.0005 >= due_s {
                     due_s = (due_s + args.every).max(time_s);
-                    let row = LoggedSample {
-                        time_ms: placed.time_ms,
-                        sample: received.sample,
-                    };
-                    super::print(&line(&row, None))?;
+                    super::print(&row.text)?;
                 }
             }
             Event::Remark(text) => remark(&format!("# {text}")),
@@ -173,6 +209,9 @@ fn live(
     terminal: &mut DefaultTerminal,
 ) -> anyhow::Result<()> {
     let mut view = View::new(link.port(), &link.board().firmware);
+    if let Some(invitation) = listeners.invitation() {
+        view.say(&invitation);
+    }
     let mut first_ms = None;
     let mut drawn = Instant::now();
     while !interrupt.requested() {

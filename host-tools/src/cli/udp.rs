@@ -6,17 +6,15 @@
 
 use std::net::{Ipv4Addr, SocketAddr, ToSocketAddrs, UdpSocket};
 
-use serde_json::{Map, Number, Value};
+use serde_json::{Map, Value};
 
+use super::row::Row;
 use softrig_formats::error::InputError;
-use softrig_link::record::{COLUMNS, LoggedSample, line};
-use softrig_link::{Clock, Event};
 
 /// Where samples are sent.
 #[derive(Debug)]
 pub(super) struct Datagrams {
     socket: UdpSocket,
-    clock: Clock,
 }
 
 impl Datagrams {
@@ -52,39 +50,25 @@ impl Datagrams {
                 Ok(socket)
             })
             .map_err(|error| fault(&error.to_string()))?;
-        Ok(Self {
-            socket,
-            clock: Clock::default(),
-        })
+        Ok(Self { socket })
     }
 
     /// Sends a sample. Whether somebody listens is not known, and does not matter.
-    pub(super) fn take(&mut self, event: &Event) {
-        let Event::Sample(received) = event else {
-            return;
-        };
-        if let Some(placed) = self.clock.place(received) {
-            let row = LoggedSample {
-                time_ms: placed.time_ms,
-                sample: received.sample,
-            };
-            let _ = self.socket.send(json(&line(&row, None)).as_bytes());
-        }
+    pub(super) fn take(&self, row: &Row) {
+        let _ = self.socket.send(json(row).as_bytes());
     }
 }
 
 /// A row of a recording as JSON, with the names of its columns. Its time is called `timestamp`, which
-/// PlotJuggler takes for the time of the others. What is not known is left out.
-fn json(row: &str) -> String {
-    let cells = COLUMNS.split(',').zip(row.trim_end().split(','));
-    let fields = cells.filter(|(_, cell)| !cell.is_empty());
+/// PlotJuggler takes for the time of the others.
+fn json(row: &Row) -> String {
+    let renamed = |name| match name {
+        "time_s" => "timestamp",
+        name => name,
+    };
+    let fields = row.fields();
     let object: Map<String, Value> = fields
-        .map(|(name, cell)| {
-            let number = cell.parse().ok().and_then(Number::from_f64);
-            let value = number.map_or_else(|| Value::from(cell), Value::Number);
-            let name = if name == "time_s" { "timestamp" } else { name };
-            (name.to_owned(), value)
-        })
+        .map(|(name, value)| (renamed(name).to_owned(), value))
         .collect();
     Value::Object(object).to_string()
 }
@@ -95,7 +79,10 @@ mod tests {
 
     #[test]
     fn a_row_is_an_object_without_what_is_not_known() {
-        let row = "0.25,12.5,,30.00,,100,31.00,run,0,7,0\n";
+        let row = Row {
+            time_ms: 250,
+            text: "0.25,12.5,,30.00,,100,31.00,run,0,7,0\n".into(),
+        };
         let value: Value = serde_json::from_str(&json(row)).unwrap();
         assert_eq!(value["timestamp"], 0.25);
         assert_eq!(value["pressure_kpa"], 12.5);
