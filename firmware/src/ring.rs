@@ -16,7 +16,10 @@
 use crate::byte::Byte;
 
 /// A queue of 255 bytes with one writer and one reader.
+///
+/// In C's order: a reader in assembly finds it by [`Ring::HEAD`] and [`Ring::TAIL`].
 #[derive(Debug)]
+#[repr(C)]
 pub struct Ring<B> {
     bytes: [B; 256],
     /// Where the next byte goes; only the writer changes it.
@@ -32,6 +35,12 @@ impl<B: Byte> Default for Ring<B> {
 }
 
 impl<B: Byte> Ring<B> {
+    /// Where, in bytes from its beginning, it has the place of the next byte to write. The bytes
+    /// themselves are at its beginning.
+    pub const HEAD: usize = core::mem::offset_of!(Self, head);
+    /// Where it has the place of the next byte to read.
+    pub const TAIL: usize = core::mem::offset_of!(Self, tail);
+
     /// An empty queue.
     pub const fn new() -> Self {
         Self {

@@ -15,6 +15,8 @@
 //! longer than the time between two conversions. So it takes a period of the sensors, of which the
 //! second half counts, and only at rest: that period shows the sensors' readings of the one before.
 
+use core::{arch::global_asm, mem::size_of};
+
 use avr_device::atmega2560::{ADC as Converter, adc::RegisterBlock};
 use firmware::{
     byte::Byte,
@@ -23,6 +25,7 @@ use firmware::{
 };
 
 use super::{
+    entry::{enter, restore},
     periods::{self, BEATS},
     shared::{self, Shared, SharedByte, SharedFlag},
 };
@@ -48,6 +51,32 @@ static FLEX_SUM: Shared<u16> = Shared::new(0);
 static COUNT: SharedByte = SharedByte::new(0);
 /// Sums of the last whole period.
 static READINGS: Shared<[Oversampled; 2]> = Shared::new([Oversampled::NOT_MEASURED; 2]);
+
+/// Adds the conversion to a sum, with r24 and r25. Its lower byte is read first: that holds the upper
+/// one.
+macro_rules! add_sample {
+    ($sum:literal) => {
+        concat!(
+            "lds r24, 0x78
+             lds r25, {",
+            $sum,
+            "}
+             add r25, r24
+             sts {",
+            $sum,
+            "}, r25
+             lds r24, 0x79
+             lds r25, {",
+            $sum,
+            "}+1
+             adc r25, r24
+             sts {",
+            $sum,
+            "}+1, r25
+            "
+        )
+    };
+}
 
 /// Both sensors in one control period.
 #[derive(Clone, Copy)]
@@ -119,25 +148,71 @@ fn select(converter: &RegisterBlock, channel: u8) {
     });
 }
 
-/// Starts the conversion of a beat, unless the converter is busy with the one before.
+/// The conversion that the beat has started ends the period.
 #[inline(always)]
-pub(super) fn start(beat: u8) {
-    // SAFETY: the clock's interrupt only sets the start bit, and only while nothing is
-    // being converted.
-    let converter = unsafe { &*Converter::ptr() };
-    if beat == BEATS - 1 {
-        ENDS.set(true);
-    }
-    let now = converter.adcsra.read();
-    // One that is done has its interrupt pending. It shall see the multiplexer as it was, and
-    // writing the register would clear its flag.
-    if now.adsc().bit_is_clear() && now.adif().bit_is_clear() {
-        converter.adcsra.modify(|_, w| w.adsc().set_bit());
-    }
+pub(super) fn end_period() {
+    ENDS.set(true);
 }
 
-#[avr_device::interrupt(atmega2560)]
-fn ADC() {
+// A conversion is done. The usual one adds to its sum and moves the multiplexer on; the last of a period
+// and those of the supply it leaves untouched to `converted` below.
+global_asm!(
+    "
+    .section .text.softrig_converted,\"ax\",@progbits
+    .global __vector_29
+    .type __vector_29,@function
+__vector_29:                        ; ADC
+    ",
+    enter!(),
+    "
+    push r25
+    lds  r24, {ends}
+    tst  r24
+    brne 3f
+    lds  r24, 0x7c                  ; ADMUX
+    cpi  r24, {pressure}
+    brne 1f
+    ",
+    add_sample!("pressure_sum"),
+    "
+    ldi  r24, {flex}
+    rjmp 2f
+1:  cpi  r24, {flex}
+    brne 3f                         ; the supply
+    ",
+    add_sample!("flex_sum"),
+    "
+    ldi  r24, {pressure}
+2:  sts  0x7c, r24                  ; not before the sample is read: simavr reads what is selected
+    lds  r24, {count}
+    inc  r24
+    sts  {count}, r24
+    pop  r25
+    ",
+    restore!(),
+    "
+    reti
+
+3:  pop  r25
+    ",
+    restore!(),
+    "
+    jmp  {converted}
+    ",
+    ends = sym ENDS,
+    pressure = const PRESSURE,
+    flex = const FLEX,
+    pressure_sum = sym PRESSURE_SUM,
+    flex_sum = sym FLEX_SUM,
+    count = sym COUNT,
+    converted = sym converted,
+);
+
+// What the assembly takes for granted: the sums lie at their statics' addresses.
+const _: () = assert!(size_of::<Shared<u16>>() == 2);
+
+/// A conversion is done, in full; entered as an interrupt.
+extern "avr-interrupt" fn converted() {
     // SAFETY: this is an interrupt handler.
     let section = unsafe { shared::in_interrupt() };
     // SAFETY: between conversions nobody else touches the converter.

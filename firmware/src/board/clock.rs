@@ -7,6 +7,8 @@
 //! one begins the next control period: control sees samples that are never older
 //! than one conversion, and always equally old.
 
+use core::arch::global_asm;
+
 use avr_device::atmega2560::TC3;
 use firmware::{
     byte::Byte,
@@ -17,6 +19,7 @@ use firmware::{
 
 use super::{
     adc,
+    entry::{enter, restore},
     periods::{self, BEATS},
     pulses,
     shared::{self, SharedByte},
@@ -33,7 +36,7 @@ const CYCLES_PER_BEAT: u32 = CPU_HZ / (CONTROL_HZ as u32 * BEATS as u32);
 const _: () = assert!(CYCLES_PER_BEAT * CONTROL_HZ as u32 * BEATS as u32 == CPU_HZ);
 const _: () = assert!(CYCLES_PER_BEAT <= 0xffff);
 
-/// The beat of the period that comes next.
+/// Beats so far; wraps. A period's are as many as [`BEATS`].
 static BEAT: SharedByte = SharedByte::new(0);
 
 /// The clock.
@@ -96,17 +99,64 @@ impl Clock {
     }
 }
 
-#[avr_device::interrupt(atmega2560)]
-fn TIMER3_COMPA() {
+/// What starts a conversion: everything that [`adc::Adc::new`] sets, and the start bit. A flag would be
+/// cleared by writing a one.
+const START: u8 = 0b1100_1111;
+/// A conversion is under way, or one is done and its interrupt pending. That one shall see the
+/// multiplexer as it was.
+const IS_CONVERTING: u8 = 0b0101_0000;
+
+// A beat: it starts its conversion, unless the converter is busy with the one before. Three of four
+// do nothing else.
+global_asm!(
+    "
+    .section .text.softrig_beat,\"ax\",@progbits
+    .global __vector_32
+    .type __vector_32,@function
+__vector_32:                        ; TIMER3_COMPA
+    ",
+    enter!(),
+    "
+    lds  r24, 0x7a                  ; ADCSRA
+    andi r24, {is_converting}
+    brne 1f
+    ldi  r24, {start}
+    sts  0x7a, r24
+1:  lds  r24, {beat}
+    inc  r24
+    sts  {beat}, r24
+    andi r24, {beats_per_slot} - 1
+    breq 2f
+    ",
+    restore!(),
+    "
+    reti
+
+2:  ",
+    restore!(),
+    "
+    jmp  {slot}
+    ",
+    is_converting = const IS_CONVERTING,
+    start = const START,
+    beat = sym BEAT,
+    beats_per_slot = const BEATS_PER_SLOT,
+    slot = sym slot,
+);
+
+// The count wraps at a multiple of them.
+const _: () = assert!(BEATS.is_power_of_two());
+
+/// The last beat of a slot has started its conversion; entered as an interrupt.
+extern "avr-interrupt" fn slot() {
     // SAFETY: this is an interrupt handler.
     let section = unsafe { shared::in_interrupt() };
-    let beat = BEAT.get();
-    adc::start(beat);
-    BEAT.set(if beat == BEATS - 1 { 0 } else { beat + 1 });
     // A new plan begins at the last beat: its conversion begins the next control
     // period, so that the main program had a whole one to make the plan.
-    if beat % BEATS_PER_SLOT == BEATS_PER_SLOT - 1 {
-        switches::sample();
-        pulses::slot(section, beat == BEATS - 1);
+    let is_last = BEAT.get() % BEATS == 0;
+    if is_last {
+        adc::end_period();
     }
+    switches::sample();
+    pulses::slot(section, is_last);
 }

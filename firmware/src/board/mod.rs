@@ -14,6 +14,7 @@
 //! | settings | EEPROM | [`eeprom`] |
 //! | checksum of the program | flash, RAMPZ | [`image`] |
 //! | watchdog, reset flags | WDT, MCUSR, GPIOR2 | [`watchdog`], [`reset`] |
+//! | what interrupts save | GPIOR1, GPIOR2 | `entry` |
 //! | cycle marks | GPIOR0 | [`marks`] |
 //! | stack depth, counters | – | [`stack`], [`health`] |
 //!
@@ -24,6 +25,7 @@
 pub mod adc;
 pub mod clock;
 pub mod eeprom;
+mod entry;
 pub mod health;
 pub mod image;
 pub mod marks;

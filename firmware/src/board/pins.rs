@@ -53,6 +53,12 @@ impl<const PORT: u8, const BIT: u8> Output<PORT, BIT> {
         }
     }
 
+    /// Whether the pin is high, whoever drives it: a timer may. Looking needs no owner.
+    #[inline(always)]
+    pub fn is_set() -> bool {
+        Input::<PORT, BIT>::peek()
+    }
+
     /// Drives the pin low.
     #[inline(always)]
     pub fn low(&mut self) {
