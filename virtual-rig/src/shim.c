@@ -350,7 +350,12 @@ static void on_interrupt(struct avr_irq_t *irq, uint32_t value, void *param)
     struct softrig_board *board = param;
     if (!value)
         return;
-    board->avr->cycle += CYCLES_TO_ENTER + (board->was_asleep ? CYCLES_TO_WAKE : 0);
+    avr_t *avr = board->avr;
+    avr_cycle_count_t taken = CYCLES_TO_ENTER + (board->was_asleep ? CYCLES_TO_WAKE : 0);
+    avr->cycle += taken;
+    // simavr runs so many cycles before it looks at its timers again: what is due meanwhile, a step edge
+    // among it, would be late by what the entry took.
+    avr->run_cycle_count = avr->run_cycle_count > taken ? avr->run_cycle_count - taken : 1;
     board->was_asleep = 0;
 }
 

@@ -251,15 +251,21 @@ impl App {
         if !take_model(&mut self.predictor, &self.draft) {
             return Err(Refusal::BadSettings);
         }
+        self.calibrate();
+        self.settings.clone_from(&self.draft);
+        self.monitor.restart();
+        self.saving = Saving::Accepted;
+        Ok(())
+    }
+
+    /// Takes the calibration of the draft into use.
+    #[inline(never)] // Its room on the stack shall not be there while the model is checked.
+    fn calibrate(&mut self) {
         let calibrated = calibration(&self.draft).ok();
         if calibrated != self.calibration {
             self.calibration = calibrated;
             self.sensors = Sensors::new();
         }
-        self.settings.clone_from(&self.draft);
-        self.monitor.restart();
-        self.saving = Saving::Accepted;
-        Ok(())
     }
 
     fn status(&self) -> Status {

@@ -24,7 +24,7 @@ impl Marks {
     }
 
     /// Sleeps until `has_work` finds a reason not to; it is asked after every interrupt,
-    /// of which there are 20 000 a second, and nothing else is done meanwhile.
+    /// of which there are up to 46 000 a second, and nothing else is done meanwhile.
     ///
     /// An interrupt between the look and the sleep would be slept over; hence the
     /// look is with interrupts off, and the processor executes the instruction

@@ -39,6 +39,7 @@ mod shared;
 pub mod stack;
 pub mod switches;
 pub mod texts;
+mod wake;
 pub mod watchdog;
 
 use avr_device::atmega2560::Peripherals;
@@ -158,7 +159,11 @@ impl Board {
             serial,
             ..
         } = self;
-        marks.idle_until(|| clock.is_due() || serial.has_input());
+        // In this order: what comes after the look wakes it.
+        wake::forget();
+        if !clock.is_due() && !serial.has_input() {
+            marks.idle_until(wake::is_called);
+        }
     }
 }
 

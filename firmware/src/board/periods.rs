@@ -2,7 +2,7 @@
 
 use firmware::{byte::Byte, design::OVERSAMPLING};
 
-use super::shared::SharedByte;
+use super::{shared::SharedByte, wake};
 
 /// Beats in a control period: a conversion of either sensor each.
 pub(super) const BEATS: u8 = 2 * OVERSAMPLING as u8;
@@ -20,4 +20,5 @@ pub(super) fn begun() -> u8 {
 #[inline(always)]
 pub(super) fn begin() {
     PERIODS.set(PERIODS.get().wrapping_add(1));
+    wake::call();
 }

@@ -18,6 +18,7 @@ use ufmt::uWrite;
 use super::{
     entry::{enter, restore},
     shared::SharedByte,
+    wake,
 };
 
 /// Serial speed in baud. At 16 MHz it is 2.1 % fast, within what a receiver
@@ -168,6 +169,7 @@ fn USART0_RX() {
     if RECEIVED.push(byte).is_none() {
         LOST.set(LOST.get().saturating_add(1));
     }
+    wake::call();
 }
 
 // The transmitter takes another byte: the oldest, as `Ring::pop` does; without one this interrupt is
