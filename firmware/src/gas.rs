@@ -17,22 +17,57 @@
 //! | an actuator that swells by c a unit of pressure | c (p₀ + p) |
 //! | a share ε of the air that was lost | ε V p₀/p |
 //! | a reading that is e too small | about V e p₀/(p (p₀ + p)) |
-//! | air that cooled by ΔT | V (ΔT/T) (p₀ + p)/p |
+//! | air that is colder by ΔT than when it was enclosed | V (ΔT/T) p₀/p |
 //!
 //! So the smallest A that was seen is nearest to the truth, and p̂ with that one is the largest
 //! pressure that there can be. It is a fault if it exceeds the limit by `MARGIN_PA` while the sensor
 //! shows less. What the tube and the actuator hold need not be known: it is within A.
+//!
+//! # Warm air
+//!
+//! Air that is compressed quickly is warm for a second or two, and shows too small an A, which would be
+//! a false alarm once it has cooled: at 5 ml/s it is 5 to 15 % warmer than its walls. By the first law,
+//! with θ = ΔT/T, H = Vθ, and a time constant τ of cooling,
+//!
+//! ```text
+//! θ̇ = (γ − 1) v̇/(V − v) − θ/τ     Ḣ = (γ − 1) v̇ (p₀ + p)/p₀ − H/τ     A = V − H p₀/p
+//! ```
+//!
+//! τ is not known, but it is at most `COOLING_S`, and with that one H is a bound: from above where
+//! it is kept from falling below zero, since then it grows like the true one and decays more slowly; from
+//! below likewise. A is learned as if the air were as warm as it can be, and compared as if it
+//! were as cold.
+//!
+//! # Air that is lost
+//!
+//! A reading that was too small from the beginning has made A too large, and p̂ too small. But a drift goes
+//! on: at the same reading, the same air seems to become more and more. The share that seems lost is
+//!
+//! ```text
+//! x = (A/A′ − 1) p/p₀     ẋ = p/((p₀ + p) τ) of a leak     ẋ = ė/(p₀ + p) of a drift
+//! ```
+//!
+//! with A′ the smallest A that was seen at a like reading, `LEVEL_PA` apart, so that swelling does not
+//! count. `MOST_LOST` of the air are a fault. What silicone creeps and softens is less: 0.02 of an actuator
+//! that swells by 2 ml per 100 kPa, 0.05 of one that swells by 5. A′ grows by `AGEING_PER_S`, which
+//! forgives a leak of 600 s at 155 kPa.
+//!
+//! # What is left
+//!
+//! A drift that begins once A is known ends below 200 kPa, whatever its rate. One that begins with the
+//! compression and is d fast has changed the reading by d times some 10 s when the set-point is reached.
+//! Up to then it cannot be told from more air behind the plunger, and what follows takes `MOST_LOST` to be
+//! seen. Up to 0.7 kPa/s that ends below 200 kPa too; at 1 kPa/s it may reach 207, at 2 kPa/s 228, at
+//! 4 kPa/s 268 kPa: a filling of 10 s alone leaves 155 + 40. A tighter `MOST_LOST` would take softening
+//! silicone or a leak of 1 000 s for a drift, and gain 10 kPa.
 //!
 //! The price: a pump that makes up for a leak looks the same. With a leak of a time constant of
 //! 2 500 s, 160 kPa may be held for 6 minutes and 140 kPa for 12 without a release; then it is this
 //! fault. (Below, the stall watch ends it after 20 minutes.) An actuator that swells by 2 ml per
 //! 100 kPa may go from 20 kPa straight to 160; one that swells by 10 ml, to 120 kPa. A release, which opens the
 //! valve, starts anew.
-//!
-//! Air that is compressed quickly is warm for about a second and shows too small an A, which would
-//! be a false alarm later: A counts only after `SETTLING` periods, and then as a mean.
 
-use crate::{control::ATMOSPHERE_PA, stall};
+use crate::{control::ATMOSPHERE_PA, design::PERIOD_S, stall};
 
 /// How far (Pa) the largest possible pressure may exceed the limit. With the 20 kPa between a set-point
 /// of 160 and the limit it bears 7 % of A.
@@ -45,11 +80,34 @@ const LEAST_PA: f32 = 5_000.0;
 /// by 15 K.
 const BELOW_ZERO_PA: f32 = -5_000.0;
 
-/// Periods for which A is not looked at: a second for the heat of a quick compression.
+/// Periods for which A is not looked at: the pressure is small, and so is what is known.
 const SETTLING: u16 = 100;
 
 /// Weight of a new A in its mean: 1.3 s.
 const SMOOTHING: f32 = 1.0 / 128.0;
+
+/// The longest time constant (s) with which the air cools: conduction in a syringe of 27 mm takes 1.5 s, and
+/// the tube and the actuator are narrower.
+const COOLING_S: f32 = 2.0;
+
+/// γ − 1 of air.
+const HEATING: f32 = 0.4;
+
+/// The share of the air that may seem lost.
+const MOST_LOST: f32 = 0.06;
+
+/// The share of the air that is forgiven in a second.
+const AGEING_PER_S: f32 = 0.001;
+
+/// Readings (Pa) within which A is compared. A power of two: see [`level`].
+const LEVEL_PA: f32 = 16_384.0;
+
+/// Levels: up to 188 kPa.
+const LEVELS: usize = 12;
+
+/// Periods in which each level ages once.
+const AGEING_PERIODS: u8 = 128;
+const _: () = assert!(LEVELS < AGEING_PERIODS as usize);
 
 /// Periods for which the condition has to hold: a fifth of a second.
 const LONG_ENOUGH: u8 = 20;
@@ -61,14 +119,50 @@ pub struct Watch {
     start: Option<f32>,
     /// What the sensor shows (Pa) without pressure.
     zero: f32,
-    /// The mean of A (µl).
+    /// Volume (µl) that was pushed in, the period before.
+    pushed: f32,
+    heat: Heat,
+    /// The mean of A (µl), of air as warm as it can be: not below the truth.
     mean: f32,
     /// The smallest mean (µl).
     smallest: f32,
+    /// The smallest mean (µl) at readings of each level, which grows with age; zero where there was none.
+    levels: [f32; LEVELS],
+    /// Which level ages in this period.
+    ageing: u8,
     /// Periods for which there was an A.
     periods: u16,
     /// Periods for which the condition has held.
     held: u8,
+}
+
+/// Bounds of the air's heat: its volume (µl) times the share by which it is warmer than its walls.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Heat {
+    /// At most; zero or more.
+    warm: f32,
+    /// At least; zero or less.
+    cold: f32,
+}
+
+impl Heat {
+    /// Lets a period pass in which a volume (µl) was pushed in at a gauge pressure (Pa).
+    fn step(&mut self, pushed: f32, pressure: f32) {
+        const KEPT: f32 = 1.0 - PERIOD_S / COOLING_S;
+        let gained = pushed * (HEATING + pressure * (HEATING / ATMOSPHERE_PA));
+        // Most of the time one of them is zero, and the sign alone is asked for: less than half of the
+        // cycles.
+        let then = |bound: f32| {
+            if bound == 0.0 {
+                gained
+            } else {
+                bound * KEPT + gained
+            }
+        };
+        let (warm, cold) = (then(self.warm), then(self.cold));
+        self.warm = if warm.is_sign_negative() { 0.0 } else { warm };
+        self.cold = if cold.is_sign_negative() { cold } else { 0.0 };
+    }
 }
 
 /// What the watch looks at in a period.
@@ -105,11 +199,13 @@ impl Watch {
         };
         let pushed = seen.volume - start;
         let pressure = seen.pressure - self.zero;
+        self.heat.step(pushed - self.pushed, pressure);
+        self.pushed = pushed;
         let holds = if pushed < stall::window(seen.largest) {
             self.periods == 0 && pressure < BELOW_ZERO_PA
         } else {
-            self.learn(pushed, pressure);
-            self.periods >= SETTLING && self.is_beyond(pushed, seen.limit + MARGIN_PA)
+            let loses = self.learn(pushed, pressure);
+            loses || self.periods >= SETTLING && self.is_beyond(pushed, seen.limit + MARGIN_PA)
         };
         self.held = if holds {
             self.held.saturating_add(1)
@@ -119,17 +215,19 @@ impl Watch {
         self.held >= LONG_ENOUGH
     }
 
-    /// Takes a new A into the mean.
+    /// Takes a new A into the means; whether more air seems lost than can be.
     #[inline(never)]
-    fn learn(&mut self, pushed: f32, pressure: f32) {
+    fn learn(&mut self, pushed: f32, pressure: f32) -> bool {
         if pressure < LEAST_PA {
-            return;
+            return false;
         }
         self.periods = self.periods.saturating_add(1);
         if self.periods < SETTLING {
-            return;
+            return false;
         }
-        let apparent = pushed * (ATMOSPHERE_PA + pressure) / pressure;
+        let ratio = ATMOSPHERE_PA / pressure;
+        let Heat { warm, cold } = self.heat;
+        let apparent = pushed + (pushed + warm) * ratio;
         if self.periods == SETTLING {
             self.mean = apparent;
             self.smallest = apparent;
@@ -138,12 +236,41 @@ impl Watch {
         if self.mean < self.smallest {
             self.smallest = self.mean;
         }
+        self.age();
+        let Some(smallest) = self.levels.get_mut(level(pressure)) else {
+            return false;
+        };
+        if *smallest == 0.0 || self.mean < *smallest {
+            *smallest = self.mean;
+            return false;
+        }
+        let of_cold = pushed + (pushed + cold) * ratio;
+        of_cold - *smallest > *smallest * ratio * MOST_LOST
     }
 
-    /// Whether p̂ is above a pressure: the equation above without its division.
-    fn is_beyond(&self, pushed: f32, pressure: f32) -> bool {
-        pushed * (ATMOSPHERE_PA + pressure) > pressure * self.smallest
+    /// Lets one of the levels age: it forgives what is lost in so many periods.
+    fn age(&mut self) {
+        const FORGIVEN: f32 = AGEING_PER_S * PERIOD_S * AGEING_PERIODS as f32;
+        self.ageing = (self.ageing + 1) % AGEING_PERIODS;
+        if let Some(smallest) = self.levels.get_mut(usize::from(self.ageing)) {
+            let middle = (f32::from(self.ageing) + 0.25) * LEVEL_PA;
+            *smallest += *smallest * (FORGIVEN * ATMOSPHERE_PA) / middle;
+        }
     }
+
+    /// Whether p̂ is above a pressure: the equation above without its division, of air as cold as it
+    /// can be.
+    fn is_beyond(&self, pushed: f32, pressure: f32) -> bool {
+        (pushed + self.heat.cold) * ATMOSPHERE_PA > pressure * (self.smallest - pushed)
+    }
+}
+
+/// The level of a pressure (Pa) from zero on: how many [`LEVEL_PA`] it is, to the nearest. A number of 2²³
+/// times as much has its last bit there, so that the addition leaves them in the lowest ones; the board needs
+/// a third of what a conversion takes.
+fn level(pressure: f32) -> usize {
+    const UNIT: f32 = LEVEL_PA * 8_388_608.0;
+    usize::from((pressure + UNIT).to_bits().to_le_bytes()[0])
 }
 
 #[cfg(test)]
@@ -165,8 +292,12 @@ mod tests {
         drift: f64,
         /// Change of the temperature (K/s).
         warming: f64,
+        /// When that begins (s).
+        drifts_from: f64,
         /// The sensor's zero (Pa).
         zero: f64,
+        /// Time constant (s) with which the air cools; zero for at once.
+        cools_s: f64,
     }
 
     const RIG: Rig = Rig {
@@ -174,8 +305,10 @@ mod tests {
         swells: 0.0,
         leak_s: 2_500.0,
         drift: 0.0,
+        drifts_from: 0.0,
         warming: 0.0,
         zero: 0.0,
+        cools_s: 0.0,
     };
 
     const P0: f64 = ATMOSPHERE_PA as f64;
@@ -190,11 +323,13 @@ mod tests {
             let mut watch = Watch::default();
             let mut stall = stall::Watch::default();
             let (mut pushed, mut amount, mut highest) = (0.0, self.air, 0.0_f64);
+            // The share by which the air is warmer than its walls.
+            let mut warmer = 0.0;
             let mut noise = 1_u32;
             for period in 0..(seconds * 100.0) as u32 {
                 let time = f64::from(period) * 0.01;
                 // Amount of air as its volume at p₀; the actuator's swelling solved for p.
-                let warm = amount * (1.0 + self.warming * time / 293.0);
+                let warm = amount * (1.0 + self.warming * time / 293.0) * (1.0 + warmer);
                 let (b, c) = (
                     self.air - pushed + self.swells * P0,
                     P0 * (self.air - pushed - warm),
@@ -209,12 +344,17 @@ mod tests {
                 noise = noise.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
                 let shown = p
                     + self.zero
-                    + self.drift * time
+                    + self.drift * (time - self.drifts_from).max(0.0)
                     + (f64::from(noise >> 16) / 32_768.0 - 1.0) * 60.0;
                 // The pump, as fast as 5 ml/s.
                 let slope = (P0 + p) * (P0 + p) / (P0 * self.air);
                 let step = ((setpoint(time) - shown) / slope * 0.1).clamp(-50.0, 50.0);
+                let before = pushed;
                 pushed = (pushed + step).clamp(0.0, 55_000.0);
+                if self.cools_s > 0.0 {
+                    warmer += 0.4 * (pushed - before) / (self.air - pushed)
+                        - warmer * 0.01 / self.cools_s;
+                }
                 let fault = watch.step(&Seen {
                     largest: LARGEST,
                     closed: period > 300,
@@ -250,30 +390,118 @@ mod tests {
         }
     }
 
-    /// Drifts that would take the true pressure beyond 200 kPa end before, whether the set-point stands
-    /// or moves. One of 1 kPa/s has changed the reading by 2 kPa before A is known: 2 to 3 % of A, which are
-    /// up to 15 kPa at the limit.
-    #[test]
-    fn a_drift_ends_before_200_kpa() {
-        for (drift, most) in [
-            (-100.0, 200e3),
-            (-200.0, 200e3),
-            (-500.0, 200e3),
-            (-1_000.0, 220e3),
-        ] {
-            for (centre, amplitude) in [(100e3, 0.0), (100e3, 40e3), (60e3, 50e3), (140e3, 0.0)] {
-                for air in [54_000.0, 59_500.0, 75_000.0, 95_000.0] {
-                    let rig = Rig { air, drift, ..RIG };
+    const SETPOINTS: [(f64, f64); 6] = [
+        (100e3, 0.0),
+        (100e3, 40e3),
+        (60e3, 50e3),
+        (130e3, 30e3),
+        (140e3, 0.0),
+        (155e3, 0.0),
+    ];
+
+    /// The highest true pressure (Pa) of a drift (Pa/s) that begins then (s), over rigs and set-points.
+    fn highest(drift: f64, drifts_from: f64) -> f64 {
+        let mut worst = 0.0_f64;
+        for (centre, amplitude) in SETPOINTS {
+            for air in [54_000.0, 59_500.0, 75_000.0, 95_000.0] {
+                for swells in [0.0, 0.01, 0.02, 0.08] {
+                    let rig = Rig {
+                        air,
+                        swells,
+                        drift,
+                        drifts_from,
+                        ..RIG
+                    };
                     let (at, highest) = rig.play(2_000.0, multisine(centre, amplitude));
-                    println!("{drift} {centre} {amplitude} {air}: {at:?} {highest:.0}");
                     assert!(
-                        highest < most,
-                        "{drift} Pa/s, {centre} Pa, {air} ul: {highest}"
+                        at.is_some() || highest < 200e3,
+                        "{drift} Pa/s, {centre} Pa, {air} ul, {swells}: {highest}"
                     );
-                    assert!(at.is_some() || highest < 190e3);
+                    worst = worst.max(highest);
                 }
             }
         }
+        println!("{drift} Pa/s from {drifts_from} s: {worst:.0} Pa");
+        worst
+    }
+
+    /// Once the air is known, no drift takes the true pressure beyond 200 kPa, whether the set-point
+    /// stands or moves, and however far the actuator swells.
+    #[test]
+    fn a_drift_ends_before_200_kpa() {
+        for drifts_from in [15.0, 60.0] {
+            for drift in [-100.0, -500.0, -1_000.0, -2_000.0, -4_000.0] {
+                let highest = highest(drift, drifts_from);
+                assert!(highest < 195e3, "{drift} Pa/s: {highest}");
+            }
+        }
+    }
+
+    /// One that begins with the compression has changed the reading before anything is known.
+    #[test]
+    fn a_drift_from_the_beginning_ends_too() {
+        for (drift, most) in [
+            (-100.0, 180e3),
+            (-200.0, 190e3),
+            (-500.0, 195e3),
+            (-700.0, 200e3),
+            (-1_000.0, 208e3),
+            (-2_000.0, 230e3),
+            (-4_000.0, 270e3),
+        ] {
+            let highest = highest(drift, 0.0);
+            assert!(highest < most, "{drift} Pa/s: {highest}");
+        }
+    }
+
+    /// At 5 ml/s the air becomes warm, looks like less, and cools within seconds.
+    #[test]
+    fn warm_air_is_no_fault() {
+        for cools_s in [0.25, 0.5, 1.0, 2.0] {
+            for swells in [0.0, 0.01] {
+                for air in [54_000.0, 60_000.0, 70_000.0] {
+                    let rig = Rig {
+                        air,
+                        swells,
+                        cools_s,
+                        ..RIG
+                    };
+                    for (centre, amplitude) in SETPOINTS {
+                        let (at, _) = rig.play(120.0, multisine(centre, amplitude));
+                        assert_eq!(
+                            at, None,
+                            "{cools_s} s, {swells}, {air} ul, {centre} Pa, {amplitude} Pa"
+                        );
+                    }
+                    // Released and filled again.
+                    let (at, _) = rig.play(200.0, |time| match time {
+                        ..3.0 => 0.0,
+                        ..30.0 => 20e3,
+                        ..60.0 => 155e3,
+                        ..80.0 => 40e3,
+                        _ => 155e3,
+                    });
+                    assert_eq!(at, None, "{cools_s} s, {swells}, {air} ul, steps");
+                }
+            }
+        }
+    }
+
+    /// More than what is forgiven is a fault at any set-point, not only near the limit.
+    #[test]
+    fn a_leak_of_minutes_is_found_and_one_of_an_hour_is_not() {
+        let (quick, _) = Rig {
+            leak_s: 120.0,
+            ..RIG
+        }
+        .play(600.0, multisine(100e3, 0.0));
+        assert!(quick.is_some_and(|at| at < 60.0), "{quick:?}");
+        let (slow, _) = Rig {
+            leak_s: 3_600.0,
+            ..RIG
+        }
+        .play(600.0, multisine(100e3, 0.0));
+        assert_eq!(slow, None);
     }
 
     /// What is ordinary is none: leaks, tubes, weather, swelling, a zero that is off.
