@@ -10,7 +10,6 @@ use ufmt::uWrite;
 use wire::{
     assemble::{Assembled, Assembler},
     command::MAX_LINE,
-    settings::Key,
     state::State,
     stretch::Probe,
     telemetry::Telemetry,
@@ -137,9 +136,8 @@ impl App {
         let Parts { eeprom, past, .. } = board.parts();
         let outputs = self.tick(&inputs, eeprom, past);
         let is_armed = !self.rests();
-        let settings = self.settings();
         let motion = Motion {
-            acceleration: settings.number(Key::MaxFlowRate) / settings.number(Key::VolumePerStep),
+            acceleration: self.acceleration(),
             is_homed: self.state() != State::Homing,
         };
         board.apply(&outputs, motion, is_armed);

@@ -13,6 +13,7 @@
 //! After a reset it calls [`App::new`] and then [`App::banner`].
 
 mod activity;
+mod derived;
 mod protection;
 mod remarks;
 mod requests;
@@ -51,6 +52,7 @@ use crate::{
 };
 
 use activity::{Activity, Play, PlayInputs};
+use derived::Derived;
 use protection::Protection;
 use saving::Saving;
 
@@ -63,6 +65,7 @@ const AT_ONCE: u8 = 14;
 #[derive(Clone, Debug)]
 pub struct App {
     settings: Settings,
+    derived: Derived,
     draft: Settings,
     /// None while the settings make no sense.
     calibration: Option<Calibration>,
@@ -130,6 +133,7 @@ impl App {
         self.log.load(eeprom);
         self.stroke.load(eeprom);
         let found = load(eeprom, &mut self.settings);
+        self.derived = Derived::of(&self.settings, &self.stroke);
         self.draft.clone_from(&self.settings);
         self.calibration = calibration(&self.settings).ok();
         let is_steppable = take_model(&mut self.predictor, &self.settings);
@@ -148,6 +152,7 @@ impl App {
         Self {
             draft: Settings::EMPTY,
             settings: Settings::EMPTY,
+            derived: Derived::NONE,
             sensors: Sensors::new(),
             supervisor: Supervisor::new(),
             conditions: Conditions {
@@ -185,9 +190,14 @@ impl App {
         }
     }
 
-    /// The settings in use: the board's driver takes its acceleration from them.
+    /// The settings in use.
     pub fn settings(&self) -> &Settings {
         &self.settings
+    }
+
+    /// The fastest change of the pump's rate (microsteps/s²).
+    pub fn acceleration(&self) -> f32 {
+        self.derived.acceleration
     }
 
     /// The board's state.
@@ -238,13 +248,13 @@ impl App {
         self.volume = inputs.steps as f32 * self.settings.number(Key::VolumePerStep);
         let readings = self.sense(inputs);
         let seen = protection::Seen {
-            settings: &self.settings,
+            limits: &self.derived.limits,
             inputs,
             readings: &readings,
             outputs: &self.outputs,
             state: self.supervisor.state(),
             volume: self.volume,
-            largest: self.stroke.largest(&self.settings),
+            largest: self.derived.largest,
             seeks_pushed_end: match &self.activity {
                 Activity::Homing(homing) => homing.seeks_pushed_end(),
                 Activity::None | Activity::Playing(_) => false,
@@ -412,6 +422,7 @@ impl App {
                 self.was_homed = true;
                 if let Some(steps) = homing.stroke() {
                     self.stroke.note(steps, &self.settings);
+                    self.derived = Derived::of(&self.settings, &self.stroke);
                 }
                 self.finish(Event::Homed);
                 Outputs {
@@ -434,7 +445,7 @@ impl App {
         };
         let progress = play.step(&PlayInputs {
             settings: &self.settings,
-            largest: self.stroke.largest(&self.settings),
+            largest: self.derived.largest,
             memory: &self.memory,
             predictor: &self.predictor,
             monitor: &self.monitor,

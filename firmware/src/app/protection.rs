@@ -1,8 +1,6 @@
 //! Finds fault conditions: readings beyond limits, and conditions that count only after
 //! several periods.
 
-use wire::settings::Settings;
-
 use crate::{
     design::{LARGEST_AT_REST_PA, LONGEST_VENTING_PERIODS, STILL_PRESSURISED_PERIODS},
     gas,
@@ -29,7 +27,7 @@ pub(super) struct Protection {
 
 /// The inputs of the conditions.
 pub(super) struct Seen<'a> {
-    pub(super) settings: &'a Settings,
+    pub(super) limits: &'a Limits,
     pub(super) inputs: &'a Inputs,
     pub(super) readings: &'a Readings,
     /// The outputs of the period before.
@@ -50,12 +48,11 @@ impl Protection {
     #[inline(never)]
     pub(super) fn look(&mut self, seen: &Seen, conditions: &mut Conditions) {
         let Seen {
-            settings,
+            limits,
             inputs,
             readings,
             ..
         } = *seen;
-        let limits = Limits::of(settings);
         // Numbers above zero are in the order of their bits, which are compared in a tenth
         // of the time; what is not a number counts as much.
         let size = readings.pressure.filtered.abs().to_bits();

@@ -13,7 +13,7 @@ use wire::{
     state::State,
 };
 
-use super::{Activity, App, Play, saving::Saving, take_model};
+use super::{Activity, App, Play, derived::Derived, saving::Saving, take_model};
 use crate::{
     homing::Homing,
     io::Inputs,
@@ -253,6 +253,7 @@ impl App {
         }
         self.calibrate();
         self.settings.clone_from(&self.draft);
+        self.derived = Derived::of(&self.settings, &self.stroke);
         self.monitor.restart();
         self.saving = Saving::Accepted;
         Ok(())
