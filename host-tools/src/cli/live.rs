@@ -31,11 +31,14 @@ const TEXTS: [&str; 1] = ["state"];
 pub(super) struct Live {
     topics: Vec<(&'static str, Arc<RawChannel>)>,
     server: Option<Server>,
+    /// Where to log: the file begins with the first sample, so that a board that never answers leaves
+    /// none.
+    file: Option<PathBuf>,
     log: Option<Log>,
     /// The system's time of the first sample (ns since 1970).
     begin_ns: Option<u64>,
     /// Its topics live no longer than it.
-    _context: Arc<Context>,
+    context: Arc<Context>,
 }
 
 /// Who answers clients, as long as it is kept.
@@ -87,13 +90,13 @@ impl Live {
             topics.push((column, channel));
         }
         let server = address.map(|it| serve(&context, it)).transpose()?;
-        let log = file.map(|path| begin(&context, path)).transpose()?;
         Ok(Some(Self {
             topics,
             server,
-            log,
+            file: file.cloned(),
+            log: None,
             begin_ns: None,
-            _context: context,
+            context,
         }))
     }
 
@@ -126,18 +129,20 @@ impl Live {
         self.log.as_ref().map_or(Ok(()), Log::check)
     }
 
-    /// Fixes when the first sample was, and tells the log.
+    /// Fixes when the first sample was, and begins the log with that.
     fn begin(&mut self, since_ns: i64) -> Result<u64, InputError> {
         let now = SystemTime::now().duration_since(UNIX_EPOCH);
         let now_ns = now.map_or(0, |it| u64::try_from(it.as_nanos()).unwrap_or(0));
         let begin_ns = now_ns.saturating_add_signed(since_ns.saturating_neg());
         self.begin_ns = Some(begin_ns);
-        if let Some(log) = &self.log {
+        if let Some(path) = &self.file {
+            let log = begin(&self.context, path)?;
             let columns: Vec<&str> = self.topics.iter().map(|(column, _)| *column).collect();
             let (name, about) = mcap::about(&columns, begin_ns);
             log.writer
                 .write_metadata(&name, about)
                 .map_err(|error| log.failed(&error))?;
+            self.log = Some(log);
         }
         Ok(begin_ns)
     }

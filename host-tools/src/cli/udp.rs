@@ -83,7 +83,7 @@ mod tests {
             time_ms: 250,
             text: "0.25,12.5,,30.00,,100,31.00,run,0,7,0\n".into(),
         };
-        let value: Value = serde_json::from_str(&json(row)).unwrap();
+        let value: Value = serde_json::from_str(&json(&row)).unwrap();
         assert_eq!(value["timestamp"], 0.25);
         assert_eq!(value["pressure_kpa"], 12.5);
         assert_eq!(value["state"], "run");

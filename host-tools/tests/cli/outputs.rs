@@ -85,7 +85,7 @@ fn what_is_worth_keeping_is_never_written_over() {
     );
     bench.put("diary.txt", "Monday: cut the tube.\n");
     bench.put("theirs.csv", "Time (ms);Pressure (psi);Bend\n0;1;2\n");
-    bench.put("packed.csv.gz", compressed(&clean_recording()));
+    bench.put("packed.csv.gz", compressed(clean_recording()));
     let kept = [
         "good.csv",
         "other.csv",

@@ -417,6 +417,13 @@ fn an_address_that_is_taken_and_a_log_that_is_there_are_refused() {
         let line = format!("monitor --port PORT --plain --seconds 1 {flags}");
         bench.rig(&line).failed(2, &parts);
     }
+    let silent = Bench::new(Script {
+        silent: true,
+        ..Script::default()
+    });
+    let line = "monitor --port PORT --plain --mcap seen.mcap";
+    assert_ne!(silent.rig(line).code, Some(0));
+    assert!(!silent.path("seen.mcap").exists(), "nothing was seen");
     let monitor = "monitor --port PORT --plain --seconds 0.5 --mcap seen.mcap";
     bench.rig(monitor).ok();
     let before = std::fs::read(bench.path("seen.mcap")).unwrap();

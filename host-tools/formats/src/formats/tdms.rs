@@ -755,7 +755,8 @@ fn waveform_times(
             )));
         }
         let later = other.begins_s() - base.begins_s();
-        if other.increment_s.is_some() && !(later.abs() < SAME_START * increment) {
+        let is_together = later.abs() < SAME_START * increment;
+        if other.increment_s.is_some() && !is_together {
             return Err(unlike(format!(
                 "channel {} begins {later} s after {}",
                 other.path(),
