@@ -2,7 +2,7 @@
 //! runs it.
 //!
 //! A machine that others use too is slower at times and never faster, so that the best of several
-//! runs is what the command takes.
+//! runs is shown, beside the processor time, which others hardly change.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -13,6 +13,7 @@ use std::{fs, thread};
 use clap::Parser;
 use softrig_tests::pages::put_section;
 use softrig_tests::process::succeed;
+use softrig_tests::real::children_cpu;
 
 /// Times each command of `rig` on the recordings of an example.
 #[derive(Debug, Parser)]
@@ -29,7 +30,7 @@ struct Args {
     docs: bool,
 }
 
-/// The example; its recordings are five step tests, each twice, and a triangle.
+/// The example; its recordings are steps to three angles, three times each, a staircase and a triangle.
 const EXAMPLE: &str = "example -o demo --hide 2 --effect maxwell_branch";
 /// Made of it before: what other lines read.
 const BEFORE: &[&str] = &[
@@ -41,8 +42,7 @@ const BEFORE: &[&str] = &[
 /// Where lines write to; it is empty before each run.
 const NEW: &str = "new";
 
-/// Command lines. `STEPS` are the steps of the
-/// example, `ALL` all of its recordings.
+/// Command lines. `STEPS` are the steps of the example, `ALL` all of its recordings.
 const LINES: &[&str] = &[
     "example -o new/demo --hide 2 --effect maxwell_branch",
     "init --recording demo/recordings/step60_1.csv --dry-run",
@@ -96,9 +96,9 @@ const LEFT_OUT: &[(&str, &str)] = &[
 /// Cases of the batch.
 const CASES: usize = 8;
 /// How often a line is run: at least so often, and on until this much time has gone.
-const RUNS: usize = 3;
+const RUNS: u32 = 3;
 const ENOUGH: Duration = Duration::from_secs(5);
-const MOST: usize = 20;
+const MOST: u32 = 20;
 /// How long one run may take.
 const LIMIT: Duration = Duration::from_secs(600);
 
@@ -112,11 +112,12 @@ fn main() -> ExitCode {
     }
 }
 
-/// One line with its best time.
+/// One line with its best time (s), and the mean of its processor time (s) where the system says it.
 struct Timed {
     line: &'static str,
     seconds: f64,
-    runs: usize,
+    cpu: Option<f64>,
+    runs: u32,
 }
 
 fn measure(args: &Args) -> Result<(), String> {
@@ -124,18 +125,22 @@ fn measure(args: &Args) -> Result<(), String> {
         .map_err(|error| format!("cannot run {}: {error}", args.rig.display()))?;
     let bench = Bench::make(&rig, &args.folder)?;
     bench.every_command_has_a_line()?;
-    println!("{:>8} {:>5}  line", "s", "runs");
+    let load = load();
+    println!("{:>8} {:>8} {:>5}  line", "s", "CPU s", "runs");
     let mut found = Vec::new();
     for line in LINES {
         let timed = bench.time(line)?;
         println!(
-            "{:>8.3} {:>5}  rig {}",
-            timed.seconds, timed.runs, timed.line
+            "{:>8.3} {:>8.3} {:>5}  rig {}",
+            timed.seconds,
+            timed.cpu.unwrap_or(f64::NAN),
+            timed.runs,
+            timed.line
         );
         found.push(timed);
     }
     if args.docs {
-        put_section("benchmarks.md", "commands", &section(&found))?;
+        put_section("benchmarks.md", "commands", &section(&found, &load))?;
     }
     Ok(())
 }
@@ -200,6 +205,7 @@ impl<'a> Bench<'a> {
 
     fn time(&self, line: &'static str) -> Result<Timed, String> {
         let began = Instant::now();
+        let before = children_cpu();
         let (mut best, mut runs) = (f64::INFINITY, 0);
         while runs < RUNS || (began.elapsed() < ENOUGH && runs < MOST) {
             let new = self.folder.join(NEW);
@@ -210,9 +216,11 @@ impl<'a> Bench<'a> {
             best = best.min(clock.elapsed().as_secs_f64());
             runs += 1;
         }
+        let cpu = children_cpu().zip(before);
         Ok(Timed {
             line,
             seconds: best,
+            cpu: cpu.map(|(after, before)| (after - before) / f64::from(runs)),
             runs,
         })
     }
@@ -245,16 +253,24 @@ impl<'a> Bench<'a> {
 }
 
 /// What stands in the page.
-fn section(found: &[Timed]) -> String {
+fn section(found: &[Timed], load: &str) -> String {
     let mut text = format!(
-        "Best of {RUNS} to {MOST} runs each, {}, shared with others while this was measured.\n\n\
-         | command | s |\n|---|---:|\n",
+        "{}{load}. The best of {RUNS} to {MOST} runs each, and the mean of their processor time.\n\n\
+         | command | s | CPU s |\n|---|---:|---:|\n",
         machine()
     );
-    for Timed { line, seconds, .. } in found {
-        let shown = line.replace("demo/recordings/", "").replace("new/", "");
+    for timed in found {
+        let shown = timed
+            .line
+            .replace("demo/recordings/", "")
+            .replace("new/", "");
         // A string takes whatever is written to it.
-        let _ = writeln!(text, "| `rig {shown}` | {} |", shown_seconds(*seconds));
+        let _ = writeln!(
+            text,
+            "| `rig {shown}` | {} | {} |",
+            shown_seconds(timed.seconds),
+            timed.cpu.map_or("–".into(), shown_seconds)
+        );
     }
     text += "\nNot in the table: ";
     let reasons = LEFT_OUT.iter().filter(|(_, why)| !why.is_empty());
@@ -271,6 +287,14 @@ fn shown_seconds(seconds: f64) -> String {
         0.1..10.0 => format!("{seconds:.2}"),
         _ => format!("{seconds:.1}"),
     }
+}
+
+/// How many processes wanted a processor in the last minute, where the system says it.
+fn load() -> String {
+    let text = fs::read_to_string("/proc/loadavg").unwrap_or_default();
+    text.split(' ').next().map_or_else(String::new, |load| {
+        format!(", used by others too: {load} processes wanted them when this began")
+    })
 }
 
 /// The processors of this machine, by their name where the system says it.

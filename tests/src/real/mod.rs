@@ -300,7 +300,7 @@ fn subtitle(verdict: &Verdict, is_repaired: bool) -> String {
 
 /// Processor time (s) of the processes that were started here and have ended; none where
 /// the system does not keep it in a file.
-fn children_cpu() -> Option<f64> {
+pub fn children_cpu() -> Option<f64> {
     cpu_of_children(&fs::read_to_string("/proc/self/stat").ok()?)
 }
 
