@@ -93,8 +93,8 @@ pub struct Args {
     /// Only every Nth case of the batch, starting with the Kth (from 0): one job of an array
     #[arg(long, value_name = "K/N", requires = "batch", value_parser = share)]
     share: Option<Share>,
-    /// How many cases of the batch are diagnosed at a time, each on its part of the threads:
-    /// faster where there are many small ones, and takes as many times the memory
+    /// How many cases of the batch are diagnosed at a time, each on its part of the threads; takes
+    /// as many times the memory
     #[arg(long, value_name = "N", requires = "batch", default_value = "1")]
     jobs: NonZero<usize>,
     /// Keep finished fits in this folder, and reuse those that are there
