@@ -59,6 +59,8 @@ pub struct Options {
     /// True seconds in one of the board's: above 1 its clock is slow. A ceramic resonator, as
     /// the Mega has, is off by up to 0.5 %.
     pub clock_factor: f64,
+    /// How fast a drifting pressure sensor shows less (Pa/s).
+    pub drift_pa_per_s: f64,
 }
 
 impl Default for Options {
@@ -78,6 +80,7 @@ impl Options {
             faults: Vec::new(),
             keeps_reset_flags: false,
             clock_factor: 1.0,
+            drift_pa_per_s: 500.0,
         }
     }
 }
@@ -132,9 +135,6 @@ pub struct Truth {
 /// The supply of [`Fault::LowSupply`] (mV).
 const LOW_SUPPLY_MV: u32 = 4_200;
 
-/// How fast a drifting pressure sensor shows less (Pa/s).
-const DRIFT_PA_PER_S: f64 = 500.0;
-
 /// A board in closed loop with a simulated actuator.
 ///
 /// # Examples
@@ -169,6 +169,7 @@ pub struct VirtualRig {
     power_on_at: Option<u64>,
     supply_mv: u32,
     faults: BTreeSet<Fault>,
+    drift_pa_per_s: f64,
     pressure_drift_millivolts: f64,
     planned: Vec<(Planned, ServeState)>,
     /// How it stands.
@@ -227,6 +228,7 @@ impl VirtualRig {
             power_on_at: None,
             supply_mv: SUPPLY_MILLIVOLTS,
             faults: BTreeSet::new(),
+            drift_pa_per_s: options.drift_pa_per_s,
             pressure_drift_millivolts: 0.0,
             planned: options
                 .faults
@@ -524,7 +526,7 @@ impl VirtualRig {
     fn step_plant(&mut self) {
         self.follow_plan();
         if self.faults.contains(&Fault::DriftingPressure) {
-            self.pressure_drift_millivolts -= DRIFT_PA_PER_S
+            self.pressure_drift_millivolts -= self.drift_pa_per_s
                 * PressureSensor::MILLIVOLTS_PER_PA
                 * (PLANT_CYCLES as f64 * self.cycle_s);
         }

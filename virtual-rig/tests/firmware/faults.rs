@@ -384,37 +384,61 @@ fn a_pressure_sensor_that_drifts_down() {
 
 /// Without a release, and with a set-point that goes to and fro, no compression is long enough
 /// for the stall watch, and a stiff actuator shows no angle that would be too large. The plunger's
-/// volume tells.
+/// volume tells. A soft one is bent too far before.
 #[test]
 fn a_pressure_sensor_that_drifts_while_the_set_point_moves() {
     let believed = *virtual_rig::default_actuator().dynamics();
-    let stiff = Model::new(
-        Dynamics {
-            stiffness: 4.0 * believed.stiffness,
-            ..believed
-        },
-        &[],
-    )
-    .expect("a stiffness is a model");
-    let Some(mut bench) = Bench::start(Options::with_actuator(stiff)) else {
-        return;
-    };
-    bench.obey(Command::Load(1));
-    let segment = Segment::Multisine {
-        mode: ControlMode::Pressure,
-        centre: Hundredths(10_000),
-        amplitude: Hundredths(3_000),
-        period_ms: 4_000,
-        duration_ms: 400_000,
-    };
-    bench.obey(Command::Segment { index: 0, segment });
-    bench.arm();
-    bench.obey(Command::Run(None));
-    bench.run(5.0);
-    bench.rig.set_fault(Broken::DriftingPressure, true);
-    let highest_kpa = highest_until_a_fault(&mut bench, 400.0);
-    assert!(highest_kpa < 200.0, "{highest_kpa} kPa");
-    assert_eq!(bench.fault(), Some(Fault::GasLaw));
+    for (stiffer, drift_pa_per_s, begins_s) in [
+        (4.0, 500.0, 5.0),
+        (4.0, 1_000.0, 0.0),
+        (4.0, 1_000.0, 15.0),
+        (4.0, 4_000.0, 15.0),
+        (0.25, 1_000.0, 0.0),
+        (0.25, 4_000.0, 15.0),
+    ] {
+        let actuator = Model::new(
+            Dynamics {
+                stiffness: stiffer * believed.stiffness,
+                ..believed
+            },
+            &[],
+        )
+        .expect("a stiffness is a model");
+        let Some(mut bench) = Bench::start(Options {
+            drift_pa_per_s,
+            ..Options::with_actuator(actuator)
+        }) else {
+            return;
+        };
+        bench.obey(Command::Load(1));
+        // A quarter as stiff, 90° need a quarter of the pressure.
+        let centre = if stiffer < 1.0 { 2_000 } else { 10_000 };
+        let segment = Segment::Multisine {
+            mode: ControlMode::Pressure,
+            centre: Hundredths(centre),
+            amplitude: Hundredths(centre * 3 / 10),
+            period_ms: 4_000,
+            duration_ms: 400_000,
+        };
+        bench.obey(Command::Segment { index: 0, segment });
+        bench.arm();
+        bench.obey(Command::Run(None));
+        bench.run(begins_s);
+        assert_eq!(bench.fault(), None);
+        bench.rig.set_fault(Broken::DriftingPressure, true);
+        let highest_kpa = highest_until_a_fault(&mut bench, 400.0);
+        let fault = bench.fault();
+        println!(
+            "{stiffer} times as stiff, {drift_pa_per_s} Pa/s from {begins_s} s: {fault:?}, {highest_kpa:.0} kPa"
+        );
+        assert!(highest_kpa < 200.0, "{highest_kpa} kPa");
+        let found = if stiffer < 1.0 {
+            Fault::OverAngle
+        } else {
+            Fault::GasLaw
+        };
+        assert_eq!(fault, Some(found));
+    }
 }
 
 /// In closed loop a sensor that shows nothing asks for more and more.
