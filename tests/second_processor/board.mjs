@@ -148,7 +148,11 @@ export class Board {
     new Timer(this, { base: 0x80, flags: 0x36, enable: 0x6f, vectors: [17, 18], onToggle: toggle });
     new Timer(this, { base: 0x90, flags: 0x38, enable: 0x71, vectors: [32, 33] });
     for (const [port, base] of Object.entries(PORTS)) {
-      readHooks[base] = () => (data[base + 1] & data[base + 2]) | (~data[base + 1] & this.inputs[port]);
+      readHooks[base] = () => {
+        const levels = (data[base + 1] & data[base + 2]) | (~data[base + 1] & this.inputs[port]);
+        // What the timer drives is read as it is, whatever the port's bit says.
+        return port === 'B' && this.step ? levels | 1 << STEP_BIT : levels;
+      };
       writeHooks[base] = (value) => { data[base + 2] ^= value; return true; };
     }
     this.serial = new AVRUSART(cpu, {

@@ -336,7 +336,7 @@ fn holding(level: f32, limits: &[(Key, f32)]) -> Option<Bench> {
     Some(bench)
 }
 
-/// The pump makes up for a leak until 4 ml have moved nothing. With V the air and τ = 3 s
+/// The pump makes up for a leak until too much of the air seems lost. With V the air and τ = 3 s
 /// the leak's time constant, holding 20 kPa takes V p/(p₀ τ), some 3 ml/s.
 #[test]
 fn a_burst_tube() {
@@ -344,7 +344,7 @@ fn a_burst_tube() {
         return;
     };
     bench.rig.set_fault(Broken::Leak, true);
-    bench.expect_fault(Fault::Stall, 4.0);
+    bench.expect_fault(Fault::GasLaw, 4.0);
     assert_eq!(bench.rig.plant().steps.lost, 0, "the plunger hit its stop");
 }
 
@@ -362,9 +362,8 @@ fn a_pressure_beyond_the_stroke() {
     assert_eq!(bench.rig.plant().steps.lost, 0);
 }
 
-/// A stuck reading shows at once, a slow drift does not: the pump follows it until a
-/// stroke of 4 ml has moved nothing. By then the true pressure is still one that may be asked
-/// for.
+/// A stuck reading shows at once, a slow drift does not: the pump follows it until too much of the
+/// air seems lost. By then the true pressure is still one that may be asked for.
 #[test]
 fn a_pressure_sensor_that_drifts_down() {
     let Some(mut bench) = holding(100.0, &[]) else {
@@ -372,7 +371,7 @@ fn a_pressure_sensor_that_drifts_down() {
     };
     bench.rig.set_fault(Broken::DriftingPressure, true);
     let highest_kpa = highest_until_a_fault(&mut bench, 120.0);
-    assert_eq!(bench.fault(), Some(Fault::Stall));
+    assert_eq!(bench.fault(), Some(Fault::GasLaw));
     let most_kpa = f64::from(Settings::DEFAULT.number(Key::SetpointMaxPressure));
     assert!(highest_kpa < most_kpa, "{highest_kpa} kPa");
     // Mended, it stays a fault until somebody has looked.
@@ -384,7 +383,7 @@ fn a_pressure_sensor_that_drifts_down() {
 
 /// Without a release, and with a set-point that goes to and fro, no compression is long enough
 /// for the stall watch, and a stiff actuator shows no angle that would be too large. The plunger's
-/// volume tells. A soft one is bent too far before.
+/// volume tells. A soft one may be bent too far before.
 #[test]
 fn a_pressure_sensor_that_drifts_while_the_set_point_moves() {
     let believed = *virtual_rig::default_actuator().dynamics();
@@ -432,12 +431,11 @@ fn a_pressure_sensor_that_drifts_while_the_set_point_moves() {
             "{stiffer} times as stiff, {drift_pa_per_s} Pa/s from {begins_s} s: {fault:?}, {highest_kpa:.0} kPa"
         );
         assert!(highest_kpa < 200.0, "{highest_kpa} kPa");
-        let found = if stiffer < 1.0 {
-            Fault::OverAngle
-        } else {
-            Fault::GasLaw
-        };
-        assert_eq!(fault, Some(found));
+        let is_soft = stiffer < 1.0;
+        assert!(
+            fault == Some(Fault::GasLaw) || is_soft && fault == Some(Fault::OverAngle),
+            "{fault:?}"
+        );
     }
 }
 
