@@ -165,6 +165,8 @@ impl Misfortune {
                 L::OverPressure,
                 L::OverAngle,
                 L::Disagreement,
+                // Air that is let go while the count says that it is pushed in seems lost.
+                L::GasLaw,
             ],
             Fault::EndSwitch => &[L::EndSwitch, L::Stall, L::MotorReversed],
             Fault::RetractedSwitch => &[L::EndSwitch, L::RetractedSwitch, L::Stall, L::Reach],
