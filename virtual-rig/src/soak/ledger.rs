@@ -66,8 +66,13 @@ impl Ledger {
     ) -> Result<(), String> {
         summary.rows += 1;
         let board_s = f64::from(sample.time_ms) / 1e3;
-        let follows = |last: &Telemetry| sample.time_ms > last.time_ms;
-        // What was on its way when the board was reset still follows.
+        let is_on_time = |offset_s: f64| (now_s - board_s - offset_s).abs() <= CLOCK_S;
+        // What was on its way when the board was reset still follows. A board that was reset long ago
+        // on an unplugged cable may have counted beyond the last line, but not at that line's pace.
+        let follows = |last: &Telemetry| {
+            sample.time_ms > last.time_ms
+                && (resets == self.resets || self.offset_s.is_none_or(is_on_time))
+        };
         let lost = if let Some(last) = self.last.filter(follows) {
             let numbers = sample.sequence.wrapping_sub(last.sequence);
             let periods = (sample.time_ms - last.time_ms) / u32::from(PERIOD_MS);
@@ -180,6 +185,27 @@ mod tests {
         let mut after_reset = ledger;
         let first = line(1, 10);
         assert_eq!(after_reset.sample(&first, 2.0, 1, &mut summary), Ok(()));
+    }
+
+    #[test]
+    fn a_board_that_was_reset_unplugged_may_count_beyond_its_last_line() {
+        let mut summary = Summary::new();
+        let mut ledger = two_lines(&mut summary);
+        ledger.line_is(false, true);
+        ledger.line_is(false, false);
+        // Reset a second later, it has counted to 5 when it is heard again.
+        let later = line(5, 50);
+        let mut refused = Summary::new();
+        assert!({ ledger }.sample(&later, 1.570, 0, &mut refused).is_err());
+        assert_eq!(ledger.sample(&later, 1.570, 1, &mut summary), Ok(()));
+        assert_eq!(summary.lost_unplugged, 4);
+        // From then on its clock is held against ours.
+        assert!(
+            { ledger }
+                .sample(&line(6, 60), 1.620, 1, &mut refused)
+                .is_err()
+        );
+        assert_eq!(ledger.sample(&line(6, 60), 1.580, 1, &mut summary), Ok(()));
     }
 
     #[test]
