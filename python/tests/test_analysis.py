@@ -168,7 +168,7 @@ def test_the_package_installs_the_command(folder: Path) -> None:
     done = subprocess.run([command, "--version"], capture_output=True, text=True)
     assert done.stdout.strip() == f"rig {softrig.__version__}", done
     done = subprocess.run([command, "fit"], capture_output=True, text=True)
-    assert done.returncode == 2 and "--model" in done.stderr
+    assert done.returncode == 2 and "<REC.csv>" in done.stderr
     done = subprocess.run(
         [command, "linearise", "--model", folder / "truth.toml", "--at", "20deg", "--json", "-"],
         capture_output=True,
