@@ -1,30 +1,30 @@
 //! `rig commission` on virtual rigs, healthy and broken: which step finds what.
 //!
-//! `cargo xtask test` builds the image and the simulator and says where they are. Without them
-//! there is nothing to test, and the tests say so.
 #![cfg(unix)]
 
 #[path = "common/schema.rs"]
 mod schema;
+#[path = "common/virtual_rig.rs"]
+mod virtual_rig;
 
-use std::env;
 use std::fs;
 use std::io::{BufRead, BufReader, Lines, Write};
-use std::process::{Child, ChildStderr, ChildStdin, ChildStdout, Command, Output, Stdio};
+use std::process::{Child, ChildStderr, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use schema::follows;
-use tempfile::TempDir;
+use virtual_rig::{VirtualRig, programs, rig, wait_until};
 
 /// The steps of a run that failed, and its exit code; none without a simulator.
 fn commission(arguments: &[&str]) -> Option<(Vec<String>, Option<i32>)> {
+    programs()?;
     let folder = tempfile::tempdir().unwrap();
     let output = rig(
         &folder,
         &[&["commission", "--json", "-"], arguments].concat(),
-    )?;
+    );
     let said = String::from_utf8_lossy(&output.stderr);
     let report: serde_json::Value =
         serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{error}: {said}"));
@@ -36,7 +36,7 @@ fn commission(arguments: &[&str]) -> Option<(Vec<String>, Option<i32>)> {
         .map(|step| step["step"].as_str().unwrap().to_owned())
         .collect();
     assert_eq!(report["passed"], failed.is_empty(), "{said}");
-    let schema = rig(&folder, &["schema", "commission"])?;
+    let schema = rig(&folder, &["schema", "commission"]);
     let schema: serde_json::Value = serde_json::from_slice(&schema.stdout).unwrap();
     follows(&schema, &schema, &report, "commission");
     assert!(
@@ -44,21 +44,6 @@ fn commission(arguments: &[&str]) -> Option<(Vec<String>, Option<i32>)> {
         "a simulator at full speed has no clock to correct by"
     );
     Some((failed, output.status.code()))
-}
-
-fn rig(folder: &TempDir, arguments: &[&str]) -> Option<Output> {
-    if env::var_os("SOFTRIG_FIRMWARE").is_none() || env::var_os("SOFTRIG_VIRTUAL_RIG").is_none() {
-        println!(
-            "skipped: SOFTRIG_FIRMWARE and SOFTRIG_VIRTUAL_RIG are not set; `cargo xtask test` builds both and sets them"
-        );
-        return None;
-    }
-    let rig = env!("CARGO_BIN_EXE_rig");
-    let output = Command::new(rig)
-        .args(arguments)
-        .current_dir(folder)
-        .output();
-    Some(output.unwrap())
 }
 
 #[test]
@@ -121,71 +106,10 @@ impl MapToOwned for &[&str] {
     }
 }
 
-/// The simulator in real time, in a folder of its own, stopped when dropped.
-struct Served {
-    folder: TempDir,
-    child: Child,
-    controls: ChildStdin,
-    answers: Lines<BufReader<ChildStdout>>,
-}
-
-impl Served {
-    /// None without image and simulator.
-    fn start(arguments: &[&str]) -> Option<Self> {
-        let (Some(image), Some(simulator)) = (
-            env::var_os("SOFTRIG_FIRMWARE"),
-            env::var_os("SOFTRIG_VIRTUAL_RIG"),
-        ) else {
-            println!("skipped: `cargo xtask test` builds image and simulator");
-            return None;
-        };
-        let folder = tempfile::tempdir().unwrap();
-        let mut child = Command::new(simulator)
-            .args(["serve", "--control", "--image"])
-            .arg(image)
-            .args(["--link", "port"])
-            .args(arguments)
-            .current_dir(&folder)
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .spawn()
-            .unwrap();
-        let controls = child.stdin.take().unwrap();
-        let mut answers = BufReader::new(child.stdout.take().unwrap()).lines();
-        let said = answers.next().unwrap().unwrap();
-        assert!(said.starts_with("port "), "{said}");
-        Some(Self {
-            folder,
-            child,
-            controls,
-            answers,
-        })
-    }
-
-    /// What it answers to a line of its control.
-    fn obey(&mut self, line: &str) -> String {
-        writeln!(self.controls, "{line}").unwrap();
-        self.answers.next().unwrap().unwrap()
-    }
-
-    /// `rig` in its folder, to the end.
-    fn rig(&self, arguments: &[&str]) -> Output {
-        rig(&self.folder, arguments).unwrap()
-    }
-}
-
-impl Drop for Served {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
-
 /// The clock goes from the step into the file, from there into the metadata, and into the times.
 #[test]
 fn the_measured_clock_corrects_the_times_of_a_recording() {
-    let Some(served) = Served::start(&["--clock-error", "0.43"]) else {
+    let Some(served) = VirtualRig::start(&["--clock-error", "0.43"]) else {
         return;
     };
     let record = |name: &str| {
@@ -257,7 +181,7 @@ struct Person {
 }
 
 impl Person {
-    fn start(served: &Served, steps: &[&str]) -> Self {
+    fn start(served: &VirtualRig, steps: &[&str]) -> Self {
         let keyboard = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
         grantpt(&keyboard).unwrap();
         unlockpt(&keyboard).unwrap();
@@ -299,7 +223,7 @@ impl Person {
 
 #[test]
 fn a_person_who_does_what_it_says_passes() {
-    let Some(mut served) = Served::start(&[]) else {
+    let Some(mut served) = VirtualRig::start(&[]) else {
         return;
     };
     let mut person = Person::start(&served, &["switches", "emergency-stop"]);
@@ -327,7 +251,7 @@ fn a_person_who_does_what_it_says_passes() {
 #[test]
 fn a_person_skips_and_ends_it_while_the_pump_runs() {
     for way in ["q", "Ctrl-C"] {
-        let Some(mut served) = Served::start(&[]) else {
+        let Some(mut served) = VirtualRig::start(&[]) else {
             return;
         };
         let mut person = Person::start(&served, &["switches", "homing"]);
@@ -355,13 +279,5 @@ fn a_person_skips_and_ends_it_while_the_pump_runs() {
             status.contains("driver=off") && status.contains("valve=open")
         };
         wait_until(Instant::now() + Duration::from_secs(5), rests);
-    }
-}
-
-/// Waits until it holds.
-fn wait_until(until: Instant, mut holds: impl FnMut() -> bool) {
-    while !holds() {
-        assert!(Instant::now() < until, "it did not come to that");
-        std::thread::sleep(Duration::from_millis(20));
     }
 }

@@ -1,71 +1,29 @@
 //! `rig flash` against the bootloader of the virtual rig.
-//!
-//! `cargo xtask test` builds the image and the simulator and says where they are. Without them
-//! there is nothing to test, and the tests say so.
 #![cfg(unix)]
 
-use std::env;
+#[path = "common/virtual_rig.rs"]
+mod virtual_rig;
+
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Output, Stdio};
-use std::time::{Duration, Instant};
+use std::process::{Command, Output};
 
-/// A board behind a pseudo-terminal, switched off when dropped.
-struct Served {
-    simulator: Child,
-    folder: tempfile::TempDir,
-}
-
-impl Drop for Served {
-    fn drop(&mut self) {
-        let _ = self.simulator.kill();
-        let _ = self.simulator.wait();
-    }
-}
+use virtual_rig::{PORT, VirtualRig, programs};
 
 /// The image in Intel's format; none where none was built.
 fn image() -> Option<PathBuf> {
-    let (Some(image), Some(_)) = (
-        env::var_os("SOFTRIG_FIRMWARE"),
-        env::var_os("SOFTRIG_VIRTUAL_RIG"),
-    ) else {
-        println!("skipped: `cargo xtask test` builds image and simulator");
-        return None;
-    };
-    Some(Path::new(&image).with_extension("hex"))
+    let (image, _) = programs()?;
+    Some(image.with_extension("hex"))
 }
 
-impl Served {
-    /// A board without a program.
-    fn erased(arguments: &[&str]) -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        let port = folder.path().join("port");
-        let simulator = Command::new(env::var_os("SOFTRIG_VIRTUAL_RIG").unwrap())
-            .arg("serve")
-            .arg("--link")
-            .arg(&port)
-            .args(arguments)
-            .stdout(Stdio::null())
-            .stderr(Stdio::null())
-            .spawn()
-            .unwrap();
-        let served = Self { simulator, folder };
-        let until = Instant::now() + Duration::from_secs(20);
-        while !port.exists() {
-            assert!(Instant::now() < until, "no port");
-            std::thread::sleep(Duration::from_millis(20));
-        }
-        served
-    }
+/// A board without a program.
+fn erased(arguments: &[&str]) -> VirtualRig {
+    VirtualRig::erased(arguments).expect("there is an image")
+}
 
-    fn flash(&self, image: &Path) -> Output {
-        Command::new(env!("CARGO_BIN_EXE_rig"))
-            .args(["flash", "--port"])
-            .arg(self.folder.path().join("port"))
-            .arg(image)
-            .output()
-            .unwrap()
-    }
+fn flash(board: &VirtualRig, image: &Path) -> Output {
+    let image = image.to_str().expect("a plain name");
+    board.rig(&["flash", "--port", PORT, image])
 }
 
 fn said(output: &Output) -> String {
@@ -91,10 +49,10 @@ fn an_erased_board_gets_the_image_and_says_its_checksum() {
     let Some(image) = image() else {
         return;
     };
-    let board = Served::erased(&[]);
+    let board = erased(&[]);
     for _ in 0..2 {
         // The second time over a program that runs and talks.
-        let output = board.flash(&image);
+        let output = flash(&board, &image);
         let text = said(&output);
         assert!(output.status.success(), "{text}");
         assert!(text.contains("has the same checksum"), "{text}");
@@ -127,8 +85,8 @@ fn an_image_that_is_not_as_it_was_built_is_told() {
     lines[at] = format!(":{}{:02X}", digits.concat(), sum.wrapping_neg());
     let changed = folder.path().join("changed.hex");
     fs::write(&changed, lines.join("\n") + "\n").unwrap();
-    let board = Served::erased(&[]);
-    let output = board.flash(&changed);
+    let board = erased(&[]);
+    let output = flash(&board, &changed);
     let text = said(&output);
     assert!(!output.status.success(), "{text}");
     assert!(
@@ -142,8 +100,8 @@ fn a_board_that_does_not_answer_leaves_a_sentence() {
     let Some(image) = image() else {
         return;
     };
-    let board = Served::erased(&["--fault", "unplugged@0"]);
-    let output = board.flash(&image);
+    let board = erased(&["--fault", "unplugged@0"]);
+    let output = flash(&board, &image);
     let text = said(&output);
     assert!(!output.status.success(), "{text}");
     assert!(text.contains("no bootloader answered"), "{text}");

@@ -1,19 +1,12 @@
 //! The loop on the virtual rig, against the truth: upload, record, diagnose.
 //!
-//! `cargo xtask test` builds the image and the simulator and says where they are.
-//! Without them there is nothing to record, and the tests say so. They look at one
-//! recording, of the actuator that `cargo xtask demo` draws.
+//! The tests look at one recording, of the actuator that `cargo xtask demo` draws.
 #![cfg(unix)]
 
-use std::{
-    env, fs,
-    io::{BufRead, BufReader},
-    path::Path,
-    process::{Child, Command, Stdio},
-    sync::{OnceLock, mpsc},
-    thread,
-    time::Duration,
-};
+#[path = "common/virtual_rig.rs"]
+mod virtual_rig;
+
+use std::{fs, sync::OnceLock};
 
 use model_core::{
     actuator::ParameterId,
@@ -25,15 +18,10 @@ use softrig_formats::model_file::{ModelFile, to_file_units};
 use softrig_formats::protocol_file::ProtocolFile;
 use softrig_formats::recording::{PASCAL_PER_KPA, Recording};
 use tempfile::TempDir;
-
-const IMAGE: &str = "SOFTRIG_FIRMWARE";
-const VIRTUAL_RIG: &str = "SOFTRIG_VIRTUAL_RIG";
+use virtual_rig::{PORT, VirtualRig, programs};
 
 /// The demo's seed.
 const SEED: &str = "1";
-
-/// How long the simulator may take to offer its port.
-const PORT_LIMIT: Duration = Duration::from_secs(60);
 
 /// How near zeros of the sensors are found: beside noise there is a converter
 /// whose counts are 0.67 kPa and 0.26°.
@@ -53,51 +41,47 @@ struct Pass {
     verdict: Verdict,
 }
 
-/// The simulator, stopped when dropped.
-struct Served(Child);
-
-impl Drop for Served {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
-}
-
 /// The pass that all tests look at; none when there is no simulator.
 fn pass() -> Option<&'static Pass> {
     static PASS: OnceLock<Option<Pass>> = OnceLock::new();
     PASS.get_or_init(|| {
-        let (Some(image), Some(simulator)) = (env::var_os(IMAGE), env::var_os(VIRTUAL_RIG)) else {
-            println!(
-                "skipped: {IMAGE} and {VIRTUAL_RIG} are not set; `cargo xtask test` builds both and sets them"
-            );
-            return None;
-        };
-        Some(go(Path::new(&image), Path::new(&simulator)))
+        let drawn = [
+            "--hide",
+            SEED,
+            "--seed",
+            SEED,
+            "--speed",
+            "max",
+            "--model-out",
+            "model.toml",
+            "--truth-out",
+            "truth.toml",
+        ];
+        VirtualRig::start(&drawn).map(go)
     })
     .as_ref()
 }
 
-fn go(image: &Path, simulator: &Path) -> Pass {
-    let folder = tempfile::tempdir().unwrap();
-    let (served, port) = serve(image, simulator, &folder);
+fn go(mut served: VirtualRig) -> Pass {
     rig(
-        &folder,
-        &["upload", "--port", &port, "--model", "model.toml"],
+        &served.folder,
+        &["upload", "--port", PORT, "--model", "model.toml"],
     );
-    fs::create_dir(folder.path().join("session")).unwrap();
+    fs::create_dir(served.folder.path().join("session")).unwrap();
     let output = "session/run.csv";
     let record = [
         "record",
         "--port",
-        &port,
+        PORT,
         "--protocol",
         "steps",
         "-o",
         output,
     ];
-    rig(&folder, &record);
-    drop(served);
+    rig(&served.folder, &record);
+    // As fast as it goes, it would take time from the diagnosis.
+    served.switch_off();
+    let folder = &served.folder;
 
     let (recording, warnings) = Recording::read(&folder.path().join(output)).unwrap();
     assert_eq!(warnings, [""; 0]);
@@ -130,44 +114,9 @@ fn go(image: &Path, simulator: &Path) -> Pass {
     }
 }
 
-/// Starts the simulator with a drawn actuator; its port.
-fn serve(image: &Path, simulator: &Path, folder: &TempDir) -> (Served, String) {
-    let mut process = Command::new(simulator)
-        .args(["serve", "--hide", SEED, "--seed", SEED, "--speed", "max"])
-        .args(["--model-out", "model.toml", "--truth-out", "truth.toml"])
-        .arg("--image")
-        .arg(image)
-        .current_dir(folder.path())
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::null())
-        .spawn()
-        .expect("the simulator starts");
-    let stdout = process.stdout.take().unwrap();
-    let served = Served(process);
-    let (send, receive) = mpsc::channel();
-    thread::spawn(move || {
-        let mut line = String::new();
-        let _ = BufReader::new(stdout).read_line(&mut line);
-        let _ = send.send(line);
-    });
-    let line = receive.recv_timeout(PORT_LIMIT).expect("a port");
-    let port = line
-        .trim()
-        .strip_prefix("port ")
-        .expect("a port")
-        .to_owned();
-    (served, port)
-}
-
 /// What `rig` prints.
 fn rig(folder: &TempDir, arguments: &[&str]) -> String {
-    let output = Command::new(env!("CARGO_BIN_EXE_rig"))
-        .args(arguments)
-        .current_dir(folder.path())
-        .stdin(Stdio::null())
-        .output()
-        .expect("rig starts");
+    let output = virtual_rig::rig(folder, arguments);
     assert!(output.status.success(), "{arguments:?}: {output:?}");
     String::from_utf8(output.stdout).unwrap()
 }
@@ -304,7 +253,7 @@ fn fitted_parameters_are_those_of_the_truth() {
 /// A weight that no pressure tells from a spring: the rig is turned, and the answer is clear.
 #[test]
 fn the_next_experiment_decides() {
-    if env::var_os(IMAGE).is_none() || env::var_os(VIRTUAL_RIG).is_none() {
+    if programs().is_none() {
         return;
     }
     let folder = tempfile::tempdir().unwrap();

@@ -48,7 +48,7 @@ pub fn flash(options: Options<'_>) -> Outcome {
     avr::print_size(&image)?;
     run(cargo()
         .args(["build", "-q", "--release", "--locked", "-p", "host-tools"])
-        // As the demo builds it, so that nothing is compiled once more after that.
+        // Without bags and the live stream, of which no board knows.
         .args(["--bin", "rig", "--no-default-features"]))?;
     let rig = target_dir().join("release/rig");
     let mut write = Command::new(&rig);

@@ -451,7 +451,7 @@ impl Recording {
 
 /// What `rig record` leaves beside a recording and is none: the end of its name, and what it is. A
 /// shell's `*.csv` finds them too.
-pub const SIDE_FILES: [(&str, &str); 2] = [
+const SIDE_FILES: [(&str, &str); 2] = [
     (
         FAULTY_ENDING,
         "holds the rows without a reading of a sensor",

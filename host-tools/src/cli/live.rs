@@ -15,6 +15,7 @@ use foxglove::{
     Context, McapWriterHandle, PartialMetadata, RawChannel, Schema, WebSocketServerHandle,
 };
 
+use super::address::host_and_port;
 use super::output::{self, FileKind, Output};
 use super::row::Row;
 use softrig_formats::error::{InputError, not_written};
@@ -191,13 +192,7 @@ fn serve(context: &Arc<Context>, address: &str) -> Result<Server, InputError> {
             ),
         )
     };
-    let (host, port) = match address.rsplit_once(':') {
-        Some((host, port)) => (host.trim_matches(['[', ']']), port),
-        None => ("127.0.0.1", address),
-    };
-    let port: u16 = port
-        .parse()
-        .map_err(|_| fault(&format!("{port:?} is no port")))?;
+    let (host, port) = host_and_port(address).map_err(|why| fault(&why))?;
     let handle = context
         .websocket_server()
         .name(concat!("softrig/", env!("CARGO_PKG_VERSION")))

@@ -1,5 +1,6 @@
 //! The subcommands of `rig`, one file each: arguments, and calls of the library.
 
+mod address;
 pub mod calibrate;
 pub(crate) mod choice;
 pub mod commission;

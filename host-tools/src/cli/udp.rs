@@ -8,6 +8,7 @@ use std::net::{Ipv4Addr, SocketAddr, ToSocketAddrs, UdpSocket};
 
 use serde_json::{Map, Value};
 
+use super::address::host_and_port;
 use super::row::Row;
 use softrig_formats::error::InputError;
 
@@ -30,15 +31,15 @@ impl Datagrams {
                 "write HOST:PORT, or only the port of a program on this machine, such as 9870",
             )
         };
-        let address: SocketAddr = match target.parse::<u16>() {
-            Ok(0) => return Err(fault("there is no port 0")),
-            Ok(port) => (Ipv4Addr::LOCALHOST, port).into(),
-            Err(_) => target
-                .to_socket_addrs()
-                .map_err(|error| fault(&error.to_string()))?
-                .next()
-                .ok_or_else(|| fault("the name has no address"))?,
-        };
+        let (host, port) = host_and_port(target).map_err(|why| fault(&why))?;
+        if port == 0 {
+            return Err(fault("there is no port 0"));
+        }
+        let address = (host, port)
+            .to_socket_addrs()
+            .map_err(|error| fault(&error.to_string()))?
+            .next()
+            .ok_or_else(|| fault("the name has no address"))?;
         let any: SocketAddr = match address {
             SocketAddr::V4(_) => (Ipv4Addr::UNSPECIFIED, 0).into(),
             SocketAddr::V6(_) => (std::net::Ipv6Addr::UNSPECIFIED, 0).into(),
