@@ -480,25 +480,24 @@ pub fn recordings_among(
         let mut known = SIDE_FILES.into_iter();
         known.find_map(|(ending, what)| name.ends_with(ending).then_some(what))
     };
-    let mut recordings = Vec::with_capacity(paths.len());
-    let mut left_out = None;
-    for path in paths {
-        match what(path) {
-            None => recordings.push(path.clone()),
-            Some(what) => {
-                warn(&format!("{} {what}, and is left out", path.display()));
-                left_out = Some((path, what));
-            }
-        }
-    }
-    match left_out {
-        Some((path, what)) if recordings.is_empty() => Err(InputError::new(
+    let left_out: Vec<_> = paths
+        .iter()
+        .filter_map(|path| Some((path, what(path)?)))
+        .collect();
+    if let Some((path, what)) = left_out.first()
+        && left_out.len() == paths.len()
+    {
+        return Err(InputError::new(
             format!("{what}, and is no recording"),
             "give the recording that it stands beside",
         )
-        .in_file(path)),
-        _ => Ok(recordings),
+        .in_file(path));
     }
+    for (path, what) in left_out {
+        warn(&format!("{} {what}, and is left out", path.display()));
+    }
+    let recordings = paths.iter().filter(|path| what(path).is_none());
+    Ok(recordings.cloned().collect())
 }
 
 /// Reads several recordings, all with the same layout, and passes their warnings on; what only
@@ -682,7 +681,8 @@ mod tests {
             "{said:?}"
         );
         for (name, what) in [("a.faulty.csv", "rows"), ("run.blackbox.csv", "second")] {
-            let error = read_all(&[path(name)], &Layout::default(), |_| ()).unwrap_err();
+            let once = |text: &str| panic!("said twice: {text}");
+            let error = read_all(&[path(name)], &Layout::default(), once).unwrap_err();
             let error = error.to_string();
             assert!(error.contains(name) && error.contains(what), "{error}");
         }

@@ -103,6 +103,9 @@ const PROGRAM: &str = if cfg!(windows) {
     "virtual-rig"
 };
 
+/// How the simulator ends where its arguments make no sense: as this program does.
+const WRONG_ARGUMENTS: i32 = 2;
+
 /// Runs the command.
 ///
 /// # Errors
@@ -126,6 +129,10 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let status = follow(args, &interrupt, &mut child, &lines)?;
     if interrupt.requested() || status.success() {
         return Ok(());
+    }
+    if status.code() == Some(WRONG_ARGUMENTS) {
+        let found = "the virtual rig did not start";
+        return Err(InputError::new(found, "correct what is named above").into());
     }
     Err(anyhow::anyhow!(
         "the simulator ended with {status}; what it said is above"

@@ -39,6 +39,24 @@ fn a_simulator_that_is_not_built_says_how_to_build_it() {
     run(&["--image", image], Some(&simulator)).failed(1, &["broken", "exit status: 3"]);
 }
 
+/// What it says against its arguments stands above; the code is that of wrong input.
+#[test]
+fn arguments_that_the_simulator_refuses_are_wrong_input() {
+    for (its, ours) in [(2, 2), (3, 1)] {
+        let folder = tempfile::tempdir().unwrap();
+        let simulator = folder.path().join("virtual-rig");
+        executable(&simulator, &format!("exit {its}\n"));
+        let status = std::process::Command::new(env!("CARGO_BIN_EXE_rig"))
+            .current_dir(folder.path())
+            .args(["virtual", "--image", "virtual-rig", "--clock-error", "5"])
+            .env("SOFTRIG_VIRTUAL_RIG", &simulator)
+            .stderr(Stdio::null())
+            .status()
+            .unwrap();
+        assert_eq!(status.code(), Some(ours), "{its}");
+    }
+}
+
 #[test]
 fn the_simulator_is_told_to_end() {
     let folder = tempfile::tempdir().unwrap();
