@@ -11,6 +11,7 @@
 //! It holds physics and nothing else: no files, no formatting, no allocation.
 #![cfg_attr(not(any(feature = "std", test)), no_std)]
 #![forbid(unsafe_code)]
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 pub mod actuator;
 pub mod carried;

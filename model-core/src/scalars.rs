@@ -40,10 +40,9 @@ impl Real for f32 {
     fn from_double(x: f64) -> Self {
         x as f32
     }
-    // The platform's, for no board runs a formula.
     #[cfg(feature = "desktop")]
     fn ln(self) -> Self {
-        f32::ln(self)
+        libm::logf(self)
     }
 }
 
@@ -57,17 +56,18 @@ impl Real for f64 {
     fn from_f32(x: f32) -> Self {
         Self::from(x)
     }
+    // Here neither: another computer, or a browser, must not come to another diagnosis.
     fn exp(self) -> Self {
-        f64::exp(self)
+        libm::exp(self)
     }
     fn tanh(self) -> Self {
-        f64::tanh(self)
+        libm::tanh(self)
     }
     fn sin(self) -> Self {
-        f64::sin(self)
+        libm::sin(self)
     }
     fn cos(self) -> Self {
-        f64::cos(self)
+        libm::cos(self)
     }
     fn is_finite(self) -> bool {
         f64::is_finite(self)
@@ -78,6 +78,6 @@ impl Real for f64 {
     }
     #[cfg(feature = "desktop")]
     fn ln(self) -> Self {
-        f64::ln(self)
+        libm::log(self)
     }
 }

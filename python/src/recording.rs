@@ -9,7 +9,9 @@ use pyo3::types::{PyBool, PyDict, PyString};
 use serde_json::Value;
 use softrig_formats::columns::{self, ATMOSPHERE_KPA, Columns, Layout, Names};
 use softrig_formats::error::InputError as Fault;
-use softrig_formats::recording::{self, Column, Meta, PASCAL_PER_KPA, check_distinct};
+use softrig_formats::recording::{
+    self, Column, Meta, PASCAL_PER_KPA, check_distinct, recordings_among,
+};
 use softrig_formats::setup::Setup;
 use softrig_report::provenance::{FITTED, Source};
 
@@ -281,6 +283,9 @@ pub fn read<'py>(
         .map(|path| path?.extract())
         .collect::<PyResult<Vec<PathBuf>>>()?;
     check_distinct(&paths, &[]).or_raise(py)?;
+    let mut warnings = Vec::new();
+    let paths = recordings_among(&paths, |it| warnings.push(it.to_owned())).or_raise(py)?;
+    warn(py, warnings)?;
     let recordings = paths.into_iter().map(one).collect::<PyResult<Vec<_>>>()?;
     Ok(recordings.into_pyobject(py)?.into_any())
 }

@@ -112,6 +112,9 @@ def test_files_are_read_one_or_several(paths: list[Path]) -> None:
     assert one.metadata["simulated"] is True
     with pytest.raises(softrig.InputError, match="is given twice"):
         softrig.read([paths[0], paths[0]])
+    beside = paths[0].with_suffix(".blackbox.csv")
+    with pytest.warns(softrig.InputWarning, match="left out"):
+        assert len(softrig.read([paths[0], beside])) == 1
     with pytest.raises(TypeError, match="absolute_pressure"):
         softrig.read(paths[0], unit="ms")  # type: ignore[call-overload]
 

@@ -10,10 +10,12 @@
 //! - [`linear`] is a model for small motions about a rest.
 //! - [`synth`] makes recordings with a known answer.
 //! - [`statistics`] holds what several of these count by.
+//! - [`portable`] is why the same recordings have the same verdict on every computer.
 //! - [`clock`] is the clock by which work counts its time.
 #![forbid(unsafe_code)]
 // A room's first page names its modules, also those that no other crate sees.
 #![allow(rustdoc::private_intra_doc_links)]
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 #![cfg_attr(not(test), warn(clippy::print_stdout, clippy::print_stderr))]
 
 pub mod board_gap;
@@ -23,6 +25,7 @@ pub mod diagnose;
 pub mod estimate;
 pub mod first_model;
 pub mod linear;
+pub mod portable;
 pub mod residual_analysis;
 pub mod sim;
 pub mod statistics;

@@ -225,8 +225,10 @@ impl Linear {
 
     /// So many frequencies between two, each the same factor above the one before.
     pub fn frequencies([low, high]: [f64; 2], count: usize) -> Vec<f64> {
-        let step = (high / low).ln() / (count.max(2) - 1) as f64;
-        (0..count).map(|k| low * (step * k as f64).exp()).collect()
+        let step = libm::log(high / low) / (count.max(2) - 1) as f64;
+        (0..count)
+            .map(|k| low * libm::exp(step * k as f64))
+            .collect()
     }
 
     /// Frequencies (rad/s) over which a Bode plot shows all of it: two decades beside the poles.

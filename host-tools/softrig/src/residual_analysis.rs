@@ -52,7 +52,7 @@ pub fn errors_ahead(fit: &Fit, data: &Dataset) -> Vec<Ahead> {
     (0..HORIZONS)
         .map(|step| {
             let share = f64::from(step) / f64::from(HORIZONS - 1);
-            let seconds = least * (longest / least).powf(share);
+            let seconds = least * libm::pow(longest / least, share);
             let errors = block_errors(&fit.model, data, &fit.nuisances, seconds, true);
             let all = errors.into_iter().fold(Squares::default(), Squares::with);
             // At most the samples of a run.

@@ -243,23 +243,26 @@ fn panel(comparison: &Comparison, group: &Repeats, angles: &[Vec<f64>], place: u
 }
 
 fn table(comparison: &Comparison) -> String {
-    const WIDTH: usize = 24;
     let Comparison { groups, models, .. } = comparison;
-    let cut = |name: &str| -> String { name.chars().take(WIDTH - 2).collect() };
-    let mut text = format!("{:<20} {:>9} {:>8}", "RMS error", "set-point", "repeats");
+    let labels = super::width(20, groups.iter().map(|group| group.label.as_str()));
+    let names = super::width(24, models.iter().map(|model| model.name.as_str()));
+    let mut text = format!(
+        "{:<labels$} {:>9} {:>8}",
+        "RMS error", "set-point", "repeats"
+    );
     for model in models {
-        text += &format!(" {:>WIDTH$}", cut(&model.name));
+        text += &format!(" {:>names$}", model.name);
     }
     text.push('\n');
     for (row, group) in groups.iter().enumerate() {
         text += &format!(
-            "{:<20} {:>8.1}° {:>8}",
-            group.label.chars().take(20).collect::<String>(),
+            "{:<labels$} {:>8.1}° {:>8}",
+            group.label,
             group.setpoint_deg,
             group.runs.len()
         );
         for model in models {
-            text += &format!(" {:>WIDTH$}", model.errors[row].to_string());
+            text += &format!(" {:>names$}", model.errors[row].to_string());
         }
         text.push('\n');
     }

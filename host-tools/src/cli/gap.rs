@@ -83,8 +83,12 @@ fn gaps(paths: &[PathBuf], layout: &Layout) -> Result<Vec<PredictedRun>, InputEr
 }
 
 fn table(gap: &BoardGap) -> String {
+    let sides = std::iter::once(&gap.before).chain(&gap.after);
+    let runs = sides.flat_map(|side| &side.runs);
+    let names = super::width(26, runs.map(|run| run.name.as_str()));
+    let indented = names + 2;
     let mut text = format!(
-        "The board's own prediction less its flex sensor\n\n{:<28} {:>8} {:>12}\n",
+        "The board's own prediction less its flex sensor\n\n{:<indented$} {:>8} {:>12}\n",
         "run", "RMS (°)", "largest (°)"
     );
     let mut rows = |title: &str, side: &GapOf| {
@@ -92,10 +96,9 @@ fn table(gap: &BoardGap) -> String {
             text += &format!("{title}\n");
         }
         for run in &side.runs {
-            let name: String = run.name.chars().take(26).collect();
             text += &format!(
-                "  {name:<26} {:>8.3} {:>12.3}\n",
-                run.rms_deg, run.largest_deg
+                "  {:<names$} {:>8.3} {:>12.3}\n",
+                run.name, run.rms_deg, run.largest_deg
             );
         }
         if side.runs.len() > 1 {
@@ -104,7 +107,7 @@ fn table(gap: &BoardGap) -> String {
                 largest_deg,
                 ..
             } = side;
-            text += &format!("  {:<26} {rms_deg:>8.3} {largest_deg:>12.3}\n", "all");
+            text += &format!("  {:<names$} {rms_deg:>8.3} {largest_deg:>12.3}\n", "all");
         }
     };
     rows("before", &gap.before);

@@ -103,6 +103,13 @@ pub(crate) fn ask_to_set_up(setup: &Setup) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// The width of a column of text: that of the longest, and at least the usual one.
+pub(crate) fn width<'a>(least: usize, texts: impl Iterator<Item = &'a str>) -> usize {
+    texts
+        .map(|text| text.chars().count())
+        .fold(least, usize::max)
+}
+
 /// A spinner for long work on a terminal, silent elsewhere.
 pub(crate) fn spinner() -> indicatif::ProgressBar {
     let bar = indicatif::ProgressBar::new_spinner();

@@ -91,10 +91,10 @@ impl Baseline {
         let left = rms(&residuals.concat());
         if left
             <= Search::STANDARD.rms_factor
-                * self
-                    .floor
-                    .rms
-                    .hypot(Search::STANDARD.input_factor * self.floor.input)
+                * libm::hypot(
+                    self.floor.rms,
+                    Search::STANDARD.input_factor * self.floor.input,
+                )
         {
             return None;
         }
@@ -135,7 +135,7 @@ impl Baseline {
     /// The answer if nothing that no effect explains matters: the refit leaves less than the
     /// tolerance beyond the noise, fitted and held out.
     pub fn immaterial(&self, validator: &CrossValidator<'_>) -> Option<Finding> {
-        let noise = self.floor.rms.hypot(self.floor.input);
+        let noise = libm::hypot(self.floor.rms, self.floor.input);
         let errors = [self.refit.fit.rmse(), validator.error_of(&self.refit)];
         let tolerance = tolerance(&self.data);
         errors

@@ -113,7 +113,7 @@ impl Scales {
             .fitted()
             .flat_map(|segment| &segment.recording.pressure)
             .fold(0.0, |largest: f64, p| largest.max(p.abs()));
-        let spring = d.stiffness * angle.powf(d.exponent);
+        let spring = d.stiffness * libm::pow(angle, d.exponent);
         let force = spring
             .max(d.input_gain.abs() * pressure)
             .max(f64::MIN_POSITIVE);
@@ -157,7 +157,7 @@ impl Scales {
     /// inertia does not show, and with the right effect no fit finds the way back.
     fn swinging(&self, fitted: &Dynamics<f64>) -> Option<Dynamics<f64>> {
         let damping = fitted.damping;
-        let slope = fitted.stiffness * self.angle.powf(fitted.exponent - 1.0);
+        let slope = fitted.stiffness * libm::pow(self.angle, fitted.exponent - 1.0);
         let critical = 4.0 * fitted.inertia * slope / damping;
         let is_hidden = fitted.inertia < HARDLY_VISIBLE * self.interval * damping;
         let times = critical / damping;
@@ -256,7 +256,7 @@ fn spectral_lines(fitter: &Fitter<'_>, refit: &Fit) -> Vec<f64> {
                 .iter()
                 .zip(&intervals)
                 .map(|(series, interval)| {
-                    let (sin, cos) = (angular * interval).sin_cos();
+                    let (sin, cos) = libm::sincos(angular * interval);
                     let (mut c, mut s, mut re, mut im) = (1.0, 0.0, 0.0, 0.0);
                     for value in series {
                         re += value * c;
@@ -311,7 +311,7 @@ fn refined(fitter: &Fitter<'_>, refit: &Fit, estimate: f64, width: f64) -> f64 {
         for (segment, residual) in data.fitted().zip(refit.residuals.iter()) {
             let (re, im) = &mut sums[segment.session];
             for (time, value) in segment.recording.time.iter().zip(residual) {
-                let (sin, cos) = (angular * time).sin_cos();
+                let (sin, cos) = libm::sincos(angular * time);
                 *re += value * cos;
                 *im += value * sin;
             }

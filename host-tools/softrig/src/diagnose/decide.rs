@@ -64,7 +64,7 @@ impl Scored {
     /// The probability that it predicts better than another.
     fn is_better(&self, other: &Self) -> f64 {
         let draws = self.density.iter().zip(&other.density);
-        mean(draws.map(|(own, other)| 1.0 / (1.0 + (other - own).exp())))
+        mean(draws.map(|(own, other)| 1.0 / (1.0 + libm::exp(other - own))))
     }
 
     /// The probability that it leaves at most this share of another's error.
@@ -321,7 +321,10 @@ fn measured_odds(rival: &Scored, first: &Scored, policy: &Policy) -> f64 {
         return 0.0;
     }
     let is_kin = Family::of_all(&rival.kinds) == Family::of_all(&first.kinds);
-    let by_error = rejected(policy).powf(ratio.ln() / policy.comparable.ln());
+    let by_error = libm::pow(
+        rejected(policy),
+        libm::log(ratio) / libm::log(policy.comparable),
+    );
     let by_draws = {
         let better = rival.is_better(first);
         better / (1.0 - better).max(f64::MIN_POSITIVE)

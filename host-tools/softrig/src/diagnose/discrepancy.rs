@@ -37,7 +37,7 @@ pub fn log_densities(residuals: &[Vec<f64>]) -> Vec<f64> {
     let noise = (scaled.clone().sum::<f64>() / errors.len() as f64).max(f64::MIN_POSITIVE);
     scaled
         .zip(&spreads)
-        .map(|(square, spread)| -0.5 * ((noise * spread).ln() + square / noise))
+        .map(|(square, spread)| -0.5 * (libm::log(noise * spread) + square / noise))
         .collect()
 }
 
@@ -73,7 +73,7 @@ impl Process {
     /// What every sample of a series adds to those before it, and the variance of that in
     /// units of the noise.
     fn innovations(self, series: &[f64]) -> impl Iterator<Item = (f64, f64)> {
-        let decay = (-1.0 / self.time).exp();
+        let decay = libm::exp(-1.0 / self.time);
         let growth = self.ratio * (1.0 - decay * decay);
         let (mut level, mut variance) = (0.0, self.ratio);
         series.iter().map(move |residual| {
@@ -93,10 +93,10 @@ impl Process {
         for series in residuals {
             for (error, spread) in self.innovations(series) {
                 squares += error * error / spread;
-                log_variance += spread.ln();
+                log_variance += libm::log(spread);
             }
         }
-        count * (squares.max(f64::MIN_POSITIVE) / count).ln() + log_variance
+        count * libm::log(squares.max(f64::MIN_POSITIVE) / count) + log_variance
     }
 }
 

@@ -182,7 +182,7 @@ fn known_force(model: &Model<f64>, recordings: impl Iterator<Item = Recording>) 
             recording.pressure.iter().fold(pressure, size),
         ]
     });
-    let spring = d.stiffness * angle.powf(d.exponent);
+    let spring = d.stiffness * libm::pow(angle, d.exponent);
     spring.max(d.input_gain.abs() * pressure).max(1e-9)
 }
 

@@ -203,7 +203,7 @@ impl MeasureContext<'_> {
         let gained = (baseline.discrepancy - self.discrepancy(&estimate))
             .max(baseline.random_walk - self.random_walk(&estimate));
         Ok(CoarseMeasure {
-            evidence: gained - more * samples.ln(),
+            evidence: gained - more * libm::log(samples),
             estimate,
             level,
             leaves,
@@ -254,7 +254,7 @@ impl MeasureContext<'_> {
             .iter()
             .map(|fit| {
                 let samples = fit.samples().max(1) as f64;
-                samples * (fit.sse() / samples).ln()
+                samples * libm::log(fit.sse() / samples)
             })
             .fold(f64::INFINITY, f64::min)
     }
@@ -315,5 +315,5 @@ fn of_shares(shares: [f64; 3]) -> Closure {
 
 /// The geometric mean.
 fn mean_share(shares: &[f64; 3]) -> f64 {
-    (shares.iter().map(|share| share.ln()).sum::<f64>() / 3.0).exp()
+    libm::exp(shares.iter().map(|share| libm::log(*share)).sum::<f64>() / 3.0)
 }

@@ -302,7 +302,7 @@ impl MissingForce {
             for (k, sample) in session.samples.iter().enumerate() {
                 let exponent = self.base.exponent;
                 row[0] = sample.rate;
-                row[1] = sample.angle.abs().powf(exponent).copysign(sample.angle);
+                row[1] = libm::pow(sample.angle.abs(), exponent).copysign(sample.angle);
                 row[2] = -sample.pressure;
                 row[3] = 1.0;
                 for (term, column) in row[BASE..].iter_mut().zip(&columns) {
@@ -403,7 +403,7 @@ fn forces(base: &Dynamics<f64>, effect: &Effect<f64>, session: &Motion) -> Vec<f
 
 /// C ω + K sign(θ)|θ|ⁿ.
 fn resistance(dynamics: &Dynamics<f64>, at: &Instant<f64>) -> f64 {
-    let spring = at.angle.abs().powf(dynamics.exponent).copysign(at.angle);
+    let spring = libm::pow(at.angle.abs(), dynamics.exponent).copysign(at.angle);
     dynamics.damping * at.rate + dynamics.stiffness * spring
 }
 

@@ -284,7 +284,7 @@ fn diagnose_zeros(
     let diagnosis = &found.diagnosis;
     // The best of so many effects, by as much as is very strong evidence for one.
     let choices = (Kind::NAMES.len() + request.own_kinds().len()) as f64;
-    let effect = policy::Search::STANDARD.effect_evidence + 2.0 * choices.ln();
+    let effect = policy::Search::STANDARD.effect_evidence + 2.0 * libm::log(choices);
     if !diagnosis.finding.is_quiet()
         || cost_of_zeros(&diagnosis.data, &diagnosis.refit) < effect
         || !progress.may_begin(SearchPart::Calibrated)

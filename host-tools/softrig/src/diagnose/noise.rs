@@ -248,7 +248,7 @@ impl<'a> NoisyRun<'a> {
         if self.level <= 0.0 {
             return false;
         }
-        let most = 1.5 * self.noise.hypot(other.noise) + 0.01 * self.level;
+        let most = 1.5 * libm::hypot(self.noise, other.noise) + 0.01 * self.level;
         let most = most * most * count as f64;
         // Different runs diverge early.
         let mut sum = 0.0;
@@ -315,8 +315,8 @@ fn pure_error(residuals: &[Vec<f64>], groups: &[Vec<usize>]) -> Option<f64> {
 pub fn adequate(fit: &Fit, floor: &NoiseFloor) -> bool {
     let coloured = coloured_rms(&fit.residuals);
     let input = Search::STANDARD.input_factor * floor.input;
-    coloured <= (Search::STANDARD.coloured_share * floor.rms).hypot(input)
-        && fit.rmse() <= (Search::STANDARD.rms_factor * floor.rms).hypot(input)
+    coloured <= libm::hypot(Search::STANDARD.coloured_share * floor.rms, input)
+        && fit.rmse() <= libm::hypot(Search::STANDARD.rms_factor * floor.rms, input)
 }
 
 #[cfg(test)]

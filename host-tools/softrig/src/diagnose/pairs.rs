@@ -15,6 +15,7 @@ use rayon::prelude::*;
 
 use crate::estimate::Nuisance;
 use crate::estimate::fit::Fitter;
+use crate::portable::product;
 
 use super::candidates::{Candidate, FitContext, Predicted, free_parameters, starts_from};
 use super::missing_force::Guesses;
@@ -172,7 +173,7 @@ impl Point {
 
 /// The part of the columns that is orthogonal to a basis.
 fn beyond(basis: &DMatrix<f64>, columns: &DMatrix<f64>) -> DMatrix<f64> {
-    columns - basis * basis.tr_mul(columns)
+    columns - product(basis, &basis.tr_mul(columns))
 }
 
 /// A model with the forces of its last effect multiplied by `factor`.

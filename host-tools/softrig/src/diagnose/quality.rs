@@ -172,7 +172,11 @@ pub fn outlying_recording(
             let (others, own) = (without.model.value(id)?, own.model.value(id)?);
             (others.abs() > 0.0).then(|| (id, own / others))
         })
-        .max_by(|a, b| a.1.abs().ln().abs().total_cmp(&b.1.abs().ln().abs()))?;
+        .max_by(|a, b| {
+            libm::log(a.1.abs())
+                .abs()
+                .total_cmp(&libm::log(b.1.abs()).abs())
+        })?;
     if (ratio - 1.0).abs() < DIFFERS {
         return None;
     }

@@ -122,7 +122,7 @@ impl Rows {
         seed: u64,
     ) -> Self {
         let policy = &Policy::STANDARD;
-        let noise = floor.rms.hypot(floor.input);
+        let noise = libm::hypot(floor.rms, floor.input);
         let beyond = |error: f64| excess(error, noise, policy);
         let refit = first.refit.candidate.clone();
         let all = merged(std::iter::once(first).chain(others), beyond);
@@ -492,8 +492,8 @@ fn with_released(
     let (fit, wider) = (&candidate.fit, &freed.fit);
     let more = wider.free.len() - fit.free.len();
     let independent = (wider.samples() as f64 / wider.correlation_time()).max(2.0);
-    let gained = independent * (fit.sse() / wider.sse()).ln() + fit.departure - wider.departure;
-    if gained >= more as f64 * independent.ln()
+    let gained = independent * libm::log(fit.sse() / wider.sse()) + fit.departure - wider.departure;
+    if gained >= more as f64 * libm::log(independent)
         && validator.error_of(&freed) < validator.error_of(&candidate)
     {
         return freed;

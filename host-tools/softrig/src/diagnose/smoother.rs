@@ -142,7 +142,7 @@ impl Smoother<'_> {
             if sample > SETTLING && step.is_measured {
                 let Innovation { error, variance } = step.innovation;
                 let error = error.value() / self.noise;
-                likelihood -= 0.5 * (error * error / variance + variance.ln());
+                likelihood -= 0.5 * (error * error / variance + libm::log(variance));
             }
             sample += 1;
         });

@@ -251,7 +251,7 @@ impl<'a> CrossValidator<'a> {
             fitter,
             supplied: file.model,
             folds,
-            floor: floor.rms.hypot(input),
+            floor: libm::hypot(floor.rms, input),
             only_repeats,
             memo: Mutex::default(),
         }

@@ -7,6 +7,8 @@
 
 use model_core::actuator::ParameterId;
 
+use crate::portable::product;
+
 use super::fit::{Fit, Fitter, student95};
 
 /// Why there is no band.
@@ -40,7 +42,7 @@ impl Fitter<'_> {
         let covariance = fit.information.covariance().ok_or(NoBand::Undetermined)?;
         let factor = student95(fit.information.degrees_of_freedom());
         let derivatives = self.derivatives(fit);
-        let spread = &derivatives * covariance;
+        let spread = product(&derivatives, &covariance);
         let half: Vec<f64> = spread
             .row_iter()
             .zip(derivatives.row_iter())

@@ -246,7 +246,7 @@ fn response(left: f64, interval: f64) -> [f64; 2] {
         return [interval, 0.5 * interval * interval];
     }
     // A rate that reverses within an interval has no decay constant.
-    let decay = -left.max(1e-9).ln() / interval;
+    let decay = -libm::log(left.max(1e-9)) / interval;
     let coasted = (1.0 - left.max(1e-9)) / decay;
     [coasted, (interval - coasted) / decay]
 }
@@ -273,7 +273,10 @@ pub fn normalised(
         let passed = pass(&dual, session, nuisance, zero, level, 0)?;
         for range in ranges {
             let innovations = &passed[range];
-            sum += innovations.iter().map(|it| it.variance.ln()).sum::<f64>();
+            sum += innovations
+                .iter()
+                .map(|it| libm::log(it.variance))
+                .sum::<f64>();
             count += innovations.len();
             let over_spread = |it: &Innovation<2>| it.error.value() / it.variance.sqrt();
             series.push(innovations.iter().map(over_spread).collect());
@@ -294,7 +297,7 @@ pub fn deviance(model: &Model<f64>, data: &Dataset, nuisances: &[Nuisance], leve
         .flatten()
         .map(|it| level.counted(*it)[0].powi(2))
         .sum();
-    count * (squares / count).ln() + count * log_variance
+    count * libm::log(squares / count) + count * log_variance
 }
 
 /// The levels at which a structure is fitted: the maximum-likelihood intensity for
@@ -322,7 +325,7 @@ pub fn levels(
         .map(|session| session.interval())
         .fold(f64::INFINITY, f64::min);
     // A force that acts for one interval moves the angle by ½fh²/M.
-    let largest = LARGEST * 2.0 * model.dynamics().inertia / interval.powf(2.5);
+    let largest = LARGEST * 2.0 * model.dynamics().inertia / libm::pow(interval, 2.5);
     let at = |intensity: f64| Level {
         intensity,
         noise,
@@ -330,7 +333,7 @@ pub fn levels(
         outlier: None,
     };
     let likeliest = (0..=HALF_DECADES)
-        .map(|k| at(largest * 10f64.powf(-0.5 * f64::from(k))))
+        .map(|k| at(largest * libm::pow(10f64, -0.5 * f64::from(k))))
         .map(|level| (deviance(model, data, nuisances, &level), level))
         .filter(|(deviance, _)| deviance.is_finite())
         .min_by(|a, b| a.0.total_cmp(&b.0));

@@ -10,6 +10,7 @@
 
 use nalgebra::{DMatrix, DMatrixView, DVector, DVectorView};
 
+use crate::portable::product;
 use crate::statistics::independent_block;
 
 /// Curvature and gradient of the sum of squares of each recording, in the solver's
@@ -147,7 +148,7 @@ impl Information {
     pub fn covariance(&self) -> Option<DMatrix<f64>> {
         let bread = inverse(&self.total(&[]))?;
         let white = &bread * self.variance;
-        let robust = &bread * &self.meat * &bread;
+        let robust = product(&product(&bread, &self.meat), &bread);
         let jackknife = self.jackknife();
         let mut covariance = robust;
         for k in 0..covariance.nrows() {

@@ -479,7 +479,7 @@ impl<'a> Problem<'a> {
         else {
             return vec![vec![f64::INFINITY]];
         };
-        let scale = (0.5 * log_variance).exp();
+        let scale = libm::exp(0.5 * log_variance);
         for value in series.iter_mut().flatten() {
             *value = scale * level.counted(*value)[0];
         }
@@ -509,7 +509,7 @@ impl<'a> Problem<'a> {
         let mut log_variance = 0.0;
         for (row, sample) in part.ranges.iter().cloned().flatten().enumerate() {
             let Innovation { error, variance } = passed[sample];
-            log_variance += variance.ln();
+            log_variance += libm::log(variance);
             if silent(sample) {
                 continue;
             }
@@ -654,7 +654,7 @@ impl<'a> Problem<'a> {
         let (rows, sum) = rows.fold((0, 0.0), |(rows, sum), (more, log_variance)| {
             (rows + more, sum + log_variance)
         });
-        (0.5 * sum / rows.max(1) as f64).exp()
+        libm::exp(0.5 * sum / rows.max(1) as f64)
     }
 
     /// Every session.

@@ -233,7 +233,10 @@ impl Drive {
 /// The angle (rad) at which the plain model rests under `pressure` (Pa).
 fn steady_angle(model: &Model<f64>, pressure: f64) -> f64 {
     let d = model.dynamics();
-    let angle = (d.input_gain.abs() * pressure / d.stiffness).powf(1.0 / d.exponent);
+    let angle = libm::pow(
+        d.input_gain.abs() * pressure / d.stiffness,
+        1.0 / d.exponent,
+    );
     if angle.is_finite() { angle } else { 0.0 }
 }
 

@@ -122,7 +122,7 @@ impl Limits {
 
     /// The stiffness K whose slope at the largest angle is `slope` (N/rad).
     pub(super) fn stiffness_of(&self, slope: f64, exponent: f64) -> f64 {
-        slope / (exponent * self.angle.powf(exponent - 1.0))
+        slope / (exponent * libm::pow(self.angle, exponent - 1.0))
     }
 
     /// The size that is taken for a parameter that is zero, and its largest magnitude.
@@ -133,7 +133,7 @@ impl Limits {
         let stiffest = self.stiffness_of(damping * FASTEST_SPRING / self.interval, exponent);
         let slow = std::f64::consts::TAU / self.duration;
         let stiffness = self.stiffness_of(inertia * slow * slow, exponent);
-        let gain = |stiffness: f64| stiffness * self.angle.powf(exponent) / self.pressure;
+        let gain = |stiffness: f64| stiffness * libm::pow(self.angle, exponent) / self.pressure;
         match id {
             ParameterId::Damping => (inertia * slow, damping),
             ParameterId::Stiffness => (stiffness, stiffest),
@@ -150,7 +150,7 @@ impl Limits {
         let scale = if value > 1e-9 * size { value } else { size };
         let largest = largest.max(ROOM * scale);
         let ratio = largest / scale;
-        (ratio.is_finite() && scale > 0.0).then(|| (scale, ratio.asinh()))
+        (ratio.is_finite() && scale > 0.0).then(|| (scale, libm::asinh(ratio)))
     }
 }
 
@@ -211,8 +211,8 @@ impl ParameterTransform {
             Self::Linear { scale } => scale * u,
             Self::Above { lower, scale } => lower + scale * u,
             Self::Between { lower, upper } => lower + (upper - lower) * u,
-            Self::Logarithmic { lower, upper } => lower * (upper / lower).powf(u),
-            Self::Wide { scale, .. } | Self::Signed { scale, .. } => scale * u.sinh(),
+            Self::Logarithmic { lower, upper } => lower * libm::pow(upper / lower, u),
+            Self::Wide { scale, .. } | Self::Signed { scale, .. } => scale * libm::sinh(u),
         }
     }
 
@@ -221,8 +221,8 @@ impl ParameterTransform {
         match self {
             Self::Linear { scale } | Self::Above { scale, .. } => scale,
             Self::Between { lower, upper } => upper - lower,
-            Self::Logarithmic { lower, upper } => self.to_value(u) * (upper / lower).ln(),
-            Self::Wide { scale, .. } | Self::Signed { scale, .. } => scale * u.cosh(),
+            Self::Logarithmic { lower, upper } => self.to_value(u) * libm::log(upper / lower),
+            Self::Wide { scale, .. } | Self::Signed { scale, .. } => scale * libm::cosh(u),
         }
     }
 
@@ -252,9 +252,9 @@ impl ParameterTransform {
             Self::Above { lower, scale } => (value - lower) / scale,
             Self::Between { lower, upper } => (value - lower) / (upper - lower),
             Self::Logarithmic { lower, upper } => {
-                (value.max(lower) / lower).ln() / (upper / lower).ln()
+                libm::log(value.max(lower) / lower) / libm::log(upper / lower)
             }
-            Self::Wide { scale, .. } | Self::Signed { scale, .. } => (value / scale).asinh(),
+            Self::Wide { scale, .. } | Self::Signed { scale, .. } => libm::asinh(value / scale),
         };
         let [least, most] = self.bounds();
         u.max(least).min(most)

@@ -171,14 +171,14 @@ pub fn from_geometry(geometry: Geometry) -> Result<FirstModel, InputError> {
     let stiffness = beam_stiffness(&geometry).ok_or_else(|| {
         InputError::new("the dimensions are no beam's", "give lengths above zero")
     })?;
-    let slope = exponent * stiffness * MIDDLE_ANGLE.powf(exponent - 1.0);
+    let slope = exponent * stiffness * libm::pow(MIDDLE_ANGLE, exponent - 1.0);
     let inertia = slope / (AUTHORS_FREQUENCY * AUTHORS_FREQUENCY);
     let dynamics = Dynamics {
         inertia,
         damping: 2.0 * AUTHORS_DAMPING_RATIO * AUTHORS_FREQUENCY * inertia,
         stiffness,
         exponent,
-        input_gain: stiffness * std::f64::consts::FRAC_PI_2.powf(exponent) / DESIGN_PRESSURE,
+        input_gain: stiffness * libm::pow(std::f64::consts::FRAC_PI_2, exponent) / DESIGN_PRESSURE,
     };
     let model = Model::new(dynamics, &[]).map_err(|error| {
         InputError::new(
@@ -357,7 +357,7 @@ fn least_seen(model: &Model<f64>, id: ParameterId, data: &Dataset) -> Option<f64
     let dynamics = model.dynamics();
     let per = match id {
         ParameterId::Damping => rate,
-        ParameterId::Stiffness => data.largest_angle().powf(dynamics.exponent),
+        ParameterId::Stiffness => libm::pow(data.largest_angle(), dynamics.exponent),
         _ => return None,
     };
     let least = NO_FORCE * dynamics.inertia * acceleration / per;

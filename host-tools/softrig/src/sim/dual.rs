@@ -184,19 +184,19 @@ impl<const N: usize> Real for Dual<N> {
         Self::constant(f64::from(x))
     }
     fn exp(self) -> Self {
-        let exp = self.value.exp();
+        let exp = libm::exp(self.value);
         self.chain(exp, exp)
     }
     fn tanh(self) -> Self {
-        let tanh = self.value.tanh();
+        let tanh = libm::tanh(self.value);
         self.chain(tanh, 1.0 - tanh * tanh)
     }
     fn sin(self) -> Self {
-        let (sin, cos) = self.value.sin_cos();
+        let (sin, cos) = libm::sincos(self.value);
         self.chain(sin, cos)
     }
     fn cos(self) -> Self {
-        let (sin, cos) = self.value.sin_cos();
+        let (sin, cos) = libm::sincos(self.value);
         self.chain(cos, -sin)
     }
     fn is_finite(self) -> bool {
@@ -207,7 +207,7 @@ impl<const N: usize> Real for Dual<N> {
         Self::constant(x)
     }
     fn ln(self) -> Self {
-        self.chain(self.value.ln(), 1.0 / self.value)
+        self.chain(libm::log(self.value), 1.0 / self.value)
     }
 }
 
@@ -217,7 +217,7 @@ impl<const N: usize> Power<Dual<N>> for Exact {
     #[inline]
     fn pow(base: Dual<N>, exponent: Dual<N>) -> Dual<N> {
         let value = <Self as Power<f64>>::pow(base.value, exponent.value);
-        base.to_the_power(&exponent, value, || base.value.ln())
+        base.to_the_power(&exponent, value, || libm::log(base.value))
     }
 }
 

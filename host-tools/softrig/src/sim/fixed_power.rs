@@ -1,14 +1,14 @@
 //! |θ|ⁿ for the one exponent of a simulation.
 //!
 //! A simulation raises tens of thousands of angles to the same power, and half of its time goes
-//! into the platform's `pow`, which knows nothing of that. [`FixedPower`] is prepared for the
+//! into `pow`, which knows nothing of that. [`FixedPower`] is prepared for the
 //! exponent once: with x = 2ᵏ m, m from 1 to 2, it is xⁿ = 2^(kn) mⁿ, a table over k times a
-//! Taylor polynomial around the nearest of 256 nodes. It is within 10⁻¹⁴ of the platform's,
+//! Taylor polynomial around the nearest of 256 nodes. It is within 10⁻¹⁴ of `pow`,
 //! relatively, in half of its time, and has the logarithm that a derivative by the exponent
 //! needs from the same nodes.
 //!
 //! What is outside of the table, and what has another exponent (a user's formula may change it
-//! on the way), takes the platform's function: where the angle decides which, never what was
+//! on the way), takes `pow` itself: where the angle decides which, never what was
 //! computed before, so that results do not depend on the order of the work.
 
 use std::cell::RefCell;
@@ -60,7 +60,7 @@ pub struct Fixed<'a>(Option<&'a FixedPower>);
 static LOGARITHMS: LazyLock<Box<[Polynomial; NODES]>> = LazyLock::new(|| {
     let around = |node: f64| {
         let mut terms = Polynomial::default();
-        terms[0] = node.ln();
+        terms[0] = libm::log(node);
         let mut power = 1.0;
         for (k, term) in terms.iter_mut().enumerate().take(TERMS).skip(1) {
             power /= -node;
@@ -132,11 +132,11 @@ impl FixedPower {
         }
         let mut octaves = [0.0; OCTAVES];
         for (octave, power) in (LOWEST_OCTAVE..).zip(&mut octaves) {
-            *power = f64::from(octave).exp2().powf(exponent);
+            *power = libm::pow(libm::exp2(f64::from(octave)), exponent);
         }
         let around = |node: f64| {
             let mut terms = Polynomial::default();
-            terms[0] = node.powf(exponent);
+            terms[0] = libm::pow(node, exponent);
             for k in 1..TERMS {
                 let before = (k - 1) as f64;
                 terms[k] = terms[k - 1] * (exponent - before) / (k as f64 * node);

@@ -16,7 +16,7 @@ pub fn linear_rival(model: &Model<f64>, angle: f64) -> Model<f64> {
     let d = model.dynamics();
     let angle = angle.abs().max(0.1);
     let dynamics = Dynamics {
-        stiffness: d.stiffness * angle.powf(d.exponent - 1.0),
+        stiffness: d.stiffness * libm::pow(angle, d.exponent - 1.0),
         exponent: 1.0,
         ..*d
     };

@@ -116,7 +116,7 @@ impl Protocol {
         let count = (self.duration() * RATE_HZ).round() as usize + 1;
         let time: Vec<f64> = (0..count).map(|k| k as f64 / RATE_HZ).collect();
         let setpoint: Vec<f64> = time.iter().map(|&time| self.setpoint(time)).collect();
-        let blend = 1.0 - (-1.0 / (RATE_HZ * PUMP_LAG_S)).exp();
+        let blend = 1.0 - libm::exp(-1.0 / (RATE_HZ * PUMP_LAG_S));
         let mut built_up = 0.0;
         let pressure = setpoint
             .iter()
@@ -183,7 +183,7 @@ pub fn play(protocol: &ProtocolFile, inverse: &Model<f64>, rate_hz: u32) -> Play
             }
             Reference::Done => break,
         };
-        in_chamber += (command - in_chamber) * (1.0 - (-1.0 / (rate * lag)).exp());
+        in_chamber += (command - in_chamber) * (1.0 - libm::exp(-1.0 / (rate * lag)));
         play.time.push(f64::from(row) / rate);
         play.setpoint.push(angle);
         play.command.push(command);

@@ -211,7 +211,7 @@ pub fn rig_models(seed: u64, kind: Option<Kind>) -> Result<RigModels, InputError
             damping: random.random_range(0.8..3.0),
             stiffness,
             exponent,
-            input_gain: stiffness * RIGHT_ANGLE.powf(exponent) / pressure,
+            input_gain: stiffness * libm::pow(RIGHT_ANGLE, exponent) / pressure,
         };
         // Drawn also when it is given: the actuator around it is the same then.
         let drawn = Kind::NAMES[random.random_range(0..Kind::NAMES.len())];

@@ -174,7 +174,7 @@ fn grid(
         statics::ratio(&samples.collect::<Vec<_>>(), exponent)
     });
     let start = |damping: f64, slope: f64| {
-        let stiffness = slope / (exponent * typical.powf(exponent - 1.0));
+        let stiffness = slope / (exponent * libm::pow(typical, exponent - 1.0));
         let gain = ratio.map_or(0.0, |ratio| stiffness / ratio);
         unit(damping, stiffness, exponent, gain)
     };
@@ -201,7 +201,7 @@ fn grid(
 fn spaced(from: f64, to: f64, count: i32) -> impl Iterator<Item = f64> {
     (0..count).map(move |step| {
         let share = f64::from(step) / f64::from(count - 1);
-        from * (to / from).powf(share)
+        from * libm::pow(to / from, share)
     })
 }
 
@@ -234,7 +234,7 @@ fn lines(recordings: &[Recording], step: f64, fastest: f64) -> Vec<f64> {
     let mut found: Vec<f64> = Vec::new();
     for k in peaks {
         let frequency = step * (k + 1) as f64;
-        let is_new = |other: &f64| (frequency / other).ln().abs() > APART;
+        let is_new = |other: &f64| libm::log(frequency / other).abs() > APART;
         if found.len() < LINES && found.iter().all(is_new) {
             found.push(frequency);
         }
@@ -248,7 +248,7 @@ fn power_at(recording: &Recording, frequency: f64, most: usize) -> f64 {
     let stride = recording.len().div_ceil(most).max(1);
     let samples = recording.time.iter().zip(&recording.angle).step_by(stride);
     let (re, im) = samples.fold((0.0, 0.0), |(re, im), (time, angle)| {
-        let (sin, cos) = (frequency * time).sin_cos();
+        let (sin, cos) = libm::sincos(frequency * time);
         (re + (angle - mean) * cos, im + (angle - mean) * sin)
     });
     re * re + im * im

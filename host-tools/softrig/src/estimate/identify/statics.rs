@@ -72,7 +72,7 @@ pub fn plateaus(recording: &Recording) -> Vec<Level> {
 
 /// sign(θ)|θ|ⁿ.
 pub fn signed_power(angle: f64, exponent: f64) -> f64 {
-    angle.abs().powf(exponent).copysign(angle)
+    libm::pow(angle.abs(), exponent).copysign(angle)
 }
 
 /// K/g (Pa/radⁿ) for an exponent, by least squares; none without a level beside the
@@ -94,10 +94,10 @@ pub fn exponent(levels: &[Level]) -> Option<f64> {
     let points: Vec<(f64, f64)> = levels
         .iter()
         .filter(|at| at.angle.abs() > APART * largest && at.pressure * at.angle != 0.0)
-        .map(|at| (at.angle.abs().ln(), at.pressure.abs().ln()))
+        .map(|at| (libm::log(at.angle.abs()), libm::log(at.pressure.abs())))
         .collect();
     let (x, y): (Vec<f64>, Vec<f64>) = points.iter().copied().unzip();
-    if swing(&x) < (1.0 + APART).ln() || points.len() < 2 {
+    if swing(&x) < libm::log(1.0 + APART) || points.len() < 2 {
         return None;
     }
     let (x_mean, y_mean) = (mean(&x), mean(&y));
