@@ -1,5 +1,4 @@
 //! `rig commission` on virtual rigs, healthy and broken: which step finds what.
-//!
 #![cfg(unix)]
 
 #[path = "common/schema.rs"]

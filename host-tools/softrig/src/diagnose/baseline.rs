@@ -135,7 +135,7 @@ impl Baseline {
     /// The answer if nothing that no effect explains matters: the refit leaves less than the
     /// tolerance beyond the noise, fitted and held out.
     pub fn immaterial(&self, validator: &CrossValidator<'_>) -> Option<Finding> {
-        let noise = libm::hypot(self.floor.rms, self.floor.input);
+        let noise = self.floor.total();
         let errors = [self.refit.fit.rmse(), validator.error_of(&self.refit)];
         let tolerance = tolerance(&self.data);
         errors

@@ -49,7 +49,7 @@ impl Graded {
             .clone()
             .with_repeats(&best.row.candidate.fit.residuals);
         let left = best.estimate.fits.last().map_or(0.0, Fit::rmse);
-        left <= Search::STANDARD.may_leave * libm::hypot(floor.rms, floor.input)
+        left <= Search::STANDARD.may_leave * floor.total()
     }
 
     /// The structure with the least output error.
@@ -103,7 +103,7 @@ pub fn grade(
     let executor = &context.executor;
     let progress = executor.progress();
     let policy = &Policy::STANDARD;
-    let noise = libm::hypot(floor.rms, floor.input);
+    let noise = floor.total();
     let levels = Levels::of(*context, refit, noise);
     progress.stage("nominal structure at several horizons", 0);
     let base = executor.reached(SearchPart::Horizons, levels.base(refit))?;

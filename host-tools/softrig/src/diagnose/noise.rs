@@ -49,6 +49,12 @@ pub struct NoiseFloor {
 }
 
 impl NoiseFloor {
+    /// RMS error (rad) that a right model leaves: the noise of the angle, and that of the pressure
+    /// in the simulation.
+    pub fn total(&self) -> f64 {
+        libm::hypot(self.rms, self.input)
+    }
+
     /// Estimates the floor of a set of recordings.
     pub fn of(recordings: &[Recording]) -> Self {
         let each: Vec<f64> = recordings

@@ -122,7 +122,7 @@ impl Rows {
         seed: u64,
     ) -> Self {
         let policy = &Policy::STANDARD;
-        let noise = libm::hypot(floor.rms, floor.input);
+        let noise = floor.total();
         let beyond = |error: f64| excess(error, noise, policy);
         let refit = first.refit.candidate.clone();
         let all = merged(std::iter::once(first).chain(others), beyond);

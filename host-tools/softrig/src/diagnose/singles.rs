@@ -57,7 +57,7 @@ pub fn singles(
         .collect();
     coarse.sort_by(|a, b| a.fit.sse().total_cmp(&b.fit.sse()));
     let may_settle = |candidate: &&Candidate| {
-        candidate.fit.rmse() <= Search::STANDARD.may_settle * libm::hypot(floor.rms, floor.input)
+        candidate.fit.rmse() <= Search::STANDARD.may_settle * floor.total()
     };
     let mut pool = vec![refit.clone()];
     if coarse.iter().take(1).any(|best| may_settle(&best)) {
@@ -96,6 +96,6 @@ pub fn is_settled(pool: &[Candidate], floor: &NoiseFloor) -> bool {
 fn is_done(candidate: &Candidate, floor: &NoiseFloor) -> bool {
     // No effect explains the rig's repeatability.
     let floor = floor.clone().with_repeats(&candidate.fit.residuals);
-    let noise = libm::hypot(floor.rms, floor.input);
+    let noise = floor.total();
     adequate(&candidate.fit, &floor) || candidate.fit.rmse() <= Search::STANDARD.done * noise
 }
